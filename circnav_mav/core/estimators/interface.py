@@ -1,0 +1,57 @@
+"""What every estimator of range rate offers."""
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Protocol
+
+from circnav_mav.core.values import RangeEstimate, RangeSample
+
+
+class Fused(Enum):
+    """What became of a sample."""
+
+    ACCEPTED = "accepted"
+    GATED = "gated"
+    RESTARTED = "restarted"
+
+
+@dataclass(frozen=True, slots=True)
+class EstimatorSettings:
+    """What the estimators know of the vehicle and the sensor.
+
+    speed: V, m/s. max_turn_rate: rad/s. gate: innovation gate in standard deviations.
+    restart_after: samples in a row outside the gate, agreeing with each other, that restart the filter.
+    min_samples: samples before the estimate may steer.
+    """
+
+    speed: float
+    max_turn_rate: float
+    gate: float = 5.0
+    restart_after: int = 5
+    min_samples: int = 5
+
+
+class Estimator(Protocol):
+    """Range samples in, range and range rate at any moment out."""
+
+    @property
+    def ready(self) -> bool:
+        """Whether the estimate may steer a vehicle."""
+        ...
+
+    @property
+    def nis(self) -> float | None:
+        """Normalised innovation squared of the newest sample; None before the second."""
+        ...
+
+    def observe(self, sample: RangeSample) -> Fused:
+        """Take one sample in, or refuse it."""
+        ...
+
+    def at(self, time: float) -> RangeEstimate | None:
+        """The estimate predicted to a moment of the local clock; None before the first sample."""
+        ...
+
+    def reset(self) -> None:
+        """Forget everything."""
+        ...

@@ -1,0 +1,38 @@
+"""From an estimate to a turn rate: the law, then the vehicle's limit."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from circnav_mav.core.laws import LAWS
+from circnav_mav.core.values import Orbit, RangeEstimate, TurnCommand, TurnRate
+
+
+@dataclass(frozen=True, slots=True)
+class LawChoice:
+    """A law by name, the magnitude of its gain, and whether its radius is corrected to the one asked for."""
+
+    name: str
+    gain: float
+    correct_radius: bool = True
+
+
+def steering(orbit: Orbit, choice: LawChoice) -> Callable[[RangeEstimate], TurnCommand]:
+    """The mission's guidance as one function from estimate to limited command.
+
+    Raises ValueError when the radius correction does not exist for this gain.
+    """
+    law = LAWS[choice.name]
+    k = -orbit.direction.turn_sign * choice.gain  # the paper: k > 0 flies clockwise
+    fed = law.fed_radius(orbit.speed, orbit.radius, choice.gain) if choice.correct_radius else orbit.radius
+
+    def steer(estimate: RangeEstimate) -> TurnCommand:
+        demanded = float(law.function(estimate.r, estimate.r_dot, V=orbit.speed, r_d=fed, k=k))
+        return limit(TurnRate(demanded), orbit.max_turn_rate)
+
+    return steer
+
+
+def limit(demanded: TurnRate, max_turn_rate: float) -> TurnCommand:
+    """Cut a turn rate to the vehicle's limit, both in rad/s, and say whether it was cut."""
+    cut = min(max(demanded, -max_turn_rate), max_turn_rate)
+    return TurnCommand(TurnRate(cut), demanded, saturated=cut != demanded)
