@@ -1,0 +1,1 @@
+"""One small module per vehicle kind, behind one contract (`interface`)."""

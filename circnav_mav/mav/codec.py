@@ -1,0 +1,126 @@
+"""Bytes to MAVLink messages and back, over pymavlink's `all` dialect.
+
+`all` is the only module of pymavlink 2.4.50 that knows DISTANCE_SENSOR, RANGING_BEACON and CURRENT_MODE together.
+pymavlink's own stream parser throws away the claimed length of a bad frame, and with it the good frames inside; the
+reader here steps one byte past a bad start instead, so that a stray byte costs nothing.
+"""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from pymavlink.dialects.v20 import all as dialect
+
+Message = Any
+"""A pymavlink message object: MAVLink_*_message of the `all` dialect."""
+
+_V1, _V2 = 0xFE, 0xFD
+_SIGNED = 0x01
+_MOST_SYSTEMS = 32
+_MOST_FAILURES = 64
+"""Failed starts after which the rest of a datagram is left: bounds the work that a hostile one can cause."""
+
+
+@dataclass(slots=True)
+class LinkCounts:
+    """What came in on one link: the facts that a person needs when nothing works."""
+
+    bytes: int = 0
+    frames: int = 0
+    bad: int = 0
+    unknown: int = 0
+    version_1: int = 0
+    systems: set[tuple[int, int]] = field(default_factory=set)
+
+    def describe(self) -> str:
+        """One line: bytes, frames, errors, systems and MAVLink version heard."""
+        if not self.bytes:
+            return "0 bytes heard"
+        systems = ", ".join(f"{system}/{component}" for system, component in sorted(self.systems)) or "none"
+        versions = "none" if not self.frames else "1 only" if self.version_1 == self.frames else "2"
+        return (
+            f"heard {self.bytes} bytes, {self.frames} frames, {self.bad} CRC or framing errors, "
+            f"system/component ids: {systems}, MAVLink version: {versions}"
+        )
+
+
+class Decoder:
+    """Reads one link. A datagram stands for itself; a byte stream (TCP, serial) carries its tail to the next call."""
+
+    def __init__(self, *, stream: bool = False) -> None:
+        if dialect.MAVLINK_IGNORE_CRC:
+            raise ValueError("MAVLINK_IGNORE_CRC is set in the environment: unset it, frames must be checked")
+        self._dialect = dialect.MAVLink(None)
+        self._stream = stream
+        self._tail = b""
+        self.counts = LinkCounts()
+
+    def decode(self, data: bytes) -> list[Message]:
+        """The messages of one datagram or chunk; damage and unknown ids are counted, never raised."""
+        self.counts.bytes += len(data)
+        buffer = self._tail + data if self._tail else data
+        messages, at, failures = [], 0, 0
+        while at < len(buffer) and failures < _MOST_FAILURES:
+            end = _frame_end(buffer, at)
+            if self._stream and end is not None and end > len(buffer):
+                break
+            message = None if end is None or end > len(buffer) else self._read(buffer, at, end)
+            if end is None or message is None:
+                at, failures = at + 1, failures + (end is not None or not failures)
+                continue
+            at = end
+            if message.get_msgId() >= 0:
+                messages.append(message)
+        self.counts.bad += failures > 0
+        self._tail = buffer[at:] if self._stream and failures < _MOST_FAILURES else b""
+        return messages
+
+    def _read(self, buffer: bytes, at: int, end: int) -> Message | None:
+        """One frame, or None when its CRC or its shape is wrong."""
+        try:
+            message = self._dialect.decode(bytearray(buffer[at:end]))
+        except (dialect.MAVError, IndexError):
+            return None
+        if message.get_msgId() < 0:  # an id that the dialect does not know, so no CRC was checked
+            if end < len(buffer) and buffer[end] not in (_V1, _V2):
+                return None
+            self.counts.unknown += 1
+        elif len(self.counts.systems) < _MOST_SYSTEMS:
+            self.counts.systems.add((message.get_srcSystem(), message.get_srcComponent()))
+        self.counts.frames += 1
+        self.counts.version_1 += buffer[at] == _V1
+        return message
+
+
+def _frame_end(buffer: bytes, at: int) -> int | None:
+    """Where the frame that starts here claims to end, past the buffer if not all of it is there; None: no frame."""
+    magic, left = buffer[at], len(buffer) - at
+    if magic not in (_V1, _V2):
+        return None
+    if left < 3:
+        return len(buffer) + 1
+    if magic == _V1:
+        return at + buffer[at + 1] + 8
+    flags = buffer[at + 2]
+    return None if flags & ~_SIGNED else at + buffer[at + 1] + (25 if flags else 12)
+
+
+class Encoder:
+    """Packs messages as MAVLink 2 in our name, with our own running sequence number."""
+
+    def __init__(self, system: int, component: int) -> None:
+        self._dialect = dialect.MAVLink(None, srcSystem=system, srcComponent=component)
+
+    @property
+    def system(self) -> int:
+        """System id that frames go out under."""
+        return int(self._dialect.srcSystem)
+
+    @system.setter
+    def system(self, system: int) -> None:
+        self._dialect.srcSystem = system
+
+    def encode(self, message: Message) -> bytes:
+        """One frame. `pack` does not advance the sequence number: that is done here."""
+        frame = bytes(message.pack(self._dialect))
+        self._dialect.seq = (self._dialect.seq + 1) % 256
+        return frame

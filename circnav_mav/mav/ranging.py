@@ -1,0 +1,266 @@
+"""Ranging telemetry to range samples: which messages count, and why the others do not.
+
+Units change here: centimetres, millimetres, milliseconds and microseconds end at this door. The order of the checks
+is source, id, finite, "no range" codes, limits, quality, stamp; the innovation gate comes later, in the estimator.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import Enum
+from math import isfinite
+
+from circnav_mav.core.slant import horizontal
+from circnav_mav.core.values import RangeSample
+from circnav_mav.mav.codec import Message
+from circnav_mav.mav.sensor_clock import SensorClock
+
+EPOCH_JUMP = 1.0
+"""Disagreement of sensor and local clock between two samples, s, above which the sensor's clock has jumped."""
+SOURCE_SILENT = 5.0
+"""Silence of the first sensor heard, s, after which another one may take its place."""
+UINT32_MAX = 0xFFFFFFFF
+DOWNWARD = 25
+"""MAV_SENSOR_ROTATION_PITCH_270: a height sensor, never a ranging radio."""
+
+
+class Reject(Enum):
+    """Why a ranging message did not become a sample."""
+
+    WRONG_SOURCE = "wrong_source"
+    NOT_FINITE = "not_finite"
+    NO_RANGE = "no_range"
+    BELOW_MIN = "below_min"
+    ABOVE_MAX = "above_max"
+    POOR_QUALITY = "poor_quality"
+    REPEAT = "repeat"
+    OLDER = "older"
+    STAMP_JUMP = "stamp_jump"
+    TOO_OLD = "too_old"
+    OVERHEAD = "overhead"
+    GATED = "gated"
+    STALLED = "stalled"
+
+
+@dataclass(frozen=True, slots=True)
+class RangingSettings:
+    """Which ranging telemetry to believe.
+
+    message: mission name of the message. beacon_id, sensor_id, orientation, name: its filters. system, component: the
+    sender, None for the first that fits. sigma: standard deviation to assume, m, when the message carries none.
+    min_range, max_range: slant range believed, m. max_age: oldest sample taken, s. height: above the target, m, when
+    known. sensor_stamps: whether the message's own time is used. sensor_rate: the sensor's true rate, Hz, when the
+    sender is known to repeat values faster.
+    """
+
+    message: str = "distance_sensor"
+    beacon_id: int = 0
+    sensor_id: int | None = None
+    orientation: int | None = None
+    name: str = "RANGE"
+    system: int | None = None
+    component: int | None = None
+    sigma: float = 0.5
+    min_range: float = 0.0
+    max_range: float = 10000.0
+    max_age: float = 0.5
+    height: float | None = None
+    sensor_stamps: bool = True
+    sensor_rate: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class _Reading:
+    """What one message says, in SI units. stamp None: no usable time. sequence None: none carried."""
+
+    slant: float
+    sigma: float | None
+    stamp: float | None
+    sequence: int | None = None
+
+
+def _ranging_beacon(message: Message, settings: RangingSettings) -> _Reading | Reject | None:
+    """RANGING_BEACON (513): mm, 1 sigma in mm, sequence, status bit 0 = poor signal; development.xml."""
+    if message.beacon_id != settings.beacon_id:
+        return None
+    if message.range in (0, UINT32_MAX):
+        return Reject.NO_RANGE
+    if message.status & 1:
+        return Reject.POOR_QUALITY
+    accuracy = message.range_accuracy
+    return _Reading(
+        slant=message.range / 1000,
+        sigma=accuracy / 1000 if accuracy not in (0, UINT32_MAX) else None,
+        stamp=message.time_usec / 1e6 if message.time_usec else None,
+        sequence=message.sequence,
+    )
+
+
+def _distance_sensor(message: Message, settings: RangingSettings) -> _Reading | Reject | None:
+    """DISTANCE_SENSOR (132): cm; covariance in cm^2, of which 0 and 255 mean unknown; quality 1 means invalid.
+
+    A downward sensor measures height. At or beyond max_distance the autopilots send what they have: no range.
+    """
+    wrong_id = settings.sensor_id is not None and message.id != settings.sensor_id
+    wrong_way = settings.orientation is not None and message.orientation != settings.orientation
+    if wrong_id or wrong_way or message.orientation == DOWNWARD:
+        return None
+    cm = message.current_distance
+    if cm in (0, 65535) or (0 < message.max_distance <= cm):
+        return Reject.NO_RANGE
+    if cm < message.min_distance:
+        return Reject.BELOW_MIN
+    if message.signal_quality == 1:
+        return Reject.POOR_QUALITY
+    variance = message.covariance
+    return _Reading(
+        slant=cm / 100,
+        sigma=variance**0.5 / 100 if variance not in (0, 255) else None,
+        stamp=message.time_boot_ms / 1000 if message.time_boot_ms else None,
+    )
+
+
+def _named_value_float(message: Message, settings: RangingSettings) -> _Reading | Reject | None:
+    """NAMED_VALUE_FLOAT (251): metres under an agreed name; NaN and anything not above 0 mean no range."""
+    name = message.name if isinstance(message.name, str) else message.name.decode("ascii", "replace")
+    if name != settings.name:
+        return None
+    if not isfinite(message.value):
+        return Reject.NOT_FINITE
+    if message.value <= 0:
+        return Reject.NO_RANGE
+    return _Reading(message.value, None, message.time_boot_ms / 1000 if message.time_boot_ms else None)
+
+
+Read = Callable[[Message, RangingSettings], _Reading | Reject | None]
+
+
+@dataclass(frozen=True, slots=True)
+class RangingMessage:
+    """A message that can carry the range: MAVLink type and id, reader, farthest range (m), wrap of its stamp (s)."""
+
+    type: str
+    id: int
+    read: Read
+    farthest: float
+    stamp_wrap: float | None
+
+
+RANGING_MESSAGES: Mapping[str, RangingMessage] = {
+    "ranging_beacon": RangingMessage("RANGING_BEACON", 513, _ranging_beacon, 4_294_967.0, None),
+    "distance_sensor": RangingMessage("DISTANCE_SENSOR", 132, _distance_sensor, 655.34, 2**32 / 1000),
+    "named_value_float": RangingMessage("NAMED_VALUE_FLOAT", 251, _named_value_float, 1e6, 2**32 / 1000),
+}
+"""The messages by their mission names."""
+
+
+class RangeReader:
+    """Turns messages into samples, each measurement at most once and in the order of the sensor's clock."""
+
+    def __init__(self, settings: RangingSettings) -> None:
+        self._settings = settings
+        self._kind = RANGING_MESSAGES[settings.message]
+        self._clock = SensorClock()
+        self._source: tuple[int, int] | None = None
+        self._sequence: int | None = None
+        self._stamp: float | None = None
+        self._arrival = 0.0
+        self._slant = 0.0
+        self._jumped: tuple[float, float] | None = None
+        self.restarted = False
+        self.rejected: Counter[str] = Counter()
+
+    def read(self, message: Message, now: float) -> RangeSample | None:
+        """The sample that a message carries, or None; a refusal is counted in `rejected`.
+
+        `restarted` tells whether the sensor's clock was found to have jumped with this sample.
+        """
+        self.restarted = False
+        if message.get_type() != self._kind.type:
+            return None
+        answer = self._judge(message, now)
+        if isinstance(answer, Reject):
+            self.reject(answer)
+            return None
+        return answer
+
+    def reject(self, reason: Reject) -> None:
+        """Count a refusal, also one decided further on (gate, stall)."""
+        self.rejected[reason.value] += 1
+
+    def _judge(self, message: Message, now: float) -> RangeSample | Reject | None:
+        reading = self._kind.read(message, self._settings)
+        if reading is None:
+            return None
+        source = (message.get_srcSystem(), message.get_srcComponent())
+        if not self._from_our_sensor(source, now):
+            return Reject.WRONG_SOURCE
+        if isinstance(reading, Reject):
+            return reading
+        if reading.slant < self._settings.min_range:
+            return Reject.BELOW_MIN
+        if reading.slant > self._settings.max_range:
+            return Reject.ABOVE_MAX
+        stamp = self._unwrapped(reading.stamp, now)
+        refusal = self._order(reading, stamp, now)
+        if refusal is not None:
+            return refusal
+        self._source, self._sequence, self._stamp = source, reading.sequence, stamp
+        self._arrival, self._slant = now, reading.slant
+        return self._sample(reading, stamp, now)
+
+    def _sample(self, reading: _Reading, stamp: float, now: float) -> RangeSample | Reject:
+        """The sample of a reading that is new, unless it is too old or the target is overhead."""
+        settings = self._settings
+        time = self._clock.local(stamp, now)
+        if now - time > settings.max_age:
+            return Reject.TOO_OLD
+        flat = (reading.slant, reading.sigma or settings.sigma)
+        if settings.height:
+            answer = horizontal(*flat, settings.height)
+            if answer is None:
+                return Reject.OVERHEAD
+            flat = answer
+        return RangeSample(stamp, time, *flat, source=self._kind.type)
+
+    def _from_our_sensor(self, source: tuple[int, int], now: float) -> bool:
+        """One sensor only: the configured ids, else the first heard, until it falls silent."""
+        settings = self._settings
+        if self._source is not None and settings.system is None and settings.component is None:
+            return source == self._source or now - self._arrival > SOURCE_SILENT
+        return settings.system in (None, source[0]) and settings.component in (None, source[1])
+
+    def _unwrapped(self, stamp: float | None, now: float) -> float:
+        """The stamp on a line that does not wrap; the arrival time when there is none or it is not to be used."""
+        if stamp is None or not self._settings.sensor_stamps:
+            return now
+        wrap = self._kind.stamp_wrap
+        if wrap and self._stamp is not None:
+            stamp += wrap * round((self._stamp - stamp) / wrap)
+        return stamp
+
+    def _order(self, reading: _Reading, stamp: float, now: float) -> Reject | None:
+        """Why a reading is not a newer measurement than the last, or None."""
+        if self._stamp is None:
+            return None
+        step, waited = stamp - self._stamp, now - self._arrival
+        if abs(step - waited) > EPOCH_JUMP and not -EPOCH_JUMP < step <= 0:
+            return self._jump(stamp, now)
+        self._jumped = None
+        if step < 0:
+            return Reject.OLDER
+        if step == 0 or (reading.sequence is not None and reading.sequence == self._sequence and waited < 10):
+            return Reject.REPEAT
+        rate = self._settings.sensor_rate
+        if rate and reading.slant == self._slant and step < 0.9 / rate:
+            return Reject.REPEAT
+        return None
+
+    def _jump(self, stamp: float, now: float) -> Reject | None:
+        """A stamp far off the local clock: believed when the next one agrees with it; a glitch must not reset us."""
+        before, self._jumped = self._jumped, (stamp, now)
+        if before is None or abs((stamp - before[0]) - (now - before[1])) > EPOCH_JUMP or stamp <= before[0]:
+            return Reject.STAMP_JUMP
+        self._clock.reset()
+        self._jumped, self._sequence, self.restarted = None, None, True
+        return None

@@ -1,0 +1,77 @@
+"""Telemetry streams: asked for with SET_MESSAGE_INTERVAL, measured, asked for again when they fall away."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from pymavlink.dialects.v20 import all as dialect
+
+from circnav_mav.mav.commands import Command
+
+CHECK_EVERY = 3.0
+LOW = 0.5
+"""Fraction of the wanted rate below which a stream is asked for again."""
+
+
+@dataclass(slots=True)
+class _Stream:
+    wanted: float
+    heard: int = 0
+    rate: float | None = None
+    denied: bool = False
+
+
+class StreamRequests:
+    """Keeps the wanted streams flowing: other clients reset rates, and a reboot forgets them."""
+
+    def __init__(self, wanted: Mapping[int, float]) -> None:
+        """wanted: message id -> Hz."""
+        self._streams = {message_id: _Stream(rate) for message_id, rate in wanted.items()}
+        self._since: float | None = None
+
+    @property
+    def rates(self) -> dict[int, float | None]:
+        """Measured rate of each wanted stream in Hz, None before the first check."""
+        return {message_id: stream.rate for message_id, stream in self._streams.items()}
+
+    def heard(self, message_id: int) -> None:
+        """Count a message of the vehicle."""
+        stream = self._streams.get(message_id)
+        if stream is not None:
+            stream.heard += 1
+
+    def restart(self) -> None:
+        """Ask for everything anew: a new link or a rebooted vehicle."""
+        self._since = None
+
+    def denied(self, command: Command) -> None:
+        """The vehicle refused a stream: asking again would only fill the link."""
+        stream = self._streams.get(int(command.params[0]))
+        if stream is not None:
+            stream.denied = True
+
+    def poll(self, now: float) -> list[Command]:
+        """The requests due now."""
+        if self._since is None:
+            self._since = now
+            for stream in self._streams.values():
+                stream.heard, stream.rate, stream.denied = 0, None, False
+            return [_interval(message_id, stream.wanted) for message_id, stream in self._streams.items()]
+        if now - self._since < CHECK_EVERY:
+            return []
+        elapsed, self._since = now - self._since, now
+        return [request for item in self._streams.items() if (request := self._check(*item, elapsed)) is not None]
+
+    def give_back(self) -> list[Command]:
+        """The requests that restore the vehicle's own rates."""
+        return [Command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, (message_id, 0)) for message_id in self._streams]
+
+    @staticmethod
+    def _check(message_id: int, stream: _Stream, elapsed: float) -> Command | None:
+        stream.rate, stream.heard = stream.heard / elapsed, 0
+        low = stream.rate < LOW * stream.wanted and not stream.denied
+        return _interval(message_id, stream.wanted) if low else None
+
+
+def _interval(message_id: int, rate: float) -> Command:
+    """MAV_CMD_SET_MESSAGE_INTERVAL: p1 id, p2 microseconds."""
+    return Command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, (message_id, round(1e6 / rate)))
