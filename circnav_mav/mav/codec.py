@@ -53,11 +53,14 @@ class Decoder:
         self._stream = stream
         self._tail = b""
         self.counts = LinkCounts()
+        self.frames: list[bytes] = []
+        """The whole frames of the newest call, unknown ids included, for the recorder."""
 
     def decode(self, data: bytes) -> list[Message]:
         """The messages of one datagram or chunk; damage and unknown ids are counted, never raised."""
         self.counts.bytes += len(data)
         buffer = self._tail + data if self._tail else data
+        self.frames = []
         messages, at, failures = [], 0, 0
         while at < len(buffer) and failures < _MOST_FAILURES:
             end = _frame_end(buffer, at)
@@ -67,6 +70,7 @@ class Decoder:
             if end is None or message is None:
                 at, failures = at + 1, failures + (end is not None or not failures)
                 continue
+            self.frames.append(buffer[at:end])
             at = end
             if message.get_msgId() >= 0:
                 messages.append(message)

@@ -1,0 +1,239 @@
+"""The link to one vehicle: who it is, its mode, our heartbeat, commands and streams.
+
+The peer is pinned to the sender of the first HEARTBEAT that fits the mission; anybody else is counted and ignored.
+"""
+
+from collections import Counter, deque
+from collections.abc import Hashable
+from dataclasses import dataclass
+
+from pymavlink.dialects.v20 import all as dialect
+
+from circnav_mav.mav.announce import Announcer
+from circnav_mav.mav.autopilots.interface import Autopilot, VehicleState
+from circnav_mav.mav.codec import Encoder, Message
+from circnav_mav.mav.commands import Command, CommandResult, CommandSender
+from circnav_mav.mav.streams import StreamRequests
+
+HEARTBEAT_PERIOD = 1.0
+LOST_AFTER = 3.0
+"""Silence of the vehicle's heartbeat, s, after which the link counts as lost (MAVSDK's figure)."""
+REBOOT_STEP = 1.0
+"""Backward step of the vehicle's boot time, s, that proves a reboot."""
+V2_MAGIC = 0xFD
+
+
+@dataclass(frozen=True, slots=True)
+class LinkSettings:
+    """system_id: of the vehicle, None for the first that fits. component_id: ours, 191..194."""
+
+    system_id: int | None = None
+    component_id: int = 191
+
+
+@dataclass(frozen=True, slots=True)
+class Peer:
+    """The pinned vehicle: where its frames come from, and its ids."""
+
+    source: Hashable
+    system: int
+    component: int
+
+    @property
+    def ids(self) -> tuple[int, int]:
+        """(system, component)."""
+        return (self.system, self.component)
+
+
+class Session:
+    """Everything that is said between us and the vehicle, except setpoints and ranging."""
+
+    def __init__(self, settings: LinkSettings, adapter: Autopilot) -> None:
+        self._settings = settings
+        self._adapter = adapter
+        self._next_heartbeat = float("-inf")
+        self._boot_ms: int | None = None
+        self.encoder = Encoder(settings.system_id or 1, settings.component_id)
+        self.commands = CommandSender()
+        self.streams = StreamRequests(adapter.streams)
+        self.announcer = Announcer()
+        self.peer: Peer | None = None
+        self.reply_to: Hashable = None
+        self.mode: int | None = None
+        self.armed = False
+        self.heard_at = float("-inf")
+        self.heartbeats = 0
+        self.reboots = 0
+        self.ignored: Counter[str] = Counter()
+        self.misfits: dict[tuple[int, int], str] = {}
+        self.texts: deque[str] = deque(maxlen=8)
+        self.firmware: str | None = None
+
+    @property
+    def up(self) -> bool:
+        """Whether a vehicle is pinned."""
+        return self.peer is not None
+
+    @property
+    def in_our_mode(self) -> bool:
+        """Whether the vehicle obeys setpoints: armed, and its own heartbeat names the guided mode."""
+        return self.up and self.armed and self.mode == self._adapter.guided_mode
+
+    @property
+    def mode_name(self) -> str:
+        """The vehicle's mode for people."""
+        return "unknown" if self.mode is None else self._adapter.mode_names.get(self.mode, f"mode {self.mode}")
+
+    @property
+    def vehicle(self) -> VehicleState:
+        """Whom to address setpoints to."""
+        assert self.peer is not None
+        return VehicleState(self.peer.system, self.peer.component)
+
+    def heartbeat_age(self, now: float) -> float:
+        """Seconds since the vehicle's last heartbeat."""
+        return now - self.heard_at
+
+    def receive(self, message: Message, now: float, source: Hashable) -> None:
+        """Take one message in. Only the pinned peer moves anything here."""
+        ids = (message.get_srcSystem(), message.get_srcComponent())
+        if ids == (self.encoder.system, self._settings.component_id):
+            self.ignored["twin"] += 1
+            return
+        kind = message.get_type()
+        if kind == "HEARTBEAT" and (self.peer is None or self._moved(ids, now)):
+            self._consider(message, ids, source)
+        if self.peer is None or ids != self.peer.ids or source != self.peer.source:
+            if kind == "HEARTBEAT" and self.peer is not None and message.autopilot != dialect.MAV_AUTOPILOT_INVALID:
+                self.ignored["other_vehicle"] += 1
+            return
+        self.streams.heard(message.get_msgId())
+        handle = _HANDLERS.get(kind)
+        if handle is not None:
+            handle(self, message, now)
+
+    def lose(self) -> None:
+        """The vehicle has fallen silent: let go of it."""
+        self.peer, self.mode, self.armed = None, None, False
+        self.commands.clear()
+
+    def poll(self, now: float) -> list[Message]:
+        """The messages due now: our heartbeat, commands, texts. Called by the healthy tick only."""
+        messages = []
+        if now >= self._next_heartbeat:
+            self._next_heartbeat = now + HEARTBEAT_PERIOD
+            messages.append(self.heartbeat())
+        if self.peer is not None:
+            for request in self.streams.poll(now):
+                self.commands.send(request)
+            messages += self.commands.poll(self.peer.ids, now)
+            messages += self.announcer.texts(now)
+        return messages
+
+    def take_results(self) -> list[CommandResult]:
+        """Commands that ended, without those that were the session's own business."""
+        return [result for result in self.commands.take_results() if not self._own_business(result)]
+
+    def farewell(self) -> list[Message]:
+        """Give the vehicle its own stream rates back; nobody waits for the answer."""
+        sender = CommandSender()
+        messages: list[Message] = []
+        for command in self.streams.give_back():
+            sender.clear()
+            sender.send(command)
+            messages += sender.poll(self.vehicle_ids, 0.0)
+        return messages
+
+    @property
+    def vehicle_ids(self) -> tuple[int, int]:
+        """(system, component) to address; (0, 0) reaches everybody when there is no vehicle."""
+        return self.peer.ids if self.peer else (0, 0)
+
+    def heartbeat(self) -> Message:
+        """Our own heartbeat: an onboard controller of the vehicle's system, never a ground station (that would feed
+        the operator's GCS failsafe)."""
+        return dialect.MAVLink_heartbeat_message(
+            dialect.MAV_TYPE_ONBOARD_CONTROLLER, dialect.MAV_AUTOPILOT_INVALID, 0, 0, dialect.MAV_STATE_ACTIVE, 3
+        )
+
+    def _moved(self, ids: tuple[int, int], now: float) -> bool:
+        """Whether our vehicle may have come back from another address: silent for long, and the same ids."""
+        return self.peer is not None and ids == self.peer.ids and self.heartbeat_age(now) > LOST_AFTER / 2
+
+    def _consider(self, message: Message, ids: tuple[int, int], source: Hashable) -> None:
+        """Pin the sender of this heartbeat if it is the vehicle that the mission means; else note why not."""
+        if message.autopilot == dialect.MAV_AUTOPILOT_INVALID or message.type == dialect.MAV_TYPE_GCS:
+            return
+        reason = self._misfit(message, ids)
+        if reason is not None:
+            if len(self.misfits) < 16:
+                self.misfits[ids] = reason
+            if message.get_msgbuf()[0] != V2_MAGIC:
+                self.reply_to = source  # our MAVLink 2 heartbeat makes many autopilots switch over
+            return
+        returning = self.peer is not None
+        self.peer = Peer(source, *ids)
+        self.reply_to, self.encoder.system = source, ids[0]
+        if not returning:
+            self.streams.restart()
+            self.commands.send(Command(dialect.MAV_CMD_REQUEST_MESSAGE, (dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION,)))
+
+    def _misfit(self, message: Message, ids: tuple[int, int]) -> str | None:
+        wanted = self._settings.system_id
+        if wanted is not None and ids[0] != wanted:
+            return f"system {ids[0]} is not the mission's vehicle.system_id {wanted}"
+        if message.autopilot != self._adapter.autopilot or message.type not in self._adapter.vehicle_types:
+            return f"system {ids[0]} is {describe_vehicle(message)}, the mission is for {self._adapter.name}"
+        if message.get_msgbuf()[0] != V2_MAGIC:
+            return f"system {ids[0]} speaks MAVLink 1 only: set its port to MAVLink 2 (ArduPilot: SERIALn_PROTOCOL = 2)"
+        return None
+
+    def _own_business(self, result: CommandResult) -> bool:
+        if result.command.number == dialect.MAV_CMD_SET_MESSAGE_INTERVAL:
+            if not result.accepted and result.result is not None:
+                self.streams.denied(result.command)
+            return True
+        return result.command.number == dialect.MAV_CMD_REQUEST_MESSAGE
+
+    def _on_heartbeat(self, message: Message, now: float) -> None:
+        self.heard_at, self.mode = now, message.custom_mode
+        self.armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
+        self.heartbeats += 1
+
+    def _on_boot_time(self, message: Message, now: float) -> None:
+        """A boot time that steps back is a reboot; the counter's own wrap after 49.7 days is not."""
+        before, self._boot_ms = self._boot_ms, message.time_boot_ms
+        if before is not None:
+            step = (message.time_boot_ms - before + 2**31) % 2**32 - 2**31
+            if step < -1000 * REBOOT_STEP:
+                self.reboots += 1
+                self.streams.restart()
+
+    def _on_ack(self, message: Message, now: float) -> None:
+        self.commands.acknowledge(message, (self.encoder.system, self._settings.component_id), now)
+
+    def _on_text(self, message: Message, now: float) -> None:
+        text = message.text if isinstance(message.text, str) else message.text.decode("ascii", "replace")
+        self.texts.append(text)
+
+    def _on_version(self, message: Message, now: float) -> None:
+        version = message.flight_sw_version
+        self.firmware = f"{version >> 24}.{version >> 16 & 255}.{version >> 8 & 255}"
+
+
+def describe_vehicle(heartbeat: Message) -> str:
+    """Autopilot and vehicle type of a HEARTBEAT in words."""
+    autopilot = dialect.enums["MAV_AUTOPILOT"].get(heartbeat.autopilot)
+    kind = dialect.enums["MAV_TYPE"].get(heartbeat.type)
+    names = (entry.name.split("_", 2)[-1].lower() if entry else "unknown" for entry in (autopilot, kind))
+    return " ".join(names)
+
+
+_HANDLERS = {
+    "HEARTBEAT": Session._on_heartbeat,
+    "SYSTEM_TIME": Session._on_boot_time,
+    "ATTITUDE": Session._on_boot_time,
+    "COMMAND_ACK": Session._on_ack,
+    "STATUSTEXT": Session._on_text,
+    "AUTOPILOT_VERSION": Session._on_version,
+}
