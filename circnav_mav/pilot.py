@@ -72,8 +72,8 @@ class PilotSettings:
 
     vehicle: key of the adapter table. request_mode: ask for the guided mode (else wait for the operator to enter it).
     end_on_takeover: whether the operator's leaving the mode ends the mission (else it waits to be given the vehicle
-    again). dry_run: compute and log, send no setpoint and request no mode. ranging_apart: ranging comes on a link of its
-    own. stream_links: links that are byte streams (TCP, serial), not datagrams.
+    again). dry_run: compute and log, send no setpoint and request no mode. ranging_apart: ranging comes on a link of
+    its own. stream_links: links that are byte streams (TCP, serial), not datagrams.
     """
 
     orbit: Orbit
@@ -330,9 +330,10 @@ class Pilot:
 
     def _watch_engagement(self, now: float) -> None:
         allowed = self.settings.dry_run or (self._consent and self.session.in_our_mode)
-        if allowed and self.phase in (Phase.READY, Phase.YIELDED) and self._event(Event.MODE_OURS, now):
-            if self.phase is not Phase.ENGAGED:
-                return
+        if allowed and self.phase is Phase.YIELDED:
+            self._event(Event.MODE_OURS, now)
+        elif allowed and self.phase is Phase.READY:
+            self._event(Event.MODE_OURS, now)
             self._lost_at = None
             if self.engaged_at is None:
                 self.engaged_at = now

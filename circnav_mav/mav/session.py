@@ -53,6 +53,7 @@ class Session:
         self._adapter = adapter
         self._next_heartbeat = float("-inf")
         self._boot_ms: int | None = None
+        self._replies: list[Message] = []
         self.encoder = Encoder(settings.system_id or 1, settings.component_id)
         self.commands = CommandSender()
         self.streams = StreamRequests(adapter.streams)
@@ -123,6 +124,8 @@ class Session:
         if now >= self._next_heartbeat:
             self._next_heartbeat = now + HEARTBEAT_PERIOD
             messages.append(self.heartbeat())
+        messages += self._replies
+        self._replies.clear()
         if self.peer is not None:
             for request in self.streams.poll(now):
                 self.commands.send(request)
@@ -193,7 +196,7 @@ class Session:
             if not result.accepted and result.result is not None:
                 self.streams.denied(result.command)
             return True
-        return result.command.number == dialect.MAV_CMD_REQUEST_MESSAGE
+        return bool(result.command.number == dialect.MAV_CMD_REQUEST_MESSAGE)
 
     def _on_heartbeat(self, message: Message, now: float) -> None:
         self.heard_at, self.mode = now, message.custom_mode
@@ -216,6 +219,11 @@ class Session:
         text = message.text if isinstance(message.text, str) else message.text.decode("ascii", "replace")
         self.texts.append(text)
 
+    def _on_timesync(self, message: Message, now: float) -> None:
+        """Answer a request (tc1 = 0) with our clock, in ns, mirroring the asker's."""
+        if message.tc1 == 0 and len(self._replies) < 4:
+            self._replies.append(dialect.MAVLink_timesync_message(int(now * 1e9) or 1, message.ts1))
+
     def _on_version(self, message: Message, now: float) -> None:
         version = message.flight_sw_version
         self.firmware = f"{version >> 24}.{version >> 16 & 255}.{version >> 8 & 255}"
@@ -235,5 +243,6 @@ _HANDLERS = {
     "ATTITUDE": Session._on_boot_time,
     "COMMAND_ACK": Session._on_ack,
     "STATUSTEXT": Session._on_text,
+    "TIMESYNC": Session._on_timesync,
     "AUTOPILOT_VERSION": Session._on_version,
 }
