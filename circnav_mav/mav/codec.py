@@ -108,6 +108,15 @@ def _frame_end(buffer: bytes, at: int) -> int | None:
     return None if flags & ~_SIGNED else at + buffer[at + 1] + (25 if flags else 12)
 
 
+def split_frames(data: bytes) -> list[bytes]:
+    """Our own output cut into its frames; it is whole by construction."""
+    frames, at = [], 0
+    while at < len(data) and (end := _frame_end(data, at)) is not None:
+        frames.append(data[at:end])
+        at = end
+    return frames
+
+
 class Encoder:
     """Packs messages as MAVLink 2 in our name, with our own running sequence number."""
 

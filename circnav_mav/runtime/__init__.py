@@ -1,0 +1,1 @@
+"""The shell round the pilot: sockets, clock, files, screen."""

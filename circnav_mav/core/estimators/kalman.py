@@ -6,11 +6,8 @@ import numpy as np
 from filterpy.kalman import KalmanFilter
 
 from circnav_mav.core.estimators.interface import EstimatorSettings, Fused
-from circnav_mav.core.theory import max_range_acceleration
+from circnav_mav.core.estimators.steady import acceleration_variance
 from circnav_mav.core.values import RangeEstimate, RangeSample
-
-ACCELERATION_SIGMAS = 3.0
-"""The physical bound on |r''| is taken as this many standard deviations of the process noise."""
 
 
 class KalmanRangeRate:
@@ -98,8 +95,7 @@ class KalmanRangeRate:
 
     def _acceleration_variance(self) -> float:
         """Variance of the unknown acceleration at the present range, m^2/s^4."""
-        bound = max_range_acceleration(self._settings.speed, self._settings.max_turn_rate, float(self._filter.x[0, 0]))
-        return (bound / ACCELERATION_SIGMAS) ** 2
+        return acceleration_variance(self._settings, float(self._filter.x[0, 0]))
 
     def _predict_to(self, sample: RangeSample) -> None:
         """Carry the state to the moment of a sample by the sensor's own clock."""

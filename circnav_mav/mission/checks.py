@@ -1,0 +1,162 @@
+"""What can be said of a mission before anything flies: one line per fact, with the number and its bound."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import Enum
+from math import degrees, sqrt
+
+from circnav_mav.core.estimators.steady import steady_state
+from circnav_mav.core.laws import LAWS
+from circnav_mav.core.slant import MAX_SIGMA_GROWTH
+from circnav_mav.mission.load import Mission
+
+LOOP_BOUND = 0.5
+"""Bound on V |d omega/d r'| (turn lag + filter lag): above it the laws limit-cycle (flown on real autopilots)."""
+REACH = 0.8
+"""Fraction of the farthest range that the circle may use."""
+
+
+class Grade(Enum):
+    """How a check came out. FAIL refuses the flight."""
+
+    PASS = "PASS"
+    WARN = "WARN"
+    FAIL = "FAIL"
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One line of the check."""
+
+    grade: Grade
+    subject: str
+    says: str
+
+
+def check_mission(mission: Mission) -> list[Check]:
+    """All the lines for a mission."""
+    return [
+        line
+        for part in (_keys, _gain, _radius, _turn_rate, _reach, _sampling, _noise, _slant)
+        for line in part(mission)
+    ]
+
+
+def _grade(value: float, *, warn_above: float, fail_above: float) -> Grade:
+    return Grade.FAIL if value > fail_above else Grade.WARN if value > warn_above else Grade.PASS
+
+
+def _keys(mission: Mission) -> Iterator[Check]:
+    yield Check(Grade.PASS, "keys", "all keys known, none missing")
+
+
+def _gain(mission: Mission) -> Iterator[Check]:
+    law, gain, orbit = LAWS[mission.law.name], mission.law.gain, mission.orbit
+    bound = law.gain_bound(orbit.speed, orbit.radius)
+    grade = Grade.PASS if gain > bound else Grade.FAIL
+    whose = "given" if mission.file.guidance.gain else "default"
+    yield Check(
+        grade, "gain", f"{law.name}: k = {gain:.4g} {law.gain_unit} ({whose}), needs {law.gain_condition} = {bound:.4g}"
+    )
+
+
+def _radius(mission: Mission) -> Iterator[Check]:
+    law, gain, orbit = LAWS[mission.law.name], mission.law.gain, mission.orbit
+    if gain <= law.gain_bound(orbit.speed, orbit.radius):
+        return
+    fed = law.fed_radius(orbit.speed, orbit.radius, gain) if mission.law.correct_radius else orbit.radius
+    reached = law.reached_radius(orbit.speed, fed, gain)
+    off = abs(reached / orbit.radius - 1)
+    advice = "" if off < 0.01 else "; set guidance.correct_radius = true to reach it exactly"
+    grade = Grade.PASS if off < 0.01 else Grade.WARN
+    yield Check(grade, "radius", f"{reached:.3f} m will be reached, {orbit.radius:g} m asked for{advice}")
+
+
+def _turn_rate(mission: Mission) -> Iterator[Check]:
+    orbit = mission.orbit
+    needed = abs(orbit.steady_turn_rate)
+    share = needed / orbit.max_turn_rate
+    yield Check(
+        _grade(share, warn_above=0.7, fail_above=1.0),
+        "turn rate",
+        f"the circle needs {degrees(needed):.2f} deg/s of the vehicle's {degrees(orbit.max_turn_rate):.2f} deg/s "
+        f"({100 * share:.0f} %, must stay below 100 %)",
+    )
+    if mission.law.name == "switching" and mission.law.gain > orbit.max_turn_rate:
+        yield Check(
+            Grade.WARN,
+            "turn rate",
+            f"the law switches between +-{degrees(mission.law.gain):.2f} deg/s, more than the vehicle's limit, "
+            "which it flies instead",
+        )
+
+
+def _reach(mission: Mission) -> Iterator[Check]:
+    radius, height, farthest = mission.orbit.radius, mission.file.orbit.height_above_target_m or 0.0, mission.max_range
+    slant = sqrt(radius**2 + height**2)
+    yield Check(
+        _grade(slant / farthest, warn_above=REACH / 2, fail_above=REACH),
+        "reach",
+        f"range on the circle {slant:.1f} m of the {farthest:.1f} m that {mission.file.ranging.message} carries "
+        f"({100 * slant / farthest:.0f} %, at most {100 * REACH:.0f} %)",
+    )
+
+
+def _sampling(mission: Mission) -> Iterator[Check]:
+    period = 1 / mission.file.ranging.rate_hz
+    stale = mission.file.limits.stale_s
+    yield Check(
+        _grade(period / stale, warn_above=0.5, fail_above=1.0),
+        "sampling",
+        f"a range every {period:.3f} s, stale after {stale:g} s (at least two must fit)",
+    )
+    law, gain = LAWS[mission.law.name], min(mission.law.gain, mission.orbit.max_turn_rate)
+    if law.switches:
+        yield Check(
+            _grade(gain * period, warn_above=0.05, fail_above=0.5),
+            "switching",
+            f"turns {gain * period:.3f} rad between two samples (above 0.05 it wanders off the circle, "
+            "above 0.5 it is lost)",
+        )
+
+
+def _noise(mission: Mission) -> Iterator[Check]:
+    orbit, file = mission.orbit, mission.file
+    steady = steady_state(
+        mission.estimation, r=orbit.radius, sigma=file.ranging.sigma_m, period=1 / file.ranging.rate_hz
+    )
+    share = steady.r_dot_sigma / orbit.speed
+    yield Check(
+        _grade(share, warn_above=0.2, fail_above=0.5),
+        "range rate",
+        f"known to {steady.r_dot_sigma:.2f} m/s at {file.ranging.sigma_m:g} m noise, {100 * share:.0f} % of the speed "
+        f"(at most 50 %), {steady.lag:.2f} s late",
+    )
+    if mission.law.name != "smooth":
+        return
+    lag = file.vehicle.turn_lag_s + steady.lag
+    loop = 2 * mission.law.gain * orbit.radius * orbit.speed * lag
+    yield Check(
+        _grade(loop, warn_above=LOOP_BOUND, fail_above=4 * LOOP_BOUND),
+        "damping",
+        f"2 k r_d V (turn lag {file.vehicle.turn_lag_s:g} s + filter lag {steady.lag:.2f} s) = {loop:.2f}, "
+        f"should be below {LOOP_BOUND:g} or the circle oscillates",
+    )
+
+
+def _slant(mission: Mission) -> Iterator[Check]:
+    radius, height = mission.orbit.radius, mission.file.orbit.height_above_target_m
+    if height is None:
+        yield Check(
+            Grade.WARN,
+            "height",
+            f"orbit.height_above_target_m is not given: ranges are taken as horizontal "
+            f"(half the radius of height makes the circle {100 * (1 - sqrt(0.75)):.0f} % too small)",
+        )
+        return
+    growth = sqrt(radius**2 + height**2) / radius
+    yield Check(
+        _grade(growth, warn_above=1.5, fail_above=MAX_SIGMA_GROWTH),
+        "height",
+        f"{height:g} m above the target: slant range counts {growth:.2f} times in noise (at most {MAX_SIGMA_GROWTH:g})",
+    )

@@ -1,0 +1,213 @@
+"""Reads a mission file. Degrees become radians here; whatever is wrong becomes one line that names file and key."""
+
+import tomllib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from math import radians
+from pathlib import Path
+from typing import Any, get_args
+
+import tomlkit
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+
+from circnav_mav.core.estimators.interface import EstimatorSettings
+from circnav_mav.core.guidance import LawChoice
+from circnav_mav.core.laws import LAWS
+from circnav_mav.core.values import Direction, Orbit
+from circnav_mav.mav.ranging import RANGING_MESSAGES, RangingSettings
+from circnav_mav.mav.session import LinkSettings
+from circnav_mav.mission.schema import MissionFile
+from circnav_mav.pilot import RANGING, VEHICLE, PilotSettings, Timing
+
+SIM = "sim"
+"""The endpoint that stands for the bundled vehicle."""
+
+
+class MissionError(Exception):
+    """A mission that cannot be flown as written; the message is one line for the person who wrote it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Mission:
+    """A validated mission. `file` is as the person wrote it, with units in names; `text` is the file as flown."""
+
+    file: MissionFile
+    text: str
+
+    @property
+    def orbit(self) -> Orbit:
+        """The circle, in SI units and radians."""
+        vehicle, orbit = self.file.vehicle, self.file.orbit
+        return Orbit(
+            orbit.radius_m, Direction(orbit.direction), vehicle.speed_mps, radians(vehicle.max_turn_rate_deg_s)
+        )
+
+    @property
+    def law(self) -> LawChoice:
+        """The law with its gain: the file's, or the law's default."""
+        guidance, orbit = self.file.guidance, self.orbit
+        default = LAWS[guidance.law].default_gain(orbit.speed, orbit.radius)
+        return LawChoice(guidance.law, guidance.gain or default, guidance.correct_radius)
+
+    @property
+    def estimation(self) -> EstimatorSettings:
+        """What the estimator needs to know."""
+        guidance, orbit = self.file.guidance, self.orbit
+        return EstimatorSettings(
+            orbit.speed, orbit.max_turn_rate, gate=guidance.gate_sigma, min_samples=guidance.min_samples
+        )
+
+    @property
+    def max_range(self) -> float:
+        """Farthest range that counts, m: the file's limit within what the message can carry."""
+        carried = RANGING_MESSAGES[self.file.ranging.message].farthest
+        return min(self.file.ranging.max_range_m or carried, carried)
+
+    @property
+    def flies_sim(self) -> bool:
+        """Whether the bundled vehicle is flown."""
+        return self.file.link.endpoint == SIM
+
+    def pilot_settings(self, *, dry_run: bool = False) -> PilotSettings:
+        """The mission as the pilot needs it. Raises ValueError for a gain without a radius correction."""
+        file = self.file
+        acceleration = file.vehicle.max_turn_acceleration_deg_s2
+        return PilotSettings(
+            orbit=self.orbit,
+            law=self.law,
+            estimator=file.guidance.estimator,
+            estimation=self.estimation,
+            ranging=self._ranging(),
+            link=LinkSettings(file.vehicle.system_id, file.link.component_id),
+            vehicle=(file.vehicle.autopilot, file.vehicle.kind),
+            timing=Timing(
+                duration=file.limits.duration_s,
+                wait_link=file.link.wait_s,
+                wait_ranging=file.link.wait_s,
+                stale=file.limits.stale_s,
+                hold=file.limits.hold_s,
+                outage=file.limits.outage_s,
+                tick=1 / file.limits.tick_hz,
+            ),
+            request_mode=file.engage.request_mode,
+            end_on_takeover=file.engage.on_takeover == "end",
+            max_yaw_acceleration=None if acceleration is None else radians(acceleration),
+            dry_run=dry_run,
+            ranging_apart=file.ranging.endpoint is not None,
+            stream_links=frozenset(
+                link
+                for link, endpoint in ((VEHICLE, file.link.endpoint), (RANGING, file.ranging.endpoint))
+                if endpoint and endpoint.startswith(("tcp", "serial"))
+            ),
+        )
+
+    def _ranging(self) -> RangingSettings:
+        table = self.file.ranging
+        return RangingSettings(
+            message=table.message,
+            beacon_id=table.beacon_id,
+            sensor_id=table.sensor_id,
+            orientation=table.orientation,
+            name=table.name,
+            system=table.system_id,
+            component=table.component_id,
+            sigma=table.sigma_m,
+            min_range=table.min_range_m,
+            max_range=self.max_range,
+            max_age=self.file.limits.stale_s,
+            height=self.file.orbit.height_above_target_m,
+            sensor_stamps=table.stamp == "sensor",
+            sensor_rate=table.rate_hz if table.resent else None,
+        )
+
+
+def load_mission(path: str | Path, overrides: Iterable[str] = ()) -> Mission:
+    """Read and validate a mission file with `table.key=value` overrides. Raises MissionError."""
+    path = Path(path)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise MissionError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except UnicodeDecodeError:
+        raise MissionError(f"{path}: is not a text file in UTF-8") from None
+    return parse_mission(text, str(path), overrides)
+
+
+def parse_mission(text: str, where: str, overrides: Iterable[str] = ()) -> Mission:
+    """Validate the text of a mission file; `where` names it in errors. Raises MissionError."""
+    try:
+        table = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise MissionError(f"{where}: not valid TOML: {error}") from None
+    document = tomlkit.parse(text)
+    for override in overrides:
+        keys, value = _override(override)
+        _put(table, keys, value, override)
+        _put(document, keys, value, override)
+    try:
+        file = MissionFile.model_validate(table)
+    except ValidationError as error:
+        raise MissionError(f"{where}: {_first_problem(error)}") from None
+    if file.link.endpoint == SIM and file.sim is None:
+        raise MissionError(f'{where}: link.endpoint: is "{SIM}", which needs a [sim] table describing the vehicle')
+    return Mission(file, tomlkit.dumps(document))
+
+
+def _override(text: str) -> tuple[list[str], Any]:
+    """`orbit.radius_m=80` as keys and a TOML value; what is not TOML is taken as a string."""
+    key, sign, value = text.partition("=")
+    if not sign or not key.strip():
+        raise MissionError(f"--set {text}: write it as table.key=value")
+    try:
+        parsed = tomllib.loads(f"value = {value.strip()}")["value"]
+    except tomllib.TOMLDecodeError:
+        parsed = value.strip()
+    return key.strip().split("."), parsed
+
+
+def _put(table: Any, keys: list[str], value: Any, override: str) -> None:
+    for key in keys[:-1]:
+        table = table.setdefault(key, {})
+        if not isinstance(table, Mapping):
+            raise MissionError(f"--set {override}: {key} is a value, not a table")
+    table[keys[-1]] = value
+
+
+def _first_problem(error: ValidationError) -> str:
+    """The first problem in words; unknown keys first, for a misspelt key is also a missing one."""
+    problems = sorted(error.errors(), key=lambda problem: problem["type"] != "extra_forbidden")
+    more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+    return _in_words(problems[0]) + more
+
+
+def _in_words(problem: ErrorDetails) -> str:
+    place = [str(part) for part in problem["loc"]]
+    key, kind, context = ".".join(place), problem["type"], problem.get("ctx", {})
+    given = problem.get("input")
+    if kind == "extra_forbidden":
+        known = _known_keys(place[:-1])
+        near = get_close_matches(place[-1], known, n=1)
+        return f"{key}: unknown key, " + (f"did you mean {near[0]}?" if near else f"known here: {', '.join(known)}")
+    if kind == "missing":
+        return f"{key}: missing, add it"
+    if kind == "literal_error":
+        return f"{key}: {given!r} is not one of {context['expected']}"
+    bound = next((f"{words} {context[name]:g}" for name, words in _BOUNDS.items() if name in context), None)
+    if bound is not None and isinstance(given, int | float):
+        return f"{key}: must be {bound}, not {given:g}"
+    return f"{key}: {problem['msg'].lower().removeprefix('input ')}, not {given!r}"
+
+
+_BOUNDS = {"gt": "above", "ge": "at least", "lt": "below", "le": "at most"}
+
+
+def _known_keys(place: list[str]) -> list[str]:
+    """The keys that a table of the schema knows."""
+    model: type[BaseModel] = MissionFile
+    for part in place:
+        annotation = model.model_fields[part].annotation
+        candidates = (annotation, *get_args(annotation))
+        model = next(item for item in candidates if isinstance(item, type) and issubclass(item, BaseModel))
+    return list(model.model_fields)

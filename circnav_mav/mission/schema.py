@@ -1,0 +1,109 @@
+"""The tables and keys of a mission file, with their units in their names and their bounds."""
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from circnav_mav.core.laws import LAWS
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+SystemId = Annotated[int, Field(ge=1, le=255)]
+ComponentId = Annotated[int, Field(ge=0, le=255)]
+Name = Annotated[str, Field(min_length=1)]
+
+
+class Table(BaseModel):
+    """A table that knows all its keys and converts nothing silently."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+
+class VehicleTable(Table):
+    """[vehicle]"""
+
+    autopilot: Literal["ardupilot"]
+    kind: Literal["copter"]
+    speed_mps: Positive
+    max_turn_rate_deg_s: Positive
+    max_turn_acceleration_deg_s2: Positive | None = None
+    turn_lag_s: NotNegative = 0.4
+    system_id: SystemId | None = None
+
+
+class OrbitTable(Table):
+    """[orbit]"""
+
+    radius_m: Positive
+    direction: Literal["clockwise", "counterclockwise"]
+    height_above_target_m: NotNegative | None = None
+
+
+class GuidanceTable(Table):
+    """[guidance]"""
+
+    law: Literal[tuple(LAWS)]  # type: ignore[valid-type]
+    gain: Positive | None = None
+    correct_radius: bool = True
+    estimator: Literal["kalman"] = "kalman"
+    gate_sigma: Annotated[float, Field(ge=2, le=20)] = 5.0
+    min_samples: Annotated[int, Field(ge=2, le=100)] = 5
+
+
+class RangingTable(Table):
+    """[ranging]"""
+
+    message: Literal["ranging_beacon", "distance_sensor", "named_value_float"]
+    rate_hz: Positive
+    sigma_m: Positive
+    endpoint: Name | None = None
+    beacon_id: Annotated[int, Field(ge=0, le=65535)] = 0
+    sensor_id: Annotated[int, Field(ge=0, le=255)] | None = None
+    orientation: Annotated[int, Field(ge=0, le=100)] | None = None
+    name: Annotated[str, Field(min_length=1, max_length=10)] = "RANGE"
+    system_id: SystemId | None = None
+    component_id: ComponentId | None = None
+    min_range_m: NotNegative = 0.0
+    max_range_m: Positive | None = None
+    stamp: Literal["sensor", "arrival"] = "sensor"
+    resent: bool = False
+
+
+class LinkTable(Table):
+    """[link]"""
+
+    endpoint: Name
+    component_id: Annotated[int, Field(ge=191, le=194)] = 191
+    wait_s: Positive = 30.0
+    sim_speed: Annotated[float, Field(gt=0, le=100)] = 1.0
+
+
+class EngageTable(Table):
+    """[engage]"""
+
+    request_mode: bool = False
+    on_takeover: Literal["end", "wait"] = "end"
+
+
+class LimitsTable(Table):
+    """[limits]"""
+
+    duration_s: Positive
+    stale_s: Annotated[float, Field(gt=0, le=5)] = 0.5
+    hold_s: NotNegative = 10.0
+    outage_s: NotNegative = 60.0
+    tick_hz: Annotated[float, Field(ge=5, le=100)] = 20.0
+
+
+class MissionFile(Table):
+    """The whole file. `sim` belongs to the bundled vehicle, which checks it itself."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]+$")]
+    vehicle: VehicleTable
+    orbit: OrbitTable
+    guidance: GuidanceTable
+    ranging: RangingTable
+    link: LinkTable
+    engage: EngageTable = EngageTable()
+    limits: LimitsTable
+    sim: dict[str, Any] | None = None

@@ -1,0 +1,288 @@
+"""Endpoints: UDP, TCP and serial, in the spellings of mavutil (`udpin:host:port`) and MAVSDK (`udpin://host:port`).
+
+A link never raises while it is open: an unreachable network or a vanished device is silence, counted, and tried again.
+"""
+
+import errno
+import os
+import socket
+from collections.abc import Hashable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+MOST_DATAGRAMS = 512
+"""Datagrams taken in one call, so that a flood cannot keep the loop from its tick."""
+LOCAL_PORT = 14691
+"""Our local port for `udpout`: PX4 latches onto the first client port it hears, so a restart must come from the same."""
+RETRY = 1.0
+CONNECT_PATIENCE = 5.0
+
+
+class LinkError(Exception):
+    """An endpoint that cannot be opened, in one line. `nobody` tells a peer that refuses from a local mistake."""
+
+    def __init__(self, text: str, *, nobody: bool = False) -> None:
+        super().__init__(text)
+        self.nobody = nobody
+
+
+class Link(Protocol):
+    """One open endpoint."""
+
+    errors: int
+
+    def fileno(self) -> int | None:
+        """File descriptor to wait on, None while there is none."""
+        ...
+
+    def receive(self, now: float) -> list[tuple[bytes, Hashable]]:
+        """What has come in, each with its source."""
+        ...
+
+    def send(self, data: bytes, to: Hashable) -> None:
+        """Send to a source that was heard; None: to the endpoint's own peer, if it names one."""
+        ...
+
+    def close(self) -> None:
+        """Let go of the endpoint."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Endpoint:
+    """A parsed endpoint: kind is `udpin`, `udpout`, `tcp` or `serial`; port is the baud rate of a serial line."""
+
+    kind: str
+    host: str
+    port: int
+
+
+def parse_endpoint(text: str) -> Endpoint:
+    """Read an endpoint in either spelling. Raises LinkError."""
+    kind, sign, rest = text.partition(":")
+    kind = {"udp": "udpin", "tcpout": "tcp"}.get(kind, kind)
+    rest = rest.removeprefix("//")
+    if not sign or kind not in ("udpin", "udpout", "tcp", "serial"):
+        raise LinkError(
+            f"endpoint {text!r}: write udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:PATH:BAUD"
+        )
+    host, sign, port = rest.replace(",", ":").rpartition(":")
+    if not sign or not host or not port.isdecimal():
+        raise LinkError(f"endpoint {text!r}: {'baud rate' if kind == 'serial' else 'port'} is missing or not a number")
+    if kind != "serial" and not 0 <= int(port) <= 65535:
+        raise LinkError(f"endpoint {text!r}: port must be at most 65535")
+    return Endpoint(kind, host, int(port))
+
+
+def open_link(text: str) -> Link:
+    """Open an endpoint. Raises LinkError."""
+    endpoint = parse_endpoint(text)
+    if endpoint.kind == "serial":
+        return SerialLink(text, endpoint)
+    if endpoint.kind == "tcp":
+        return TcpLink(text, endpoint)
+    return UdpLink(text, endpoint)
+
+
+class UdpLink:
+    """`udpin` waits on a port and answers whom the pilot has chosen; `udpout` speaks to one address."""
+
+    def __init__(self, text: str, endpoint: Endpoint) -> None:
+        self.errors = 0
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
+        try:
+            address = (socket.gethostbyname(endpoint.host), endpoint.port)
+            self._peer = address if endpoint.kind == "udpout" else None
+            if self._peer is None:
+                self._socket.bind(address)
+            else:
+                self._bind_local()
+        except OSError as error:
+            self._socket.close()
+            raise LinkError(f"endpoint {text}: {_explain(error)}") from None
+
+    @property
+    def port(self) -> int:
+        """The local port."""
+        return int(self._socket.getsockname()[1])
+
+    def fileno(self) -> int | None:
+        """File descriptor to wait on."""
+        return self._socket.fileno()
+
+    def receive(self, now: float) -> list[tuple[bytes, Hashable]]:
+        """The datagrams that have come in, each with its sender."""
+        datagrams: list[tuple[bytes, Hashable]] = []
+        while len(datagrams) < MOST_DATAGRAMS:
+            try:
+                datagrams.append(self._socket.recvfrom(65536))
+            except BlockingIOError:
+                break
+            except OSError:
+                self.errors += 1
+                break
+        return datagrams
+
+    def send(self, data: bytes, to: Hashable) -> None:
+        """Send one datagram to the chosen peer, or to the address of `udpout`."""
+        address: Any = self._peer or to
+        if address is None:
+            return
+        try:
+            self._socket.sendto(data, address)
+        except OSError:
+            self.errors += 1
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._socket.close()
+
+    def _bind_local(self) -> None:
+        try:
+            self._socket.bind(("", LOCAL_PORT))
+        except OSError:
+            self._socket.bind(("", 0))
+
+
+class TcpLink:
+    """A client of a TCP server (SITL: port 5760); reconnects once a second after the other side has gone."""
+
+    def __init__(self, text: str, endpoint: Endpoint) -> None:
+        self.errors = 0
+        self._address = (endpoint.host, endpoint.port)
+        self._retry_at = float("-inf")
+        self._socket: socket.socket | None = None
+        try:
+            self._socket = socket.create_connection(self._address, timeout=CONNECT_PATIENCE)
+        except OSError as error:
+            raise LinkError(f"endpoint {text}: {_explain(error)}", nobody=True) from None
+        self._socket.setblocking(False)
+        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+
+    def fileno(self) -> int | None:
+        """File descriptor to wait on, None between connections."""
+        return self._socket.fileno() if self._socket else None
+
+    def receive(self, now: float) -> list[tuple[bytes, Hashable]]:
+        """The bytes that have come in. End of file closes the connection; a later call opens it again."""
+        if self._socket is None:
+            self._reconnect(now)
+            return []
+        try:
+            data = self._socket.recv(65536)
+        except (BlockingIOError, InterruptedError):
+            return []
+        except OSError:
+            data = b""
+        if not data:
+            self._drop(now)
+            return []
+        return [(data, self._address)]
+
+    def send(self, data: bytes, to: Hashable) -> None:
+        """Send to the server; a full buffer loses the bytes rather than delay the loop."""
+        if self._socket is None:
+            return
+        try:
+            self._socket.send(data)
+        except OSError:
+            self.errors += 1
+
+    def close(self) -> None:
+        """Close the connection."""
+        if self._socket is not None:
+            self._socket.close()
+
+    def _drop(self, now: float) -> None:
+        self.errors += 1
+        self.close()
+        self._socket, self._retry_at = None, now + RETRY
+
+    def _reconnect(self, now: float) -> None:
+        if now < self._retry_at:
+            return
+        self._retry_at = now + RETRY
+        attempt = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        attempt.setblocking(False)
+        if attempt.connect_ex(self._address) in (0, errno.EINPROGRESS):
+            self._socket = attempt
+        else:
+            attempt.close()
+
+
+class SerialLink:
+    """A serial line through pyserial; reopened once a second after the device has vanished."""
+
+    def __init__(self, text: str, endpoint: Endpoint) -> None:
+        self.errors = 0
+        self._endpoint = endpoint
+        self._retry_at = float("-inf")
+        try:
+            import serial  # noqa: PLC0415 - an optional package
+        except ImportError:
+            raise LinkError(f"endpoint {text}: needs the package pyserial: pip install 'circnav-mav[serial]'") from None
+        self._serial = serial
+        try:
+            self._port: Any = self._open()
+        except (serial.SerialException, OSError, ValueError) as error:
+            raise LinkError(f"endpoint {text}: {_explain(error)}") from None
+
+    def fileno(self) -> int | None:
+        """File descriptor to wait on, None while the device is gone."""
+        return int(self._port.fileno()) if self._port else None
+
+    def receive(self, now: float) -> list[tuple[bytes, Hashable]]:
+        """The bytes that have come in."""
+        if self._port is None:
+            self._reopen(now)
+            return []
+        try:
+            data = self._port.read(65536)
+        except (self._serial.SerialException, OSError):
+            self.errors += 1
+            self.close()
+            self._port, self._retry_at = None, now + RETRY
+            return []
+        return [(data, self._endpoint.host)] if data else []
+
+    def send(self, data: bytes, to: Hashable) -> None:
+        """Send; a full buffer loses the bytes rather than delay the loop."""
+        if self._port is None:
+            return
+        try:
+            os.write(self._port.fileno(), data)
+        except (self._serial.SerialException, OSError):
+            self.errors += 1
+
+    def close(self) -> None:
+        """Close the device."""
+        if self._port is not None:
+            self._port.close()
+
+    def _open(self) -> Any:
+        return self._serial.Serial(self._endpoint.host, self._endpoint.port, timeout=0, write_timeout=0)
+
+    def _reopen(self, now: float) -> None:
+        if now < self._retry_at:
+            return
+        self._retry_at = now + RETRY
+        try:
+            self._port = self._open()
+        except (self._serial.SerialException, OSError):
+            self._port = None
+
+
+def _explain(error: Exception) -> str:
+    """An OS error with what to do about it."""
+    code = getattr(error, "errno", None)
+    if code == errno.EADDRINUSE:
+        return "port is in use by another program: close it, or choose another port"
+    if code == errno.ECONNREFUSED:
+        return "nobody listens there (connection refused)"
+    if code == errno.ENOENT:
+        return "no such device"
+    if isinstance(error, socket.gaierror):
+        return "host name is not known"
+    return str(getattr(error, "strerror", None) or error).lower()

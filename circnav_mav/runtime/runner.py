@@ -1,0 +1,70 @@
+"""The loop: wait, receive, step, send. Everything it needs comes in as an argument."""
+
+import select
+import signal
+import socket
+from collections.abc import Callable, Mapping
+from types import FrameType
+
+from circnav_mav.mav.codec import split_frames
+from circnav_mav.pilot import RANGING, VEHICLE, Pilot
+from circnav_mav.runtime.clock import Clock
+from circnav_mav.runtime.links import Link
+from circnav_mav.runtime.recorder import Recorder
+
+LONGEST_WAIT = 0.05
+
+
+class StopRequest:
+    """SIGINT and SIGTERM as a flag that also wakes the loop."""
+
+    def __init__(self) -> None:
+        self.signal_name: str | None = None
+        self._reader, self._writer = socket.socketpair()
+        self._writer.setblocking(False)
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._on_signal)
+
+    def fileno(self) -> int:
+        """Becomes readable when a signal has come."""
+        return self._reader.fileno()
+
+    def _on_signal(self, number: int, frame: FrameType | None) -> None:
+        self.signal_name = signal.Signals(number).name
+        self._writer.send(b"!")
+
+
+def run(
+    pilot: Pilot,
+    links: Mapping[str, Link],
+    clock: Clock,
+    recorder: Recorder,
+    show: Callable[[float], None],
+    stop: StopRequest,
+) -> None:
+    """Fly until the pilot is done. Every frame and tick goes to the recorder; `show` is called after each step."""
+    while not pilot.done:
+        _wait(links, stop, min(clock.until(pilot.next_tick), LONGEST_WAIT))
+        now = clock.now()
+        for name, link in links.items():
+            for data, source in link.receive(now):
+                pilot.receive(data, now, source, name)
+        if stop.signal_name and pilot.outcome is None:
+            pilot.interrupt(now, stop.signal_name)
+        out = pilot.step(now)
+        if out:
+            links[VEHICLE].send(out, pilot.reply_to)
+        if RANGING in links and (hello := pilot.hello(now)):
+            links[RANGING].send(hello, None)
+        recorder.frames(pilot.take_frames(), now)
+        recorder.frames(split_frames(out), now)
+        recorder.ticks(pilot.take_records())
+        show(now)
+
+
+def _wait(links: Mapping[str, Link], stop: StopRequest, seconds: float) -> None:
+    """Wait for bytes, a signal or the time, whichever comes first."""
+    watched = [fd for link in links.values() if (fd := link.fileno()) is not None]
+    if stop.signal_name is None:
+        watched.append(stop.fileno())
+    select.select(watched, [], [], seconds)
