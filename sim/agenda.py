@@ -1,0 +1,50 @@
+"""What is due when, in whole microseconds, so that every run of a seed is the same run."""
+
+import heapq
+from collections.abc import Callable
+from typing import NamedTuple
+
+NEVER = 1 << 62
+
+
+class _Entry(NamedTuple):
+    due: int
+    order: int
+    key: tuple[object, ...]
+
+
+class Agenda:
+    """Named appointments; setting one again moves it, ties are kept in the order they were made."""
+
+    def __init__(self) -> None:
+        self._heap: list[_Entry] = []
+        self._live: dict[tuple[object, ...], tuple[int, Callable[[], None]]] = {}
+        self._order = 0
+
+    def put(self, key: tuple[object, ...], due: int, action: Callable[[], None]) -> None:
+        self._order += 1
+        self._live[key] = (self._order, action)
+        heapq.heappush(self._heap, _Entry(due, self._order, key))
+
+    def drop(self, key: tuple[object, ...]) -> None:
+        self._live.pop(key, None)
+
+    def drop_all(self, first: object) -> None:
+        """Forget every appointment whose key starts with `first`."""
+        for key in [k for k in self._live if k[0] == first]:
+            del self._live[key]
+
+    def next_due(self) -> int:
+        """When the next appointment is, or NEVER."""
+        while self._heap:
+            entry = self._heap[0]
+            live = self._live.get(entry.key)
+            if live is not None and live[0] == entry.order:
+                return entry.due
+            heapq.heappop(self._heap)
+        return NEVER
+
+    def take(self) -> Callable[[], None]:
+        """The next appointment's action, taken off the agenda; only when next_due() is not NEVER."""
+        entry = heapq.heappop(self._heap)
+        return self._live.pop(entry.key)[1]

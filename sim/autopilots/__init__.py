@@ -1,0 +1,1 @@
+"""One small module per vehicle: which messages it obeys, which it ignores, and what it does when they stop."""

@@ -1,0 +1,80 @@
+"""SET_POSITION_TARGET_LOCAL_NED as ArduCopter reads it (GCS_Mavlink.cpp, handle_message_set_position_target_local_ned).
+
+Any of a group's three ignore bits ignores the whole group; whatever is no known combination stops the vehicle.
+"""
+
+import math
+from typing import NamedTuple
+
+from sim.body import Body
+from sim.demands import BodyVelocity, EarthVelocity
+from sim.wire import Message
+
+LOCAL_NED, LOCAL_OFFSET_NED, BODY_NED, BODY_OFFSET_NED = 1, 7, 8, 9
+POSITION, VELOCITY, ACCELERATION = 0x007, 0x038, 0x1C0
+FORCE, YAW_RATE = 0x200, 0x800
+INSANE = 1000.0  # m/s: ArduCopter's sane_vel_or_acc_vector
+
+
+class GoTo(NamedTuple):
+    """A place to fly to and stay at."""
+
+    north: float
+    east: float
+    down: float
+
+
+class Stop(NamedTuple):
+    """What ArduCopter makes of a target it does not understand: mode_guided.init(true)."""
+
+
+class Poison(NamedTuple):
+    """A yaw rate that is not a number is not checked and goes straight into the controllers."""
+
+
+Target = BodyVelocity | EarthVelocity | GoTo | Stop | Poison
+
+
+def read_local_target(message: Message, body: Body, turns_with_nose: bool) -> Target:
+    """The target; a body-frame velocity is rotated once, now, unless the vehicle is the ideal unicycle."""
+    mask, frame = message.type_mask, message.coordinate_frame
+    if frame not in (LOCAL_NED, LOCAL_OFFSET_NED, BODY_NED, BODY_OFFSET_NED):
+        return Stop()
+    if mask & FORCE and not mask & ACCELERATION:
+        return Stop()
+    if not mask & VELOCITY:
+        return _velocity(message, body, turns_with_nose)
+    if not mask & POSITION and mask & ACCELERATION:
+        return _position(message, body)
+    return Stop()
+
+
+def _velocity(message: Message, body: Body, turns_with_nose: bool) -> Target:
+    wanted = (message.vx, message.vy, message.vz)
+    if any(math.isnan(v) or abs(v) > INSANE for v in wanted):
+        return Stop()
+    yaw_rate = 0.0 if message.type_mask & YAW_RATE else message.yaw_rate
+    if not math.isfinite(yaw_rate):
+        return Poison()
+    if message.coordinate_frame in (LOCAL_NED, LOCAL_OFFSET_NED):
+        return EarthVelocity(*wanted, yaw_rate)
+    if turns_with_nose:
+        return BodyVelocity(*wanted, yaw_rate)
+    north, east = _rotate(message.vx, message.vy, body.heading)
+    return EarthVelocity(north, east, message.vz, yaw_rate)
+
+
+def _position(message: Message, body: Body) -> Target:
+    north, east, down = message.x, message.y, message.z
+    if not all(math.isfinite(v) for v in (north, east, down)):
+        return Stop()
+    if message.coordinate_frame in (BODY_NED, BODY_OFFSET_NED):
+        north, east = _rotate(north, east, body.heading)
+    if message.coordinate_frame != LOCAL_NED:
+        north, east, down = north + body.north, east + body.east, down + body.down
+    return GoTo(north, east, down)
+
+
+def _rotate(forward: float, right: float, heading: float) -> tuple[float, float]:
+    cos, sin = math.cos(heading), math.sin(heading)
+    return forward * cos - right * sin, forward * sin + right * cos

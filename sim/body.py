@@ -1,0 +1,72 @@
+"""The vehicle's physical state. NED metres from home, radians, clockwise seen from above."""
+
+import math
+from typing import NamedTuple
+
+GRAVITY = 9.80665
+
+
+class Body(NamedTuple):
+    """Where the vehicle is and how it moves; velocity is over the ground."""
+
+    north: float
+    east: float
+    down: float
+    heading: float
+    turn_rate: float = 0.0  # of the heading, rad/s
+    velocity_north: float = 0.0
+    velocity_east: float = 0.0
+    velocity_down: float = 0.0
+    roll: float = 0.0
+    pitch: float = 0.0
+    roll_rate: float = 0.0  # of the roll angle, rad/s
+    pitch_rate: float = 0.0
+
+    @property
+    def ground_speed(self) -> float:
+        return math.hypot(self.velocity_north, self.velocity_east)
+
+    @property
+    def course(self) -> float:
+        """Direction of travel over the ground; the heading when standing still."""
+        if self.ground_speed < 1e-6:
+            return self.heading
+        return math.atan2(self.velocity_east, self.velocity_north)
+
+    @property
+    def forward_speed(self) -> float:
+        return self.velocity_north * math.cos(self.heading) + self.velocity_east * math.sin(self.heading)
+
+    @property
+    def right_speed(self) -> float:
+        return self.velocity_east * math.cos(self.heading) - self.velocity_north * math.sin(self.heading)
+
+    def airspeed(self, wind: tuple[float, float]) -> float:
+        return math.hypot(self.velocity_north - wind[0], self.velocity_east - wind[1])
+
+    def body_rates(self) -> tuple[float, float, float]:
+        """What the gyros read (p, q, r): not the rates of the angles once the vehicle is tilted."""
+        sin_roll, cos_roll = math.sin(self.roll), math.cos(self.roll)
+        sin_pitch, cos_pitch = math.sin(self.pitch), math.cos(self.pitch)
+        return (
+            self.roll_rate - self.turn_rate * sin_pitch,
+            self.pitch_rate * cos_roll + self.turn_rate * sin_roll * cos_pitch,
+            self.turn_rate * cos_roll * cos_pitch - self.pitch_rate * sin_roll,
+        )
+
+    def quaternion(self) -> tuple[float, float, float, float]:
+        """Attitude, w first."""
+        cr, sr = math.cos(self.roll / 2), math.sin(self.roll / 2)
+        cp, sp = math.cos(self.pitch / 2), math.sin(self.pitch / 2)
+        cy, sy = math.cos(self.heading / 2), math.sin(self.heading / 2)
+        return (
+            cr * cp * cy + sr * sp * sy,
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+        )
+
+
+def coordinated_bank(speed: float, turn_rate: float) -> float:
+    """The bank that turns at this rate without slip: tan(roll) = V w / g."""
+    return math.atan(speed * turn_rate / GRAVITY)

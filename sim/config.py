@@ -1,0 +1,167 @@
+"""The vehicle file: which autopilot, where it starts, what it circles, how it measures. Units are in the names."""
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from sim.autopilots.modes import MODES, PROFILES
+from sim.schema import ConfigError, key, nearest, place, read_table
+
+__all__ = ["ConfigError", "VehicleConfig", "load_vehicle", "parse_vehicle"]
+
+MESSAGES = ("distance_sensor", "ranging_beacon", "named_value_float")
+VIAS = ("forwarded", "direct", "autopilot")
+TURN_RATE = {"low": 0.0, "above": 0.0, "high": 720.0}
+
+
+@dataclass(frozen=True)
+class Airframe:
+    """[vehicle]: which autopilot and how it moves."""
+
+    profile: str = key("arducopter", choices=PROFILES)
+    system_id: int = key(1, low=1, high=255)
+    dynamics: str = key("unicycle", choices=("unicycle",))
+    max_turn_rate_deg_s: float = key(60.0, **TURN_RATE)
+    turn_lag_s: float = key(0.2, low=0.0, high=10.0)
+    speed_lag_s: float = key(0.0, low=0.0, high=30.0)
+    setpoint_timeout_s: float | None = key(None, low=0.1, high=60.0)
+    mavlink_version: int = key(2, low=1, high=2)
+    gps: bool = True
+
+
+@dataclass(frozen=True)
+class RandomStart:
+    """[start.random]: bounds from which the seed draws; what is not named stays as in [start]."""
+
+    north_m: tuple[float, float] | None = None
+    east_m: tuple[float, float] | None = None
+    heading_deg: tuple[float, float] | None = None
+    range_m: tuple[float, float] | None = key(None, low=0.0)
+    bearing_deg: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class Start:
+    """[start]: the vehicle at time zero; north and east of home, height above home."""
+
+    north_m: float = -200.0
+    east_m: float = 0.0
+    altitude_m: float = key(50.0, low=0.0)
+    heading_deg: float = 0.0
+    speed_mps: float = key(0.0, low=0.0, high=300.0)
+    mode: str | None = None
+    armed: bool = True
+    random: RandomStart = RandomStart()
+
+
+@dataclass(frozen=True)
+class Target:
+    """[target]: what is circled; height above home, as the vehicle's."""
+
+    north_m: float = 0.0
+    east_m: float = 0.0
+    altitude_m: float = 0.0
+    velocity_north_mps: float = 0.0
+    velocity_east_mps: float = 0.0
+
+
+@dataclass(frozen=True)
+class Wind:
+    """[wind]: where it comes from, as weather reports say."""
+
+    speed_mps: float = key(0.0, low=0.0, high=100.0)
+    from_deg: float = 0.0
+
+
+@dataclass(frozen=True)
+class Ranging:
+    """[ranging]: the radio: how it measures and by which message and way it is heard."""
+
+    message: str = key("distance_sensor", choices=MESSAGES)
+    via: str = key("forwarded", choices=VIAS)
+    rate_hz: float = key(10.0, low=0.0, high=1000.0)
+    noise_m: float = key(0.5, low=0.0)
+    bias_m: float = 0.0
+    outlier_fraction: float = key(0.0, low=0.0, high=1.0)
+    outlier_m: float = key(30.0, low=0.0)
+    dropout_fraction: float = key(0.0, low=0.0, high=1.0)
+    latency_s: float = key(0.0, low=0.0, high=10.0)
+    max_range_m: float = key(1000.0, above=0.0)
+    system_id: int = key(1, low=1, high=255)
+    component_id: int = key(192, low=1, high=255)
+    beacon_id: int = key(1, low=0, high=65535)
+    sensor_id: int = key(0, low=0, high=255)
+    orientation: int = key(0, low=0, high=255)
+    name: str = key("RANGE", longest=10)
+    report_accuracy: bool = False
+
+
+@dataclass(frozen=True)
+class TruthStream:
+    """[truth]: what really happens, sent unasked beside the autopilot's own messages; 0 turns it off."""
+
+    rate_hz: float = key(10.0, low=0.0, high=100.0)
+
+
+@dataclass(frozen=True)
+class VehicleConfig:
+    """One vehicle file, validated."""
+
+    seed: int = 0
+    vehicle: Airframe = Airframe()
+    start: Start = Start()
+    target: Target = Target()
+    wind: Wind = Wind()
+    ranging: Ranging = Ranging()
+    truth: TruthStream = TruthStream()
+
+    def seeded(self, seed: int) -> "VehicleConfig":
+        return replace(self, seed=seed)
+
+
+def parse_vehicle(table: Mapping[str, Any], where: str) -> VehicleConfig:
+    """A TOML table as a vehicle; raises ConfigError, one line that names `where`, the key and the remedy."""
+    config = read_table(VehicleConfig, table, where)
+    _check_start(config, where)
+    _check_ranging(config, where)
+    return config
+
+
+def load_vehicle(path: str | Path) -> VehicleConfig:
+    """A vehicle file, or the [sim] table of a mission file."""
+    try:
+        with open(path, "rb") as file:
+            table = tomllib.load(file)
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: not a TOML file: {error}") from error
+    if "sim" in table:
+        return parse_vehicle(table["sim"], f"{path}: sim")
+    return parse_vehicle(table, str(path))
+
+
+def _check_start(config: VehicleConfig, where: str) -> None:
+    start, profile = config.start, config.vehicle.profile
+    modes = tuple(MODES[profile])
+    if start.mode is not None and start.mode not in modes:
+        hint = nearest(start.mode, modes) or f"; modes: {', '.join(modes)}"
+        raise ConfigError(f'{place(where, "start")}.mode: "{start.mode}" is no mode of {profile}{hint}')
+    if not start.armed and start.altitude_m > 0:
+        raise ConfigError(f"{place(where, 'start')}.armed: false needs altitude_m = 0: nothing flies disarmed")
+
+
+def _check_ranging(config: VehicleConfig, where: str) -> None:
+    here = place(where, "ranging")
+    ranging = config.ranging
+    if ranging.via == "forwarded" and ranging.message == "ranging_beacon":
+        raise ConfigError(
+            f'{here}.via: autopilots do not know RANGING_BEACON and do not forward it, use via = "direct" '
+            "(the radio on its own endpoint)"
+        )
+    if ranging.via == "autopilot" and ranging.message != "distance_sensor":
+        raise ConfigError(f'{here}.message: the autopilot re-sends only "distance_sensor", or use another via')
+    if ranging.via != "autopilot" and (ranging.system_id, ranging.component_id) == (config.vehicle.system_id, 1):
+        raise ConfigError(f"{here}.component_id: 1 is the autopilot itself, choose another (192)")

@@ -1,0 +1,89 @@
+"""The autopilot's links and the forwarding between them, as ArduPilot's MAVLink_routing.cpp does it."""
+
+from collections import deque
+
+from sim.wire import Message, Parser, Sender
+
+HEARTBEAT = 0
+NEVER_FORWARDED = frozenset({109, 166, 246})  # RADIO_STATUS, RADIO, ADSB_VEHICLE
+MOST_ROUTES = 20
+MOST_WAITING = 50_000
+TYPE_GCS = 6
+
+Address = tuple[int, int]
+
+
+class Link:
+    """One wire to the autopilot: what is parsed from it, what waits to leave on it, who was heard on it."""
+
+    def __init__(self, name: str, system: int, component: int, version: int) -> None:
+        self.name = name
+        self.parser = Parser(version)
+        self.sender = Sender(system, component, version)
+        self.waiting: deque[bytes] = deque(maxlen=MOST_WAITING)
+        self.intervals: dict[int, int] = {}  # message id -> microseconds
+        self.gcs_heard = False
+
+    def send(self, message: Message) -> None:
+        frame = self.sender.frame(message)
+        if frame is not None:
+            self.waiting.append(frame)
+
+    def drain(self) -> list[bytes]:
+        frames = list(self.waiting)
+        self.waiting.clear()
+        return frames
+
+
+class Router:
+    """Learns who is where and passes messages on; nobody is sent anything before being heard."""
+
+    def __init__(self, own: Address, unknown_ids: frozenset[int]) -> None:
+        self._own = own
+        self._unknown = unknown_ids
+        self._routes: list[tuple[Address, Link]] = []
+
+    def forget(self) -> None:
+        self._routes.clear()
+
+    def pass_on(self, message: Message, source: Link, links: list[Link]) -> bool:
+        """Forward one message heard on `source`; True if the autopilot shall act on it too."""
+        number = message.get_msgId()
+        sender = (message.get_srcSystem(), message.get_srcComponent())
+        if number in self._unknown:
+            return False
+        if sender == self._own:
+            return True
+        self._learn(sender, source)
+        if number == HEARTBEAT:
+            self._forward_heartbeat(message, sender, source, links)
+            return True
+        if number in NEVER_FORWARDED:
+            return True
+        system, component = getattr(message, "target_system", 0), getattr(message, "target_component", 0)
+        mine = system in (0, self._own[0])
+        if mine and component == self._own[1] and system != 0:
+            return True
+        forwarded = self._forward(message, source, system, component)
+        return (mine and component in (0, self._own[1])) or (mine and not forwarded)
+
+    def _learn(self, sender: Address, source: Link) -> None:
+        known = any(address == sender and link is source for address, link in self._routes)
+        if not known and sender[0] != 0 and len(self._routes) < MOST_ROUTES:
+            self._routes.append((sender, source))
+
+    def _forward(self, message: Message, source: Link, system: int, component: int) -> bool:
+        reached: list[Link] = []
+        for (to_system, to_component), link in self._routes:
+            right_component = component in (0, to_component) or system != self._own[0]
+            if link is source or link in reached or not (system == 0 or (system == to_system and right_component)):
+                continue
+            link.waiting.append(bytes(message.get_msgbuf()))
+            reached.append(link)
+        return bool(reached)
+
+    def _forward_heartbeat(self, message: Message, sender: Address, source: Link, links: list[Link]) -> None:
+        known = [link for address, link in self._routes if address == sender]
+        for link in links:
+            if link is not source and link not in known:
+                link.waiting.append(bytes(message.get_msgbuf()))

@@ -1,0 +1,79 @@
+"""The few parameters that matter to a companion, by their real names, and the protocol that reads and sets them."""
+
+import math
+import struct
+from dataclasses import dataclass
+
+from pymavlink.dialects.v20 import all as mavlink
+
+from sim.wire import Message
+
+INT8, INT16, INT32, REAL32 = 2, 4, 6, 9
+NOT_IN_LIST = 65535
+RANGES = {INT8: (-128, 127), INT16: (-32768, 32767), INT32: (-(2**31), 2**31 - 1)}
+
+
+@dataclass(frozen=True)
+class Parameter:
+    name: str
+    default: float
+    kind: int = REAL32
+
+
+class Parameters:
+    """A table of named numbers. ArduPilot casts integers to float on the wire, PX4 copies their bytes."""
+
+    def __init__(self, table: tuple[Parameter, ...], bytewise: bool) -> None:
+        self._table = table
+        self._bytewise = bytewise
+        self._values = {p.name: p.default for p in table}
+
+    def __getitem__(self, name: str) -> float:
+        return self._values[name]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._values
+
+    def set(self, name: str, value: float) -> None:
+        self._values[name] = value
+
+    def all_values(self) -> list[Message]:
+        return [self._message(p, i) for i, p in enumerate(self._table)]
+
+    def read(self, name: str, index: int) -> Message | None:
+        """By index when it is not negative, else by name; None when there is no such parameter."""
+        if index >= 0:
+            return self._message(self._table[index], index) if index < len(self._table) else None
+        found = self._find(name)
+        return self._message(found, NOT_IN_LIST) if found else None
+
+    def write(self, name: str, wire_value: float) -> Message | None:
+        """Set from the wire's number; the answer is the value now held. None when there is no such parameter."""
+        found = self._find(name)
+        if found is None:
+            return None
+        value = self._from_wire(found.kind, wire_value)
+        if value is not None and math.isfinite(value):
+            self._values[name] = value
+        return self._message(found, NOT_IN_LIST)
+
+    def _find(self, name: str) -> Parameter | None:
+        return next((p for p in self._table if p.name == name), None)
+
+    def _message(self, parameter: Parameter, index: int) -> Message:
+        value = self._to_wire(parameter.kind, self._values[parameter.name])
+        name = parameter.name.encode()
+        return mavlink.MAVLink_param_value_message(name, value, parameter.kind, len(self._table), index)
+
+    def _to_wire(self, kind: int, value: float) -> float:
+        if self._bytewise and kind != REAL32:
+            return float(struct.unpack("<f", struct.pack("<i", int(value)))[0])
+        return value
+
+    def _from_wire(self, kind: int, value: float) -> float | None:
+        if kind == REAL32:
+            return value
+        if self._bytewise:
+            return float(struct.unpack("<i", struct.pack("<f", value))[0])
+        low, high = RANGES[kind]
+        return float(min(high, max(low, round(value)))) if math.isfinite(value) else None

@@ -1,0 +1,66 @@
+"""The ranging radio's messages: centimetres, millimetres or a bare float, stamped when the range was taken."""
+
+import math
+
+from pymavlink.dialects.v20 import all as mavlink
+
+from sim.config import Ranging
+from sim.sensor import Sample
+from sim.wire import Message
+
+UNKNOWN_U32, UNKNOWN_COVARIANCE, UNKNOWN_LATLON = 4_294_967_295, 255, 2_147_483_647
+MOST_CM = 65_535
+RADAR = 3
+
+
+def centimetres(metres: float) -> int:
+    """As DISTANCE_SENSOR carries a distance: whole centimetres, saturating at 655.35 m."""
+    return min(MOST_CM, round(metres * 100))
+
+
+def distance_sensor(config: Ranging, sample: Sample) -> Message:
+    return mavlink.MAVLink_distance_sensor_message(
+        sample.taken_us // 1000 & 0xFFFFFFFF,
+        1,
+        centimetres(config.max_range_m),
+        centimetres(sample.distance),
+        RADAR,
+        config.sensor_id,
+        config.orientation,
+        _covariance(config),
+    )
+
+
+def ranging_beacon(config: Ranging, sample: Sample) -> Message:
+    accuracy = max(1, round(config.noise_m * 1000)) if config.report_accuracy else UNKNOWN_U32
+    return mavlink.MAVLink_ranging_beacon_message(
+        sample.taken_us,
+        0,
+        0,
+        config.beacon_id,
+        min(UNKNOWN_U32 - 1, round(sample.distance * 1000)),
+        UNKNOWN_LATLON,
+        UNKNOWN_LATLON,
+        math.nan,
+        0,
+        UNKNOWN_U32,
+        UNKNOWN_U32,
+        0,
+        accuracy,
+        sample.sequence,
+        0,
+    )
+
+
+def named_value(config: Ranging, sample: Sample) -> Message:
+    stamp = sample.taken_us // 1000 & 0xFFFFFFFF
+    return mavlink.MAVLink_named_value_float_message(stamp, config.name.encode(), sample.distance)
+
+
+def _covariance(config: Ranging) -> int:
+    """Variance in cm^2 when it is wanted and fits the byte: up to 15.9 cm of noise."""
+    variance = round((config.noise_m * 100) ** 2)
+    return variance if config.report_accuracy and variance < UNKNOWN_COVARIANCE else UNKNOWN_COVARIANCE
+
+
+MESSAGES = {"distance_sensor": distance_sensor, "ranging_beacon": ranging_beacon, "named_value_float": named_value}

@@ -1,0 +1,95 @@
+"""The vehicle on real sockets in real or scaled time: the only place of the emulator that reads a clock."""
+
+import select
+import time
+from collections.abc import Callable
+
+from sim.config import VehicleConfig
+from sim.endpoints import EndpointError, parse_endpoint
+from sim.vehicle import MAIN, RANGING, Vehicle
+from sim.wires import Wire, open_wire
+
+LONGEST_SLEEP = 0.25  # s of wall time: signals and the end of the flight are seen by then
+BURST = 0.5  # s of simulated time at most caught up in one go
+
+
+def serve(
+    config: VehicleConfig,
+    endpoint: str,
+    ranging_endpoint: str | None = None,
+    speed: float = 1.0,
+    duration: float | None = None,
+    ready: Callable[[str], None] = lambda line: None,
+    stopped: Callable[[], bool] = lambda: False,
+) -> None:
+    """Fly until `duration` (simulated s) is over or `stopped()`; `ready` gets one line once the ports are open.
+
+    Raises EndpointError when a port cannot be opened or the ranging endpoint is missing.
+    """
+    wires = open_wires(config, endpoint, ranging_endpoint)
+    vehicle = Vehicle(config)
+    try:
+        ready(ready_line(config, endpoint, ranging_endpoint))
+        _fly(vehicle, wires, speed, duration, stopped)
+    finally:
+        for wire in wires.values():
+            wire.close()
+
+
+def ready_line(config: VehicleConfig, endpoint: str, ranging_endpoint: str | None) -> str:
+    ranging = f", ranging on {parse_endpoint(ranging_endpoint)}" if ranging_endpoint else ""
+    return f"sim: {config.vehicle.profile} system {config.vehicle.system_id} on {parse_endpoint(endpoint)}{ranging}"
+
+
+def open_wires(config: VehicleConfig, endpoint: str, ranging_endpoint: str | None) -> dict[str, Wire]:
+    """The endpoints by the name of their first link."""
+    if config.ranging.via == "direct" and not ranging_endpoint:
+        raise EndpointError('ranging via = "direct" needs --ranging-endpoint, for example udpout:127.0.0.1:14560')
+    wires = {MAIN: open_wire(parse_endpoint(endpoint), MAIN)}
+    if ranging_endpoint:
+        try:
+            wires[RANGING] = open_wire(parse_endpoint(ranging_endpoint), RANGING)
+        except EndpointError:
+            wires[MAIN].close()
+            raise
+    return wires
+
+
+def _fly(
+    vehicle: Vehicle, wires: dict[str, Wire], speed: float, duration: float | None, stopped: Callable[[], bool]
+) -> None:
+    started = time.monotonic()
+    while not stopped():
+        simulated = (time.monotonic() - started) * speed
+        if duration is not None and simulated >= duration:
+            return
+        behind = simulated - vehicle.time
+        if behind > BURST:  # the machine cannot keep up: fly slower rather than deaf
+            started += (behind - BURST) / speed
+            simulated -= behind - BURST
+        _hear(vehicle, wires)
+        vehicle.advance(simulated)
+        _speak(vehicle, wires)
+        _sleep(wires, (vehicle.next_event - simulated) / speed)
+
+
+def _hear(vehicle: Vehicle, wires: dict[str, Wire]) -> None:
+    for name, wire in wires.items():
+        for link, data in wire.receive():
+            vehicle.receive(data, RANGING if name == RANGING else link)
+
+
+def _speak(vehicle: Vehicle, wires: dict[str, Wire]) -> None:
+    """Links are named after their wire: main, main-2; the ranging wire's listeners all hear the same radio."""
+    ranging = vehicle.outgoing(RANGING) if RANGING in wires else []
+    for link in vehicle.links:
+        if link != RANGING:
+            wires[MAIN].send(link, vehicle.outgoing(link))
+    if ranging:
+        for link in wires[RANGING].links():
+            wires[RANGING].send(link, ranging)
+
+
+def _sleep(wires: dict[str, Wire], seconds: float) -> None:
+    sockets = [s for wire in wires.values() for s in wire.sockets()]
+    select.select(sockets, [], [], max(0.0, min(LONGEST_SLEEP, seconds)))

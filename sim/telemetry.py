@@ -1,0 +1,201 @@
+"""The autopilot's own messages, one function each, by message id. Units and frames are MAVLink's."""
+
+import math
+from collections.abc import Callable
+
+from pymavlink.dialects.v20 import all as mavlink
+
+from sim.flight import Flight
+from sim.geo import HOME_AMSL_M, HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG, to_degrees
+from sim.radio import centimetres
+from sim.wire import Message
+
+EPOCH_US = 1_750_000_000_000_000  # SYSTEM_TIME's wall clock at simulated time zero: fixed, so that runs repeat
+EKF_GOOD, EKF_NO_POSITION = 0x33F, 0xA7
+GPS_FIX_RTK, GPS_NO_FIX = 6, 1
+UNKNOWN_VOLTAGE = 65535
+
+
+def heartbeat(flight: Flight) -> Message:
+    pilot = flight.autopilot
+    return mavlink.MAVLink_heartbeat_message(
+        pilot.identity.mav_type,
+        pilot.identity.autopilot,
+        pilot.base_mode(),
+        pilot.mode,
+        pilot.system_status(flight.body),
+        3,
+    )
+
+
+def sys_status(flight: Flight) -> Message:
+    sensors = 0x1 | 0x2 | 0x4 | 0x8 | (0x20 if flight.autopilot.has_position() else 0) | 0x200000 | 0x2000000
+    present = sensors | 0x20
+    volts = round(flight.battery.volts * 1000)
+    return mavlink.MAVLink_sys_status_message(
+        present, present, sensors, 200, volts, 1500, flight.battery.percent, 0, 0, 0, 0, 0, 0
+    )
+
+
+def system_time(flight: Flight) -> Message:
+    return mavlink.MAVLink_system_time_message(EPOCH_US + flight.now, flight.boot_ms)
+
+
+def gps_raw_int(flight: Flight) -> Message:
+    body = flight.body
+    if not flight.autopilot.has_position():
+        return mavlink.MAVLink_gps_raw_int_message(
+            flight.now - flight.booted, GPS_NO_FIX, 0, 0, 0, 65535, 65535, 0, 65535, 0
+        )
+    latitude, longitude = _degrees_e7(flight)
+    altitude = round((HOME_AMSL_M - body.down) * 1000)
+    course = round(math.degrees(body.course) % 360 * 100) % 36000
+    speed = min(65534, round(body.ground_speed * 100))
+    boot = flight.now - flight.booted
+    return mavlink.MAVLink_gps_raw_int_message(
+        boot, GPS_FIX_RTK, latitude, longitude, altitude, 121, 200, speed, course, 10
+    )
+
+
+def attitude(flight: Flight) -> Message:
+    body = flight.body
+    return mavlink.MAVLink_attitude_message(flight.boot_ms, body.roll, body.pitch, body.heading, *body.body_rates())
+
+
+def attitude_quaternion(flight: Flight) -> Message:
+    body = flight.body
+    return mavlink.MAVLink_attitude_quaternion_message(flight.boot_ms, *body.quaternion(), *body.body_rates())
+
+
+def local_position_ned(flight: Flight) -> Message | None:
+    body = flight.body
+    if not flight.autopilot.has_position():
+        return None
+    return mavlink.MAVLink_local_position_ned_message(
+        flight.boot_ms,
+        body.north,
+        body.east,
+        body.down,
+        body.velocity_north,
+        body.velocity_east,
+        body.velocity_down,
+    )
+
+
+def global_position_int(flight: Flight) -> Message:
+    body = flight.body
+    latitude, longitude = _degrees_e7(flight) if flight.autopilot.has_position() else (0, 0)
+    return mavlink.MAVLink_global_position_int_message(
+        flight.boot_ms,
+        latitude,
+        longitude,
+        round((HOME_AMSL_M - body.down) * 1000),
+        round(-body.down * 1000),
+        _centi(body.velocity_north),
+        _centi(body.velocity_east),
+        _centi(body.velocity_down),
+        round(math.degrees(body.heading) % 360 * 100) % 36000,
+    )
+
+
+def vfr_hud(flight: Flight) -> Message:
+    body = flight.body
+    return mavlink.MAVLink_vfr_hud_message(
+        flight.autopilot.shown_airspeed(body, flight.air.velocity),
+        body.ground_speed,
+        round(math.degrees(body.heading) % 360) % 360,
+        35,
+        HOME_AMSL_M - body.down,
+        -body.velocity_down,
+    )
+
+
+def battery_status(flight: Flight) -> Message:
+    cells = [round(flight.battery.volts * 1000)] + [UNKNOWN_VOLTAGE] * 9
+    used = round((100 - flight.battery.percent) * 33)
+    return mavlink.MAVLink_battery_status_message(0, 0, 0, 32767, cells, 1500, used, -1, flight.battery.percent)
+
+
+def ekf_status_report(flight: Flight) -> Message:
+    flags = EKF_GOOD if flight.autopilot.has_position() else EKF_NO_POSITION
+    return mavlink.MAVLink_ekf_status_report_message(flags, 0.02, 0.03, 0.01, 0.02, 0.0, 0.0)
+
+
+def extended_sys_state(flight: Flight) -> Message:
+    return mavlink.MAVLink_extended_sys_state_message(0, flight.autopilot.landed_state(flight.body))
+
+
+def own_distance_sensor(flight: Flight) -> Message | None:
+    """ArduPilot's own range: the last value again and again, stamped when sent, until the input is 0.45 s old."""
+    sample = flight.rangefinder.latest(flight.now)
+    if sample is None:
+        return None
+    config = flight.config.ranging
+    most = centimetres(config.max_range_m)
+    distance = centimetres(sample.distance)
+    return mavlink.MAVLink_distance_sensor_message(flight.boot_ms, 0, most, distance, 0, 0, config.orientation, 0)
+
+
+def home_position(flight: Flight) -> Message:
+    return mavlink.MAVLink_home_position_message(
+        round(HOME_LATITUDE_DEG * 1e7),
+        round(HOME_LONGITUDE_DEG * 1e7),
+        round(HOME_AMSL_M * 1000),
+        0.0,
+        0.0,
+        0.0,
+        [1.0, 0.0, 0.0, 0.0],
+        0.0,
+        0.0,
+        0.0,
+        flight.now,
+    )
+
+
+def autopilot_version(flight: Flight) -> Message:
+    identity = flight.autopilot.identity
+    capabilities = identity.capabilities
+    if flight.config.vehicle.mavlink_version == 1:
+        capabilities &= ~mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
+    nothing = [0] * 8
+    return mavlink.MAVLink_autopilot_version_message(
+        capabilities,
+        identity.version,
+        0,
+        0,
+        0,
+        nothing,
+        nothing,
+        nothing,
+        0,
+        0,
+        0x51D0 + flight.config.vehicle.system_id,
+    )
+
+
+def _degrees_e7(flight: Flight) -> tuple[int, int]:
+    latitude, longitude = to_degrees(flight.body.north, flight.body.east)
+    return round(latitude * 1e7), round(longitude * 1e7)
+
+
+def _centi(value: float) -> int:
+    return max(-32767, min(32767, round(value * 100)))
+
+
+BUILDERS: dict[int, Callable[[Flight], Message | None]] = {
+    0: heartbeat,
+    1: sys_status,
+    2: system_time,
+    24: gps_raw_int,
+    30: attitude,
+    31: attitude_quaternion,
+    32: local_position_ned,
+    33: global_position_int,
+    74: vfr_hud,
+    132: own_distance_sensor,
+    147: battery_status,
+    148: autopilot_version,
+    193: ekf_status_report,
+    242: home_position,
+    245: extended_sys_state,
+}

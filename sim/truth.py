@@ -1,0 +1,63 @@
+"""The truth streams: what really happens, sent unasked so that flights can be judged."""
+
+import math
+
+from pymavlink.dialects.v20 import all as mavlink
+
+from sim.body import GRAVITY
+from sim.flight import Flight
+from sim.geo import HOME_AMSL_M, to_degrees
+from sim.wire import Message
+
+NAME = b"SIM_TRUTH"
+ZEROS = [0.0] * 41
+
+
+def sim_state(flight: Flight) -> Message:
+    body = flight.body
+    latitude, longitude = to_degrees(body.north, body.east)
+    return mavlink.MAVLink_sim_state_message(
+        *body.quaternion(),
+        body.roll,
+        body.pitch,
+        body.heading,
+        0.0,
+        0.0,
+        -GRAVITY,
+        *body.body_rates(),
+        latitude,
+        longitude,
+        HOME_AMSL_M - body.down,
+        0.0,
+        0.0,
+        body.velocity_north,
+        body.velocity_east,
+        body.velocity_down,
+        round(latitude * 1e7),
+        round(longitude * 1e7),
+    )
+
+
+def truth_array(flight: Flight) -> Message:
+    """DEBUG_FLOAT_ARRAY: data[0..15] in the order below, SI and radians, NED from home; time_usec is simulated time."""
+    t = flight.truth()
+    values = [
+        t.north,
+        t.east,
+        t.down,
+        math.remainder(t.heading, math.tau),
+        t.course,
+        t.ground_speed,
+        t.airspeed,
+        t.turn_rate,
+        t.roll,
+        t.target_north,
+        t.target_east,
+        t.target_down,
+        t.range,
+        t.wind_north,
+        t.wind_east,
+        t.time,
+        0.0,
+    ]
+    return mavlink.MAVLink_debug_float_array_message(flight.now, NAME, 0, values + ZEROS)

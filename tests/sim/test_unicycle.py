@@ -1,0 +1,79 @@
+"""The ideal airframe against closed forms and against itself in other step sizes."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sim.airframes.unicycle import Unicycle
+from sim.body import Body
+from sim.demands import BodyVelocity, Brake, EarthVelocity
+
+IDEAL = Unicycle(max_turn_rate=1.0, turn_lag=0.0, speed_lag=0.0)
+LAGGED = Unicycle(max_turn_rate=1.0, turn_lag=0.4, speed_lag=0.8)
+NORTHBOUND = Body(0.0, 0.0, -50.0, 0.0)
+
+
+def test_positive_yaw_rate_turns_from_north_to_east() -> None:
+    quarter = IDEAL.step(NORTHBOUND, BodyVelocity(10.0, yaw_rate=0.5), math.pi)
+    assert quarter.heading == pytest.approx(math.pi / 2)
+    assert (quarter.north, quarter.east) == pytest.approx((20.0, 20.0))
+
+
+@given(speed=st.floats(1.0, 40.0), rate=st.floats(-1.0, 1.0), heading=st.floats(-3.0, 3.0), dt=st.floats(0.001, 30.0))
+def test_a_steady_turn_is_an_exact_arc(speed: float, rate: float, heading: float, dt: float) -> None:
+    start = Body(0.0, 0.0, -50.0, heading)
+    end = IDEAL.step(start, BodyVelocity(speed, yaw_rate=rate), dt)
+    if abs(rate) > 1e-3:
+        radius = speed / rate
+        north = radius * (math.sin(heading + rate * dt) - math.sin(heading))
+        east = radius * (math.cos(heading) - math.cos(heading + rate * dt))
+        assert (end.north, end.east) == pytest.approx((north, east), rel=1e-9, abs=1e-6)
+    assert math.remainder(end.heading - heading - rate * dt, math.tau) == pytest.approx(0.0, abs=1e-9)
+    assert end.ground_speed == pytest.approx(speed)
+
+
+@given(st.lists(st.floats(0.001, 0.7), min_size=1, max_size=12), st.floats(-1.0, 1.0))
+def test_the_path_does_not_depend_on_the_steps(steps: list[float], rate: float) -> None:
+    demand = BodyVelocity(15.0, right=1.0, yaw_rate=rate)
+    body = Body(0.0, 0.0, -50.0, 0.3, turn_rate=-0.4, velocity_north=5.0)
+    stepped = body
+    for dt in steps:
+        stepped = LAGGED.step(stepped, demand, dt)
+    whole = LAGGED.step(body, demand, sum(steps))
+    assert (stepped.north, stepped.east, stepped.heading) == pytest.approx(
+        (whole.north, whole.east, whole.heading), abs=1e-6
+    )
+
+
+def test_the_turn_rate_follows_a_first_order_lag() -> None:
+    after = LAGGED.step(NORTHBOUND, BodyVelocity(10.0, yaw_rate=0.5), 0.4)
+    assert after.turn_rate == pytest.approx(0.5 * (1 - math.exp(-1)))
+    assert after.heading == pytest.approx(0.5 * 0.4 - 0.5 * 0.4 * (1 - math.exp(-1)))
+
+
+def test_the_turn_rate_is_limited() -> None:
+    assert IDEAL.step(NORTHBOUND, BodyVelocity(10.0, yaw_rate=100.0), 0.1).turn_rate == 1.0
+    assert IDEAL.step(NORTHBOUND, BodyVelocity(10.0, yaw_rate=-100.0), 0.1).turn_rate == -1.0
+
+
+def test_an_earth_velocity_flies_straight_while_the_body_spins() -> None:
+    after = IDEAL.step(NORTHBOUND, EarthVelocity(5.0, 0.0, yaw_rate=0.3), 10.0)
+    assert (after.north, after.east) == pytest.approx((50.0, 0.0))
+    assert after.heading == pytest.approx(3.0)
+
+
+def test_braking_stops_along_the_course_and_stays() -> None:
+    moving = Body(0.0, 0.0, -50.0, 1.0, velocity_north=3.0, velocity_east=4.0)
+    stopped = IDEAL.step(moving, Brake(2.0), 60.0)
+    assert stopped.ground_speed == 0.0
+    assert math.hypot(stopped.north, stopped.east) == pytest.approx(25 / 4)  # v^2 / 2a
+
+
+def test_a_bank_goes_with_the_turn() -> None:
+    turning = IDEAL.step(NORTHBOUND, BodyVelocity(20.0, yaw_rate=0.3), 1.0)
+    assert math.tan(turning.roll) == pytest.approx(20.0 * 0.3 / 9.80665)
+    p, q, r = turning.body_rates()
+    assert (q * math.sin(turning.roll) + r * math.cos(turning.roll)) == pytest.approx(0.3)
+    assert r < 0.3 and p == 0.0

@@ -1,0 +1,77 @@
+"""Vehicle files: defaults that fly, and mistakes named in one line with the remedy."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from sim.config import ConfigError, load_vehicle, parse_vehicle
+from sim.vehicle import Vehicle
+
+
+def test_an_empty_file_flies() -> None:
+    vehicle = Vehicle(parse_vehicle({}, "x"))
+    vehicle.advance(1.0)
+    assert vehicle.truth.armed and vehicle.truth.mode == 5
+
+
+@pytest.mark.parametrize(
+    ("table", "complaint"),
+    [
+        ({"vehicel": {}}, 'f.toml: vehicel: unknown key, did you mean "vehicle"?'),
+        ({"ranging": {"noise": 1.0}}, 'f.toml: ranging.noise: unknown key, did you mean "noise_m"?'),
+        ({"ranging": {"rate_hz": "fast"}}, 'f.toml: ranging.rate_hz: must be a number, not "fast"'),
+        ({"ranging": {"rate_hz": True}}, "f.toml: ranging.rate_hz: must be a number, not True"),
+        ({"ranging": {"dropout_fraction": 1.5}}, "f.toml: ranging.dropout_fraction: 1.5 is outside 0 .. 1"),
+        ({"ranging": {"noise_m": math.nan}}, "f.toml: ranging.noise_m: must be a finite number"),
+        ({"ranging": {"name": "MUCHTOOLONG"}}, "f.toml: ranging.name: longer than 10 characters"),
+        ({"vehicle": {"system_id": 0}}, "f.toml: vehicle.system_id: 0 is outside 1 .. 255"),
+        ({"vehicle": {"system_id": 1.5}}, "f.toml: vehicle.system_id: must be a whole number, not 1.5"),
+        ({"vehicle": {"max_turn_rate_deg_s": 0}}, "f.toml: vehicle.max_turn_rate_deg_s: 0 must be greater than 0"),
+        ({"start": {"random": {"north_m": [5, 1]}}}, "f.toml: start.random.north_m: [5, 1] is empty"),
+        ({"start": {"random": {"north_m": [5]}}}, "f.toml: start.random.north_m: must have 2 numbers, has 1"),
+        ({"start": 5}, "f.toml: start: must be a table of keys and values, not 5"),
+        ({"start": {"mode": "GUIDE"}}, 'f.toml: start.mode: "GUIDE" is no mode of arducopter, did you mean "GUIDED"?'),
+        ({"start": {"armed": False}}, "f.toml: start.armed: false needs altitude_m = 0"),
+    ],
+)
+def test_a_mistake_is_named_in_one_line(table: dict[str, Any], complaint: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        parse_vehicle(table, "f.toml")
+    assert str(caught.value).startswith(complaint) and "\n" not in str(caught.value)
+
+
+def test_a_beacon_cannot_be_forwarded_and_the_remedy_is_named() -> None:
+    with pytest.raises(ConfigError, match='via = "direct"'):
+        parse_vehicle({"ranging": {"message": "ranging_beacon"}}, "f.toml")
+
+
+def test_a_mission_files_sim_table_is_used_and_the_rest_ignored(tmp_path: Path) -> None:
+    mission = tmp_path / "mission.toml"
+    mission.write_text("[orbit]\nradius_m = 80\n[sim]\nseed = 4\n[sim.start]\nnorth_m = 12\n")
+    config = load_vehicle(mission)
+    assert (config.seed, config.start.north_m) == (4, 12.0)
+    mission.write_text("[sim.start]\nnorht_m = 12\n")
+    with pytest.raises(ConfigError, match=r'mission.toml: sim.start.norht_m: unknown key, did you mean "north_m"\?'):
+        load_vehicle(mission)
+
+
+@pytest.mark.parametrize("text", [None, "[vehicle\n", "\xff"])
+def test_a_file_that_cannot_be_read_is_one_line(tmp_path: Path, text: str | None) -> None:
+    path = tmp_path / "vehicle.toml"
+    if text is not None:
+        path.write_bytes(text.encode("latin-1"))
+    with pytest.raises(ConfigError, match=r"vehicle\.toml: (cannot be read|not a TOML file)"):
+        load_vehicle(path)
+
+
+def test_random_starts_stay_in_bounds_and_repeat_with_the_seed() -> None:
+    table = {
+        "target": {"north_m": 50.0, "east_m": -20.0},
+        "start": {"random": {"range_m": [100, 300], "bearing_deg": [0, 360], "heading_deg": [-180, 180]}},
+    }
+    truths = [Vehicle(parse_vehicle({"seed": seed, **table}, "x")).truth for seed in range(30)]
+    distances = [math.hypot(t.north - 50.0, t.east + 20.0) for t in truths]
+    assert all(100 <= d <= 300 for d in distances) and max(distances) - min(distances) > 100
+    assert truths[3] == Vehicle(parse_vehicle({"seed": 3, **table}, "x")).truth
