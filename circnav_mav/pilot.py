@@ -248,6 +248,13 @@ class Pilot:
             messages += self.session.farewell()
         return b"".join(map(self.session.encoder.encode, messages))
 
+    def last_words(self, now: float) -> bytes:
+        """The safe setpoint alone, for the shell to send when the pilot itself has failed; empty if not ours to fly."""
+        if self.settings.dry_run or self.phase not in STEERING or not self.session.in_our_mode:
+            return b""
+        message = self.adapter.safe_setpoint(self.session.vehicle, now)
+        return self.session.encoder.encode(self._gate.check_message(message, self.adapter.shapes))
+
     # --- what moves the phases --------------------------------------------------------------------------------------
 
     def _event(self, event: Event, now: float) -> bool:

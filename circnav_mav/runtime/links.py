@@ -13,7 +13,7 @@ from typing import Any, Protocol
 MOST_DATAGRAMS = 512
 """Datagrams taken in one call, so that a flood cannot keep the loop from its tick."""
 LOCAL_PORT = 14691
-"""Our local port for `udpout`: PX4 latches onto the first client port it hears, so a restart must come from the same."""
+"""Our local port for `udpout`: PX4 latches onto the first client port it hears, so a restart must use the same."""
 RETRY = 1.0
 CONNECT_PATIENCE = 5.0
 
@@ -220,7 +220,7 @@ class SerialLink:
         self._endpoint = endpoint
         self._retry_at = float("-inf")
         try:
-            import serial  # noqa: PLC0415 - an optional package
+            import serial
         except ImportError:
             raise LinkError(f"endpoint {text}: needs the package pyserial: pip install 'circnav-mav[serial]'") from None
         self._serial = serial

@@ -16,6 +16,7 @@ from typing import IO, Any
 from circnav_mav.pilot import TickRecord
 
 FLUSH_PERIOD = 0.5
+FLUSH_ITEMS = 25
 TICK_COLUMNS = tuple(field.name for field in fields(TickRecord))
 
 
@@ -26,10 +27,10 @@ class RecorderError(Exception):
 class Recorder:
     """Writes what it is given, in that order. A disk that fails is noted in `problem`; the flight goes on."""
 
-    def __init__(self, folder: Path, mission_text: str, epoch_us: int) -> None:
+    def __init__(self, folder: Path, mission_text: str) -> None:
         self.folder = folder
         self.problem: str | None = None
-        self._epoch_us = epoch_us
+        self._epoch_us = 0
         try:
             folder.mkdir(parents=True, exist_ok=True)
             (folder / "mission.toml").write_text(mission_text, encoding="utf-8")
@@ -41,6 +42,10 @@ class Recorder:
         self._csv.writerow(TICK_COLUMNS)
         self._queue: queue.SimpleQueue[tuple[float, bytes] | TickRecord | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._drain, name="recorder", daemon=True)
+
+    def start(self, epoch_us: int) -> None:
+        """Begin to write; `epoch_us` is the wall-clock time of second 0 of the run, for the tlog's stamps."""
+        self._epoch_us = epoch_us
         self._thread.start()
 
     def frames(self, frames: list[bytes], now: float) -> None:
@@ -56,7 +61,8 @@ class Recorder:
     def close(self) -> None:
         """Write what is waiting and close the files."""
         self._queue.put(None)
-        self._thread.join()
+        if self._thread.is_alive():
+            self._thread.join()
 
     def _drain(self) -> None:
         """The writing thread."""
@@ -72,7 +78,7 @@ class Recorder:
                 break
             self._guarded(self._write, item)
             waiting += 1
-            if waiting >= 200:
+            if waiting >= FLUSH_ITEMS:
                 self._guarded(self._flush)
                 waiting = 0
         self._guarded(self._tlog.close)

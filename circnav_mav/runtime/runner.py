@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from types import FrameType
 
 from circnav_mav.mav.codec import split_frames
-from circnav_mav.pilot import RANGING, VEHICLE, Pilot
+from circnav_mav.pilot import RANGING, VEHICLE, Pilot, TickRecord
 from circnav_mav.runtime.clock import Clock
 from circnav_mav.runtime.links import Link
 from circnav_mav.runtime.recorder import Recorder
@@ -39,10 +39,11 @@ def run(
     links: Mapping[str, Link],
     clock: Clock,
     recorder: Recorder,
-    show: Callable[[float], None],
+    show: Callable[[TickRecord | None, float], None],
     stop: StopRequest,
 ) -> None:
     """Fly until the pilot is done. Every frame and tick goes to the recorder; `show` is called after each step."""
+    newest: TickRecord | None = None
     while not pilot.done:
         _wait(links, stop, min(clock.until(pilot.next_tick), LONGEST_WAIT))
         now = clock.now()
@@ -58,8 +59,10 @@ def run(
             links[RANGING].send(hello, None)
         recorder.frames(pilot.take_frames(), now)
         recorder.frames(split_frames(out), now)
-        recorder.ticks(pilot.take_records())
-        show(now)
+        records = pilot.take_records()
+        recorder.ticks(records)
+        newest = records[-1] if records else newest
+        show(newest, now)
 
 
 def _wait(links: Mapping[str, Link], stop: StopRequest, seconds: float) -> None:

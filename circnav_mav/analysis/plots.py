@@ -1,0 +1,96 @@
+"""flight.png: the track when the truth is known, range and error over time, turn rate."""
+
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+
+from circnav_mav.analysis.metrics import TOLERANCE
+from circnav_mav.analysis.run_folder import Ticks, Truth
+from circnav_mav.core.values import Orbit
+
+ESTIMATE, MEASURED, TRUE, DESIRED, LIMIT = "#1f5fa8", "#b9c6d6", "#c8501e", "#2e7d32", "#8a8a8a"
+HOLD_BAND = "#f6d8a8"
+
+
+def plot_flight(path: Path, ticks: Ticks, truth: Truth | None, orbit: Orbit, title: str) -> None:
+    """Draw a run and write it as PNG. Raises OSError."""
+    with mpl.rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "axes.axisbelow": True}):
+        figure = Figure(figsize=(12, 7), layout="constrained")
+        figure.suptitle(title)
+        grid = figure.add_gridspec(3, 2, width_ratios=[1.1, 1] if truth else [0.001, 1])
+        if truth is not None:
+            _track(figure.add_subplot(grid[:, 0]), truth, orbit)
+        axes = [figure.add_subplot(grid[row, 1]) for row in range(3)]
+        _range(axes[0], ticks, truth, orbit)
+        _error(axes[1], ticks, truth, orbit)
+        _turn_rate(axes[2], ticks, orbit)
+        for axis in axes:
+            _mark_holding(axis, ticks)
+            axis.set_xlim(float(ticks.time[0]), float(ticks.time[-1]))
+        axes[-1].set_xlabel("time, s")
+        figure.savefig(path, dpi=110)
+
+
+def _track(axis: Any, truth: Truth, orbit: Orbit) -> None:
+    east, north = truth.east - truth.target_east, truth.north - truth.target_north
+    angle = np.linspace(0, 2 * np.pi, 361)
+    axis.plot(orbit.radius * np.cos(angle), orbit.radius * np.sin(angle), "--", color=DESIRED, lw=1.5, label="desired")
+    axis.plot(east, north, color=TRUE, lw=1.0, label="flown (truth)")
+    axis.plot(east[0], north[0], "^", color="red", ms=9, label="start")
+    axis.plot(0, 0, "k+", ms=12, mew=2, label="target")
+    for share in (0.15, 0.4, 0.65, 0.9):
+        at = int(share * (len(east) - 2))
+        if np.hypot(east[at + 1] - east[at], north[at + 1] - north[at]) > 0:
+            axis.annotate(
+                "",
+                xy=(east[at + 1], north[at + 1]),
+                xytext=(east[at], north[at]),
+                arrowprops={"arrowstyle": "-|>", "color": TRUE, "mutation_scale": 18},
+            )
+    axis.set_aspect("equal", adjustable="datalim")
+    axis.set_xlabel("east of the target, m")
+    axis.set_ylabel("north of the target, m")
+    axis.legend(loc="upper left")
+
+
+def _range(axis: Any, ticks: Ticks, truth: Truth | None, orbit: Orbit) -> None:
+    axis.plot(ticks.time, ticks.numbers["measured"], ".", ms=2, color=MEASURED, label="measured")
+    axis.plot(ticks.time, ticks.numbers["r"], color=ESTIMATE, lw=1, label="estimated")
+    if truth is not None:
+        axis.plot(truth.time, truth.radius, color=TRUE, lw=0.8, label="true")
+    axis.axhline(orbit.radius, ls="--", color=DESIRED, lw=1, label="desired")
+    axis.set_ylabel("range, m")
+    axis.legend(loc="upper right", ncols=4, fontsize=8)
+
+
+def _error(axis: Any, ticks: Ticks, truth: Truth | None, orbit: Orbit) -> None:
+    band = TOLERANCE * orbit.radius
+    axis.axhspan(-band, band, color=DESIRED, alpha=0.12, label=f"+-{100 * TOLERANCE:.0f} %")
+    axis.plot(ticks.time, ticks.numbers["r"] - orbit.radius, color=ESTIMATE, lw=1, label="estimated")
+    if truth is not None:
+        axis.plot(truth.time, truth.radius - orbit.radius, color=TRUE, lw=0.8, label="true")
+    axis.set_ylim(-3 * band, 3 * band)
+    axis.set_ylabel("range - radius, m")
+    axis.legend(loc="upper right", ncols=3, fontsize=8)
+
+
+def _turn_rate(axis: Any, ticks: Ticks, orbit: Orbit) -> None:
+    axis.plot(ticks.time, np.degrees(ticks.numbers["turn_rate"]), color=ESTIMATE, lw=0.8, label="commanded")
+    axis.axhline(np.degrees(orbit.steady_turn_rate), ls="--", color=DESIRED, lw=1, label="steady circle")
+    limit = np.degrees(orbit.max_turn_rate)
+    for sign in (-1, 1):
+        axis.axhline(sign * limit, ls=":", color=LIMIT, lw=1, label="limit" if sign > 0 else None)
+    axis.set_ylabel("turn rate, deg/s\n(left positive)")
+    axis.legend(loc="upper right", ncols=3, fontsize=8)
+
+
+def _mark_holding(axis: Any, ticks: Ticks) -> None:
+    """Shade the times without ranges in which the vehicle held its turn."""
+    holding = np.array([phase == "holding" for phase in ticks.phases])
+    if holding.any():
+        low, high = axis.get_ylim()
+        axis.fill_between(ticks.time, low, high, where=holding, color=HOLD_BAND, alpha=0.7, lw=0)
+        axis.set_ylim(low, high)

@@ -1,0 +1,113 @@
+"""Reads a run folder back: ticks.csv as columns, the simulator's truth out of flight.tlog."""
+
+import csv
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from circnav_mav.mav.codec import Decoder, Message
+
+Column = NDArray[np.float64]
+
+TRUTH_MESSAGE_ID = 350
+TRUTH_NAME = b"SIM_TRUTH"
+"""DEBUG_FLOAT_ARRAY under this name carries the bundled vehicle's truth; see `Truth` for the order of its numbers."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ticks:
+    """ticks.csv: numbers as arrays over ticks (NaN where a cell is empty), words as lists."""
+
+    numbers: dict[str, Column]
+    phases: list[str]
+    modes: list[str]
+
+    @property
+    def time(self) -> Column:
+        """Run time of each tick, s."""
+        return self.numbers["time"]
+
+    @property
+    def engaged_at(self) -> float | None:
+        """Run time of the first engaged tick, s."""
+        return next((float(t) for t, phase in zip(self.time, self.phases, strict=True) if phase == "engaged"), None)
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """What the simulator says really happened, arrays over samples: run time (s), north and east of the origin (m),
+    of the vehicle and of the target."""
+
+    time: Column
+    north: Column
+    east: Column
+    target_north: Column
+    target_east: Column
+    turn_rate: Column
+
+    @property
+    def radius(self) -> Column:
+        """Horizontal distance to the target, m."""
+        return np.hypot(self.north - self.target_north, self.east - self.target_east)
+
+
+def read_ticks(folder: Path) -> Ticks:
+    """ticks.csv of a run folder; a last line that was cut off is left out. Raises OSError, ValueError."""
+    with (folder / "ticks.csv").open(newline="", encoding="utf-8") as file:
+        reader = csv.reader(file)
+        header = next(reader, [])
+        rows = [row for row in reader if len(row) == len(header)]
+    columns = dict(zip(header, zip(*rows, strict=True), strict=True)) if rows else dict.fromkeys(header, ())
+    phases, modes = list(columns.pop("phase", ())), list(columns.pop("mode", ()))
+    numbers = {name: np.array([float(cell) if cell else np.nan for cell in cells]) for name, cells in columns.items()}
+    if "time" not in numbers:
+        raise ValueError(f"{folder / 'ticks.csv'}: has no header")
+    return Ticks(numbers, phases, modes)
+
+
+def read_tlog(path: Path) -> Iterator[tuple[int, bytes]]:
+    """The (microseconds since 1970, frame) pairs of a tlog; ends where the file was cut off. Raises OSError."""
+    data = path.read_bytes()
+    at = 0
+    while at + 8 + 3 <= len(data):
+        (stamp,) = struct.unpack_from(">Q", data, at)
+        length = _length(data, at + 8)
+        if length is None or at + 8 + length > len(data):
+            return
+        yield stamp, data[at + 8 : at + 8 + length]
+        at += 8 + length
+
+
+def read_truth(folder: Path, epoch_us: int) -> Truth | None:
+    """The simulator's truth of a run whose clock began at `epoch_us`, None when there was none."""
+    decoder = Decoder()
+    rows: list[tuple[float, ...]] = []
+    for stamp, frame in read_tlog(folder / "flight.tlog"):
+        if _message_id(frame) != TRUTH_MESSAGE_ID:
+            continue
+        for message in decoder.decode(frame):
+            if _name(message) == TRUTH_NAME:
+                rows.append(((stamp - epoch_us) / 1e6, *message.data[:16]))
+    if not rows:
+        return None
+    table = np.array(rows)
+    return Truth(table[:, 0], table[:, 1], table[:, 2], table[:, 10], table[:, 11], table[:, 8])
+
+
+def _name(message: Message) -> bytes:
+    name = message.name
+    return name.encode() if isinstance(name, str) else bytes(name)
+
+
+def _length(data: bytes, at: int) -> int | None:
+    if data[at] == 0xFD:
+        return data[at + 1] + (25 if data[at + 2] & 1 else 12)
+    return data[at + 1] + 8 if data[at] == 0xFE else None
+
+
+def _message_id(frame: bytes) -> int:
+    return int.from_bytes(frame[7:10], "little") if frame[0] == 0xFD else frame[5]

@@ -1,0 +1,95 @@
+"""summary.json of a run: stable keys that later work and users' scripts read."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from circnav_mav.analysis import metrics
+from circnav_mav.analysis.run_folder import Ticks, Truth
+from circnav_mav.core.values import Direction, Orbit
+
+
+@dataclass(frozen=True, slots=True)
+class FlightFacts:
+    """What the flight itself knows at its end."""
+
+    mission: str
+    outcome: str
+    reason: str
+    orbit: Orbit
+    samples_accepted: int
+    samples_rejected: dict[str, int]
+    setpoints_sent: int
+    firmware: str | None
+    version: str
+    epoch_us: int
+    recording_problem: str | None
+
+
+def summarise(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str, Any]:
+    """The summary as plain values. Without an engagement the figures of the circle are null."""
+    orbit = facts.orbit
+    start = ticks.engaged_at
+    flown = ticks.time >= (np.inf if start is None else start)
+    known = flown & ~np.isnan(ticks.numbers["r"])
+    turned = np.nansum(ticks.numbers["turn_rate"])
+    return {
+        "mission": facts.mission,
+        "outcome": facts.outcome,
+        "reason": facts.reason,
+        "desired_radius_m": orbit.radius,
+        "direction": orbit.direction.value,
+        "direction_commanded": _commanded(float(turned)),
+        "engaged_s": start,
+        "flown_s": float(ticks.time[flown][-1] - start) if start is not None else 0.0,
+        **_circle(ticks.time[known], ticks.numbers["r"][known], orbit.radius),
+        "samples_accepted": facts.samples_accepted,
+        "samples_rejected": facts.samples_rejected,
+        "setpoints_sent": facts.setpoints_sent,
+        "truth": None if truth is None or start is None else _truth(truth, start, float(ticks.time[-1]), orbit),
+        "firmware": facts.firmware,
+        "version": facts.version,
+        "epoch_us": facts.epoch_us,
+        "recording_problem": facts.recording_problem,
+    }
+
+
+def write_summary(folder: Path, summary: dict[str, Any]) -> None:
+    """Write summary.json. Raises OSError."""
+    (folder / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+
+
+def _circle(time: metrics.Column, radius: metrics.Column, desired: float) -> dict[str, float | None]:
+    last = metrics.last_part(time, radius)
+    return {
+        "settled_s": metrics.settling_time(time, radius, desired),
+        "radius_mean_m": metrics.mean(last),
+        "radius_rms_error_m": metrics.rms_error(last, desired),
+    }
+
+
+def _commanded(turned: float) -> str | None:
+    """The sense in which most turning was commanded."""
+    if turned == 0:
+        return None
+    return str((Direction.COUNTERCLOCKWISE if turned > 0 else Direction.CLOCKWISE).value)
+
+
+def _truth(truth: Truth, start: float, end: float, orbit: Orbit) -> dict[str, Any] | None:
+    flown = (truth.time >= start) & (truth.time <= end)
+    if not flown.any():
+        return None
+    time, radius = truth.time[flown], truth.radius[flown]
+    late = time >= time[-1] - metrics.LAST * (time[-1] - time[0])
+    swept = metrics.swept_angle(
+        (truth.north - truth.target_north)[flown][late], (truth.east - truth.target_east)[flown][late]
+    )
+    direction = metrics.direction_of(swept)
+    return {
+        **_circle(time, radius, orbit.radius),
+        "direction": direction.value if direction else None,
+        "closest_approach_m": float(radius.min()),
+    }

@@ -1,0 +1,112 @@
+"""The command line: commands, printing, exit codes. Nothing else prints or exits.
+
+Imports of the rooms stand inside the commands, so that `circnav --help` does not wait for numpy and filterpy.
+"""
+
+import sys
+
+import click
+
+from circnav_mav import __version__
+from circnav_mav.cli.exits import Exit, Refused
+
+CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
+SET_HELP = "Override a mission value, e.g. --set orbit.radius_m=80. May be repeated."
+
+
+@click.group(context_settings=CONTEXT)
+@click.version_option(__version__, prog_name="circnav")
+def circnav() -> None:
+    """Circle an unknown target with nothing but a range, over MAVLink.
+
+    \b
+    First flight, no hardware needed:
+        circnav fly config/quickstart.toml
+
+    \b
+    Exit codes:
+        0    flown to its end (or: nothing found wrong)
+        1    internal error
+        2    bad usage or mission file
+        3    no vehicle or no ranging heard
+        4    ended by a safety rule or by the operator
+        130  interrupted (after a safe setpoint)
+    """
+
+
+@circnav.command()
+@click.argument("mission", type=click.Path())
+@click.option("--endpoint", metavar="URL", help="The vehicle: udpin:, udpout:, tcp:HOST:PORT or serial:PATH:BAUD.")
+@click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True, help=SET_HELP)
+@click.option("--speed", type=float, metavar="N", help="Fly the bundled vehicle N times faster than real time.")
+@click.option("--duration", type=float, metavar="S", help="Seconds to fly after engaging.")
+@click.option("--out", type=click.Path(), metavar="DIR", help="Run folder. [default: runs/<time>-<name>]")
+@click.option("--dry-run", is_flag=True, help="Compute and log everything, but send no setpoint and request no mode.")
+def fly(
+    mission: str,
+    endpoint: str | None,
+    overrides: tuple[str, ...],
+    speed: float | None,
+    duration: float | None,
+    out: str | None,
+    dry_run: bool,
+) -> int:
+    """Fly MISSION, show it live, and end with a verdict and a run folder.
+
+    \b
+    Examples:
+        circnav fly config/quickstart.toml --set orbit.radius_m=80
+        circnav fly config/vehicle_udp.toml --endpoint udpin:0.0.0.0:14550
+    """
+    from circnav_mav.cli.fly import FlyOptions, fly_mission
+
+    return fly_mission(FlyOptions(mission, endpoint, overrides, speed, duration, out, dry_run))
+
+
+@circnav.command()
+@click.argument("vehicle", required=False, type=click.Path(), metavar="[VEHICLE.toml]")
+@click.option("--endpoint", default="udpout:127.0.0.1:14550", show_default=True, metavar="URL", help="Where it speaks.")
+@click.option("--ranging-endpoint", metavar="URL", help='Where its radio speaks when its ranging goes "direct".')
+@click.option("--speed", type=float, default=1.0, show_default=True, metavar="N", help="Times real time.")
+def emulate(vehicle: str | None, endpoint: str, ranging_endpoint: str | None, speed: float) -> int:
+    """Run the bundled vehicle alone, for any ground station or client. Ctrl-C ends it.
+
+    VEHICLE.toml is a vehicle file, or a mission file with a [sim] table; without it a copter stands by.
+
+    \b
+    Example:
+        circnav emulate config/quickstart.toml --endpoint udpin:0.0.0.0:14550
+    """
+    from circnav_mav.cli.emulate import run_emulator
+
+    return run_emulator(vehicle, endpoint, ranging_endpoint, speed)
+
+
+@circnav.command()
+@click.argument("mission", type=click.Path())
+@click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True, help=SET_HELP)
+def check(mission: str, overrides: tuple[str, ...]) -> int:
+    """Say of MISSION what can be said without flying it: PASS, WARN or FAIL, with the number and its bound.
+
+    \b
+    Example:
+        circnav check config/quickstart.toml --set guidance.gain=1e-5
+    """
+    from circnav_mav.cli.check import check_file
+
+    return check_file(mission, overrides)
+
+
+def main() -> None:
+    """Entry point of the `circnav` command."""
+    try:
+        result = circnav.main(standalone_mode=False)
+    except click.ClickException as error:
+        error.show()
+        result = Exit.USAGE
+    except (click.Abort, KeyboardInterrupt):
+        result = Exit.INTERRUPTED
+    except Refused as refusal:
+        click.echo(f"circnav: {refusal}", err=True)
+        result = refusal.exit
+    sys.exit(int(result or 0))

@@ -1,0 +1,37 @@
+"""`circnav check`."""
+
+import click
+
+from circnav_mav.cli.exits import Exit, Refused
+from circnav_mav.mission.checks import Check, Grade, check_mission
+from circnav_mav.mission.load import Mission, MissionError, load_mission
+from sim.config import ConfigError, parse_vehicle
+
+COLOURS = {Grade.PASS: "green", Grade.WARN: "yellow", Grade.FAIL: "red"}
+
+
+def read_mission(path: str, overrides: tuple[str, ...]) -> Mission:
+    """A mission file with its [sim] table checked too. Raises Refused."""
+    try:
+        mission = load_mission(path, overrides)
+        if mission.file.sim is not None:
+            parse_vehicle(mission.file.sim, f"{path}: sim")
+    except (MissionError, ConfigError) as error:
+        raise Refused(str(error)) from None
+    return mission
+
+
+def check_file(path: str, overrides: tuple[str, ...]) -> int:
+    """Print every line; fail if one of them does."""
+    lines = check_mission(read_mission(path, overrides))
+    show_checks(lines)
+    counts = {grade: sum(line.grade is grade for line in lines) for grade in Grade}
+    click.echo(f"{path}: " + ", ".join(f"{count} {grade.value}" for grade, count in counts.items()))
+    return Exit.USAGE if counts[Grade.FAIL] else Exit.DONE
+
+
+def show_checks(lines: list[Check]) -> None:
+    """Print check lines, the grade in its colour."""
+    for line in lines:
+        grade = click.style(f"{line.grade.value:<4}", fg=COLOURS[line.grade], bold=line.grade is not Grade.PASS)
+        click.echo(f"{grade}  {line.subject:<11} {line.says}")

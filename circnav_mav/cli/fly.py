@@ -1,0 +1,178 @@
+"""`circnav fly`: mission file in, circle out."""
+
+import traceback
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.console import Console
+
+from circnav_mav import __version__
+from circnav_mav.analysis.plots import plot_flight
+from circnav_mav.analysis.run_folder import read_ticks, read_truth
+from circnav_mav.analysis.summary import FlightFacts, summarise, write_summary
+from circnav_mav.cli.check import read_mission, show_checks
+from circnav_mav.cli.emulate import EmulatedVehicle
+from circnav_mav.cli.exits import Exit, Refused
+from circnav_mav.cli.verdict import verdict
+from circnav_mav.mission.checks import Grade, check_mission
+from circnav_mav.mission.load import SIM, Mission
+from circnav_mav.pilot import RANGING, VEHICLE, Ending, Outcome, Pilot, TickRecord
+from circnav_mav.runtime.clock import Clock, local_time_name
+from circnav_mav.runtime.display import LiveDisplay, PlainDisplay
+from circnav_mav.runtime.links import Link, LinkError, UdpLink, open_link
+from circnav_mav.runtime.recorder import Recorder, RecorderError
+from circnav_mav.runtime.runner import StopRequest, run
+
+LOOPBACK = "udpin:127.0.0.1:0"
+EXITS = {
+    Ending.COMPLETED: Exit.DONE,
+    Ending.NOTHING_HEARD: Exit.NOTHING_HEARD,
+    Ending.ABORTED: Exit.ABORTED,
+    Ending.INTERRUPTED: Exit.INTERRUPTED,
+}
+OUTCOMES = {Ending.COMPLETED: "completed", Ending.INTERRUPTED: "interrupted"}
+"""The outcome in summary.json; every other ending is "aborted"."""
+
+
+@dataclass(frozen=True, slots=True)
+class FlyOptions:
+    """The command line of `fly`."""
+
+    mission: str
+    endpoint: str | None
+    overrides: tuple[str, ...]
+    speed: float | None
+    duration: float | None
+    out: str | None
+    dry_run: bool
+
+
+def fly_mission(options: FlyOptions) -> int:
+    """Fly, and return the exit code. Raises Refused before anything has flown."""
+    mission = read_mission(options.mission, _overrides(options))
+    lines = check_mission(mission)
+    if any(line.grade is Grade.FAIL for line in lines):
+        show_checks(lines)
+        raise Refused(f"{options.mission}: refused by its checks, see FAIL above")
+    show_checks([line for line in lines if line.grade is Grade.WARN])
+    folder = Path(options.out) if options.out else Path("runs") / f"{local_time_name()}-{mission.file.name}"
+    with ExitStack() as open_things:
+        links = _open_links(mission, open_things)
+        clock, recorder = _start(mission, links, folder, open_things)
+        pilot = Pilot(mission.pilot_settings(dry_run=options.dry_run))
+        stop = StopRequest()
+        crash = _loop(pilot, links, clock, recorder, mission, stop)
+    summary = _finish(pilot, recorder, mission, clock)
+    click.echo(verdict(summary, folder))
+    if crash is not None:
+        raise Refused(f"internal error, see {crash}", Exit.INTERNAL)
+    assert pilot.outcome is not None
+    return EXITS[pilot.outcome.ending]
+
+
+def _overrides(options: FlyOptions) -> tuple[str, ...]:
+    """The options that stand for mission values, as overrides."""
+    extra = []
+    if options.endpoint is not None:
+        extra.append(f'link.endpoint="{options.endpoint}"')
+    if options.speed is not None:
+        extra.append(f"link.sim_speed={options.speed!r}")
+    if options.duration is not None:
+        extra.append(f"limits.duration_s={options.duration!r}")
+    return (*options.overrides, *extra)
+
+
+def _open_links(mission: Mission, open_things: ExitStack) -> dict[str, Link]:
+    """The mission's endpoints, opened. Raises Refused."""
+    endpoints = {VEHICLE: mission.file.link.endpoint}
+    if mission.file.ranging.endpoint:
+        endpoints[RANGING] = mission.file.ranging.endpoint
+    links: dict[str, Link] = {}
+    for name, endpoint in endpoints.items():
+        try:
+            links[name] = open_link(LOOPBACK if endpoint == SIM else endpoint)
+        except LinkError as error:
+            raise Refused(str(error), Exit.NOTHING_HEARD if error.nobody else Exit.USAGE) from None
+        open_things.callback(links[name].close)
+    return links
+
+
+def _start(mission: Mission, links: dict[str, Link], folder: Path, open_things: ExitStack) -> tuple[Clock, Recorder]:
+    """The recorder, the bundled vehicle if it is flown, and last the clock, which starts the run. Raises Refused."""
+    speed = mission.file.link.sim_speed if mission.flies_sim else 1.0
+    try:
+        recorder = Recorder(folder, mission.text)
+    except RecorderError as error:
+        raise Refused(str(error)) from None
+    open_things.callback(recorder.close)
+    if mission.flies_sim:
+        ports = {name: link.port for name, link in links.items() if isinstance(link, UdpLink)}
+        vehicle = EmulatedVehicle(folder / "mission.toml", ports[VEHICLE], ports.get(RANGING), speed)
+        open_things.callback(vehicle.stop)
+    clock = Clock(speed)
+    recorder.start(clock.epoch_us)
+    return clock, recorder
+
+
+def _loop(
+    pilot: Pilot, links: dict[str, Link], clock: Clock, recorder: Recorder, mission: Mission, stop: StopRequest
+) -> Path | None:
+    """Run to the end. An exception of ours still leaves a safe setpoint behind; returns where it is written down."""
+    console = Console()
+    period = mission.file.link.sim_speed if mission.flies_sim else 1.0
+    display: PlainDisplay | LiveDisplay = (
+        LiveDisplay(console, period / 4, mission.file.name) if console.is_terminal else PlainDisplay(console, period)
+    )
+
+    def show(newest: TickRecord | None, now: float) -> None:
+        display.show(pilot, newest, now)
+
+    try:
+        run(pilot, links, clock, recorder, show, stop)
+    except Exception as error:
+        report = recorder.folder / "error.txt"
+        report.write_text(traceback.format_exc(), encoding="utf-8")
+        pilot.outcome = Outcome(Ending.ABORTED, f"internal error: {error}")
+        links[VEHICLE].send(pilot.last_words(clock.now()), pilot.reply_to)
+        return report
+    finally:
+        display.close()
+    return None
+
+
+def _finish(pilot: Pilot, recorder: Recorder, mission: Mission, clock: Clock) -> dict[str, Any]:
+    """summary.json and flight.png."""
+    folder, outcome = recorder.folder, pilot.outcome
+    assert outcome is not None
+    ticks = read_ticks(folder)
+    truth = read_truth(folder, clock.epoch_us)
+    facts = FlightFacts(
+        mission=mission.file.name,
+        outcome=OUTCOMES.get(outcome.ending, "aborted"),
+        reason=outcome.reason,
+        orbit=mission.orbit,
+        samples_accepted=pilot.samples_accepted,
+        samples_rejected=dict(pilot.ranging.rejected),
+        setpoints_sent=pilot.setpoints_sent,
+        firmware=pilot.session.firmware,
+        version=__version__,
+        epoch_us=clock.epoch_us,
+        recording_problem=recorder.problem,
+    )
+    summary = summarise(facts, ticks, truth)
+    try:
+        write_summary(folder, summary)
+        if len(ticks.time) > 1:
+            plot_flight(folder / "flight.png", ticks, truth, mission.orbit, _title(mission))
+    except OSError as error:
+        summary["recording_problem"] = f"{folder}: cannot be written: {error.strerror or error}"
+    return summary
+
+
+def _title(mission: Mission) -> str:
+    orbit = mission.orbit
+    circle = f"{orbit.radius:g} m {orbit.direction.value} at {orbit.speed:g} m/s"
+    return f"{mission.file.name}: {circle}, law {mission.law.name}"

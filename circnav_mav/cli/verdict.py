@@ -1,0 +1,45 @@
+"""The end of a flight in words."""
+
+from pathlib import Path
+from typing import Any
+
+
+def verdict(summary: dict[str, Any], folder: Path) -> str:
+    """What a person wants to know, in a few lines."""
+    lines = [f"{summary['outcome'].upper()}: {summary['reason']}"]
+    if summary["engaged_s"] is not None:
+        lines += _circle(summary)
+    rejected = summary["samples_rejected"]
+    why = ", ".join(f"{count} {reason}" for reason, count in sorted(rejected.items())) or "none"
+    lines.append(f"  ranges     {summary['samples_accepted']} taken, {sum(rejected.values())} rejected ({why})")
+    lines.append(f"  setpoints  {summary['setpoints_sent']} sent")
+    if summary["recording_problem"]:
+        lines.append(f"  WARNING    {summary['recording_problem']}")
+    lines.append(f"  run folder {folder}")
+    return "\n".join(lines)
+
+
+def _circle(summary: dict[str, Any]) -> list[str]:
+    """Settling and radius, by our own estimate and by the simulator's truth."""
+    desired = summary["desired_radius_m"]
+    lines = [f"  wanted     {desired:g} m {summary['direction']}, flown {summary['flown_s']:.0f} s"]
+    lines.append(f"  estimated  {_figures(summary, desired)}")
+    truth = summary["truth"]
+    if truth is not None:
+        lines.append(f"  truth      {_figures(truth, desired)}")
+        rotation = truth["direction"] or "not yet round"
+        right = "as wanted" if rotation == summary["direction"] else "NOT AS WANTED"
+        lines.append(
+            f"             rotation {rotation} ({right}), closest approach {truth['closest_approach_m']:.1f} m"
+        )
+    else:
+        lines.append(f"  rotation   {summary['direction_commanded'] or 'none'} commanded; range alone cannot see it")
+    return lines
+
+
+def _figures(figures: dict[str, Any], desired: float) -> str:
+    if figures["radius_mean_m"] is None:
+        return "nothing known of the radius"
+    settled = "never settled" if figures["settled_s"] is None else f"settled after {figures['settled_s']:.0f} s"
+    mean, rms = figures["radius_mean_m"], figures["radius_rms_error_m"]
+    return f"{settled}, mean radius {mean:.2f} m, RMS error {rms:.2f} m ({100 * rms / desired:.2f} %) in the last third"
