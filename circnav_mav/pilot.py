@@ -21,7 +21,7 @@ from circnav_mav.mav.codec import Decoder, LinkCounts, Message
 from circnav_mav.mav.frames import YawRate, yaw_rate_from_turn_rate
 from circnav_mav.mav.gate import Limits, SetpointGate, Steer, UnsafeSetpointError
 from circnav_mav.mav.ranging import RANGING_MESSAGES, RangeReader, RangingSettings, Reject
-from circnav_mav.mav.session import HEARTBEAT_PERIOD, LOST_AFTER, LinkSettings, Session
+from circnav_mav.mav.session import HANDLED, HEARTBEAT_PERIOD, LOST_AFTER, LinkSettings, Session
 
 VEHICLE, RANGING = LINKS = ("vehicle", "ranging")
 """The links: to the vehicle, and to a ranging radio that has an endpoint of its own."""
@@ -133,7 +133,8 @@ class Pilot:
         self.samples_accepted = 0
         self._steer = steering(orbit, settings.law)
         self._gate = SetpointGate(Limits(orbit.max_turn_rate, orbit.speed, settings.max_yaw_acceleration))
-        self._decoders = {link: Decoder(stream=link in settings.stream_links) for link in LINKS}
+        wanted = HANDLED | self.adapter.streams.keys() | {RANGING_MESSAGES[settings.ranging.message].id}
+        self._decoders = {link: Decoder(stream=link in settings.stream_links, wanted=wanted) for link in LINKS}
         self._ranging_link = RANGING if settings.ranging_apart else VEHICLE
         self._records: list[TickRecord] = []
         self._frames: list[bytes] = []

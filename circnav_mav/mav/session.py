@@ -246,3 +246,5 @@ _HANDLERS = {
     "TIMESYNC": Session._on_timesync,
     "AUTOPILOT_VERSION": Session._on_version,
 }
+HANDLED = frozenset(getattr(dialect, f"MAVLINK_MSG_ID_{name}") for name in _HANDLERS)
+"""Ids of the messages that a session reads."""
