@@ -144,6 +144,7 @@ class Pilot:
         self._stepped: float | None = None
         self._next_tick = float("-inf")
         self._next_hello = float("-inf")
+        self._setpoint_at = float("-inf")
         self._phase_since = 0.0
         self._lost_at: float | None = None
         self._consent = True
@@ -230,11 +231,11 @@ class Pilot:
         if self._stalled(now):
             self._fresh, self._heartbeats_before = False, self.session.heartbeats
         self._stepped = now
-        if self.done or not (self._fresh or now >= self._next_tick):
+        fresh, due = self._fresh, now >= self._next_tick
+        if self.done or not (fresh or due):
             return b""
-        self._started = now if self._started is None else self._started
-        self._next_tick = now + self.settings.timing.tick
         self._fresh = False
+        self._started = now if self._started is None else self._started
         self._watch_link(now)
         self._watch_takeover(now)
         self._watch_time(now)
@@ -242,9 +243,12 @@ class Pilot:
         self._watch_engagement(now)
         estimate = self.estimator.at(now)
         command = self._command(estimate)
-        messages, sent = self._setpoint(command, now)
+        quiet = now - self._setpoint_at < self.settings.timing.tick / 2
+        messages, sent = ([], None) if quiet and not fresh else self._setpoint(command, now)
         self._record(estimate, command, sent, now)
-        messages += self.session.poll(now) + self.session.announcer.plots(self._plots(estimate, command), now)
+        if due or self.done:  # the rest can wait for the tick: a fresh range is answered at once
+            self._next_tick = now + self.settings.timing.tick
+            messages += self.session.poll(now) + self.session.announcer.plots(self._plots(estimate, command), now)
         if self.done:
             messages += self.session.farewell()
         return b"".join(map(self.session.encoder.encode, messages))
@@ -397,6 +401,7 @@ class Pilot:
             self._finish(Ending.ABORTED, f"internal error, unsafe setpoint held back: {error}", now)
             return self._safe_setpoint(now), None
         self.setpoints_sent += 1
+        self._setpoint_at = now
         return [message], steer.yaw_rate
 
     def _safe_setpoint(self, now: float) -> list[Message]:

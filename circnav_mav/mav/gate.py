@@ -1,5 +1,6 @@
 """The choke point: every setpoint that leaves the process passes here, and nothing else checks for it."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from math import isfinite
 from typing import NamedTuple
@@ -52,7 +53,7 @@ class SetpointGate:
             raise UnsafeSetpointError(
                 f"{message.get_type()} with mask {message.type_mask:#x} is not in the adapter's table"
             )
-        if not all(_finite(getattr(message, name)) for name in message.get_fieldnames()):
+        if not all(map(isfinite, _numbers(message))):
             raise UnsafeSetpointError(f"not finite: {message}")
         return message
 
@@ -69,7 +70,11 @@ class SetpointGate:
         return YawRate(min(max(wanted, before - reach), before + reach))
 
 
-def _finite(value: object) -> bool:
-    if isinstance(value, list | tuple):
-        return all(_finite(item) for item in value)
-    return isfinite(value) if isinstance(value, float) else True
+def _numbers(message: Message) -> Iterator[float]:
+    """Every number in a message, those in its arrays too."""
+    for name in message.get_fieldnames():
+        value = getattr(message, name)
+        if isinstance(value, list | tuple):
+            yield from value
+        else:
+            yield value
