@@ -154,12 +154,12 @@ def rig() -> Rig:
     return Rig()
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def make_rig() -> type[Rig]:
     return Rig
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def voice() -> type[Voice]:
     return Voice
 
@@ -175,6 +175,6 @@ class Bench:
     orbit = ORBIT
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def say() -> type[Bench]:
     return Bench
