@@ -2,6 +2,7 @@
 
 import heapq
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 NEVER = 1 << 62
@@ -25,6 +26,15 @@ class Agenda:
         self._order += 1
         self._live[key] = (self._order, action)
         heapq.heappush(self._heap, _Entry(due, self._order, key))
+
+    def every(self, key: tuple[object, ...], interval: int, first: int, action: Callable[[], None]) -> None:
+        """An appointment that makes the next one."""
+
+        def run(due: int) -> None:
+            self.put(key, due + interval, partial(run, due + interval))
+            action()
+
+        self.put(key, first, partial(run, first))
 
     def drop(self, key: tuple[object, ...]) -> None:
         self._live.pop(key, None)

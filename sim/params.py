@@ -31,6 +31,9 @@ class Parameters:
     def __getitem__(self, name: str) -> float:
         return self._values[name]
 
+    def get(self, name: str, otherwise: float) -> float:
+        return self._values.get(name, otherwise)
+
     def __contains__(self, name: object) -> bool:
         return name in self._values
 

@@ -33,7 +33,7 @@ def test_an_empty_file_flies() -> None:
         ({"start": {"random": {"north_m": [5]}}}, "f.toml: start.random.north_m: must have 2 numbers, has 1"),
         ({"start": 5}, "f.toml: start: must be a table of keys and values, not 5"),
         ({"start": {"mode": "GUIDE"}}, 'f.toml: start.mode: "GUIDE" is no mode of arducopter, did you mean "GUIDED"?'),
-        ({"start": {"armed": False}}, "f.toml: start.armed: false needs altitude_m = 0"),
+        ({"start": {"armed": False, "altitude_m": 10}}, "f.toml: start.armed: false needs altitude_m = 0"),
     ],
 )
 def test_a_mistake_is_named_in_one_line(table: dict[str, Any], complaint: str) -> None:
