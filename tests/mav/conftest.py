@@ -1,6 +1,6 @@
 """The other side of the link, from pymavlink alone: a vehicle's voice, and a pilot that is fed with it by the tick."""
 
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
 from dataclasses import replace
 from typing import Any
 
@@ -11,8 +11,9 @@ from pymavlink.dialects.v20 import all as mavlink
 from circnav_mav.core.estimators.interface import EstimatorSettings
 from circnav_mav.core.guidance import LawChoice
 from circnav_mav.core.values import Direction, Orbit
+from circnav_mav.mav.autopilots.table import AUTOPILOTS
 from circnav_mav.mav.ranging import RangingSettings
-from circnav_mav.mav.session import LinkSettings
+from circnav_mav.mav.session import LinkSettings, Session
 from circnav_mav.pilot import VEHICLE, Pilot, PilotSettings, Timing
 
 settings.register_profile("seeded", derandomize=True, deadline=None, database=None)
@@ -178,3 +179,15 @@ class Bench:
 @pytest.fixture(scope="session")
 def say() -> type[Bench]:
     return Bench
+
+
+@pytest.fixture(scope="session")
+def copter() -> Any:
+    """The adapter of ArduCopter in GUIDED."""
+    return AUTOPILOTS["ardupilot", "copter"]()
+
+
+@pytest.fixture
+def make_session(copter: Any) -> Callable[..., Session]:
+    """A session with an ArduCopter to be heard."""
+    return lambda **settings: Session(LinkSettings(**settings), copter)
