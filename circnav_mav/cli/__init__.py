@@ -42,6 +42,7 @@ def circnav() -> None:
 @click.option("--duration", type=float, metavar="S", help="Seconds to fly after engaging.")
 @click.option("--out", type=click.Path(), metavar="DIR", help="Run folder. [default: runs/<time>-<name>]")
 @click.option("--dry-run", is_flag=True, help="Compute and log everything, but send no setpoint and request no mode.")
+@click.option("--shadow", is_flag=True, help="Like --dry-run, and send nothing but our heartbeat and the plot values.")
 def fly(
     mission: str,
     endpoint: str | None,
@@ -50,6 +51,7 @@ def fly(
     duration: float | None,
     out: str | None,
     dry_run: bool,
+    shadow: bool,
 ) -> int:
     """Fly MISSION, show it live, and end with a verdict and a run folder.
 
@@ -60,7 +62,7 @@ def fly(
     """
     from circnav_mav.cli.fly import FlyOptions, fly_mission
 
-    return fly_mission(FlyOptions(mission, endpoint, overrides, speed, duration, out, dry_run))
+    return fly_mission(FlyOptions(mission, endpoint, overrides, speed, duration, out, dry_run, shadow))
 
 
 @circnav.command()

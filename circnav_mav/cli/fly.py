@@ -19,7 +19,7 @@ from circnav_mav.cli.exits import Exit, Refused
 from circnav_mav.cli.verdict import verdict
 from circnav_mav.mission.checks import Grade, check_mission
 from circnav_mav.mission.load import SIM, Mission
-from circnav_mav.pilot import RANGING, VEHICLE, Ending, Outcome, Pilot, TickRecord
+from circnav_mav.pilot import RANGING, VEHICLE, Ending, Outcome, Pilot, TickRecord, Voice
 from circnav_mav.runtime.clock import Clock, local_time_name
 from circnav_mav.runtime.display import LiveDisplay, PlainDisplay
 from circnav_mav.runtime.links import Link, LinkError, UdpLink, open_link
@@ -48,6 +48,12 @@ class FlyOptions:
     duration: float | None
     out: str | None
     dry_run: bool
+    shadow: bool
+
+    @property
+    def voice(self) -> Voice:
+        """What the pilot may say."""
+        return Voice.SHADOW if self.shadow else Voice.DRY_RUN if self.dry_run else Voice.FLY
 
 
 def fly_mission(options: FlyOptions) -> int:
@@ -62,7 +68,7 @@ def fly_mission(options: FlyOptions) -> int:
     with ExitStack() as open_things:
         links = _open_links(mission, open_things)
         clock, recorder = _start(mission, links, folder, open_things)
-        pilot = Pilot(mission.pilot_settings(dry_run=options.dry_run))
+        pilot = Pilot(mission.pilot_settings(options.voice))
         stop = StopRequest()
         crash = _loop(pilot, links, clock, recorder, mission, stop)
     summary = _finish(pilot, recorder, mission, clock)

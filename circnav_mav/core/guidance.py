@@ -16,8 +16,8 @@ class LawChoice:
     correct_radius: bool = True
 
 
-def steering(orbit: Orbit, choice: LawChoice) -> Callable[[RangeEstimate], TurnCommand]:
-    """The mission's guidance as one function from estimate to limited command.
+def steering(orbit: Orbit, choice: LawChoice) -> Callable[[RangeEstimate], TurnRate]:
+    """The mission's guidance as one function from estimate to demanded turn rate (rad/s, not yet limited).
 
     Raises ValueError when the radius correction does not exist for this gain.
     """
@@ -25,14 +25,14 @@ def steering(orbit: Orbit, choice: LawChoice) -> Callable[[RangeEstimate], TurnC
     k = -orbit.direction.turn_sign * choice.gain  # the paper: k > 0 flies clockwise
     fed = law.fed_radius(orbit.speed, orbit.radius, choice.gain) if choice.correct_radius else orbit.radius
 
-    def steer(estimate: RangeEstimate) -> TurnCommand:
-        demanded = float(law.function(estimate.r, estimate.r_dot, V=orbit.speed, r_d=fed, k=k))
-        return limit(TurnRate(demanded), orbit.max_turn_rate)
+    def steer(estimate: RangeEstimate) -> TurnRate:
+        return TurnRate(float(law.function(estimate.r, estimate.r_dot, V=orbit.speed, r_d=fed, k=k)))
 
     return steer
 
 
-def limit(demanded: TurnRate, max_turn_rate: float) -> TurnCommand:
-    """Cut a turn rate to the vehicle's limit, both in rad/s, and say whether it was cut."""
-    cut = min(max(demanded, -max_turn_rate), max_turn_rate)
-    return TurnCommand(TurnRate(cut), demanded, saturated=cut != demanded)
+def limit(demanded: TurnRate, max_turn_rate: float, gain: float = 1.0) -> TurnCommand:
+    """What to tell a vehicle that turns at `gain` times what it is told, within +-max_turn_rate (both rad/s)."""
+    told = demanded / gain
+    cut = min(max(told, -max_turn_rate), max_turn_rate)
+    return TurnCommand(TurnRate(cut), demanded, saturated=cut != told)

@@ -73,9 +73,23 @@ class Orbit:
 class TurnCommand:
     """A law's answer after the vehicle's limit.
 
-    turn_rate: what to fly, rad/s. demanded: what the law asked for. saturated: whether the limit cut it.
+    turn_rate: what to tell the vehicle, rad/s. demanded: what the law wants it to turn at; the two differ by the
+    vehicle's turn-rate gain. saturated: whether the limit cut it.
     """
 
     turn_rate: TurnRate
     demanded: TurnRate
     saturated: bool
+
+
+@dataclass(frozen=True, slots=True)
+class OwnMotion:
+    """Our own motion at one moment of the local clock, without position.
+
+    heading: psi, rad, counter-clockwise from east. turn_rate: rad/s. airspeed: m/s, None when it is not measured.
+    """
+
+    time: float
+    heading: float
+    turn_rate: TurnRate
+    airspeed: float | None = None

@@ -67,6 +67,7 @@ class LiveDisplay:
                 "turn rate",
                 f"{_turn(tick)}   limit +-{degrees(limit):.1f} deg/s{'   SATURATED' if tick.saturated else ''}",
             ),
+            ("turn gain", f"{tick.turn_gain:.2f} realised over commanded"),
             ("ages", f"range {_seconds(tick.range_age)}   link {_seconds(tick.link_age)}"),
             ("samples", f"{tick.accepted} taken, {tick.rejected} rejected   {pilot.setpoints_sent} setpoints sent"),
         )

@@ -6,7 +6,7 @@ import pytest
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.core.phases import Phase
-from circnav_mav.pilot import Ending
+from circnav_mav.pilot import Ending, Voice
 from tests.flight.lockstep import Flight, flight, last_third, message_ids, rms_error
 
 GUIDED, LOITER = 4, 5
@@ -92,7 +92,7 @@ def test_range_outage_coasts_then_holds_then_regains_the_circle() -> None:
     assert 60.3 < holding[0] < 60.8
     assert 66.0 < holding[-1] < 67.0
     steady = [tick.turn_rate for tick in flown.ticks if tick.phase is Phase.HOLDING]
-    assert steady == pytest.approx([-15.0 / 100.0] * len(steady))
+    assert steady == pytest.approx([-15.0 / 100.0] * len(steady), rel=0.01)  # by the learnt turn-rate gain
     assert rms_error(last_third(flown), 100.0) < 2.0
 
 
@@ -144,7 +144,7 @@ def test_dry_run_sends_no_setpoint_and_asks_for_no_mode() -> None:
     from dataclasses import replace
 
     flown = flight("quickstart")
-    flown.pilot = type(flown.pilot)(replace(flown.pilot.settings, dry_run=True))
+    flown.pilot = type(flown.pilot)(replace(flown.pilot.settings, voice=Voice.DRY_RUN))
     flown.fly(20)
     assert flown.setpoint_times == []
     assert flown.vehicle.truth.mode == LOITER
