@@ -44,7 +44,7 @@ ATTITUDE_TARGET = 82
 CHANGE_SPEED, CHANGE_ALTITUDE, CHANGE_HEADING, DO_CHANGE_SPEED, DO_CHANGE_ALTITUDE = 43000, 43001, 43002, 178, 186
 THINK_US, TIMEOUT_US = 100_000, 3_000_000
 CIRCLE_BANK = math.radians(20)
-ROLL_FREQUENCY, ROLL_DAMPING = 3.2, 0.5  # a bank is there after 0.8 s, overshoots by 15 %
+ROLL_FREQUENCY, ROLL_DAMPING = 3.3, 0.55  # a bank is there after 0.8 s and overshoots by 10 .. 15 %
 
 IDENTITY = Identity(
     mav_type=1,
