@@ -67,7 +67,7 @@ class Decoder:
         messages, at, failures = [], 0, 0
         while at < len(buffer) and failures < _MOST_FAILURES:
             end = _frame_end(buffer, at)
-            if self._stream and end is not None and end > len(buffer):
+            if self._stream and end is not None and _must_wait(buffer, at, end):
                 break
             if end is None or not _whole(buffer, at, end):
                 at, failures = at + 1, failures + (end is not None or not failures)
@@ -104,18 +104,36 @@ def _message_id(frame: bytes) -> int:
     return frame[7] | frame[8] << 8 | frame[9] << 16 if frame[0] == _V2 else frame[5]
 
 
+def _must_wait(buffer: bytes, at: int, end: int) -> bool:
+    """Whether a stream has not yet shown all that decides on this frame: the rest of it, or, for an unknown id, the
+    byte behind it."""
+    return end > len(buffer) or (end == len(buffer) and _message_id(buffer[at:end]) not in dialect.mavlink_map)
+
+
 def _whole(buffer: bytes, at: int, end: int) -> bool:
     """Whether a good frame lies here: its CRC is right, or, for an id that the dialect does not know and whose CRC
-    cannot be told, another frame or the end follows."""
+    cannot be told, another frame or the end follows and no good frame lies inside."""
+    if end > len(buffer):
+        return False
+    if _message_id(buffer[at:end]) in dialect.mavlink_map:
+        return _good(buffer, at, end)
+    if end < len(buffer) and buffer[end] not in (_V1, _V2):
+        return False
+    starts = (inner for inner in range(at + 1, end) if buffer[inner] in (_V1, _V2))
+    return not any((stop := _frame_end(buffer, inner)) and _good(buffer, inner, stop) for inner in starts)
+
+
+def _good(buffer: bytes, at: int, end: int) -> bool:
+    """Whether the frame of a known id that lies here is all there and has the right CRC."""
     if end > len(buffer):
         return False
     frame = buffer[at:end]
     kind = dialect.mavlink_map.get(_message_id(frame))
     if kind is None:
-        return end == len(buffer) or buffer[end] in (_V1, _V2)
-    tail = end - (15 if frame[0] == _V2 and frame[2] & _SIGNED else 2)
-    crc = dialect.x25crc(buffer[at + 1 : tail] + bytes((kind.crc_extra,))).crc
-    return bool(crc == buffer[tail] | buffer[tail + 1] << 8)
+        return False
+    tail = len(frame) - (15 if frame[0] == _V2 and frame[2] & _SIGNED else 2)
+    crc = dialect.x25crc(frame[1:tail] + bytes((kind.crc_extra,))).crc
+    return bool(crc == frame[tail] | frame[tail + 1] << 8)
 
 
 def _frame_end(buffer: bytes, at: int) -> int | None:

@@ -75,6 +75,8 @@ class Session:
         self.reboots = 0
         self.ignored: Counter[str] = Counter()
         self.misfits: dict[tuple[int, int], str] = {}
+        self._mode_results: deque[CommandResult] = deque(maxlen=8)
+        self._first: tuple[int, int] | None = None
         self._sent: deque[bytes] = deque(maxlen=256)
         self.texts: deque[str] = deque(maxlen=8)
         self.firmware: str | None = None
@@ -139,15 +141,23 @@ class Session:
         messages += self._replies
         self._replies.clear()
         if self.peer is not None:
+            self._note_results()
             for request in self.streams.poll(now):
                 self.commands.send(request)
             messages += self.commands.poll(self.peer.ids, now)
             messages += self.announcer.texts(now)
         return messages
 
-    def take_results(self) -> list[CommandResult]:
-        """Commands that ended, without those that were the session's own business."""
-        return [result for result in self.commands.take_results() if not self._own_business(result)]
+    def take_mode_results(self) -> list[CommandResult]:
+        """Answers to mode requests since the last call."""
+        results = list(self._mode_results)
+        self._mode_results.clear()
+        return results
+
+    def drop_mode_requests(self) -> None:
+        """Ask for no mode any more: it was reached, or the operator has chosen another."""
+        self.commands.drop(dialect.MAV_CMD_DO_SET_MODE)
+        self._mode_results.clear()
 
     def farewell(self) -> list[Message]:
         """Give the vehicle its own stream rates back; nobody waits for the answer."""
@@ -195,7 +205,7 @@ class Session:
                 self.reply_to = source  # our MAVLink 2 heartbeat makes many autopilots switch over
             return
         returning = self.peer is not None
-        self.peer = Peer(source, *ids)
+        self.peer, self._first = Peer(source, *ids), ids
         self.reply_to, self.encoder.system = source, ids[0]
         if not returning:
             self.adapter = adapter
@@ -204,6 +214,8 @@ class Session:
 
     def _misfit(self, message: Message, ids: tuple[int, int], adapter: Autopilot | None) -> str | None:
         wanted = self._settings.system_id
+        if self._first is not None and ids != self._first:
+            return f"system {ids[0]} is not the vehicle heard first, system {self._first[0]}"
         if wanted is not None and ids[0] != wanted:
             return f"system {ids[0]} is not the mission's vehicle.system_id {wanted}"
         if adapter is None:
@@ -213,12 +225,13 @@ class Session:
             return f"system {ids[0]} speaks MAVLink 1 only: set its port to MAVLink 2 (ArduPilot: SERIALn_PROTOCOL = 2)"
         return None
 
-    def _own_business(self, result: CommandResult) -> bool:
-        if result.command.number == dialect.MAV_CMD_SET_MESSAGE_INTERVAL:
-            if not result.accepted and result.result is not None:
+    def _note_results(self) -> None:
+        """Refused streams are not asked for again; answers to mode requests wait for whoever asked."""
+        for result in self.commands.take_results():
+            if result.command.number == dialect.MAV_CMD_DO_SET_MODE:
+                self._mode_results.append(result)
+            elif result.command.number == dialect.MAV_CMD_SET_MESSAGE_INTERVAL and result.refused:
                 self.streams.denied(result.command)
-            return True
-        return bool(result.command.number == dialect.MAV_CMD_REQUEST_MESSAGE)
 
     def _on_heartbeat(self, message: Message, now: float) -> None:
         self.heard_at, self.mode = now, message.custom_mode

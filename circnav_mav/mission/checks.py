@@ -5,14 +5,13 @@ from dataclasses import dataclass
 from enum import Enum
 from math import degrees, sqrt
 
-from circnav_mav.core.estimators.steady import steady_state
 from circnav_mav.core.laws import LAWS
 from circnav_mav.core.slant import MAX_SIGMA_GROWTH
 from circnav_mav.mav.autopilots.table import AUTOPILOTS, REFUSED, adapters
 from circnav_mav.mission.load import Mission
 
-LOOP_BOUND = 0.5
-"""Bound on V |d omega/d r'| (turn lag + filter lag): above it the laws limit-cycle (flown on real autopilots)."""
+LOOP_BOUND = 0.4
+"""Bound on V |d omega/d r'| (turn lag + filter lag): from about .45 on the laws limit-cycle."""
 PLANE_GAIN = 0.72
 """Realised over coordinated turn rate of a plane that slips in its turns (flown: .70 .. .75)."""
 REACH = 0.8
@@ -158,9 +157,7 @@ def _sampling(mission: Mission) -> Iterator[Check]:
 
 def _noise(mission: Mission) -> Iterator[Check]:
     orbit, file = mission.orbit, mission.file
-    steady = steady_state(
-        mission.estimation, r=orbit.radius, sigma=file.ranging.sigma_m, period=1 / file.ranging.rate_hz
-    )
+    steady = mission.steady_estimate
     share = steady.r_dot_sigma / orbit.speed
     yield Check(
         _grade(share, warn_above=0.2, fail_above=0.5),
@@ -170,8 +167,7 @@ def _noise(mission: Mission) -> Iterator[Check]:
     )
     if mission.law.name != "smooth":
         return
-    lag = file.vehicle.turn_lag_s + steady.lag
-    loop = 2 * mission.law.gain * orbit.radius * orbit.speed * lag
+    loop = 2 * mission.law.gain * orbit.radius * orbit.speed * mission.loop_lag
     yield Check(
         _grade(loop, warn_above=LOOP_BOUND, fail_above=4 * LOOP_BOUND),
         "damping",

@@ -14,6 +14,7 @@ from pydantic_core import ErrorDetails
 
 from circnav_mav.core.bounds import Bounds
 from circnav_mav.core.estimators.interface import EstimatorSettings
+from circnav_mav.core.estimators.steady import SteadyState, steady_state
 from circnav_mav.core.guidance import LawChoice
 from circnav_mav.core.laws import LAWS
 from circnav_mav.core.values import Direction, Orbit
@@ -23,6 +24,10 @@ from circnav_mav.mav.session import LinkSettings
 from circnav_mav.mission.schema import MissionFile
 from circnav_mav.pilot import RANGING, VEHICLE, PilotSettings, Timing, Voice
 
+DEFAULT_LOOP = 0.35
+"""What 2 k r_d V (turn lag + filter lag) is for a default gain; from about .45 on, vehicles limit-cycle."""
+LEAST_GAIN = 1.2
+"""Default gains stay this many times above the paper's bound."""
 SIM = "sim"
 """The endpoint that stands for the bundled vehicle."""
 
@@ -46,10 +51,26 @@ class Mission:
 
     @property
     def law(self) -> LawChoice:
-        """The law with its gain: the file's, or the law's default."""
+        """The law with its gain: the file's, or the law's default, lowered where the lags of turn and filter would
+        make the circle oscillate."""
         guidance, orbit = self.file.guidance, self.orbit
-        default = LAWS[guidance.law].default_gain(orbit.speed, orbit.radius)
-        return LawChoice(guidance.law, guidance.gain or default, guidance.correct_radius)
+        law = LAWS[guidance.law]
+        gain = guidance.gain or law.default_gain(orbit.speed, orbit.radius)
+        if guidance.gain is None and law.name == "smooth":
+            steadiest = LEAST_GAIN * law.gain_bound(orbit.speed, orbit.radius)
+            gain = max(steadiest, min(gain, DEFAULT_LOOP / (2 * orbit.radius * orbit.speed * self.loop_lag)))
+        return LawChoice(guidance.law, gain, guidance.correct_radius)
+
+    @property
+    def loop_lag(self) -> float:
+        """Delay from a change of range rate to the vehicle's turn, s: the filter's and the vehicle's."""
+        return self.file.vehicle.turn_lag_s + self.steady_estimate.lag
+
+    @property
+    def steady_estimate(self) -> SteadyState:
+        """Noise and lag of the range rate on the circle."""
+        ranging = self.file.ranging
+        return steady_state(self.estimation, r=self.orbit.radius, sigma=ranging.sigma_m, period=1 / ranging.rate_hz)
 
     @property
     def estimation(self) -> EstimatorSettings:

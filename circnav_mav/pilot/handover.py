@@ -16,7 +16,7 @@ class ModeRequest:
 
     def ask(self, session: Session, mode: int, now: float) -> str | None:
         """Keep asking; answers with the reason when there is no more use in it."""
-        refusals = [result for result in session.take_results() if not result.accepted]
+        refusals = [result for result in session.take_mode_results() if not result.accepted]
         if refusals:
             said = f', the vehicle says "{session.texts[-1]}"' if session.texts else ""
             return f"refused: {refusals[0].said}{said}"

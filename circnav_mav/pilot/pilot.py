@@ -180,7 +180,7 @@ class Pilot:
         self._watch_engagement(now)
         estimate = self.estimator.at(now)
         command = self.helm.command(self.phase, estimate)
-        quiet = now - self._setpoint_at < self.settings.timing.tick / 2
+        quiet = now - self._setpoint_at < self.settings.timing.tick / 2 and self.phase is not Phase.LEAVING
         messages, sent = ([], None) if quiet and not fresh else self._setpoint(command, now)
         self._record(estimate, command, sent, now)
         if due or self.done:  # the rest can wait for the tick: a fresh range is answered at once
@@ -241,13 +241,15 @@ class Pilot:
             self._left_mode = True
         if self._left_mode and session.in_our_mode:
             self._consent, self._left_mode = True, False
-        ours = self.phase in STEERING or self.phase is Phase.LEAVING
+        resuming = self.engaged_at is not None and self.phase in (Phase.WAIT_RANGING, Phase.READY)
+        ours = self.phase in STEERING or self.phase is Phase.LEAVING or resuming
         if not ours or self.settings.voice is not Voice.FLY or not session.up:
             return
         if session.in_our_mode and not rebooted:
             return
         self._consent, self._left_mode = False, outside
         self._event(Event.MODE_LEFT, now)
+        self.session.drop_mode_requests()
         self.helm.let_go()
         if self.outcome is not None:  # we were leaving: this is the exit action taking effect
             return
@@ -280,7 +282,10 @@ class Pilot:
         timing = self.settings.timing
         waited = now - self._phase_since
         if self.engaged_at is not None and now - self.engaged_at >= timing.duration:
-            self._finish(Ending.COMPLETED, "flown to its end", now)
+            if self.phase in STEERING:
+                self._finish(Ending.COMPLETED, "flown to its end", now)
+            else:
+                self._finish(Ending.ABORTED, f"time ran out while {self.phase.value}", now)
         elif self.phase is Phase.HOLDING and waited > timing.hold:
             self._finish(Ending.ABORTED, f"no range for {waited:.1f} s", now)
         elif self._lost_at is not None and now - self._lost_at > timing.outage:
@@ -308,7 +313,7 @@ class Pilot:
             self._event(Event.MODE_OURS, now)
         elif allowed and self.phase is Phase.READY:
             self._engage(now)
-        elif self.phase is Phase.READY and self.settings.request_mode and flying:
+        elif self.phase is Phase.READY and self.settings.request_mode and flying and self.engaged_at is None:
             adapter = self.session.adapter
             failure = self._engaging.ask(self.session, adapter.guided_mode, now)
             if failure is not None:
@@ -317,6 +322,7 @@ class Pilot:
 
     def _engage(self, now: float) -> None:
         self._event(Event.MODE_OURS, now)
+        self.session.drop_mode_requests()
         self._lost_at = None
         self.engaged_at = now if self.engaged_at is None else self.engaged_at
         orbit = self.settings.orbit
