@@ -8,9 +8,11 @@ import pytest
 from hypothesis import settings
 from pymavlink.dialects.v20 import all as mavlink
 
+from circnav_mav.core.bounds import Bounds
 from circnav_mav.core.estimators.interface import EstimatorSettings
 from circnav_mav.core.guidance import LawChoice
 from circnav_mav.core.values import Direction, Orbit
+from circnav_mav.mav.autopilots.interface import VehicleFacts
 from circnav_mav.mav.autopilots.table import AUTOPILOTS
 from circnav_mav.mav.ranging import RangingSettings
 from circnav_mav.mav.session import LinkSettings, Session
@@ -32,8 +34,11 @@ MISSION = PilotSettings(
     estimation=EstimatorSettings(speed=15.0, max_turn_rate=0.35),
     ranging=RangingSettings(message="distance_sensor", orientation=24),
     link=LinkSettings(),
-    vehicle=("ardupilot", "copter"),
+    autopilot="ardupilot",
+    kind="copter",
+    facts=VehicleFacts(speed=15.0),
     timing=Timing(duration=600.0),
+    bounds=Bounds(),
 )
 
 
@@ -184,10 +189,10 @@ def say() -> type[Bench]:
 @pytest.fixture(scope="session")
 def copter() -> Any:
     """The adapter of ArduCopter in GUIDED."""
-    return AUTOPILOTS["ardupilot", "copter"]()
+    return AUTOPILOTS["ardupilot", "copter"](VehicleFacts(speed=15.0))
 
 
 @pytest.fixture
 def make_session(copter: Any) -> Callable[..., Session]:
     """A session with an ArduCopter to be heard."""
-    return lambda **settings: Session(LinkSettings(**settings), copter)
+    return lambda **settings: Session(LinkSettings(**settings), (copter,))

@@ -10,6 +10,7 @@ from pymavlink.dialects.v20 import all as mavlink
 from circnav_mav.mav.autopilots.interface import VehicleState
 from circnav_mav.mav.frames import YawRate
 from circnav_mav.mav.gate import Limits, SetpointGate, Steer, UnsafeSetpointError
+from circnav_mav.mav.motion import Motion
 
 LIMITS = Limits(max_yaw_rate=0.35, max_speed=15.0)
 FLOATS = ("x", "y", "z", "vx", "vy", "vz", "afx", "afy", "afz", "yaw", "yaw_rate")
@@ -21,7 +22,7 @@ def steer(yaw_rate=0.1, speed=15.0):
 
 @pytest.fixture
 def message(copter):
-    return copter.setpoint(steer(), VehicleState(1, 1), 1.0)
+    return copter.setpoint(steer(), VehicleState(1, 1, Motion(), None), 1.0)
 
 
 @given(yaw_rate=st.floats(-0.35, 0.35), speed=st.floats(0, 15))

@@ -7,7 +7,7 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.core.phases import Phase
-from circnav_mav.pilot import Ending
+from circnav_mav.pilot import Ending, Voice
 
 LOITER, GUIDED = 5, 4
 SET_MODE, SET_INTERVAL = 176, 511
@@ -197,7 +197,7 @@ def test_a_refused_mode_ends_the_mission_with_the_vehicles_own_words(make_rig):
     rig.run(0.5)
     assert rig.pilot.outcome.ending is Ending.ABORTED
     assert rig.pilot.outcome.reason == (
-        "guided mode refused: failed, vehicle says: Mode change failed: requires position"
+        'mode GUIDED refused: failed, the vehicle says "Mode change failed: requires position"'
     )
     assert rig.setpoints() == []
 
@@ -206,7 +206,7 @@ def test_a_mode_request_that_nobody_answers_ends_the_mission(make_rig):
     rig = make_rig(request_mode=True)
     rig.mode = LOITER
     rig.run(6.0)
-    assert rig.pilot.outcome.reason == "guided mode refused: no answer"
+    assert rig.pilot.outcome.reason == "mode GUIDED refused: no answer"
     assert [message.confirmation for message in rig.commands(SET_MODE)] == [0, 1, 2, 3]
 
 
@@ -217,7 +217,7 @@ def test_a_mode_that_is_acknowledged_but_never_entered_ends_the_mission(make_rig
         rig.run(0.05)
         if rig.pilot.session.commands._pending.get(SET_MODE):
             rig.acknowledge(SET_MODE)
-    assert rig.pilot.outcome.reason == "guided mode was acknowledged but the vehicle is in LOITER"
+    assert rig.pilot.outcome.reason == "mode GUIDED acknowledged, but the vehicle stays in LOITER"
     assert 2 <= len(rig.commands(SET_MODE)) <= 3
 
 
@@ -240,7 +240,7 @@ def test_the_operator_is_not_overruled_by_a_second_mode_request(make_rig):
 
 
 def test_a_dry_run_computes_everything_and_commands_nothing(make_rig):
-    rig = make_rig(dry_run=True, request_mode=True)
+    rig = make_rig(voice=Voice.DRY_RUN, request_mode=True)
     rig.mode, rig.armed = LOITER, False
     rig.run(5.0)
     assert rig.pilot.phase is Phase.ENGAGED
@@ -253,7 +253,7 @@ def test_a_dry_run_computes_everything_and_commands_nothing(make_rig):
 
 
 def test_a_dry_run_that_is_interrupted_sends_no_setpoint_either(make_rig):
-    rig = make_rig(dry_run=True)
+    rig = make_rig(voice=Voice.DRY_RUN)
     rig.run(5.0)
     rig.pilot.interrupt(rig.now, "SIGINT")
     rig.run(1.0)
@@ -339,7 +339,7 @@ def test_whatever_arrives_nothing_raises_and_every_setpoint_is_within_limits(mak
         rig.run(0.05)
         kind = draw.choice(read)
         payload = draw.randbytes(kind.unpacker.size)
-        source = draw.choice([(1, 1), (1, 191), (255, 190), (draw.randrange(256), draw.randrange(256))])
+        source = draw.choice([(1, 1), (1, 190), (255, 190), (draw.randrange(256), draw.randrange(256))])
         body = bytes((len(payload), 0, 0, draw.randrange(256), *source)) + kind.id.to_bytes(3, "little") + payload
         frame = bytearray(b"\xfd" + body + mavlink.x25crc(body + bytes((kind.crc_extra,))).crc.to_bytes(2, "little"))
         if draw.random() < 0.3:

@@ -406,14 +406,14 @@ def test_epoch_stamps_are_as_good_as_boot_stamps(ear):
 
 def test_values_sent_again_faster_than_the_sensor_measures_count_once(ear):
     """ArduPilot stamps at sending and repeats: a 5 Hz sensor sent at 20 Hz, when the mission says so."""
-    heard = ear(RangingSettings(message="distance_sensor", sensor_rate=5.0))
+    heard = ear(RangingSettings(message="distance_sensor", rate=5.0, resent=True))
     taken = [heard.distance(10000 + 300 * (i // 4), now=1 + 0.05 * i) is not None for i in range(40)]
     assert taken == [i % 4 == 0 for i in range(40)]
     assert heard.rejected == {"repeat": 30}
 
 
 def test_a_constant_range_sent_again_still_counts_at_the_sensors_rate(ear):
-    heard = ear(RangingSettings(message="distance_sensor", sensor_rate=5.0))
+    heard = ear(RangingSettings(message="distance_sensor", rate=5.0, resent=True))
     assert sum(heard.distance(10000, now=1 + 0.05 * i) is not None for i in range(40)) == 10
 
 

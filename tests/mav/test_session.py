@@ -48,7 +48,7 @@ def test_we_take_on_the_system_id_of_the_vehicle(line, voice):
     here = line()
     here.beat(voice=voice(42, 1))
     assert here.session.encoder.system == 42
-    assert here.session.vehicle.target_system == 42
+    assert here.session.vehicle_ids == (42, 1)
 
 
 def test_a_second_vehicle_is_ignored_and_counted(line, voice):
@@ -336,7 +336,8 @@ def test_answers_to_the_sessions_own_commands_are_not_the_pilots_business(line):
     here = line()
     here.beat()
     answer_all(here, 0.0)
-    assert here.session.take_results() == []
+    here.poll(0.1)
+    assert here.session.take_mode_results() == []
 
 
 def test_a_refused_stream_is_not_asked_for_again(line):
@@ -345,5 +346,4 @@ def test_a_refused_stream_is_not_asked_for_again(line):
     while commands := here.poll(0.0, "COMMAND_LONG"):
         for command in commands:
             here.hear(mavlink.MAVLink_command_ack_message(command.command, 2))  # MAV_RESULT_DENIED
-    here.session.take_results()
     assert here.poll(3.1, "COMMAND_LONG") == []

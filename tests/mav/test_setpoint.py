@@ -13,9 +13,10 @@ from circnav_mav.mav.autopilots.interface import VehicleState
 from circnav_mav.mav.codec import Encoder
 from circnav_mav.mav.frames import YawRate, course_from_yaw, turn_rate_from_yaw_rate, yaw_rate_from_turn_rate
 from circnav_mav.mav.gate import Steer
+from circnav_mav.mav.motion import Motion
 
 US = (7, 191)
-VEHICLE = VehicleState(target_system=7, target_component=1)
+VEHICLE = VehicleState(target_system=7, target_component=1, motion=Motion(), height=None)
 
 
 def x25(data):
