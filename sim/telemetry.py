@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 from pymavlink.dialects.v20 import all as mavlink
 
+from sim.demands import BodyVelocity, EarthVelocity, Tilt
 from sim.flight import Flight
 from sim.geo import HOME_AMSL_M, HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG, to_degrees
 from sim.radio import centimetres
@@ -14,6 +15,9 @@ EPOCH_US = 1_750_000_000_000_000  # SYSTEM_TIME's wall clock at simulated time z
 EKF_GOOD, EKF_NO_POSITION = 0x33F, 0xA7
 GPS_FIX_RTK, GPS_NO_FIX = 6, 1
 UNKNOWN_VOLTAGE = 65535
+ONLY_VELOCITY = 3079
+GPS_SENSOR, FENCE_KEPT = 0x20, 0x100000
+SENSORS = 0x1 | 0x2 | 0x4 | 0x8 | GPS_SENSOR | 0x200000 | 0x2000000 | 0x10000000  # gyro .. GPS, AHRS, battery, pre-arm
 
 
 def heartbeat(flight: Flight) -> Message:
@@ -29,11 +33,10 @@ def heartbeat(flight: Flight) -> Message:
 
 
 def sys_status(flight: Flight) -> Message:
-    sensors = 0x1 | 0x2 | 0x4 | 0x8 | (0x20 if flight.autopilot.has_position() else 0) | 0x200000 | 0x2000000
-    present = sensors | 0x20
+    healthy = FENCE_KEPT | (SENSORS if flight.autopilot.has_gps() else SENSORS & ~GPS_SENSOR)
     percent = flight.battery_percent()
     return mavlink.MAVLink_sys_status_message(
-        present, present, sensors, 200, _millivolts(percent), 1500, round(percent), 0, 0, 0, 0, 0, 0
+        SENSORS, SENSORS, healthy, 200, _millivolts(percent), 1500, round(percent), 0, 0, 0, 0, 0, 0
     )
 
 
@@ -194,6 +197,33 @@ def nav_controller_output(flight: Flight) -> Message | None:
     return mavlink.MAVLink_nav_controller_output_message(math.degrees(roll), 0.0, 0, 0, 0, 0.0, 0.0, 0.0)
 
 
+def position_target(flight: Flight) -> Message | None:
+    """The copter's echo of the velocity it flies: earth frame, only velocities valid."""
+    flown = flight.autopilot.flown()
+    if isinstance(flown, BodyVelocity):
+        cos, sin = math.cos(flight.body.heading), math.sin(flight.body.heading)
+        north, east = flown.forward * cos - flown.right * sin, flown.forward * sin + flown.right * cos
+    elif isinstance(flown, EarthVelocity):
+        north, east = flown.north, flown.east
+    else:
+        return None
+    nothing = (0.0, 0.0, 0.0)
+    return mavlink.MAVLink_position_target_local_ned_message(
+        flight.boot_ms, 1, ONLY_VELOCITY, *nothing, north, east, flown.down, *nothing, 0.0, flown.yaw_rate
+    )
+
+
+def attitude_target(flight: Flight) -> Message | None:
+    """The copter's echo of the attitude it holds."""
+    flown = flight.autopilot.flown()
+    if not isinstance(flown, Tilt):
+        return None
+    heading = flight.body.heading if flown.heading is None else flown.heading
+    q = flight.body._replace(roll=flown.roll, pitch=flown.pitch, heading=heading).quaternion()
+    thrust = 0.5 if flown.thrust is None else flown.thrust
+    return mavlink.MAVLink_attitude_target_message(flight.boot_ms, 0, list(q), 0.0, 0.0, flown.yaw_rate, thrust)
+
+
 def wind(flight: Flight) -> Message | None:
     """WIND of vehicles that fly by airspeed; degrees it comes from."""
     if flight.body.air_speed == 0:
@@ -227,6 +257,8 @@ BUILDERS: dict[int, Callable[[Flight], Message | None]] = {
     33: global_position_int,
     74: vfr_hud,
     62: nav_controller_output,
+    83: attitude_target,
+    85: position_target,
     111: timesync,
     132: own_distance_sensor,
     147: battery_status,

@@ -261,6 +261,9 @@ class ArduCopter:
             return STATUS_CRITICAL
         return STATUS_ACTIVE if self.flying(body) else STATUS_STANDBY
 
+    def flown(self) -> Demand | None:
+        return self._demand if self._target is not None else None
+
     def wanted_roll(self) -> float | None:
         return None
 

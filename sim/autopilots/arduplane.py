@@ -268,6 +268,9 @@ class ArduPlane:
         """Indicated: what the thin air leaves of the true airspeed."""
         return body.air_speed / self._scale
 
+    def flown(self) -> None:
+        return None
+
     def wanted_roll(self) -> float:
         """The bank asked for after the limit, rad (NAV_CONTROLLER_OUTPUT)."""
         return self._bank

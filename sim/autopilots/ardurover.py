@@ -233,6 +233,9 @@ class ArduRover:
             return STATUS_CRITICAL
         return STATUS_ACTIVE if self.armed else STATUS_STANDBY
 
+    def flown(self) -> None:
+        return None
+
     def wanted_roll(self) -> float | None:
         return None
 

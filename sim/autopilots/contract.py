@@ -6,6 +6,7 @@ from typing import NamedTuple, Protocol
 
 from sim.body import Body
 from sim.config import Event
+from sim.demands import Demand
 from sim.params import Parameters
 from sim.wire import Message
 
@@ -97,6 +98,9 @@ class Autopilot(Protocol):
     def base_mode(self) -> int: ...
 
     def system_status(self, body: Body) -> int: ...
+
+    def flown(self) -> Demand | None:
+        """The setpoint being flown, of vehicles that echo it (POSITION_TARGET_LOCAL_NED, ATTITUDE_TARGET)."""
 
     def wanted_roll(self) -> float | None:
         """The bank asked for after its limits, rad, of vehicles that tell (NAV_CONTROLLER_OUTPUT)."""

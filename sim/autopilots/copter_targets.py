@@ -54,7 +54,7 @@ def _velocity(message: Message, body: Body, turns_with_nose: bool) -> Target:
     if any(math.isnan(v) or abs(v) > INSANE for v in wanted):
         return Stop()
     yaw_rate = 0.0 if message.type_mask & YAW_RATE else message.yaw_rate
-    fed = (0.0, 0.0) if message.type_mask & ACCELERATION else (message.afx, message.afy)
+    fed: tuple[float, float] = (0.0, 0.0) if message.type_mask & ACCELERATION else (message.afx, message.afy)
     if not all(map(math.isfinite, (yaw_rate, *fed))):
         return Poison()
     if message.coordinate_frame in (LOCAL_NED, LOCAL_OFFSET_NED):

@@ -211,6 +211,9 @@ class Px4Copter:
     def system_status(self, body: Body) -> int:
         return self._core.system_status()
 
+    def flown(self) -> Demand | None:
+        return self._demand if self.mode == OFFBOARD else None
+
     def wanted_roll(self) -> float | None:
         return None
 

@@ -156,6 +156,9 @@ class Px4Plane:
     def system_status(self, body: Body) -> int:
         return self._core.system_status()
 
+    def flown(self) -> None:
+        return None
+
     def wanted_roll(self) -> float | None:
         return None
 

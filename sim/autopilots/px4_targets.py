@@ -87,16 +87,17 @@ def _finite(value: float) -> Axis:
 def read_attitude_target(message: Message) -> Tilt | Spin | None:
     """Attitude first, else body rates (both roll and pitch rate needed); no throttle means none at all."""
     mask = message.type_mask
-    thrust = 0.0 if mask & THROTTLE else max(0.0, min(1.0, message.thrust))
+    none = mask & THROTTLE or not math.isfinite(message.thrust)
+    thrust = 0.0 if none else max(0.0, min(1.0, message.thrust))
     rates = (message.body_roll_rate, message.body_pitch_rate, message.body_yaw_rate)
     q = tuple(message.q)
     size = math.sqrt(sum(v * v for v in q))
     if not mask & ATTITUDE:
-        if not (math.isfinite(size) and size > 0.1 and math.isfinite(thrust)):
+        if not (math.isfinite(size) and size > 0.1):
             return None
         roll, pitch, heading = euler(tuple(v / size for v in q))
         yaw_rate = 0.0 if mask & BODY_YAW_RATE or not math.isfinite(rates[2]) else rates[2]
         return Tilt(roll, pitch, heading, yaw_rate, thrust=thrust)
-    if mask & (ROLL_RATE | PITCH_RATE) or not all(map(math.isfinite, (*rates, thrust))):
+    if mask & (ROLL_RATE | PITCH_RATE) or not all(map(math.isfinite, rates)):
         return None
     return Spin(rates[0], rates[1], 0.0 if mask & BODY_YAW_RATE else rates[2], thrust=thrust)
