@@ -118,6 +118,42 @@ def test_a_frame_cut_short_behind_its_header_costs_itself_alone(index, lost):
     assert decoded(Decoder(), [b"".join([*GOOD[:index], stump, *GOOD[index + 1 :]])]) == others
 
 
+def beat(seq=3):
+    """A heartbeat of 21 bytes; 3 is a sequence number that is no known MAVLink 1 id."""
+    speaker = mavlink.MAVLink(None, srcSystem=7, srcComponent=1)
+    speaker.seq = seq
+    return bytes(mavlink.MAVLink_heartbeat_message(2, 3, 129, 4, 4, 3).pack(speaker))
+
+
+def test_a_stump_whose_claimed_end_is_the_next_frames_end_swallows_nothing():
+    """4 bytes of a 25 byte frame, then 21 bytes of another: together they look like a frame of an unknown id."""
+    stump = bytes((0xFD, 13, 0, 0))
+    assert decoded(Decoder(), [stump + beat() + beat()]) == [beat()] * 2
+    assert decoded(Decoder(stream=True), [stump + beat(), beat(), bytes(300)]) == [beat()] * 2
+
+
+def test_a_stray_fe_that_claims_a_whole_datagram_swallows_nothing():
+    """0xFE claims 253 + 8 bytes, with the next frame's sequence number for its id."""
+    rest = bytes(mavlink.MAVLink_statustext_message(6, b"x" * 37).pack(mavlink.MAVLink(None, srcSystem=7)))
+    datagram = b"\xfe" + beat() * 10 + rest
+    assert len(datagram) == 261
+    assert decoded(Decoder(), [datagram]) == [beat()] * 10 + [rest]
+
+
+@given(
+    data=st.lists(st.sampled_from([beat(), bytes((0xFD, 13, 0, 0)), b"\xfe", b"\x00", unknown_frame()]), max_size=20),
+    places=st.lists(st.integers(0, 10_000), max_size=10),
+)
+def test_even_a_damaged_stream_is_read_alike_in_any_chunks(data, places):
+    whole = b"".join(data) + bytes(600)
+    assert decoded(Decoder(stream=True), cut(whole, places)) == decoded(Decoder(stream=True), [whole])
+
+
+@given(data=st.lists(st.sampled_from([*GOOD, bytes((0xFD, 13, 0, 0)), b"\xfe", b"\xfd", b"\x00"]), max_size=30))
+def test_no_good_frame_of_a_datagram_is_lost_to_damage_round_it(data):
+    assert decoded(Decoder(), [b"".join(data)]) == [piece for piece in data if piece in GOOD]
+
+
 @given(data=st.binary(max_size=400), stream=st.booleans())
 @example(data=b"\xfd", stream=False)
 @example(data=b"\xfe\xff" * 200, stream=True)

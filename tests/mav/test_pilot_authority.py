@@ -6,6 +6,7 @@ from dataclasses import replace
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
+from circnav_mav.core.bounds import Bounds
 from circnav_mav.core.phases import Phase
 from circnav_mav.pilot import Ending, Voice
 
@@ -236,6 +237,197 @@ def test_the_operator_is_not_overruled_by_a_second_mode_request(make_rig):
     assert rig.pilot.phase is Phase.YIELDED
 
 
+@pytest.mark.parametrize("end", [True, False], ids=["ends", "waits"])
+def test_a_mode_request_still_under_way_is_dropped_when_the_operator_takes_over(make_rig, end):
+    """Its acknowledgement was lost: a repeat would take the vehicle back."""
+    rig = make_rig(request_mode=True, end_on_takeover=end)
+    rig.mode = LOITER
+    while not rig.commands(SET_MODE):
+        rig.run(0.05)
+    rig.mode = GUIDED
+    rig.run(0.6)
+    assert rig.pilot.phase is Phase.ENGAGED
+    rig.mode = LOITER
+    rig.run(0.3)
+    since = rig.now
+    rig.run(3.0)
+    assert rig.commands(SET_MODE, since) == []
+
+
+def test_a_vehicle_that_the_operator_took_is_not_taken_back_after_a_lost_link(make_rig):
+    rig = make_rig(request_mode=True, end_on_takeover=False).engage()
+    rig.mode = LOITER
+    rig.run(2.0)
+    assert rig.pilot.phase is Phase.YIELDED
+    rig.speaks = False
+    rig.run(4.0)
+    rig.speaks = True
+    since = rig.now
+    rig.run(10.0)
+    assert rig.commands(SET_MODE, since) == []
+    assert rig.setpoints(since) == []
+
+
+@pytest.mark.parametrize("request_mode", [True, False])
+@pytest.mark.parametrize("end", [True, False], ids=["ends", "waits"])
+def test_a_mode_changed_during_an_outage_is_the_operators(make_rig, request_mode, end):
+    rig = make_rig(request_mode=request_mode, end_on_takeover=end).engage()
+    rig.speaks = False
+    rig.run(4.0)
+    rig.speaks, rig.mode = True, LOITER
+    since = rig.now
+    rig.run(10.0)
+    assert rig.commands(SET_MODE, since) == []
+    assert rig.setpoints(since) == []
+    assert rig.pilot.done == end
+
+
+def test_after_a_lost_link_no_other_vehicle_is_flown(make_rig, voice, say):
+    """The consent was given for the vehicle that was flown."""
+    rig = make_rig().engage()
+    rig.speaks = False
+    since = rig.now
+    for _ in range(80):
+        rig.run(0.1)
+        rig.hear(say.heartbeat(GUIDED), voice=voice(2, 1), source="elsewhere")
+    assert [message for message in rig.setpoints(since) if message.target_system == 2] == []
+    rig.speaks = True
+    rig.run(1.0)
+    assert rig.pilot.phase is Phase.ENGAGED
+
+
+@pytest.mark.parametrize("how", ["operator has it", "link is gone"])
+def test_a_mission_whose_time_runs_out_in_other_hands_is_not_completed(make_rig, say, how):
+    rig = make_rig(end_on_takeover=False, timing=replace(say.mission.timing, duration=20.0)).engage()
+    if how == "operator has it":
+        rig.mode = LOITER
+    else:
+        rig.speaks = False
+    rig.run(25.0)
+    assert rig.pilot.outcome.ending is Ending.ABORTED
+
+
+def test_streams_that_the_vehicle_denies_are_asked_for_once(rig):
+    """Also when no mode is ever requested, and for the whole flight."""
+    deny_commands(rig, 5.0)
+    since = rig.now
+    deny_commands(rig, 30.0)
+    assert rig.commands(SET_INTERVAL, since) == []
+
+
+def deny_commands(rig, seconds):
+    for _ in range(round(seconds / 0.05)):
+        rig.run(0.05)
+        for number in {message.command for message in rig.of("COMMAND_LONG", rig.now - 0.01)}:
+            rig.acknowledge(number, result=2)
+
+
+# --- leaving with an exit action ---
+
+
+def test_an_exit_action_is_asked_for_with_safe_setpoints_until_the_mode_shows(make_rig):
+    rig = make_rig(exit="rtl").engage()
+    since = rig.now
+    rig.pilot.interrupt(rig.now, "SIGINT")
+    rig.run(0.5)
+    assert [message.param2 for message in rig.commands(SET_MODE, since)] == [6]
+    assert {message.vx for message in rig.setpoints(since)} == {0.0}
+    assert not rig.pilot.done
+    rig.acknowledge(SET_MODE)
+    rig.mode = 6
+    rig.run(0.5)
+    assert rig.pilot.done
+    assert rig.pilot.outcome.reason == "SIGINT"
+
+
+def test_an_exit_action_is_asked_for_although_the_answer_to_the_first_mode_request_was_lost(make_rig):
+    rig = make_rig(request_mode=True, exit="loiter")
+    rig.mode = 9
+    while not rig.commands(SET_MODE):
+        rig.run(0.05)
+    rig.mode = GUIDED
+    rig.run(5.0)
+    assert rig.pilot.phase is Phase.ENGAGED
+    since = rig.now
+    rig.pilot.interrupt(rig.now, "SIGINT")
+    rig.run(0.5)
+    assert [message.param2 for message in rig.commands(SET_MODE, since)] == [LOITER]
+
+
+def test_an_exit_action_that_is_refused_is_told_and_left_at_that(make_rig):
+    rig = make_rig(exit="rtl").engage()
+    rig.pilot.interrupt(rig.now, "SIGINT")
+    rig.run(0.2)
+    rig.acknowledge(SET_MODE, result=4)
+    rig.run(0.5)
+    assert rig.pilot.done
+    assert rig.pilot.outcome.reason.startswith("SIGINT; exit action rtl refused: failed")
+
+
+def test_an_exit_action_that_nobody_answers_does_not_keep_us_for_ever(make_rig):
+    rig = make_rig(exit="rtl").engage()
+    rig.pilot.interrupt(rig.now, "SIGINT")
+    rig.run(13.0)
+    assert rig.pilot.done
+
+
+# --- a twin of ours ---
+
+
+def test_another_companion_of_our_ids_is_told_and_ends_the_mission(rig, voice):
+    rig.engage()
+    twin = voice(1, 191)
+    for _ in range(6):
+        rig.run(0.5)
+        rig.hear(mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3), voice=twin)
+    assert rig.pilot.outcome.ending is Ending.ABORTED
+    assert "another companion sends as 1/191" in rig.pilot.outcome.reason
+
+
+def test_an_echo_of_our_own_frames_is_no_twin(rig):
+    """Some routers send back what they get."""
+    rig.engage()
+    for _ in range(100):
+        rig.run(0.05)
+        rig.pilot.receive(rig.raw[-1], rig.now, rig.source)
+    assert rig.pilot.phase is Phase.ENGAGED
+
+
+# --- the mission's own bounds ---
+
+
+@pytest.mark.parametrize(
+    ("bounds", "cm", "reason"),
+    [
+        ({"farthest": 200.0}, 25000, "range 250.0 m is farther than 200.0 m"),
+        ({"closest": 80.0}, 5000, "range 50.0 m is nearer than 80.0 m"),
+        ({"farthest": 200.0}, 19000, None),
+        ({"closest": 80.0}, 8500, None),
+    ],
+)
+def test_a_range_beyond_the_missions_bounds_ends_the_flight(make_rig, bounds, cm, reason):
+    rig = make_rig(bounds=Bounds(**bounds))
+    rig.range_cm = cm
+    rig.run(3.0)
+    assert (rig.pilot.outcome and rig.pilot.outcome.reason) == reason
+
+
+@pytest.mark.parametrize(("percent", "reason"), [(19, "battery 19 % is below 20 %"), (20, None), (-1, None)])
+def test_an_empty_battery_ends_the_flight_and_an_unknown_one_does_not(make_rig, percent, reason):
+    rig = make_rig(bounds=Bounds(battery=20.0)).engage()
+    rig.hear(mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 12000, 100, percent, 0, 0, 0, 0, 0, 0))
+    rig.run(1.0)
+    assert (rig.pilot.outcome and rig.pilot.outcome.reason) == reason
+
+
+@pytest.mark.parametrize(("altitude", "reason"), [(121.0, "altitude 121.0 m is above 120.0 m"), (119.0, None)])
+def test_a_height_beyond_the_missions_bounds_ends_the_flight(make_rig, altitude, reason):
+    rig = make_rig(bounds=Bounds(highest=120.0)).engage()
+    rig.hear(mavlink.MAVLink_vfr_hud_message(15, 15, 0, 50, altitude, 0))
+    rig.run(1.0)
+    assert (rig.pilot.outcome and rig.pilot.outcome.reason) == reason
+
+
 # --- a dry run ---
 
 
@@ -260,6 +452,15 @@ def test_a_dry_run_that_is_interrupted_sends_no_setpoint_either(make_rig):
     assert rig.pilot.done
     assert rig.setpoints() == []
     assert rig.pilot.last_words(rig.now) == b""
+
+
+def test_a_shadow_says_nothing_but_its_heartbeat_and_the_plot_values(make_rig):
+    rig = make_rig(voice=Voice.SHADOW, request_mode=True)
+    rig.run(10.0)
+    rig.pilot.interrupt(rig.now, "SIGINT")
+    rig.run(1.0)
+    assert {message.get_type() for _, message in rig.sent} == {"HEARTBEAT", "NAMED_VALUE_FLOAT"}
+    assert rig.pilot.done
 
 
 # --- what is told ---

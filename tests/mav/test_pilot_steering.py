@@ -355,6 +355,16 @@ def test_an_interrupt_sends_the_safe_setpoint_three_times_and_then_nothing(rig):
     assert rig.pilot.step(rig.now + 1) == b""
 
 
+def test_an_interrupt_is_answered_by_the_very_next_step(rig):
+    """However lately a setpoint has left."""
+    rig.engage()
+    since = rig.now
+    rig.pilot.interrupt(rig.now, "SIGINT")
+    rig.now += 0.001
+    rig.step()
+    assert [message.vx for message in rig.setpoints(since)] == [0.0]
+
+
 def test_an_interrupt_before_the_flight_sends_no_setpoint(rig):
     rig.mode = 5
     rig.run(3.0)

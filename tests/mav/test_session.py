@@ -215,6 +215,17 @@ def test_a_boot_time_that_steps_back_is_a_reboot(line, carrier):
     assert here.session.reboots == 1
 
 
+def test_the_vehicle_heard_first_is_the_only_one_that_may_come_back(line, voice):
+    here = line()
+    here.beat()
+    here.session.lose()
+    here.beat(voice=voice(2, 1))
+    assert not here.session.up
+    assert "not the vehicle heard first, system 1" in here.session.misfits[2, 1]
+    here.beat(source="elsewhere")
+    assert here.session.up
+
+
 def test_the_wrap_of_the_boot_time_is_no_reboot(line):
     here = line()
     here.beat()

@@ -134,13 +134,19 @@ def test_noise_that_hides_the_range_rate_is_told(mission, sigma, expected):
     assert grade(mission, "range rate", f"ranging.sigma_m={sigma}") is expected
 
 
-def test_a_lag_that_makes_the_circle_oscillate_is_told(mission):
+@pytest.mark.parametrize(("lag", "expected"), [(0.5, PASS), (1.7, WARN), (4.5, WARN), (7.0, FAIL)])
+def test_a_lag_that_makes_the_circle_oscillate_is_told(mission, lag, expected):
     """2 k r_d V = 2 * 1e-4 * 100 * 15 = 0.3 a second, times the lags of turn and filter: the laws limit-cycle from
     about 0.45 on, and four times the bound is refused."""
+    assert grade(mission, "damping", "guidance.gain=1e-4", f"vehicle.turn_lag_s={lag}") is expected
+
+
+def test_a_default_gain_is_lowered_for_a_vehicle_that_turns_late_but_stays_above_the_papers_bound(mission):
+    quick, late, very_late = (mission(f"vehicle.turn_lag_s={lag}") for lag in (0.1, 0.8, 9.0))
+    assert quick.law.gain == pytest.approx(1e-4)
+    assert 5e-5 < very_late.law.gain < late.law.gain < quick.law.gain
     assert grade(mission, "damping", "vehicle.turn_lag_s=0.8") is PASS
-    assert grade(mission, "damping", "vehicle.turn_lag_s=1.7") is WARN
-    assert grade(mission, "damping", "vehicle.turn_lag_s=4.5") is WARN
-    assert grade(mission, "damping", "vehicle.turn_lag_s=7.0") is FAIL
+    assert grade(mission, "gain", "vehicle.turn_lag_s=9.0") is PASS
 
 
 @pytest.mark.parametrize(("height", "expected"), [(0, PASS), (111, PASS), (113, WARN), (489, WARN), (491, FAIL)])
