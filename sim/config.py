@@ -34,7 +34,11 @@ TURN_RATE = {"low": 0.0, "above": 0.0, "high": 720.0}
 
 @dataclass(frozen=True)
 class Airframe:
-    """[vehicle]: which autopilot and how it moves. Where a default is None it depends on the profile."""
+    """[vehicle]: which autopilot and how it moves. Where a default is None it depends on the profile.
+
+    dynamics: the arducopter's default is the ideal "unicycle", the others' what was measured ("realistic").
+    odometry: velocity without GPS (optical flow, wheel encoders), usable once somebody has set an origin (message 48).
+    """
 
     profile: str = key("arducopter", choices=PROFILES)
     system_id: int = key(1, low=1, high=255)
@@ -50,6 +54,8 @@ class Airframe:
     drag_per_s: float = key(1.0, low=0.0, high=10.0)
     setpoint_timeout_s: float | None = key(None, low=0.1, high=60.0)
     gps: bool = True
+    odometry: bool = False
+    airspeed_sensor: bool = False
     default_streams: bool = True
 
 

@@ -1,5 +1,6 @@
 """The vehicle: bytes in, bytes out, simulated time carried forward by the caller. No sockets, no clock, no threads."""
 
+import itertools
 from collections import deque
 from functools import partial
 
@@ -38,6 +39,7 @@ class Vehicle:
         self._links: dict[str, Link] = {}
         self._deaf = False  # the autopilot is rebooting
         self._dumb = False  # its transmitter is switched off
+        self._text_ids = itertools.cycle(range(1, 65536))
         self._flight = Flight(config, self._say)
         identity = self._flight.autopilot.identity
         own = (config.vehicle.system_id, AUTOPILOT_COMPONENT)
@@ -128,12 +130,19 @@ class Vehicle:
         return [link for link in self._links.values() if link.name != RANGING]
 
     def _say(self, severity: int, text: str) -> None:
-        message = mavlink.MAVLink_statustext_message(severity, text.encode()[:TEXT_LENGTH])
+        """A STATUSTEXT; a long one in numbered chunks under one id."""
+        data = text.encode()
+        number = 0 if len(data) <= TEXT_LENGTH else next(self._text_ids)
+        starts = range(0, len(data), TEXT_LENGTH)
         for link in self._autopilot_links():
             if link.gcs_heard or not self._flight.autopilot.identity.texts_for_gcs_only:
-                link.send(message)
+                for chunk, at in enumerate(starts):
+                    part = data[at : at + TEXT_LENGTH]
+                    link.send(mavlink.MAVLink_statustext_message(severity, part, number, chunk))
 
     def _send_truth(self) -> None:
+        if self._deaf:
+            return
         messages = (sim_state(self._flight), truth_array(self._flight))
         for link in self._autopilot_links():
             for message in messages:

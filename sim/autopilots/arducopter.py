@@ -12,6 +12,7 @@ from sim.autopilots.ardupilot import (
     UNKNOWN_IDS,
     VERSION_4_6_3,
     Core,
+    Sensed,
 )
 from sim.autopilots.contract import (
     ACCEPTED,
@@ -90,10 +91,12 @@ class ArduCopter:
 
     def __init__(self, config: VehicleConfig, say: Say) -> None:
         gps = config.vehicle.gps and config.vehicle.profile != "arducopter_nogps"
+        sensed = Sensed(gps, config.vehicle.odometry)
+        self._airspeed_sensor = config.vehicle.airspeed_sensor
         mode = MODES[config.start.mode or ("LOITER" if gps else "ALT_HOLD")]
         self.identity = IDENTITY
         self.params = parameters(config)
-        self._core = Core(IDENTITY, self.params, say, self, mode, config.start.armed, gps)
+        self._core = Core(IDENTITY, self.params, say, self, mode, config.start.armed, sensed)
         self._airframe: CopterAirframe = copter_airframe(config.vehicle)
         self._target: Target | None = None
         self._climbing_to: float | None = None
@@ -279,6 +282,8 @@ class ArduCopter:
 
     def shown_airspeed(self, body: Body, wind: tuple[float, float]) -> float:
         """A copter without an airspeed sensor shows its ground speed, if it knows it."""
+        if self._airspeed_sensor:
+            return body.airspeed(wind)
         return body.ground_speed if self.has_position() else 0.0
 
     def has_position(self) -> bool:

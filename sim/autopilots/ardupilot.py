@@ -1,7 +1,7 @@
 """What the ArduPilot vehicles have in common: modes, arming, the ground station's and the estimator's failsafes."""
 
 from collections.abc import Mapping
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from sim.agenda import NEVER
 from sim.autopilots.contract import ACCEPTED, DENIED, FAILED, FORCE, WARNING, Command, Identity, Say
@@ -13,7 +13,7 @@ from sim.wire import Message
 VERSION_4_6_3 = 0x040603FF
 CUSTOM_MODE_ENABLED = 1
 DO_SET_MODE, ARM_DISARM = 176, 400
-HEARTBEAT, SET_MODE = 0, 11
+HEARTBEAT, SET_MODE, SET_ORIGIN = 0, 11, 48
 DEAD_RECKONING_US = 8_000_000  # from the loss of the GPS to "EKF variance"
 
 # Mission float and int, param float, command int, attitude target, flight termination, compass calibration, MAVLink 2,
@@ -46,6 +46,13 @@ STREAM_GROUPS: Mapping[int, tuple[int, ...]] = {
 }
 
 
+class Sensed(NamedTuple):
+    """Where a vehicle's velocity can come from."""
+
+    gps: bool
+    odometry: bool
+
+
 class Rules(Protocol):
     """What each vehicle decides differently."""
 
@@ -71,15 +78,15 @@ class Core:
     """Mode, arming and failsafes of one ArduPilot vehicle."""
 
     def __init__(
-        self, identity: Identity, params: Parameters, say: Say, rules: Rules, mode: int, armed: bool, gps: bool
+        self, identity: Identity, params: Parameters, say: Say, rules: Rules, mode: int, armed: bool, sensed: Sensed
     ) -> None:
         self.identity = identity
         self.params = params
         self.say = say
         self.mode = mode
         self.armed = armed
-        self.gps = gps
-        self.position = gps
+        self.gps = self.position = sensed.gps
+        self._odometry = sensed.odometry
         self.failsafe = False
         self._rules = rules
         self._names = {number: name for name, number in identity.modes.items()}
@@ -146,6 +153,8 @@ class Core:
         if number == HEARTBEAT and message.get_srcSystem() == self.params["SYSID_MYGCS"]:
             self._gcs_heard = now
             self.failsafe = False
+        if number == SET_ORIGIN and self._odometry:
+            self.position = True
 
     def wake_us(self) -> int:
         return min(self._gcs_deadline(), self._position_until)
@@ -153,7 +162,9 @@ class Core:
     def wake(self, now: int) -> None:
         if now >= self._position_until:
             self._position_until = NEVER
-            self.position = False
+            self.position = self._odometry
+            if self.position:
+                return
             self.say(2, "EKF variance")
             self._rules.estimator_lost(now)
         if now >= self._gcs_deadline():

@@ -12,6 +12,7 @@ from sim.autopilots.ardupilot import (
     UNKNOWN_IDS,
     VERSION_4_6_3,
     Core,
+    Sensed,
 )
 from sim.autopilots.circling import Loiter, bank_for_heading, bank_on_loiter
 from sim.autopilots.contract import (
@@ -86,7 +87,7 @@ class ArduPlane:
         self.identity = IDENTITY
         self.params = parameters(config)
         mode = MODES[config.start.mode or "LOITER"]
-        self._core = Core(IDENTITY, self.params, say, self, mode, config.start.armed, vehicle.gps)
+        self._core = Core(IDENTITY, self.params, say, self, mode, config.start.armed, Sensed(vehicle.gps, True))
         ideal = vehicle.dynamics == "unicycle"
         self._airframe = FixedWing(
             effectiveness=vehicle.turn_effectiveness or (1.0 if ideal else 0.73),
@@ -102,7 +103,7 @@ class ArduPlane:
         self._forced: Forced | None = None
         self._heading: tuple[float, float] | None = None  # held by 43002: heading, bank limit
         self._since = self._think_at = 0
-        self._sticks = Sticks()
+        self._sticks = Sticks(vehicle.system_id)
         self._bank = 0.0
 
     @property
@@ -236,8 +237,7 @@ class ArduPlane:
         self._core.say(WARNING, f"GCS Failsafe On: {self._name()}")  # FS_LONG_ACTN 0: and carries on
 
     def estimator_lost(self, now: int) -> None:
-        """A plane flies on by its airspeed."""
-        self._core.position = True
+        """Never: a plane's estimator goes on by its airspeed."""
 
     def radio_lost(self, now: int) -> None:
         self._core.failsafe = True

@@ -13,6 +13,7 @@ from sim.autopilots.ardupilot import (
     UNKNOWN_IDS,
     VERSION_4_6_3,
     Core,
+    Sensed,
 )
 from sim.autopilots.contract import (
     CRITICAL,
@@ -79,7 +80,9 @@ class ArduRover:
         vehicle, mode = config.vehicle, MODES[config.start.mode or "HOLD"]
         self.identity = IDENTITY
         self.params = parameters(config)
-        self._core = Core(IDENTITY, self.params, say, self, mode, config.start.armed, vehicle.gps)
+        self._core = Core(
+            IDENTITY, self.params, say, self, mode, config.start.armed, Sensed(vehicle.gps, vehicle.odometry)
+        )
         ideal = vehicle.dynamics == "unicycle"
         limit = math.radians(vehicle.max_turn_rate_deg_s)
         self._gain = 1.0 if ideal else TURN_GAIN

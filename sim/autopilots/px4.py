@@ -123,7 +123,7 @@ class Core:
         self.identity = identity
         self.params = params
         self.say = say
-        self.sticks = Sticks()
+        self.sticks = Sticks(config.vehicle.system_id)
         self.mode = self.intended = MODES[config.start.mode or "LOITER"]
         self.armed = config.start.armed
         self.gps = self.position = config.vehicle.gps

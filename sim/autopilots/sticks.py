@@ -10,7 +10,8 @@ IGNORED_AXIS = 32767
 class Sticks:
     """The roll stick and when it was last heard; ArduPilot listens only to its own ground station's id."""
 
-    def __init__(self) -> None:
+    def __init__(self, system: int) -> None:
+        self._system = system
         self._roll = 0.0
         self._heard: int | None = None
 
@@ -19,7 +20,7 @@ class Sticks:
         if pilot is not None and message.get_srcSystem() != pilot:
             return False
         number = message.get_msgId()
-        if number == MANUAL_CONTROL and message.y != IGNORED_AXIS:
+        if number == MANUAL_CONTROL and message.target == self._system and message.y != IGNORED_AXIS:
             self._roll, self._heard = max(-1.0, min(1.0, message.y / 1000)), now
             return True
         if number == RC_OVERRIDE and message.chan1_raw != IGNORED_PWM:

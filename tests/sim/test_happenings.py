@@ -198,3 +198,27 @@ def test_an_unknown_action_or_mode_is_refused() -> None:
         parse_vehicle({"events": [{"action": "explode"}]}, "x")
     with pytest.raises(ConfigError, match=r"x: events\[0\].mode: is missing"):
         parse_vehicle({"events": [{"action": "mode"}]}, "x")
+
+
+@pytest.mark.parametrize(("profile", "guided"), [("arducopter", 4), ("ardurover", 15)])
+def test_odometry_serves_without_gps_once_an_origin_is_set(
+    build: Build, station: Stations, profile: str, guided: int
+) -> None:
+    vehicle = build(vehicle={"profile": profile, "gps": False, "odometry": True}, start={"mode": "ACRO"})
+    companion = station(vehicle)
+    assert companion.command(176, 1, guided) == [4]
+    companion.send(mavlink.MAVLink_set_gps_global_origin_message(1, -353632621, 1491652374, 584000))
+    assert companion.command(176, 1, guided) == [0]
+    companion.fly(5.0, 3.0, 0.2)
+    assert vehicle.truth.turn_rate == pytest.approx(0.2, rel=0.02)
+
+
+def test_a_copter_shows_its_ground_speed_for_airspeed_unless_it_has_a_sensor(build: Build, station: Stations) -> None:
+    for sensor, shown in ((False, 5.0), (True, math.hypot(5.0, 8.0))):
+        vehicle = build(
+            vehicle={"airspeed_sensor": sensor}, start={"mode": "GUIDED"}, wind={"speed_mps": 8.0, "from_deg": 90.0}
+        )
+        companion = station(vehicle)
+        companion.command(511, 74, 100_000)
+        companion.fly(2.0, 5.0, 0.0)
+        assert companion.listen("VFR_HUD")[-1].airspeed == pytest.approx(shown, abs=0.01)

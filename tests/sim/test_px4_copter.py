@@ -143,7 +143,9 @@ def test_the_failsafe_is_a_parameter_sent_byte_by_byte(build: Build, station: St
 def test_other_frames_are_dropped_with_a_text(build: Build, station: Stations, frame: int) -> None:
     companion = px4(build, station, gcs=True)
     companion.velocity(3.0, 0.1, frame=frame)
-    assert companion.texts() == [f"SET_POSITION_TARGET_LOCAL_NED coordinate frame {frame} unsupported"[:50]]
+    chunks = companion.listen("STATUSTEXT")
+    assert "".join(c.text for c in chunks) == f"SET_POSITION_TARGET_LOCAL_NED coordinate frame {frame} unsupported"
+    assert [c.chunk_seq for c in chunks] == [0, 1] and chunks[0].id == chunks[1].id != 0
     assert companion.command(176, *OFFBOARD) == [0, 1]
 
 
