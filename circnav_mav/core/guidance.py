@@ -16,8 +16,9 @@ class LawChoice:
     correct_radius: bool = True
 
 
-def steering(orbit: Orbit, choice: LawChoice) -> Callable[[RangeEstimate], TurnRate]:
-    """The mission's guidance as one function from estimate to demanded turn rate (rad/s, not yet limited).
+def steering(orbit: Orbit, choice: LawChoice) -> Callable[[RangeEstimate, float], TurnRate]:
+    """The mission's guidance as one function from estimate and radius trim (m) to demanded turn rate (rad/s, not yet
+    limited).
 
     Raises ValueError when the radius correction does not exist for this gain.
     """
@@ -25,8 +26,8 @@ def steering(orbit: Orbit, choice: LawChoice) -> Callable[[RangeEstimate], TurnR
     k = -orbit.direction.turn_sign * choice.gain  # the paper: k > 0 flies clockwise
     fed = law.fed_radius(orbit.speed, orbit.radius, choice.gain) if choice.correct_radius else orbit.radius
 
-    def steer(estimate: RangeEstimate) -> TurnRate:
-        return TurnRate(float(law.function(estimate.r, estimate.r_dot, V=orbit.speed, r_d=fed, k=k)))
+    def steer(estimate: RangeEstimate, trim: float = 0.0) -> TurnRate:
+        return TurnRate(float(law.function(estimate.r, estimate.r_dot, V=orbit.speed, r_d=fed + trim, k=k)))
 
     return steer
 

@@ -115,6 +115,7 @@ class Mission:
             bounds=self._bounds(),
             turn_gain=None if file.vehicle.turn_gain == "learn" else file.vehicle.turn_gain,
             turn_lag=file.vehicle.turn_lag_s,
+            radius_trim=file.guidance.radius_trim_per_s,
             timing=Timing(
                 duration=file.limits.duration_s,
                 wait_link=file.link.wait_s,

@@ -63,6 +63,7 @@ class GuidanceTable(Table):
     law: Literal[tuple(LAWS)]  # type: ignore[valid-type]
     gain: Positive | None = None
     correct_radius: bool = True
+    radius_trim_per_s: Annotated[float, Field(ge=0, le=0.2)] = 0.0
     estimator: Literal["kalman"] = "kalman"
     gate_sigma: Annotated[float, Field(ge=2, le=20)] = 5.0
     min_samples: Annotated[int, Field(ge=2, le=100)] = 5

@@ -2,6 +2,7 @@
 
 from circnav_mav.core.guidance import limit, steering
 from circnav_mav.core.phases import Phase
+from circnav_mav.core.radius_trim import next_trim
 from circnav_mav.core.turn_gain import TurnGain, TurnGainSettings, learn
 from circnav_mav.core.values import OwnMotion, RangeEstimate, TurnCommand, TurnRate
 from circnav_mav.mav.autopilots.interface import VehicleState
@@ -10,6 +11,9 @@ from circnav_mav.mav.frames import YawRate, yaw_rate_from_turn_rate
 from circnav_mav.mav.gate import Limits, SetpointGate, Steer
 from circnav_mav.mav.session import Session
 from circnav_mav.pilot.settings import PilotSettings
+
+LONGEST_TRIM_STEP = 0.2
+"""Most time, s, that the radius integral counts between two steps: a gap is not an error that lasted."""
 
 
 class Helm:
@@ -33,6 +37,8 @@ class Helm:
         self._learnt = TurnGain(gain=settings.turn_gain or 1.0)
         self._told: TurnRate | None = None
         self._height: float | None = None
+        self._trim = 0.0
+        self._steered_at: float | None = None
 
     @property
     def turn_gain(self) -> float:
@@ -49,7 +55,9 @@ class Helm:
         """The turn of this step: the law's while engaged, the circle's own while holding."""
         orbit = self._settings.orbit
         if phase is Phase.ENGAGED and estimate is not None:
-            return limit(self._steer(estimate), orbit.max_turn_rate, self.turn_gain)
+            command = limit(self._steer(estimate, self._trim), orbit.max_turn_rate, self.turn_gain)
+            self._trim_radius(estimate, command)
+            return command
         if phase is Phase.HOLDING:
             return limit(orbit.steady_turn_rate, orbit.max_turn_rate, self.turn_gain)
         return None
@@ -71,7 +79,20 @@ class Helm:
     def let_go(self) -> None:
         """The vehicle is not ours any more: the next setpoint starts a new stream at a new height."""
         self._gate.reset()
-        self._told, self._height = None, None
+        self._told, self._height, self._steered_at = None, None, None
+
+    def _trim_radius(self, estimate: RangeEstimate, command: TurnCommand) -> None:
+        """Let the slow integral run over the time since the last steered step."""
+        before, self._steered_at = self._steered_at, estimate.time
+        if before is not None and self._settings.radius_trim > 0:
+            self._trim = next_trim(
+                self._trim,
+                rate=self._settings.radius_trim,
+                r=estimate.r,
+                r_d=self._settings.orbit.radius,
+                step=min(estimate.time - before, LONGEST_TRIM_STEP),
+                saturated=command.saturated,
+            )
 
     def _state(self, session: Session, now: float, *, engaged: bool) -> VehicleState:
         """What the adapter may know; the height to hold is that at which the vehicle became ours."""

@@ -61,10 +61,11 @@ class PilotSettings:
     """A mission, in SI units and radians, as the pilot needs it.
 
     autopilot, kind: keys of the adapter table ("auto", None: whatever is heard). turn_gain: realised over commanded
-    turn rate when it is known, None to learn it in flight. request_mode: ask for the guided mode (else wait for the
-    operator to enter it). end_on_takeover: whether the operator's leaving the mode ends the mission (else it waits to
-    be given the vehicle again). exit: name of the exit action, None for the autopilot's default. ranging_apart: ranging
-    comes on a link of its own. stream_links: links that are byte streams (TCP, serial), not datagrams.
+    turn rate when it is known, None to learn it in flight. turn_lag: of the vehicle, s. radius_trim: rate of the radius
+    integral, 1/s. request_mode: ask for the guided mode (else wait for the operator to enter it). end_on_takeover:
+    whether the operator's leaving the mode ends the mission (else it waits to be given the vehicle again). exit: name
+    of the exit action, None for the autopilot's default. ranging_apart: ranging comes on a link of its own.
+    stream_links: links that are byte streams (TCP, serial), not datagrams.
     """
 
     orbit: Orbit
@@ -80,6 +81,7 @@ class PilotSettings:
     bounds: Bounds
     turn_gain: float | None = 1.0
     turn_lag: float = 0.4
+    radius_trim: float = 0.0
     request_mode: bool = False
     end_on_takeover: bool = True
     exit: str | None = None

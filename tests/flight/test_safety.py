@@ -3,30 +3,13 @@
 import random
 
 import pytest
-from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.core.phases import Phase
 from circnav_mav.pilot import Ending, Voice
-from tests.flight.lockstep import Flight, flight, last_third, message_ids, rms_error
+from tests.flight.ground_station import Operator
+from tests.flight.lockstep import flight, last_third, message_ids, rms_error
 
 GUIDED, LOITER = 4, 5
-
-
-class Operator:
-    """A ground station on a link of its own: the emulator hears it, the pilot does not."""
-
-    def __init__(self, flown: Flight) -> None:
-        self._vehicle = flown.vehicle
-        self._mav = dialect.MAVLink(None, srcSystem=255, srcComponent=190)
-
-    def _say(self, message: dialect.MAVLink_message) -> None:
-        self._vehicle.receive(bytes(message.pack(self._mav)), "gcs")
-
-    def set_mode(self, mode: int) -> None:
-        self._say(dialect.MAVLink_command_long_message(1, 1, 176, 0, 1, mode, 0, 0, 0, 0, 0))
-
-    def disarm(self) -> None:
-        self._say(dialect.MAVLink_command_long_message(1, 1, 400, 0, 0, 21196, 0, 0, 0, 0, 0))
 
 
 def is_ranging(frame: bytes) -> bool:
@@ -35,7 +18,7 @@ def is_ranging(frame: bytes) -> bool:
 
 def test_no_setpoint_leaves_after_the_tick_that_saw_the_operator_take_over_200_times_in_one_flight() -> None:
     flown = flight("quickstart", 'engage.on_takeover="wait"', "limits.duration_s=100000")
-    operator, pilot, chance = Operator(flown), flown.pilot, random.Random(1)
+    operator, pilot, chance = Operator(flown.vehicle), flown.pilot, random.Random(1)
     flown.fly(5)
     for _ in range(200):
         assert pilot.phase is Phase.ENGAGED
@@ -56,7 +39,7 @@ def test_no_setpoint_leaves_after_the_tick_that_saw_the_operator_take_over_200_t
 
 def test_takeover_ends_the_mission_when_the_file_says_end() -> None:
     flown = flight("quickstart").fly(20)
-    Operator(flown).set_mode(LOITER)
+    Operator(flown.vehicle).set_mode(LOITER)
     flown.fly(25)
     assert flown.pilot.done
     assert flown.pilot.outcome is not None
@@ -66,7 +49,7 @@ def test_takeover_ends_the_mission_when_the_file_says_end() -> None:
 
 def test_disarming_ends_the_stream_and_arming_again_does_not_give_the_vehicle_back() -> None:
     flown = flight("quickstart", 'engage.on_takeover="wait"').fly(20)
-    Operator(flown).disarm()
+    Operator(flown.vehicle).disarm()
     flown.fly(21)
     assert flown.pilot.phase is Phase.YIELDED
     count = flown.pilot.setpoints_sent
@@ -78,7 +61,7 @@ def test_waits_for_the_operator_to_enter_guided_when_the_file_says_so() -> None:
     flown = flight("quickstart", "engage.request_mode=false").fly(10)
     assert flown.pilot.phase is Phase.READY
     assert flown.setpoint_times == []
-    Operator(flown).set_mode(GUIDED)
+    Operator(flown.vehicle).set_mode(GUIDED)
     flown.fly(12)
     assert flown.pilot.phase is Phase.ENGAGED
 
