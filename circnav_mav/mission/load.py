@@ -276,6 +276,8 @@ def _in_words(problem: ErrorDetails) -> str:
         return f"{key}: missing, add it"
     if kind == "literal_error":
         return f"{key}: {given!r} is not one of {context['expected']}"
+    if kind == "model_type":
+        return f"{key}: must be a table, not {given!r}"
     bound = next((f"{words} {context[name]:g}" for name, words in _BOUNDS.items() if name in context), None)
     if bound is not None and isinstance(given, int | float):
         return f"{key}: must be {bound}, not {given:g}"
