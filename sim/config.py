@@ -140,6 +140,16 @@ class TruthStream:
 
 
 @dataclass(frozen=True)
+class Sensors:
+    """[sensors]: how the reported heading, turn and airspeed differ from the truth."""
+
+    heading_bias_deg: float = key(0.0, low=-180.0, high=180.0)
+    heading_drift_deg_s: float = key(0.0, low=-10.0, high=10.0)
+    gyro_scale: float = key(1.0, low=0.5, high=1.5)
+    airspeed_noise_mps: float = key(0.0, low=0.0, high=10.0)
+
+
+@dataclass(frozen=True)
 class Battery:
     """[battery]: what is left at the start and how fast it goes."""
 
@@ -168,6 +178,7 @@ class VehicleConfig:
     wind: Wind = Wind()
     ranging: Ranging = Ranging()
     truth: TruthStream = TruthStream()
+    sensors: Sensors = Sensors()
     battery: Battery = Battery()
     events: tuple[Event, ...] = ()
 

@@ -5,7 +5,9 @@ from typing import NamedTuple
 
 from sim.autopilots.build import build_autopilot
 from sim.autopilots.contract import Say
+from sim.body import Body
 from sim.config import VehicleConfig
+from sim.instruments import Instruments
 from sim.sensor import Rangefinder
 from sim.starting import starting_body
 from sim.world import Air, TargetMotion
@@ -45,6 +47,7 @@ class Flight:
         self.air = Air(config.wind, config.seed)
         self.target = TargetMotion(config.target)
         self.rangefinder = Rangefinder()
+        self.instruments = Instruments(config.sensors, config.seed)
         self.battery = config.battery.percent
         self._battery_at = 0
         self.body = starting_body(config, self.air.velocity)
@@ -89,6 +92,10 @@ class Flight:
     def battery_percent(self) -> float:
         minutes = (self.now - self._battery_at) / 60e6
         return max(0.0, self.battery - self.config.battery.drain_percent_per_min * minutes)
+
+    def shown(self) -> Body:
+        """The body as the autopilot's estimate has it."""
+        return self.instruments.body(self.body, self.seconds)
 
     def slant_range(self) -> float:
         body = self.body

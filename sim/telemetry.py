@@ -61,13 +61,13 @@ def gps_raw_int(flight: Flight) -> Message:
 
 
 def attitude(flight: Flight) -> Message:
-    body = flight.body
-    return mavlink.MAVLink_attitude_message(flight.boot_ms, body.roll, body.pitch, body.heading, *body.body_rates())
+    body, rates = flight.shown(), flight.instruments.rates(flight.body)
+    return mavlink.MAVLink_attitude_message(flight.boot_ms, body.roll, body.pitch, body.heading, *rates)
 
 
 def attitude_quaternion(flight: Flight) -> Message:
-    body = flight.body
-    return mavlink.MAVLink_attitude_quaternion_message(flight.boot_ms, *body.quaternion(), *body.body_rates())
+    rates = flight.instruments.rates(flight.body)
+    return mavlink.MAVLink_attitude_quaternion_message(flight.boot_ms, *flight.shown().quaternion(), *rates)
 
 
 def local_position_ned(flight: Flight) -> Message | None:
@@ -86,7 +86,7 @@ def local_position_ned(flight: Flight) -> Message | None:
 
 
 def global_position_int(flight: Flight) -> Message:
-    body = flight.body
+    body = flight.shown()
     latitude, longitude = _degrees_e7(flight) if flight.autopilot.has_position() else (0, 0)
     return mavlink.MAVLink_global_position_int_message(
         flight.boot_ms,
@@ -102,9 +102,10 @@ def global_position_int(flight: Flight) -> Message:
 
 
 def vfr_hud(flight: Flight) -> Message:
-    body = flight.body
+    body = flight.shown()
+    airspeed = flight.autopilot.shown_airspeed(body, flight.air.velocity)
     return mavlink.MAVLink_vfr_hud_message(
-        flight.autopilot.shown_airspeed(body, flight.air.velocity),
+        flight.instruments.airspeed(airspeed),
         body.ground_speed,
         round(math.degrees(body.heading) % 360) % 360,
         35,

@@ -3,17 +3,8 @@
 from sim.agenda import NEVER
 from sim.airframes.copter import CopterAirframe, copter_airframe
 from sim.autopilots import copter_legs as legs
-from sim.autopilots.ardupilot import (
-    CAPABILITIES,
-    CUSTOM_MODE_ENABLED,
-    SET_LOCAL_POSITION,
-    STREAMABLE,
-    TIMESYNC_EVERY,
-    UNKNOWN_IDS,
-    VERSION_4_6_3,
-    Core,
-    Sensed,
-)
+from sim.autopilots.ardupilot import CUSTOM_MODE_ENABLED, Core, Sensed
+from sim.autopilots.ardupilot_tables import COPTER, copter_parameters
 from sim.autopilots.contract import (
     ACCEPTED,
     CRITICAL,
@@ -29,7 +20,6 @@ from sim.autopilots.contract import (
     UNSUPPORTED,
     WARNING,
     Command,
-    Identity,
     Say,
 )
 from sim.autopilots.copter_attitude import read_attitude_target
@@ -38,7 +28,6 @@ from sim.autopilots.modes import COPTER as MODES
 from sim.body import Body
 from sim.config import Event, VehicleConfig
 from sim.demands import BodyVelocity, Brake, Demand, EarthVelocity, Spin, Tilt
-from sim.params import INT8, INT16, Parameter, Parameters
 from sim.wire import Message
 
 AUTO, GUIDED, RTL, LAND, GUIDED_NOGPS, SMART_RTL = 3, 4, 6, 9, 20, 21
@@ -51,39 +40,8 @@ FALL = Brake(deceleration=1.0, down=10.0)  # on the ground: nothing
 LEVEL = Tilt(0.0, 0.0)
 SINKING = Tilt(0.0, 0.0, climb=-0.62)  # 5 m in 8 s
 
-IDENTITY = Identity(
-    mav_type=2,
-    autopilot=3,
-    version=VERSION_4_6_3,
-    capabilities=CAPABILITIES | SET_LOCAL_POSITION,
-    modes=MODES,
-    streamable=STREAMABLE,
-    fastest_us=3_125,  # loop rate 400 Hz
-    unknown_ids=UNKNOWN_IDS,
-    default_streams=TIMESYNC_EVERY,
-)
 
 Target = BodyVelocity | EarthVelocity | GoTo | Tilt | Spin
-
-
-def parameters(config: VehicleConfig) -> Parameters:
-    table = (
-        Parameter("SYSID_THISMAV", config.vehicle.system_id, INT16),
-        Parameter("SYSID_MYGCS", 255, INT16),
-        Parameter("ARMING_CHECK", 1, INT16),
-        Parameter("FS_GCS_ENABLE", 0, INT8),
-        Parameter("FS_GCS_TIMEOUT", 5.0),
-        Parameter("FS_EKF_ACTION", 1, INT8),
-        Parameter("GUID_OPTIONS", 0, INT16),
-        Parameter("GUID_TIMEOUT", config.vehicle.setpoint_timeout_s or 3.0),
-        Parameter("LAND_SPEED", 50, INT16),
-        Parameter("RTL_ALT", 1500, INT16),
-        Parameter("WPNAV_SPEED", 1000.0),
-        Parameter("WPNAV_SPEED_UP", 250.0),
-        Parameter("WPNAV_SPEED_DN", 150.0),
-        Parameter("WPNAV_ACCEL", 250.0),
-    )
-    return Parameters(table, bytewise=False)
 
 
 class ArduCopter:
@@ -94,9 +52,9 @@ class ArduCopter:
         sensed = Sensed(gps, config.vehicle.odometry)
         self._airspeed_sensor = config.vehicle.airspeed_sensor
         mode = MODES[config.start.mode or ("LOITER" if gps else "ALT_HOLD")]
-        self.identity = IDENTITY
-        self.params = parameters(config)
-        self._core = Core(IDENTITY, self.params, say, self, mode, config.start.armed, sensed)
+        self.identity = COPTER
+        self.params = copter_parameters(config)
+        self._core = Core(COPTER, self.params, say, self, mode, config.start.armed, sensed)
         self._airframe: CopterAirframe = copter_airframe(config.vehicle)
         self._target: Target | None = None
         self._climbing_to: float | None = None

@@ -10,30 +10,10 @@ from sim.config import Event
 from sim.params import Parameters
 from sim.wire import Message
 
-VERSION_4_6_3 = 0x040603FF
 CUSTOM_MODE_ENABLED = 1
 DO_SET_MODE, ARM_DISARM = 176, 400
 HEARTBEAT, SET_MODE, SET_ORIGIN = 0, 11, 48
 DEAD_RECKONING_US = 8_000_000  # from the loss of the GPS to "EKF variance"
-
-# Mission float and int, param float, command int, attitude target, flight termination, compass calibration, MAVLink 2,
-# fence and rally; FTP is left out because nobody answers it here.
-CAPABILITIES = 1 | 2 | 4 | 8 | 64 | 2048 | 4096 | 8192 | 16384 | 32768
-SET_LOCAL_POSITION = 128 | 256
-
-# Not in ArduPilot 4.6's dialect: its parser drops them, so they are neither obeyed nor forwarded.
-UNKNOWN_IDS = frozenset({53, 220, 221, 222, 223, 224, 420, 435, 436, 437, 441, 513, 516, 517})
-
-# What SET_MESSAGE_INTERVAL takes (mavlink_id_to_ap_message_id in GCS_Common.cpp), whether or not this vehicle fills it.
-_STREAMABLE_IDS = (
-    "0 1 2 24 26 27 29 30 31 32 33 35 36 42 46 49 62 65 74 83 85 87 110 111 116 124 125 128 129 132 136 137 143 147 "
-    "148 152 158 163 164 165 168 173 178 182 191 192 193 226 230 241 242 245 246 251 259 11020 11039"
-)
-STREAMABLE = frozenset(int(number) for number in _STREAMABLE_IDS.split())
-TIMESYNC_EVERY = {111: 10_000_000}
-
-# What plane and rover send at 1 Hz without being asked; a copter sends nothing.
-UNASKED = dict.fromkeys((1, 2, 24, 30, 33, 62, 65, 74, 147, 193), 1000000) | TIMESYNC_EVERY
 
 # REQUEST_DATA_STREAM groups (GCS_Mavlink.cpp of the vehicles).
 STREAM_GROUPS: Mapping[int, tuple[int, ...]] = {

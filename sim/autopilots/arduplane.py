@@ -4,16 +4,8 @@ import math
 
 from sim.agenda import NEVER
 from sim.airframes.fixedwing import FixedWing
-from sim.autopilots.ardupilot import (
-    CAPABILITIES,
-    CUSTOM_MODE_ENABLED,
-    STREAMABLE,
-    UNASKED,
-    UNKNOWN_IDS,
-    VERSION_4_6_3,
-    Core,
-    Sensed,
-)
+from sim.autopilots.ardupilot import CUSTOM_MODE_ENABLED, Core, Sensed
+from sim.autopilots.ardupilot_tables import PLANE, plane_parameters
 from sim.autopilots.circling import Loiter, bank_for_heading, bank_on_loiter
 from sim.autopilots.contract import (
     ACCEPTED,
@@ -27,7 +19,6 @@ from sim.autopilots.contract import (
     UNSUPPORTED,
     WARNING,
     Command,
-    Identity,
     Say,
 )
 from sim.autopilots.modes import PLANE as MODES
@@ -36,7 +27,6 @@ from sim.autopilots.sticks import Sticks
 from sim.body import Body
 from sim.config import Event, VehicleConfig
 from sim.demands import Bank
-from sim.params import INT8, INT16, Parameter, Parameters
 from sim.wire import Message
 
 CIRCLE, FBWA, FBWB, CRUISE, AUTO, RTL, LOITER, TAKEOFF, GUIDED = 1, 5, 6, 7, 10, 11, 12, 13, 15
@@ -47,47 +37,16 @@ THINK_US, TIMEOUT_US = 100_000, 3_000_000
 CIRCLE_BANK = math.radians(20)
 ROLL_FREQUENCY, ROLL_DAMPING = 3.3, 0.55  # a bank is there after 0.8 s and overshoots by 10 .. 15 %
 
-IDENTITY = Identity(
-    mav_type=1,
-    autopilot=3,
-    version=VERSION_4_6_3,
-    capabilities=CAPABILITIES,  # takes no local position targets
-    modes=MODES,
-    streamable=STREAMABLE,
-    fastest_us=25_000,  # loop rate 50 Hz
-    unknown_ids=UNKNOWN_IDS,
-    default_streams=UNASKED,
-)
-
-
-def parameters(config: VehicleConfig) -> Parameters:
-    bank, cruise = config.vehicle.max_bank_deg or 65.0, config.vehicle.cruise_speed_mps or 22.0
-    table = (
-        Parameter("SYSID_THISMAV", config.vehicle.system_id, INT16),
-        Parameter("SYSID_MYGCS", 255, INT16),
-        Parameter("ARMING_CHECK", 1, INT16),
-        Parameter("FS_GCS_ENABL", 0, INT8),
-        Parameter("FS_GCS_TIMEOUT", 5.0),
-        Parameter("FS_LONG_ACTN", 0, INT8),
-        Parameter("ROLL_LIMIT_DEG", bank),
-        Parameter("AIRSPEED_CRUISE", cruise),
-        Parameter("AIRSPEED_MIN", round(cruise * 0.6)),
-        Parameter("AIRSPEED_MAX", round(cruise * 1.4)),
-        Parameter("WP_LOITER_RAD", 60.0, INT16),
-        Parameter("RC_OVERRIDE_TIME", 3.0),
-    )
-    return Parameters(table, bytewise=False)
-
 
 class ArduPlane:
     """The plane's flight modes: every one comes down to a bank, a height and an airspeed."""
 
     def __init__(self, config: VehicleConfig, say: Say, start: Body) -> None:
         vehicle = config.vehicle
-        self.identity = IDENTITY
-        self.params = parameters(config)
+        self.identity = PLANE
+        self.params = plane_parameters(config)
         mode = MODES[config.start.mode or "LOITER"]
-        self._core = Core(IDENTITY, self.params, say, self, mode, config.start.armed, Sensed(vehicle.gps, True))
+        self._core = Core(PLANE, self.params, say, self, mode, config.start.armed, Sensed(vehicle.gps, True))
         ideal = vehicle.dynamics == "unicycle"
         self._airframe = FixedWing(
             effectiveness=vehicle.turn_effectiveness or (1.0 if ideal else 0.73),

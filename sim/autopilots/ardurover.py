@@ -4,17 +4,8 @@ import math
 
 from sim.agenda import NEVER
 from sim.airframes.unicycle import Unicycle
-from sim.autopilots.ardupilot import (
-    CAPABILITIES,
-    CUSTOM_MODE_ENABLED,
-    SET_LOCAL_POSITION,
-    STREAMABLE,
-    UNASKED,
-    UNKNOWN_IDS,
-    VERSION_4_6_3,
-    Core,
-    Sensed,
-)
+from sim.autopilots.ardupilot import CUSTOM_MODE_ENABLED, Core, Sensed
+from sim.autopilots.ardupilot_tables import ROVER, rover_parameters
 from sim.autopilots.contract import (
     CRITICAL,
     ON_GROUND,
@@ -24,14 +15,12 @@ from sim.autopilots.contract import (
     UNSUPPORTED,
     WARNING,
     Command,
-    Identity,
     Say,
 )
 from sim.autopilots.modes import ROVER as MODES
 from sim.body import Body
 from sim.config import Event, VehicleConfig
 from sim.demands import BodyVelocity, Brake
-from sim.params import INT8, INT16, Parameter, Parameters
 from sim.wire import Message
 
 HOLD, LOITER, AUTO, RTL, SMART_RTL, GUIDED = 4, 5, 10, 11, 12, 15
@@ -44,44 +33,16 @@ TURN_LAG, SPEED_LAG, TURN_GAIN = 0.12, 0.4, 0.985
 TIGHTEST = 0.9  # m: an Ackermann rover does not turn on the spot
 HOMING = 0.8
 
-IDENTITY = Identity(
-    mav_type=10,
-    autopilot=3,
-    version=VERSION_4_6_3,
-    capabilities=CAPABILITIES | SET_LOCAL_POSITION,
-    modes=MODES,
-    streamable=STREAMABLE,
-    fastest_us=25_000,  # loop rate 50 Hz
-    unknown_ids=UNKNOWN_IDS,
-    default_streams=UNASKED,
-    mode_refusal="Flight mode change failed",
-)
-
-
-def parameters(config: VehicleConfig) -> Parameters:
-    table = (
-        Parameter("SYSID_THISMAV", config.vehicle.system_id, INT16),
-        Parameter("SYSID_MYGCS", 255, INT16),
-        Parameter("ARMING_CHECK", 1, INT16),
-        Parameter("FS_GCS_ENABLE", 0, INT8),
-        Parameter("FS_GCS_TIMEOUT", 5.0),
-        Parameter("FS_TIMEOUT", 1.5),
-        Parameter("FS_EKF_ACTION", 1, INT8),
-        Parameter("CRUISE_SPEED", config.vehicle.cruise_speed_mps or 5.0),
-        Parameter("WP_SPEED", config.vehicle.cruise_speed_mps or 5.0),
-    )
-    return Parameters(table, bytewise=False)
-
 
 class ArduRover:
     """The rover's modes: hold, go home, or what the companion says."""
 
     def __init__(self, config: VehicleConfig, say: Say) -> None:
         vehicle, mode = config.vehicle, MODES[config.start.mode or "HOLD"]
-        self.identity = IDENTITY
-        self.params = parameters(config)
+        self.identity = ROVER
+        self.params = rover_parameters(config)
         self._core = Core(
-            IDENTITY, self.params, say, self, mode, config.start.armed, Sensed(vehicle.gps, vehicle.odometry)
+            ROVER, self.params, say, self, mode, config.start.armed, Sensed(vehicle.gps, vehicle.odometry)
         )
         ideal = vehicle.dynamics == "unicycle"
         limit = math.radians(vehicle.max_turn_rate_deg_s)

@@ -20,6 +20,12 @@ ON_GROUND, IN_AIR, TAKING_OFF, LANDING = 1, 2, 3, 4
 FORCE = 21196  # the magic number that overrides arming checks
 
 
+def message_ids(text: str) -> frozenset[int]:
+    """Numbers and ranges, "24 30-33"."""
+    parts = (part.split("-") for part in text.split())
+    return frozenset(number for part in parts for number in range(int(part[0]), int(part[-1]) + 1))
+
+
 class Command(NamedTuple):
     """COMMAND_LONG and COMMAND_INT alike; x and y in degrees, as the LONG carries them."""
 

@@ -16,9 +16,8 @@ from sim.autopilots.px4 import (
     RTL,
     TAKEOFF,
     Core,
-    px4_identity,
-    px4_parameters,
 )
+from sim.autopilots.px4_tables import px4_identity, px4_parameters
 from sim.autopilots.px4_targets import Rejected, Trajectory, read_attitude_target, read_local_target
 from sim.body import Body
 from sim.config import Event, VehicleConfig

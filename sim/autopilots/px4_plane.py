@@ -7,7 +7,8 @@ from sim.airframes.fixedwing import FixedWing
 from sim.autopilots.circling import Loiter, bank_on_loiter
 from sim.autopilots.contract import ERROR, IN_AIR, ON_GROUND, Command, Say
 from sim.autopilots.modes import PX4 as MODES
-from sim.autopilots.px4 import ALTCTL, LAND, OFFBOARD, POSCTL, RTL, Core, px4_identity, px4_parameters
+from sim.autopilots.px4 import ALTCTL, LAND, OFFBOARD, POSCTL, RTL, Core
+from sim.autopilots.px4_tables import px4_identity, px4_parameters
 from sim.autopilots.px4_targets import Rejected, Trajectory, read_attitude_target, read_local_target
 from sim.body import GRAVITY, Body
 from sim.config import Event, VehicleConfig

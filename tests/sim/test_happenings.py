@@ -222,3 +222,20 @@ def test_a_copter_shows_its_ground_speed_for_airspeed_unless_it_has_a_sensor(bui
         companion.command(511, 74, 100_000)
         companion.fly(2.0, 5.0, 0.0)
         assert companion.listen("VFR_HUD")[-1].airspeed == pytest.approx(shown, abs=0.01)
+
+
+def test_reports_are_bent_as_the_file_says_and_the_truth_is_not(build: Build, station: Stations) -> None:
+    sensors = {"heading_bias_deg": 10.0, "heading_drift_deg_s": 0.5, "gyro_scale": 1.1, "airspeed_noise_mps": 0.3}
+    companion = station(
+        build(vehicle={"profile": "arduplane"}, start={"mode": "GUIDED"}, sensors=sensors, truth={"rate_hz": 0})
+    )
+    companion.command(511, 74, 100_000)
+    companion.repeat(20.0, lambda: companion.attitude(0xC6, 0.0))
+    truth = companion.vehicle.truth
+    assert math.degrees(companion.listen("ATTITUDE")[-1].yaw - truth.heading) == pytest.approx(20.0, abs=0.6)
+    shown = [m.airspeed for m in companion.listen("VFR_HUD")]
+    assert statistics.stdev(shown) == pytest.approx(0.3, abs=0.08)
+    companion.repeat(5.0, lambda: companion.attitude(0xC6, 0.3))
+    last, turning = companion.listen("ATTITUDE")[-1], companion.vehicle.truth
+    rate = last.pitchspeed * math.sin(last.roll) + last.yawspeed * math.cos(last.roll)
+    assert rate == pytest.approx(1.1 * turning.turn_rate, rel=0.02)
