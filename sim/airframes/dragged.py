@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from sim.body import GRAVITY, Body
 from sim.demands import Brake, EarthVelocity
 
-STEP = 0.02
+STEP = 0.025
 PROPORTIONAL, INTEGRAL = 1.8, 0.4
 MOST_ACCELERATION = GRAVITY  # 45 deg of tilt
 YAW_LAG = 0.47  # s: 63 % of a step

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from sim.body import GRAVITY, Body
 from sim.demands import Bank, Glide
 
-STEP = 0.02
+STEP = 0.025
 SPEED_LAG, HEIGHT_LAG, CLIMB_LAG = 3.0, 2.0, 1.0  # s
 MOST_CLIMB = 3.0  # m/s
 MOST_ROLL_RATE = math.radians(120)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from sim.body import GRAVITY, Body
 from sim.demands import Brake, EarthVelocity
 
-STEP = 0.02
+STEP = 0.025
 YAW_FREQUENCY, YAW_DAMPING = 5.8, 0.46
 YAW_EXCESS = 0.23  # of the centripetal acceleration in g
 FEED_SHARE, FEED_LAG = 0.9, 0.8  # of the acceleration fed forward, s

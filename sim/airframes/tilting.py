@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from sim.body import GRAVITY, Body
 from sim.demands import Spin, Tilt
 
-STEP = 0.02
+STEP = 0.025
 TILT_LAG, YAW_LAG = 0.12, 0.15  # s
 YAW_GAIN = 4.5  # 1/s
 MOST_TILT = math.radians(80)

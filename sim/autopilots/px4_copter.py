@@ -18,7 +18,7 @@ from sim.autopilots.px4 import (
     Core,
 )
 from sim.autopilots.px4_tables import px4_identity, px4_parameters
-from sim.autopilots.px4_targets import Rejected, Trajectory, read_attitude_target, read_local_target
+from sim.autopilots.px4_targets import NOTHING, Rejected, Trajectory, read_attitude_target, read_local_target
 from sim.body import Body
 from sim.config import Event, VehicleConfig
 from sim.demands import BodyVelocity, Brake, Demand, EarthVelocity, Spin, Tilt
@@ -27,7 +27,7 @@ from sim.params import Parameter
 from sim.wire import Message
 
 LOCAL_TARGET, ATTITUDE_TARGET, MANUAL_CONTROL = 84, 82, 69
-THINK_US = 20_000
+THINK_US, IDLE_US = 20_000, 500_000
 MOST_YAW_RATE = 2.25  # rad/s, what MC_YAWRATE_MAX 200 deg/s comes to
 POSITION_GAIN, YAW_GAIN, HEIGHT_GAIN = 0.95, 2.8, 1.0
 FASTEST, CLIMB, SINK = 12.0, 3.0, 1.5  # m/s, MPC_XY_VEL_MAX and the vertical limits
@@ -92,8 +92,16 @@ class Px4Copter:
             self._think(now, body)
 
     def _think(self, now: int, body: Body) -> None:
-        self._think_at = now + THINK_US
+        self._think_at = now + (IDLE_US if self._steady() else THINK_US)
         self._demand = self._wanted(body)
+
+    def _steady(self) -> bool:
+        """Whether the demand stays as it is until the next setpoint: nothing is being steered to."""
+        if self.mode != OFFBOARD or self._setpoint is None:
+            return False
+        if isinstance(self._setpoint, Trajectory):
+            return self._setpoint.position == NOTHING and self._setpoint.heading is None
+        return True
 
     def _wanted(self, body: Body) -> Demand:
         mode = self.mode
