@@ -99,6 +99,36 @@ def check(mission: str, overrides: tuple[str, ...]) -> int:
     return check_file(mission, overrides)
 
 
+@circnav.command()
+@click.argument("log", type=click.Path(), metavar="RUN_OR_TLOG")
+@click.option("--mission", type=click.Path(), metavar="FILE", help="Another mission; a plain tlog needs one.")
+@click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True, help=SET_HELP)
+@click.option("--estimator", metavar="NAME", help="Another estimator: guidance.estimator.")
+@click.option("--law", metavar="NAME", help="Another law: guidance.law.")
+@click.option("--out", type=click.Path(), metavar="DIR", help="Write the replay's ticks.csv and replay.png there.")
+def replay(
+    log: str,
+    mission: str | None,
+    overrides: tuple[str, ...],
+    estimator: str | None,
+    law: str | None,
+    out: str | None,
+) -> int:
+    """Feed a recorded flight through the pilot again: what it would have estimated and commanded, against what was.
+
+    RUN_OR_TLOG is a run folder, or a tlog of Mission Planner or MAVProxy with ranging telemetry in it (which needs
+    --mission, and is replayed as a dry run). The vehicle does not answer: its path stays as flown.
+
+    \b
+    Examples:
+        circnav replay runs/20260101-120000-quickstart --law switching
+        circnav replay yesterday.tlog --mission config/vehicle_udp.toml --out what-if
+    """
+    from circnav_mav.cli.replay import ReplayOptions, replay_log
+
+    return replay_log(ReplayOptions(log, mission, overrides, estimator, law, out))
+
+
 def main() -> None:
     """Entry point of the `circnav` command."""
     try:

@@ -23,6 +23,7 @@ from circnav_mav.pilot import VEHICLE, Ending, Outcome, Pilot, TickRecord, Voice
 from circnav_mav.runtime.clock import RunClock, local_time_name
 from circnav_mav.runtime.display import LiveDisplay, PlainDisplay
 from circnav_mav.runtime.links import Link
+from circnav_mav.runtime.manifest import Manifest
 from circnav_mav.runtime.recorder import Recorder, RecorderError
 from circnav_mav.runtime.runner import StopRequest, run
 
@@ -68,14 +69,17 @@ def fly_mission(options: FlyOptions) -> int:
         links = open_links(mission, open_things)
         pilot = Pilot(mission.pilot_settings(options.voice))
         clock, recorder = _start(mission, pilot, links, folder, open_things)
+        manifest = _manifest(mission, options, folder, clock)
         stop = StopRequest()
         crash = _loop(pilot, links, clock, recorder, mission, stop)
     summary = _finish(pilot, recorder, mission, clock)
+    assert pilot.outcome is not None
+    code = Exit.INTERNAL if crash is not None else EXITS[pilot.outcome.ending]
+    _complete(manifest, pilot, summary, code)
     click.echo(verdict(summary, folder))
     if crash is not None:
         raise Refused(f"internal error, see {crash}", Exit.INTERNAL)
-    assert pilot.outcome is not None
-    return EXITS[pilot.outcome.ending]
+    return code
 
 
 def _overrides(options: FlyOptions) -> tuple[str, ...]:
@@ -103,6 +107,32 @@ def _start(
     clock = start_clock(mission, pilot.session)
     recorder.start(clock.epoch_us)
     return clock, recorder
+
+
+def _manifest(mission: Mission, options: FlyOptions, folder: Path, clock: RunClock) -> Manifest:
+    """manifest.json as far as it is known before the flight. Raises Refused."""
+    seed = (mission.file.sim or {}).get("seed")
+    try:
+        return Manifest(
+            folder,
+            mission=mission.file.name,
+            voice=options.voice.value,
+            epoch_us=clock.epoch_us,
+            seeds={} if seed is None else {"sim": seed},
+        )
+    except OSError as error:
+        raise Refused(f"{folder}: cannot be written: {error.strerror or error}") from None
+
+
+def _complete(manifest: Manifest, pilot: Pilot, summary: dict[str, Any], code: Exit) -> None:
+    """The rest of manifest.json; a disk that is full by now changes nothing."""
+    system, component = pilot.session.vehicle_ids
+    known = {"system": system, "component": component, "name": pilot.session.adapter.name}
+    autopilot = known | {"firmware": pilot.session.firmware} if pilot.session.up else None
+    try:
+        manifest.complete(autopilot=autopilot, outcome=summary["outcome"], reason=summary["reason"], exit=int(code))
+    except OSError as error:
+        summary["recording_problem"] = f"{error.filename}: cannot be written: {error.strerror or error}"
 
 
 def _loop(

@@ -27,7 +27,8 @@ class RecordedFlight(Flight):
     def _step(self, due: float) -> None:
         pilot, vehicle, recorder = self.pilot, self.vehicle, self.recorder
         assert recorder is not None
-        self.now = max(math.ceil(due * 1e6) / 1e6, self.now)
+        moment = math.ceil(due * 1e6)
+        self.now = max(moment / 1e6 if moment / 1e6 >= due else (moment + 1) / 1e6, self.now)
         vehicle.advance(self.now)
         turn = Turn(self.now)
         links = LINKS if pilot.settings.ranging_apart else {"main": VEHICLE}

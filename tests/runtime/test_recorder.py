@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.core.phases import Phase
 from circnav_mav.pilot import TickRecord
-from circnav_mav.runtime.recorder import TICK_COLUMNS, Recorder, RecorderError
+from circnav_mav.runtime.recorder import TICK_COLUMNS, Recorder, RecorderError, Turn
 
 EPOCH_US = 1_790_000_000_000_000
 
@@ -48,7 +48,7 @@ def test_the_tlog_is_read_back_by_pymavlinks_own_reader(recorder):
     """Frame by frame, with the moment of each."""
     sent = frames(40)
     for i, frame in enumerate(sent):
-        recorder.frames([frame], 0.05 * i)
+        recorder.turn(Turn(0.05 * i, said=[frame]))
     recorder.close()
     log = mavutil.mavlink_connection(str(recorder.folder / "flight.tlog"), dialect="all")
     back = []
@@ -63,7 +63,7 @@ def test_the_tlog_is_read_back_by_pymavlinks_own_reader(recorder):
 
 def test_the_tlog_is_big_endian_microseconds_and_the_raw_frame(recorder):
     (frame,) = frames(1)
-    recorder.frames([frame], 1.000001)
+    recorder.turn(Turn(1.000001, said=[frame]))
     recorder.close()
     assert (recorder.folder / "flight.tlog").read_bytes() == struct.pack(">Q", EPOCH_US + 1_000_001) + frame
 
@@ -82,7 +82,7 @@ def test_every_tick_is_a_line_and_every_field_a_column(recorder):
 
 def test_what_is_written_is_on_the_disk_within_a_second(recorder):
     """Whatever happens to the process, at most the last half second is lost."""
-    recorder.frames(frames(30), 0.0)
+    recorder.turn(Turn(0.5, said=frames(30)))
     wait_for(lambda: (recorder.folder / "flight.tlog").stat().st_size > 0)
     recorder.ticks([tick()])
     wait_for(lambda: "engaged" in (recorder.folder / "ticks.csv").read_text())
@@ -121,7 +121,7 @@ def test_a_disk_that_fills_up_in_flight_is_noted_and_the_flight_goes_on(tmp_path
     recorder = Recorder(tmp_path, "")
     recorder.start(EPOCH_US)
     for i in range(200):
-        recorder.frames(frames(5), 0.05 * i)
+        recorder.turn(Turn(0.05 * i, said=frames(5)))
         recorder.ticks([tick()])
     recorder.close()
     assert recorder.problem == f"{tmp_path}: recording stopped: No space left on device"

@@ -86,10 +86,11 @@ class FakePilot:
 
 class FakeRecorder:
     def __init__(self):
-        self.kept, self.ticked = [], []
+        self.kept, self.ticked, self.turns = [], [], []
 
-    def frames(self, frames, now):
-        self.kept += frames
+    def turn(self, turn):
+        self.turns.append(turn)
+        self.kept += turn.said
 
     def ticks(self, records):
         self.ticked += records
