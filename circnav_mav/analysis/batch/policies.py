@@ -7,7 +7,8 @@ import numpy as np
 from circnav_mav.analysis.batch.flight import Circle, Seen, True_
 from circnav_mav.core.air_path import chord, wrap
 from circnav_mav.core.drift_law import DriftGains, drift, drift_gains, mirrored
-from circnav_mav.core.estimators.bank import DX, KAPPA, PX
+from circnav_mav.core.estimators.bank import KAPPA, position
+from circnav_mav.core.estimators.bank import drift as drift_of
 from circnav_mav.core.estimators.drift_bank import BankSettings, DriftBank
 from circnav_mav.analysis.batch.filters import BatchKalman
 from circnav_mav.core.range_laws import feedforward
@@ -30,6 +31,8 @@ class FullInformation:
         return self._sense * drift(
             *here, V=cfg.speed, r_d=cfg.radius, max_turn_rate=cfg.max_turn_rate, gains=self._gains
         )
+
+EXPLORE = "guess"
 
 
 class Auto:
@@ -57,7 +60,7 @@ class Auto:
         self.trusted = self.bank.trusted
         x = self.bank.mean
         V = x[KAPPA] * seen.airspeed
-        p, d = x[PX : PX + 2], x[DX : DX + 2]
+        p, d = position(x), drift_of(x)
         here = mirrored(p, d, seen.psi, seen.turn_rate, s)
         with np.errstate(divide="ignore", invalid="ignore"):
             by_bank = drift(*here, V=np.maximum(V, 1.0), r_d=cfg.radius, max_turn_rate=cfg.max_turn_rate, gains=self._gains)
@@ -65,6 +68,12 @@ class Auto:
         by_range = np.where(self.kalman.ready, by_range, cfg.speed / cfg.radius)
         self._share = np.clip(self._share + np.where(self.trusted, seen.dt, -seen.dt), 0.0, 1.0)
         limit = cfg.max_turn_rate
+        self._searched = np.where(self.trusted, 0.0, getattr(self, "_searched", 0.0) + seen.dt)
+        if EXPLORE in ("weave", "both"):
+            by_range = by_range + np.where(self._searched > 3.0, 0.25 * np.sign(np.sin(2 * np.pi * self._searched / 6)), 0.0)
+        if EXPLORE in ("guess", "both"):
+            by_bank = by_bank + (np.where(self._searched > 6.0, 0.25 * np.sign(np.sin(2 * np.pi * self._searched / 6)), 0.0) if EXPLORE == "both" else 0.0)
+            by_range = np.where((self.bank.stage == 1) & (self._searched > 1.5) , by_bank, by_range)
         omega = np.clip(by_range, -limit, limit)
         omega = omega + self._share * (np.clip(np.where(self.bank.stage==2, by_bank, by_range), -limit, limit) - omega)
         v = V * np.stack([np.cos(seen.psi), np.sin(seen.psi)]) + d

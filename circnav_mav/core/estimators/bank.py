@@ -1,14 +1,17 @@
 """The relative-motion filters as arrays: one step serves one flight and a thousand, one hypothesis and thirty-two.
 
-State x = (p_x, p_y, d_x, d_y, kappa, b), shape (6, M, B) for M hypotheses of each of B flights:
-p = vehicle - target (m), d = wind - target velocity (m/s), kappa = true over measured airspeed, b = slowly drifting
-error of the range (m). Frame: the paper's (x right, y up), turned by whatever constant error the compass has.
+State x = (r, theta, d_x, d_y, kappa, b, g_x, g_y), shape (8, M, B) for M hypotheses of each of B flights: r, theta =
+range (m) and direction (rad) of p = vehicle - target, d + g = wind - target velocity (m/s), of which d is steady and g
+comes and goes (gusts, a turning target), kappa = true over measured airspeed, b = slowly drifting error of the range
+(m). Frame: the paper's, turned by whatever constant error the compass has.
 
-    p' = kappa V u(psi) + d,   d' = white noise,   b' = -b/tau + white noise,   z = |p| + b + white noise
+    p' = kappa V u(psi) + d + g,   d' = white noise,   g' = -g/tau_g + white noise,   b' = -b/tau_b + white noise,
+    z = r + b + white noise
 
-The motion is linear and exact (the air path comes in as a chord); only the range is not, and it is taken to second
-order: an uncertainty sigma_t across the line of sight makes |p| longer by sigma_t^2/(2r) and adds (sigma_t^2/r)^2/2
-to its variance. Source: extended Kalman filter with second-order terms, Bar-Shalom, Li, Kirubarajan (2001), ch. 10.
+Polar, because then the measurement is linear: a Cartesian filter draws each range along another bearing than the last
+and so believes that it sees the bearing (in gusts its NEES reaches hundreds; this one's stays near 2). The motion is
+exact (the air path comes in as a chord) and linearised about the mean. Source: extended Kalman filter in polar
+coordinates, as Aidala and Hammel, "Utilization of modified polar coordinates for bearings-only tracking" (1983).
 """
 
 from dataclasses import dataclass
@@ -16,13 +19,19 @@ from typing import Any
 
 import numpy as np
 
+from circnav_mav.core.air_path import wrap
+
 Array = Any
-PX, PY, DX, DY, KAPPA, B = range(6)
-STATES = 6
+R, THETA, DX, DY, KAPPA, B, GX, GY = range(8)
+STATES = 8
 BIAS_TIME = 2.0
 """Correlation time of the drifting range error, s: what UWB and LoRa radios show (1..3 s)."""
+GUST_TIME = 10.0
+"""Correlation time of gusts, s: 150..200 m of low-level turbulence at the speed of a small UAV."""
 KAPPA_RANGE = (0.85, 1.15)
 """Airspeed sensors err by no more; without the clamp a filter can lock on a wrong mode."""
+CLOSEST = 1.0
+"""The bearing is singular at the target: ranges count as at least this, m."""
 POSITION_PSD, KAPPA_PSD = 1e-4, 1e-7
 """Process noise for what the model leaves out: m^2/s and 1/s."""
 OUTLIER_SHARE, OUTLIER_SPREAD = 0.05, 100.0
@@ -35,17 +44,18 @@ WEIGHT_MEMORY = 20.0
 class Noise:
     """What each of M hypotheses assumes, arrays of shape (M, 1).
 
-    drift_psd: of d', m^2/s^3. white, drifting: the range error's two parts, in units of the sample's sigma.
+    drift_psd: of d', m^2/s^3. gust: standard deviation of each component of g, m/s. white, drifting: the range error's two parts, in units of the sample's sigma.
     """
 
     drift_psd: Array
+    gust: Array
     white: Array
     drifting: Array
 
 
 @dataclass(frozen=True, slots=True)
 class Hypotheses:
-    """M filters for each of B flights: x (6, M, B), P (6, 6, M, B), log_weight (M, B) with maximum 0 per flight."""
+    """M filters for each of B flights: x (8, M, B), P (8, 8, M, B), log_weight (M, B) with maximum 0 per flight."""
 
     x: Array
     P: Array
@@ -66,43 +76,38 @@ class Innovation:
     taken: Array
 
 
-def ring(r: Array, sigma: Array, count: int, drift_sigma: float, kappa_sigma: float = 0.05) -> Hypotheses:
-    """Hypotheses all round a target that was ranged at r (B,): equal weights, drift unknown."""
-    angle = 2 * np.pi * np.arange(count)[:, None] / count
-    r, sigma = np.broadcast_arrays(np.asarray(r, float), np.asarray(sigma, float))
-    n = np.stack([np.cos(angle), np.sin(angle)])
-    x = np.zeros((STATES, count, r.size))
-    x[PX], x[PY], x[KAPPA] = n[0] * r, n[1] * r, 1.0
-    P = np.zeros((STATES, STATES, count, r.size))
-    along, across = 2 * sigma**2, (np.pi * r / count) ** 2
-    P[PX, PX] = n[0] ** 2 * along + n[1] ** 2 * across
-    P[PY, PY] = n[1] ** 2 * along + n[0] ** 2 * across
-    P[PX, PY] = P[PY, PX] = n[0] * n[1] * (along - across)
-    P[DX, DX] = P[DY, DY] = drift_sigma**2
-    P[KAPPA, KAPPA] = kappa_sigma**2
-    P[B, B] = sigma**2
-    return Hypotheses(x, P, np.zeros((count, r.size)))
-
-
 def predict(h: Hypotheses, noise: Noise, dt: Array, chord: Array, sigma: Array) -> Hypotheses:
-    """Carry on by dt (B,) along an air path whose chord is (2, B), in m at the measured airspeed."""
+    """Carry on by dt (s, scalar or (B,)) along an air path whose chord is (2, B), in m at the measured airspeed."""
     x, P = h.x.copy(), h.P.copy()
-    fade = np.exp(-dt / BIAS_TIME)
-    x[PX] += x[DX] * dt + x[KAPPA] * chord[0]
-    x[PY] += x[DY] * dt + x[KAPPA] * chord[1]
+    fade, calm = np.exp(-dt / BIAS_TIME), np.exp(-dt / GUST_TIME)
+    n, t = _axes(h.x[THETA])
+    r, x[R], turn = h.x[R], *_moved(h.x, n, t, dt, chord)
+    x[THETA] += turn
     x[B] *= fade
-    P[PX] += P[DX] * dt + P[KAPPA] * chord[0]
-    P[PY] += P[DY] * dt + P[KAPPA] * chord[1]
-    P[:, PX] += P[:, DX] * dt + P[:, KAPPA] * chord[0]
-    P[:, PY] += P[:, DY] * dt + P[:, KAPPA] * chord[1]
-    P[B] *= fade
-    P[:, B] *= fade
-    q = noise.drift_psd * dt
-    for p, d in ((PX, DX), (PY, DY)):
-        P[p, p] += q * (dt**2 / 3) + POSITION_PSD * dt
-        P[p, d] += q * (dt / 2)
-        P[d, p] += q * (dt / 2)
-        P[d, d] += q
+    x[GX:] *= calm
+    n1, t1 = _axes(x[THETA])
+    c, s = np.cos(turn), np.sin(turn)
+    for axis in (_rows, _columns):
+        of = axis(P)
+        east, north = (of(DX) + of(GX)) * dt + of(KAPPA) * chord[0], (of(DY) + of(GY)) * dt + of(KAPPA) * chord[1]
+        along = c * of(R) + (r * s) * of(THETA) + n1[0] * east + n1[1] * north
+        across = (r * c) * of(THETA) - s * of(R) + t1[0] * east + t1[1] * north
+        of(R)[...], of(THETA)[...] = along, across / x[R]
+        of(B)[...] *= fade
+        of(GX)[...] *= calm
+        of(GY)[...] *= calm
+    steady, gusty = noise.drift_psd * dt, (1 - calm**2) * noise.gust**2
+    moved = (steady + gusty) * (dt**2 / 3) + POSITION_PSD * dt
+    P[R, R] += moved
+    P[THETA, THETA] += moved / x[R] ** 2
+    for first, q in ((DX, steady), (GX, gusty)):
+        for axis in (0, 1):
+            d = first + axis
+            P[R, d] += n1[axis] * (q * dt / 2)
+            P[d, R] = P[R, d]
+            P[THETA, d] += t1[axis] * (q * dt / 2) / x[R]
+            P[d, THETA] = P[THETA, d]
+            P[d, d] += q
     P[KAPPA, KAPPA] += KAPPA_PSD * dt
     P[B, B] += (1 - fade**2) * (noise.drifting * sigma) ** 2
     return Hypotheses(x, P, h.log_weight * np.exp(-dt / WEIGHT_MEMORY))
@@ -112,29 +117,71 @@ def update(
     h: Hypotheses, noise: Noise, z: Array, sigma: Array, valid: Array, gate: float
 ) -> tuple[Hypotheses, Innovation]:
     """Take in one range per flight, z and sigma (B,), where valid (B,); per hypothesis refuse it outside the gate."""
-    x, P = h.x, h.P
-    r = np.maximum(np.hypot(x[PX], x[PY]), 1e-3)
-    n, t = (x[PX] / r, x[PY] / r), (-x[PY] / r, x[PX] / r)
-    PH = n[0] * P[:, PX] + n[1] * P[:, PY] + P[:, B]
-    across = t[0] ** 2 * P[PX, PX] + 2 * t[0] * t[1] * P[PX, PY] + t[1] ** 2 * P[PY, PY]
-    bend = across / r
-    S = n[0] * PH[PX] + n[1] * PH[PY] + PH[B] + (noise.white * sigma) ** 2 + 0.5 * bend**2
-    nu = z - r - x[B] - 0.5 * bend
+    PH = h.P[:, R] + h.P[:, B]
+    S = PH[R] + PH[B] + (noise.white * sigma) ** 2
+    nu = z - h.x[R] - h.x[B]
     nis = nu**2 / S
     taken = valid & (nis < gate**2)
     K = PH * (taken / S)
-    x = x + K * nu
+    x = h.x + K * nu
+    np.maximum(x[R], CLOSEST, out=x[R])
     np.clip(x[KAPPA], *KAPPA_RANGE, out=x[KAPPA])
-    P = P - K[:, None] * PH[None, :]
+    P = h.P - K[:, None] * PH[None, :]
     fits = (1 - OUTLIER_SHARE) * np.exp(-0.5 * np.minimum(nis, 1e3)) / np.sqrt(2 * np.pi * S)
     log_weight = h.log_weight + np.where(valid, np.log(fits + OUTLIER_SHARE / OUTLIER_SPREAD), 0.0)
-    log_weight = log_weight - log_weight.max(axis=0)
-    return Hypotheses(x, P, log_weight), Innovation(nis, taken)
+    return Hypotheses(x, P, log_weight - log_weight.max(axis=0)), Innovation(nis, taken)
+
+
+def _axes(theta: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    """Unit vectors along and across (left of) the line from the target."""
+    c, s = np.cos(theta), np.sin(theta)
+    return (c, s), (-s, c)
+
+
+def _moved(x: Array, n: Any, t: Any, dt: Array, chord: Array) -> tuple[Array, Array]:
+    """Range after the step, and the angle that p has turned."""
+    step = x[KAPPA] * chord[0] + (x[DX] + x[GX]) * dt, x[KAPPA] * chord[1] + (x[DY] + x[GY]) * dt
+    along, across = x[R] + n[0] * step[0] + n[1] * step[1], t[0] * step[0] + t[1] * step[1]
+    return np.maximum(np.hypot(along, across), CLOSEST), np.arctan2(across, along)
+
+
+def _rows(P: Array) -> Any:
+    return lambda i: P[i]
+
+
+def _columns(P: Array) -> Any:
+    return lambda i: P[:, i]
 
 
 def mixture(h: Hypotheses) -> tuple[Array, Array]:
-    """Mean (6, B) and covariance (6, 6, B) of the weighted hypotheses."""
+    """Mean (8, B) and covariance (8, 8, B) of the weighted hypotheses; directions are averaged about the heaviest."""
     w = h.weight
-    mean = (w * h.x).sum(axis=1)
-    apart = h.x - mean[:, None]
+    heaviest = h.x[THETA, h.log_weight.argmax(axis=0), np.arange(w.shape[1])]
+    x = h.x.copy()
+    x[THETA] = heaviest + wrap(x[THETA] - heaviest)
+    mean = (w * x).sum(axis=1)
+    apart = x - mean[:, None]
     return mean, (w * (h.P + apart[:, None] * apart[None, :])).sum(axis=2)
+
+
+def polar(p: Array, P: Array) -> tuple[Array, Array]:
+    """State (p_x, p_y, ...) of shape (8, B) with covariance (8, 8, B) as (r, theta, ...)."""
+    r = np.maximum(np.hypot(p[0], p[1]), CLOSEST)
+    n = p[:2] / r
+    T = np.zeros_like(P)
+    for i in range(2, STATES):
+        T[i, i] = 1.0
+    T[0, 0], T[0, 1], T[1, 0], T[1, 1] = n[0], n[1], -n[1] / r, n[0] / r
+    x = p.copy()
+    x[R], x[THETA] = r, np.arctan2(p[1], p[0])
+    return x, np.einsum("ij...,jk...,lk...->il...", T, P, T)
+
+
+def position(x: Array) -> Array:
+    """p = vehicle - target (2, ...), m."""
+    return x[R] * np.stack([np.cos(x[THETA]), np.sin(x[THETA])])
+
+
+def drift(x: Array) -> Array:
+    """d + g (2, ...), m/s."""
+    return x[DX : DY + 1] + x[GX : GY + 1]

@@ -19,17 +19,20 @@ from circnav_mav.core.estimators.window import Guesses, Prior, all_round, carrie
 from circnav_mav.core.estimators.window import covariance as covariance_of
 
 from circnav_mav.core.estimators.bank import (
-    PX,
-    PY,
+    R,
+    THETA,
     STATES,
     Array,
     Hypotheses,
     Noise,
     mixture,
+    drift as drift_of,
+    polar,
     KAPPA,
     B as BIAS,
     DX,
-    DY,
+    GX,
+    GY,
     predict,
     update,
 )
@@ -51,7 +54,8 @@ class BankSettings:
     ends, above the second the estimate must not steer, above the third the track is given up. margin: how much worse
     (in log likelihood) every other place must fit. missed: share of recent samples outside the gate that ends the
     track; recent: memory of it, s. drift_sigma, drift_most: of the unknown drift, in V. min_bins: before any answer.
-    drift_psds, noises: the models in TRACK, m^2/s^3 and (white, drifting) parts of sigma. window_psd: drift in SEARCH.
+    winds, noises: the models in TRACK, all pairs of (m^2/s^3 of d, gust in V) and (white, drifting) parts of sigma.
+    window_psd: of d in SEARCH.
     """
 
     speed: float
@@ -66,13 +70,15 @@ class BankSettings:
     min_bins: int = 8
     drift_sigma: float = 0.4
     drift_most: float = 0.85
-    drift_psds: tuple[float, ...] = (3e-4, 1e-2, 0.4)
+    winds: tuple[tuple[float, float], ...] = ((3e-4, 0.0), (1e-2, 0.0), (1e-2, 0.1))
     noises: tuple[tuple[float, float], ...] = ((1.0, 0.0), (0.4, 0.9))
     window_psd: float = 0.05
 
 
 FORGOTTEN, REVIVED = -12.0, -6.0
 """A model whose log weight falls below the first starts again from the mixture with the second."""
+SWITCH = 1.0
+"""The favourite of a search gives way to a guess that fits better by this log likelihood."""
 APART = 0.25
 """Guesses farther apart than this share of the range are different answers."""
 
@@ -80,18 +86,15 @@ APART = 0.25
 class DriftBank:
     """The banks of B flights that are stepped together. `step` is the only way in; the attributes are what is believed.
 
-    mean (6, B), covariance (6, 6, B), stage, nis, missed, refused (B,): nis of the heaviest hypothesis, share of
+    mean (8, B), covariance (8, 8, B), stage, nis, missed, refused (B,): nis of the heaviest hypothesis, share of
     recent misses, whether the last sample was refused.
     """
 
     def __init__(self, settings: BankSettings, flights: int = 1) -> None:
         self.settings = settings
-        models = list(product(settings.drift_psds, settings.noises))
-        self.noise = Noise(
-            np.array([[q] for q, _ in models]),
-            np.array([[white] for _, (white, _) in models]),
-            np.array([[drifting] for _, (_, drifting) in models]),
-        )
+        models = np.array([(*wind, *noise) for wind, noise in product(settings.winds, settings.noises)])
+        models[:, 1] *= settings.speed
+        self.noise = Noise(*models.T[..., None])
         self.stage = np.full(flights, Stage.EMPTY)
         self.mean = np.zeros((STATES, flights))
         self.covariance = np.zeros((STATES, STATES, flights))
@@ -103,6 +106,7 @@ class DriftBank:
         self._prior = Prior(settings.drift_sigma * settings.speed)
         self._searching = np.zeros(0, int)
         self._guesses = all_round(np.zeros(0), settings.hypotheses)
+        self._favourite = np.zeros(0, int)
         self._guessed = 0.0, np.zeros((2, flights))
         self._tracking = np.zeros(0, int)
         self._tracks = _copies(self.mean[:, :0], self.covariance[..., :0], len(models))
@@ -110,9 +114,8 @@ class DriftBank:
     @property
     def spread(self) -> Array:
         """Standard deviation of the position over the range, (B,); infinite before it is known where the target is."""
-        sd = np.sqrt(np.maximum(self.covariance[PX, PX] + self.covariance[PY, PY], 0.0))
-        r = np.hypot(self.mean[PX], self.mean[PY])
-        return np.where(self.stage == Stage.TRACK, sd / np.maximum(r, 1e-3), np.inf)
+        variance = self.covariance[R, R] / np.maximum(self.mean[R], 1.0) ** 2 + self.covariance[THETA, THETA]
+        return np.where(self.stage == Stage.TRACK, np.sqrt(np.maximum(variance, 0.0)), np.inf)
 
     @property
     def trusted(self) -> Array:
@@ -127,6 +130,7 @@ class DriftBank:
         self._lose(z, valid)
         if closed:
             self._search(sigma)
+        self._tell_favourites()
         self._since[valid] = 0.0
 
     def _track(self, dt: float, chord: Array, z: Array, sigma: Array, valid: Array) -> None:
@@ -152,7 +156,7 @@ class DriftBank:
     def _lose(self, z: Array, valid: Array) -> None:
         """Send flights back to the ring whose track does not hold, and those that hear their first range."""
         cfg = self.settings
-        drift = np.hypot(self.mean[DX], self.mean[DY])
+        drift = np.hypot(*drift_of(self.mean))
         astray = (self.missed > cfg.missed) | (self.spread > cfg.lost) | (drift > cfg.drift_most * cfg.speed)
         lost = (self.stage == Stage.TRACK) & astray
         begin = np.flatnonzero(valid & (lost | (self.stage == Stage.EMPTY)))
@@ -162,12 +166,14 @@ class DriftBank:
             self.stage[lost] = Stage.EMPTY
         if begin.size:
             self.stage[begin] = Stage.SEARCH
+            self.mean[BIAS, begin] = 0.0
             self._begin(begin, z[begin])
 
     def _begin(self, at: Array, r: Array) -> None:
         self._carry()
         old, new = self._guesses, all_round(r, self.settings.hypotheses)
         self._searching = np.concatenate([self._searching, at])
+        self._favourite = np.concatenate([self._favourite, np.zeros(at.size, int)])
         self._guesses = Guesses(
             *(np.concatenate(pair) for pair in ((old.x, new.x), (old.cost, new.cost), (old.damping, new.damping)))
         )
@@ -189,6 +195,8 @@ class DriftBank:
         self._guesses = g = improve(self._guesses, bins, self._prior)
         flights = np.arange(at.size)
         best = g.cost.argmin(axis=1)
+        better = g.cost[flights, best] < g.cost[flights, self._favourite] - SWITCH
+        self._favourite = np.where(better, best, self._favourite)
         x, cost = g.x[flights, best], g.cost[flights, best]
         r = np.hypot(x[:, 0], x[:, 1])
         away = np.hypot(g.x[..., 0] - x[:, None, 0], g.x[..., 1] - x[:, None, 1]) > APART * r[:, None]
@@ -202,12 +210,26 @@ class DriftBank:
         if found.any():
             self._found(found, x, P, sigma)
 
+    def _tell_favourites(self) -> None:
+        """What a search thinks most of, as the mean: a place to try, not to trust."""
+        at = self._searching
+        if not at.size:
+            return
+        then, path = self._guessed
+        x = self._guesses.x[np.arange(at.size), self._favourite].T
+        step = (self._window.path - path)[:, at]
+        p = x[:2] + x[KAPPA] * step + x[2:4] * (self._window.now - then)
+        self.mean[R, at], self.mean[THETA, at] = np.hypot(p[0], p[1]), np.arctan2(p[1], p[0])
+        self.mean[DX:BIAS, at], self.mean[BIAS:, at] = x[DX:BIAS], 0.0
+
     def _found(self, found: Array, x: Array, P: Array, sigma: Array) -> None:
         """Start the tracks of flights whose search has ended."""
         at = self._searching[found]
         mean, covariance = np.zeros((STATES, at.size)), np.zeros((STATES, STATES, at.size))
         mean[:BIAS], covariance[:BIAS, :BIAS] = x[found].T, np.moveaxis(P[found], 0, -1)
         covariance[BIAS, BIAS] = (0.5 * sigma[at]) ** 2
+        covariance[GX, GX] = covariance[GY, GY] = (0.02 * self.settings.speed) ** 2
+        mean, covariance = polar(mean, covariance)
         new = _copies(mean, covariance, len(self.noise.white))
         old = self._tracks
         self._tracks = Hypotheses(
@@ -218,6 +240,7 @@ class DriftBank:
         self.stage[at], self.missed[at] = Stage.TRACK, 0.0
         stay = ~found
         g = self._guesses
+        self._favourite = self._favourite[stay]
         self._searching, self._guesses = self._searching[stay], Guesses(g.x[stay], g.cost[stay], g.damping[stay])
 
 
