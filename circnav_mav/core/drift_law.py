@@ -25,18 +25,21 @@ REACHABLE = 0.98
 class DriftGains:
     """heading: of the heading error, 1/s. radial: slope of the inward course angle at the circle, rad/m.
 
-    lag: first-order delay of the turn, s, by which the feedforward looks ahead.
+    lead: of the turn-rate error, which makes the vehicle's lag (1 + lead) times shorter. ahead: what remains of the
+    lag, s, by which the feedforward looks ahead.
     """
 
     heading: float
     radial: float
-    lag: float
+    lead: float
+    ahead: float
 
 
-def drift_gains(V: float, r_d: float, lag: float) -> DriftGains:
-    """Gains by rule: heading loop with a damping of .7 against the lag, radius loop a third as fast as that."""
-    heading = 0.5 / max(lag, 0.2)
-    return DriftGains(heading, min(heading / (3 * V), 3 / r_d), lag)
+def drift_gains(V: float, r_d: float, lag: float, lead: float = 1.0) -> DriftGains:
+    """Gains by rule: heading loop with a damping of .7 against what lead leaves of the lag, radius loop a third as fast."""
+    left = max(lag, 0.2) / (1 + lead)
+    heading = 0.5 / left
+    return DriftGains(heading, heading / (3 * V), lead, left)
 
 
 def inward_angle(r: Array, *, r_d: float, k: float, sharpest: Array) -> Array:
@@ -74,8 +77,9 @@ def drift(
         there = p + d * ahead + chord(V, psi, turn_rate * ahead, ahead)
         return field_heading(there, d, V=V, r_d=r_d, k=gains.radial, max_turn_rate=max_turn_rate)
 
-    rotation = wrap(wanted(gains.lag + STEP) - wanted(gains.lag - STEP)) / (2 * STEP)
-    return rotation + gains.heading * wrap(wanted(0.0) - psi)
+    rotation = wrap(wanted(gains.ahead + STEP) - wanted(gains.ahead - STEP)) / (2 * STEP)
+    aimed = rotation + gains.heading * wrap(wanted(0.0) - psi)
+    return aimed + gains.lead * (aimed - turn_rate)
 
 
 def mirrored(p: Array, d: Array, psi: Array, turn_rate: Array, sense: Array) -> tuple[Array, Array, Array, Array]:
