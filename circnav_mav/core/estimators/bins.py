@@ -37,15 +37,15 @@ class RangeWindow:
         """Time and path (2, B) go on, ranges come in where valid; tells whether a bin was closed."""
         self.now += dt
         self.path = self.path + chord
+        due = self.now - self._opened >= WIDTH - 1e-9
+        if due:
+            self._close(sigma)
         if valid.any():
             slot = self._filled % SLOTS
             self._open[:, slot] = np.where(valid, np.stack([np.full_like(z, self.now), *self.path, z]), np.nan)
             self._filled += 1
             self._roughen(z, valid)
-        if self.now - self._opened < WIDTH - 1e-9:
-            return False
-        self._close(sigma)
-        return True
+        return due
 
     def forget(self, who: Array) -> None:
         """Drop what is kept of some flights."""

@@ -64,7 +64,7 @@ class BankSettings:
     converged: float = 0.12
     trusted: float = 0.25
     lost: float = 0.6
-    margin: float = 8.0
+    margin: float = 6.0
     missed: float = 0.6
     recent: float = 3.0
     min_bins: int = 8
@@ -72,7 +72,7 @@ class BankSettings:
     drift_most: float = 0.85
     winds: tuple[tuple[float, float], ...] = ((3e-4, 0.0), (1e-2, 0.0), (1e-2, 0.1))
     noises: tuple[tuple[float, float], ...] = ((1.0, 0.0), (0.4, 0.9))
-    window_psd: float = 0.05
+    window_psd: float = 0.02
 
 
 FORGOTTEN, REVIVED = -12.0, -6.0
@@ -121,6 +121,13 @@ class DriftBank:
     def trusted(self) -> Array:
         """Whether the estimate may steer, (B,)."""
         return self.spread < self.settings.trusted
+
+    @property
+    def favourite(self) -> Array:
+        """Number of the guess that a search thinks most of, (B,); -1 where there is no search."""
+        number = np.full(self.stage.size, -1)
+        number[self._searching] = self._favourite
+        return number
 
     def step(self, dt: float, chord: Array, z: Array, sigma: Array, valid: Array) -> None:
         """Carry all flights on by dt along chord (2, B), and take in their ranges z, sigma where valid (B,)."""
