@@ -37,7 +37,7 @@ def tangent_time(p: Array, psi: Array, sense: Array, *, V: float, r_d: float, ma
     for side in (1.0, -1.0):
         cx, cy = x - side * rho * np.sin(heading), y + side * rho * np.cos(heading)
         D, offset = np.hypot(cx, cy), r_d - side * rho
-        exists = D >= abs(offset)
+        exists = abs(offset) <= D
         line = np.sqrt(np.maximum(D**2 - offset**2, 0.0))
         course = np.arctan2(-cy, -cx) - np.arcsin(np.minimum(offset / np.maximum(D, 1e-9), 1.0))
         length = _turn(side * (course - heading)) * rho + line

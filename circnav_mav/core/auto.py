@@ -14,13 +14,13 @@ from typing import Any
 import numpy as np
 
 Array = Any
-FIRST_GUESS = 1.5
+FIRST_GUESS = 1.0
 """Time, s, that a search needs before its favourite is worth trying."""
 PATIENCE = 6.0
 """Time, s, of trying after which the approach weaves."""
 WEAVE_SHARE, WEAVE_PERIOD = 0.7, 6.0
 """Amplitude in units of the turn-rate limit, and period, s: some 30 deg to either side."""
-FADE = 0.5
+FADE = 0.2
 """Time constant of a handover, s."""
 
 

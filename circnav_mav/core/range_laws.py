@@ -31,9 +31,7 @@ def bounded(r: Array, r_dot: Array, *, V: float, r_d: float, k: float) -> Array:
     return k * (r_dot + np.where(r >= r_s, outside, -inside))
 
 
-def relay(
-    r: Array, r_dot: Array, *, V: float, r_d: float, w: float, gamma: float, v_star: float, phi: float
-) -> Array:
+def relay(r: Array, r_dot: Array, *, V: float, r_d: float, w: float, gamma: float, v_star: float, phi: float) -> Array:
     """omega = w sat((r' + chi)/phi) + V/r_d with chi = clip(gamma e, -v*, v*): sliding on r' = -chi.
 
     w > V/r_d, rad/s; v* < V - W; phi > 0, m/s, is the boundary layer, without which it chatters. Copes with a moving

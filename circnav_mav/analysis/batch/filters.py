@@ -43,9 +43,7 @@ class BatchKalman:
         nu = z - self.r
         taken = later & (nu**2 / S <= self._gate**2)
         gain = np.where(taken, np.stack([rr, rv]) / S, 0.0)
-        self._P = np.where(
-            later, np.stack([rr - gain[0] * rr, rv - gain[0] * rv, vv - gain[1] * rv]), self._P
-        )
+        self._P = np.where(later, np.stack([rr - gain[0] * rr, rv - gain[0] * rv, vv - gain[1] * rv]), self._P)
         self.r, self.r_dot = self.r + gain[0] * nu, self.r_dot + gain[1] * nu
         refused = later & ~taken
         agree = np.abs(z - self._before) <= 2 * self._V * h + self._gate * sigma * np.sqrt(2)

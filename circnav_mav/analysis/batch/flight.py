@@ -27,10 +27,10 @@ class Situation:
     """Everything that makes one row of the benchmark. airspeed_error: measured over true minus 1, either sign."""
 
     name: str
-    wind: Wind = Wind()
-    target: Target = Target()
+    wind: Wind = field(default_factory=Wind)
+    target: Target = field(default_factory=Target)
     ranging: Ranging = GAUSSIAN
-    compass: Compass = Compass()
+    compass: Compass = field(default_factory=Compass)
     airspeed_error: float = 0.0
     circle: Circle = field(default_factory=Circle)
     duration: float = 400.0
@@ -55,7 +55,7 @@ class Seen:
 
 
 @dataclass(frozen=True, slots=True)
-class True_:
+class Truth:
     """What is true: p = vehicle - target (2, B), d = wind - target velocity (2, B), psi, turn_rate (B,)."""
 
     p: Array
@@ -69,7 +69,7 @@ class Policy(Protocol):
 
     estimate: tuple[Array, Array]
 
-    def command(self, seen: Seen, true: True_) -> Array:
+    def command(self, seen: Seen, true: Truth) -> Array:
         """Turn rates (B,), counter-clockwise positive. Only the full-information reference may look at `true`."""
         ...
 
@@ -87,7 +87,7 @@ class Tracks:
     r_hat: Array
     r_dot_hat: Array
     sense: Array
-    start: True_
+    start: Truth
 
 
 def fly(situation: Situation, make: Any, flights: int, seed: int) -> Tracks:
@@ -109,7 +109,7 @@ def fly(situation: Situation, make: Any, flights: int, seed: int) -> Tracks:
     start = None
     for step in range(steps):
         d = air.velocity - targets.velocity
-        true = True_(p, d, psi, omega)
+        true = Truth(p, d, psi, omega)
         start = start or true
         r = np.hypot(*p)
         z, arrived = radio.measure(r, step, dt)

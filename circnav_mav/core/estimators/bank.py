@@ -87,8 +87,7 @@ def predict(h: Hypotheses, noise: Noise, dt: Array, chord: Array, sigma: Array) 
     x[GX:] *= calm
     n1, t1 = _axes(x[THETA])
     c, s = np.cos(turn), np.sin(turn)
-    for axis in (_rows, _columns):
-        of = axis(P)
+    for of in (_rows(P), _columns(P)):
         east, north = (of(DX) + of(GX)) * dt + of(KAPPA) * chord[0], (of(DY) + of(GY)) * dt + of(KAPPA) * chord[1]
         along = c * of(R) + (r * s) * of(THETA) + n1[0] * east + n1[1] * north
         across = (r * c) * of(THETA) - s * of(R) + t1[0] * east + t1[1] * north

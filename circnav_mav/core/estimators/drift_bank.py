@@ -14,28 +14,31 @@ from itertools import product
 
 import numpy as np
 
-from circnav_mav.core.estimators.bins import RangeWindow
-from circnav_mav.core.estimators.window import Guesses, Prior, all_round, carried, improve
-from circnav_mav.core.estimators.window import covariance as covariance_of
-
 from circnav_mav.core.estimators.bank import (
-    R,
-    THETA,
-    STATES,
-    Array,
-    Hypotheses,
-    Noise,
-    mixture,
-    drift as drift_of,
-    polar,
-    KAPPA,
-    B as BIAS,
     DX,
     GX,
     GY,
+    KAPPA,
+    STATES,
+    THETA,
+    Array,
+    Hypotheses,
+    Noise,
+    R,
+    mixture,
+    polar,
     predict,
     update,
 )
+from circnav_mav.core.estimators.bank import (
+    B as BIAS,
+)
+from circnav_mav.core.estimators.bank import (
+    drift as drift_of,
+)
+from circnav_mav.core.estimators.bins import RangeWindow
+from circnav_mav.core.estimators.window import Guesses, Prior, all_round, carried, improve
+from circnav_mav.core.estimators.window import covariance as covariance_of
 
 
 class Stage(IntEnum):
@@ -64,7 +67,7 @@ class BankSettings:
     converged: float = 0.12
     trusted: float = 0.25
     lost: float = 0.6
-    margin: float = 6.0
+    margin: float = 5.0
     missed: float = 0.6
     recent: float = 3.0
     min_bins: int = 8
@@ -72,13 +75,15 @@ class BankSettings:
     drift_most: float = 0.85
     winds: tuple[tuple[float, float], ...] = ((3e-4, 0.0), (1e-2, 0.0), (1e-2, 0.1))
     noises: tuple[tuple[float, float], ...] = ((1.0, 0.0), (0.4, 0.9))
-    window_psd: float = 0.02
+    window_psd: float = 0.01
 
 
 FORGOTTEN, REVIVED = -12.0, -6.0
 """A model whose log weight falls below the first starts again from the mixture with the second."""
-SWITCH = 1.0
+SWITCH = 0.5
 """The favourite of a search gives way to a guess that fits better by this log likelihood."""
+ITERATIONS = 2
+"""Of the least squares per bin."""
 APART = 0.25
 """Guesses farther apart than this share of the range are different answers."""
 
@@ -128,6 +133,18 @@ class DriftBank:
         number = np.full(self.stage.size, -1)
         number[self._searching] = self._favourite
         return number
+
+    @property
+    def likely_noise(self) -> Noise:
+        """What the tracking models assume on average, arrays (1, B); the middle of them for those that search."""
+        weight = np.full((len(self.noise.white), self.stage.size), 1 / len(self.noise.white))
+        weight[:, self._tracking] = self._tracks.weight
+        return Noise(
+            *(
+                (part * weight).sum(axis=0, keepdims=True)
+                for part in (self.noise.drift_psd, self.noise.gust, self.noise.white, self.noise.drifting)
+            )
+        )
 
     def step(self, dt: float, chord: Array, z: Array, sigma: Array, valid: Array) -> None:
         """Carry all flights on by dt along chord (2, B), and take in their ranges z, sigma where valid (B,)."""
@@ -199,7 +216,10 @@ class DriftBank:
         if not at.size:
             return
         bins = self._window.bins(at, sigma)
-        self._guesses = g = improve(self._guesses, bins, self._prior)
+        g = self._guesses
+        for _ in range(ITERATIONS):
+            g = improve(g, bins, self._prior)
+        self._guesses = g
         flights = np.arange(at.size)
         best = g.cost.argmin(axis=1)
         better = g.cost[flights, best] < g.cost[flights, self._favourite] - SWITCH
@@ -240,7 +260,10 @@ class DriftBank:
         new = _copies(mean, covariance, len(self.noise.white))
         old = self._tracks
         self._tracks = Hypotheses(
-            *(np.concatenate(pair, axis=-1) for pair in ((old.x, new.x), (old.P, new.P), (old.log_weight, new.log_weight)))
+            *(
+                np.concatenate(pair, axis=-1)
+                for pair in ((old.x, new.x), (old.P, new.P), (old.log_weight, new.log_weight))
+            )
         )
         self._tracking = np.concatenate([self._tracking, at])
         self.mean[:, at], self.covariance[:, :, at] = mean, covariance
