@@ -29,12 +29,12 @@ class Agenda:
 
     def every(self, key: tuple[object, ...], interval: int, first: int, action: Callable[[], None]) -> None:
         """An appointment that makes the next one."""
+        self.put(key, first, partial(self._run, key, interval, first, action))
 
-        def run(due: int) -> None:
-            self.put(key, due + interval, partial(run, due + interval))
-            action()
-
-        self.put(key, first, partial(run, first))
+    def _run(self, key: tuple[object, ...], interval: int, due: int, action: Callable[[], None]) -> None:
+        """A method, not a closure: a copied vehicle must run its own appointments."""
+        self.put(key, due + interval, partial(self._run, key, interval, due + interval, action))
+        action()
 
     def drop(self, key: tuple[object, ...]) -> None:
         self._live.pop(key, None)
