@@ -38,7 +38,17 @@ class TurnGain:
     square: float = 0.0
     product: float = 0.0
 
+    @property
+    def followed(self) -> bool:
+        """Whether the vehicle turns as it is told, at least by a third. One that does not hear us teaches nothing."""
+        told = self.smooth_command
+        return abs(told) < LEAST_COMMAND or self.smooth_rate / told > DEAF
 
+
+DEAF = 1 / 3
+"""Fraction of the commanded turn below which a vehicle does not fly what it is told (the gain's own bound is .6)."""
+LEAST_COMMAND = 0.02
+"""Commanded turn rate, rad/s, below which noise would hide whether it is followed."""
 LONGEST_STEP = 0.5
 """Gap between two headings, s, after which the low-pass starts anew."""
 
@@ -61,7 +71,7 @@ def learn(state: TurnGain, settings: TurnGainSettings, *, time: float, heading: 
         state, time=time, heading=heading, smooth_rate=smooth_rate, lagged=lagged,
         smooth_command=smooth_command, age=state.age + step,
     )  # fmt: skip
-    if moved.age < 4 * settings.smoothing:  # the low-pass has not yet forgotten its start
+    if moved.age < 4 * settings.smoothing or not moved.followed:  # the low-pass has not yet forgotten its start
         return moved
     forget = exp(-step / settings.memory)
     square = state.square * forget + smooth_command**2 * step

@@ -43,11 +43,11 @@ class Helm:
     @property
     def turn_gain(self) -> float:
         """Realised over commanded turn rate, as used now."""
-        return self._learnt.gain
+        return self._settings.turn_gain or self._learnt.gain
 
     def feel(self, own: OwnMotion) -> None:
-        """Learn the turn-rate gain from the vehicle's heading while it is flying what we tell it."""
-        if self._told is None or self._settings.turn_gain is not None:
+        """Learn the turn-rate gain from the vehicle's heading, and whether it is flying what we tell it."""
+        if self._told is None:
             return
         self._learnt = learn(self._learnt, self._learning, time=own.time, heading=own.heading, command=self._told)
 
@@ -82,9 +82,9 @@ class Helm:
         self._told, self._height, self._steered_at = None, None, None
 
     def _trim_radius(self, estimate: RangeEstimate, command: TurnCommand) -> None:
-        """Let the slow integral run over the time since the last steered step."""
+        """Let the slow integral run over the time since the last steered step, while the vehicle follows."""
         before, self._steered_at = self._steered_at, estimate.time
-        if before is not None and self._settings.radius_trim > 0:
+        if before is not None and self._settings.radius_trim > 0 and self._learnt.followed:
             self._trim = next_trim(
                 self._trim,
                 rate=self._settings.radius_trim,

@@ -44,6 +44,7 @@ def test_the_last_third_is_a_third_of_the_time_and_not_of_the_samples():
     time = column(0, 1, 2, 3, 4, 5, 20, 30)
     assert list(metrics.last_part(time, time)) == [20, 30]
     assert list(metrics.last_part(column(0, 1, 2, 3), column(5, 6, 7, 8))) == [7, 8]
+    assert list(metrics.last_part(column(0, 1, 2, 3, 4, 5, 6), column(0, 1, 2, 3, 4, 5, 6))) == [4, 5, 6]
 
 
 def test_the_mean_hides_what_the_rms_error_shows():
