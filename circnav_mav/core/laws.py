@@ -7,14 +7,24 @@ counter-clockwise (the paper's remark after its second theorem). A law knows not
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from enum import Enum
 from typing import Any, Protocol
 
 import numpy as np
 
-from circnav_mav.core import theory
+from circnav_mav.core import range_laws, theory
 
 Array = Any
 """A float or an array of floats: the same equation serves one flight and a thousand."""
+
+
+class Kind(Enum):
+    """What a law needs beside range and range rate."""
+
+    RANGE = "nothing"
+    MEMORY = "its own integral"
+    RELATIVE = "position relative to the target and drift"
+    AUTO = "nothing, but uses the relative motion as soon as it can be trusted"
 
 
 class LawFunction(Protocol):
@@ -61,6 +71,52 @@ class Law:
     reached_radius: Callable[[float, float, float], float]
     fed_radius: Callable[[float, float, float], float]
     switches: bool = False
+    kind: Kind = Kind.RANGE
+
+
+def bounded(r: Array, r_dot: Array, *, V: float, r_d: float, k: float) -> Array:
+    """`range_laws.bounded` with the sense in the sign of k. |k| > 1/r_d."""
+    return -np.sign(k) * range_laws.bounded(r, r_dot, V=V, r_d=r_d, k=abs(k))
+
+
+def relay(r: Array, r_dot: Array, *, V: float, r_d: float, k: float) -> Array:
+    """`range_laws.relay` with w = |k|: approach at half the speed at most, boundary layer of a tenth of it."""
+    return -np.sign(k) * range_laws.relay(
+        r, r_dot, V=V, r_d=r_d, w=abs(k), gamma=V / r_d, v_star=range_laws.closing_speed(V, 0.0, 0.5), phi=0.1 * V
+    )
+
+
+def pd(r: Array, r_dot: Array, *, V: float, r_d: float, k: float) -> Array:
+    """`range_laws.pd` with k_d = |k| and k_p for a damping of 1; e is cut where it asks for half the speed."""
+    k_p = abs(k) ** 2 * V / 4
+    return -np.sign(k) * range_laws.pd(r, r_dot, V=V, r_d=r_d, k_p=k_p, k_d=abs(k), e_max=abs(k) * 0.5 * V / k_p)
+
+
+def feedforward(r: Array, r_dot: Array, *, V: float, r_d: float, k: float) -> Array:
+    """`range_laws.feedforward` with gamma = |k| V/6 and an approach at 0.55 V, which a wind of 0.3 V leaves flyable."""
+    return -np.sign(k) * range_laws.feedforward(
+        r, r_dot, V=V, r_d=r_d, k=abs(k), gamma=abs(k) * V / 6,
+        v_star=range_laws.closing_speed(V, 0.3 * V, 0.55), r_floor=0.43 * r_d,
+    )  # fmt: skip
+
+
+def pi(r: Array, r_dot: Array, memory: Array, dt: float, *, V: float, r_d: float, k: float) -> tuple[Array, Array]:
+    """`range_laws.pi` with k_p = |k| and an integral ten times slower than the turn; memory in, memory out."""
+    k_i = abs(k) * V / r_d
+    turn, memory = range_laws.pi(
+        r, r_dot, memory, dt, r_d=r_d, k_p=abs(k), k_i=k_i, c=range_laws.closing_speed(V, 0.0, 0.5),
+        delta=0.5 * r_d, I_max=2 * V / (r_d * k_i),
+    )  # fmt: skip
+    return -np.sign(k) * turn, memory
+
+
+TYPICAL_LAG = 0.55
+"""Turn lag plus filter lag, s, that the default gains of a law are made for where nobody names them."""
+
+
+def _damped(V: float, r_d: float) -> float:
+    """Gain of the range rate by the rule k V lag <= 0.5, at the typical lag; see `theory.rate_gain`."""
+    return theory.rate_gain(V, r_d, TYPICAL_LAG)
 
 
 LAWS: dict[str, Law] = {
@@ -81,6 +137,59 @@ LAWS: dict[str, Law] = {
             fed_radius=lambda V, r_d, k: r_d,
             switches=True,
         ),
+        Law(
+            "bounded", bounded, "1/m", "k > 1/r_d",
+            gain_bound=lambda V, r_d: 1 / r_d,
+            default_gain=lambda V, r_d: max(_damped(V, r_d), 1.5 / r_d),
+            reached_radius=lambda V, r_d, k: r_d,
+            fed_radius=lambda V, r_d, k: r_d,
+        ),
+        Law(
+            "relay", relay, "rad/s", "k > V/r_d",
+            gain_bound=lambda V, r_d: V / r_d,
+            default_gain=lambda V, r_d: 1.33 * V / r_d,
+            reached_radius=lambda V, r_d, k: r_d,
+            fed_radius=lambda V, r_d, k: r_d,
+        ),
+        Law(
+            "pd", pd, "rad/m", "k > 0",
+            gain_bound=lambda V, r_d: 0.0,
+            default_gain=_damped,
+            reached_radius=lambda V, r_d, k: r_d,
+            fed_radius=lambda V, r_d, k: r_d,
+        ),
+        Law(
+            "pi", feedforward, "rad/m", "k > 0",
+            gain_bound=lambda V, r_d: 0.0,
+            default_gain=_damped,
+            reached_radius=lambda V, r_d, k: r_d,
+            fed_radius=lambda V, r_d, k: r_d,
+            kind=Kind.MEMORY,
+        ),
+        Law(
+            "feedforward", feedforward, "rad/m", "k > 0",
+            gain_bound=lambda V, r_d: 0.0,
+            default_gain=_damped,
+            reached_radius=lambda V, r_d, k: r_d,
+            fed_radius=lambda V, r_d, k: r_d,
+        ),
+        Law(
+            "drift", feedforward, "rad/m", "k > 0",
+            gain_bound=lambda V, r_d: 0.0,
+            default_gain=_damped,
+            reached_radius=lambda V, r_d, k: r_d,
+            fed_radius=lambda V, r_d, k: r_d,
+            kind=Kind.RELATIVE,
+        ),
+        Law(
+            "auto", feedforward, "rad/m", "k > 0",
+            gain_bound=lambda V, r_d: 0.0,
+            default_gain=_damped,
+            reached_radius=lambda V, r_d, k: r_d,
+            fed_radius=lambda V, r_d, k: r_d,
+            kind=Kind.AUTO,
+        ),
     )
 }  # fmt: skip
-"""The laws by their mission names. Default gains are the paper's examples: twice and 1.2 times the bound."""
+"""The laws by their mission names. Default gains of the paper's are its examples': twice and 1.2 times the bound. The
+gain of `drift` and `auto` is that of the feedforward law, which they fly without a trusted relative motion."""

@@ -1,6 +1,6 @@
 """What the paper proves about its laws: radius reached, gain conditions, kinematics. SI units, radians."""
 
-from math import cos, sin, sqrt
+from math import cos, pi, sin, sqrt
 
 
 def smooth_gain_bound(r_d: float) -> float:
@@ -45,3 +45,34 @@ def max_range_acceleration(V: float, max_turn_rate: float, r: float) -> float:
     Nearer than the tightest turn, V/omega_max, the first term is held at its value there.
     """
     return V**2 / max(r, V / max_turn_rate) + V * max_turn_rate
+
+
+def rate_gain(V: float, r_d: float, lag: float) -> float:
+    """Gain k of the range rate, rad/m, that a loop with so much lag (course + filter, s) bears: k V lag = 0.5.
+
+    Above about that value the laws limit-cycle, as flown on real autopilots. No more than 6/r_d, where nothing is won.
+    """
+    return min(0.5 / (V * lag), 6 / r_d)
+
+
+def smallest_radius(V: float, max_turn_rate: float, W: float = 0.0, turn_gain: float = 1.0) -> float:
+    """Smallest circle over the ground that can be held in drift W, m: (V + W)^2/(V omega_max).
+
+    At the most downwind point the ground speed is V + W and the turn of the course V/(V + W) times that of the nose.
+    turn_gain: realised over commanded turn rate. Derived; necessary for every law.
+    """
+    return (V + W) ** 2 / (V * max_turn_rate * turn_gain)
+
+
+def tolerated_drift(V: float, r_d: float, max_turn_rate: float, turn_gain: float = 1.0) -> float:
+    """Largest drift W, m/s, in which the circle can be held, below V; negative if not even in still air."""
+    return min(sqrt(r_d * V * max_turn_rate * turn_gain) - V, 0.99 * V)
+
+
+def settling_time(r: float, V: float, r_d: float, max_turn_rate: float, W: float = 0.0) -> float:
+    """Time, s, to the circle from range r at worst: half a turn, then upwind along the tangent (inside: outwards).
+
+    Dubins: pi/omega_max + sqrt(r^2 - r_d^2)/(V - W); a prediction for `check`, not a bound.
+    """
+    way = sqrt(r**2 - r_d**2) if r > r_d else r_d - r
+    return pi / max_turn_rate + way / max(V - W, 0.01 * V)

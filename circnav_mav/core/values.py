@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from enum import Enum
+from math import atan2, hypot, pi
 from typing import NewType
 
 TurnRate = NewType("TurnRate", float)
@@ -27,7 +28,8 @@ class RangeSample:
     stamp: time of the measurement on the sensor's clock, s (any epoch; only differences count).
     time: the same moment on the local clock, s.
     r: horizontal distance to the target, m. sigma: its standard deviation, m.
-    source: who measured it, for the log.
+    source: who measured it, for the log. r_dot: range rate by Doppler, m/s, where the radio gives one;
+    r_dot_sigma: its standard deviation, m/s.
     """
 
     stamp: float
@@ -35,13 +37,68 @@ class RangeSample:
     r: float
     sigma: float
     source: str = ""
+    r_dot: float | None = None
+    r_dot_sigma: float = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class OwnMotion:
+    """What the autopilot knows of itself without GPS.
+
+    time: local clock, s. heading: psi in the paper's frame (x right, y up, counter-clockwise), rad. turn_rate: of the
+    heading, rad/s, counter-clockwise positive (not the body's z rate). airspeed: as measured, m/s.
+    """
+
+    time: float
+    heading: float
+    turn_rate: float
+    airspeed: float
+
+
+@dataclass(frozen=True, slots=True)
+class RelativeMotion:
+    """Where the vehicle is relative to the target and what carries it, in the paper's frame as the compass has it.
+
+    x, y: vehicle minus target, m. sigma: standard deviation of that, m. drift_x, drift_y: wind minus target velocity,
+    m/s. heading (rad), turn_rate (rad/s): own motion at this moment. airspeed: true, m/s; scale: true over measured.
+    trusted: whether it may steer. trial: number of the guess, where it is no more than a guess; None without grounds.
+    """
+
+    x: float
+    y: float
+    sigma: float
+    drift_x: float
+    drift_y: float
+    heading: float
+    turn_rate: float
+    airspeed: float
+    scale: float
+    trusted: bool
+    trial: int | None = None
+
+    @property
+    def eta(self) -> float:
+        """Angle from the heading to the line of sight, rad in [-pi, pi), the target to the left positive."""
+        return (atan2(-self.y, -self.x) - self.heading + pi) % (2 * pi) - pi
+
+    @property
+    def bearing(self) -> float:
+        """Direction from the vehicle to the target, rad, in the paper's frame."""
+        return atan2(-self.y, -self.x)
+
+    @property
+    def drift(self) -> float:
+        """Speed of the drift, m/s."""
+        return hypot(self.drift_x, self.drift_y)
 
 
 @dataclass(frozen=True, slots=True)
 class RangeEstimate:
     """What an estimator believes at one moment of the local clock.
 
-    r, r_dot: range (m) and range rate (m/s); r_sigma, r_dot_sigma: their standard deviations.
+    r, r_dot: range (m) and range rate (m/s); r_sigma, r_dot_sigma: their standard deviations. eta: angle from the
+    heading to the line of sight (target to the left positive), rad. relative: the whole relative motion. missed: share
+    of recent samples that did not fit. None where the estimator does not tell.
     """
 
     time: float
@@ -49,6 +106,9 @@ class RangeEstimate:
     r_dot: float
     r_sigma: float
     r_dot_sigma: float
+    eta: float | None = None
+    relative: RelativeMotion | None = None
+    missed: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,21 +135,11 @@ class TurnCommand:
 
     turn_rate: what to tell the vehicle, rad/s. demanded: what the law wants it to turn at; the two differ by the
     vehicle's turn-rate gain. saturated: whether the limit cut it.
+    flies, why: which of several laws it is and the reason, for people; empty where there is only one.
     """
 
     turn_rate: TurnRate
     demanded: TurnRate
     saturated: bool
-
-
-@dataclass(frozen=True, slots=True)
-class OwnMotion:
-    """Our own motion at one moment of the local clock, without position.
-
-    heading: psi, rad, counter-clockwise from east. turn_rate: rad/s. airspeed: m/s, None when it is not measured.
-    """
-
-    time: float
-    heading: float
-    turn_rate: TurnRate
-    airspeed: float | None = None
+    flies: str = ""
+    why: str = ""

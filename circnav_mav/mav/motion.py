@@ -46,28 +46,30 @@ class MotionSensor:
         self._air = Motion()
         self._air_at = float("-inf")
 
-    def receive(self, message: Message, now: float) -> OwnMotion | None:
-        """Take one message of the pinned vehicle in; an ATTITUDE answers with the motion as guidance sees it."""
+    def receive(self, message: Message, now: float) -> bool:
+        """Take one message of the pinned vehicle in; tells whether it was a usable ATTITUDE."""
         if message.get_type() == "VFR_HUD":
             self._air = Motion(
                 airspeed=_real(message.airspeed, above=0.0), altitude=_real(message.alt), climb=_real(message.climb)
             )
             self._air_at = now
-            return None
+            return False
         if message.get_type() != "ATTITUDE":
-            return None
+            return False
         values = (message.roll, message.pitch, message.yaw, message.pitchspeed, message.yawspeed)
         if not all(map(isfinite, values)):
-            return None
+            return False
         roll, pitch, yaw, q, r = values
         self._attitude = Motion(roll, pitch, yaw, heading_rate(roll, pitch, q, r))
         self._attitude_at = now
-        return OwnMotion(
-            time=now,
-            heading=course_from_yaw(yaw),
-            turn_rate=turn_rate_from_yaw_rate(heading_rate(roll, pitch, q, r)),
-            airspeed=self.at(now).airspeed,
-        )
+        return True
+
+    def own(self, now: float, airspeed: float) -> OwnMotion | None:
+        """The motion as guidance sees it, at an airspeed (m/s) that the caller stands for; None without attitude."""
+        motion = self.at(now)
+        if motion.yaw is None or motion.yaw_rate is None:
+            return None
+        return OwnMotion(now, course_from_yaw(motion.yaw), turn_rate_from_yaw_rate(motion.yaw_rate), airspeed)
 
     def at(self, now: float) -> Motion:
         """The motion as far as it is known at a moment."""

@@ -17,6 +17,7 @@ from circnav_mav.core.estimators.interface import EstimatorSettings
 from circnav_mav.core.estimators.steady import SteadyState, steady_state
 from circnav_mav.core.guidance import LawChoice
 from circnav_mav.core.laws import LAWS
+from circnav_mav.core.theory import rate_gain
 from circnav_mav.core.values import Direction, Orbit
 from circnav_mav.mav.autopilots.interface import GRAVITY, AirLoops, VehicleFacts
 from circnav_mav.mav.ranging import RANGING_MESSAGES, RangingSettings
@@ -56,10 +57,18 @@ class Mission:
         guidance, orbit = self.file.guidance, self.orbit
         law = LAWS[guidance.law]
         gain = guidance.gain or law.default_gain(orbit.speed, orbit.radius)
+        least = LEAST_GAIN * law.gain_bound(orbit.speed, orbit.radius)
         if guidance.gain is None and law.name == "smooth":
-            steadiest = LEAST_GAIN * law.gain_bound(orbit.speed, orbit.radius)
-            gain = max(steadiest, min(gain, DEFAULT_LOOP / (2 * orbit.radius * orbit.speed * self.loop_lag)))
-        return LawChoice(guidance.law, gain, guidance.correct_radius)
+            gain = max(least, min(gain, DEFAULT_LOOP / (2 * orbit.radius * orbit.speed * self.loop_lag)))
+        elif guidance.gain is None and law.gain_unit == "rad/m":
+            gain = max(least, rate_gain(orbit.speed, orbit.radius, self.loop_lag))
+        return LawChoice(guidance.law, gain, guidance.correct_radius, self.file.vehicle.turn_lag_s)
+
+    @property
+    def estimator(self) -> str:
+        """The estimator: the file's, or the one that the law wants."""
+        own = {"auto": "auto", "drift": "drift"}.get(self.file.guidance.law, "kalman")
+        return self.file.guidance.estimator or own
 
     @property
     def loop_lag(self) -> float:
@@ -105,7 +114,7 @@ class Mission:
         return PilotSettings(
             orbit=self.orbit,
             law=self.law,
-            estimator=file.guidance.estimator,
+            estimator=self.estimator,
             estimation=self.estimation,
             ranging=self._ranging(),
             link=LinkSettings(file.vehicle.system_id, file.link.component_id),

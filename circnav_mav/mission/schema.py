@@ -60,11 +60,11 @@ class OrbitTable(Table):
 class GuidanceTable(Table):
     """[guidance]"""
 
-    law: Literal[tuple(LAWS)]  # type: ignore[valid-type]
+    law: Literal[tuple(LAWS)] = "auto"  # type: ignore[valid-type]
     gain: Positive | None = None
     correct_radius: bool = True
     radius_trim_per_s: Annotated[float, Field(ge=0, le=0.2)] = 0.0
-    estimator: Literal["kalman"] = "kalman"
+    estimator: Literal["kalman", "unicycle", "drift", "auto"] | None = None
     gate_sigma: Annotated[float, Field(ge=2, le=20)] = 5.0
     min_samples: Annotated[int, Field(ge=2, le=100)] = 5
 

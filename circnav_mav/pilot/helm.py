@@ -1,6 +1,6 @@
 """From an estimate to the bytes' meaning: law, turn-rate gain, choke point, the vehicle's message."""
 
-from circnav_mav.core.guidance import limit, steering
+from circnav_mav.core.guidance import limit, steering, through_gain
 from circnav_mav.core.phases import Phase
 from circnav_mav.core.radius_trim import next_trim
 from circnav_mav.core.turn_gain import TurnGain, TurnGainSettings, learn
@@ -55,11 +55,11 @@ class Helm:
         """The turn of this step: the law's while engaged, the circle's own while holding."""
         orbit = self._settings.orbit
         if phase is Phase.ENGAGED and estimate is not None:
-            command = limit(self._steer(estimate, self._trim), orbit.max_turn_rate, self.turn_gain)
+            command = self._steer(estimate, self._trim)
             self._trim_radius(estimate, command)
-            return command
+            return through_gain(command, orbit.max_turn_rate, self.turn_gain)
         if phase is Phase.HOLDING:
-            return limit(orbit.steady_turn_rate, orbit.max_turn_rate, self.turn_gain)
+            return through_gain(limit(orbit.steady_turn_rate, orbit.max_turn_rate), orbit.max_turn_rate, self.turn_gain)
         return None
 
     def setpoint(self, command: TurnCommand, session: Session, now: float) -> tuple[Message, YawRate]:

@@ -85,6 +85,7 @@ class Pilot:
         self._engaging = ModeRequest()
         self._leaving = ModeRequest()
         self._safe_left = SAFE_SETPOINTS
+        self._law = ""
 
     # --- in -------------------------------------------------------------------------------------------------------
 
@@ -120,9 +121,19 @@ class Pilot:
         self._newest, self._fresh = sample, True
 
     def _take_motion(self, message: Message, now: float) -> None:
-        own = self.session.motion.receive(message, now)
+        """Own motion teaches the turn-rate gain, and estimators that know where the vehicle is heading."""
+        if not self.session.motion.receive(message, now):
+            return
+        own = self.session.motion.own(now, self._airspeed(now))
         if own is not None:
             self.helm.feel(own)
+            if self.session.adapter.measures_airspeed or self.phase in STEERING:
+                self.estimator.move(own)
+
+    def _airspeed(self, now: float) -> float:
+        """As measured; else the speed that the vehicle is told to hold, which it holds only while it is ours."""
+        measured = self.session.motion.at(now).airspeed if self.session.adapter.measures_airspeed else None
+        return self.settings.orbit.speed if measured is None else measured
 
     # --- out ------------------------------------------------------------------------------------------------------
 
@@ -180,6 +191,7 @@ class Pilot:
         self._watch_engagement(now)
         estimate = self.estimator.at(now)
         command = self.helm.command(self.phase, estimate)
+        self._tell_law(command)
         quiet = now - self._setpoint_at < self.settings.timing.tick / 2 and self.phase is not Phase.LEAVING
         messages, sent = ([], None) if quiet and not fresh else self._setpoint(command, now)
         self._record(estimate, command, sent, now)
@@ -400,6 +412,12 @@ class Pilot:
     def _say(self, kind: str, text: str) -> None:
         self.session.announcer.say(kind, text)
 
+    def _tell_law(self, command: TurnCommand | None) -> None:
+        """Say when another law takes over, and why."""
+        if command is not None and command.flies and command.flies != self._law:
+            self._law = command.flies
+            self._say("law", command.why)
+
     def _plots(self, estimate: RangeEstimate | None, command: TurnCommand | None) -> dict[str, float]:
         """NAMED_VALUE_FLOAT names and values: range, range rate, error, yaw rate (clockwise positive)."""
         if estimate is None:
@@ -412,6 +430,7 @@ class Pilot:
         self, estimate: RangeEstimate | None, command: TurnCommand | None, sent: YawRate | None, now: float
     ) -> None:
         link_age, motion = self.session.heartbeat_age(now), self.session.motion.at(now)
+        where = estimate.relative if estimate and estimate.relative and estimate.relative.trusted else None
         self._records.append(
             TickRecord(
                 time=now,
@@ -427,6 +446,12 @@ class Pilot:
                 saturated=command.saturated if command else False,
                 yaw_rate_sent=sent,
                 turn_gain=self.helm.turn_gain,
+                law=(command.flies or self.settings.law.name) if command and self.phase is Phase.ENGAGED else "",
+                x=where.x if where else None,
+                y=where.y if where else None,
+                drift_x=where.drift_x if where else None,
+                drift_y=where.drift_y if where else None,
+                airspeed_scale=where.scale if where else None,
                 heading=motion.yaw,
                 airspeed=motion.airspeed,
                 altitude=motion.altitude,

@@ -94,7 +94,9 @@ class PilotSettings:
 @dataclass(frozen=True, slots=True)
 class TickRecord:
     """One tick, for the log and the display. Rates are the paper's (counter-clockwise positive) except yaw_rate_sent,
-    which is MAVLink's. None stands for "not known" or "not sent"."""
+    which is MAVLink's. law, x .. airspeed_scale: which law flies, and the relative motion where an estimator tells it
+    (vehicle minus target, m; wind minus target velocity, m/s; paper's frame). None stands for "not known" or "not
+    sent"."""
 
     time: float
     phase: Phase
@@ -109,6 +111,12 @@ class TickRecord:
     saturated: bool
     yaw_rate_sent: float | None
     turn_gain: float
+    law: str
+    x: float | None
+    y: float | None
+    drift_x: float | None
+    drift_y: float | None
+    airspeed_scale: float | None
     heading: float | None
     airspeed: float | None
     altitude: float | None

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Protocol
 
-from circnav_mav.core.values import RangeEstimate, RangeSample
+from circnav_mav.core.values import OwnMotion, RangeEstimate, RangeSample
 
 
 class Fused(Enum):
@@ -46,6 +46,10 @@ class Estimator(Protocol):
 
     def observe(self, sample: RangeSample) -> Fused:
         """Take one sample in, or refuse it."""
+        ...
+
+    def move(self, motion: OwnMotion) -> None:
+        """Take in own motion; it comes at its own times, and some estimators have no use for it."""
         ...
 
     def at(self, time: float) -> RangeEstimate | None:

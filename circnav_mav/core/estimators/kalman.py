@@ -7,7 +7,7 @@ from filterpy.kalman import KalmanFilter
 
 from circnav_mav.core.estimators.interface import EstimatorSettings, Fused
 from circnav_mav.core.estimators.steady import acceleration_variance
-from circnav_mav.core.values import RangeEstimate, RangeSample
+from circnav_mav.core.values import OwnMotion, RangeEstimate, RangeSample
 
 
 class KalmanRangeRate:
@@ -56,6 +56,9 @@ class KalmanRangeRate:
         self._accepted += 1
         self._refused.clear()
         return Fused.ACCEPTED
+
+    def move(self, motion: OwnMotion) -> None:
+        """Of no use here: range alone is enough."""
 
     def at(self, time: float) -> RangeEstimate | None:
         """The estimate predicted to a moment of the local clock; None before the first sample."""

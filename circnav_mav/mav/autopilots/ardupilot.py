@@ -43,6 +43,7 @@ class _ArduPilot:
     streams = STREAMS
     needs_setpoints_first = False
     default_exit = "stop"
+    measures_airspeed = False
     needs: frozenset[str] = frozenset()
 
     def __init__(self, facts: VehicleFacts) -> None:
@@ -107,6 +108,7 @@ class ArduPlane(_ArduPilot):
     shapes: frozenset[tuple[str, int | None]] = frozenset({("SET_ATTITUDE_TARGET", MASK)})
     needs = frozenset({"airspeed"})
     default_exit = "loiter"
+    measures_airspeed = True
 
     def setpoint(self, steer: Steer, state: VehicleState, now: float) -> Message:
         """The bank of the coordinated turn, within the mission's bank limit."""

@@ -113,6 +113,12 @@ class Autopilot(Protocol):
         ...
 
     @property
+    def measures_airspeed(self) -> bool:
+        """Whether VFR_HUD.airspeed is an airspeed. A copter without a sensor sends its ground speed there, which is a
+        velocity and not to be used; it holds the commanded speed instead."""
+        ...
+
+    @property
     def needs(self) -> frozenset[str]:
         """Names of `Motion` fields without which it cannot be flown."""
         ...

@@ -67,6 +67,7 @@ class _PX4:
     exits: Mapping[str, int] = EXITS
     streams = STREAMS
     default_exit = "loiter"
+    measures_airspeed = True
 
     def __init__(self, facts: VehicleFacts) -> None:
         self._facts = facts
@@ -92,6 +93,7 @@ class PX4Copter(_PX4):
     shapes: frozenset[tuple[str, int | None]] = frozenset({("SET_POSITION_TARGET_LOCAL_NED", MASK)})
     needs_setpoints_first = True
     needs = frozenset({"altitude"})
+    measures_airspeed = False
 
     def setpoint(self, steer: Steer, state: VehicleState, now: float) -> Message:
         """Forward speed and yaw rate at the height to hold."""

@@ -1,0 +1,160 @@
+"""Estimator and law together, for B flights: what the benchmark flies. The equations are those of the flight."""
+
+from collections.abc import Callable
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+from circnav_mav.analysis.batch.filters import BatchKalman
+from circnav_mav.analysis.batch.flight import Circle, Policy, Seen, Truth
+from circnav_mav.core.air_path import chord, wrap
+from circnav_mav.core.auto import Handover, at_start, hand_over
+from circnav_mav.core.drift_law import drift, drift_gains, mirrored
+from circnav_mav.core.estimators.bank import KAPPA, R, position
+from circnav_mav.core.estimators.bank import drift as drift_of
+from circnav_mav.core.estimators.drift_bank import BankSettings, DriftBank, Stage
+from circnav_mav.core.estimators.unicycle import SURE, UnicycleFilter
+from circnav_mav.core.laws import LAWS, Kind, pi
+
+Array = Any
+Make = Callable[[Circle, Array], Policy]
+
+
+class FullInformation:
+    """The reference: the drift law with the truth in place of an estimate."""
+
+    def __init__(self, circle: Circle, sense: Array) -> None:
+        self._circle, self._sense = circle, sense
+        self._gains = drift_gains(circle.speed, circle.radius, circle.lag)
+        self.estimate: tuple[Array, Array] = (0.0, 0.0)
+
+    def command(self, seen: Seen, true: Truth) -> Array:
+        cfg, r = self._circle, np.hypot(true.p[0], true.p[1])
+        v = cfg.speed * np.stack([np.cos(true.psi), np.sin(true.psi)]) + true.d
+        self.estimate = r, (true.p * v).sum(axis=0) / np.maximum(r, 1.0)
+        here = mirrored(true.p, true.d, true.psi, true.turn_rate, self._sense)
+        return self._sense * drift(
+            *here, V=cfg.speed, r_d=cfg.radius, max_turn_rate=cfg.max_turn_rate, gains=self._gains
+        )
+
+
+class ByRange:
+    """A law on range and range rate, fed by `kalman` or `unicycle`."""
+
+    def __init__(self, circle: Circle, sense: Array, law: str, estimator: str, gain: float | None = None) -> None:
+        flights = sense.size
+        self._circle, self._sense, self._law = circle, sense, LAWS[law]
+        V, r_d = circle.speed, circle.radius
+        self._k = self._law.default_gain(V, r_d) if gain is None else gain
+        self._fed = self._law.fed_radius(V, r_d, self._k)
+        self._memory = np.zeros(flights)
+        self._filter = _Unicycle(circle, flights) if estimator == "unicycle" else _Kalman(circle, flights)
+        self.estimate: tuple[Array, Array] = (0.0, 0.0)
+
+    def command(self, seen: Seen, true: Truth) -> Array:
+        cfg = self._circle
+        r, r_dot, ready = self._filter.step(seen)
+        self.estimate = r, r_dot
+        # k < 0 is counter-clockwise: the command for that sense, then mirrored
+        if self._law.kind is Kind.MEMORY:
+            turn, self._memory = pi(r, r_dot, self._memory, seen.dt, V=cfg.speed, r_d=cfg.radius, k=-self._k)
+        else:
+            turn = self._law.function(r, r_dot, V=cfg.speed, r_d=self._fed, k=-self._k)
+        return self._sense * np.where(ready, turn, cfg.speed / cfg.radius)
+
+
+class Auto:
+    """`auto`, or `drift` alone, which does not try guesses out: the same bank, laws and handover as in the air."""
+
+    def __init__(self, circle: Circle, sense: Array, tries: bool = True) -> None:
+        flights = sense.size
+        self._circle, self._sense, self._tries = circle, sense, tries
+        self._kalman = _Kalman(circle, flights)
+        self.bank = DriftBank(BankSettings(circle.speed), flights)
+        self._gains = drift_gains(circle.speed, circle.radius, circle.lag)
+        self._law = LAWS["feedforward"]
+        self._k = self._law.default_gain(circle.speed, circle.radius)
+        self._psi: Array | None = None
+        self.handover = at_start(flights)
+        self.estimate: tuple[Array, Array] = (0.0, 0.0)
+
+    def command(self, seen: Seen, true: Truth) -> Array:
+        cfg, s = self._circle, self._sense
+        r, r_dot, ready = self._kalman.step(seen)
+        before, dt = (seen.psi, 0.0) if self._psi is None else (self._psi, seen.dt)
+        path = chord(seen.airspeed, before, wrap(seen.psi - before), dt)
+        self._psi = seen.psi
+        self.bank.step(dt, path, seen.z, seen.sigma, seen.arrived)
+        x, trusted = self.bank.mean, self.bank.trusted
+        V, p, d = x[KAPPA] * seen.airspeed, position(x), drift_of(x)
+        here = mirrored(p, d, seen.psi, seen.turn_rate, s)
+        safe = np.where(self.bank.stage == Stage.EMPTY, cfg.speed, np.maximum(V, 0.1 * cfg.speed))
+        by_bank = drift(*here, V=safe, r_d=cfg.radius, max_turn_rate=cfg.max_turn_rate, gains=self._gains)
+        by_range = self._law.function(r, r_dot, V=cfg.speed, r_d=cfg.radius, k=-self._k)
+        favourite = self.bank.favourite if self._tries else np.full(s.size, -1)
+        after = hand_over(
+            self.handover, seen.dt, trusted=trusted, favourite=favourite, by_range=by_range, by_bank=by_bank,
+            limit=cfg.max_turn_rate,
+        )  # fmt: skip
+        ready = ready | trusted
+        self.handover = _merged(ready, after, self.handover)
+        v = V * np.stack([np.cos(seen.psi), np.sin(seen.psi)]) + d
+        by_drift = (p * v).sum(axis=0) / np.maximum(x[R], 1.0)
+        self.estimate = np.where(trusted, x[R], r), np.where(trusted, by_drift, r_dot)
+        return s * np.where(ready, self.handover.command, cfg.speed / cfg.radius)
+
+
+def _merged(ready: Array, after: Handover, before: Handover) -> Handover:
+    """The handover of flights that steer goes on; nothing is handed over before a first command."""
+    names = (field.name for field in fields(Handover))
+    return Handover(*(np.where(ready, getattr(after, name), getattr(before, name)) for name in names))
+
+
+class _Kalman:
+    def __init__(self, circle: Circle, flights: int) -> None:
+        self._filter = BatchKalman(circle.speed, circle.max_turn_rate, flights)
+        self._begun = False
+
+    def step(self, seen: Seen) -> tuple[Array, Array, Array]:
+        """Range, range rate, and whether they may steer."""
+        self._filter.step(seen.dt if self._begun else 0.0, seen.z, seen.sigma, seen.arrived)
+        self._begun = True
+        return self._filter.r, self._filter.r_dot, self._filter.ready
+
+
+class _Unicycle:
+    def __init__(self, circle: Circle, flights: int) -> None:
+        self._filter = UnicycleFilter(5.0, flights)
+        self._psi: Array | None = None
+
+    def step(self, seen: Seen) -> tuple[Array, Array, Array]:
+        """Range, range rate, and whether they may steer."""
+        if self._psi is not None:
+            self._filter.predict(seen.airspeed, wrap(seen.psi - self._psi), seen.dt)
+        self._psi = seen.psi
+        self._filter.update(seen.z, seen.sigma, seen.arrived)
+        (r, eta), P = self._filter.likelier
+        return r, -seen.airspeed * np.cos(eta), (self._filter.samples >= 5) & (P[1, 1] < SURE**2)
+
+
+def by_range(law: str, estimator: str) -> Make:
+    """A policy by the names of its law and its estimator."""
+    return lambda circle, sense: ByRange(circle, sense, law, estimator)
+
+
+POLICIES: dict[str, Make] = {
+    "auto": Auto,
+    "drift": lambda circle, sense: Auto(circle, sense, tries=False),
+    "feedforward": by_range("feedforward", "kalman"),
+    "feedforward+unicycle": by_range("feedforward", "unicycle"),
+    "smooth": by_range("smooth", "kalman"),
+    "smooth+unicycle": by_range("smooth", "unicycle"),
+    "switching": by_range("switching", "kalman"),
+    "bounded": by_range("bounded", "kalman"),
+    "relay": by_range("relay", "kalman"),
+    "pd": by_range("pd", "kalman"),
+    "pi": by_range("pi", "kalman"),
+    "full information": FullInformation,
+}
+"""What the benchmark flies, law[+estimator]; without a name the estimator is `kalman`."""

@@ -1,0 +1,81 @@
+"""`auto`: feedforward on range and range rate at once, the drift law as soon as the bank can be trusted.
+
+While the bank searches, its favourite guess is tried out: flying at a wrong guess contradicts it within seconds, where
+the straight approach of a law on range alone would leave all guesses alive. When even that tells nothing apart, the
+approach weaves. Whatever steers, every change is bumpless: the difference to the command before it fades out.
+
+Arrays of shape (B,) over flights, for the counter-clockwise orbit; in the air B = 1.
+"""
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+
+Array = Any
+FIRST_GUESS = 1.0
+"""Time, s, that a search needs before its favourite is worth trying."""
+PATIENCE = 6.0
+"""Time, s, of trying after which the approach weaves."""
+WEAVE_SHARE, WEAVE_PERIOD = 0.7, 6.0
+"""Amplitude in units of the turn-rate limit, and period, s: some 30 deg to either side."""
+FADE = 0.2
+"""Time constant of a handover, s."""
+
+
+class Flies(IntEnum):
+    """Who steers."""
+
+    FEEDFORWARD = 0
+    TRIAL = 1
+    DRIFT = 2
+
+    @property
+    def why(self) -> str:
+        """For people."""
+        return _WHY[self]
+
+
+_WHY = {
+    Flies.FEEDFORWARD: "feedforward: where the target is, is not known yet",
+    Flies.TRIAL: "trying the likeliest place of the target",
+    Flies.DRIFT: "drift: target and drift are known",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Handover:
+    """flies (B,): who steered last. favourite (B,): which guess was on trial. command (B,): what was flown, rad/s.
+    offset (B,): what is left of the last change, rad/s. untrusted (B,): s since the bank was last trusted."""
+
+    flies: Array
+    favourite: Array
+    command: Array
+    offset: Array
+    untrusted: Array
+
+
+def at_start(flights: int = 1) -> Handover:
+    """Before the first command."""
+    zero = np.zeros(flights)
+    return Handover(np.full(flights, -1), np.full(flights, -1), zero, zero, zero)
+
+
+def hand_over(
+    before: Handover, dt: float, *, trusted: Array, favourite: Array, by_range: Array, by_bank: Array, limit: float
+) -> Handover:
+    """The command of this step. favourite (B,): number of the bank's guess while it searches, else -1.
+
+    by_range, by_bank (B,): what feedforward and the drift law ask for, rad/s; by_bank counts only where it has grounds.
+    """
+    untrusted = np.where(trusted, 0.0, before.untrusted + dt)
+    trial = ~trusted & (favourite >= 0) & (untrusted >= FIRST_GUESS)
+    flies = np.where(trusted, Flies.DRIFT, np.where(trial, Flies.TRIAL, Flies.FEEDFORWARD))
+    on_trial = np.where(trial, favourite, -1)
+    weave = WEAVE_SHARE * limit * np.sin(2 * np.pi * untrusted / WEAVE_PERIOD)
+    by_bank = by_bank + np.where(trial & (untrusted > PATIENCE), weave, 0.0)
+    wanted = np.clip(np.where(flies == Flies.FEEDFORWARD, by_range, by_bank), -limit, limit)
+    changed = (before.flies >= 0) & ((flies != before.flies) | (on_trial != before.favourite))
+    offset = np.where(changed, before.command - wanted, before.offset * np.exp(-dt / FADE))
+    return Handover(flies, on_trial, np.clip(wanted + offset, -limit, limit), offset, untrusted)

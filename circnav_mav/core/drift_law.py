@@ -1,0 +1,91 @@
+"""`drift`: guidance on the relative motion (position relative to the target and drift), not only on its length.
+
+A vector field of ground courses with the drift taken out by the wind triangle (Lyapunov vector fields: Lawrence,
+Frew, Pisano 2008; wind: Frew 2007), followed with the field's own rotation as feedforward. Unlike exact linearisation
+of r it has no singular heading and can never ask for a closing speed that the wind forbids.
+
+All of this is for a counter-clockwise orbit, omega > 0 to the left; `mirrored` gives the clockwise one.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from circnav_mav.core.air_path import chord, wrap
+
+Array = Any
+STEP = 0.05
+"""Half the interval of the central difference of the field along the path, s."""
+REACHABLE = 0.98
+"""Largest sine of the drift angle: above it the ground course cannot be held, and the nose points nearly across."""
+
+
+@dataclass(frozen=True, slots=True)
+class DriftGains:
+    """heading: of the heading error, 1/s. radial: slope of the inward course angle at the circle, rad/m.
+
+    lead: of the turn-rate error, which makes the vehicle's lag (1 + lead) times shorter. ahead: what remains of the
+    lag, s, by which the feedforward looks ahead.
+    """
+
+    heading: float
+    radial: float
+    lead: float
+    ahead: float
+
+
+def drift_gains(V: float, r_d: float, lag: float, lead: float = 1.0) -> DriftGains:
+    """Gains by rule: heading loop with a damping of .7 against what lead leaves of the lag, radius loop a third as fast."""
+    left = max(lag, 0.2) / (1 + lead)
+    heading = 0.5 / left
+    return DriftGains(heading, heading / (3 * V), lead, left)
+
+
+def inward_angle(r: Array, *, r_d: float, k: float, sharpest: Array) -> Array:
+    """Angle of the ground course inward of the circle's tangent, rad.
+
+    k (r - r_d) near the circle; far outside the straight line that touches the circle, acos(r_d/r); far inside the
+    tightest turn that touches it from within, where `sharpest` is that turn's curvature, 1/m.
+    """
+    e = r - r_d
+    line = np.arccos(np.minimum(r_d / np.maximum(r, 1e-6), 1.0))
+    turn = np.minimum(np.sqrt(2 * np.maximum(-e, 0.0) * np.maximum(sharpest - 1 / r_d, 0.1 / r_d)), 0.5 * np.pi)
+    most = np.where(e > 0, line, turn)
+    return k * e * most / np.sqrt(most**2 + (k * e) ** 2 + 1e-12)
+
+
+def field_heading(p: Array, d: Array, *, V: Array, r_d: float, k: float, max_turn_rate: float) -> Array:
+    """Heading (rad) whose ground course follows the field at p (2, ...), drift d (2, ...), true airspeed V."""
+    r = np.hypot(p[0], p[1])
+    sharpest = max_turn_rate / (V + np.hypot(d[0], d[1]))
+    course = np.arctan2(p[1], p[0]) + np.pi / 2 + inward_angle(r, r_d=r_d, k=k, sharpest=0.7 * sharpest)
+    across = np.cos(course) * d[1] - np.sin(course) * d[0]
+    return course - np.arcsin(np.clip(across / V, -REACHABLE, REACHABLE))
+
+
+def drift(
+    p: Array, d: Array, psi: Array, turn_rate: Array, *, V: Array, r_d: float, max_turn_rate: float, gains: DriftGains
+) -> Array:
+    """Turn rate (rad/s): the field's rotation along the path ahead, plus the heading error times its gain.
+
+    p = vehicle - target (2, ...), m. d = wind - target velocity (2, ...), m/s. psi, turn_rate: of the vehicle.
+    V: true airspeed, m/s. Condition: r_d >= (V + W)^2/(V max_turn_rate) and W < V.
+    """
+
+    def wanted(ahead: float) -> Array:
+        there = p + d * ahead + chord(V, psi, turn_rate * ahead, ahead)
+        return field_heading(there, d, V=V, r_d=r_d, k=gains.radial, max_turn_rate=max_turn_rate)
+
+    rotation = wrap(wanted(gains.ahead + STEP) - wanted(gains.ahead - STEP)) / (2 * STEP)
+    aimed = rotation + gains.heading * wrap(wanted(0.0) - psi)
+    return aimed + gains.lead * (aimed - turn_rate)
+
+
+def mirrored(p: Array, d: Array, psi: Array, turn_rate: Array, sense: Array) -> tuple[Array, Array, Array, Array]:
+    """The same situation seen so that the orbit is counter-clockwise; sense: +1 counter-clockwise, -1 clockwise.
+
+    The turn rate that follows is multiplied by sense on the way out.
+    """
+    flip = np.stack([np.ones_like(sense), sense])
+    return p * flip, d * flip, psi * sense, turn_rate * sense

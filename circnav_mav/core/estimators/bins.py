@@ -1,0 +1,102 @@
+"""The last seconds of ranges, averaged in short bins, and how rough they are. Arrays have a last axis B over flights."""
+
+from typing import Any
+
+import numpy as np
+
+from circnav_mav.core.estimators.window import Bins
+
+Array = Any
+WIDTH = 0.25
+"""Width of a bin, s: in it the range bends by centimetres."""
+SLOTS = 8
+"""Samples that a bin keeps; more than that in a bin add little."""
+COUNT = 64
+"""Bins kept: 16 s, more than a turn needs to tell all directions apart."""
+ROUGH = 16
+"""Second differences kept to measure the white part of the noise."""
+BIAS_TIME = 2.0
+
+
+class RangeWindow:
+    """Bins of B flights that are stepped together."""
+
+    def __init__(self, flights: int, speed: float, model_psd: float) -> None:
+        self._speed, self._model_psd = speed, model_psd
+        self._open = np.full((4, SLOTS, flights), np.nan)
+        self._filled, self._opened = 0, 0.0
+        self._bins = np.zeros((5, COUNT, flights))
+        self._bins[4] = np.inf
+        self._closed = 0
+        self._bends = np.full((ROUGH, flights), np.nan)
+        self._before = np.full((4, flights), np.nan)
+        self._seen = np.zeros(flights, int)
+        self.now, self.path = 0.0, np.zeros((2, flights))
+
+    def add(self, dt: float, chord: Array, z: Array, sigma: Array, valid: Array) -> bool:
+        """Time and path (2, B) go on, ranges come in where valid; tells whether a bin was closed."""
+        self.now += dt
+        self.path = self.path + chord
+        due = self.now - self._opened >= WIDTH - 1e-9
+        if due:
+            self._close(sigma)
+        if valid.any():
+            slot = self._filled % SLOTS
+            self._open[:, slot] = np.where(valid, np.stack([np.full_like(z, self.now), *self.path, z]), np.nan)
+            self._filled += 1
+            self._roughen(z, valid)
+        return due
+
+    def forget(self, who: Array) -> None:
+        """Drop what is kept of some flights."""
+        self._bins[4, :, who] = np.inf
+        self._bends[:, who] = np.nan
+        self._before[:, who] = np.nan
+
+    def white(self, sigma: Array) -> Array:
+        """Standard deviation of the white part of the noise, m, (B,): sigma until enough was seen."""
+        known = np.isfinite(self._bends).sum(axis=0) >= ROUGH // 2
+        middle = np.nanmedian(np.where(known, self._bends, 0.0), axis=0)
+        return np.where(known, np.minimum(middle / (0.6745 * np.sqrt(6)), sigma), sigma)
+
+    def bins(self, at: Array, sigma: Array) -> Bins:
+        """The bins of some flights, oldest first, with their variances as of now."""
+        used = min(self._closed, COUNT)
+        order = (self._closed - used + np.arange(used)) % COUNT
+        t, x, y, z, n = self._bins[:, order][..., at]
+        age = self.now - t
+        white = self.white(sigma)[at]
+        drifting = np.maximum(sigma[at] ** 2 - 1.5 * white**2, 0.0)
+        variance = white**2 * n + drifting * 2 * BIAS_TIME / WIDTH + self._model_psd * age**3 / 3
+        path = self.path[:, None, at] - np.stack([x, y])
+        return Bins(age.T, np.swapaxes(path, 1, 2), z.T, np.maximum(variance, 1e-4).T)
+
+    def filled(self, at: Array) -> Array:
+        """Bins with at least one sample, (B,)."""
+        return np.isfinite(self._bins[4][:, at]).sum(axis=0)
+
+    def _roughen(self, z: Array, valid: Array) -> None:
+        """|z0 - 2 z1 + z2| of equally spaced samples: the motion hardly shows in it, the white noise does."""
+        t2, z2, t1, z1 = self._before
+        steps = self.now - t1, t1 - t2
+        even = valid & (np.abs(steps[0] - steps[1]) < 0.2 * steps[0])
+        of = np.flatnonzero(even)
+        self._bends[self._seen[of] % ROUGH, of] = np.abs(z - 2 * z1 + z2)[of]
+        self._seen[of] += 1
+        now = np.stack([t1, z1, np.full_like(z, self.now), z])
+        self._before = np.where(valid, now, self._before)
+
+    def _close(self, sigma: Array) -> None:
+        """Average the open bin without what is far from its median."""
+        z = self._open[3]
+        any_in = np.isfinite(z).any(axis=0)
+        middle = np.nanmedian(np.where(any_in, z, 0.0), axis=0)
+        good = np.abs(z - middle) <= self._speed * WIDTH + 4 * sigma
+        count = good.sum(axis=0)
+        slot = self._closed % COUNT
+        with np.errstate(invalid="ignore", divide="ignore"):
+            self._bins[:4, slot] = np.where(count > 0, np.where(good, self._open, 0.0).sum(axis=1) / count, 0.0)
+            self._bins[4, slot] = np.where(count > 0, 1.0 / count, np.inf)
+        self._closed += 1
+        self._open[:] = np.nan
+        self._filled, self._opened = 0, self.now

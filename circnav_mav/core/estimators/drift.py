@@ -1,0 +1,183 @@
+"""`drift` and `auto`: the bank of relative-motion filters in flight, fed with ranges and own motion as they come."""
+
+from math import sqrt
+
+import numpy as np
+
+from circnav_mav.core.estimators.bank import (
+    KAPPA,
+    THETA,
+    Array,
+    Hypotheses,
+    Noise,
+    R,
+    drift,
+    position,
+    predict,
+)
+from circnav_mav.core.estimators.drift_bank import BankSettings, DriftBank, Stage
+from circnav_mav.core.estimators.interface import EstimatorSettings, Fused
+from circnav_mav.core.estimators.kalman import KalmanRangeRate
+from circnav_mav.core.estimators.own_path import Knot, OwnPath
+from circnav_mav.core.values import OwnMotion, RangeEstimate, RangeSample, RelativeMotion
+
+GAP = 20.0
+"""After a longer time without ranges, s, the bank starts anew."""
+
+
+class DriftEstimator:
+    """Range, heading, turn rate and airspeed in; position relative to the target and drift out.
+
+    Needs own motion that covers the moments of the ranges; without it, it is not ready. Samples that come late, twice
+    or out of order are refused. Ready as long as the bank may be trusted.
+    """
+
+    def __init__(self, settings: EstimatorSettings) -> None:
+        self._settings = settings
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self.bank = DriftBank(BankSettings(self._settings.speed, gate=self._settings.gate))
+        self._path = OwnPath()
+        self._used: Knot | None = None
+        self._sigma = 1.0
+
+    @property
+    def ready(self) -> bool:
+        """Whether the bank may be trusted."""
+        return bool(self.bank.trusted[0])
+
+    @property
+    def nis(self) -> float | None:
+        """Normalised innovation squared of the newest sample; None while searching."""
+        return None if np.isnan(self.bank.nis[0]) else float(self.bank.nis[0])
+
+    def move(self, motion: OwnMotion) -> None:
+        """Take in own motion."""
+        self._path.move(motion)
+
+    def observe(self, sample: RangeSample) -> Fused:
+        """Take one sample in, or refuse it."""
+        knot, before = self._path.at(sample.time), self._used
+        if knot is None:
+            return Fused.ACCEPTED
+        if before is not None and (knot.piece != before.piece or sample.time - before.motion.time > GAP):
+            self._restart()
+            before = None
+        dt = 0.0 if before is None else sample.time - before.motion.time
+        if before is not None and dt <= 0:
+            return Fused.GATED
+        was = self.bank.stage[0]
+        self.bank.step(dt, _chord(before or knot, knot), *_arrays(sample))
+        self._used, self._sigma = knot, sample.sigma
+        if was == Stage.TRACK and self.bank.stage[0] != Stage.TRACK:
+            return Fused.RESTARTED
+        return Fused.GATED if self.bank.refused[0] else Fused.ACCEPTED
+
+    def at(self, time: float) -> RangeEstimate | None:
+        """The estimate predicted to a moment of the local clock; None while nothing is known."""
+        knot = self._path.at(time)
+        if knot is None or self._used is None or knot.piece != self._used.piece or self.bank.stage[0] == Stage.EMPTY:
+            return None
+        x, P = self._predicted(knot)
+        u = np.array([np.cos(knot.motion.heading), np.sin(knot.motion.heading)])
+        p, d, V = position(x), drift(x), float(x[KAPPA]) * knot.motion.airspeed
+        r_dot = float(p @ (V * u + d)) / max(float(x[R]), 1.0)
+        tracks = self.bank.stage[0] == Stage.TRACK
+        relative = RelativeMotion(
+            x=float(p[0]),
+            y=float(p[1]),
+            sigma=sqrt(P[R, R] + x[R] ** 2 * P[THETA, THETA]) if tracks else float(x[R]),
+            drift_x=float(d[0]),
+            drift_y=float(d[1]),
+            heading=knot.motion.heading,
+            turn_rate=knot.motion.turn_rate,
+            airspeed=V,
+            scale=float(x[KAPPA]),
+            trusted=self.ready and self._still_trusted(x, P),
+            trial=None if tracks else int(self.bank.favourite[0]),
+        )
+        spread = _rate_sigma(x, P, V * u + d, u * knot.motion.airspeed) if tracks else self._settings.speed
+        return RangeEstimate(
+            time, float(x[R]), r_dot, sqrt(P[R, R]) if tracks else self._sigma, spread,
+            eta=relative.eta, relative=relative, missed=float(self.bank.missed[0]),
+        )  # fmt: skip
+
+    def _still_trusted(self, x: Array, P: Array) -> bool:
+        """Whether the prediction may steer, for without ranges it gets worse."""
+        return bool(P[R, R] / x[R] ** 2 + P[THETA, THETA] < self.bank.settings.trusted**2)
+
+    def _predicted(self, knot: Knot) -> tuple[Array, Array]:
+        """Mean (8,) and covariance (8, 8) carried on from the newest range."""
+        assert self._used is not None
+        dt = max(knot.motion.time - self._used.motion.time, 0.0)
+        path = _chord(self._used, knot) if dt else np.zeros((2, 1))
+        mean, covariance = self.bank.mean[:, None], self.bank.covariance[:, :, None]
+        h = predict(Hypotheses(mean, covariance, np.zeros((1, 1))), self._noise(), dt, path, np.array([self._sigma]))
+        return h.x[:, 0, 0], h.P[:, :, 0, 0]
+
+    def _noise(self) -> Noise:
+        """What the hypotheses assume on average."""
+        return self.bank.likely_noise
+
+    def _restart(self) -> None:
+        self.bank = DriftBank(self.bank.settings)
+
+
+class AutoEstimator:
+    """`auto`: range and range rate by `kalman` from the first samples on, everything by `drift` once it is trusted."""
+
+    def __init__(self, settings: EstimatorSettings) -> None:
+        self.kalman, self.drift = KalmanRangeRate(settings), DriftEstimator(settings)
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self.kalman.reset()
+        self.drift.reset()
+
+    @property
+    def ready(self) -> bool:
+        """Whether either may steer."""
+        return self.kalman.ready or self.drift.ready
+
+    @property
+    def nis(self) -> float | None:
+        """Of the one that is believed."""
+        return self.drift.nis if self.drift.ready else self.kalman.nis
+
+    def move(self, motion: OwnMotion) -> None:
+        """Take in own motion."""
+        self.drift.move(motion)
+
+    def observe(self, sample: RangeSample) -> Fused:
+        """Take one sample in; what the believed one says of it counts."""
+        by_drift, by_range = self.drift.observe(sample), self.kalman.observe(sample)
+        return by_drift if self.drift.ready else by_range
+
+    def at(self, time: float) -> RangeEstimate | None:
+        """The estimate predicted to a moment; with the relative motion, trusted or on trial, wherever there is one."""
+        by_drift, by_range = self.drift.at(time), self.kalman.at(time)
+        if by_drift is None or by_range is None or by_drift.relative is None:
+            return by_range
+        if by_drift.relative.trusted:
+            return by_drift
+        return RangeEstimate(
+            time, by_range.r, by_range.r_dot, by_range.r_sigma, by_range.r_dot_sigma,
+            relative=by_drift.relative, missed=by_drift.missed,
+        )  # fmt: skip
+
+
+def _chord(before: Knot, after: Knot) -> Array:
+    return np.array([[after.x - before.x], [after.y - before.y]])
+
+
+def _arrays(sample: RangeSample) -> tuple[Array, Array, Array]:
+    return np.array([sample.r]), np.array([sample.sigma]), np.array([True])
+
+
+def _rate_sigma(x: Array, P: Array, v: Array, air: Array) -> float:
+    """Standard deviation of r' = n.(kappa V u + d + g): its gradient through the covariance."""
+    n = np.array([np.cos(x[THETA]), np.sin(x[THETA])])
+    gradient = np.array([0.0, float(v @ np.array([-n[1], n[0]])), n[0], n[1], float(n @ air), 0.0, n[0], n[1]])
+    return sqrt(max(float(gradient @ P @ gradient), 0.0))
