@@ -100,6 +100,26 @@ def check(mission: str, overrides: tuple[str, ...]) -> int:
 
 
 @circnav.command()
+@click.argument("mission", type=click.Path())
+@click.option("--endpoint", metavar="URL", help="The vehicle: udpin:, udpout:, tcp:HOST:PORT or serial:PATH:BAUD.")
+@click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True, help=SET_HELP)
+@click.option("--seconds", type=float, default=10.0, show_default=True, metavar="N", help="How long to listen.")
+def preflight(mission: str, endpoint: str | None, overrides: tuple[str, ...], seconds: float) -> int:
+    """Listen to the vehicle and the ranging of MISSION and say PASS, WARN or FAIL; no setpoint, no mode is sent.
+
+    Identity, mode, streams, ranging with its noise and age, clocks, and the parameters that matter. Exit codes: 0 no
+    FAIL, 2 bad mission, 3 no vehicle heard, 4 some FAIL.
+
+    \b
+    Example:
+        circnav preflight config/vehicle_udp.toml --endpoint udpin:0.0.0.0:14550
+    """
+    from circnav_mav.cli.preflight import preflight_file
+
+    return preflight_file(mission, endpoint, overrides, seconds)
+
+
+@circnav.command()
 @click.argument("log", type=click.Path(), metavar="RUN_OR_TLOG")
 @click.option("--mission", type=click.Path(), metavar="FILE", help="Another mission; a plain tlog needs one.")
 @click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True, help=SET_HELP)

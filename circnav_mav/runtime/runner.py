@@ -45,7 +45,7 @@ def run(
     """Fly until the pilot is done. Every frame and tick goes to the recorder; `show` is called after each step."""
     newest: TickRecord | None = None
     while not pilot.done:
-        _wait(links, stop, min(clock.until(pilot.next_tick), LONGEST_WAIT))
+        wait(links, stop, min(clock.until(pilot.next_tick), LONGEST_WAIT))
         now = clock.now()
         turn = Turn(now)
         for name, link in links.items():
@@ -69,7 +69,7 @@ def run(
         show(newest, now)
 
 
-def _wait(links: Mapping[str, Link], stop: StopRequest, seconds: float) -> None:
+def wait(links: Mapping[str, Link], stop: StopRequest, seconds: float) -> None:
     """Wait for bytes, a signal or the time, whichever comes first."""
     watched = [fd for link in links.values() if (fd := link.fileno()) is not None]
     if stop.signal_name is None:
