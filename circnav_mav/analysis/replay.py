@@ -6,8 +6,9 @@ from math import inf
 
 import numpy as np
 
-from circnav_mav.analysis.run_folder import Column, Ticks
+from circnav_mav.analysis.run_folder import WORDS, Column, Ticks
 from circnav_mav.analysis.turns import Turn
+from circnav_mav.core.phases import Phase
 from circnav_mav.mav.codec import split_frames
 from circnav_mav.pilot import Pilot, PilotSettings, TickRecord, Timing
 
@@ -122,13 +123,13 @@ def as_ticks(records: list[TickRecord]) -> Ticks:
     def column(name: str) -> Column:
         return np.array([np.nan if (v := getattr(record, name)) is None else float(v) for record in records])
 
-    words = ("phase", "mode")
-    names = [name for name in TickRecord.__dataclass_fields__ if name not in words]
-    return Ticks(
-        {name: column(name) for name in names},
-        [record.phase.value for record in records],
-        [record.mode for record in records],
-    )
+    names = [name for name in TickRecord.__dataclass_fields__ if name not in WORDS]
+    words = {name: [_word(getattr(record, name)) for record in records] for name in WORDS}
+    return Ticks({name: column(name) for name in names}, words)
+
+
+def _word(value: str | Phase) -> str:
+    return value.value if isinstance(value, Phase) else value
 
 
 def _setpoints(said: Said) -> Said:

@@ -149,6 +149,23 @@ def replay(
     return replay_log(ReplayOptions(log, mission, overrides, estimator, law, out))
 
 
+@circnav.command()
+@click.argument("run", type=click.Path())
+@click.option("--mcap", "mcap", is_flag=False, flag_value="", metavar="[FILE]", help="MCAP. [default: RUN/flight.mcap]")
+def export(run: str, mcap: str | None) -> int:
+    """Write RUN, a run folder, as a file for Foxglove or PlotJuggler: ticks, truth and events.
+
+    \b
+    Example:
+        circnav export runs/20260101-120000-quickstart --mcap
+    """
+    if mcap is None:
+        raise Refused("export: say what to write: --mcap")
+    from circnav_mav.cli.export import export_run
+
+    return export_run(run, mcap or None)
+
+
 def main() -> None:
     """Entry point of the `circnav` command."""
     try:
