@@ -16,6 +16,7 @@ from circnav_mav.analysis.summary import FlightFacts, summarise, write_summary
 from circnav_mav.cli.check import read_mission, show_checks
 from circnav_mav.cli.connect import open_links, run_speed, start_clock, start_vehicle
 from circnav_mav.cli.exits import Exit, Refused
+from circnav_mav.cli.report import report_of_flight
 from circnav_mav.cli.verdict import verdict
 from circnav_mav.mission.checks import Grade, check_mission
 from circnav_mav.mission.load import Mission
@@ -77,6 +78,9 @@ def fly_mission(options: FlyOptions) -> int:
     code = Exit.INTERNAL if crash is not None else EXITS[pilot.outcome.ending]
     _complete(manifest, pilot, summary, code)
     click.echo(verdict(summary, folder))
+    problem = report_of_flight(folder, mission, summary)
+    if problem is not None:
+        click.echo(f"  WARNING    {problem}")
     if crash is not None:
         raise Refused(f"internal error, see {crash}", Exit.INTERNAL)
     return code
