@@ -563,7 +563,7 @@ def test_settings_of_a_mission_are_not_shared_between_pilots(make_rig, say):
 
 @pytest.mark.parametrize("request_mode", [True, False])
 @pytest.mark.parametrize("landed_state", [1, 3, 4], ids=["on ground", "taking off", "landing"])
-def test_a_vehicle_that_does_not_fly_yet_is_neither_steered_nor_asked_for_its_mode(make_rig, landed_state, request_mode):
+def test_a_vehicle_that_does_not_fly_yet_is_neither_steered_nor_asked(make_rig, landed_state, request_mode):
     """An armed copter in GUIDED on the ground would fight its own take-off."""
     rig = make_rig(request_mode=request_mode)
     rig.landed_state, rig.mode = landed_state, LOITER if request_mode else GUIDED
