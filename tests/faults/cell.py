@@ -10,6 +10,8 @@ from sim.faults import CLEAN, Impairment
 from tests.faults.course import Course, on_the_circle
 
 BAND = 0.05
+LAW = "smooth"
+"""The law of the quick set: the cheapest to compute."""
 REGAIN_WITHIN = 30.0
 """Time to regain the circle, s, besides the straight way back to it from where the autopilot's own timeout has put the
 vehicle: a plane loiters round the point where GUIDED was entered."""
@@ -79,12 +81,11 @@ class Verdict:
         return not self.faults
 
 
-def fly(scenario: Scenario, profile: str, seed: int) -> Verdict:
-    """Fly a cell and judge it."""
-    if scenario.fresh:
-        course = Course(profile, scenario.overrides, stream=scenario.stream)
-    else:
-        course = on_the_circle(profile, scenario.overrides, stream=scenario.stream)
+def fly(scenario: Scenario, profile: str, seed: int, law: str = LAW) -> Verdict:
+    """Fly a cell by one of the laws and judge it."""
+    overrides = (f'guidance.law="{law}"', *scenario.overrides)
+    make = Course if scenario.fresh else on_the_circle
+    course = make(profile, overrides, stream=scenario.stream)
     start = course.now
     before = dict(course.pilot.ranging.rejected)
     backward = course.spy.backward

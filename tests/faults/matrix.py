@@ -10,7 +10,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from tests.faults.cell import Scenario, Verdict, fly
+from tests.faults.cell import LAW, Scenario, Verdict, fly
 from tests.faults.scenarios.line import LINE
 from tests.faults.scenarios.peers import PEERS
 from tests.faults.scenarios.ranging import RANGING
@@ -56,12 +56,12 @@ def main(arguments: list[str] | None = None) -> int:
     rows, failed = [], 0
     print(HEAD)
     for scenario, profile in chosen:
-        verdict = fly(scenario, profile, options.seed)
+        verdict = fly(scenario, profile, options.seed, options.law)
         rows.append(row(verdict))
         failed += not verdict.passed
         print(rows[-1], flush=True)
     summary = (
-        f"{len(chosen)} cells, {len(chosen) - failed} passed, {failed} failed, seed {options.seed}, "
+        f"{len(chosen)} cells, {len(chosen) - failed} passed, {failed} failed, law {options.law}, seed {options.seed}, "
         f"{time.monotonic() - started:.0f} s"
     )
     print(summary)
@@ -76,6 +76,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--profile", choices=PROFILES)
     parser.add_argument("--fault", help="F1 .. F22")
     parser.add_argument("--level", help="part of the level's name")
+    parser.add_argument("--law", default=LAW, help="guidance.law of the missions")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=Path, metavar="TABLE.md", help="write the table as Markdown")
     return parser
