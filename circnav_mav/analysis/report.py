@@ -161,7 +161,7 @@ def _rows(values: dict[str, str]) -> str:
 
 
 def _colours(words: list[str]) -> dict[str, str]:
-    return {word: WORDS[at % len(WORDS)] for at, word in enumerate(dict.fromkeys(words))}
+    return {word: WORDS[at % len(WORDS)] if word else "#eee" for at, word in enumerate(dict.fromkeys(words))}
 
 
 def _circle(orbit: Orbit) -> str:
