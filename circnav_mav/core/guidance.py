@@ -112,10 +112,9 @@ class _HandingOver:
 
     def _by_bank(self, motion: RelativeMotion) -> float:
         """The drift law, seen so that the orbit is counter-clockwise."""
-        here = mirrored(
-            np.array([motion.x, motion.y]), np.array([motion.drift_x, motion.drift_y]),
-            np.asarray(motion.heading), np.asarray(motion.turn_rate), np.asarray(float(self._orbit.direction.turn_sign)),
-        )  # fmt: skip
+        p, d = np.array([motion.x, motion.y]), np.array([motion.drift_x, motion.drift_y])
+        sense = np.asarray(float(self._orbit.direction.turn_sign))
+        here = mirrored(p, d, np.asarray(motion.heading), np.asarray(motion.turn_rate), sense)
         V = max(motion.airspeed, 0.1 * self._orbit.speed)
         return float(
             drift(*here, V=V, r_d=self._orbit.radius, max_turn_rate=self._orbit.max_turn_rate, gains=self._gains)

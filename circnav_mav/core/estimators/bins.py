@@ -1,4 +1,4 @@
-"""The last seconds of ranges, averaged in short bins, and how rough they are. Arrays have a last axis B over flights."""
+"""The last seconds of ranges, averaged in short bins, and how rough they are. The last axis B is over flights."""
 
 from typing import Any
 
