@@ -34,8 +34,8 @@ class Cell:
 
     rms: of the radius error over the last 100 s. settled10, settled2: last exit from +-10 % and +-2 % over the Dubins
     time to the tangent point, for starts outside 1.3 r_d. closest: 1st percentile of the closest approach, for starts
-    outside. wrong_way: flights that went round in the wrong sense. rate_rmse: of the range rate, m/s, over the last
-    100 s. nees_in_band: share of flight-seconds with the NEES of (r, theta) inside its 95 % band.
+    outside. wrong_way: flights that went round in the wrong sense. range_rmse, rate_rmse: of the estimates, m
+    and m/s, over the last 100 s. nees_in_band: share of steps with the NEES of (r, theta) in its 95 % band.
     """
 
     situation: str
@@ -55,6 +55,7 @@ class Cell:
     wrong_way: int
     chatter: float
     saturated: float
+    range_rmse: float
     rate_rmse: float
     rate_p99: float
     nees_mean: float
@@ -109,10 +110,13 @@ def judged(row: Row, policy: str, tracks: Tracks, seconds: float) -> Cell:
 
     rms = judge.rms(end(tracks.r) - r_d)
     outside = tracks.r[0] > 1.3 * r_d
+    start = tracks.start
     ideal = dubins.tangent_time(
-        tracks.start.p, tracks.start.psi, tracks.sense, V=circle.speed, r_d=r_d, max_turn_rate=circle.max_turn_rate
-    )
-    ten, two = ((judge.last_exit(tracks.time, tracks.r, r_d, band) / ideal)[outside] for band in (0.1, 0.02))
+        start.p[:, outside], start.psi[outside], tracks.sense[outside],
+        V=circle.speed, r_d=r_d, max_turn_rate=circle.max_turn_rate,
+    )  # fmt: skip
+    ten, two = (judge.last_exit(tracks.time, tracks.r[:, outside], r_d, band) / ideal for band in (0.1, 0.02))
+    range_error = end(tracks.r_hat) - end(tracks.r)
     rate_error = end(tracks.r_dot_hat) - end(tracks.r_dot)
     nees = end(tracks.nees)
     known = np.isfinite(nees)
@@ -135,6 +139,7 @@ def judged(row: Row, policy: str, tracks: Tracks, seconds: float) -> Cell:
         wrong_way=int((~judge.right_way(end(tracks.angle), tracks.sense)).sum()),
         chatter=float(np.median(judge.chatter(end(tracks.command), end(tracks.time)))),
         saturated=float(judge.saturation(tracks.command, circle.max_turn_rate).mean()),
+        range_rmse=float(np.median(judge.rms(range_error))),
         rate_rmse=float(np.sqrt((rate_error**2).mean())),
         rate_p99=_percentile(np.abs(rate_error).ravel(), 99),
         nees_mean=float(nees[known].mean()) if known.any() else float("nan"),
