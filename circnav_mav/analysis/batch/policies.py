@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from circnav_mav.analysis.batch.banks import Banks
 from circnav_mav.analysis.batch.filters import BatchKalman
 from circnav_mav.analysis.batch.flight import Circle, Make, Seen, Truth
 from circnav_mav.core.air_path import chord, wrap
@@ -12,7 +13,7 @@ from circnav_mav.core.auto import Handover, at_start, hand_over
 from circnav_mav.core.drift_law import drift, drift_gains, mirrored
 from circnav_mav.core.estimators.bank import KAPPA, R, position
 from circnav_mav.core.estimators.bank import drift as drift_of
-from circnav_mav.core.estimators.drift_bank import BankSettings, DriftBank, Stage
+from circnav_mav.core.estimators.drift_bank import BankSettings, Stage
 from circnav_mav.core.estimators.unicycle import SURE, UnicycleFilter
 from circnav_mav.core.laws import LAWS, Kind, pi
 
@@ -71,7 +72,7 @@ class Auto:
         flights = sense.size
         self._circle, self._sense, self._tries = circle, sense, tries
         self._kalman = _Kalman(circle, flights)
-        self.bank = DriftBank(BankSettings(circle.speed), flights)
+        self.bank = Banks(BankSettings(circle.speed), flights)
         self._gains = drift_gains(circle.speed, circle.radius, circle.lag)
         self._law = LAWS["feedforward"]
         self._k = self._law.default_gain(circle.speed, circle.radius)
