@@ -2,6 +2,7 @@
 
 import heapq
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 NEVER = 1 << 62
@@ -25,6 +26,15 @@ class Agenda:
         self._order += 1
         self._live[key] = (self._order, action)
         heapq.heappush(self._heap, _Entry(due, self._order, key))
+
+    def every(self, key: tuple[object, ...], interval: int, first: int, action: Callable[[], None]) -> None:
+        """An appointment that makes the next one."""
+        self.put(key, first, partial(self._run, key, interval, first, action))
+
+    def _run(self, key: tuple[object, ...], interval: int, due: int, action: Callable[[], None]) -> None:
+        """A method, not a closure: a copied vehicle must run its own appointments."""
+        self.put(key, due + interval, partial(self._run, key, interval, due + interval, action))
+        action()
 
     def drop(self, key: tuple[object, ...]) -> None:
         self._live.pop(key, None)

@@ -21,6 +21,13 @@ class Body(NamedTuple):
     pitch: float = 0.0
     roll_rate: float = 0.0  # of the roll angle, rad/s
     pitch_rate: float = 0.0
+    turn_acceleration: float = 0.0  # inside the yaw loop, rad/s^2
+    course_rate: float = 0.0  # inside the velocity loop, rad/s
+    course_feed: float = 0.0  # what of a fed-forward turn has arrived there, rad/s
+    push_north: float = 0.0  # integrators of the velocity loop, m/s^2
+    push_east: float = 0.0
+    air_speed: float = 0.0  # true, of vehicles that fly by it
+    climb_angle: float = 0.0  # flight path angle of a fixed wing, rad
 
     @property
     def ground_speed(self) -> float:
@@ -70,3 +77,13 @@ class Body(NamedTuple):
 def coordinated_bank(speed: float, turn_rate: float) -> float:
     """The bank that turns at this rate without slip: tan(roll) = V w / g."""
     return math.atan(speed * turn_rate / GRAVITY)
+
+
+def euler(q: tuple[float, ...]) -> tuple[float, float, float]:
+    """Roll, pitch and heading of a unit quaternion, w first."""
+    w, x, y, z = q
+    return (
+        math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
+        math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x)))),
+        math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)),
+    )

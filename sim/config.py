@@ -13,22 +13,50 @@ __all__ = ["ConfigError", "VehicleConfig", "load_vehicle", "parse_vehicle"]
 
 MESSAGES = ("distance_sensor", "ranging_beacon", "named_value_float")
 VIAS = ("forwarded", "direct", "autopilot")
+PRESETS = ("gaussian", "uwb", "lora")
+ACTIONS = (
+    "mode",
+    "arm",
+    "disarm",
+    "rc_failsafe",
+    "gps_off",
+    "gps_on",
+    "battery",
+    "wind",
+    "mute_ranging",
+    "unmute_ranging",
+    "mute_autopilot",
+    "unmute_autopilot",
+    "reboot",
+)
 TURN_RATE = {"low": 0.0, "above": 0.0, "high": 720.0}
 
 
 @dataclass(frozen=True)
 class Airframe:
-    """[vehicle]: which autopilot and how it moves."""
+    """[vehicle]: which autopilot and how it moves. Where a default is None it depends on the profile.
+
+    dynamics: the arducopter's default is the ideal "unicycle", the others' what was measured ("realistic").
+    odometry: velocity without GPS (optical flow, wheel encoders), usable once somebody has set an origin (message 48).
+    """
 
     profile: str = key("arducopter", choices=PROFILES)
     system_id: int = key(1, low=1, high=255)
-    dynamics: str = key("unicycle", choices=("unicycle",))
+    mavlink_version: int = key(2, low=1, high=2)
+    dynamics: str | None = key(None, choices=("unicycle", "realistic"))
     max_turn_rate_deg_s: float = key(60.0, **TURN_RATE)
     turn_lag_s: float = key(0.2, low=0.0, high=10.0)
     speed_lag_s: float = key(0.0, low=0.0, high=30.0)
+    max_bank_deg: float | None = key(None, above=0.0, high=80.0)
+    cruise_speed_mps: float | None = key(None, above=0.0, high=100.0)
+    turn_effectiveness: float | None = key(None, low=0.1, high=2.0)
+    airspeed_scale: float | None = key(None, low=0.5, high=2.0)
+    drag_per_s: float = key(1.0, low=0.0, high=10.0)
     setpoint_timeout_s: float | None = key(None, low=0.1, high=60.0)
-    mavlink_version: int = key(2, low=1, high=2)
     gps: bool = True
+    odometry: bool = False
+    airspeed_sensor: bool = False
+    default_streams: bool = True
 
 
 @dataclass(frozen=True)
@@ -48,9 +76,9 @@ class Start:
 
     north_m: float = -200.0
     east_m: float = 0.0
-    altitude_m: float = key(50.0, low=0.0)
+    altitude_m: float | None = key(None, low=0.0)
     heading_deg: float = 0.0
-    speed_mps: float = key(0.0, low=0.0, high=300.0)
+    speed_mps: float | None = key(None, low=0.0, high=300.0)
     mode: str | None = None
     armed: bool = True
     random: RandomStart = RandomStart()
@@ -58,13 +86,15 @@ class Start:
 
 @dataclass(frozen=True)
 class Target:
-    """[target]: what is circled; height above home, as the vehicle's."""
+    """[target]: what is circled; height above home, as the vehicle's. Turns and speeds up along its own course."""
 
     north_m: float = 0.0
     east_m: float = 0.0
     altitude_m: float = 0.0
     velocity_north_mps: float = 0.0
     velocity_east_mps: float = 0.0
+    acceleration_mps2: float = 0.0
+    turn_rate_deg_s: float = key(0.0, low=-360.0, high=360.0)
 
 
 @dataclass(frozen=True)
@@ -73,6 +103,8 @@ class Wind:
 
     speed_mps: float = key(0.0, low=0.0, high=100.0)
     from_deg: float = 0.0
+    gust_rms_mps: float = key(0.0, low=0.0, high=30.0)
+    gust_time_s: float = key(3.0, low=0.1, high=600.0)
 
 
 @dataclass(frozen=True)
@@ -81,6 +113,7 @@ class Ranging:
 
     message: str = key("distance_sensor", choices=MESSAGES)
     via: str = key("forwarded", choices=VIAS)
+    preset: str = key("gaussian", choices=PRESETS)
     rate_hz: float = key(10.0, low=0.0, high=1000.0)
     noise_m: float = key(0.5, low=0.0)
     bias_m: float = 0.0
@@ -88,6 +121,7 @@ class Ranging:
     outlier_m: float = key(30.0, low=0.0)
     dropout_fraction: float = key(0.0, low=0.0, high=1.0)
     latency_s: float = key(0.0, low=0.0, high=10.0)
+    clock_offset_s: float = key(0.0, low=0.0)
     max_range_m: float = key(1000.0, above=0.0)
     system_id: int = key(1, low=1, high=255)
     component_id: int = key(192, low=1, high=255)
@@ -106,6 +140,34 @@ class TruthStream:
 
 
 @dataclass(frozen=True)
+class Sensors:
+    """[sensors]: how the reported heading, turn and airspeed differ from the truth."""
+
+    heading_bias_deg: float = key(0.0, low=-180.0, high=180.0)
+    heading_drift_deg_s: float = key(0.0, low=-10.0, high=10.0)
+    gyro_scale: float = key(1.0, low=0.5, high=1.5)
+    airspeed_noise_mps: float = key(0.0, low=0.0, high=10.0)
+
+
+@dataclass(frozen=True)
+class Battery:
+    """[battery]: what is left at the start and how fast it goes."""
+
+    percent: float = key(100.0, low=0.0, high=100.0)
+    drain_percent_per_min: float = key(0.0, low=0.0)
+
+
+@dataclass(frozen=True)
+class Event:
+    """[[events]]: something that happens to the vehicle at a time."""
+
+    at_s: float = key(0.0, low=0.0)
+    action: str = key("mode", choices=ACTIONS)
+    mode: str | None = None
+    value: float | None = None
+
+
+@dataclass(frozen=True)
 class VehicleConfig:
     """One vehicle file, validated."""
 
@@ -116,6 +178,14 @@ class VehicleConfig:
     wind: Wind = Wind()
     ranging: Ranging = Ranging()
     truth: TruthStream = TruthStream()
+    sensors: Sensors = Sensors()
+    battery: Battery = Battery()
+    events: tuple[Event, ...] = ()
+
+    def rebooted(self) -> "VehicleConfig":
+        """As the autopilot finds itself after a reset: disarmed, in its first mode."""
+        first = next(iter(MODES[self.vehicle.profile]))
+        return replace(self, start=replace(self.start, armed=False, mode=first, speed_mps=None))
 
     def seeded(self, seed: int) -> "VehicleConfig":
         return replace(self, seed=seed)
@@ -124,6 +194,7 @@ class VehicleConfig:
 def parse_vehicle(table: Mapping[str, Any], where: str) -> VehicleConfig:
     """A TOML table as a vehicle; raises ConfigError, one line that names `where`, the key and the remedy."""
     config = read_table(VehicleConfig, table, where)
+    _check_modes(config, where)
     _check_start(config, where)
     _check_ranging(config, where)
     return config
@@ -143,13 +214,23 @@ def load_vehicle(path: str | Path) -> VehicleConfig:
     return parse_vehicle(table, str(path))
 
 
-def _check_start(config: VehicleConfig, where: str) -> None:
-    start, profile = config.start, config.vehicle.profile
+def _check_modes(config: VehicleConfig, where: str) -> None:
+    named = [(f"{place(where, 'start')}.mode", config.start.mode)]
+    for i, event in enumerate(config.events):
+        here = f"{place(where, 'events')}[{i}].mode"
+        if event.action == "mode" and event.mode is None:
+            raise ConfigError(f'{here}: is missing, the action "mode" needs one')
+        named.append((here, event.mode))
+    profile = config.vehicle.profile
     modes = tuple(MODES[profile])
-    if start.mode is not None and start.mode not in modes:
-        hint = nearest(start.mode, modes) or f"; modes: {', '.join(modes)}"
-        raise ConfigError(f'{place(where, "start")}.mode: "{start.mode}" is no mode of {profile}{hint}')
-    if not start.armed and start.altitude_m > 0:
+    for here, mode in named:
+        if mode is not None and mode not in modes:
+            hint = nearest(mode, modes) or f"; modes: {', '.join(modes)}"
+            raise ConfigError(f'{here}: "{mode}" is no mode of {profile}{hint}')
+
+
+def _check_start(config: VehicleConfig, where: str) -> None:
+    if not config.start.armed and (config.start.altitude_m or 0.0) > 0:
         raise ConfigError(f"{place(where, 'start')}.armed: false needs altitude_m = 0: nothing flies disarmed")
 
 

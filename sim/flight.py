@@ -1,14 +1,15 @@
 """The physical side of the vehicle: body, air, target and autopilot, carried forward in simulated time."""
 
 import math
-from random import Random
 from typing import NamedTuple
 
-from sim.autopilots import arducopter
-from sim.autopilots.contract import Autopilot, Say
+from sim.autopilots.build import build_autopilot
+from sim.autopilots.contract import Say
 from sim.body import Body
-from sim.config import RandomStart, Start, VehicleConfig
+from sim.config import VehicleConfig
+from sim.instruments import Instruments
 from sim.sensor import Rangefinder
+from sim.starting import starting_body
 from sim.world import Air, TargetMotion
 
 
@@ -35,13 +36,6 @@ class Truth(NamedTuple):
     armed: bool
 
 
-class Battery(NamedTuple):
-    """What is left in the battery."""
-
-    volts: float = 12.6
-    percent: int = 100
-
-
 class Flight:
     """Everything that moves. Time is whole microseconds of simulated time since the start."""
 
@@ -49,12 +43,15 @@ class Flight:
         self.config = config
         self.now = 0
         self.booted = 0
-        self.air = Air.steady(config.wind)
-        self.battery = Battery()
-        self.rangefinder = Rangefinder()
+        self._say = say
+        self.air = Air(config.wind, config.seed)
         self.target = TargetMotion(config.target)
-        self.body = starting_body(config)
-        self.autopilot: Autopilot = arducopter.ArduCopter(config, say)
+        self.rangefinder = Rangefinder()
+        self.instruments = Instruments(config.sensors, config.seed)
+        self.battery = config.battery.percent
+        self._battery_at = 0
+        self.body = starting_body(config, self.air.velocity)
+        self.autopilot = build_autopilot(config, say, self.body)
 
     def next_due(self) -> int:
         return max(self.now, self.autopilot.wake_us())
@@ -74,6 +71,13 @@ class Flight:
             self.body = self.autopilot.fly(self.body, (to - self.now) * 1e-6, self.air.velocity)
             self.now = to
 
+    def reboot(self) -> None:
+        """The autopilot starts afresh: disarmed, in its first mode, its clock at zero. The body stays where it is."""
+        fresh = self.config.rebooted()
+        self.booted = self.now
+        self.rangefinder = Rangefinder()
+        self.autopilot = build_autopilot(fresh, self._say, self.body)
+
     @property
     def seconds(self) -> float:
         return self.now * 1e-6
@@ -82,9 +86,20 @@ class Flight:
     def boot_ms(self) -> int:
         return (self.now - self.booted) // 1000 & 0xFFFFFFFF
 
+    def charge(self, percent: float) -> None:
+        self.battery, self._battery_at = percent, self.now
+
+    def battery_percent(self) -> float:
+        minutes = (self.now - self._battery_at) / 60e6
+        return max(0.0, self.battery - self.config.battery.drain_percent_per_min * minutes)
+
+    def shown(self) -> Body:
+        """The body as the autopilot's estimate has it."""
+        return self.instruments.body(self.body, self.seconds)
+
     def slant_range(self) -> float:
-        north, east, down = self.target.at(self.seconds)
-        return math.dist((self.body.north, self.body.east, self.body.down), (north, east, down))
+        body = self.body
+        return math.dist((body.north, body.east, body.down), self.target.at(self.seconds))
 
     def truth(self) -> Truth:
         body, wind = self.body, self.air.velocity
@@ -109,45 +124,3 @@ class Flight:
             mode=self.autopilot.mode,
             armed=self.autopilot.armed,
         )
-
-
-def starting_body(config: VehicleConfig) -> Body:
-    start = drawn(config.start, config)
-    heading = math.remainder(math.radians(start.heading_deg), math.tau)
-    return Body(
-        north=start.north_m,
-        east=start.east_m,
-        down=-start.altitude_m,
-        heading=heading,
-        velocity_north=start.speed_mps * math.cos(heading),
-        velocity_east=start.speed_mps * math.sin(heading),
-    )
-
-
-class _Place(NamedTuple):
-    north_m: float
-    east_m: float
-    altitude_m: float
-    heading_deg: float
-    speed_mps: float
-
-
-def drawn(start: Start, config: VehicleConfig) -> _Place:
-    """The start with its random parts drawn from the seed; range and bearing are horizontal, from the target."""
-    bounds: RandomStart = start.random
-    rng = Random(f"{config.seed}:start")
-    draws = [rng.random() for _ in range(5)]
-
-    def pick(interval: tuple[float, float] | None, otherwise: float, draw: float) -> float:
-        return otherwise if interval is None else interval[0] + (interval[1] - interval[0]) * draw
-
-    north = pick(bounds.north_m, start.north_m, draws[0])
-    east = pick(bounds.east_m, start.east_m, draws[1])
-    if bounds.range_m is not None or bounds.bearing_deg is not None:
-        away_north, away_east = north - config.target.north_m, east - config.target.east_m
-        distance = pick(bounds.range_m, math.hypot(away_north, away_east), draws[3])
-        bearing = math.radians(pick(bounds.bearing_deg, math.degrees(math.atan2(away_east, away_north)), draws[4]))
-        north = config.target.north_m + distance * math.cos(bearing)
-        east = config.target.east_m + distance * math.sin(bearing)
-    heading = pick(bounds.heading_deg, start.heading_deg, draws[2])
-    return _Place(north, east, start.altitude_m, heading, start.speed_mps)

@@ -23,11 +23,17 @@ class Link:
         self.waiting: deque[bytes] = deque(maxlen=MOST_WAITING)
         self.intervals: dict[int, int] = {}  # message id -> microseconds
         self.gcs_heard = False
+        self.silent = False
 
     def send(self, message: Message) -> None:
         frame = self.sender.frame(message)
-        if frame is not None:
+        if frame is not None and not self.silent:
             self.waiting.append(frame)
+
+    def forward(self, message: Message) -> None:
+        """Somebody else's frame, unchanged."""
+        if not self.silent:
+            self.waiting.append(bytes(message.get_msgbuf()))
 
     def drain(self) -> list[bytes]:
         frames = list(self.waiting)
@@ -38,8 +44,9 @@ class Link:
 class Router:
     """Learns who is where and passes messages on; nobody is sent anything before being heard."""
 
-    def __init__(self, own: Address, unknown_ids: frozenset[int]) -> None:
+    def __init__(self, own: Address, unknown_ids: frozenset[int], adopts_strays: bool) -> None:
         self._own = own
+        self._adopts_strays = adopts_strays
         self._unknown = unknown_ids
         self._routes: list[tuple[Address, Link]] = []
 
@@ -65,7 +72,9 @@ class Router:
         if mine and component == self._own[1] and system != 0:
             return True
         forwarded = self._forward(message, source, system, component)
-        return (mine and component in (0, self._own[1])) or (mine and not forwarded)
+        if not mine:
+            return False
+        return component in (0, self._own[1]) or (self._adopts_strays and not forwarded)
 
     def _learn(self, sender: Address, source: Link) -> None:
         known = any(address == sender and link is source for address, link in self._routes)
@@ -78,7 +87,7 @@ class Router:
             right_component = component in (0, to_component) or system != self._own[0]
             if link is source or link in reached or not (system == 0 or (system == to_system and right_component)):
                 continue
-            link.waiting.append(bytes(message.get_msgbuf()))
+            link.forward(message)
             reached.append(link)
         return bool(reached)
 
@@ -86,4 +95,4 @@ class Router:
         known = [link for address, link in self._routes if address == sender]
         for link in links:
             if link is not source and link not in known:
-                link.waiting.append(bytes(message.get_msgbuf()))
+                link.forward(message)

@@ -10,6 +10,7 @@ from sim.wire import Message
 
 INT8, INT16, INT32, REAL32 = 2, 4, 6, 9
 NOT_IN_LIST = 65535
+LARGEST = 1e6  # no real setting is larger, and what is not a number is none
 RANGES = {INT8: (-128, 127), INT16: (-32768, 32767), INT32: (-(2**31), 2**31 - 1)}
 
 
@@ -30,6 +31,9 @@ class Parameters:
 
     def __getitem__(self, name: str) -> float:
         return self._values[name]
+
+    def get(self, name: str, otherwise: float) -> float:
+        return self._values.get(name, otherwise)
 
     def __contains__(self, name: object) -> bool:
         return name in self._values
@@ -53,7 +57,7 @@ class Parameters:
         if found is None:
             return None
         value = self._from_wire(found.kind, wire_value)
-        if value is not None and math.isfinite(value):
+        if value is not None and abs(value) <= LARGEST:
             self._values[name] = value
         return self._message(found, NOT_IN_LIST)
 

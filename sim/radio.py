@@ -20,7 +20,7 @@ def centimetres(metres: float) -> int:
 
 def distance_sensor(config: Ranging, sample: Sample) -> Message:
     return mavlink.MAVLink_distance_sensor_message(
-        sample.taken_us // 1000 & 0xFFFFFFFF,
+        _stamp_us(config, sample) // 1000 & 0xFFFFFFFF,
         1,
         centimetres(config.max_range_m),
         centimetres(sample.distance),
@@ -34,7 +34,7 @@ def distance_sensor(config: Ranging, sample: Sample) -> Message:
 def ranging_beacon(config: Ranging, sample: Sample) -> Message:
     accuracy = max(1, round(config.noise_m * 1000)) if config.report_accuracy else UNKNOWN_U32
     return mavlink.MAVLink_ranging_beacon_message(
-        sample.taken_us,
+        _stamp_us(config, sample),
         0,
         0,
         config.beacon_id,
@@ -53,13 +53,18 @@ def ranging_beacon(config: Ranging, sample: Sample) -> Message:
 
 
 def named_value(config: Ranging, sample: Sample) -> Message:
-    stamp = sample.taken_us // 1000 & 0xFFFFFFFF
+    stamp = _stamp_us(config, sample) // 1000 & 0xFFFFFFFF
     return mavlink.MAVLink_named_value_float_message(stamp, config.name.encode(), sample.distance)
+
+
+def _stamp_us(config: Ranging, sample: Sample) -> int:
+    """The radio's own clock, which may run ahead of everybody else's."""
+    return sample.taken_us + round(config.clock_offset_s * 1e6)
 
 
 def _covariance(config: Ranging) -> int:
     """Variance in cm^2 when it is wanted and fits the byte: up to 15.9 cm of noise."""
-    variance = round((config.noise_m * 100) ** 2)
+    variance = max(1, round((config.noise_m * 100) ** 2))
     return variance if config.report_accuracy and variance < UNKNOWN_COVARIANCE else UNKNOWN_COVARIANCE
 
 

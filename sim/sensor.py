@@ -1,13 +1,37 @@
 """The ranging sensor: true slant range in, what the radio would report out."""
 
+import math
+from dataclasses import dataclass
 from random import Random
 from typing import NamedTuple
 
 from sim.config import Ranging
 
 
+@dataclass(frozen=True)
+class Character:
+    """How a kind of radio errs beyond the white noise of the file: metres, seconds, shares."""
+
+    white: float | None = None  # replaces noise_m
+    drift: float = 0.0  # rms of a slow error
+    drift_time: float = 2.0
+    loss: float = 0.0
+    near_bias: float = 0.0  # added at zero range, gone at `near`
+    near: float = 30.0
+    gap_rate: float = 0.0  # gaps a second when at the end of the range
+    gap: float = 2.0  # s
+
+
+# Figures of guidance literature for ultra-wideband and for 2.4 GHz LoRa ranging (SX1280).
+CHARACTERS = {
+    "gaussian": Character(),
+    "uwb": Character(white=0.02, drift=0.15, drift_time=2.0, gap_rate=0.2),
+    "lora": Character(white=1.0, drift=2.0, drift_time=3.0, loss=0.1, near_bias=4.0),
+}
+
+
 class Sample(NamedTuple):
-    """One measurement, as long as it is not lost. Seconds and metres."""
+    """One measurement, as long as it is not lost. Microseconds and metres."""
 
     taken_us: int
     distance: float
@@ -15,19 +39,37 @@ class Sample(NamedTuple):
 
 
 class RangeSensor:
-    """Noise, bias, outliers, dropouts and the end of the range. Draws the same numbers whatever is configured."""
+    """Noise, drift, bias, outliers, dropouts, gaps and the end of the range; the same draws whatever is configured."""
 
     def __init__(self, config: Ranging, seed: int) -> None:
         self._config = config
+        self._kind = CHARACTERS[config.preset]
         self._rng = Random(f"{seed}:ranging")
         self._sequence = 0
+        self._drift = self._kind.drift * self._rng.gauss(0.0, 1.0)
+        self._deaf_until = 0
+        step = 1 / config.rate_hz if config.rate_hz > 0 else 1.0
+        self._kept = math.exp(-step / self._kind.drift_time)
+        self._gap_chance = self._kind.gap_rate * step
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation of the white part, m."""
+        return self._config.noise_m if self._kind.white is None else self._kind.white
 
     def measure(self, true_range: float, now: int) -> Sample | None:
-        c, rng = self._config, self._rng
-        lost, wild, spread, noise = rng.random(), rng.random(), rng.uniform(-1.0, 1.0), rng.gauss(0.0, 1.0)
-        if lost < c.dropout_fraction or true_range > c.max_range_m:
+        c, kind, rng = self._config, self._kind, self._rng
+        lost, wild, spread, gap = rng.random(), rng.random(), rng.uniform(-1.0, 1.0), rng.random()
+        noise, fresh = rng.gauss(0.0, 1.0), rng.gauss(0.0, 1.0)
+        self._drift = self._kept * self._drift + kind.drift * math.sqrt(1 - self._kept**2) * fresh
+        if true_range > 0.85 * c.max_range_m and gap < self._gap_chance:
+            self._deaf_until = now + round(kind.gap * 1e6)
+        if lost < 1 - (1 - c.dropout_fraction) * (1 - kind.loss) or true_range > c.max_range_m:
             return None
-        distance = true_range + c.bias_m + c.noise_m * noise
+        if now < self._deaf_until:
+            return None
+        distance = true_range + c.bias_m + self._drift + self.noise * noise
+        distance += kind.near_bias * max(0.0, 1 - true_range / kind.near)
         if wild < c.outlier_fraction:
             distance += c.outlier_m * spread
         self._sequence = (self._sequence + 1) % 256

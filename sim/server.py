@@ -67,8 +67,8 @@ def _fly(
         if behind > BURST:  # the machine cannot keep up: fly slower rather than deaf
             started += (behind - BURST) / speed
             simulated -= behind - BURST
-        _hear(vehicle, wires)
         vehicle.advance(simulated)
+        _hear(vehicle, wires)  # what has arrived acts now, not when the vehicle was last looked at
         _speak(vehicle, wires)
         _sleep(wires, (vehicle.next_event - simulated) / speed)
 

@@ -10,7 +10,8 @@ from sim.wire import Message
 
 PARAM_READ, PARAM_LIST, PARAM_SET = 20, 21, 23
 MISSION_LIST, MISSION_COUNT, MISSION_ACK = 43, 44, 47
-DATA_STREAM, TIMESYNC = 66, 111
+DATA_STREAM, TIMESYNC, FILE_TRANSFER = 66, 111, 110
+FTP_REFUSED, FTP_FILE_NOT_FOUND = 129, 10
 MISSION_UNSUPPORTED, MISSION_ACCEPTED = 3, 0
 ALL_STREAMS = 0
 
@@ -29,6 +30,7 @@ class Services:
             MISSION_COUNT: self._mission_count,
             DATA_STREAM: self._data_stream,
             TIMESYNC: self._timesync,
+            FILE_TRANSFER: self._file_transfer,
         }
 
     def answer(self, message: Message, link: Link) -> bool:
@@ -69,6 +71,16 @@ class Services:
     def _timesync(self, message: Message, link: Link) -> None:
         if message.tc1 == 0:
             link.send(mavlink.MAVLink_timesync_message((self._flight.now - self._flight.booted) * 1000, message.ts1))
+
+    def _file_transfer(self, message: Message, link: Link) -> None:
+        """There are no files: saying so spares a ground station its timeouts."""
+        asked = message.payload
+        sequence = (asked[0] | asked[1] << 8) + 1 & 0xFFFF
+        header = [sequence & 0xFF, sequence >> 8, asked[2], FTP_REFUSED, 1, asked[3], 0, 0, 0, 0, 0, 0]
+        payload = [*header, FTP_FILE_NOT_FOUND]
+        system, component = _sender(message)
+        answer = [*payload, *[0] * (len(asked) - len(payload))]
+        link.send(mavlink.MAVLink_file_transfer_protocol_message(0, system, component, answer))
 
     @staticmethod
     def _reply(link: Link, message: Message | None) -> None:

@@ -1,43 +1,67 @@
-"""Messages sent again and again on a link because somebody asked for them."""
+"""Messages sent again and again on a link because somebody asked for them, or because this autopilot always does."""
 
 from functools import partial
 
 from sim.agenda import Agenda
-from sim.autopilots.contract import ACCEPTED, DENIED, INFO, Say
+from sim.autopilots.contract import ACCEPTED, INFO, Say
 from sim.flight import Flight
-from sim.links import Link
+from sim.links import HEARTBEAT, Link
 from sim.telemetry import BUILDERS
 
 STOP, DEFAULT = -1, 0
 SLOWEST_US = 60_000_000
+HEARTBEAT_US = 1_000_000
+DISTANCE_SENSOR = 132
+PX4 = 12
 
 
 class Streams:
-    """The schedule of every link. Intervals are whole milliseconds, as ArduPilot keeps them."""
+    """The schedule of every link. ArduPilot keeps intervals in whole milliseconds."""
 
     def __init__(self, agenda: Agenda, flight: Flight) -> None:
         self._agenda = agenda
         self._flight = flight
+        self._range_sent: dict[str, int] = {}
+
+    def open(self, link: Link) -> None:
+        """A new link: a heartbeat at once and then whatever this autopilot sends unasked."""
+        self._agenda.put(("stream", link.name, "first"), self._flight.now, partial(self._greet, link))
+        self.run(link, HEARTBEAT, HEARTBEAT_US)
+        if self._flight.config.vehicle.default_streams:
+            for number, interval in self._flight.autopilot.identity.default_streams.items():
+                self.run(link, number, interval)
+
+    def _greet(self, link: Link) -> None:
+        self.send_once(link, HEARTBEAT)
 
     def ask(self, link: Link, number: int, interval: float, say: Say) -> int:
         """MAV_CMD_SET_MESSAGE_INTERVAL, microseconds; the ack."""
         identity = self._flight.autopilot.identity
-        if number not in identity.streamable:
-            say(INFO, f"No ap_message for mavlink id ({number})")
-            return DENIED
-        if interval != interval or interval < STOP:
-            return DENIED
+        if identity.autopilot == PX4:
+            refused = number not in identity.streamable or number == HEARTBEAT
+        else:
+            refused = number not in identity.streamable
+            if refused:
+                say(INFO, f"No ap_message for mavlink id ({number})")
+        if refused or interval != interval or interval < STOP:
+            return identity.interval_refusal
         if interval == DEFAULT:
-            default = identity.default_streams.get(number)
-            self.run(link, number, default) if default else self.stop(link, number)
+            self._run_default(link, number)
         elif interval == STOP:
             self.stop(link, number)
         elif interval < identity.fastest_us:
             say(INFO, f"Interval too short for mavlink id ({number})")
-            return DENIED
+            return identity.interval_refusal
         else:
             self.run(link, number, max(1_000, int(min(interval, SLOWEST_US)) // 1_000 * 1_000))
         return ACCEPTED
+
+    def _run_default(self, link: Link, number: int) -> None:
+        default = HEARTBEAT_US if number == HEARTBEAT else self._flight.autopilot.identity.default_streams.get(number)
+        if default is None:
+            self.stop(link, number)
+        else:
+            self.run(link, number, default)
 
     def interval(self, link: Link, number: int) -> int:
         """Microseconds between two, -1 when it is not sent."""
@@ -45,15 +69,18 @@ class Streams:
 
     def run(self, link: Link, number: int, interval: int) -> None:
         link.intervals[number] = interval
-        self._appoint(link, number, self._flight.now + interval)
+        if number != DISTANCE_SENSOR or not self._flight.autopilot.identity.ranges_on_update:
+            self._appoint(link, number, self._flight.now + interval)
 
     def stop(self, link: Link, number: int) -> None:
         link.intervals.pop(number, None)
         self._agenda.drop(("stream", link.name, number))
 
-    def stop_all(self, link: Link) -> None:
-        for number in list(link.intervals):
-            self.stop(link, number)
+    def forget_all(self, links: list[Link]) -> None:
+        """A reboot: nobody has asked for anything."""
+        self._agenda.drop_all("stream")
+        for link in links:
+            link.intervals.clear()
 
     def send_once(self, link: Link, number: int) -> bool:
         """Send one now; False when this vehicle has no such message or nothing to put in it."""
@@ -63,6 +90,15 @@ class Streams:
             return False
         link.send(message)
         return True
+
+    def range_updated(self, links: list[Link]) -> None:
+        """A new sample at a rangefinder driver that reports on update: PX4 sends it once, where it is asked for."""
+        now = self._flight.now
+        for link in links:
+            interval = link.intervals.get(DISTANCE_SENSOR)
+            if interval is not None and now - self._range_sent.get(link.name, -interval) >= interval * 0.9:
+                self._range_sent[link.name] = now
+                self.send_once(link, DISTANCE_SENSOR)
 
     def _appoint(self, link: Link, number: int, due: int) -> None:
         self._agenda.put(("stream", link.name, number), due, partial(self._fire, link, number, due))

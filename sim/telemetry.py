@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 from pymavlink.dialects.v20 import all as mavlink
 
+from sim.demands import BodyVelocity, EarthVelocity, Tilt
 from sim.flight import Flight
 from sim.geo import HOME_AMSL_M, HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG, to_degrees
 from sim.radio import centimetres
@@ -14,6 +15,9 @@ EPOCH_US = 1_750_000_000_000_000  # SYSTEM_TIME's wall clock at simulated time z
 EKF_GOOD, EKF_NO_POSITION = 0x33F, 0xA7
 GPS_FIX_RTK, GPS_NO_FIX = 6, 1
 UNKNOWN_VOLTAGE = 65535
+ONLY_VELOCITY = 3079
+GPS_SENSOR, FENCE_KEPT = 0x20, 0x100000
+SENSORS = 0x1 | 0x2 | 0x4 | 0x8 | GPS_SENSOR | 0x200000 | 0x2000000 | 0x10000000  # gyro .. GPS, AHRS, battery, pre-arm
 
 
 def heartbeat(flight: Flight) -> Message:
@@ -29,11 +33,10 @@ def heartbeat(flight: Flight) -> Message:
 
 
 def sys_status(flight: Flight) -> Message:
-    sensors = 0x1 | 0x2 | 0x4 | 0x8 | (0x20 if flight.autopilot.has_position() else 0) | 0x200000 | 0x2000000
-    present = sensors | 0x20
-    volts = round(flight.battery.volts * 1000)
+    healthy = FENCE_KEPT | (SENSORS if flight.autopilot.has_gps() else SENSORS & ~GPS_SENSOR)
+    percent = flight.battery_percent()
     return mavlink.MAVLink_sys_status_message(
-        present, present, sensors, 200, volts, 1500, flight.battery.percent, 0, 0, 0, 0, 0, 0
+        SENSORS, SENSORS, healthy, 200, _millivolts(percent), 1500, round(percent), 0, 0, 0, 0, 0, 0
     )
 
 
@@ -43,7 +46,7 @@ def system_time(flight: Flight) -> Message:
 
 def gps_raw_int(flight: Flight) -> Message:
     body = flight.body
-    if not flight.autopilot.has_position():
+    if not flight.autopilot.has_gps():
         return mavlink.MAVLink_gps_raw_int_message(
             flight.now - flight.booted, GPS_NO_FIX, 0, 0, 0, 65535, 65535, 0, 65535, 0
         )
@@ -58,13 +61,13 @@ def gps_raw_int(flight: Flight) -> Message:
 
 
 def attitude(flight: Flight) -> Message:
-    body = flight.body
-    return mavlink.MAVLink_attitude_message(flight.boot_ms, body.roll, body.pitch, body.heading, *body.body_rates())
+    body, rates = flight.shown(), flight.instruments.rates(flight.body)
+    return mavlink.MAVLink_attitude_message(flight.boot_ms, body.roll, body.pitch, body.heading, *rates)
 
 
 def attitude_quaternion(flight: Flight) -> Message:
-    body = flight.body
-    return mavlink.MAVLink_attitude_quaternion_message(flight.boot_ms, *body.quaternion(), *body.body_rates())
+    rates = flight.instruments.rates(flight.body)
+    return mavlink.MAVLink_attitude_quaternion_message(flight.boot_ms, *flight.shown().quaternion(), *rates)
 
 
 def local_position_ned(flight: Flight) -> Message | None:
@@ -83,7 +86,7 @@ def local_position_ned(flight: Flight) -> Message | None:
 
 
 def global_position_int(flight: Flight) -> Message:
-    body = flight.body
+    body = flight.shown()
     latitude, longitude = _degrees_e7(flight) if flight.autopilot.has_position() else (0, 0)
     return mavlink.MAVLink_global_position_int_message(
         flight.boot_ms,
@@ -99,9 +102,10 @@ def global_position_int(flight: Flight) -> Message:
 
 
 def vfr_hud(flight: Flight) -> Message:
-    body = flight.body
+    body = flight.shown()
+    airspeed = flight.autopilot.shown_airspeed(body, flight.air.velocity)
     return mavlink.MAVLink_vfr_hud_message(
-        flight.autopilot.shown_airspeed(body, flight.air.velocity),
+        flight.instruments.airspeed(airspeed),
         body.ground_speed,
         round(math.degrees(body.heading) % 360) % 360,
         35,
@@ -111,9 +115,10 @@ def vfr_hud(flight: Flight) -> Message:
 
 
 def battery_status(flight: Flight) -> Message:
-    cells = [round(flight.battery.volts * 1000)] + [UNKNOWN_VOLTAGE] * 9
-    used = round((100 - flight.battery.percent) * 33)
-    return mavlink.MAVLink_battery_status_message(0, 0, 0, 32767, cells, 1500, used, -1, flight.battery.percent)
+    percent = flight.battery_percent()
+    cells = [_millivolts(percent)] + [UNKNOWN_VOLTAGE] * 9
+    used = round((100 - percent) * 33)
+    return mavlink.MAVLink_battery_status_message(0, 0, 0, 32767, cells, 1500, used, -1, round(percent))
 
 
 def ekf_status_report(flight: Flight) -> Message:
@@ -126,13 +131,15 @@ def extended_sys_state(flight: Flight) -> Message:
 
 
 def own_distance_sensor(flight: Flight) -> Message | None:
-    """ArduPilot's own range: the last value again and again, stamped when sent, until the input is 0.45 s old."""
+    """The autopilot's own range. ArduPilot repeats the last value, stamped when sent, until the input is 0.45 s old."""
     sample = flight.rangefinder.latest(flight.now)
     if sample is None:
         return None
-    config = flight.config.ranging
+    config, distance = flight.config.ranging, centimetres(sample.distance)
     most = centimetres(config.max_range_m)
-    distance = centimetres(sample.distance)
+    if flight.autopilot.identity.ranges_on_update:  # PX4: the sample's time, and what it makes of type and variance
+        stamp = (sample.taken_us - flight.booted) // 1000 & 0xFFFFFFFF
+        return mavlink.MAVLink_distance_sensor_message(stamp, 0, most, distance, 0, 1, config.orientation, 0)
     return mavlink.MAVLink_distance_sensor_message(flight.boot_ms, 0, most, distance, 0, 0, config.orientation, 0)
 
 
@@ -173,6 +180,64 @@ def autopilot_version(flight: Flight) -> Message:
     )
 
 
+def current_mode(flight: Flight) -> Message:
+    pilot = flight.autopilot
+    return mavlink.MAVLink_current_mode_message(0, pilot.mode, pilot.intended_mode())
+
+
+def timesync(flight: Flight) -> Message:
+    """A request: whoever hears it may answer."""
+    return mavlink.MAVLink_timesync_message(0, (flight.now - flight.booted) * 1000 + flight.config.vehicle.system_id)
+
+
+def nav_controller_output(flight: Flight) -> Message | None:
+    """The plane's echo of the bank it was asked for, after its limits."""
+    roll = flight.autopilot.wanted_roll()
+    if roll is None:
+        return None
+    return mavlink.MAVLink_nav_controller_output_message(math.degrees(roll), 0.0, 0, 0, 0, 0.0, 0.0, 0.0)
+
+
+def position_target(flight: Flight) -> Message | None:
+    """The copter's echo of the velocity it flies: earth frame, only velocities valid."""
+    flown = flight.autopilot.flown()
+    if isinstance(flown, BodyVelocity):
+        cos, sin = math.cos(flight.body.heading), math.sin(flight.body.heading)
+        north, east = flown.forward * cos - flown.right * sin, flown.forward * sin + flown.right * cos
+    elif isinstance(flown, EarthVelocity):
+        north, east = flown.north, flown.east
+    else:
+        return None
+    nothing = (0.0, 0.0, 0.0)
+    return mavlink.MAVLink_position_target_local_ned_message(
+        flight.boot_ms, 1, ONLY_VELOCITY, *nothing, north, east, flown.down, *nothing, 0.0, flown.yaw_rate
+    )
+
+
+def attitude_target(flight: Flight) -> Message | None:
+    """The copter's echo of the attitude it holds."""
+    flown = flight.autopilot.flown()
+    if not isinstance(flown, Tilt):
+        return None
+    heading = flight.body.heading if flown.heading is None else flown.heading
+    q = flight.body._replace(roll=flown.roll, pitch=flown.pitch, heading=heading).quaternion()
+    thrust = 0.5 if flown.thrust is None else flown.thrust
+    return mavlink.MAVLink_attitude_target_message(flight.boot_ms, 0, list(q), 0.0, 0.0, flown.yaw_rate, thrust)
+
+
+def wind(flight: Flight) -> Message | None:
+    """WIND of vehicles that fly by airspeed; degrees it comes from."""
+    if flight.body.air_speed == 0:
+        return None
+    north, east = flight.air.velocity
+    return mavlink.MAVLink_wind_message(math.degrees(math.atan2(-east, -north)), math.hypot(north, east), 0.0)
+
+
+def _millivolts(percent: float) -> int:
+    """Three cells, nearly linear."""
+    return round(10_500 + 21 * percent)
+
+
 def _degrees_e7(flight: Flight) -> tuple[int, int]:
     latitude, longitude = to_degrees(flight.body.north, flight.body.east)
     return round(latitude * 1e7), round(longitude * 1e7)
@@ -192,10 +257,16 @@ BUILDERS: dict[int, Callable[[Flight], Message | None]] = {
     32: local_position_ned,
     33: global_position_int,
     74: vfr_hud,
+    62: nav_controller_output,
+    83: attitude_target,
+    85: position_target,
+    111: timesync,
     132: own_distance_sensor,
     147: battery_status,
     148: autopilot_version,
+    168: wind,
     193: ekf_status_report,
     242: home_position,
     245: extended_sys_state,
+    436: current_mode,
 }

@@ -1,31 +1,33 @@
 """The vehicle: bytes in, bytes out, simulated time carried forward by the caller. No sockets, no clock, no threads."""
 
+import itertools
 from collections import deque
-from collections.abc import Callable
 from functools import partial
 
 from pymavlink.dialects.v20 import all as mavlink
 
 from sim.agenda import NEVER, Agenda
 from sim.commands import COMMAND_INT, COMMAND_LONG, Commands
-from sim.config import VehicleConfig
+from sim.config import Event, VehicleConfig
 from sim.flight import Flight, Truth
 from sim.links import HEARTBEAT, TYPE_GCS, Link, Router
-from sim.radio import MESSAGES
-from sim.sensor import RangeSensor, Sample
+from sim.ranging_radio import SECOND, RangingRadio
+from sim.sensor import Sample
 from sim.services import Services
 from sim.streams import Streams
 from sim.truth import sim_state, truth_array
 from sim.wire import Message, Sender
+from sim.world import Air
 
 __all__ = ["Truth", "Vehicle"]
 
 AUTOPILOT_COMPONENT = 1
 MAIN, RANGING = "main", "ranging"
-SECOND = 1_000_000
 SETPOINTS = frozenset({69, 82, 84, 86})
+DISTANCE_SENSOR = 132
 REMEMBERED = 100_000
 TEXT_LENGTH = 50
+REBOOT_S = 2.0
 
 
 class Vehicle:
@@ -35,17 +37,20 @@ class Vehicle:
         self.config = config
         self._agenda = Agenda()
         self._links: dict[str, Link] = {}
+        self._deaf = False  # the autopilot is rebooting
+        self._dumb = False  # its transmitter is switched off
+        self._text_ids = itertools.cycle(range(1, 65536))
         self._flight = Flight(config, self._say)
+        identity = self._flight.autopilot.identity
         own = (config.vehicle.system_id, AUTOPILOT_COMPONENT)
-        self._router = Router(own, self._flight.autopilot.identity.unknown_ids)
+        self._router = Router(own, identity.unknown_ids, identity.adopts_strays)
         self._streams = Streams(self._agenda, self._flight)
         self._services = Services(self._flight, self._streams)
         self._commands = Commands(self._flight, self._streams, self._say)
         self._setpoints: deque[tuple[float, str]] = deque(maxlen=REMEMBERED)
         self._link(MAIN)
         self._set_up_radio()
-        if config.truth.rate_hz > 0:
-            self._repeat("truth", round(SECOND / config.truth.rate_hz), self._send_truth, 0)
+        self._set_up_world()
 
     # -- the public side ----------------------------------------------------------------------------------------------
 
@@ -92,8 +97,8 @@ class Vehicle:
     # -- hearing ------------------------------------------------------------------------------------------------------
 
     def _hear(self, message: Message, source: Link) -> None:
-        if source.name == RANGING:
-            return  # the radio's own wire: it listens to nobody
+        if source.name == RANGING or self._deaf:
+            return  # the radio's own wire listens to nobody, a rebooting autopilot neither
         if not self._router.pass_on(message, source, self._autopilot_links()):
             return
         flight, number = self._flight, message.get_msgId()
@@ -105,6 +110,8 @@ class Vehicle:
         elif not self._services.answer(message, source):
             if number == HEARTBEAT and message.type == TYPE_GCS:
                 source.gcs_heard = True
+            if number == DISTANCE_SENSOR and flight.autopilot.identity.ranges_on_update:
+                self._driver(Sample(flight.now, message.current_distance / 100, 0))
             flight.autopilot.heard(message, flight.now)
 
     # -- sending ------------------------------------------------------------------------------------------------------
@@ -114,75 +121,85 @@ class Vehicle:
         if found is None:
             airframe = self.config.vehicle
             found = self._links[name] = Link(name, airframe.system_id, AUTOPILOT_COMPONENT, airframe.mavlink_version)
-            if name != RANGING:
-                self._open(found)
+            found.silent = self._dumb and name != RANGING
+            if name != RANGING and not self._deaf:
+                self._streams.open(found)
         return found
-
-    def _open(self, link: Link) -> None:
-        """A new wire to the autopilot: its heartbeat at once, and whatever this autopilot sends unasked."""
-        defaults = {HEARTBEAT: SECOND, **self._flight.autopilot.identity.default_streams}
-        for number, interval in defaults.items():
-            self._streams.run(link, number, interval)
-        self._agenda.put(("first", link.name), self._flight.now, partial(self._greet, link))
-
-    def _greet(self, link: Link) -> None:
-        self._streams.send_once(link, HEARTBEAT)
 
     def _autopilot_links(self) -> list[Link]:
         return [link for link in self._links.values() if link.name != RANGING]
 
     def _say(self, severity: int, text: str) -> None:
-        message = mavlink.MAVLink_statustext_message(severity, text.encode()[:TEXT_LENGTH])
+        """A STATUSTEXT; a long one in numbered chunks under one id."""
+        data = text.encode()
+        number = 0 if len(data) <= TEXT_LENGTH else next(self._text_ids)
+        starts = range(0, len(data), TEXT_LENGTH)
         for link in self._autopilot_links():
-            link.send(message)
+            if link.gcs_heard or not self._flight.autopilot.identity.texts_for_gcs_only:
+                for chunk, at in enumerate(starts):
+                    part = data[at : at + TEXT_LENGTH]
+                    link.send(mavlink.MAVLink_statustext_message(severity, part, number, chunk))
 
     def _send_truth(self) -> None:
+        if self._deaf:
+            return
         messages = (sim_state(self._flight), truth_array(self._flight))
         for link in self._autopilot_links():
             for message in messages:
                 link.send(message)
 
-    def _repeat(self, name: str, interval: int, action: Callable[[], None], first: int) -> None:
-        def run(due: int) -> None:
-            action()
-            self._agenda.put((name,), due + interval, partial(run, due + interval))
+    # -- what happens -------------------------------------------------------------------------------------------------
 
-        self._agenda.put((name,), first, partial(run, first))
+    def _set_up_world(self) -> None:
+        rate = self.config.truth.rate_hz
+        if rate > 0:
+            self._agenda.every(("truth",), round(SECOND / rate), 0, self._send_truth)
+        if self._flight.air.gusty:
+            self._agenda.every(("gusts",), Air.GUST_STEP_US, 0, self._flight.air.gust)
+        for i, event in enumerate(self.config.events):
+            self._agenda.put(("event", i), round(event.at_s * SECOND), partial(self._happen, event))
+
+    def _happen(self, event: Event) -> None:
+        flight, action = self._flight, event.action
+        if action in ("mute_ranging", "unmute_ranging"):
+            self._radio.muted = action == "mute_ranging"
+        elif action in ("mute_autopilot", "unmute_autopilot"):
+            self._dumb = action == "mute_autopilot"
+            for link in self._autopilot_links():
+                link.silent = self._dumb
+        elif action == "reboot":
+            self._reboot(REBOOT_S if event.value is None else event.value)
+        elif action == "battery":
+            flight.charge(max(0.0, min(100.0, event.value or 0.0)))
+        elif action == "wind":
+            flight.air.blow(event.value or 0.0)
+        else:
+            flight.autopilot.happen(event, flight.now)
+
+    def _reboot(self, seconds: float) -> None:
+        """Silence, then a fresh autopilot that knows nobody and whose clock starts again."""
+        self._deaf = True
+        self._flight.reboot()
+        self._router.forget()
+        self._streams.forget_all(self._autopilot_links())
+        self._agenda.put(("boot",), self._flight.now + round(seconds * SECOND), self._boot)
+
+    def _boot(self) -> None:
+        self._deaf = False
+        self._flight.booted = self._flight.now
+        for link in self._autopilot_links():
+            link.gcs_heard = False
+            self._streams.open(link)
 
     # -- ranging ------------------------------------------------------------------------------------------------------
 
     def _set_up_radio(self) -> None:
-        ranging = self.config.ranging
-        self._sensor = RangeSensor(ranging, self.config.seed)
-        self._radio_sender = Sender(ranging.system_id, ranging.component_id, self.config.vehicle.mavlink_version)
-        self._radio_wire = Link("radio", ranging.system_id, ranging.component_id, self.config.vehicle.mavlink_version)
+        ranging, version = self.config.ranging, self.config.vehicle.mavlink_version
+        self._radio_sender = Sender(ranging.system_id, ranging.component_id, version)
+        self._radio_wire = Link("radio", ranging.system_id, ranging.component_id, version)
         if ranging.via == "direct":
             self._link(RANGING)
-        if ranging.rate_hz > 0:
-            self._repeat("range", round(SECOND / ranging.rate_hz), self._measure, 0)
-        if ranging.via == "forwarded":
-            self._repeat("radio heartbeat", SECOND, self._radio_heartbeat, SECOND // 2)
-
-    def _measure(self) -> None:
-        now = self._flight.now
-        sample = self._sensor.measure(self._flight.slant_range(), now)
-        if sample is None:
-            return
-        latency = round(self.config.ranging.latency_s * SECOND)
-        if latency == 0:
-            self._report(sample)
-        else:
-            self._agenda.put(("report", sample.taken_us), now + latency, partial(self._report, sample))
-
-    def _report(self, sample: Sample) -> None:
-        ranging = self.config.ranging
-        if ranging.via == "autopilot":
-            self._flight.rangefinder.update(sample, self._flight.now)
-            return
-        self._radio_sends(MESSAGES[ranging.message](ranging, sample))
-
-    def _radio_heartbeat(self) -> None:
-        self._radio_sends(mavlink.MAVLink_heartbeat_message(0, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 4, 3))
+        self._radio = RangingRadio(self.config, self._agenda, self._flight, self._radio_sends, self._driver)
 
     def _radio_sends(self, message: Message) -> None:
         frame = self._radio_sender.frame(message)
@@ -192,3 +209,9 @@ class Vehicle:
             self._link(RANGING).waiting.append(frame)
         else:
             self._hear(message, self._radio_wire)
+
+    def _driver(self, sample: Sample) -> None:
+        """A sample at the autopilot's rangefinder port."""
+        self._flight.rangefinder.update(sample, self._flight.now)
+        if self._flight.autopilot.identity.ranges_on_update and not self._deaf:
+            self._streams.range_updated(self._autopilot_links())

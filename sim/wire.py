@@ -1,5 +1,6 @@
 """Bytes to MAVLink messages and back. One parser and one sequence counter per link; junk is counted, never raised."""
 
+import struct
 from typing import Any
 
 from pymavlink.dialects.v20 import all as mavlink
@@ -47,7 +48,10 @@ class Sender:
         """The frame, or None when this MAVLink version cannot carry it."""
         if self._version_1 and message.get_msgId() > V1_LARGEST_ID:
             return None
-        data: bytes = message.pack(self._mav, force_mavlink1=self._version_1)
+        try:
+            data: bytes = message.pack(self._mav, force_mavlink1=self._version_1)
+        except (struct.error, OverflowError):  # a vehicle flown to where its numbers no longer fit the field
+            return None
         self._mav.seq = (self._mav.seq + 1) % 256
         return data
 

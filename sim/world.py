@@ -2,33 +2,66 @@
 
 import math
 from dataclasses import dataclass
+from random import Random
 
 from sim.config import Target, Wind
 
 
 @dataclass(frozen=True)
 class TargetMotion:
-    """Where the target is at a time: NED metres."""
+    """Where the target is at a time: NED metres. It keeps its turn rate and its acceleration along its course."""
 
     config: Target
 
     def at(self, time: float) -> tuple[float, float, float]:
         c = self.config
-        return c.north_m + c.velocity_north_mps * time, c.east_m + c.velocity_east_mps * time, -c.altitude_m
+        speed = math.hypot(c.velocity_north_mps, c.velocity_east_mps)
+        course = math.atan2(c.velocity_east_mps, c.velocity_north_mps)
+        north, east = _path(speed, c.acceleration_mps2, course, math.radians(c.turn_rate_deg_s), time)
+        return c.north_m + north, c.east_m + east, -c.altitude_m
 
 
-@dataclass(frozen=True)
+def _path(speed: float, acceleration: float, course: float, turn: float, t: float) -> tuple[float, float]:
+    """The integral of (speed + acceleration t) along a course that turns at a steady rate."""
+    if abs(turn) * max(t, 1.0) < 1e-9:
+        run = speed * t + acceleration * t * t / 2
+        return run * math.cos(course), run * math.sin(course)
+    end, last = course + turn * t, speed + acceleration * t
+    north = (last * math.sin(end) - speed * math.sin(course)) / turn
+    east = (speed * math.cos(course) - last * math.cos(end)) / turn
+    north += acceleration * (math.cos(end) - math.cos(course)) / turn**2
+    east += acceleration * (math.sin(end) - math.sin(course)) / turn**2
+    return north, east
+
+
 class Air:
-    """The wind as a velocity over the ground, north and east, m/s."""
+    """The wind as a velocity over the ground, north and east, m/s: a steady part and first-order gusts."""
 
-    north: float
-    east: float
+    GUST_STEP_US = 100_000
 
-    @staticmethod
-    def steady(config: Wind) -> "Air":
-        towards = math.radians(config.from_deg) + math.pi
-        return Air(config.speed_mps * math.cos(towards), config.speed_mps * math.sin(towards))
+    def __init__(self, config: Wind, seed: int) -> None:
+        self._config = config
+        self._rng = Random(f"{seed}:gusts")
+        self._gust = (0.0, 0.0)
+        self.blow(config.speed_mps)
 
     @property
-    def velocity(self) -> tuple[float, float]:
-        return self.north, self.east
+    def gusty(self) -> bool:
+        return self._config.gust_rms_mps > 0
+
+    def blow(self, speed: float) -> None:
+        """Set the steady part, from the direction of the file."""
+        towards = math.radians(self._config.from_deg) + math.pi
+        self._steady = (speed * math.cos(towards), speed * math.sin(towards))
+        self._add()
+
+    def gust(self) -> None:
+        """One step of 0.1 s: each axis forgets within gust_time_s and keeps gust_rms_mps."""
+        kept = math.exp(-self.GUST_STEP_US * 1e-6 / self._config.gust_time_s)
+        fresh = self._config.gust_rms_mps * math.sqrt(1 - kept * kept)
+        north, east = self._gust
+        self._gust = (kept * north + self._rng.gauss(0.0, fresh), kept * east + self._rng.gauss(0.0, fresh))
+        self._add()
+
+    def _add(self) -> None:
+        self.velocity = (self._steady[0] + self._gust[0], self._steady[1] + self._gust[1])

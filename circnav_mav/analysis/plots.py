@@ -1,4 +1,4 @@
-"""flight.png: the track when the truth is known, range and error over time, turn rate."""
+"""Pictures of a run: flight.png (track when the truth is known, range, error, turn rate) and replay.png."""
 
 from pathlib import Path
 from typing import Any
@@ -31,6 +31,27 @@ def plot_flight(path: Path, ticks: Ticks, truth: Truth | None, orbit: Orbit, tit
             _mark_holding(axis, ticks)
             axis.set_xlim(float(ticks.time[0]), float(ticks.time[-1]))
         axes[-1].set_xlabel("time, s")
+        figure.savefig(path, dpi=110)
+
+
+def plot_replay(path: Path, was: Ticks | None, would: Ticks, orbit: Orbit, title: str) -> None:
+    """Draw what was estimated and commanded, if known, and what would have been. Raises OSError."""
+    columns = (
+        ("r", "range, m", 1.0),
+        ("r_dot", "range rate, m/s", 1.0),
+        ("turn_rate", "turn rate, deg/s", 180 / np.pi),
+    )
+    with mpl.rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "axes.axisbelow": True}):
+        figure = Figure(figsize=(11, 8), layout="constrained")
+        figure.suptitle(title)
+        for axis, (column, label, scale) in zip(figure.subplots(3, 1, sharex=True), columns, strict=True):
+            if was is not None:
+                axis.plot(was.time, scale * was.numbers[column], color=MEASURED, lw=2.5, label="as flown")
+            axis.plot(would.time, scale * would.numbers[column], color=ESTIMATE, lw=1, label="replayed")
+            axis.set_ylabel(label)
+        figure.axes[0].axhline(orbit.radius, ls="--", color=DESIRED, lw=1, label="desired")
+        figure.axes[0].legend(loc="upper right", ncols=3, fontsize=8)
+        figure.axes[-1].set_xlabel("time, s")
         figure.savefig(path, dpi=110)
 
 

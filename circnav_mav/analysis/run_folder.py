@@ -3,15 +3,20 @@
 import csv
 import struct
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from circnav_mav.core.phases import Phase
 from circnav_mav.mav.codec import Decoder, Message
+from circnav_mav.pilot import TickRecord
 
 Column = NDArray[np.float64]
+
+WORDS = frozenset(field.name for field in fields(TickRecord) if field.type in (str, Phase))
+"""The columns of ticks.csv that hold words."""
 
 TRUTH_MESSAGE_ID = 350
 TRUTH_NAME = b"SIM_TRUTH"
@@ -23,8 +28,17 @@ class Ticks:
     """ticks.csv: numbers as arrays over ticks (NaN where a cell is empty), words as lists."""
 
     numbers: dict[str, Column]
-    phases: list[str]
-    modes: list[str]
+    words: dict[str, list[str]]
+
+    @property
+    def phases(self) -> list[str]:
+        """The phase of each tick."""
+        return self.words.get("phase", [])
+
+    @property
+    def modes(self) -> list[str]:
+        """The vehicle's mode at each tick."""
+        return self.words.get("mode", [])
 
     @property
     def time(self) -> Column:
@@ -62,11 +76,11 @@ def read_ticks(folder: Path) -> Ticks:
         header = next(reader, [])
         rows = [row for row in reader if len(row) == len(header)]
     columns = dict(zip(header, zip(*rows, strict=True), strict=True)) if rows else dict.fromkeys(header, ())
-    phases, modes = list(columns.pop("phase", ())), list(columns.pop("mode", ()))
+    words = {name: list(columns.pop(name)) for name in WORDS & columns.keys()}
     numbers = {name: np.array([float(cell) if cell else np.nan for cell in cells]) for name, cells in columns.items()}
     if "time" not in numbers:
         raise ValueError(f"{folder / 'ticks.csv'}: has no header")
-    return Ticks(numbers, phases, modes)
+    return Ticks(numbers, words)
 
 
 def read_tlog(path: Path) -> Iterator[tuple[int, bytes]]:
@@ -87,7 +101,7 @@ def read_truth(folder: Path, epoch_us: int) -> Truth | None:
     decoder = Decoder()
     rows: list[tuple[float, ...]] = []
     for stamp, frame in read_tlog(folder / "flight.tlog"):
-        if _message_id(frame) != TRUTH_MESSAGE_ID:
+        if message_id(frame) != TRUTH_MESSAGE_ID:
             continue
         for message in decoder.decode(frame):
             if _name(message) == TRUTH_NAME:
@@ -109,5 +123,6 @@ def _length(data: bytes, at: int) -> int | None:
     return data[at + 1] + 8 if data[at] == 0xFE else None
 
 
-def _message_id(frame: bytes) -> int:
+def message_id(frame: bytes) -> int:
+    """Message id of a whole frame, MAVLink 1 or 2."""
     return int.from_bytes(frame[7:10], "little") if frame[0] == 0xFD else frame[5]

@@ -42,6 +42,7 @@ def circnav() -> None:
 @click.option("--duration", type=float, metavar="S", help="Seconds to fly after engaging.")
 @click.option("--out", type=click.Path(), metavar="DIR", help="Run folder. [default: runs/<time>-<name>]")
 @click.option("--dry-run", is_flag=True, help="Compute and log everything, but send no setpoint and request no mode.")
+@click.option("--shadow", is_flag=True, help="Like --dry-run, and send nothing but our heartbeat and the plot values.")
 def fly(
     mission: str,
     endpoint: str | None,
@@ -50,6 +51,7 @@ def fly(
     duration: float | None,
     out: str | None,
     dry_run: bool,
+    shadow: bool,
 ) -> int:
     """Fly MISSION, show it live, and end with a verdict and a run folder.
 
@@ -60,7 +62,7 @@ def fly(
     """
     from circnav_mav.cli.fly import FlyOptions, fly_mission
 
-    return fly_mission(FlyOptions(mission, endpoint, overrides, speed, duration, out, dry_run))
+    return fly_mission(FlyOptions(mission, endpoint, overrides, speed, duration, out, dry_run, shadow))
 
 
 @circnav.command()
@@ -95,6 +97,73 @@ def check(mission: str, overrides: tuple[str, ...]) -> int:
     from circnav_mav.cli.check import check_file
 
     return check_file(mission, overrides)
+
+
+@circnav.command()
+@click.argument("mission", type=click.Path())
+@click.option("--endpoint", metavar="URL", help="The vehicle: udpin:, udpout:, tcp:HOST:PORT or serial:PATH:BAUD.")
+@click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True, help=SET_HELP)
+@click.option("--seconds", type=float, default=10.0, show_default=True, metavar="N", help="How long to listen.")
+def preflight(mission: str, endpoint: str | None, overrides: tuple[str, ...], seconds: float) -> int:
+    """Listen to the vehicle and the ranging of MISSION and say PASS, WARN or FAIL; no setpoint, no mode is sent.
+
+    Identity, mode, streams, ranging with its noise and age, clocks, and the parameters that matter. Exit codes: 0 no
+    FAIL, 2 bad mission, 3 no vehicle heard, 4 some FAIL.
+
+    \b
+    Example:
+        circnav preflight config/vehicle_udp.toml --endpoint udpin:0.0.0.0:14550
+    """
+    from circnav_mav.cli.preflight import preflight_file
+
+    return preflight_file(mission, endpoint, overrides, seconds)
+
+
+@circnav.command()
+@click.argument("log", type=click.Path(), metavar="RUN_OR_TLOG")
+@click.option("--mission", type=click.Path(), metavar="FILE", help="Another mission; a plain tlog needs one.")
+@click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True, help=SET_HELP)
+@click.option("--estimator", metavar="NAME", help="Another estimator: guidance.estimator.")
+@click.option("--law", metavar="NAME", help="Another law: guidance.law.")
+@click.option("--out", type=click.Path(), metavar="DIR", help="Write the replay's ticks.csv and replay.png there.")
+def replay(
+    log: str,
+    mission: str | None,
+    overrides: tuple[str, ...],
+    estimator: str | None,
+    law: str | None,
+    out: str | None,
+) -> int:
+    """Feed a recorded flight through the pilot again: what it would have estimated and commanded, against what was.
+
+    RUN_OR_TLOG is a run folder, or a tlog of Mission Planner or MAVProxy with ranging telemetry in it (which needs
+    --mission, and is replayed as a dry run). The vehicle does not answer: its path stays as flown.
+
+    \b
+    Examples:
+        circnav replay runs/20260101-120000-quickstart --law switching
+        circnav replay yesterday.tlog --mission config/vehicle_udp.toml --out what-if
+    """
+    from circnav_mav.cli.replay import ReplayOptions, replay_log
+
+    return replay_log(ReplayOptions(log, mission, overrides, estimator, law, out))
+
+
+@circnav.command()
+@click.argument("run", type=click.Path())
+@click.option("--mcap", "mcap", is_flag=False, flag_value="", metavar="[FILE]", help="MCAP. [default: RUN/flight.mcap]")
+def export(run: str, mcap: str | None) -> int:
+    """Write RUN, a run folder, as a file for Foxglove or PlotJuggler: ticks, truth and events.
+
+    \b
+    Example:
+        circnav export runs/20260101-120000-quickstart --mcap
+    """
+    if mcap is None:
+        raise Refused("export: say what to write: --mcap")
+    from circnav_mav.cli.export import export_run
+
+    return export_run(run, mcap or None)
 
 
 def main() -> None:

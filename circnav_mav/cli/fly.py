@@ -14,19 +14,19 @@ from circnav_mav.analysis.plots import plot_flight
 from circnav_mav.analysis.run_folder import read_ticks, read_truth
 from circnav_mav.analysis.summary import FlightFacts, summarise, write_summary
 from circnav_mav.cli.check import read_mission, show_checks
-from circnav_mav.cli.emulate import EmulatedVehicle
+from circnav_mav.cli.connect import open_links, run_speed, start_clock, start_vehicle
 from circnav_mav.cli.exits import Exit, Refused
 from circnav_mav.cli.verdict import verdict
 from circnav_mav.mission.checks import Grade, check_mission
-from circnav_mav.mission.load import SIM, Mission
-from circnav_mav.pilot import RANGING, VEHICLE, Ending, Outcome, Pilot, TickRecord
-from circnav_mav.runtime.clock import Clock, local_time_name
+from circnav_mav.mission.load import Mission
+from circnav_mav.pilot import VEHICLE, Ending, Outcome, Pilot, TickRecord, Voice
+from circnav_mav.runtime.clock import RunClock, local_time_name
 from circnav_mav.runtime.display import LiveDisplay, PlainDisplay
-from circnav_mav.runtime.links import Link, LinkError, UdpLink, open_link
+from circnav_mav.runtime.links import Link
+from circnav_mav.runtime.manifest import Manifest
 from circnav_mav.runtime.recorder import Recorder, RecorderError
 from circnav_mav.runtime.runner import StopRequest, run
 
-LOOPBACK = "udpin:127.0.0.1:0"
 EXITS = {
     Ending.COMPLETED: Exit.DONE,
     Ending.NOTHING_HEARD: Exit.NOTHING_HEARD,
@@ -48,6 +48,12 @@ class FlyOptions:
     duration: float | None
     out: str | None
     dry_run: bool
+    shadow: bool
+
+    @property
+    def voice(self) -> Voice:
+        """What the pilot may say."""
+        return Voice.SHADOW if self.shadow else Voice.DRY_RUN if self.dry_run else Voice.FLY
 
 
 def fly_mission(options: FlyOptions) -> int:
@@ -60,17 +66,20 @@ def fly_mission(options: FlyOptions) -> int:
     show_checks([line for line in lines if line.grade is Grade.WARN])
     folder = Path(options.out) if options.out else Path("runs") / f"{local_time_name()}-{mission.file.name}"
     with ExitStack() as open_things:
-        links = _open_links(mission, open_things)
-        clock, recorder = _start(mission, links, folder, open_things)
-        pilot = Pilot(mission.pilot_settings(dry_run=options.dry_run))
+        links = open_links(mission, open_things)
+        pilot = Pilot(mission.pilot_settings(options.voice))
+        clock, recorder = _start(mission, pilot, links, folder, open_things)
+        manifest = _manifest(mission, options, folder, clock)
         stop = StopRequest()
         crash = _loop(pilot, links, clock, recorder, mission, stop)
     summary = _finish(pilot, recorder, mission, clock)
+    assert pilot.outcome is not None
+    code = Exit.INTERNAL if crash is not None else EXITS[pilot.outcome.ending]
+    _complete(manifest, pilot, summary, code)
     click.echo(verdict(summary, folder))
     if crash is not None:
         raise Refused(f"internal error, see {crash}", Exit.INTERNAL)
-    assert pilot.outcome is not None
-    return EXITS[pilot.outcome.ending]
+    return code
 
 
 def _overrides(options: FlyOptions) -> tuple[str, ...]:
@@ -85,44 +94,53 @@ def _overrides(options: FlyOptions) -> tuple[str, ...]:
     return (*options.overrides, *extra)
 
 
-def _open_links(mission: Mission, open_things: ExitStack) -> dict[str, Link]:
-    """The mission's endpoints, opened. Raises Refused."""
-    endpoints = {VEHICLE: mission.file.link.endpoint}
-    if mission.file.ranging.endpoint:
-        endpoints[RANGING] = mission.file.ranging.endpoint
-    links: dict[str, Link] = {}
-    for name, endpoint in endpoints.items():
-        try:
-            links[name] = open_link(LOOPBACK if endpoint == SIM else endpoint)
-        except LinkError as error:
-            raise Refused(str(error), Exit.NOTHING_HEARD if error.nobody else Exit.USAGE) from None
-        open_things.callback(links[name].close)
-    return links
-
-
-def _start(mission: Mission, links: dict[str, Link], folder: Path, open_things: ExitStack) -> tuple[Clock, Recorder]:
+def _start(
+    mission: Mission, pilot: Pilot, links: dict[str, Link], folder: Path, open_things: ExitStack
+) -> tuple[RunClock, Recorder]:
     """The recorder, the bundled vehicle if it is flown, and last the clock, which starts the run. Raises Refused."""
-    speed = mission.file.link.sim_speed if mission.flies_sim else 1.0
     try:
         recorder = Recorder(folder, mission.text)
     except RecorderError as error:
         raise Refused(str(error)) from None
     open_things.callback(recorder.close)
-    if mission.flies_sim:
-        ports = {name: link.port for name, link in links.items() if isinstance(link, UdpLink)}
-        vehicle = EmulatedVehicle(folder / "mission.toml", ports[VEHICLE], ports.get(RANGING), speed)
-        open_things.callback(vehicle.stop)
-    clock = Clock(speed)
+    start_vehicle(mission, folder / "mission.toml", links, open_things)
+    clock = start_clock(mission, pilot.session)
     recorder.start(clock.epoch_us)
     return clock, recorder
 
 
+def _manifest(mission: Mission, options: FlyOptions, folder: Path, clock: RunClock) -> Manifest:
+    """manifest.json as far as it is known before the flight. Raises Refused."""
+    seed = (mission.file.sim or {}).get("seed")
+    try:
+        return Manifest(
+            folder,
+            mission=mission.file.name,
+            voice=options.voice.value,
+            epoch_us=clock.epoch_us,
+            seeds={} if seed is None else {"sim": seed},
+        )
+    except OSError as error:
+        raise Refused(f"{folder}: cannot be written: {error.strerror or error}") from None
+
+
+def _complete(manifest: Manifest, pilot: Pilot, summary: dict[str, Any], code: Exit) -> None:
+    """The rest of manifest.json; a disk that is full by now changes nothing."""
+    system, component = pilot.session.vehicle_ids
+    known = {"system": system, "component": component, "name": pilot.session.adapter.name}
+    autopilot = known | {"firmware": pilot.session.firmware} if pilot.session.up else None
+    try:
+        manifest.complete(autopilot=autopilot, outcome=summary["outcome"], reason=summary["reason"], exit=int(code))
+    except OSError as error:
+        summary["recording_problem"] = f"{error.filename}: cannot be written: {error.strerror or error}"
+
+
 def _loop(
-    pilot: Pilot, links: dict[str, Link], clock: Clock, recorder: Recorder, mission: Mission, stop: StopRequest
+    pilot: Pilot, links: dict[str, Link], clock: RunClock, recorder: Recorder, mission: Mission, stop: StopRequest
 ) -> Path | None:
     """Run to the end. An exception of ours still leaves a safe setpoint behind; returns where it is written down."""
     console = Console()
-    period = mission.file.link.sim_speed if mission.flies_sim else 1.0
+    period = run_speed(mission)
     display: PlainDisplay | LiveDisplay = (
         LiveDisplay(console, period / 4, mission.file.name) if console.is_terminal else PlainDisplay(console, period)
     )
@@ -143,7 +161,7 @@ def _loop(
     return None
 
 
-def _finish(pilot: Pilot, recorder: Recorder, mission: Mission, clock: Clock) -> dict[str, Any]:
+def _finish(pilot: Pilot, recorder: Recorder, mission: Mission, clock: RunClock) -> dict[str, Any]:
     """summary.json and flight.png."""
     folder, outcome = recorder.folder, pilot.outcome
     assert outcome is not None

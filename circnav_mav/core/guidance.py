@@ -1,7 +1,7 @@
 """From an estimate to a turn rate: the law, then the vehicle's limit."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -28,7 +28,8 @@ class LawChoice:
     lag: float = DEFAULT_LAG
 
 
-Steering = Callable[[RangeEstimate], TurnCommand]
+Steering = Callable[[RangeEstimate, float], TurnCommand]
+"""From estimate and radius trim (m, added to the radius that the law is fed) to the limited command."""
 
 
 def steering(orbit: Orbit, choice: LawChoice) -> Steering:
@@ -51,13 +52,22 @@ def limit(demanded: TurnRate, max_turn_rate: float) -> TurnCommand:
     return TurnCommand(TurnRate(cut), demanded, saturated=cut != demanded)
 
 
+def through_gain(command: TurnCommand, max_turn_rate: float, gain: float) -> TurnCommand:
+    """What to tell a vehicle that turns at `gain` times what it is told, within +-max_turn_rate (rad/s)."""
+    if gain == 1.0:
+        return command
+    told = command.turn_rate / gain
+    cut = min(max(told, -max_turn_rate), max_turn_rate)
+    return replace(command, turn_rate=TurnRate(cut), saturated=command.saturated or cut != told)
+
+
 def _by_range(orbit: Orbit, choice: LawChoice) -> Steering:
     law = LAWS[choice.name]
     k = -orbit.direction.turn_sign * choice.gain  # the paper: k > 0 flies clockwise
     fed = law.fed_radius(orbit.speed, orbit.radius, choice.gain) if choice.correct_radius else orbit.radius
 
-    def steer(estimate: RangeEstimate) -> TurnCommand:
-        demanded = float(law.function(estimate.r, estimate.r_dot, V=orbit.speed, r_d=fed, k=k))
+    def steer(estimate: RangeEstimate, trim: float = 0.0) -> TurnCommand:
+        demanded = float(law.function(estimate.r, estimate.r_dot, V=orbit.speed, r_d=fed + trim, k=k))
         return limit(TurnRate(demanded), orbit.max_turn_rate)
 
     return steer
@@ -72,11 +82,12 @@ class _Integrating:
 
     _time: float | None
 
-    def __call__(self, estimate: RangeEstimate) -> TurnCommand:
+    def __call__(self, estimate: RangeEstimate, trim: float = 0.0) -> TurnCommand:
         orbit = self._orbit
         dt = 0.0 if self._time is None else min(max(estimate.time - self._time, 0.0), LONGEST_STEP)
         self._time = estimate.time
-        demanded, memory = pi(estimate.r, estimate.r_dot, self._memory, dt, V=orbit.speed, r_d=orbit.radius, k=self._k)
+        radius = orbit.radius + trim
+        demanded, memory = pi(estimate.r, estimate.r_dot, self._memory, dt, V=orbit.speed, r_d=radius, k=self._k)
         self._memory = float(memory)
         return limit(TurnRate(float(demanded)), orbit.max_turn_rate)
 
@@ -91,12 +102,12 @@ class _HandingOver:
         self._handover = at_start()
         self._time: float | None = None
 
-    def __call__(self, estimate: RangeEstimate) -> TurnCommand:
+    def __call__(self, estimate: RangeEstimate, trim: float = 0.0) -> TurnCommand:
         dt = 0.0 if self._time is None else min(max(estimate.time - self._time, 0.0), LONGEST_STEP)
         self._time = estimate.time
         s, motion = self._orbit.direction.turn_sign, estimate.relative
-        by_range = s * self._feedforward(estimate).demanded
-        by_bank = by_range if motion is None else self._by_bank(motion)
+        by_range = s * self._feedforward(estimate, trim).demanded
+        by_bank = by_range if motion is None else self._by_bank(motion, trim)
         tried = motion.trial if self._tries and motion is not None and motion.trial is not None else -1
         self._handover = hand_over(
             self._handover, dt,
@@ -110,12 +121,11 @@ class _HandingOver:
             TurnRate(s * command), TurnRate(s * demanded), saturated, flies=flies.name.lower(), why=flies.why
         )
 
-    def _by_bank(self, motion: RelativeMotion) -> float:
+    def _by_bank(self, motion: RelativeMotion, trim: float) -> float:
         """The drift law, seen so that the orbit is counter-clockwise."""
         p, d = np.array([motion.x, motion.y]), np.array([motion.drift_x, motion.drift_y])
         sense = np.asarray(float(self._orbit.direction.turn_sign))
         here = mirrored(p, d, np.asarray(motion.heading), np.asarray(motion.turn_rate), sense)
         V = max(motion.airspeed, 0.1 * self._orbit.speed)
-        return float(
-            drift(*here, V=V, r_d=self._orbit.radius, max_turn_rate=self._orbit.max_turn_rate, gains=self._gains)
-        )
+        orbit = self._orbit
+        return float(drift(*here, V=V, r_d=orbit.radius + trim, max_turn_rate=orbit.max_turn_rate, gains=self._gains))

@@ -133,7 +133,8 @@ class Orbit:
 class TurnCommand:
     """A law's answer after the vehicle's limit.
 
-    turn_rate: what to fly, rad/s. demanded: what the law asked for. saturated: whether the limit cut it.
+    turn_rate: what to tell the vehicle, rad/s. demanded: what the law wants it to turn at; the two differ by the
+    vehicle's turn-rate gain. saturated: whether the limit cut it.
     flies, why: which of several laws it is and the reason, for people; empty where there is only one.
     """
 

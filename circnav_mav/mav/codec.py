@@ -5,6 +5,7 @@ pymavlink's own stream parser throws away the claimed length of a bad frame, and
 reader here steps one byte past a bad start instead, so that a stray byte costs nothing.
 """
 
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -46,11 +47,13 @@ class LinkCounts:
 class Decoder:
     """Reads one link. A datagram stands for itself; a byte stream (TCP, serial) carries its tail to the next call."""
 
-    def __init__(self, *, stream: bool = False) -> None:
+    def __init__(self, *, stream: bool = False, wanted: Collection[int] | None = None) -> None:
+        """wanted: message ids worth decoding, None for all; the others are checked and counted only."""
         if dialect.MAVLINK_IGNORE_CRC:
             raise ValueError("MAVLINK_IGNORE_CRC is set in the environment: unset it, frames must be checked")
         self._dialect = dialect.MAVLink(None)
         self._stream = stream
+        self._wanted = dialect.mavlink_map.keys() if wanted is None else wanted
         self._tail = b""
         self.counts = LinkCounts()
         self.frames: list[bytes] = []
@@ -64,35 +67,73 @@ class Decoder:
         messages, at, failures = [], 0, 0
         while at < len(buffer) and failures < _MOST_FAILURES:
             end = _frame_end(buffer, at)
-            if self._stream and end is not None and end > len(buffer):
+            if self._stream and end is not None and _must_wait(buffer, at, end):
                 break
-            message = None if end is None or end > len(buffer) else self._read(buffer, at, end)
-            if end is None or message is None:
+            if end is None or not _whole(buffer, at, end):
                 at, failures = at + 1, failures + (end is not None or not failures)
                 continue
-            self.frames.append(buffer[at:end])
-            at = end
-            if message.get_msgId() >= 0:
+            frame = buffer[at:end]
+            self._count(frame)
+            if _message_id(frame) in self._wanted and (message := self._read(frame)) is not None:
                 messages.append(message)
+            at = end
         self.counts.bad += failures > 0
         self._tail = buffer[at:] if self._stream and failures < _MOST_FAILURES else b""
         return messages
 
-    def _read(self, buffer: bytes, at: int, end: int) -> Message | None:
-        """One frame, or None when its CRC or its shape is wrong."""
+    def _read(self, frame: bytes) -> Message | None:
+        """The message in a frame whose CRC is right, None if pymavlink cannot read it all the same."""
         try:
-            message = self._dialect.decode(bytearray(buffer[at:end]))
-        except (dialect.MAVError, IndexError):
+            return self._dialect.decode(bytearray(frame))
+        except dialect.MAVError:
+            self.counts.bad += 1
             return None
-        if message.get_msgId() < 0:  # an id that the dialect does not know, so no CRC was checked
-            if end < len(buffer) and buffer[end] not in (_V1, _V2):
-                return None
-            self.counts.unknown += 1
-        elif len(self.counts.systems) < _MOST_SYSTEMS:
-            self.counts.systems.add((message.get_srcSystem(), message.get_srcComponent()))
-        self.counts.frames += 1
-        self.counts.version_1 += buffer[at] == _V1
-        return message
+
+    def _count(self, frame: bytes) -> None:
+        counts = self.counts
+        self.frames.append(frame)
+        counts.frames += 1
+        counts.version_1 += frame[0] == _V1
+        if _message_id(frame) not in dialect.mavlink_map:
+            counts.unknown += 1
+        elif len(counts.systems) < _MOST_SYSTEMS:
+            counts.systems.add((frame[5], frame[6]) if frame[0] == _V2 else (frame[3], frame[4]))
+
+
+def _message_id(frame: bytes) -> int:
+    return frame[7] | frame[8] << 8 | frame[9] << 16 if frame[0] == _V2 else frame[5]
+
+
+def _must_wait(buffer: bytes, at: int, end: int) -> bool:
+    """Whether a stream has not yet shown all that decides on this frame: the rest of it, or, for an unknown id, the
+    byte behind it."""
+    return end > len(buffer) or (end == len(buffer) and _message_id(buffer[at:end]) not in dialect.mavlink_map)
+
+
+def _whole(buffer: bytes, at: int, end: int) -> bool:
+    """Whether a good frame lies here: its CRC is right, or, for an id that the dialect does not know and whose CRC
+    cannot be told, another frame or the end follows and no good frame lies inside."""
+    if end > len(buffer):
+        return False
+    if _message_id(buffer[at:end]) in dialect.mavlink_map:
+        return _good(buffer, at, end)
+    if end < len(buffer) and buffer[end] not in (_V1, _V2):
+        return False
+    starts = (inner for inner in range(at + 1, end) if buffer[inner] in (_V1, _V2))
+    return not any((stop := _frame_end(buffer, inner)) and _good(buffer, inner, stop) for inner in starts)
+
+
+def _good(buffer: bytes, at: int, end: int) -> bool:
+    """Whether the frame of a known id that lies here is all there and has the right CRC."""
+    if end > len(buffer):
+        return False
+    frame = buffer[at:end]
+    kind = dialect.mavlink_map.get(_message_id(frame))
+    if kind is None:
+        return False
+    tail = len(frame) - (15 if frame[0] == _V2 and frame[2] & _SIGNED else 2)
+    crc = dialect.x25crc(frame[1:tail] + bytes((kind.crc_extra,))).crc
+    return bool(crc == frame[tail] | frame[tail + 1] << 8)
 
 
 def _frame_end(buffer: bytes, at: int) -> int | None:

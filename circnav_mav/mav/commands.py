@@ -38,6 +38,11 @@ class CommandResult:
         return self.result == 0  # MAV_RESULT_ACCEPTED
 
     @property
+    def refused(self) -> bool:
+        """Whether the vehicle said no (silence is not a no)."""
+        return self.result is not None and not self.accepted
+
+    @property
     def said(self) -> str:
         """The answer in words."""
         return "no answer" if self.result is None else RESULT_NAMES.get(self.result, f"result {self.result}")
@@ -74,6 +79,11 @@ class CommandSender:
         """Drop everything: the vehicle that was meant is gone."""
         self._queue.clear()
         self._pending.clear()
+
+    def drop(self, number: int) -> None:
+        """Ask no more for what a command number stands for."""
+        self._queue = [command for command in self._queue if command.number != number]
+        self._pending.pop(number, None)
 
     def take_results(self) -> list[CommandResult]:
         """The commands that ended since the last call."""

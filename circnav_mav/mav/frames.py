@@ -4,7 +4,8 @@ Guidance turns counter-clockwise positive (the paper: x east, y north, angles fr
 (NED: heading from north). No other module negates an angle or a turn rate.
 """
 
-from math import pi
+from collections.abc import Sequence
+from math import asin, atan2, cos, pi, sin
 from typing import NewType
 
 from circnav_mav.core.values import TurnRate
@@ -26,3 +27,26 @@ def turn_rate_from_yaw_rate(yaw_rate: YawRate) -> TurnRate:
 def course_from_yaw(yaw: float) -> float:
     """NED heading (clockwise from north) to the paper's psi (counter-clockwise from east), rad in (-pi, pi]."""
     return pi - (pi / 2 + yaw) % (2 * pi)
+
+
+def quaternion_from_euler(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
+    """MAVLink's q (w, x, y, z) of Euler angles in rad, NED, applied yaw, pitch, roll."""
+    cr, sr = cos(roll / 2), sin(roll / 2)
+    cp, sp = cos(pitch / 2), sin(pitch / 2)
+    cy, sy = cos(yaw / 2), sin(yaw / 2)
+    return (
+        cr * cp * cy + sr * sp * sy,
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+    )
+
+
+def euler_from_quaternion(q: Sequence[float]) -> tuple[float, float, float]:
+    """Roll, pitch and yaw in rad, NED, of MAVLink's q (w, x, y, z)."""
+    w, x, y, z = q
+    return (
+        atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
+        asin(min(max(2 * (w * y - z * x), -1.0), 1.0)),
+        atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)),
+    )

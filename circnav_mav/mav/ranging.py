@@ -49,8 +49,8 @@ class RangingSettings:
     message: mission name of the message. beacon_id, sensor_id, orientation, name: its filters. system, component: the
     sender, None for the first that fits. sigma: standard deviation to assume, m, when the message carries none.
     min_range, max_range: slant range believed, m. max_age: oldest sample taken, s. height: above the target, m, when
-    known. sensor_stamps: whether the message's own time is used. sensor_rate: the sensor's true rate, Hz, when the
-    sender is known to repeat values faster.
+    known. sensor_stamps: whether the message's own time is used. rate: how often the sensor measures, Hz. resent: the
+    sender is known to repeat values faster than that.
     """
 
     message: str = "distance_sensor"
@@ -66,7 +66,8 @@ class RangingSettings:
     max_age: float = 0.5
     height: float | None = None
     sensor_stamps: bool = True
-    sensor_rate: float | None = None
+    rate: float = 10.0
+    resent: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -251,8 +252,8 @@ class RangeReader:
             return Reject.OLDER
         if step == 0 or (reading.sequence is not None and reading.sequence == self._sequence and waited < 10):
             return Reject.REPEAT
-        rate = self._settings.sensor_rate
-        if rate and reading.slant == self._slant and step < 0.9 / rate:
+        settings = self._settings
+        if settings.resent and reading.slant == self._slant and step < 0.9 / settings.rate:
             return Reject.REPEAT
         return None
 

@@ -4,15 +4,16 @@ The peer is pinned to the sender of the first HEARTBEAT that fits the mission; a
 """
 
 from collections import Counter, deque
-from collections.abc import Hashable
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
 
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mav.announce import Announcer
-from circnav_mav.mav.autopilots.interface import Autopilot, VehicleState
+from circnav_mav.mav.autopilots.interface import Autopilot
 from circnav_mav.mav.codec import Encoder, Message
 from circnav_mav.mav.commands import Command, CommandResult, CommandSender
+from circnav_mav.mav.motion import MotionSensor
 from circnav_mav.mav.streams import StreamRequests
 
 HEARTBEAT_PERIOD = 1.0
@@ -48,15 +49,22 @@ class Peer:
 class Session:
     """Everything that is said between us and the vehicle, except setpoints and ranging."""
 
-    def __init__(self, settings: LinkSettings, adapter: Autopilot) -> None:
+    def __init__(
+        self, settings: LinkSettings, adapters: tuple[Autopilot, ...], more_streams: Mapping[int, float] | None = None
+    ) -> None:
+        """adapters: the vehicles that the mission allows; the pinned vehicle picks one. more_streams: id -> Hz."""
         self._settings = settings
-        self._adapter = adapter
+        self._adapters = adapters
+        self._more_streams = dict(more_streams or {})
         self._next_heartbeat = float("-inf")
         self._boot_ms: int | None = None
         self._replies: list[Message] = []
         self.encoder = Encoder(settings.system_id or 1, settings.component_id)
         self.commands = CommandSender()
-        self.streams = StreamRequests(adapter.streams)
+        self.adapter = adapters[0]
+        self.streams = StreamRequests({})
+        self.motion = MotionSensor()
+        self.battery: float | None = None
         self.announcer = Announcer()
         self.peer: Peer | None = None
         self.reply_to: Hashable = None
@@ -67,6 +75,9 @@ class Session:
         self.reboots = 0
         self.ignored: Counter[str] = Counter()
         self.misfits: dict[tuple[int, int], str] = {}
+        self._mode_results: deque[CommandResult] = deque(maxlen=8)
+        self._first: tuple[int, int] | None = None
+        self._sent: deque[bytes] = deque(maxlen=256)
         self.texts: deque[str] = deque(maxlen=8)
         self.firmware: str | None = None
 
@@ -78,40 +89,46 @@ class Session:
     @property
     def in_our_mode(self) -> bool:
         """Whether the vehicle obeys setpoints: armed, and its own heartbeat names the guided mode."""
-        return self.up and self.armed and self.mode == self._adapter.guided_mode
+        return self.up and self.armed and self.mode == self.adapter.guided_mode
 
     @property
     def mode_name(self) -> str:
         """The vehicle's mode for people."""
-        return "unknown" if self.mode is None else self._adapter.mode_names.get(self.mode, f"mode {self.mode}")
+        return "unknown" if self.mode is None else self.adapter.mode_names.get(self.mode, f"mode {self.mode}")
 
     @property
-    def vehicle(self) -> VehicleState:
-        """Whom to address setpoints to."""
-        assert self.peer is not None
-        return VehicleState(self.peer.system, self.peer.component)
+    def boot_time(self) -> float | None:
+        """The vehicle's newest time since boot, s, None before it was heard."""
+        return None if self._boot_ms is None else self._boot_ms / 1000
 
     def heartbeat_age(self, now: float) -> float:
         """Seconds since the vehicle's last heartbeat."""
         return now - self.heard_at
 
-    def receive(self, message: Message, now: float, source: Hashable) -> None:
-        """Take one message in. Only the pinned peer moves anything here."""
+    def receive(self, message: Message, now: float, source: Hashable) -> bool:
+        """Take one message in; tells whether it is of the pinned vehicle. Nobody else moves anything here."""
         ids = (message.get_srcSystem(), message.get_srcComponent())
-        if ids == (self.encoder.system, self._settings.component_id):
-            self.ignored["twin"] += 1
-            return
+        if self.peer is not None and ids == (self.encoder.system, self._settings.component_id):
+            self.ignored["echo" if bytes(message.get_msgbuf()) in self._sent else "twin"] += 1
+            return False
         kind = message.get_type()
         if kind == "HEARTBEAT" and (self.peer is None or self._moved(ids, now)):
             self._consider(message, ids, source)
         if self.peer is None or ids != self.peer.ids or source != self.peer.source:
             if kind == "HEARTBEAT" and self.peer is not None and message.autopilot != dialect.MAV_AUTOPILOT_INVALID:
                 self.ignored["other_vehicle"] += 1
-            return
+            return False
         self.streams.heard(message.get_msgId())
         handle = _HANDLERS.get(kind)
         if handle is not None:
             handle(self, message, now)
+        return True
+
+    def encode(self, message: Message) -> bytes:
+        """One frame in our name, remembered so that an echo of it is not taken for somebody else."""
+        frame = self.encoder.encode(message)
+        self._sent.append(frame)
+        return frame
 
     def lose(self) -> None:
         """The vehicle has fallen silent: let go of it."""
@@ -120,22 +137,27 @@ class Session:
 
     def poll(self, now: float) -> list[Message]:
         """The messages due now: our heartbeat, commands, texts. Called by the healthy tick only."""
-        messages = []
-        if now >= self._next_heartbeat:
-            self._next_heartbeat = now + HEARTBEAT_PERIOD
-            messages.append(self.heartbeat())
+        messages = self.heartbeats_due(now)
         messages += self._replies
         self._replies.clear()
         if self.peer is not None:
+            self._note_results()
             for request in self.streams.poll(now):
                 self.commands.send(request)
             messages += self.commands.poll(self.peer.ids, now)
             messages += self.announcer.texts(now)
         return messages
 
-    def take_results(self) -> list[CommandResult]:
-        """Commands that ended, without those that were the session's own business."""
-        return [result for result in self.commands.take_results() if not self._own_business(result)]
+    def take_mode_results(self) -> list[CommandResult]:
+        """Answers to mode requests since the last call."""
+        results = list(self._mode_results)
+        self._mode_results.clear()
+        return results
+
+    def drop_mode_requests(self) -> None:
+        """Ask for no mode any more: it was reached, or the operator has chosen another."""
+        self.commands.drop(dialect.MAV_CMD_DO_SET_MODE)
+        self._mode_results.clear()
 
     def farewell(self) -> list[Message]:
         """Give the vehicle its own stream rates back; nobody waits for the answer."""
@@ -152,6 +174,13 @@ class Session:
         """(system, component) to address; (0, 0) reaches everybody when there is no vehicle."""
         return self.peer.ids if self.peer else (0, 0)
 
+    def heartbeats_due(self, now: float) -> list[Message]:
+        """Our heartbeat, when due."""
+        if now < self._next_heartbeat:
+            return []
+        self._next_heartbeat = now + HEARTBEAT_PERIOD
+        return [self.heartbeat()]
+
     def heartbeat(self) -> Message:
         """Our own heartbeat: an onboard controller of the vehicle's system, never a ground station (that would feed
         the operator's GCS failsafe)."""
@@ -167,41 +196,54 @@ class Session:
         """Pin the sender of this heartbeat if it is the vehicle that the mission means; else note why not."""
         if message.autopilot == dialect.MAV_AUTOPILOT_INVALID or message.type == dialect.MAV_TYPE_GCS:
             return
-        reason = self._misfit(message, ids)
-        if reason is not None:
-            if len(self.misfits) < 16:
+        adapter = next((one for one in self._adapters if _fits(one, message)), None)
+        reason = self._misfit(message, ids, adapter)
+        if reason is not None or adapter is None:
+            if reason is not None and len(self.misfits) < 16:
                 self.misfits[ids] = reason
             if message.get_msgbuf()[0] != V2_MAGIC:
                 self.reply_to = source  # our MAVLink 2 heartbeat makes many autopilots switch over
             return
         returning = self.peer is not None
-        self.peer = Peer(source, *ids)
+        self.peer, self._first = Peer(source, *ids), ids
         self.reply_to, self.encoder.system = source, ids[0]
         if not returning:
-            self.streams.restart()
+            self.adapter = adapter
+            self.streams = StreamRequests({**adapter.streams, **self._more_streams})
             self.commands.send(Command(dialect.MAV_CMD_REQUEST_MESSAGE, (dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION,)))
 
-    def _misfit(self, message: Message, ids: tuple[int, int]) -> str | None:
+    def _misfit(self, message: Message, ids: tuple[int, int], adapter: Autopilot | None) -> str | None:
         wanted = self._settings.system_id
+        if self._first is not None and ids != self._first:
+            return f"system {ids[0]} is not the vehicle heard first, system {self._first[0]}"
         if wanted is not None and ids[0] != wanted:
             return f"system {ids[0]} is not the mission's vehicle.system_id {wanted}"
-        if message.autopilot != self._adapter.autopilot or message.type not in self._adapter.vehicle_types:
-            return f"system {ids[0]} is {describe_vehicle(message)}, the mission is for {self._adapter.name}"
+        if adapter is None:
+            known = " or ".join(one.name for one in self._adapters)
+            return f"system {ids[0]} is {describe_vehicle(message)}, the mission is for {known}"
         if message.get_msgbuf()[0] != V2_MAGIC:
             return f"system {ids[0]} speaks MAVLink 1 only: set its port to MAVLink 2 (ArduPilot: SERIALn_PROTOCOL = 2)"
         return None
 
-    def _own_business(self, result: CommandResult) -> bool:
-        if result.command.number == dialect.MAV_CMD_SET_MESSAGE_INTERVAL:
-            if not result.accepted and result.result is not None:
+    def _note_results(self) -> None:
+        """Refused streams are not asked for again; answers to mode requests wait for whoever asked."""
+        for result in self.commands.take_results():
+            if result.command.number == dialect.MAV_CMD_DO_SET_MODE:
+                self._mode_results.append(result)
+            elif result.command.number == dialect.MAV_CMD_SET_MESSAGE_INTERVAL and result.refused:
                 self.streams.denied(result.command)
-            return True
-        return bool(result.command.number == dialect.MAV_CMD_REQUEST_MESSAGE)
 
     def _on_heartbeat(self, message: Message, now: float) -> None:
         self.heard_at, self.mode = now, message.custom_mode
         self.armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
         self.heartbeats += 1
+
+    def _on_current_mode(self, message: Message, now: float) -> None:
+        if message.custom_mode:
+            self.mode = message.custom_mode
+
+    def _on_battery(self, message: Message, now: float) -> None:
+        self.battery = float(message.battery_remaining) if message.battery_remaining >= 0 else None
 
     def _on_boot_time(self, message: Message, now: float) -> None:
         """A boot time that steps back is a reboot; the counter's own wrap after 49.7 days is not."""
@@ -229,6 +271,10 @@ class Session:
         self.firmware = f"{version >> 24}.{version >> 16 & 255}.{version >> 8 & 255}"
 
 
+def _fits(adapter: Autopilot, heartbeat: Message) -> bool:
+    return heartbeat.autopilot == adapter.autopilot and heartbeat.type in adapter.vehicle_types
+
+
 def describe_vehicle(heartbeat: Message) -> str:
     """Autopilot and vehicle type of a HEARTBEAT in words."""
     autopilot = dialect.enums["MAV_AUTOPILOT"].get(heartbeat.autopilot)
@@ -239,6 +285,8 @@ def describe_vehicle(heartbeat: Message) -> str:
 
 _HANDLERS = {
     "HEARTBEAT": Session._on_heartbeat,
+    "CURRENT_MODE": Session._on_current_mode,
+    "SYS_STATUS": Session._on_battery,
     "SYSTEM_TIME": Session._on_boot_time,
     "ATTITUDE": Session._on_boot_time,
     "COMMAND_ACK": Session._on_ack,
@@ -246,3 +294,5 @@ _HANDLERS = {
     "TIMESYNC": Session._on_timesync,
     "AUTOPILOT_VERSION": Session._on_version,
 }
+HANDLED = frozenset(getattr(dialect, f"MAVLINK_MSG_ID_{name}") for name in (*_HANDLERS, "ATTITUDE", "VFR_HUD"))
+"""Ids of the messages that a session or the motion sensor reads."""

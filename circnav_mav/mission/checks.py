@@ -5,13 +5,15 @@ from dataclasses import dataclass
 from enum import Enum
 from math import degrees, sqrt
 
-from circnav_mav.core.estimators.steady import steady_state
 from circnav_mav.core.laws import LAWS
 from circnav_mav.core.slant import MAX_SIGMA_GROWTH
+from circnav_mav.mav.autopilots.table import AUTOPILOTS, REFUSED, adapters
 from circnav_mav.mission.load import Mission
 
-LOOP_BOUND = 0.5
-"""Bound on V |d omega/d r'| (turn lag + filter lag): above it the laws limit-cycle (flown on real autopilots)."""
+LOOP_BOUND = 0.4
+"""Bound on V |d omega/d r'| (turn lag + filter lag): from about .45 on the laws limit-cycle."""
+PLANE_GAIN = 0.72
+"""Realised over coordinated turn rate of a plane that slips in its turns (flown: .70 .. .75)."""
 REACH = 0.8
 """Fraction of the farthest range that the circle may use."""
 
@@ -37,7 +39,7 @@ def check_mission(mission: Mission) -> list[Check]:
     """All the lines for a mission."""
     return [
         line
-        for part in (_keys, _gain, _radius, _turn_rate, _reach, _sampling, _noise, _slant)
+        for part in (_keys, _vehicle, _gain, _radius, _turn_rate, _reach, _sampling, _noise, _slant)
         for line in part(mission)
     ]
 
@@ -48,6 +50,32 @@ def _grade(value: float, *, warn_above: float, fail_above: float) -> Grade:
 
 def _keys(mission: Mission) -> Iterator[Check]:
     yield Check(Grade.PASS, "keys", "all keys known, none missing")
+
+
+def _vehicle(mission: Mission) -> Iterator[Check]:
+    autopilot, kind = mission.vehicle_key
+    able = [one for one in AUTOPILOTS if autopilot in ("auto", one[0]) and one[1] == kind]
+    if not able:
+        reason = REFUSED.get((autopilot, kind), "there is no honest, position-free way to steer it over MAVLink")
+        yield Check(Grade.FAIL, "vehicle", f"{autopilot} {kind} cannot be flown: {reason}")
+        return
+    yield Check(Grade.PASS, "vehicle", " or ".join(" ".join(one) for one in able))
+    exits = mission.file.exit.action
+    adapters_allowed = adapters(autopilot, kind, mission.pilot_settings().facts)
+    lacking = [one.name for one in adapters_allowed if exits not in (None, "stop", *one.exits)]
+    if lacking:
+        yield Check(
+            Grade.FAIL,
+            "exit",
+            f"{lacking[0]} knows no exit action {exits}: choose {', '.join(adapters_allowed[0].exits)}",
+        )
+    if autopilot == "px4" and (exits == "stop" or mission.file.engage.on_takeover == "wait"):
+        yield Check(
+            Grade.FAIL,
+            "exit",
+            "PX4 goes back to OFFBOARD by itself when setpoints resume: exit.action must command a mode, "
+            'and engage.on_takeover must be "end"',
+        )
 
 
 def _gain(mission: Mission) -> Iterator[Check]:
@@ -74,13 +102,14 @@ def _radius(mission: Mission) -> Iterator[Check]:
 
 def _turn_rate(mission: Mission) -> Iterator[Check]:
     orbit = mission.orbit
-    needed = abs(orbit.steady_turn_rate)
-    share = needed / orbit.max_turn_rate
+    needed, gain = abs(orbit.steady_turn_rate), _expected_gain(mission)
+    able = gain * orbit.max_turn_rate
+    share = needed / able
     yield Check(
         _grade(share, warn_above=0.7, fail_above=1.0),
         "turn rate",
-        f"the circle needs {degrees(needed):.2f} deg/s of the vehicle's {degrees(orbit.max_turn_rate):.2f} deg/s "
-        f"({100 * share:.0f} %, must stay below 100 %)",
+        f"the circle needs {degrees(needed):.2f} deg/s of the vehicle's {degrees(able):.2f} deg/s "
+        f"({100 * share:.0f} %, must stay below 100 %)" + ("" if gain == 1 else f", turn-rate gain {gain:g} counted"),
     )
     if mission.law.name == "switching" and mission.law.gain > orbit.max_turn_rate:
         yield Check(
@@ -89,6 +118,12 @@ def _turn_rate(mission: Mission) -> Iterator[Check]:
             f"the law switches between +-{degrees(mission.law.gain):.2f} deg/s, more than the vehicle's limit, "
             "which it flies instead",
         )
+
+
+def _expected_gain(mission: Mission) -> float:
+    """The least of what it is told that the vehicle is expected to turn: a plane may reach only .72."""
+    given = mission.file.vehicle.turn_gain
+    return given if isinstance(given, float) else PLANE_GAIN if mission.file.vehicle.kind == "plane" else 1.0
 
 
 def _reach(mission: Mission) -> Iterator[Check]:
@@ -122,9 +157,7 @@ def _sampling(mission: Mission) -> Iterator[Check]:
 
 def _noise(mission: Mission) -> Iterator[Check]:
     orbit, file = mission.orbit, mission.file
-    steady = steady_state(
-        mission.estimation, r=orbit.radius, sigma=file.ranging.sigma_m, period=1 / file.ranging.rate_hz
-    )
+    steady = mission.steady_estimate
     share = steady.r_dot_sigma / orbit.speed
     yield Check(
         _grade(share, warn_above=0.2, fail_above=0.5),
@@ -134,8 +167,7 @@ def _noise(mission: Mission) -> Iterator[Check]:
     )
     if mission.law.name != "smooth":
         return
-    lag = file.vehicle.turn_lag_s + steady.lag
-    loop = 2 * mission.law.gain * orbit.radius * orbit.speed * lag
+    loop = 2 * mission.law.gain * orbit.radius * orbit.speed * mission.loop_lag
     yield Check(
         _grade(loop, warn_above=LOOP_BOUND, fail_above=4 * LOOP_BOUND),
         "damping",

@@ -4,7 +4,7 @@ import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
-from math import radians
+from math import inf, radians, tan
 from pathlib import Path
 from typing import Any, get_args
 
@@ -12,15 +12,23 @@ import tomlkit
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
+from circnav_mav.core.bounds import Bounds
 from circnav_mav.core.estimators.interface import EstimatorSettings
+from circnav_mav.core.estimators.steady import SteadyState, steady_state
 from circnav_mav.core.guidance import LawChoice
 from circnav_mav.core.laws import LAWS
+from circnav_mav.core.theory import rate_gain
 from circnav_mav.core.values import Direction, Orbit
+from circnav_mav.mav.autopilots.interface import GRAVITY, AirLoops, VehicleFacts
 from circnav_mav.mav.ranging import RANGING_MESSAGES, RangingSettings
 from circnav_mav.mav.session import LinkSettings
 from circnav_mav.mission.schema import MissionFile
-from circnav_mav.pilot import RANGING, VEHICLE, PilotSettings, Timing
+from circnav_mav.pilot import RANGING, VEHICLE, PilotSettings, Timing, Voice
 
+DEFAULT_LOOP = 0.35
+"""What 2 k r_d V (turn lag + filter lag) is for a default gain; from about .45 on, vehicles limit-cycle."""
+LEAST_GAIN = 1.2
+"""Default gains stay this many times above the paper's bound."""
 SIM = "sim"
 """The endpoint that stands for the bundled vehicle."""
 
@@ -40,16 +48,38 @@ class Mission:
     def orbit(self) -> Orbit:
         """The circle, in SI units and radians."""
         vehicle, orbit = self.file.vehicle, self.file.orbit
-        return Orbit(
-            orbit.radius_m, Direction(orbit.direction), vehicle.speed_mps, radians(vehicle.max_turn_rate_deg_s)
-        )
+        return Orbit(orbit.radius_m, Direction(orbit.direction), vehicle.speed_mps, self._max_turn_rate())
 
     @property
     def law(self) -> LawChoice:
-        """The law with its gain: the file's, or the law's default."""
+        """The law with its gain: the file's, or the law's default, lowered where the lags of turn and filter would
+        make the circle oscillate."""
         guidance, orbit = self.file.guidance, self.orbit
-        default = LAWS[guidance.law].default_gain(orbit.speed, orbit.radius)
-        return LawChoice(guidance.law, guidance.gain or default, guidance.correct_radius)
+        law = LAWS[guidance.law]
+        gain = guidance.gain or law.default_gain(orbit.speed, orbit.radius)
+        least = LEAST_GAIN * law.gain_bound(orbit.speed, orbit.radius)
+        if guidance.gain is None and law.name == "smooth":
+            gain = max(least, min(gain, DEFAULT_LOOP / (2 * orbit.radius * orbit.speed * self.loop_lag)))
+        elif guidance.gain is None and law.gain_unit == "rad/m":
+            gain = max(least, rate_gain(orbit.speed, orbit.radius, self.loop_lag))
+        return LawChoice(guidance.law, gain, guidance.correct_radius, self.file.vehicle.turn_lag_s)
+
+    @property
+    def estimator(self) -> str:
+        """The estimator: the file's, or the one that the law wants."""
+        own = {"auto": "auto", "drift": "drift"}.get(self.file.guidance.law, "kalman")
+        return self.file.guidance.estimator or own
+
+    @property
+    def loop_lag(self) -> float:
+        """Delay from a change of range rate to the vehicle's turn, s: the filter's and the vehicle's."""
+        return self.file.vehicle.turn_lag_s + self.steady_estimate.lag
+
+    @property
+    def steady_estimate(self) -> SteadyState:
+        """Noise and lag of the range rate on the circle."""
+        ranging = self.file.ranging
+        return steady_state(self.estimation, r=self.orbit.radius, sigma=ranging.sigma_m, period=1 / ranging.rate_hz)
 
     @property
     def estimation(self) -> EstimatorSettings:
@@ -70,18 +100,31 @@ class Mission:
         """Whether the bundled vehicle is flown."""
         return self.file.link.endpoint == SIM
 
-    def pilot_settings(self, *, dry_run: bool = False) -> PilotSettings:
+    @property
+    def vehicle_key(self) -> tuple[str, str]:
+        """The vehicle as the adapter table knows it; the stick is how a PX4 plane is steered by default."""
+        vehicle = self.file.vehicle
+        by_default = vehicle.method is None or (vehicle.kind == "plane" and vehicle.method == "stick")
+        return vehicle.autopilot, vehicle.kind if by_default else f"{vehicle.kind} {vehicle.method}"
+
+    def pilot_settings(self, voice: Voice = Voice.FLY) -> PilotSettings:
         """The mission as the pilot needs it. Raises ValueError for a gain without a radius correction."""
         file = self.file
         acceleration = file.vehicle.max_turn_acceleration_deg_s2
         return PilotSettings(
             orbit=self.orbit,
             law=self.law,
-            estimator=file.guidance.estimator,
+            estimator=self.estimator,
             estimation=self.estimation,
             ranging=self._ranging(),
             link=LinkSettings(file.vehicle.system_id, file.link.component_id),
-            vehicle=(file.vehicle.autopilot, file.vehicle.kind),
+            autopilot=self.vehicle_key[0],
+            kind=self.vehicle_key[1],
+            facts=self._facts(),
+            bounds=self._bounds(),
+            turn_gain=None if file.vehicle.turn_gain == "learn" else file.vehicle.turn_gain,
+            turn_lag=file.vehicle.turn_lag_s,
+            radius_trim=file.guidance.radius_trim_per_s,
             timing=Timing(
                 duration=file.limits.duration_s,
                 wait_link=file.link.wait_s,
@@ -94,7 +137,8 @@ class Mission:
             request_mode=file.engage.request_mode,
             end_on_takeover=file.engage.on_takeover == "end",
             max_yaw_acceleration=None if acceleration is None else radians(acceleration),
-            dry_run=dry_run,
+            exit=file.exit.action,
+            voice=voice,
             ranging_apart=file.ranging.endpoint is not None,
             stream_links=frozenset(
                 link
@@ -119,7 +163,44 @@ class Mission:
             max_age=self.file.limits.stale_s,
             height=self.file.orbit.height_above_target_m,
             sensor_stamps=table.stamp == "sensor",
-            sensor_rate=table.rate_hz if table.resent else None,
+            rate=table.rate_hz,
+            resent=table.resent,
+        )
+
+    def _max_turn_rate(self) -> float:
+        """The turn rate that the vehicle may be told, rad/s: given, or that of a coordinated turn at the bank limit."""
+        vehicle = self.file.vehicle
+        banked = GRAVITY * tan(radians(vehicle.max_bank_deg)) / vehicle.speed_mps if vehicle.max_bank_deg else inf
+        given = radians(vehicle.max_turn_rate_deg_s) if vehicle.max_turn_rate_deg_s else inf
+        return min(banked, given)
+
+    def _facts(self) -> VehicleFacts:
+        vehicle = self.file.vehicle
+        loops = vehicle.loops
+        return VehicleFacts(
+            speed=vehicle.speed_mps,
+            max_bank=radians(vehicle.max_bank_deg or 0.0),
+            stick_bank=radians(vehicle.full_stick_bank_deg),
+            climb_gain=vehicle.climb_gain_per_s,
+            max_climb=vehicle.max_climb_mps,
+            loops=AirLoops(
+                trim_thrust=loops.trim_thrust,
+                thrust_per_speed=loops.thrust_per_mps,
+                thrust_per_bank=loops.thrust_per_bank,
+                pitch_per_height=radians(loops.pitch_deg_per_m),
+                pitch_per_climb=radians(loops.pitch_deg_per_mps),
+                max_pitch=radians(loops.max_pitch_deg),
+            ),
+        )
+
+    def _bounds(self) -> Bounds:
+        table = self.file.bounds
+        return Bounds(
+            closest=table.min_range_m,
+            farthest=table.max_range_m,
+            lowest=table.min_altitude_m,
+            highest=table.max_altitude_m,
+            battery=table.min_battery_percent,
         )
 
 
@@ -152,7 +233,17 @@ def parse_mission(text: str, where: str, overrides: Iterable[str] = ()) -> Missi
         raise MissionError(f"{where}: {_first_problem(error)}") from None
     if file.link.endpoint == SIM and file.sim is None:
         raise MissionError(f'{where}: link.endpoint: is "{SIM}", which needs a [sim] table describing the vehicle')
+    _check_turning(file, where)
     return Mission(file, tomlkit.dumps(document))
+
+
+def _check_turning(file: MissionFile, where: str) -> None:
+    """A vehicle needs a limit to its turning, and a plane one to its bank. Raises MissionError."""
+    vehicle = file.vehicle
+    if vehicle.kind == "plane" and vehicle.max_bank_deg is None:
+        raise MissionError(f"{where}: vehicle.max_bank_deg: missing, a plane turns by banking: add its limit")
+    if vehicle.max_bank_deg is None and vehicle.max_turn_rate_deg_s is None:
+        raise MissionError(f"{where}: vehicle.max_turn_rate_deg_s: missing, add it")
 
 
 def _override(text: str) -> tuple[list[str], Any]:
@@ -194,6 +285,8 @@ def _in_words(problem: ErrorDetails) -> str:
         return f"{key}: missing, add it"
     if kind == "literal_error":
         return f"{key}: {given!r} is not one of {context['expected']}"
+    if kind == "model_type":
+        return f"{key}: must be a table, not {given!r}"
     bound = next((f"{words} {context[name]:g}" for name, words in _BOUNDS.items() if name in context), None)
     if bound is not None and isinstance(given, int | float):
         return f"{key}: must be {bound}, not {given:g}"

@@ -19,16 +19,34 @@ class Table(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 
+class LoopsTable(Table):
+    """[vehicle.loops]: our own height and airspeed loops, for method "attitude" only."""
+
+    trim_thrust: Annotated[float, Field(gt=0, lt=1)] = 0.63
+    thrust_per_mps: NotNegative = 0.08
+    thrust_per_bank: NotNegative = 0.25
+    pitch_deg_per_m: NotNegative = 1.146
+    pitch_deg_per_mps: NotNegative = 2.292
+    max_pitch_deg: Annotated[float, Field(gt=0, le=45)] = 15.0
+
+
 class VehicleTable(Table):
     """[vehicle]"""
 
-    autopilot: Literal["ardupilot"]
-    kind: Literal["copter"]
+    autopilot: Literal["ardupilot", "px4", "auto"]
+    kind: Literal["copter", "plane", "rover"]
+    method: Literal["stick", "attitude", "nogps"] | None = None
     speed_mps: Positive
-    max_turn_rate_deg_s: Positive
+    max_turn_rate_deg_s: Positive | None = None
+    max_bank_deg: Annotated[float, Field(gt=0, le=75)] | None = None
+    full_stick_bank_deg: Annotated[float, Field(gt=0, le=90)] = 50.0
     max_turn_acceleration_deg_s2: Positive | None = None
     turn_lag_s: NotNegative = 0.4
+    turn_gain: Literal["learn"] | Annotated[float, Field(ge=0.5, le=1.5)] = "learn"
+    climb_gain_per_s: NotNegative = 0.5
+    max_climb_mps: Positive = 1.0
     system_id: SystemId | None = None
+    loops: LoopsTable = LoopsTable()
 
 
 class OrbitTable(Table):
@@ -42,10 +60,11 @@ class OrbitTable(Table):
 class GuidanceTable(Table):
     """[guidance]"""
 
-    law: Literal[tuple(LAWS)]  # type: ignore[valid-type]
+    law: Literal[tuple(LAWS)] = "auto"  # type: ignore[valid-type]
     gain: Positive | None = None
     correct_radius: bool = True
-    estimator: Literal["kalman"] = "kalman"
+    radius_trim_per_s: Annotated[float, Field(ge=0, le=0.2)] = 0.0
+    estimator: Literal["kalman", "unicycle", "drift", "auto"] | None = None
     gate_sigma: Annotated[float, Field(ge=2, le=20)] = 5.0
     min_samples: Annotated[int, Field(ge=2, le=100)] = 5
 
@@ -75,6 +94,7 @@ class LinkTable(Table):
     endpoint: Name
     component_id: Annotated[int, Field(ge=191, le=194)] = 191
     wait_s: Positive = 30.0
+    clock: Literal["local", "autopilot"] = "local"
     sim_speed: Annotated[float, Field(gt=0, le=100)] = 1.0
 
 
@@ -95,6 +115,22 @@ class LimitsTable(Table):
     tick_hz: Annotated[float, Field(ge=5, le=100)] = 20.0
 
 
+class ExitTable(Table):
+    """[exit]"""
+
+    action: Literal["stop", "loiter", "rtl", "land", "brake", "hold"] | None = None
+
+
+class BoundsTable(Table):
+    """[bounds]"""
+
+    min_range_m: Positive | None = None
+    max_range_m: Positive | None = None
+    min_altitude_m: float | None = None
+    max_altitude_m: float | None = None
+    min_battery_percent: Annotated[float, Field(ge=0, le=100)] | None = None
+
+
 class MissionFile(Table):
     """The whole file. `sim` belongs to the bundled vehicle, which checks it itself."""
 
@@ -105,5 +141,7 @@ class MissionFile(Table):
     ranging: RangingTable
     link: LinkTable
     engage: EngageTable = EngageTable()
+    exit: ExitTable = ExitTable()
+    bounds: BoundsTable = BoundsTable()
     limits: LimitsTable
     sim: dict[str, Any] | None = None

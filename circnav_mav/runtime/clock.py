@@ -1,6 +1,29 @@
-"""The only clock of the product."""
+"""The only clocks of the product."""
 
 import time
+from collections import deque
+from collections.abc import Callable
+from typing import Protocol
+
+OUT_OF_STEP = 1.0
+"""Disagreement between two boot times and the time between them, s, that shows a jump: a reboot, a pause, a wrap."""
+SPAN, SHORTEST_SPAN = 2.0, 0.25
+"""Real time, s, over which the autopilot's speed is measured, and the least that will do."""
+SLOWEST, FASTEST = 0.01, 1000.0
+
+
+class RunClock(Protocol):
+    """What a run needs of its clock. `epoch_us`: wall-clock time of second 0, for log stamps only."""
+
+    epoch_us: int
+
+    def now(self) -> float:
+        """Seconds since the start of the run, monotonic, in whole microseconds."""
+        ...
+
+    def until(self, moment: float) -> float:
+        """Real seconds to wait for a moment of this clock; 0 when it has passed."""
+        ...
 
 
 class Clock:
@@ -22,6 +45,62 @@ class Clock:
     def until(self, moment: float) -> float:
         """Real seconds to wait for a moment of this clock; 0 when it has passed."""
         return max((moment - self.now()) / self._speed, 0.0)
+
+
+class AutopilotClock:
+    """Goes as fast as the autopilot's boot time, so that a simulator faster or slower than real time is flown.
+
+    `boot_time` tells the newest time since boot that was heard, s, None before. Until then, and between messages, the
+    clock goes on at the speed last measured (at first `speed`). Only the flow of the boot time counts: a reboot, a
+    pause or the wrap of its 32 bits moves nothing here, and time goes on through the autopilot's silence, so that the
+    silence is noticed.
+    """
+
+    def __init__(self, boot_time: Callable[[], float | None], speed: float = 1.0) -> None:
+        self._boot_time = boot_time
+        self._start = time.monotonic()
+        self.epoch_us = time.time_ns() // 1000
+        self.speed = speed
+        """Autopilot seconds per second of ours."""
+        self._local = self._now = 0.0
+        self._heard: deque[tuple[float, float]] = deque()
+        self._measured = False
+
+    def now(self) -> float:
+        """Seconds since the start of the run."""
+        local = time.monotonic() - self._start
+        self._now += self.speed * (local - self._local)
+        self._local = local
+        boot = self._boot_time()
+        if boot is not None:
+            self._hear(boot)
+        return round(self._now * 1e6) / 1e6
+
+    def until(self, moment: float) -> float:
+        """Real seconds to wait for a moment of this clock; 0 when it has passed."""
+        return max((moment - self.now()) / self.speed, 0.0)
+
+    def _hear(self, boot: float) -> None:
+        """Measure with a boot time that is newer than the last; after a jump begin anew, at the same speed."""
+        if self._heard:
+            then, before = self._heard[-1]
+            step, expected = boot - before, self.speed * (self._local - then)
+            if -OUT_OF_STEP < step <= 0:
+                return  # nothing new, or two messages have changed places
+            if step < 0 or (self._measured and abs(step - expected) > OUT_OF_STEP):
+                self._heard.clear()
+                self._measured = False
+        self._heard.append((self._local, boot))
+        self._measure()
+
+    def _measure(self) -> None:
+        """The speed over the last SPAN, or over the last two messages if they are rarer."""
+        while len(self._heard) > 2 and self._local - self._heard[1][0] >= SPAN:
+            self._heard.popleft()
+        (began, at_first), (ended, at_last) = self._heard[0], self._heard[-1]
+        if ended - began >= SHORTEST_SPAN:
+            self.speed = min(max((at_last - at_first) / (ended - began), SLOWEST), FASTEST)
+            self._measured = True
 
 
 def local_time_name() -> str:

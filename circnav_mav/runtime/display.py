@@ -1,6 +1,6 @@
 """What a person sees while flying: a live panel on a terminal, one plain line a second elsewhere."""
 
-from math import degrees
+from math import atan2, degrees, hypot
 
 from rich.console import Console
 from rich.live import Live
@@ -60,13 +60,15 @@ class LiveDisplay:
         radius, limit = pilot.settings.orbit.radius, pilot.settings.orbit.max_turn_rate
         style = STYLES.get(tick.phase, "white")
         rows = (
-            ("phase", f"[bold {style}]{tick.phase.value}[/]   vehicle mode {tick.mode}"),
+            ("phase", f"[bold {style}]{tick.phase.value}[/]   vehicle mode {tick.mode}   law {tick.law or '-'}"),
+            ("target", _target(tick)),
             ("range", f"{_metres(tick.r)}   wanted {radius:.1f} m   error {_error(tick, radius)}"),
             ("range rate", "-" if tick.r_dot is None else f"{tick.r_dot:+.2f} m/s +- {tick.r_dot_sigma:.2f}"),
             (
                 "turn rate",
                 f"{_turn(tick)}   limit +-{degrees(limit):.1f} deg/s{'   SATURATED' if tick.saturated else ''}",
             ),
+            ("turn gain", f"{tick.turn_gain:.2f} realised over commanded"),
             ("ages", f"range {_seconds(tick.range_age)}   link {_seconds(tick.link_age)}"),
             ("samples", f"{tick.accepted} taken, {tick.rejected} rejected   {pilot.setpoints_sent} setpoints sent"),
         )
@@ -95,6 +97,17 @@ def _seconds(value: float | None) -> str:
 
 def _error(tick: TickRecord, radius: float) -> str:
     return "-" if tick.r is None else f"{tick.r - radius:+.2f} m"
+
+
+def _target(tick: TickRecord) -> str:
+    """Bearing to the target and drift, clockwise from north, where they are known."""
+    if tick.x is None or tick.y is None or tick.drift_x is None or tick.drift_y is None:
+        return "direction not known"
+    bearing = degrees(atan2(-tick.x, -tick.y)) % 360
+    towards = degrees(atan2(tick.drift_x, tick.drift_y)) % 360
+    return (
+        f"bearing {bearing:03.0f} deg   drift {hypot(tick.drift_x, tick.drift_y):.1f} m/s towards {towards:03.0f} deg"
+    )
 
 
 def _turn(tick: TickRecord) -> str:

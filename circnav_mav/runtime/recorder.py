@@ -1,14 +1,18 @@
-"""The run folder: flight.tlog and ticks.csv, written by a thread of their own so that a slow disk never delays a tick.
+"""The run folder: flight.tlog, turns.csv and ticks.csv, written by a thread of their own so that a slow disk never
+delays a tick.
 
 A tlog is big-endian microseconds since 1970 and the raw frame, repeated: Mission Planner, MAVExplorer and MAVProxy
-open it. Whatever happens to the process, at most the last half second is lost.
+open it. turns.csv says of each turn of the loop what a tlog cannot: its time, from which link and source its frames
+came, and how many of them are ours; with both, a replay is exact. Whatever happens to the process, at most the last
+half second is lost.
 """
 
 import csv
 import queue
 import struct
 import threading
-from dataclasses import fields
+from collections.abc import Hashable, Iterable
+from dataclasses import dataclass, field, fields
 from enum import Enum
 from pathlib import Path
 from typing import IO, Any
@@ -16,12 +20,27 @@ from typing import IO, Any
 from circnav_mav.pilot import TickRecord
 
 FLUSH_PERIOD = 0.5
-FLUSH_ITEMS = 25
+"""Time, s of the run's clock, that may pass between two flushes while something is written."""
 TICK_COLUMNS = tuple(field.name for field in fields(TickRecord))
+TURN_COLUMNS = ("time_us", "heard", "said", "hello", "interrupt")
+"""heard: link initial, number of the source and count of whole frames of each datagram, as in `v0*2 r1*1`. said, hello:
+frames of ours. The tlog holds the frames of a turn in this order."""
 
 
 class RecorderError(Exception):
     """A run folder that cannot be written, in one line."""
+
+
+@dataclass(slots=True)
+class Turn:
+    """One turn of the loop. heard: (link, source, whole frames) of each datagram. said: frames to the vehicle. hello:
+    frames to the ranging link. interrupt: why the flight was ended from outside in this turn."""
+
+    time: float
+    heard: list[tuple[str, Hashable, list[bytes]]] = field(default_factory=list)
+    said: list[bytes] = field(default_factory=list)
+    hello: list[bytes] = field(default_factory=list)
+    interrupt: str = ""
 
 
 class Recorder:
@@ -36,11 +55,15 @@ class Recorder:
             (folder / "mission.toml").write_text(mission_text, encoding="utf-8")
             self._tlog: IO[bytes] = (folder / "flight.tlog").open("wb")
             self._ticks: IO[str] = (folder / "ticks.csv").open("w", newline="", encoding="utf-8")
+            self._turns: IO[str] = (folder / "turns.csv").open("w", newline="", encoding="utf-8")
         except OSError as error:
             raise RecorderError(f"{folder}: cannot be written: {error.strerror or error}") from None
-        self._csv = csv.writer(self._ticks)
+        self._csv, self._turns_csv = csv.writer(self._ticks), csv.writer(self._turns)
         self._csv.writerow(TICK_COLUMNS)
-        self._queue: queue.SimpleQueue[tuple[float, bytes] | TickRecord | None] = queue.SimpleQueue()
+        self._turns_csv.writerow(TURN_COLUMNS)
+        self._sources: dict[Hashable, int] = {}
+        self._flushed_at = 0.0
+        self._queue: queue.SimpleQueue[Turn | TickRecord | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._drain, name="recorder", daemon=True)
 
     def start(self, epoch_us: int) -> None:
@@ -48,10 +71,9 @@ class Recorder:
         self._epoch_us = epoch_us
         self._thread.start()
 
-    def frames(self, frames: list[bytes], now: float) -> None:
-        """Record whole MAVLink frames, in or out, at a moment of the run's clock."""
-        for frame in frames:
-            self._queue.put((now, frame))
+    def turn(self, turn: Turn) -> None:
+        """Record a turn of the loop with the whole MAVLink frames that came in and went out in it."""
+        self._queue.put(turn)
 
     def ticks(self, records: list[TickRecord]) -> None:
         """Record ticks."""
@@ -66,23 +88,20 @@ class Recorder:
 
     def _drain(self) -> None:
         """The writing thread."""
-        waiting = 0
         while True:
             try:
                 item = self._queue.get(timeout=FLUSH_PERIOD)
             except queue.Empty:
                 self._guarded(self._flush)
-                waiting = 0
                 continue
             if item is None:
                 break
             self._guarded(self._write, item)
-            waiting += 1
-            if waiting >= FLUSH_ITEMS:
+            if item.time - self._flushed_at >= FLUSH_PERIOD:
+                self._flushed_at = item.time
                 self._guarded(self._flush)
-                waiting = 0
-        self._guarded(self._tlog.close)
-        self._guarded(self._ticks.close)
+        for file in (self._tlog, self._turns, self._ticks):
+            self._guarded(file.close)
 
     def _guarded(self, action: Any, *arguments: Any) -> None:
         if self.problem is not None:
@@ -92,16 +111,36 @@ class Recorder:
         except (OSError, ValueError) as error:
             self.problem = f"{self.folder}: recording stopped: {getattr(error, 'strerror', None) or error}"
 
-    def _write(self, item: tuple[float, bytes] | TickRecord) -> None:
+    def _write(self, item: Turn | TickRecord) -> None:
         if isinstance(item, TickRecord):
-            self._csv.writerow([_plain(getattr(item, name)) for name in TICK_COLUMNS])
-        else:
-            now, frame = item
-            self._tlog.write(struct.pack(">Q", self._epoch_us + round(now * 1e6)) + frame)
+            self._csv.writerow(tick_row(item))
+            return
+        frames = [frame for _, _, datagram in item.heard for frame in datagram] + item.said + item.hello
+        stamp = struct.pack(">Q", self._epoch_us + round(item.time * 1e6))
+        self._tlog.write(b"".join(stamp + frame for frame in frames))
+        heard = " ".join(
+            f"{link[0]}{self._sources.setdefault(source, len(self._sources))}*{len(datagram)}"
+            for link, source, datagram in item.heard
+        )
+        row = (round(item.time * 1e6), heard, len(item.said) or "", len(item.hello) or "", item.interrupt)
+        self._turns_csv.writerow(row)
 
     def _flush(self) -> None:
-        self._tlog.flush()
-        self._ticks.flush()
+        for file in (self._tlog, self._turns, self._ticks):
+            file.flush()
+
+
+def write_ticks(path: Path, records: Iterable[TickRecord]) -> None:
+    """Ticks as a ticks.csv. Raises OSError."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(TICK_COLUMNS)
+        writer.writerows(map(tick_row, records))
+
+
+def tick_row(record: TickRecord) -> list[Any]:
+    """A tick as a line of ticks.csv."""
+    return [_plain(getattr(record, name)) for name in TICK_COLUMNS]
 
 
 def _plain(value: Any) -> Any:

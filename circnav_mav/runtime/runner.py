@@ -8,9 +8,9 @@ from types import FrameType
 
 from circnav_mav.mav.codec import split_frames
 from circnav_mav.pilot import RANGING, VEHICLE, Pilot, TickRecord
-from circnav_mav.runtime.clock import Clock
+from circnav_mav.runtime.clock import RunClock
 from circnav_mav.runtime.links import Link
-from circnav_mav.runtime.recorder import Recorder
+from circnav_mav.runtime.recorder import Recorder, Turn
 
 LONGEST_WAIT = 0.05
 
@@ -37,7 +37,7 @@ class StopRequest:
 def run(
     pilot: Pilot,
     links: Mapping[str, Link],
-    clock: Clock,
+    clock: RunClock,
     recorder: Recorder,
     show: Callable[[TickRecord | None, float], None],
     stop: StopRequest,
@@ -45,27 +45,31 @@ def run(
     """Fly until the pilot is done. Every frame and tick goes to the recorder; `show` is called after each step."""
     newest: TickRecord | None = None
     while not pilot.done:
-        _wait(links, stop, min(clock.until(pilot.next_tick), LONGEST_WAIT))
+        wait(links, stop, min(clock.until(pilot.next_tick), LONGEST_WAIT))
         now = clock.now()
+        turn = Turn(now)
         for name, link in links.items():
             for data, source in link.receive(now):
                 pilot.receive(data, now, source, name)
+                turn.heard.append((name, source, pilot.take_frames()))
         if stop.signal_name and pilot.outcome is None:
+            turn.interrupt = stop.signal_name
             pilot.interrupt(now, stop.signal_name)
         out = pilot.step(now)
         if out:
             links[VEHICLE].send(out, pilot.reply_to)
         if RANGING in links and (hello := pilot.hello(now)):
             links[RANGING].send(hello, None)
-        recorder.frames(pilot.take_frames(), now)
-        recorder.frames(split_frames(out), now)
+            turn.hello = split_frames(hello)
+        turn.said = split_frames(out)
+        recorder.turn(turn)
         records = pilot.take_records()
         recorder.ticks(records)
         newest = records[-1] if records else newest
         show(newest, now)
 
 
-def _wait(links: Mapping[str, Link], stop: StopRequest, seconds: float) -> None:
+def wait(links: Mapping[str, Link], stop: StopRequest, seconds: float) -> None:
     """Wait for bytes, a signal or the time, whichever comes first."""
     watched = [fd for link in links.values() if (fd := link.fileno()) is not None]
     if stop.signal_name is None:

@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass
 
 from sim.body import Body, coordinated_bank
-from sim.demands import BodyVelocity, Brake, Demand, EarthVelocity
+from sim.demands import BodyVelocity, Brake, EarthVelocity, Velocity
 
 SETTLED = 1e-12
 NODES = ((0.1127016653792583, 5 / 18), (0.5, 8 / 18), (0.8872983346207417, 5 / 18))
@@ -23,7 +23,7 @@ class Unicycle:
     turn_lag: float
     speed_lag: float
 
-    def step(self, body: Body, demand: Demand, dt: float) -> Body:
+    def step(self, body: Body, demand: Velocity, dt: float) -> Body:
         """The body `dt` seconds later under a constant demand."""
         if dt <= 0:
             return body
@@ -33,7 +33,12 @@ class Unicycle:
             moved = self._over_the_ground(body, demand, dt)
         else:
             moved = self._braking(body, demand, dt)
-        return moved._replace(roll=coordinated_bank(moved.forward_speed, moved.turn_rate))
+        down = min(body.down + demand.down * dt, 0.0)
+        return moved._replace(
+            down=down,
+            velocity_down=(down - body.down) / dt,
+            roll=coordinated_bank(moved.forward_speed, moved.turn_rate),
+        )
 
     def _with_the_nose(self, body: Body, demand: BodyVelocity, dt: float) -> Body:
         command = self._limited(demand.yaw_rate)
@@ -48,12 +53,10 @@ class Unicycle:
         return body._replace(
             north=body.north + north,
             east=body.east + east,
-            down=_above_ground(body.down + demand.down * dt),
             heading=heading,
             turn_rate=rate.at(dt),
             velocity_north=u * cos - v * sin,
             velocity_east=u * sin + v * cos,
-            velocity_down=demand.down,
         )
 
     def _over_the_ground(self, body: Body, demand: EarthVelocity, dt: float) -> Body:
@@ -63,10 +66,8 @@ class Unicycle:
         return turned._replace(
             north=body.north + north.integral(dt),
             east=body.east + east.integral(dt),
-            down=_above_ground(body.down + demand.down * dt),
             velocity_north=north.at(dt),
             velocity_east=east.at(dt),
-            velocity_down=demand.down,
         )
 
     def _braking(self, body: Body, demand: Brake, dt: float) -> Body:
@@ -79,10 +80,8 @@ class Unicycle:
         return turned._replace(
             north=body.north + body.velocity_north * share,
             east=body.east + body.velocity_east * share,
-            down=_above_ground(body.down + demand.down * dt),
             velocity_north=body.velocity_north * kept,
             velocity_east=body.velocity_east * kept,
-            velocity_down=demand.down,
         )
 
     def _turned(self, body: Body, yaw_rate: float, dt: float) -> Body:
@@ -137,7 +136,3 @@ def _quadrature(heading: float, rate: _Lagged, forward: _Lagged, right: _Lagged,
             north += weight * width * (u * cos - v * sin)
             east += weight * width * (u * sin + v * cos)
     return north, east
-
-
-def _above_ground(down: float) -> float:
-    return min(down, 0.0)

@@ -1,27 +1,19 @@
-"""What the ArduPilot vehicles have in common: mode switching, arming, streams."""
+"""What the ArduPilot vehicles have in common: modes, arming, the ground station's and the estimator's failsafes."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from typing import NamedTuple, Protocol
 
-from sim.autopilots.contract import ACCEPTED, DENIED, FAILED, FORCE, WARNING, Command, Say
+from sim.agenda import NEVER
+from sim.autopilots.contract import ACCEPTED, DENIED, FAILED, FORCE, WARNING, Command, Identity, Say
+from sim.body import Body
+from sim.config import Event
+from sim.params import Parameters
+from sim.wire import Message
 
-VERSION_4_6_3 = 0x040603FF
 CUSTOM_MODE_ENABLED = 1
 DO_SET_MODE, ARM_DISARM = 176, 400
-
-# Mission float and int, param float, command int, attitude target, flight termination, compass calibration, MAVLink 2,
-# fence and rally; FTP is left out because nobody answers it here.
-CAPABILITIES = 1 | 2 | 4 | 8 | 64 | 2048 | 4096 | 8192 | 16384 | 32768
-SET_LOCAL_POSITION = 128 | 256
-
-# Not in ArduPilot 4.6's dialect: its parser drops them, so they are neither obeyed nor forwarded.
-UNKNOWN_IDS = frozenset({53, 220, 221, 222, 223, 224, 420, 435, 436, 437, 441, 513, 516, 517})
-
-# What SET_MESSAGE_INTERVAL takes (mavlink_id_to_ap_message_id in GCS_Common.cpp), whether or not this vehicle fills it.
-_STREAMABLE_IDS = (
-    "0 1 2 24 26 27 29 30 31 32 33 35 36 42 46 49 62 65 74 83 85 87 110 116 124 125 128 129 132 "
-    "136 137 143 147 148 152 158 163 164 165 168 173 178 182 191 192 193 226 230 241 242 245 246 251 259 11020 11039"
-)
-STREAMABLE = frozenset(int(number) for number in _STREAMABLE_IDS.split())
+HEARTBEAT, SET_MODE, SET_ORIGIN = 0, 11, 48
+DEAD_RECKONING_US = 8_000_000  # from the loss of the GPS to "EKF variance"
 
 # REQUEST_DATA_STREAM groups (GCS_Mavlink.cpp of the vehicles).
 STREAM_GROUPS: Mapping[int, tuple[int, ...]] = {
@@ -34,47 +26,150 @@ STREAM_GROUPS: Mapping[int, tuple[int, ...]] = {
 }
 
 
-class ModeSwitch:
-    """The mode and its changes: which are refused, with which ack and text."""
+class Sensed(NamedTuple):
+    """Where a vehicle's velocity can come from."""
 
-    def __init__(self, modes: Mapping[str, int], mode: int, say: Say) -> None:
-        self._names = {number: name for name, number in modes.items()}
-        self._say = say
+    gps: bool
+    odometry: bool
+
+
+class Rules(Protocol):
+    """What each vehicle decides differently."""
+
+    def obstacle(self, mode: int) -> str | None:
+        """Why a mode cannot be entered now, in ArduPilot's words."""
+
+    def entered(self, mode: int, now: int) -> None: ...
+
+    def arming_refusal(self) -> str | None: ...
+
+    def flying(self, body: Body) -> bool: ...
+
+    def disarmed(self) -> None: ...
+
+    def ground_station_lost(self, now: int) -> None: ...
+
+    def estimator_lost(self, now: int) -> None: ...
+
+    def radio_lost(self, now: int) -> None: ...
+
+
+class Core:
+    """Mode, arming and failsafes of one ArduPilot vehicle."""
+
+    def __init__(
+        self, identity: Identity, params: Parameters, say: Say, rules: Rules, mode: int, armed: bool, sensed: Sensed
+    ) -> None:
+        self.identity = identity
+        self.params = params
+        self.say = say
         self.mode = mode
+        self.armed = armed
+        self.gps = self.position = sensed.gps
+        self._odometry = sensed.odometry
+        self.failsafe = False
+        self._rules = rules
+        self._names = {number: name for name, number in identity.modes.items()}
+        self._gcs_switch = "FS_GCS_ENABLE" if "FS_GCS_ENABLE" in params else "FS_GCS_ENABL"  # the plane's name
+        self._gcs_heard: int | None = None
+        self._position_until = NEVER
 
-    def command(self, command: Command, obstacle: Callable[[int], str | None], enter: Callable[[int], None]) -> int:
-        """MAV_CMD_DO_SET_MODE: the ack."""
-        base, custom = command.params[0], command.params[1]
-        if not (base == base and int(base) & CUSTOM_MODE_ENABLED):
-            return DENIED
-        return self.change(int(custom) if custom == custom and abs(custom) < 2**31 else -1, obstacle, enter)
+    # -- modes and arming ---------------------------------------------------------------------------------------------
 
-    def change(self, number: int, obstacle: Callable[[int], str | None], enter: Callable[[int], None]) -> int:
-        """Enter a mode unless it is unknown or `obstacle` names what stands against it."""
+    def change_mode(self, number: int, now: int) -> int:
+        """Enter a mode unless it is unknown or something stands against it; the ack."""
         if number == self.mode:
             return ACCEPTED
         if number not in self._names:
-            self._say(WARNING, f"No such mode {number}")
+            self.say(WARNING, f"No such mode {number}")
             return FAILED
-        reason = obstacle(number)
+        reason = self._rules.obstacle(number)
         if reason is not None:
-            self._say(WARNING, f"Mode change to {self._names[number]} failed: {reason}")
+            self.say(WARNING, self.identity.mode_refusal.format(name=self._names[number], reason=reason))
             return FAILED
-        self.mode = number
-        enter(number)
+        self.force_mode(number, now)
         return ACCEPTED
 
+    def force_mode(self, number: int, now: int) -> None:
+        self.mode = number
+        self._rules.entered(number, now)
 
-def arming_ack(command: Command, armed: bool, refusal: str | None, flying: bool, say: Say) -> tuple[int, bool]:
-    """MAV_CMD_COMPONENT_ARM_DISARM: the ack, and whether the vehicle is armed afterwards."""
-    wish, force = command.params[0], command.params[1] == FORCE
-    if wish == 1:
-        if armed:
-            return ACCEPTED, True
-        if refusal is not None and not force:
-            say(WARNING, f"Arm: {refusal}")
-            return FAILED, False
-        return ACCEPTED, True
-    if wish == 0:
-        return (FAILED, True) if armed and flying and not force else (ACCEPTED, False)
-    return DENIED, armed
+    def command(self, command: Command, now: int, body: Body) -> int | None:
+        """The ack of a command that all vehicles share, None of any other."""
+        if command.number == DO_SET_MODE:
+            base, custom = command.params[0], command.params[1]
+            if not (abs(base) < 2**31 and int(base) & CUSTOM_MODE_ENABLED):
+                return DENIED
+            return self.change_mode(int(custom) if abs(custom) < 2**31 else -1, now)
+        if command.number == ARM_DISARM:
+            return self._arm(command.params[0], command.params[1] == FORCE, body)
+        return None
+
+    def _arm(self, wish: float, force: bool, body: Body) -> int:
+        if wish == 1:
+            refusal = self._rules.arming_refusal()
+            if not self.armed and refusal is not None and not force:
+                self.say(WARNING, f"Arm: {refusal}")
+                return FAILED
+            self.armed = True
+            return ACCEPTED
+        if wish != 0:
+            return DENIED
+        if self.armed and self._rules.flying(body) and not force:
+            return FAILED
+        self.disarm()
+        return ACCEPTED
+
+    def disarm(self) -> None:
+        self.armed = False
+        self._rules.disarmed()
+
+    # -- failsafes ----------------------------------------------------------------------------------------------------
+
+    def heard(self, message: Message, now: int) -> None:
+        number = message.get_msgId()
+        if number == SET_MODE and message.base_mode & CUSTOM_MODE_ENABLED:  # obeyed, but has no ack
+            self.change_mode(message.custom_mode, now)
+        if number == HEARTBEAT and message.get_srcSystem() == self.params["SYSID_MYGCS"]:
+            self._gcs_heard = now
+            self.failsafe = False
+        if number == SET_ORIGIN and self._odometry:
+            self.position = True
+
+    def wake_us(self) -> int:
+        return min(self._gcs_deadline(), self._position_until)
+
+    def wake(self, now: int) -> None:
+        if now >= self._position_until:
+            self._position_until = NEVER
+            self.position = self._odometry
+            if self.position:
+                return
+            self.say(2, "EKF variance")
+            self._rules.estimator_lost(now)
+        if now >= self._gcs_deadline():
+            self.failsafe = True
+            self._gcs_heard = None
+            self._rules.ground_station_lost(now)
+
+    def happen(self, event: Event, now: int) -> None:
+        """A scripted event that ArduPilot itself notices."""
+        if event.action == "mode":
+            self.change_mode(self.identity.modes[event.mode or ""], now)
+        elif event.action == "arm":
+            self.armed = True
+        elif event.action == "disarm":
+            self.disarm()
+        elif event.action == "rc_failsafe":
+            self.say(WARNING, "Radio Failsafe")
+            self._rules.radio_lost(now)
+        elif event.action == "gps_off" and self.gps:
+            self.gps, self._position_until = False, now + DEAD_RECKONING_US
+        elif event.action == "gps_on":
+            self.gps, self.position, self._position_until = True, True, NEVER
+
+    def _gcs_deadline(self) -> int:
+        if self._gcs_heard is None or not self.armed or self.params[self._gcs_switch] == 0:
+            return NEVER
+        once_more = self.params.get("FS_TIMEOUT", 0.0)  # the rover's
+        return self._gcs_heard + round((self.params["FS_GCS_TIMEOUT"] + once_more) * 1e6)

@@ -5,6 +5,8 @@ from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
 from sim.body import Body
+from sim.config import Event
+from sim.demands import Demand
 from sim.params import Parameters
 from sim.wire import Message
 
@@ -16,6 +18,12 @@ EMERGENCY, CRITICAL, ERROR, WARNING, NOTICE, INFO = 0, 2, 3, 4, 5, 6
 STATUS_STANDBY, STATUS_ACTIVE, STATUS_CRITICAL = 3, 4, 5
 ON_GROUND, IN_AIR, TAKING_OFF, LANDING = 1, 2, 3, 4
 FORCE = 21196  # the magic number that overrides arming checks
+
+
+def message_ids(text: str) -> frozenset[int]:
+    """Numbers and ranges, "24 30-33"."""
+    parts = (part.split("-") for part in text.split())
+    return frozenset(number for part in parts for number in range(int(part[0]), int(part[-1]) + 1))
 
 
 class Command(NamedTuple):
@@ -31,9 +39,8 @@ class Command(NamedTuple):
 
 @dataclass(frozen=True)
 class Identity:
-    """What does not change: who this autopilot says it is."""
+    """What does not change: who this autopilot says it is and how it treats its links."""
 
-    profile: str
     mav_type: int
     autopilot: int
     version: int
@@ -43,6 +50,11 @@ class Identity:
     fastest_us: int
     unknown_ids: frozenset[int]
     default_streams: Mapping[int, int] = field(default_factory=dict)
+    interval_refusal: int = DENIED
+    adopts_strays: bool = True  # acts on what is addressed to a component of its system that nobody has heard
+    mode_refusal: str = "Mode change to {name} failed: {reason}"
+    texts_for_gcs_only: bool = False  # STATUSTEXT only where a ground station's heartbeat was seen
+    ranges_on_update: bool = False  # DISTANCE_SENSOR once per sample, not once per interval
 
 
 class Autopilot(Protocol):
@@ -80,11 +92,26 @@ class Autopilot(Protocol):
     def has_position(self) -> bool:
         """Whether the estimator knows where it is."""
 
+    def has_gps(self) -> bool:
+        """Whether the receiver has a fix."""
+
+    def happen(self, event: Event, now: int) -> None:
+        """A scripted event."""
+
     def heard(self, message: Message, now: int) -> None:
         """Any other message for the autopilot (a ground station's heartbeat, sticks)."""
 
     def base_mode(self) -> int: ...
 
     def system_status(self, body: Body) -> int: ...
+
+    def flown(self) -> Demand | None:
+        """The setpoint being flown, of vehicles that echo it (POSITION_TARGET_LOCAL_NED, ATTITUDE_TARGET)."""
+
+    def wanted_roll(self) -> float | None:
+        """The bank asked for after its limits, rad, of vehicles that tell (NAV_CONTROLLER_OUTPUT)."""
+
+    def intended_mode(self) -> int:
+        """The mode that is wanted, which a failsafe may keep from being flown."""
 
     def landed_state(self, body: Body) -> int: ...

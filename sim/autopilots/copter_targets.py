@@ -29,7 +29,7 @@ class Stop(NamedTuple):
 
 
 class Poison(NamedTuple):
-    """A yaw rate that is not a number is not checked and goes straight into the controllers."""
+    """A yaw rate or acceleration that is not a number is not checked and goes straight into the controllers."""
 
 
 Target = BodyVelocity | EarthVelocity | GoTo | Stop | Poison
@@ -54,14 +54,15 @@ def _velocity(message: Message, body: Body, turns_with_nose: bool) -> Target:
     if any(math.isnan(v) or abs(v) > INSANE for v in wanted):
         return Stop()
     yaw_rate = 0.0 if message.type_mask & YAW_RATE else message.yaw_rate
-    if not math.isfinite(yaw_rate):
+    fed: tuple[float, float] = (0.0, 0.0) if message.type_mask & ACCELERATION else (message.afx, message.afy)
+    if not all(map(math.isfinite, (yaw_rate, *fed))):
         return Poison()
     if message.coordinate_frame in (LOCAL_NED, LOCAL_OFFSET_NED):
-        return EarthVelocity(*wanted, yaw_rate)
+        return EarthVelocity(*wanted, yaw_rate, *fed)
     if turns_with_nose:
         return BodyVelocity(*wanted, yaw_rate)
     north, east = _rotate(message.vx, message.vy, body.heading)
-    return EarthVelocity(north, east, message.vz, yaw_rate)
+    return EarthVelocity(north, east, message.vz, yaw_rate, *_rotate(*fed, body.heading))
 
 
 def _position(message: Message, body: Body) -> Target:

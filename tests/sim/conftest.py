@@ -1,5 +1,6 @@
 """A ground station in a few lines: frames out, messages in, all in lockstep."""
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -46,6 +47,41 @@ class Station:
             )
         )
 
+    def attitude(
+        self,
+        mask: int,
+        roll: float = 0.0,
+        pitch: float = 0.0,
+        yaw: float = 0.0,
+        *,
+        rates: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        thrust: float = 0.5,
+    ) -> None:
+        """SET_ATTITUDE_TARGET; angles in radians."""
+        cr, sr, cp, sp = math.cos(roll / 2), math.sin(roll / 2), math.cos(pitch / 2), math.sin(pitch / 2)
+        cy, sy = math.cos(yaw / 2), math.sin(yaw / 2)
+        q = [
+            cr * cp * cy + sr * sp * sy,
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+        ]
+        self.send(mavlink.MAVLink_set_attitude_target_message(0, 1, 1, mask, q, *rates, thrust))
+
+    def sticks(self, roll: float) -> None:
+        """MANUAL_CONTROL: roll -1 .. 1, throttle in the middle."""
+        self.send(mavlink.MAVLink_manual_control_message(1, 0, round(roll * 1000), 500, 0, 0))
+
+    def repeat(self, seconds: float, send: Callable[[], None], rate: float = 20.0) -> None:
+        """Something sent at a rate for a while."""
+        start = self.vehicle.time
+        for tick in range(round(seconds * rate)):
+            send()
+            self.vehicle.advance(start + (tick + 1) / rate)
+
+    def wait(self, seconds: float) -> None:
+        self.vehicle.advance(self.vehicle.time + seconds)
+
     def listen(self, *kinds: str, source: tuple[int, int] | None = None) -> list[Any]:
         """Everything heard so far, or only some kinds, or only from one component."""
         for frame in self.vehicle.outgoing(self.link):
@@ -64,10 +100,7 @@ class Station:
 
     def fly(self, seconds: float, vx: float, yaw_rate: float, *, rate: float = 20.0, **rest: Any) -> None:
         """Setpoints at a rate for a while."""
-        start = self.vehicle.time
-        for tick in range(round(seconds * rate)):
-            self.velocity(vx, yaw_rate, **rest)
-            self.vehicle.advance(start + (tick + 1) / rate)
+        self.repeat(seconds, lambda: self.velocity(vx, yaw_rate, **rest), rate)
 
 
 @pytest.fixture

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import all as mavlink
 
+from sim.autopilots.modes import PROFILES
 from sim.config import parse_vehicle
 from sim.vehicle import Vehicle
 
@@ -200,11 +201,12 @@ def test_junk_never_raises(data: bytes) -> None:
     vehicle.advance(0.1)
 
 
-HANDLED = [0, 11, 20, 21, 23, 43, 44, 66, 69, 75, 76, 82, 84, 86, 111, 132, 251, 253]
+HANDLED = [0, 11, 20, 21, 23, 43, 44, 66, 69, 70, 75, 76, 82, 84, 86, 110, 111, 132, 251, 253]
+GUIDED = {"px4_copter": "OFFBOARD", "px4_plane": "OFFBOARD", "arducopter_nogps": "GUIDED_NOGPS"}
 
 
-@given(st.sampled_from(HANDLED), st.binary(min_size=60, max_size=255), st.booleans())
-def test_correctly_framed_nonsense_never_raises(number: int, noise: bytes, addressed: bool) -> None:
+@given(st.sampled_from(HANDLED), st.binary(min_size=60, max_size=255), st.booleans(), st.sampled_from(PROFILES))
+def test_correctly_framed_nonsense_never_raises(number: int, noise: bytes, addressed: bool, profile: str) -> None:
     kind = mavlink.mavlink_map[number]
     payload = bytearray((noise * 5)[: kind.unpacker.size])
     if addressed and "target_system" in kind.fieldnames:
@@ -213,10 +215,38 @@ def test_correctly_framed_nonsense_never_raises(number: int, noise: bytes, addre
         payload[min(struct.calcsize(format_before), len(payload) - 1)] = 1
     header = bytes([len(payload), 0, 0, 0, 1, 191]) + number.to_bytes(3, "little")
     checksum = crc_x25(header + bytes(payload) + bytes([kind.crc_extra]))
-    vehicle = Vehicle(parse_vehicle({"start": {"mode": "GUIDED"}, "truth": {"rate_hz": 0}}, "x"))
+    start = {"mode": GUIDED.get(profile, "GUIDED")}
+    airframe = {"profile": profile, "dynamics": "realistic"}
+    vehicle = Vehicle(parse_vehicle({"vehicle": airframe, "start": start}, "x"))
     vehicle.receive(b"\xfd" + header + bytes(payload) + struct.pack("<H", checksum))
     vehicle.advance(0.5)
     assert math.isfinite(vehicle.truth.heading)
+
+
+@given(st.sampled_from(PROFILES), st.data())
+def test_no_parameter_brings_it_down(profile: str, data: st.DataObject) -> None:
+    vehicle = Vehicle(parse_vehicle({"vehicle": {"profile": profile, "default_streams": False}}, "x"))
+    names = [m.param_id for m in vehicle._flight.autopilot.params.all_values()]
+    mav = mavlink.MAVLink(None, 1, 191)
+    for _ in range(4):
+        value = data.draw(st.floats(width=32))
+        name = data.draw(st.sampled_from(names)).encode()
+        vehicle.receive(mavlink.MAVLink_param_set_message(1, 1, name, value, 9).pack(mav))
+    vehicle.receive(mavlink.MAVLink_command_long_message(1, 1, 20, 0, 0, 0, 0, 0, 0, 0, 0).pack(mav))
+    for i in range(5):
+        vehicle.advance(i * 2.0)
+    assert math.isfinite(vehicle.truth.north)
+
+
+def test_what_is_flown_is_echoed_in_the_earth_frame(build: Build, station: Stations) -> None:
+    companion = station(build(start={"mode": "GUIDED", "heading_deg": 90.0}))
+    companion.command(511, 85, 100_000)
+    companion.wait(0.5)
+    assert companion.listen("POSITION_TARGET_LOCAL_NED") == []
+    companion.velocity(5.0, 0.0)
+    companion.wait(0.5)
+    echo = companion.listen("POSITION_TARGET_LOCAL_NED")[-1]
+    assert (echo.vx, echo.vy, echo.type_mask) == (pytest.approx(0.0, abs=1e-6), pytest.approx(5.0), 3079)
 
 
 def test_the_same_bytes_give_the_same_flight(build: Build, station: Stations) -> None:

@@ -33,7 +33,7 @@ def test_an_empty_file_flies() -> None:
         ({"start": {"random": {"north_m": [5]}}}, "f.toml: start.random.north_m: must have 2 numbers, has 1"),
         ({"start": 5}, "f.toml: start: must be a table of keys and values, not 5"),
         ({"start": {"mode": "GUIDE"}}, 'f.toml: start.mode: "GUIDE" is no mode of arducopter, did you mean "GUIDED"?'),
-        ({"start": {"armed": False}}, "f.toml: start.armed: false needs altitude_m = 0"),
+        ({"start": {"armed": False, "altitude_m": 10}}, "f.toml: start.armed: false needs altitude_m = 0"),
     ],
 )
 def test_a_mistake_is_named_in_one_line(table: dict[str, Any], complaint: str) -> None:
@@ -75,3 +75,18 @@ def test_random_starts_stay_in_bounds_and_repeat_with_the_seed() -> None:
     distances = [math.hypot(t.north - 50.0, t.east + 20.0) for t in truths]
     assert all(100 <= d <= 300 for d in distances) and max(distances) - min(distances) > 100
     assert truths[3] == Vehicle(parse_vehicle({"seed": 3, **table}, "x")).truth
+
+
+def test_the_documented_file_flies() -> None:
+    """Every key of the README's example is known, and it names every key there is."""
+    import dataclasses
+    import tomllib
+
+    text = (Path(__file__).parents[2] / "sim" / "README.md").read_text()
+    example = tomllib.loads(text.split("```toml")[1].split("```")[0])
+    vehicle = Vehicle(parse_vehicle(example, "README.md"))
+    vehicle.advance(1.0)
+    documented = {f"{section}.{key}" for section, table in example.items() if isinstance(table, dict) for key in table}
+    for section in ("vehicle", "start", "target", "wind", "ranging", "truth", "sensors", "battery"):
+        for field in dataclasses.fields(getattr(vehicle.config, section)):
+            assert f"{section}.{field.name}" in documented or f"{field.name}" in text, f"{section}.{field.name}"

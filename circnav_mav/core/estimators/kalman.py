@@ -22,6 +22,7 @@ class KalmanRangeRate:
         self._settings = settings
         self._filter = KalmanFilter(dim_x=2, dim_z=1)
         self._filter.H = np.array([[1.0, 0.0]])
+        self._filter.inv = np.reciprocal  # the innovation covariance is 1 x 1
         self.reset()
 
     def reset(self) -> None:

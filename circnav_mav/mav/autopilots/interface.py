@@ -1,4 +1,4 @@
-"""What every vehicle adapter offers."""
+"""What every vehicle adapter offers, and what it is told."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -7,14 +7,56 @@ from typing import Protocol
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.commands import Command
 from circnav_mav.mav.gate import Steer
+from circnav_mav.mav.motion import Motion
+
+GRAVITY = 9.80665
+
+
+@dataclass(frozen=True, slots=True)
+class AirLoops:
+    """Our own height and airspeed loops, for a vehicle that is told pitch and thrust.
+
+    pitch = pitch_per_height e_h - pitch_per_climb climb (rad, e_h = wanted - present height, m), within max_pitch;
+    thrust = trim_thrust + thrust_per_speed e_V + thrust_per_bank (1/cos(roll) - 1), within 0 and 1.
+    The defaults are those flown on PX4's simulated plane at 10 m/s.
+    """
+
+    trim_thrust: float = 0.63
+    thrust_per_speed: float = 0.08
+    thrust_per_bank: float = 0.25
+    pitch_per_height: float = 0.02
+    pitch_per_climb: float = 0.04
+    max_pitch: float = 0.26
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleFacts:
+    """What the mission says of the vehicle.
+
+    speed: V, m/s. max_bank: rad, for vehicles that turn by banking. stick_bank: bank at full stick (PX4's FW_R_LIM),
+    rad. climb_gain, max_climb: our height hold by climb rate, 1/s and m/s. loops: pitch and thrust.
+    """
+
+    speed: float
+    max_bank: float = 0.7
+    stick_bank: float = 0.8727
+    climb_gain: float = 0.5
+    max_climb: float = 1.0
+    loops: AirLoops = AirLoops()
 
 
 @dataclass(frozen=True, slots=True)
 class VehicleState:
-    """What an adapter may use besides the command: whom to address, and our own clock."""
+    """What an adapter may use besides the command.
+
+    target_system, target_component: whom to address. motion: what is known of the vehicle's own motion.
+    height: altitude to hold, m above sea level, None when the vehicle holds it or nothing is known.
+    """
 
     target_system: int
     target_component: int
+    motion: Motion
+    height: float | None
 
 
 class Autopilot(Protocol):
@@ -46,13 +88,39 @@ class Autopilot(Protocol):
         ...
 
     @property
-    def shapes(self) -> frozenset[tuple[str, int]]:
-        """(message type, type_mask) pairs that may be sent, and no others."""
+    def exits(self) -> Mapping[str, int]:
+        """Exit action -> the custom_mode that it commands."""
+        ...
+
+    @property
+    def default_exit(self) -> str:
+        """The exit action when the mission names none; "stop" leaves the vehicle in its mode and falls silent."""
+        ...
+
+    @property
+    def shapes(self) -> frozenset[tuple[str, int | None]]:
+        """(message type, type_mask or None) pairs that may be sent, and no others."""
         ...
 
     @property
     def streams(self) -> Mapping[int, float]:
         """Message id -> Hz to ask for."""
+        ...
+
+    @property
+    def needs_setpoints_first(self) -> bool:
+        """Whether the guided mode can be entered only while setpoints flow."""
+        ...
+
+    @property
+    def measures_airspeed(self) -> bool:
+        """Whether VFR_HUD.airspeed is an airspeed. A copter without a sensor sends its ground speed there, which is a
+        velocity and not to be used; it holds the commanded speed instead."""
+        ...
+
+    @property
+    def needs(self) -> frozenset[str]:
+        """Names of `Motion` fields without which it cannot be flown."""
         ...
 
     def setpoint(self, steer: Steer, state: VehicleState, now: float) -> Message:

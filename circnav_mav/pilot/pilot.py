@@ -7,133 +7,64 @@ then holds the orbit's own turn rate, then gives up. The operator always wins: s
 """
 
 from collections.abc import Hashable
-from dataclasses import dataclass
-from enum import Enum
 from math import isfinite
 
-from circnav_mav.core.estimators.interface import EstimatorSettings, Fused
+from circnav_mav.core.bounds import breach
+from circnav_mav.core.estimators.interface import Fused
 from circnav_mav.core.estimators.table import ESTIMATORS
-from circnav_mav.core.guidance import LawChoice, limit, steering
 from circnav_mav.core.phases import STEERING, Event, Phase, advance
-from circnav_mav.core.values import Orbit, RangeEstimate, RangeSample, TurnCommand
-from circnav_mav.mav.autopilots.table import AUTOPILOTS
+from circnav_mav.core.values import RangeEstimate, RangeSample, TurnCommand
+from circnav_mav.mav.autopilots.table import adapters
 from circnav_mav.mav.codec import Decoder, LinkCounts, Message
 from circnav_mav.mav.frames import YawRate, yaw_rate_from_turn_rate
-from circnav_mav.mav.gate import Limits, SetpointGate, Steer, UnsafeSetpointError
-from circnav_mav.mav.ranging import RANGING_MESSAGES, RangeReader, RangingSettings, Reject
-from circnav_mav.mav.session import HEARTBEAT_PERIOD, LOST_AFTER, LinkSettings, Session
+from circnav_mav.mav.gate import UnsafeSetpointError
+from circnav_mav.mav.ranging import RANGING_MESSAGES, RangeReader, Reject
+from circnav_mav.mav.session import HANDLED, HEARTBEAT_PERIOD, LOST_AFTER, Session
+from circnav_mav.pilot.handover import ModeRequest
+from circnav_mav.pilot.helm import Helm
+from circnav_mav.pilot.settings import (
+    LINKS,
+    RANGING,
+    VEHICLE,
+    Ending,
+    Outcome,
+    PilotSettings,
+    TickRecord,
+    Voice,
+)
 
-VEHICLE, RANGING = LINKS = ("vehicle", "ranging")
-"""The links: to the vehicle, and to a ranging radio that has an endpoint of its own."""
 STALL = 0.5
 """Gap between two steps, s, after which everything that came in during it counts as stale."""
 SAFE_SETPOINTS = 3
 """Times that the safe setpoint is sent before silence: a datagram can be lost."""
-MODE_PROOF = 3.0
-"""Time, s, that an accepted mode request has to show in the vehicle's heartbeat."""
-MODE_TRIES = 3
-
-
-class Ending(Enum):
-    """How a flight ended."""
-
-    COMPLETED = "completed"
-    INTERRUPTED = "interrupted"
-    ABORTED = "aborted"
-    NOTHING_HEARD = "nothing heard"
-
-
-@dataclass(frozen=True, slots=True)
-class Outcome:
-    """An ending, with the reason for people."""
-
-    ending: Ending
-    reason: str
-
-
-@dataclass(frozen=True, slots=True)
-class Timing:
-    """All in seconds. duration: of the flight after engaging. wait_link, wait_ranging: patience before the first
-    engagement. stale: age of the newest range up to which the prediction steers. hold: how long to hold after that.
-    outage: longest silence of the vehicle after which the mission resumes. tick: period without fresh ranges."""
-
-    duration: float
-    wait_link: float = 30.0
-    wait_ranging: float = 30.0
-    stale: float = 0.5
-    hold: float = 10.0
-    outage: float = 60.0
-    tick: float = 0.05
-
-
-@dataclass(frozen=True, slots=True)
-class PilotSettings:
-    """A mission, in SI units and radians, as the pilot needs it.
-
-    vehicle: key of the adapter table. request_mode: ask for the guided mode (else wait for the operator to enter it).
-    end_on_takeover: whether the operator's leaving the mode ends the mission (else it waits to be given the vehicle
-    again). dry_run: compute and log, send no setpoint and request no mode. ranging_apart: ranging comes on a link of
-    its own. stream_links: links that are byte streams (TCP, serial), not datagrams.
-    """
-
-    orbit: Orbit
-    law: LawChoice
-    estimator: str
-    estimation: EstimatorSettings
-    ranging: RangingSettings
-    link: LinkSettings
-    vehicle: tuple[str, str]
-    timing: Timing
-    request_mode: bool = False
-    end_on_takeover: bool = True
-    max_yaw_acceleration: float | None = None
-    dry_run: bool = False
-    ranging_apart: bool = False
-    stream_links: frozenset[str] = frozenset()
-
-
-@dataclass(frozen=True, slots=True)
-class TickRecord:
-    """One tick, for the log and the display. Rates are the paper's (counter-clockwise positive) except yaw_rate_sent,
-    which is MAVLink's. None stands for "not known" or "not sent"."""
-
-    time: float
-    phase: Phase
-    measured: float | None
-    r: float | None
-    r_dot: float | None
-    r_sigma: float | None
-    r_dot_sigma: float | None
-    nis: float | None
-    demanded: float | None
-    turn_rate: float | None
-    saturated: bool
-    yaw_rate_sent: float | None
-    range_age: float | None
-    link_age: float | None
-    mode: str
-    accepted: int
-    rejected: int
+LEAVING_PATIENCE = 12.0
+"""Time, s, that the exit action may take before we fall silent without it."""
+AUTOPILOT_COMPONENT = 1
+STOP_SENDING = "stop"
 
 
 class Pilot:
     """The guidance application: ranging and vehicle telemetry in, setpoints out."""
 
     def __init__(self, settings: PilotSettings) -> None:
-        orbit = settings.orbit
+        message = RANGING_MESSAGES[settings.ranging.message]
+        from_autopilot = settings.ranging.component == AUTOPILOT_COMPONENT and not settings.ranging_apart
         self.settings = settings
-        self.adapter = AUTOPILOTS[settings.vehicle]()
-        self.session = Session(settings.link, self.adapter)
+        self.session = Session(
+            settings.link,
+            adapters(settings.autopilot, settings.kind, settings.facts),
+            {message.id: settings.ranging.rate} if from_autopilot else None,
+        )
         self.ranging = RangeReader(settings.ranging)
         self.estimator = ESTIMATORS[settings.estimator](settings.estimation)
+        self.helm = Helm(settings)
         self.phase = Phase.WAIT_LINK
         self.outcome: Outcome | None = None
         self.engaged_at: float | None = None
         self.setpoints_sent = 0
         self.samples_accepted = 0
-        self._steer = steering(orbit, settings.law)
-        self._gate = SetpointGate(Limits(orbit.max_turn_rate, orbit.speed, settings.max_yaw_acceleration))
-        self._decoders = {link: Decoder(stream=link in settings.stream_links) for link in LINKS}
+        wanted = HANDLED | {message.id}
+        self._decoders = {link: Decoder(stream=link in settings.stream_links, wanted=wanted) for link in LINKS}
         self._ranging_link = RANGING if settings.ranging_apart else VEHICLE
         self._records: list[TickRecord] = []
         self._frames: list[bytes] = []
@@ -143,15 +74,18 @@ class Pilot:
         self._stepped: float | None = None
         self._next_tick = float("-inf")
         self._next_hello = float("-inf")
+        self._setpoint_at = float("-inf")
         self._phase_since = 0.0
         self._lost_at: float | None = None
         self._consent = True
         self._left_mode = False
         self._reboots = 0
+        self._twins = 0
         self._heartbeats_before: int | None = None
-        self._mode_tries = 0
-        self._mode_due = float("-inf")
+        self._engaging = ModeRequest()
+        self._leaving = ModeRequest()
         self._safe_left = SAFE_SETPOINTS
+        self._law = ""
 
     # --- in -------------------------------------------------------------------------------------------------------
 
@@ -159,8 +93,8 @@ class Pilot:
         """Take in one datagram (or chunk of a stream) that arrived at `now` from `source` on a link."""
         decoder = self._decoders[link]
         for message in decoder.decode(data):
-            if link == VEHICLE:
-                self.session.receive(message, now, source)
+            if link == VEHICLE and self.session.receive(message, now, source):
+                self._take_motion(message, now)
             if link == self._ranging_link:
                 self._take_range(message, now)
         self._frames += decoder.frames
@@ -185,6 +119,21 @@ class Pilot:
             return
         self.samples_accepted += 1
         self._newest, self._fresh = sample, True
+
+    def _take_motion(self, message: Message, now: float) -> None:
+        """Own motion teaches the turn-rate gain, and estimators that know where the vehicle is heading."""
+        if not self.session.motion.receive(message, now):
+            return
+        own = self.session.motion.own(now, self._airspeed(now))
+        if own is not None:
+            self.helm.feel(own)
+            if self.session.adapter.measures_airspeed or self.phase in STEERING:
+                self.estimator.move(own)
+
+    def _airspeed(self, now: float) -> float:
+        """As measured; else the speed that the vehicle is told to hold, which it holds only while it is ours."""
+        measured = self.session.motion.at(now).airspeed if self.session.adapter.measures_airspeed else None
+        return self.settings.orbit.speed if measured is None else measured
 
     # --- out ------------------------------------------------------------------------------------------------------
 
@@ -229,31 +178,40 @@ class Pilot:
         if self._stalled(now):
             self._fresh, self._heartbeats_before = False, self.session.heartbeats
         self._stepped = now
-        if self.done or not (self._fresh or now >= self._next_tick):
+        fresh, due = self._fresh, now >= self._next_tick
+        if self.done or not (fresh or due):
             return b""
-        self._started = now if self._started is None else self._started
-        self._next_tick = now + self.settings.timing.tick
         self._fresh = False
+        self._started = now if self._started is None else self._started
         self._watch_link(now)
         self._watch_takeover(now)
         self._watch_time(now)
+        self._watch_bounds(now)
         self._watch_ranging(now)
         self._watch_engagement(now)
         estimate = self.estimator.at(now)
-        command = self._command(estimate)
-        messages, sent = self._setpoint(command, now)
+        command = self.helm.command(self.phase, estimate)
+        self._tell_law(command)
+        quiet = now - self._setpoint_at < self.settings.timing.tick / 2 and self.phase is not Phase.LEAVING
+        messages, sent = ([], None) if quiet and not fresh else self._setpoint(command, now)
         self._record(estimate, command, sent, now)
-        messages += self.session.poll(now) + self.session.announcer.plots(self._plots(estimate, command), now)
-        if self.done:
-            messages += self.session.farewell()
-        return b"".join(map(self.session.encoder.encode, messages))
+        if due or self.done:  # the rest can wait for the tick: a fresh range is answered at once
+            self._next_tick = now + self.settings.timing.tick
+            messages += self._housekeeping(estimate, command, now)
+        return b"".join(map(self.session.encode, messages))
 
     def last_words(self, now: float) -> bytes:
         """The safe setpoint alone, for the shell to send when the pilot itself has failed; empty if not ours to fly."""
-        if self.settings.dry_run or self.phase not in STEERING or not self.session.in_our_mode:
+        if self.settings.voice is not Voice.FLY or self.phase not in STEERING or not self.session.in_our_mode:
             return b""
-        message = self.adapter.safe_setpoint(self.session.vehicle, now)
-        return self.session.encoder.encode(self._gate.check_message(message, self.adapter.shapes))
+        return self.session.encode(self.helm.safe_setpoint(self.session, now))
+
+    def _housekeeping(self, estimate: RangeEstimate | None, command: TurnCommand | None, now: float) -> list[Message]:
+        """Heartbeat, commands, streams, texts and plot values; the farewell at the end."""
+        plots = self.session.announcer.plots(self._plots(estimate, command), now)
+        if self.settings.voice is Voice.SHADOW:
+            return self.session.heartbeats_due(now) + plots
+        return self.session.poll(now) + plots + (self.session.farewell() if self.done else [])
 
     # --- what moves the phases --------------------------------------------------------------------------------------
 
@@ -290,33 +248,56 @@ class Pilot:
         rebooted, self._reboots = session.reboots > self._reboots, session.reboots
         if rebooted:
             self.estimator.reset()
-        outside = session.up and session.mode is not None and session.mode != self.adapter.guided_mode
+        outside = session.up and session.mode is not None and session.mode != session.adapter.guided_mode
         if outside:
             self._left_mode = True
         if self._left_mode and session.in_our_mode:
             self._consent, self._left_mode = True, False
-        ours = self.phase in STEERING or self.phase is Phase.LEAVING
-        if not ours or self.settings.dry_run or not session.up or (session.in_our_mode and not rebooted):
+        resuming = self.engaged_at is not None and self.phase in (Phase.WAIT_RANGING, Phase.READY)
+        ours = self.phase in STEERING or self.phase is Phase.LEAVING or resuming
+        if not ours or self.settings.voice is not Voice.FLY or not session.up:
+            return
+        if session.in_our_mode and not rebooted:
             return
         self._consent, self._left_mode = False, outside
-        reason = (
-            "autopilot rebooted"
-            if rebooted
-            else "vehicle disarmed"
-            if not outside
-            else (f"operator took over, mode {session.mode_name}")
-        )
         self._event(Event.MODE_LEFT, now)
-        self._gate.reset()
+        self.session.drop_mode_requests()
+        self.helm.let_go()
+        if self.outcome is not None:  # we were leaving: this is the exit action taking effect
+            return
+        reason = "vehicle disarmed" if not outside else f"operator took over, mode {session.mode_name}"
+        reason = "autopilot rebooted" if rebooted else reason
         self._say("yield", reason)
         if self.settings.end_on_takeover:
             self._finish(Ending.ABORTED, reason, now)
+
+    def _watch_bounds(self, now: float) -> None:
+        """The mission's own limits while the vehicle is ours, and a twin of ours at any time."""
+        session = self.session
+        twins, self._twins = session.ignored["twin"], session.ignored["twin"]
+        if twins > 3:
+            ids = f"{session.encoder.system}/{self.settings.link.component_id}"
+            self._finish(Ending.ABORTED, f"another companion sends as {ids}: give one of us another component_id", now)
+        if self.phase not in STEERING:
+            return
+        estimate = self.estimator.at(now) if self.phase is Phase.ENGAGED else None
+        broken = breach(
+            self.settings.bounds,
+            r=estimate.r if estimate else None,
+            altitude=session.motion.at(now).altitude,
+            battery=session.battery,
+        )
+        if broken is not None:
+            self._finish(Ending.ABORTED, broken, now)
 
     def _watch_time(self, now: float) -> None:
         timing = self.settings.timing
         waited = now - self._phase_since
         if self.engaged_at is not None and now - self.engaged_at >= timing.duration:
-            self._finish(Ending.COMPLETED, "flown to its end", now)
+            if self.phase in STEERING:
+                self._finish(Ending.COMPLETED, "flown to its end", now)
+            else:
+                self._finish(Ending.ABORTED, f"time ran out while {self.phase.value}", now)
         elif self.phase is Phase.HOLDING and waited > timing.hold:
             self._finish(Ending.ABORTED, f"no range for {waited:.1f} s", now)
         elif self._lost_at is not None and now - self._lost_at > timing.outage:
@@ -326,94 +307,101 @@ class Pilot:
         elif self.phase is Phase.WAIT_LINK and now - self._started > timing.wait_link:
             self._finish(Ending.NOTHING_HEARD, f"no vehicle: {self._why_no_vehicle()}", now)
         elif self.phase is Phase.WAIT_RANGING and waited > timing.wait_ranging:
-            self._finish(Ending.NOTHING_HEARD, f"no ranging: {self._why_no_ranging()}", now)
+            self._finish(Ending.NOTHING_HEARD, self._why_not_ready(now), now)
 
     def _watch_ranging(self, now: float) -> None:
         age = self._range_age(now)
         good = self.estimator.ready and age is not None and age <= self.settings.timing.stale
+        if self.phase is Phase.WAIT_RANGING and self._missing(now):
+            return
         before = self.phase
         if self._event(Event.RANGE_GOOD if good else Event.RANGE_LOST, now) and before in STEERING:
             self._say("range", "range is back" if good else "range lost, holding")
 
     def _watch_engagement(self, now: float) -> None:
-        allowed = self.settings.dry_run or (self._consent and self.session.in_our_mode)
+        flying = self.settings.voice is Voice.FLY
+        allowed = not flying or (self._consent and self.session.in_our_mode)
         if allowed and self.phase is Phase.YIELDED:
             self._event(Event.MODE_OURS, now)
         elif allowed and self.phase is Phase.READY:
-            self._event(Event.MODE_OURS, now)
-            self._lost_at = None
-            if self.engaged_at is None:
-                self.engaged_at = now
-            orbit = self.settings.orbit
-            self._say("engage", f"engaged, {orbit.radius:g} m {orbit.direction.value}")
-        elif self.phase is Phase.READY and self.settings.request_mode and not self.settings.dry_run:
-            self._ask_for_mode(now)
+            self._engage(now)
+        elif self.phase is Phase.READY and self.settings.request_mode and flying and self.engaged_at is None:
+            adapter = self.session.adapter
+            failure = self._engaging.ask(self.session, adapter.guided_mode, now)
+            if failure is not None:
+                name = adapter.mode_names[adapter.guided_mode]
+                self._finish(Ending.ABORTED, f"mode {name} {failure}", now)
 
-    def _ask_for_mode(self, now: float) -> None:
-        """Request the guided mode; believe it from the heartbeat only."""
-        for result in self.session.take_results():
-            if not result.accepted:
-                said = f", vehicle says: {self.session.texts[-1]}" if self.session.texts else ""
-                self._finish(Ending.ABORTED, f"guided mode refused: {result.said}{said}", now)
-                return
-        if now < self._mode_due or self.session.mode == self.adapter.guided_mode:
-            return
-        if self._mode_tries == MODE_TRIES:
-            self._finish(
-                Ending.ABORTED, f"guided mode was acknowledged but the vehicle is in {self.session.mode_name}", now
-            )
-            return
-        self._mode_tries, self._mode_due = self._mode_tries + 1, now + MODE_PROOF
-        self.session.commands.send(self.adapter.request_mode(self.adapter.guided_mode))
+    def _engage(self, now: float) -> None:
+        self._event(Event.MODE_OURS, now)
+        self.session.drop_mode_requests()
+        self._lost_at = None
+        self.engaged_at = now if self.engaged_at is None else self.engaged_at
+        orbit = self.settings.orbit
+        self._say("engage", f"engaged, {orbit.radius:g} m {orbit.direction.value}")
 
     # --- the setpoint -------------------------------------------------------------------------------------------------
-
-    def _command(self, estimate: RangeEstimate | None) -> TurnCommand | None:
-        """The turn of this step: the law's while engaged, the orbit's own while holding."""
-        if self.phase is Phase.ENGAGED and estimate is not None:
-            return self._steer(estimate)
-        if self.phase is Phase.HOLDING:
-            return limit(self.settings.orbit.steady_turn_rate, self.settings.orbit.max_turn_rate)
-        return None
 
     def _setpoint(self, command: TurnCommand | None, now: float) -> tuple[list[Message], YawRate | None]:
         """The setpoint message of this step, if any, and the yaw rate in it."""
         if self._heartbeats_before is not None and self.session.heartbeats > self._heartbeats_before:
             self._heartbeats_before = None
-        if self.settings.dry_run or self._heartbeats_before is not None:
-            return self._no_setpoint(now), None
-        if self.phase is Phase.LEAVING:
-            return self._safe_setpoint(now), None
-        if command is None:
-            return [], None
+        silent = self.settings.voice is not Voice.FLY or self._heartbeats_before is not None
         try:
-            wanted = Steer(yaw_rate_from_turn_rate(command.turn_rate), self.settings.orbit.speed)
-            steer = self._gate.admit(wanted, now)
-            message = self._gate.check_message(
-                self.adapter.setpoint(steer, self.session.vehicle, now), self.adapter.shapes
-            )
+            if self.phase is Phase.LEAVING:
+                return self._leave(now, silent=silent), None
+            if silent:
+                return [], None
+            if command is None:
+                return self._stream_before_engaging(now), None
+            message, yaw_rate = self.helm.setpoint(command, self.session, now)
         except UnsafeSetpointError as error:
             self._finish(Ending.ABORTED, f"internal error, unsafe setpoint held back: {error}", now)
-            return self._safe_setpoint(now), None
-        self.setpoints_sent += 1
-        return [message], steer.yaw_rate
+            return [], None
+        self._count_setpoint(now)
+        return [message], yaw_rate
 
-    def _safe_setpoint(self, now: float) -> list[Message]:
-        """The vehicle's safe setpoint, some times over, then silence."""
-        message = self._gate.check_message(self.adapter.safe_setpoint(self.session.vehicle, now), self.adapter.shapes)
+    def _leave(self, now: float, *, silent: bool) -> list[Message]:
+        """The safe setpoint until the exit action shows in the vehicle's mode, or some times over; then silence."""
+        action = self._exit_action()
+        failure = None
+        if silent:
+            self._event(Event.SAFE_SENT, now)
+            return []
+        if action is not None:
+            failure = self._leaving.ask(self.session, self.session.adapter.exits[action], now)
+            if failure is None and now - self._phase_since > LEAVING_PATIENCE:
+                failure = "without effect"
         self._safe_left -= 1
-        self.setpoints_sent += 1
-        if self._safe_left <= 0:
+        if failure is not None and self.outcome is not None:
+            self.outcome = Outcome(self.outcome.ending, f"{self.outcome.reason}; exit action {action} {failure}")
+        if failure is not None or (action is None and self._safe_left <= 0):
             self._event(Event.SAFE_SENT, now)
-        return [message]
+        self._count_setpoint(now)
+        return [self.helm.safe_setpoint(self.session, now)]
 
-    def _no_setpoint(self, now: float) -> list[Message]:
-        """Nothing may be sent; a mission that is leaving has then left."""
-        if self.phase is Phase.LEAVING:
-            self._event(Event.SAFE_SENT, now)
-        return []
+    def _exit_action(self) -> str | None:
+        """The mission's exit action, or the autopilot's default; None: stop sending."""
+        action = self.settings.exit or self.session.adapter.default_exit
+        return None if action == STOP_SENDING else action
+
+    def _stream_before_engaging(self, now: float) -> list[Message]:
+        """PX4 enters OFFBOARD only while setpoints flow; before that it does not fly them. Never after a takeover."""
+        if self.phase is not Phase.READY or not self.session.adapter.needs_setpoints_first or not self._consent:
+            return []
+        self._count_setpoint(now)
+        return [self.helm.safe_setpoint(self.session, now, engaged=False)]
+
+    def _count_setpoint(self, now: float) -> None:
+        self.setpoints_sent += 1
+        self._setpoint_at = now
 
     # --- what is told -------------------------------------------------------------------------------------------------
+
+    def _missing(self, now: float) -> list[str]:
+        """What the vehicle must tell before it can be flown, and does not."""
+        motion = self.session.motion.at(now)
+        return sorted(name for name in self.session.adapter.needs if getattr(motion, name) is None)
 
     def _stalled(self, now: float) -> bool:
         return self._stepped is not None and now - self._stepped > STALL
@@ -423,6 +411,12 @@ class Pilot:
 
     def _say(self, kind: str, text: str) -> None:
         self.session.announcer.say(kind, text)
+
+    def _tell_law(self, command: TurnCommand | None) -> None:
+        """Say when another law takes over, and why."""
+        if command is not None and command.flies and command.flies != self._law:
+            self._law = command.flies
+            self._say("law", command.why)
 
     def _plots(self, estimate: RangeEstimate | None, command: TurnCommand | None) -> dict[str, float]:
         """NAMED_VALUE_FLOAT names and values: range, range rate, error, yaw rate (clockwise positive)."""
@@ -435,7 +429,8 @@ class Pilot:
     def _record(
         self, estimate: RangeEstimate | None, command: TurnCommand | None, sent: YawRate | None, now: float
     ) -> None:
-        link_age = self.session.heartbeat_age(now)
+        link_age, motion = self.session.heartbeat_age(now), self.session.motion.at(now)
+        where = estimate.relative if estimate and estimate.relative and estimate.relative.trusted else None
         self._records.append(
             TickRecord(
                 time=now,
@@ -450,6 +445,16 @@ class Pilot:
                 turn_rate=command.turn_rate if command else None,
                 saturated=command.saturated if command else False,
                 yaw_rate_sent=sent,
+                turn_gain=self.helm.turn_gain,
+                law=(command.flies or self.settings.law.name) if command and self.phase is Phase.ENGAGED else "",
+                x=where.x if where else None,
+                y=where.y if where else None,
+                drift_x=where.drift_x if where else None,
+                drift_y=where.drift_y if where else None,
+                airspeed_scale=where.scale if where else None,
+                heading=motion.yaw,
+                airspeed=motion.airspeed,
+                altitude=motion.altitude,
                 range_age=self._range_age(now),
                 link_age=link_age if isfinite(link_age) else None,
                 mode=self.session.mode_name,
@@ -463,10 +468,15 @@ class Pilot:
             return "; ".join(self.session.misfits.values())
         return f"no autopilot heartbeat, {self.counts().describe()}"
 
-    def _why_no_ranging(self) -> str:
+    def _why_not_ready(self, now: float) -> str:
+        missing = self._missing(now)
+        if missing and self.estimator.ready:
+            return (
+                f"no {' and no '.join(missing)} in VFR_HUD, which a {self.session.adapter.name} cannot be flown without"
+            )
         settings = self.settings.ranging
         refused = ", ".join(f"{count} {reason}" for reason, count in self.ranging.rejected.items()) or "none"
         return (
-            f"no usable {RANGING_MESSAGES[settings.message].type}, samples rejected: {refused}; "
+            f"no ranging: no usable {RANGING_MESSAGES[settings.message].type}, samples rejected: {refused}; "
             f"{self.counts(self._ranging_link).describe()}"
         )

@@ -1,0 +1,136 @@
+"""What a pilot would have said in a flight that already happened. The vehicle does not answer: its path is as flown."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from math import inf
+
+import numpy as np
+
+from circnav_mav.analysis.run_folder import WORDS, Column, Ticks
+from circnav_mav.analysis.turns import Turn
+from circnav_mav.core.phases import Phase
+from circnav_mav.mav.codec import split_frames
+from circnav_mav.pilot import Pilot, PilotSettings, TickRecord, Timing
+
+SETPOINT_IDS = frozenset({69, 82, 84})
+"""MANUAL_CONTROL, SET_ATTITUDE_TARGET, SET_POSITION_TARGET_LOCAL_NED."""
+LONGEST_GAP = 10.0
+"""Time, s, for which ticks go on in a gap of a plain tlog."""
+COMPARED = ("r", "r_dot", "demanded", "turn_rate")
+
+Said = list[tuple[float, bytes]]
+
+
+@dataclass(slots=True)
+class Replayed:
+    """What came of a replay, beside what the log holds. said, was_said: (time, frame) of ours, in order."""
+
+    ticks: list[TickRecord] = field(default_factory=list)
+    said: Said = field(default_factory=list)
+    was_said: Said = field(default_factory=list)
+    turns: int = 0
+    frames: int = 0
+    until: float = 0.0
+
+    @property
+    def setpoints(self) -> Said:
+        """The setpoints of the replay."""
+        return _setpoints(self.said)
+
+    @property
+    def was_setpoints(self) -> Said:
+        """The setpoints in the log."""
+        return _setpoints(self.was_said)
+
+    @property
+    def identical(self) -> bool:
+        """Whether every frame of ours is the one in the log, byte for byte and at its time."""
+        return self.said == self.was_said
+
+    @property
+    def first_difference(self) -> float | None:
+        """Time of the first frame of ours that differs, None if none does."""
+        pairs = zip(self.said, self.was_said, strict=False)
+        differing = next((min(a[0], b[0]) for a, b in pairs if a != b), None)
+        if differing is None and len(self.said) != len(self.was_said):
+            shorter = min(len(self.said), len(self.was_said))
+            return max(self.said, self.was_said, key=len)[shorter][0]
+        return differing
+
+
+def replay(pilot: Pilot, turns: Iterable[Turn], *, ticking: bool = False) -> Replayed:
+    """Feed turns to a pilot at their times. ticking: the turns are not all there, so that ticks are added as due."""
+    done = Replayed()
+    for turn in turns:
+        while ticking and done.turns and pilot.next_tick < min(turn.time, done.until + LONGEST_GAP) and not pilot.done:
+            _step(pilot, pilot.next_tick, done)
+        for link, source, frame in turn.heard:
+            pilot.receive(frame, turn.time, source, link)
+        if turn.interrupt and pilot.outcome is None:
+            pilot.interrupt(turn.time, turn.interrupt)
+        if not pilot.done:
+            _step(pilot, turn.time, done)
+        pilot.take_frames()
+        done.was_said += [(turn.time, frame) for frame in turn.said]
+        done.frames += len(turn.heard)
+        done.turns += 1
+        done.until = turn.time
+    return done
+
+
+def _step(pilot: Pilot, now: float, done: Replayed) -> None:
+    out = pilot.step(now)
+    if pilot.settings.ranging_apart:
+        out += pilot.hello(now)
+    done.said += [(now, frame) for frame in split_frames(out)]
+    done.ticks += pilot.take_records()
+
+
+def patient(settings: PilotSettings) -> PilotSettings:
+    """Settings that replay a plain tlog from end to end: no patience runs out, and there is one link."""
+    timing = settings.timing
+    endless = Timing(
+        duration=inf, wait_link=inf, wait_ranging=inf, stale=timing.stale, hold=inf, outage=inf, tick=timing.tick
+    )
+    return replace(settings, timing=endless, ranging_apart=False, stream_links=frozenset())
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """How far a column of the ticks moved: root mean square and most, in its own unit, over the ticks both have."""
+
+    column: str
+    rms: float
+    most: float
+    ticks: int
+
+
+def differences(was: Ticks, would: Ticks) -> list[Difference]:
+    """The columns worth comparing, tick by tick of the same time."""
+    _, here, there = np.intersect1d(np.round(was.time * 1e6), np.round(would.time * 1e6), return_indices=True)
+    found = []
+    for column in COMPARED:
+        gap = would.numbers[column][there] - was.numbers[column][here]
+        gap = gap[~np.isnan(gap)]
+        if len(gap):
+            found.append(Difference(column, float(np.sqrt(np.mean(gap**2))), float(np.max(np.abs(gap))), len(gap)))
+    return found
+
+
+def as_ticks(records: list[TickRecord]) -> Ticks:
+    """Tick records as the columns that a ticks.csv reads back as."""
+
+    def column(name: str) -> Column:
+        return np.array([np.nan if (v := getattr(record, name)) is None else float(v) for record in records])
+
+    names = [name for name in TickRecord.__dataclass_fields__ if name not in WORDS]
+    words = {name: [_word(getattr(record, name)) for record in records] for name in WORDS}
+    return Ticks({name: column(name) for name in names}, words)
+
+
+def _word(value: str | Phase) -> str:
+    return value.value if isinstance(value, Phase) else value
+
+
+def _setpoints(said: Said) -> Said:
+    return [(time, frame) for time, frame in said if int.from_bytes(frame[7:10], "little") in SETPOINT_IDS]

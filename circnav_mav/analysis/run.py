@@ -1,0 +1,82 @@
+"""A run folder opened: what it says of itself, whatever became of the process that wrote it."""
+
+import json
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from circnav_mav.analysis.run_folder import Ticks, Truth, read_ticks, read_truth
+
+
+class RunError(Exception):
+    """A run that cannot be opened, in one line."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run folder. summary: None when the run did not live to write it."""
+
+    folder: Path
+    mission_text: str
+    manifest: dict[str, Any]
+    summary: dict[str, Any] | None
+    epoch_us: int
+
+    @property
+    def voice(self) -> str:
+        """What the pilot was allowed to say."""
+        return str(self.manifest.get("voice", "fly"))
+
+    @property
+    def name(self) -> str:
+        """The mission's name."""
+        return str(self.manifest.get("mission") or (self.summary or {}).get("mission") or self.folder.name)
+
+    @cached_property
+    def ticks(self) -> Ticks:
+        """Every step that acted. Raises RunError."""
+        try:
+            return read_ticks(self.folder)
+        except (OSError, ValueError) as error:
+            raise RunError(f"{self.folder}: ticks.csv: {_said(error)}") from None
+
+    @cached_property
+    def truth(self) -> Truth | None:
+        """The simulator's truth, None when there was none. Raises RunError."""
+        try:
+            return read_truth(self.folder, self.epoch_us)
+        except OSError as error:
+            raise RunError(f"{self.folder}: flight.tlog: {_said(error)}") from None
+
+
+def open_run(folder: Path) -> Run:
+    """Open a run folder. Raises RunError."""
+    if not folder.exists():
+        raise RunError(f"{folder}: no such run folder")
+    if not folder.is_dir() or not (folder / "flight.tlog").is_file() or not (folder / "mission.toml").is_file():
+        raise RunError(f"{folder}: is not a run folder: flight.tlog or mission.toml is missing")
+    manifest, summary = _json(folder / "manifest.json"), _json(folder / "summary.json")
+    epoch = (manifest or {}).get("epoch_us") or (summary or {}).get("epoch_us")
+    if not isinstance(epoch, int):
+        raise RunError(f"{folder}: neither manifest.json nor summary.json tells when the run began (epoch_us)")
+    try:
+        text = (folder / "mission.toml").read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise RunError(f"{folder}: mission.toml: {_said(error)}") from None
+    return Run(folder, text, manifest or {}, summary, epoch)
+
+
+def _json(path: Path) -> dict[str, Any] | None:
+    """A JSON table; None if there is none. Raises RunError."""
+    try:
+        table = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError) as error:
+        raise RunError(f"{path}: {_said(error)}") from None
+    return table if isinstance(table, dict) else None
+
+
+def _said(error: Exception) -> str:
+    return getattr(error, "strerror", None) or str(error)

@@ -1,0 +1,68 @@
+"""A flight as the turns of its loop: exactly those of a run folder, and those that a plain tlog can stand for."""
+
+import csv
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import groupby, islice
+from pathlib import Path
+
+from circnav_mav.analysis.run_folder import read_tlog
+
+LINKS = {"v": "vehicle", "r": "ranging"}
+
+
+@dataclass(frozen=True, slots=True)
+class Turn:
+    """One turn of the loop: (link, source, frame) of all that came in, our own frames, and why it was interrupted."""
+
+    time: float
+    heard: tuple[tuple[str, str, bytes], ...]
+    said: tuple[bytes, ...] = ()
+    interrupt: str = ""
+
+
+def recorded_turns(folder: Path) -> Iterator[Turn]:
+    """The turns of a run folder, up to where its files were cut off. Raises OSError."""
+    frames = (frame for _, frame in read_tlog(folder / "flight.tlog"))
+    with (folder / "turns.csv").open(newline="", encoding="utf-8") as file:
+        rows = csv.reader(file)
+        columns = len(next(rows, ()))
+        for row in rows:
+            turn = _turn(row, frames) if len(row) == columns else None
+            if turn is None:
+                return
+            yield turn
+
+
+def _turn(row: list[str], frames: Iterator[bytes]) -> Turn | None:
+    """A line of turns.csv with its frames out of the tlog; None if they are not all there."""
+    time_us, datagrams, said, hello, interrupt = row
+    sources = []
+    for datagram in datagrams.split():
+        source, _, count = datagram.partition("*")
+        sources += [source] * int(count)
+    heard = tuple((LINKS[source[0]], source, frame) for source, frame in zip(sources, frames, strict=False))
+    spoken = tuple(islice(frames, int(said or 0) + int(hello or 0)))
+    if len(heard) < len(sources) or len(spoken) < int(said or 0) + int(hello or 0):
+        return None
+    return Turn(int(time_us) / 1e6, heard, spoken, interrupt)
+
+
+def plain_turns(path: Path, ours: int) -> Iterator[Turn]:
+    """The turns that a plain tlog stands for: frames of one stamp come in together, on one link.
+
+    ours: our own component id, whose frames went out and did not come in. Times count from the first stamp; a stamp
+    that steps back is taken for no time at all. Raises OSError.
+    """
+    first: int | None = None
+    newest = 0
+    for stamp, group in groupby(read_tlog(path), key=lambda record: record[0]):
+        first = stamp if first is None else first
+        newest = max(newest, stamp - first)
+        heard = tuple(("vehicle", "tlog", frame) for _, frame in group if _component(frame) != ours)
+        if heard:
+            yield Turn(newest / 1e6, heard)
+
+
+def _component(frame: bytes) -> int:
+    return frame[6] if frame[0] == 0xFD else frame[4]

@@ -1,0 +1,50 @@
+"""What `fly` and `preflight` share: the mission's links opened, the bundled vehicle started, the clock of the run."""
+
+from contextlib import ExitStack
+from pathlib import Path
+
+from circnav_mav.cli.emulate import EmulatedVehicle
+from circnav_mav.cli.exits import Exit, Refused
+from circnav_mav.mav.session import Session
+from circnav_mav.mission.load import SIM, Mission
+from circnav_mav.pilot import RANGING, VEHICLE
+from circnav_mav.runtime.clock import AutopilotClock, Clock, RunClock
+from circnav_mav.runtime.links import Link, LinkError, UdpLink, open_link
+
+LOOPBACK = "udpin:127.0.0.1:0"
+
+
+def open_links(mission: Mission, open_things: ExitStack) -> dict[str, Link]:
+    """The mission's endpoints, opened. Raises Refused."""
+    endpoints = {VEHICLE: mission.file.link.endpoint}
+    if mission.file.ranging.endpoint:
+        endpoints[RANGING] = mission.file.ranging.endpoint
+    links: dict[str, Link] = {}
+    for name, endpoint in endpoints.items():
+        try:
+            links[name] = open_link(LOOPBACK if endpoint == SIM else endpoint)
+        except LinkError as error:
+            raise Refused(str(error), Exit.NOTHING_HEARD if error.nobody else Exit.USAGE) from None
+        open_things.callback(links[name].close)
+    return links
+
+
+def start_vehicle(mission: Mission, vehicle_file: Path, links: dict[str, Link], open_things: ExitStack) -> None:
+    """The bundled vehicle, if the mission flies it, speaking to our links. Raises Refused."""
+    if not mission.flies_sim:
+        return
+    ports = {name: link.port for name, link in links.items() if isinstance(link, UdpLink)}
+    vehicle = EmulatedVehicle(vehicle_file, ports[VEHICLE], ports.get(RANGING), run_speed(mission))
+    open_things.callback(vehicle.stop)
+
+
+def start_clock(mission: Mission, session: Session) -> RunClock:
+    """The clock that the mission asks for; it starts the run."""
+    if mission.file.link.clock == "autopilot":
+        return AutopilotClock(lambda: session.boot_time, run_speed(mission))
+    return Clock(run_speed(mission))
+
+
+def run_speed(mission: Mission) -> float:
+    """Times real time that the run goes, as far as it is known beforehand."""
+    return mission.file.link.sim_speed if mission.flies_sim else 1.0

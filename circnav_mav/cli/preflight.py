@@ -1,0 +1,60 @@
+"""`circnav preflight`: the check of the mission, and then of the vehicle and the ranging themselves."""
+
+import tempfile
+from collections.abc import Iterable
+from contextlib import ExitStack
+from pathlib import Path
+
+import click
+
+from circnav_mav.cli.check import read_mission, show_checks
+from circnav_mav.cli.connect import open_links, start_clock, start_vehicle
+from circnav_mav.cli.exits import Exit, Refused
+from circnav_mav.mission.checks import Check, Grade, check_mission
+from circnav_mav.mission.load import Mission
+from circnav_mav.mission.param_rules import names_for
+from circnav_mav.mission.preflight import judge
+from circnav_mav.pilot.survey import Observations, Survey
+from circnav_mav.runtime.clock import AutopilotClock
+from circnav_mav.runtime.listener import listen
+from circnav_mav.runtime.runner import StopRequest
+
+
+def preflight_file(path: str, endpoint: str | None, overrides: tuple[str, ...], seconds: float) -> int:
+    """Check, listen, judge; fail if a line does. Raises Refused."""
+    if not 1 <= seconds <= 600:
+        raise Refused(f"--seconds: must be at least 1 and at most 600, not {seconds:g}")
+    mission = read_mission(path, overrides if endpoint is None else (*overrides, f'link.endpoint="{endpoint}"'))
+    lines = check_mission(mission)
+    show_checks(lines)
+    if _failures(lines):
+        raise Refused(f"{path}: refused by its checks, see FAIL above")
+    click.echo(f"listening on {mission.file.link.endpoint} for {seconds:g} s, no setpoint is sent ...")
+    seen, clock_speed = _observe(mission, seconds)
+    lines = judge(mission, seen, clock_speed)
+    show_checks(lines)
+    counts = {grade: sum(line.grade is grade for line in lines) for grade in Grade}
+    click.echo(f"{path}: " + ", ".join(f"{count} {grade.value}" for grade, count in counts.items()))
+    if seen.vehicle is None:
+        return Exit.NOTHING_HEARD
+    return Exit.ABORTED if counts[Grade.FAIL] else Exit.DONE
+
+
+def _observe(mission: Mission, seconds: float) -> tuple[Observations, float]:
+    """Listen to the mission's endpoints; also the speed of the run's clock where it follows the autopilot."""
+    with ExitStack() as open_things:
+        links = open_links(mission, open_things)
+        folder = Path(open_things.enter_context(tempfile.TemporaryDirectory(prefix="circnav-")))
+        (folder / "mission.toml").write_text(mission.text, encoding="utf-8")
+        start_vehicle(mission, folder / "mission.toml", links, open_things)
+        survey = Survey(mission.pilot_settings(), names_for, seconds=seconds)
+        clock = start_clock(mission, survey.session)
+        stop = StopRequest()
+        listen(survey, links, clock, stop)
+        if stop.signal_name:
+            raise Refused(f"stopped by {stop.signal_name}", Exit.INTERRUPTED)
+        return survey.observations(), clock.speed if isinstance(clock, AutopilotClock) else 1.0
+
+
+def _failures(lines: Iterable[Check]) -> bool:
+    return any(line.grade is Grade.FAIL for line in lines)

@@ -1,0 +1,155 @@
+"""`circnav replay`: a flight that already happened, through the same pilot."""
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import click
+
+from circnav_mav.analysis.plots import plot_replay
+from circnav_mav.analysis.replay import Replayed, as_ticks, differences, patient, replay
+from circnav_mav.analysis.run import Run, RunError, open_run
+from circnav_mav.analysis.run_folder import Ticks
+from circnav_mav.analysis.turns import plain_turns, recorded_turns
+from circnav_mav.cli.exits import Exit, Refused
+from circnav_mav.mission.load import Mission, MissionError, load_mission, parse_mission
+from circnav_mav.pilot import Pilot, Voice
+from circnav_mav.runtime.recorder import write_ticks
+
+UNITS = {"r": ("range", "m"), "r_dot": ("range rate", "m/s"), "demanded": ("law's turn rate", "rad/s"),
+         "turn_rate": ("turn rate", "rad/s")}  # fmt: skip
+LAST_DIGIT = 1e-6
+"""ticks.csv holds six decimals."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReplayOptions:
+    """The command line of `replay`."""
+
+    log: str
+    mission: str | None
+    overrides: tuple[str, ...]
+    estimator: str | None
+    law: str | None
+    out: str | None
+
+
+def replay_log(options: ReplayOptions) -> int:
+    """Replay, print what came of it, and return the exit code. Raises Refused."""
+    path = Path(options.log)
+    try:
+        if path.is_file() and path.name != "flight.tlog":
+            return _replay_plain(path, options)
+        return _replay_run(open_run(path.parent if path.is_file() else path), options)
+    except (RunError, MissionError) as error:
+        raise Refused(str(error)) from None
+    except OSError as error:
+        raise Refused(f"{error.filename or path}: {error.strerror or error}") from None
+
+
+def _replay_run(run: Run, options: ReplayOptions) -> int:
+    """A run folder: every turn of the loop as it was."""
+    if not (run.folder / "turns.csv").is_file():
+        raise Refused(f"{run.folder}: has no turns.csv; copy its flight.tlog out and replay that with --mission")
+    mission = _mission(run.mission_text, str(run.folder / "mission.toml"), options)
+    pilot = Pilot(mission.pilot_settings(Voice(run.voice)))
+    began = time.perf_counter()
+    done = replay(pilot, recorded_turns(run.folder))
+    took = time.perf_counter() - began
+    if not done.turns:
+        raise Refused(f"{run.folder}: an empty run, nothing was recorded", Exit.NOTHING_HEARD)
+    _say_size(str(run.folder), done, took)
+    _say_setpoints(done)
+    _say_ticks(done, pilot, run.ticks)
+    _write(options, done, run.ticks, mission)
+    return Exit.DONE
+
+
+def _replay_plain(path: Path, options: ReplayOptions) -> int:
+    """A tlog of anybody's: dry, with ticks added, and without patience running out."""
+    if options.mission is None:
+        raise Refused(f"{path}: a plain tlog needs --mission: which vehicle, circle and ranging to replay it with")
+    mission = _mission("", str(path), options)
+    pilot = Pilot(patient(mission.pilot_settings(Voice.DRY_RUN)))
+    began = time.perf_counter()
+    done = replay(pilot, plain_turns(path, mission.file.link.component_id), ticking=True)
+    took = time.perf_counter() - began
+    if not done.turns:
+        raise Refused(f"{path}: no MAVLink frame in it: not a tlog, or an empty one", Exit.NOTHING_HEARD)
+    _say_size(str(path), done, took)
+    if pilot.engaged_at is None:
+        raise Refused(f"{path}: nothing to steer by: {_what_is_missing(pilot)}", Exit.NOTHING_HEARD)
+    _say_ticks(done, pilot, None)
+    _write(options, done, None, mission)
+    return Exit.DONE
+
+
+def _mission(text: str, where: str, options: ReplayOptions) -> Mission:
+    """The mission to replay with: the run's own or another, with the changes asked for. Raises MissionError."""
+    overrides = list(options.overrides)
+    if options.estimator is not None:
+        overrides.append(f'guidance.estimator="{options.estimator}"')
+    if options.law is not None:
+        overrides.append(f'guidance.law="{options.law}"')
+    as_it_is = load_mission(options.mission) if options.mission else parse_mission(text, where)
+    mission = load_mission(options.mission, overrides) if options.mission else parse_mission(text, where, overrides)
+    gain = as_it_is.file.guidance.gain
+    if gain is not None and mission.law.name != as_it_is.law.name and mission.file.guidance.gain == gain:
+        raise Refused(
+            f"{options.mission or where}: guidance.gain {gain:g} belongs to the law {as_it_is.law.name}: "
+            f"give one for {mission.law.name} with --set guidance.gain=..."
+        )
+    return mission
+
+
+def _what_is_missing(pilot: Pilot) -> str:
+    """Why a replay never came to steer."""
+    if not pilot.session.up:
+        misfits = "; ".join(pilot.session.misfits.values())
+        return f"no vehicle: {misfits or pilot.counts().describe()}"
+    refused = ", ".join(f"{count} {reason}" for reason, count in pilot.ranging.rejected.items()) or "none"
+    return f"{pilot.samples_accepted} ranges of {pilot.settings.ranging.message} taken, rejected: {refused}"
+
+
+def _say_size(name: str, done: Replayed, took: float) -> None:
+    click.echo(f"{name}: {done.until:.1f} s, {done.frames} frames in, replayed in {took:.2f} s")
+
+
+def _say_setpoints(done: Replayed) -> None:
+    """What was sent against what would have been."""
+    was, would = done.was_setpoints, done.setpoints
+    if done.identical:
+        click.echo(f"  setpoints  {len(was)} as flown, byte for byte the same, and so is all else that was sent")
+        return
+    same = len(set(was) & set(would))
+    click.echo(f"  setpoints  {len(was)} as flown, {len(would)} in the replay, {same} of them the same")
+    click.echo(f"             first frame that differs: {done.first_difference:.3f} s")
+
+
+def _say_ticks(done: Replayed, pilot: Pilot, was: Ticks | None) -> None:
+    """What was estimated and commanded against what would have been."""
+    would = as_ticks(done.ticks)
+    if was is not None:
+        for gap in differences(was, would):
+            name, unit = UNITS[gap.column]
+            far = f"differs by {gap.rms:.4g} {unit} RMS, {gap.most:.4g} {unit} at most"
+            says = far if gap.most > LAST_DIGIT else "the same"
+            click.echo(f"  {name:<16} {says}, in {gap.ticks} ticks")
+    steered = sum(phase == "engaged" for phase in would.phases)
+    saturated = sum(record.saturated for record in done.ticks)
+    click.echo(f"  ticks      {len(done.ticks)}, {steered} of them steering, {saturated} at the turn-rate limit")
+    refused = ", ".join(f"{count} {reason}" for reason, count in sorted(pilot.ranging.rejected.items())) or "none"
+    click.echo(f"  ranges     {pilot.samples_accepted} taken, rejected: {refused}")
+    if pilot.outcome is not None:
+        click.echo(f"  outcome    {pilot.outcome.ending.value}: {pilot.outcome.reason}")
+
+
+def _write(options: ReplayOptions, done: Replayed, was: Ticks | None, mission: Mission) -> None:
+    """The replay's own ticks and picture, where they are asked for."""
+    if options.out is None:
+        return
+    folder = Path(options.out)
+    folder.mkdir(parents=True, exist_ok=True)
+    write_ticks(folder / "ticks.csv", done.ticks)
+    plot_replay(folder / "replay.png", was, as_ticks(done.ticks), mission.orbit, f"{options.log}, replayed")
+    click.echo(f"  written    {folder}/ticks.csv, {folder}/replay.png")

@@ -1,0 +1,61 @@
+"""The setpoint messages, filled in one place: what the masks leave out is sent as zero."""
+
+from pymavlink.dialects.v20 import all as dialect
+
+from circnav_mav.mav.autopilots.interface import VehicleState
+from circnav_mav.mav.codec import Message
+from circnav_mav.mav.commands import Command
+from circnav_mav.mav.frames import quaternion_from_euler
+
+VELOCITY_AND_YAW_RATE = 0x5C7
+"""SET_POSITION_TARGET_LOCAL_NED: ignore position (bits 0..2), acceleration (6..8) and yaw (10); use all three
+velocities (3..5: masking any one masks all on Copter and PX4) and yaw rate (11)."""
+
+
+def body_velocity(
+    mask: int,
+    state: VehicleState,
+    now: float,
+    *,
+    forward: float,
+    down: float = 0.0,
+    yaw_rate: float,
+    right: float = 0.0,
+) -> Message:
+    """SET_POSITION_TARGET_LOCAL_NED in BODY_NED: forward and down speed (m/s), yaw rate (rad/s, clockwise positive),
+    acceleration to the right (m/s^2)."""
+    return dialect.MAVLink_set_position_target_local_ned_message(
+        boot_ms(now),
+        state.target_system,
+        state.target_component,
+        dialect.MAV_FRAME_BODY_NED,
+        mask,
+        *(0.0, 0.0, 0.0),
+        *(forward, 0.0, down),
+        *(0.0, right, 0.0),
+        0.0,
+        yaw_rate,
+    )
+
+
+def attitude(mask: int, state: VehicleState, now: float, *, roll: float, pitch: float, thrust: float) -> Message:
+    """SET_ATTITUDE_TARGET: roll and pitch in rad (right and nose-up positive), thrust 0..1, no rates, yaw 0."""
+    return dialect.MAVLink_set_attitude_target_message(
+        boot_ms(now),
+        state.target_system,
+        state.target_component,
+        mask,
+        quaternion_from_euler(roll, pitch, 0.0),
+        *(0.0, 0.0, 0.0),
+        thrust,
+    )
+
+
+def custom_mode_request(*params: int) -> Command:
+    """MAV_CMD_DO_SET_MODE with the custom-mode flag and the autopilot's own mode numbers."""
+    return Command(dialect.MAV_CMD_DO_SET_MODE, (dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, *params))
+
+
+def boot_ms(now: float) -> int:
+    """Our time_boot_ms: milliseconds since we started, in 32 bits."""
+    return int(now * 1000) & 0xFFFFFFFF

@@ -1,0 +1,89 @@
+"""Reads parameters of the vehicle by name: PARAM_REQUEST_READ with retries, never a write.
+
+An autopilot says nothing of a name that it does not know (ArduPilot 4.6, PX4), so a name that stays unanswered counts
+as unknown. Both queue some requests only (ArduPilot 20, with room for 5 answers): few are under way at a time.
+"""
+
+import struct
+from collections.abc import Iterable
+
+from pymavlink.dialects.v20 import all as dialect
+
+from circnav_mav.mav.codec import Message
+
+ANSWER_TIMEOUT = 0.7
+TRIES = 3
+AT_ONCE = 5
+BY_NAME = -1
+V2_MAGIC, V2_HEADER, V1_HEADER = 0xFD, 10, 6
+_FORMATS = {
+    dialect.MAV_PARAM_TYPE_UINT8: "<Bxxx",
+    dialect.MAV_PARAM_TYPE_INT8: "<bxxx",
+    dialect.MAV_PARAM_TYPE_UINT16: "<Hxx",
+    dialect.MAV_PARAM_TYPE_INT16: "<hxx",
+    dialect.MAV_PARAM_TYPE_UINT32: "<I",
+    dialect.MAV_PARAM_TYPE_INT32: "<i",
+}
+
+
+def parameter_value(message: Message, *, bytewise: bool) -> float:
+    """The number in a PARAM_VALUE. ArduPilot casts integers to float (C cast); PX4 puts their bytes in its place.
+
+    The bytes are taken from the frame, where they follow the header: a float that holds an integer may be a signalling
+    NaN, which Python changes on reading. (pymavlink's `get_payload` counts from the wrong place in MAVLink 2.)
+    """
+    layout = _FORMATS.get(message.param_type)
+    if not bytewise or layout is None:
+        return float(message.param_value)
+    frame = bytes(message.get_msgbuf())
+    return float(struct.unpack_from(layout, frame, V2_HEADER if frame[0] == V2_MAGIC else V1_HEADER)[0])
+
+
+class ParameterReader:
+    """Asks for names until each is answered, or has stayed unanswered for all its tries."""
+
+    def __init__(self, names: Iterable[str], *, bytewise: bool) -> None:
+        """bytewise: how integers travel, see `parameter_value`."""
+        self._bytewise = bytewise
+        self._waiting = list(dict.fromkeys(names))
+        self._tries: dict[str, int] = {}
+        self._due: dict[str, float] = {}
+        self.values: dict[str, float] = {}
+        self.unanswered: set[str] = set()
+
+    @property
+    def done(self) -> bool:
+        """Whether nothing more will be asked."""
+        return not self._waiting and not self._due
+
+    def receive(self, message: Message) -> None:
+        """Take in a PARAM_VALUE of our vehicle. Values that others have asked for are welcome, if wanted."""
+        name = _text(message.param_id)
+        if name in self._due or name in self._waiting or name in self.unanswered:
+            self.values[name] = parameter_value(message, bytewise=self._bytewise)
+            self._due.pop(name, None)
+            self.unanswered.discard(name)
+            self._waiting = [other for other in self._waiting if other != name]
+
+    def poll(self, target: tuple[int, int], now: float) -> list[Message]:
+        """The requests due now: repeats first, then new ones as far as there is room."""
+        for name in [name for name, due in self._due.items() if now >= due and self._tries[name] >= TRIES]:
+            del self._due[name]
+            self.unanswered.add(name)
+        due = [name for name, when in self._due.items() if now >= when]
+        room = AT_ONCE - len(self._due)
+        new, self._waiting = self._waiting[:room], self._waiting[room:]
+        for name in due + new:
+            self._tries[name] = self._tries.get(name, 0) + 1
+            self._due[name] = now + ANSWER_TIMEOUT
+        return [_request(name, target) for name in due + new]
+
+
+def _request(name: str, target: tuple[int, int]) -> Message:
+    return dialect.MAVLink_param_request_read_message(*target, name.encode("ascii"), BY_NAME)
+
+
+def _text(name: str | bytes) -> str:
+    """A parameter's name; sixteen characters have no terminating zero."""
+    text = name.decode("ascii", "replace") if isinstance(name, bytes) else name
+    return text.split("\0", 1)[0]

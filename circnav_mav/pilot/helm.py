@@ -1,0 +1,102 @@
+"""From an estimate to the bytes' meaning: law, turn-rate gain, choke point, the vehicle's message."""
+
+from circnav_mav.core.guidance import limit, steering, through_gain
+from circnav_mav.core.phases import Phase
+from circnav_mav.core.radius_trim import next_trim
+from circnav_mav.core.turn_gain import TurnGain, TurnGainSettings, learn
+from circnav_mav.core.values import OwnMotion, RangeEstimate, TurnCommand, TurnRate
+from circnav_mav.mav.autopilots.interface import VehicleState
+from circnav_mav.mav.codec import Message
+from circnav_mav.mav.frames import YawRate, yaw_rate_from_turn_rate
+from circnav_mav.mav.gate import Limits, SetpointGate, Steer
+from circnav_mav.mav.session import Session
+from circnav_mav.pilot.settings import PilotSettings
+
+LONGEST_TRIM_STEP = 0.2
+"""Most time, s, that the radius integral counts between two steps: a gap is not an error that lasted."""
+
+
+class Helm:
+    """Steers the vehicle of a session. Every message that it gives out has passed the gate."""
+
+    def __init__(self, settings: PilotSettings) -> None:
+        orbit, facts = settings.orbit, settings.facts
+        self._settings = settings
+        self._steer = steering(orbit, settings.law)
+        self._gate = SetpointGate(
+            Limits(
+                max_yaw_rate=orbit.max_turn_rate,
+                max_speed=orbit.speed,
+                max_yaw_acceleration=settings.max_yaw_acceleration,
+                max_bank=facts.max_bank,
+                max_pitch=facts.loops.max_pitch,
+                max_climb=facts.max_climb,
+            )
+        )
+        self._learning = TurnGainSettings(lag=settings.turn_lag)
+        self._learnt = TurnGain(gain=settings.turn_gain or 1.0)
+        self._told: TurnRate | None = None
+        self._height: float | None = None
+        self._trim = 0.0
+        self._steered_at: float | None = None
+
+    @property
+    def turn_gain(self) -> float:
+        """Realised over commanded turn rate, as used now."""
+        return self._settings.turn_gain or self._learnt.gain
+
+    def feel(self, own: OwnMotion) -> None:
+        """Learn the turn-rate gain from the vehicle's heading, and whether it is flying what we tell it."""
+        if self._told is None:
+            return
+        self._learnt = learn(self._learnt, self._learning, time=own.time, heading=own.heading, command=self._told)
+
+    def command(self, phase: Phase, estimate: RangeEstimate | None) -> TurnCommand | None:
+        """The turn of this step: the law's while engaged, the circle's own while holding."""
+        orbit = self._settings.orbit
+        if phase is Phase.ENGAGED and estimate is not None:
+            command = self._steer(estimate, self._trim)
+            self._trim_radius(estimate, command)
+            return through_gain(command, orbit.max_turn_rate, self.turn_gain)
+        if phase is Phase.HOLDING:
+            return through_gain(limit(orbit.steady_turn_rate, orbit.max_turn_rate), orbit.max_turn_rate, self.turn_gain)
+        return None
+
+    def setpoint(self, command: TurnCommand, session: Session, now: float) -> tuple[Message, YawRate]:
+        """The message that flies a command, and the yaw rate in it. Raises UnsafeSetpointError."""
+        wanted = Steer(yaw_rate_from_turn_rate(command.turn_rate), self._settings.orbit.speed)
+        steer = self._gate.admit(wanted, now)
+        state = self._state(session, now, engaged=True)
+        message = self._gate.check_message(session.adapter.setpoint(steer, state, now), session.adapter.shapes)
+        self._told = command.turn_rate
+        return message, steer.yaw_rate
+
+    def safe_setpoint(self, session: Session, now: float, *, engaged: bool = True) -> Message:
+        """The vehicle's safe setpoint. `engaged` holds the height of the engagement. Raises UnsafeSetpointError."""
+        state = self._state(session, now, engaged=engaged)
+        return self._gate.check_message(session.adapter.safe_setpoint(state, now), session.adapter.shapes)
+
+    def let_go(self) -> None:
+        """The vehicle is not ours any more: the next setpoint starts a new stream at a new height."""
+        self._gate.reset()
+        self._told, self._height, self._steered_at = None, None, None
+
+    def _trim_radius(self, estimate: RangeEstimate, command: TurnCommand) -> None:
+        """Let the slow integral run over the time since the last steered step, while the vehicle follows."""
+        before, self._steered_at = self._steered_at, estimate.time
+        if before is not None and self._settings.radius_trim > 0 and self._learnt.followed:
+            self._trim = next_trim(
+                self._trim,
+                rate=self._settings.radius_trim,
+                r=estimate.r,
+                r_d=self._settings.orbit.radius,
+                step=min(estimate.time - before, LONGEST_TRIM_STEP),
+                saturated=command.saturated,
+            )
+
+    def _state(self, session: Session, now: float, *, engaged: bool) -> VehicleState:
+        """What the adapter may know; the height to hold is that at which the vehicle became ours."""
+        motion = session.motion.at(now)
+        if engaged and self._height is None:
+            self._height = motion.altitude
+        return VehicleState(*session.vehicle_ids, motion=motion, height=self._height)

@@ -1,0 +1,267 @@
+"""Listens to the vehicle and the ranging before a flight, and sends nothing that could move anything.
+
+Not a silenced pilot: a pilot engages, ends and tells the ground station so, even in a dry run. A survey has no helm at
+all. It sends what a flight needs in order to hear the same (our heartbeat, stream requests), and questions
+(AUTOPILOT_VERSION, TIMESYNC, PARAM_REQUEST_READ).
+"""
+
+from collections import Counter
+from collections.abc import Callable, Hashable, Iterable, Mapping
+from dataclasses import dataclass, replace
+
+from pymavlink.dialects.v20 import all as dialect
+
+from circnav_mav.mav.autopilots.interface import Autopilot
+from circnav_mav.mav.autopilots.table import adapters
+from circnav_mav.mav.codec import Decoder, Message
+from circnav_mav.mav.motion import Motion
+from circnav_mav.mav.params import ParameterReader
+from circnav_mav.mav.ranging import RANGING_MESSAGES, RangeReader
+from circnav_mav.mav.session import HANDLED, HEARTBEAT_PERIOD, Session, describe_vehicle
+from circnav_mav.pilot.settings import LINKS, RANGING, VEHICLE, PilotSettings
+
+TICK = 0.05
+SETTLE = 2.0
+"""Time, s, that the streams get to come up after the vehicle was found, before anything is measured."""
+PARAMETER_PATIENCE = 10.0
+"""Time, s, that slow answers about parameters may take beyond the time to listen."""
+ROUND_TRIP_EVERY = 0.5
+AUTOPILOT_COMPONENT = 1
+_MARKS = {"DISTANCE_SENSOR": ("id", "orientation"), "RANGING_BEACON": ("beacon_id",), "NAMED_VALUE_FLOAT": ("name",)}
+"""The fields by which a mission picks the sensor."""
+
+
+@dataclass(frozen=True, slots=True)
+class RangeHeard:
+    """One accepted range. stamp: sensor's clock, s. time: the same moment on ours. arrival: ours. r: slant, m."""
+
+    stamp: float
+    time: float
+    arrival: float
+    r: float
+    sigma: float
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleSeen:
+    """The pinned vehicle as it was at the end. streams: message id -> (wanted, measured) in Hz. airspeed_told: as in
+    VFR_HUD, NaN included, None without VFR_HUD. boot: (our time, boot time) of the first and last that were measured.
+    """
+
+    system: int
+    component: int
+    kind: str
+    adapter: Autopilot
+    firmware: str | None
+    mode: int | None
+    mode_name: str
+    armed: bool
+    heartbeat_age: float
+    streams: Mapping[int, tuple[float, float]]
+    motion: Motion
+    airspeed_told: float | None
+    battery: float | None
+    boot: tuple[tuple[float, float], tuple[float, float]] | None
+    reboots: int
+    round_trips: tuple[float, ...]
+    parameters: Mapping[str, float]
+    texts: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Observations:
+    """All that a survey has heard. links: each link's bytes, frames and systems in words. carriers: ranging messages
+    by sender and marks. end, seconds: when the listening ended and how long it measured, s."""
+
+    vehicle: VehicleSeen | None
+    links: Mapping[str, str]
+    version_1: int
+    frames: int
+    others: Mapping[str, int]
+    misfits: tuple[str, ...]
+    ranges: tuple[RangeHeard, ...]
+    rejected: Mapping[str, int]
+    carriers: Mapping[str, int]
+    end: float
+    seconds: float
+
+
+class Survey:
+    """A sans-I/O listener: `receive` bytes, send what `step` answers, until `done`; then `observations`."""
+
+    def __init__(
+        self, settings: PilotSettings, parameters: Callable[[Autopilot], Iterable[str]], *, seconds: float
+    ) -> None:
+        """parameters: names to read from a vehicle. seconds: how long to measure, once the vehicle was found."""
+        message = RANGING_MESSAGES[settings.ranging.message]
+        from_autopilot = settings.ranging.component == AUTOPILOT_COMPONENT and not settings.ranging_apart
+        self._more_streams = {message.id: settings.ranging.rate} if from_autopilot else {}
+        vehicles = adapters(settings.autopilot, settings.kind, settings.facts)
+        self.session = Session(settings.link, vehicles, self._more_streams)
+        self.done = False
+        self._settings = settings
+        self._parameters = parameters
+        self._seconds = seconds
+        self._ranging = RangeReader(replace(settings.ranging, height=None))
+        self._ranging_link = RANGING if settings.ranging_apart else VEHICLE
+        self._ranging_type = message.type
+        wanted = HANDLED | {message.id, dialect.MAVLINK_MSG_ID_PARAM_VALUE}
+        self._decoders = {link: Decoder(stream=link in settings.stream_links, wanted=wanted) for link in LINKS}
+        self._reader: ParameterReader | None = None
+        self._next_tick = self._next_hello = self._next_round_trip = float("-inf")
+        self._began: float | None = None
+        self._found: float | None = None
+        self._end = 0.0
+        self._asked: dict[int, float] = {}
+        self._round_trips: list[float] = []
+        self._kind = ""
+        self._airspeed: float | None = None
+        self._counted: Counter[int] = Counter()
+        self._boot: tuple[tuple[float, float], tuple[float, float]] | None = None
+        self._reboots = 0
+        self._ranges: list[RangeHeard] = []
+        self._carriers: Counter[str] = Counter()
+        self._texts: dict[str, None] = {}
+
+    @property
+    def next_tick(self) -> float:
+        """When the next step is due."""
+        return self._next_tick
+
+    @property
+    def reply_to(self) -> Hashable:
+        """Where the vehicle link's bytes go."""
+        return self.session.reply_to
+
+    def receive(self, data: bytes, now: float, source: Hashable = None, link: str = VEHICLE) -> None:
+        """Take in one datagram (or chunk of a stream) that arrived at `now` from `source` on a link."""
+        for message in self._decoders[link].decode(data):
+            if link == VEHICLE and self.session.receive(message, now, source):
+                self._take_telemetry(message, now)
+            if link == self._ranging_link:
+                self._take_range(message, now)
+
+    def step(self, now: float) -> bytes:
+        """What to send to the vehicle now."""
+        if self.done or now < self._next_tick:
+            return b""
+        self._next_tick = now + TICK
+        self._began = now if self._began is None else self._began
+        messages = self.session.poll(now)
+        if self.session.up:
+            messages += self._questions(now)
+        if self._over(now):
+            self.done, self._end = True, now
+            messages += self.session.farewell() if self.session.up else []
+        return b"".join(map(self.session.encode, messages))
+
+    def hello(self, now: float) -> bytes:
+        """What goes out on a separate ranging link: a heartbeat, for routers forward only to those who have spoken."""
+        if self.done or now < self._next_hello:
+            return b""
+        self._next_hello = now + HEARTBEAT_PERIOD
+        return self.session.encoder.encode(self.session.heartbeat())
+
+    def observations(self) -> Observations:
+        """What was heard, once done."""
+        counts = self._decoders[VEHICLE].counts
+        return Observations(
+            vehicle=self._vehicle() if self.session.up else None,
+            links={link: decoder.counts.describe() for link, decoder in self._decoders.items()},
+            version_1=counts.version_1,
+            frames=counts.frames,
+            others=dict(self.session.ignored),
+            misfits=tuple(self.session.misfits.values()),
+            ranges=tuple(self._ranges),
+            rejected=dict(self._ranging.rejected),
+            carriers=dict(self._carriers),
+            end=self._end,
+            seconds=self._measured_for,
+        )
+
+    def _vehicle(self) -> VehicleSeen:
+        session = self.session
+        wanted = {**session.adapter.streams, **self._more_streams}
+        return VehicleSeen(
+            *session.vehicle_ids,
+            kind=self._kind,
+            adapter=session.adapter,
+            firmware=session.firmware,
+            mode=session.mode,
+            mode_name=session.mode_name,
+            armed=session.armed,
+            heartbeat_age=session.heartbeat_age(self._end),
+            streams={id: (rate, self._counted[id] / max(self._measured_for, TICK)) for id, rate in wanted.items()},
+            motion=session.motion.at(self._end),
+            airspeed_told=self._airspeed,
+            battery=session.battery,
+            boot=self._boot,
+            reboots=session.reboots,
+            round_trips=tuple(self._round_trips),
+            parameters=dict(self._reader.values) if self._reader else {},
+            texts=tuple(self._texts),
+        )
+
+    @property
+    def _measured_for(self) -> float:
+        """How long the settled vehicle was listened to, s."""
+        return 0.0 if self._found is None else max(self._end - self._found - SETTLE, 0.0)
+
+    def _settled(self, now: float) -> bool:
+        return self._found is not None and now - self._found >= SETTLE
+
+    def _over(self, now: float) -> bool:
+        assert self._began is not None
+        if self._found is None:
+            return now - self._began > self._settings.timing.wait_link
+        end = self._found + SETTLE + self._seconds
+        answered = self._reader is None or self._reader.done
+        return now >= (end if answered else end + PARAMETER_PATIENCE)
+
+    def _questions(self, now: float) -> list[Message]:
+        """Parameters by name, and how long an answer takes."""
+        session = self.session
+        if self._reader is None:
+            self._found = now
+            px4 = session.adapter.autopilot == dialect.MAV_AUTOPILOT_PX4
+            self._reader = ParameterReader(self._parameters(session.adapter), bytewise=px4)
+        messages = self._reader.poll(session.vehicle_ids, now)
+        if now >= self._next_round_trip:
+            self._next_round_trip = now + ROUND_TRIP_EVERY
+            asked = int(now * 1e9) + 1
+            self._asked[asked] = now
+            messages.append(dialect.MAVLink_timesync_message(0, asked))
+        return messages
+
+    def _take_telemetry(self, message: Message, now: float) -> None:
+        """One message of the pinned vehicle, after the session had it."""
+        session, type_ = self.session, message.get_type()
+        session.motion.receive(message, now)
+        if type_ == "HEARTBEAT":
+            self._kind = describe_vehicle(message)
+        elif type_ == "VFR_HUD":
+            self._airspeed = message.airspeed
+        elif type_ == "STATUSTEXT" and session.texts:
+            self._texts[session.texts[-1]] = None
+        elif type_ == "PARAM_VALUE" and self._reader is not None:
+            self._reader.receive(message)
+        elif type_ == "TIMESYNC" and message.tc1 and (asked := self._asked.pop(message.ts1, None)) is not None:
+            self._round_trips.append(now - asked)
+        if self._settled(now):
+            self._counted[message.get_msgId()] += 1
+            if type_ in ("ATTITUDE", "SYSTEM_TIME") and session.boot_time is not None:
+                self._take_boot_time((now, session.boot_time))
+
+    def _take_boot_time(self, heard: tuple[float, float]) -> None:
+        """The first and last since the vehicle last booted."""
+        rebooted, self._reboots = self.session.reboots > self._reboots, self.session.reboots
+        self._boot = (heard, heard) if self._boot is None or rebooted else (self._boot[0], heard)
+
+    def _take_range(self, message: Message, now: float) -> None:
+        if message.get_type() != self._ranging_type:
+            return
+        marks = ", ".join(f"{mark} {getattr(message, mark)}" for mark in _MARKS[self._ranging_type])
+        self._carriers[f"{message.get_srcSystem()}/{message.get_srcComponent()} {marks}"] += 1
+        sample = self._ranging.read(message, now)
+        if sample is not None and self._settled(now):
+            self._ranges.append(RangeHeard(sample.stamp, sample.time, now, sample.r, sample.sigma))

@@ -1,0 +1,101 @@
+"""Fixed wings: banked turns with height and airspeed held by the autopilot, or flown by attitude and thrust alone."""
+
+import math
+from dataclasses import dataclass
+
+from sim.body import GRAVITY, Body
+from sim.demands import Bank, Glide
+
+STEP = 0.025
+SPEED_LAG, HEIGHT_LAG, CLIMB_LAG = 3.0, 2.0, 1.0  # s
+MOST_CLIMB = 3.0  # m/s
+MOST_ROLL_RATE = math.radians(120)
+
+# PX4's built-in plane: drag at trim is that of a 27 deg glide, trim thrust 0.63; a fifth of the drag comes from lift.
+TRIM_DRAG, TRIM_THRUST, INDUCED = 4.45, 0.63, 0.17
+ALPHA_SLOPE, PATH_LAG, PITCH_LAG = 0.12, 0.5, 0.3
+
+
+@dataclass(frozen=True)
+class FixedWing:
+    """`effectiveness`: turn rate over that of a coordinated turn.
+
+    The roll loop is of second order with roll_frequency in rad/s, or of first order with roll_lag in s when that is 0.
+    trim_speed is the true airspeed of TRIM_THRUST, m/s.
+    """
+
+    effectiveness: float
+    roll_lag: float
+    roll_frequency: float = 0.0
+    roll_damping: float = 0.5
+    trim_speed: float = 10.0
+
+    def step(self, body: Body, demand: Bank | Glide, dt: float, wind: tuple[float, float]) -> Body:
+        pieces = max(1, math.ceil(dt / STEP - 1e-9))
+        for _ in range(pieces):
+            h = dt / pieces
+            rolled = self._roll(body, demand.roll, h)
+            shaped = _held(rolled, demand, h) if isinstance(demand, Bank) else self._glide(rolled, demand, h)
+            body = self._fly(shaped, body, h, wind)
+        return body
+
+    def _roll(self, body: Body, wanted: float, h: float) -> Body:
+        if self.roll_frequency <= 0:
+            share = 1 - math.exp(-h / self.roll_lag) if self.roll_lag > 0 else 1.0
+            roll = body.roll + (wanted - body.roll) * share
+            return body._replace(roll=roll, roll_rate=(roll - body.roll) / h)
+        stiffness, damping = self.roll_frequency**2, 2 * self.roll_damping * self.roll_frequency
+        rate = body.roll_rate + (stiffness * (wanted - body.roll) - damping * body.roll_rate) * h
+        rate = max(-MOST_ROLL_RATE, min(MOST_ROLL_RATE, rate))
+        return body._replace(roll=body.roll + rate * h, roll_rate=rate)
+
+    def _glide(self, body: Body, demand: Glide, h: float) -> Body:
+        """Attitude and thrust to path angle and airspeed: point mass, drag parabola, lift following the pitch."""
+        speed = max(3.0, body.air_speed)
+        load, dynamic = 1 / max(0.2, math.cos(body.roll)), (speed / self.trim_speed) ** 2
+        pitch = body.pitch + (demand.pitch - body.pitch) * (1 - math.exp(-h / PITCH_LAG))
+        path = pitch - ALPHA_SLOPE * (load / dynamic - 1)
+        climb_angle = body.climb_angle + (path - body.climb_angle) * (1 - math.exp(-h / PATH_LAG))
+        drag = TRIM_DRAG * ((1 - INDUCED) * dynamic + INDUCED * load**2 / dynamic)
+        acceleration = TRIM_DRAG * demand.thrust / TRIM_THRUST - drag - GRAVITY * math.sin(climb_angle)
+        return body._replace(
+            pitch=pitch,
+            pitch_rate=(pitch - body.pitch) / h,
+            climb_angle=climb_angle,
+            air_speed=max(3.0, body.air_speed + acceleration * h),
+        )
+
+    def _fly(self, shaped: Body, before: Body, h: float, wind: tuple[float, float]) -> Body:
+        flat = shaped.air_speed * math.cos(shaped.climb_angle)
+        rate = self.effectiveness * GRAVITY * math.tan(shaped.roll) / max(3.0, shaped.air_speed)
+        middle = before.heading + rate * h / 2
+        heading = math.remainder(before.heading + rate * h, math.tau)
+        sink = -shaped.air_speed * math.sin(shaped.climb_angle)
+        return shaped._replace(
+            north=before.north + (flat * math.cos(middle) + wind[0]) * h,
+            east=before.east + (flat * math.sin(middle) + wind[1]) * h,
+            down=min(before.down + sink * h, 0.0),
+            heading=heading,
+            turn_rate=rate,
+            velocity_north=flat * math.cos(heading) + wind[0],
+            velocity_east=flat * math.sin(heading) + wind[1],
+            velocity_down=sink,
+        )
+
+
+def _held(body: Body, demand: Bank, h: float) -> Body:
+    """Height and airspeed as the autopilot's energy control holds them, or as forced pitch and throttle leave them."""
+    speed = max(3.0, body.air_speed)
+    if demand.pitch is None:
+        climb = max(-MOST_CLIMB, min(MOST_CLIMB, (body.down - demand.down) / HEIGHT_LAG))
+        angle, wanted = math.asin(climb / speed), demand.air_speed
+    else:
+        angle, wanted = demand.pitch, demand.air_speed - 170.0 * demand.pitch
+    if demand.throttle is not None:
+        wanted = demand.air_speed * (0.6 + 0.8 * demand.throttle)
+    climb_angle = body.climb_angle + (angle - body.climb_angle) * (1 - math.exp(-h / CLIMB_LAG))
+    change = (max(0.5 * demand.air_speed, wanted) - speed) * (1 - math.exp(-h / SPEED_LAG))
+    pitch = climb_angle + 0.03
+    return body._replace(
+        climb_angle=climb_angle, air_speed=speed + change, pitch=pitch, pitch_rate=(pitch - body.pitch) / h
+    )

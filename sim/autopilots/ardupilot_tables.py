@@ -1,0 +1,117 @@
+"""Who the ArduPilot vehicles say they are, and those of their parameters that matter to a companion."""
+
+from sim.autopilots import modes
+from sim.autopilots.contract import Identity, message_ids
+from sim.config import VehicleConfig
+from sim.params import INT8, INT16, Parameter, Parameters
+
+VERSION_4_6_3 = 0x040603FF
+
+# Mission float and int, param float, command int, attitude target, flight termination, compass calibration, MAVLink 2,
+# fence and rally; FTP is left out because nobody answers it here.
+CAPABILITIES = 1 | 2 | 4 | 8 | 64 | 2048 | 4096 | 8192 | 16384 | 32768
+SET_LOCAL_POSITION = 128 | 256
+
+# Not in ArduPilot 4.6's dialect: its parser drops them, so they are neither obeyed nor forwarded.
+UNKNOWN_IDS = message_ids("53 220-224 420 435-437 441 513 516 517 8002-8016 17000 17150-17158 60000-60053")
+
+# What SET_MESSAGE_INTERVAL takes (mavlink_id_to_ap_message_id in GCS_Common.cpp), whether or not this vehicle fills it.
+STREAMABLE = message_ids(
+    "0 1 2 24 26 27 29 30 31 32 33 35 36 42 46 49 62 65 74 83 85 87 110 111 116 124 125 128 129 132 136 137 143 147 "
+    "148 152 158 163 164 165 168 173 178 182 191 192 193 226 230 241 242 245 246 251 259 11020 11039"
+)
+TIMESYNC_EVERY = {111: 10_000_000}
+
+# What plane and rover send at 1 Hz without being asked; a copter sends nothing.
+UNASKED = dict.fromkeys((1, 2, 24, 30, 33, 62, 65, 74, 147, 193), 1_000_000) | TIMESYNC_EVERY
+
+COPTER = Identity(
+    mav_type=2,
+    autopilot=3,
+    version=VERSION_4_6_3,
+    capabilities=CAPABILITIES | SET_LOCAL_POSITION,
+    modes=modes.COPTER,
+    streamable=STREAMABLE,
+    fastest_us=3_125,  # loop rate 400 Hz
+    unknown_ids=UNKNOWN_IDS,
+    default_streams=TIMESYNC_EVERY,
+)
+
+PLANE = Identity(
+    mav_type=1,
+    autopilot=3,
+    version=VERSION_4_6_3,
+    capabilities=CAPABILITIES,  # takes no local position targets
+    modes=modes.PLANE,
+    streamable=STREAMABLE,
+    fastest_us=25_000,  # loop rate 50 Hz
+    unknown_ids=UNKNOWN_IDS,
+    default_streams=UNASKED,
+)
+
+ROVER = Identity(
+    mav_type=10,
+    autopilot=3,
+    version=VERSION_4_6_3,
+    capabilities=CAPABILITIES | SET_LOCAL_POSITION,
+    modes=modes.ROVER,
+    streamable=STREAMABLE,
+    fastest_us=25_000,  # loop rate 50 Hz
+    unknown_ids=UNKNOWN_IDS,
+    default_streams=UNASKED,
+    mode_refusal="Flight mode change failed",
+)
+
+
+def copter_parameters(config: VehicleConfig) -> Parameters:
+    table = (
+        Parameter("SYSID_THISMAV", config.vehicle.system_id, INT16),
+        Parameter("SYSID_MYGCS", 255, INT16),
+        Parameter("ARMING_CHECK", 1, INT16),
+        Parameter("FS_GCS_ENABLE", 0, INT8),
+        Parameter("FS_GCS_TIMEOUT", 5.0),
+        Parameter("FS_EKF_ACTION", 1, INT8),
+        Parameter("GUID_OPTIONS", 0, INT16),
+        Parameter("GUID_TIMEOUT", config.vehicle.setpoint_timeout_s or 3.0),
+        Parameter("LAND_SPEED", 50, INT16),
+        Parameter("RTL_ALT", 1500, INT16),
+        Parameter("WPNAV_SPEED", 1000.0),
+        Parameter("WPNAV_SPEED_UP", 250.0),
+        Parameter("WPNAV_SPEED_DN", 150.0),
+        Parameter("WPNAV_ACCEL", 250.0),
+    )
+    return Parameters(table, bytewise=False)
+
+
+def plane_parameters(config: VehicleConfig) -> Parameters:
+    bank, cruise = config.vehicle.max_bank_deg or 65.0, config.vehicle.cruise_speed_mps or 22.0
+    table = (
+        Parameter("SYSID_THISMAV", config.vehicle.system_id, INT16),
+        Parameter("SYSID_MYGCS", 255, INT16),
+        Parameter("ARMING_CHECK", 1, INT16),
+        Parameter("FS_GCS_ENABL", 0, INT8),
+        Parameter("FS_GCS_TIMEOUT", 5.0),
+        Parameter("FS_LONG_ACTN", 0, INT8),
+        Parameter("ROLL_LIMIT_DEG", bank),
+        Parameter("AIRSPEED_CRUISE", cruise),
+        Parameter("AIRSPEED_MIN", round(cruise * 0.6)),
+        Parameter("AIRSPEED_MAX", round(cruise * 1.4)),
+        Parameter("WP_LOITER_RAD", 60.0, INT16),
+        Parameter("RC_OVERRIDE_TIME", 3.0),
+    )
+    return Parameters(table, bytewise=False)
+
+
+def rover_parameters(config: VehicleConfig) -> Parameters:
+    table = (
+        Parameter("SYSID_THISMAV", config.vehicle.system_id, INT16),
+        Parameter("SYSID_MYGCS", 255, INT16),
+        Parameter("ARMING_CHECK", 1, INT16),
+        Parameter("FS_GCS_ENABLE", 0, INT8),
+        Parameter("FS_GCS_TIMEOUT", 5.0),
+        Parameter("FS_TIMEOUT", 1.5),
+        Parameter("FS_EKF_ACTION", 1, INT8),
+        Parameter("CRUISE_SPEED", config.vehicle.cruise_speed_mps or 5.0),
+        Parameter("WP_SPEED", config.vehicle.cruise_speed_mps or 5.0),
+    )
+    return Parameters(table, bytewise=False)

@@ -1,0 +1,260 @@
+"""PX4 multicopter: OFFBOARD flies velocities or attitudes for one second, and comes back by itself."""
+
+import math
+
+from sim.agenda import NEVER
+from sim.airframes.dragged import DraggedCopter
+from sim.airframes.tilting import TiltingCopter
+from sim.airframes.unicycle import Unicycle
+from sim.autopilots.contract import ERROR, IN_AIR, LANDING, ON_GROUND, TAKING_OFF, Command, Say
+from sim.autopilots.modes import PX4 as MODES
+from sim.autopilots.px4 import (
+    LAND,
+    LOITER,
+    NEEDS_STICKS,
+    OFFBOARD,
+    RTL,
+    TAKEOFF,
+    Core,
+)
+from sim.autopilots.px4_tables import px4_identity, px4_parameters
+from sim.autopilots.px4_targets import NOTHING, Rejected, Trajectory, read_attitude_target, read_local_target
+from sim.body import Body
+from sim.config import Event, VehicleConfig
+from sim.demands import BodyVelocity, Brake, Demand, EarthVelocity, Spin, Tilt
+from sim.geo import HOME_AMSL_M
+from sim.params import Parameter
+from sim.wire import Message
+
+LOCAL_TARGET, ATTITUDE_TARGET, MANUAL_CONTROL = 84, 82, 69
+THINK_US, IDLE_US = 20_000, 500_000
+MOST_YAW_RATE = 2.25  # rad/s, what MC_YAWRATE_MAX 200 deg/s comes to
+POSITION_GAIN, YAW_GAIN, HEIGHT_GAIN = 0.95, 2.8, 1.0
+FASTEST, CLIMB, SINK = 12.0, 3.0, 1.5  # m/s, MPC_XY_VEL_MAX and the vertical limits
+UNHELD_SINK = 0.7  # m/s: ALTCTL without sticks or position, as flown
+IDENTITY = px4_identity(mav_type=2)
+
+
+class Px4Copter:
+    """PX4's multicopter: what OFFBOARD flies is the last accepted setpoint."""
+
+    def __init__(self, config: VehicleConfig, say: Say, start: Body) -> None:
+        vehicle = config.vehicle
+        self.identity = IDENTITY
+        own = (
+            Parameter("MC_YAWRATE_MAX", 200.0),
+            Parameter("MPC_XY_VEL_MAX", FASTEST),
+            Parameter("MIS_TAKEOFF_ALT", 2.5),
+            Parameter("RTL_RETURN_ALT", 60.0),
+        )
+        self.params = px4_parameters(config, *own)
+        self._core = Core(IDENTITY, self.params, config, say, self)
+        limit = min(MOST_YAW_RATE, math.radians(vehicle.max_turn_rate_deg_s))
+        ideal = vehicle.dynamics == "unicycle"
+        self._by_velocity = (
+            Unicycle(limit, vehicle.turn_lag_s, vehicle.speed_lag_s)
+            if ideal
+            else DraggedCopter(limit, vehicle.drag_per_s)
+        )
+        self._by_attitude = TiltingCopter(limit, drag=vehicle.drag_per_s)
+        self._setpoint: Trajectory | Tilt | Spin | None = None
+        self._hold = (start.north, start.east, start.down)
+        self._think_at = 0
+        self._demand: Demand = Brake()
+
+    @property
+    def mode(self) -> int:
+        return self._core.mode
+
+    @property
+    def armed(self) -> bool:
+        return self._core.armed
+
+    # -- what is flown ------------------------------------------------------------------------------------------------
+
+    def fly(self, body: Body, dt: float, wind: tuple[float, float]) -> Body:
+        if not self.armed:
+            return _at_rest(body, dt)
+        demand = self._demand
+        if isinstance(demand, (Tilt, Spin)):
+            return self._by_attitude.step(body, demand, dt, wind)
+        if isinstance(self._by_velocity, Unicycle):
+            return self._by_velocity.step(body, demand, dt)
+        assert not isinstance(demand, BodyVelocity)
+        return self._by_velocity.step(body, demand, dt, wind)
+
+    def wake_us(self) -> int:
+        return min(self._core.wake_us(), self._think_at if self.armed else NEVER)
+
+    def wake(self, now: int, body: Body) -> None:
+        self._core.wake(now)
+        if now >= self._think_at:
+            self._think(now, body)
+
+    def _think(self, now: int, body: Body) -> None:
+        self._think_at = now + (IDLE_US if self._steady() else THINK_US)
+        self._demand = self._wanted(body)
+
+    def _steady(self) -> bool:
+        """Whether the demand stays as it is until the next setpoint: nothing is being steered to."""
+        if self.mode != OFFBOARD or self._setpoint is None:
+            return False
+        if isinstance(self._setpoint, Trajectory):
+            return self._setpoint.position == NOTHING and self._setpoint.heading is None
+        return True
+
+    def _wanted(self, body: Body) -> Demand:
+        mode = self.mode
+        if mode == OFFBOARD:
+            if isinstance(self._setpoint, (Tilt, Spin)):
+                return self._setpoint
+            return self._from_trajectory(self._setpoint, body)
+        if mode in NEEDS_STICKS and not self._core.position:
+            return EarthVelocity(body.velocity_north * 0.9, body.velocity_east * 0.9, UNHELD_SINK)
+        if mode == LAND or not self._core.position:
+            return self._landing(body)
+        if mode == RTL:
+            return self._going_home(body)
+        if mode == TAKEOFF:
+            return self._taking_off(body)
+        return _towards(body, *self._hold)
+
+    def _from_trajectory(self, setpoint: Trajectory | None, body: Body) -> Demand:
+        """Velocities as they are, positions through the position loop; an incomplete one hovers."""
+        if setpoint is None:
+            return _towards(body, *self._hold)
+        here = (body.north, body.east, body.down)
+        wanted = []
+        for place, velocity, acceleration, now in zip(
+            setpoint.position, setpoint.velocity, setpoint.acceleration, here, strict=True
+        ):
+            if place is None and velocity is None and acceleration is None:
+                return Brake()
+            to_place = POSITION_GAIN * (place - now) if place is not None else 0.0
+            wanted.append((velocity or 0.0) + to_place)
+        yaw_rate = self._yaw_rate(setpoint, body)
+        north, east = _at_most(wanted[0], wanted[1], FASTEST)
+        down = max(-CLIMB, min(SINK, wanted[2]))
+        if setpoint.along_nose is not None and isinstance(self._by_velocity, Unicycle):
+            return BodyVelocity(*_at_most(*setpoint.along_nose, FASTEST), down, yaw_rate)
+        return EarthVelocity(north, east, down, yaw_rate)
+
+    @staticmethod
+    def _yaw_rate(setpoint: Trajectory, body: Body) -> float:
+        if setpoint.heading is not None:
+            return (setpoint.yaw_rate or 0.0) + YAW_GAIN * math.remainder(setpoint.heading - body.heading, math.tau)
+        return setpoint.yaw_rate or 0.0
+
+    def _landing(self, body: Body) -> Demand:
+        if body.down >= -0.05:
+            self._core.disarm(self._think_at)
+            return Brake()
+        return EarthVelocity(0.0, 0.0, 0.7)
+
+    def _going_home(self, body: Body) -> Demand:
+        if math.hypot(body.north, body.east) < 2.0:
+            return self._landing(body)
+        cruise = min(body.down, -self.params["RTL_RETURN_ALT"])
+        if body.down > cruise + 1.0:
+            return EarthVelocity(0.0, 0.0, -CLIMB)
+        return _towards(body, 0.0, 0.0, cruise, 5.0)
+
+    def _taking_off(self, body: Body) -> Demand:
+        asked = self._core.take_off_to
+        height = asked - HOME_AMSL_M if asked is not None and math.isfinite(asked) else self.params["MIS_TAKEOFF_ALT"]
+        if body.down <= -height + 0.2:
+            self._hold = (body.north, body.east, -height)
+            self._core.change_mode(LOITER, self._think_at)
+        return EarthVelocity(0.0, 0.0, max(-1.5, min(0.0, -height - body.down - 0.1)))
+
+    # -- what is obeyed -----------------------------------------------------------------------------------------------
+
+    def setpoint(self, message: Message, now: int, body: Body) -> bool:
+        number = message.get_msgId()
+        if number == MANUAL_CONTROL:
+            return self._core.sticks.heard(message, now, None)
+        taken: Trajectory | Tilt | Spin | Rejected | None = None
+        if number == LOCAL_TARGET:
+            taken = read_local_target(message, body)
+        elif number == ATTITUDE_TARGET:
+            taken = read_attitude_target(message)
+        if isinstance(taken, Rejected):
+            self._core.say(ERROR, taken.text)
+            return False
+        if taken is None:
+            return False
+        self._setpoint = taken
+        self._core.setpoint_taken(now)
+        if self.mode == OFFBOARD and self.armed:
+            self._think(now, body)
+        return True
+
+    def command(self, command: Command, now: int, body: Body) -> tuple[int, ...]:
+        self._hold = (body.north, body.east, body.down)
+        return self._core.command(command, now, body)
+
+    def heard(self, message: Message, now: int) -> None:
+        self._core.heard(message, now)
+
+    def happen(self, event: Event, now: int) -> None:
+        self._core.happen(event, now)
+
+    # -- the copter's own rules ---------------------------------------------------------------------------------------
+
+    def entered(self, mode: int, now: int) -> None:
+        self._think_at = now
+
+    def needs_velocity(self) -> bool:
+        return not isinstance(self._setpoint, (Tilt, Spin))
+
+    def flying(self, body: Body) -> bool:
+        return self.armed and body.down < -0.1
+
+    # -- what is reported ---------------------------------------------------------------------------------------------
+
+    def base_mode(self) -> int:
+        return self._core.base_mode()
+
+    def system_status(self, body: Body) -> int:
+        return self._core.system_status()
+
+    def flown(self) -> Demand | None:
+        return self._demand if self.mode == OFFBOARD else None
+
+    def wanted_roll(self) -> float | None:
+        return None
+
+    def intended_mode(self) -> int:
+        return self._core.intended
+
+    def landed_state(self, body: Body) -> int:
+        if not self.flying(body):
+            return ON_GROUND
+        return {MODES["TAKEOFF"]: TAKING_OFF, LAND: LANDING}.get(self.mode, IN_AIR)
+
+    def shown_airspeed(self, body: Body, wind: tuple[float, float]) -> float:
+        return math.nan
+
+    def has_position(self) -> bool:
+        return self._core.position
+
+    def has_gps(self) -> bool:
+        return self._core.gps
+
+
+def _towards(body: Body, north: float, east: float, down: float, speed: float = FASTEST) -> EarthVelocity:
+    vn, ve = _at_most(POSITION_GAIN * (north - body.north), POSITION_GAIN * (east - body.east), speed)
+    return EarthVelocity(vn, ve, max(-CLIMB, min(SINK, HEIGHT_GAIN * (down - body.down))))
+
+
+def _at_most(first: float, second: float, most: float) -> tuple[float, float]:
+    size = math.hypot(first, second)
+    share = min(1.0, most / size) if size > 0 else 1.0
+    return first * share, second * share
+
+
+def _at_rest(body: Body, dt: float) -> Body:
+    down = min(0.0, body.down + 10.0 * dt)
+    return body._replace(
+        down=down, velocity_north=0.0, velocity_east=0.0, velocity_down=10.0 if down < 0 else 0.0, turn_rate=0.0
+    )

@@ -1,0 +1,103 @@
+"""SET_POSITION_TARGET_LOCAL_NED and SET_ATTITUDE_TARGET as PX4 reads them (mavlink_receiver.cpp of 2026-03).
+
+Each axis counts on its own in LOCAL_NED; in BODY_NED positions never count and a velocity counts whole or not at all.
+"""
+
+import math
+from typing import NamedTuple
+
+from sim.body import Body, euler
+from sim.demands import Spin, Tilt
+from sim.wire import Message
+
+LOCAL_NED, BODY_NED = 1, 8
+ACCELERATION, FORCE, YAW, YAW_RATE = 0x1C0, 0x200, 0x400, 0x800
+ROLL_RATE, PITCH_RATE, BODY_YAW_RATE, THROTTLE, ATTITUDE = 0x01, 0x02, 0x04, 0x40, 0x80
+
+Axis = float | None
+
+
+class Rejected(NamedTuple):
+    """Dropped, with the text a ground station would see."""
+
+    text: str
+
+
+class Trajectory(NamedTuple):
+    """What to hold, axis by axis: NED metres, m/s and m/s^2; None is free."""
+
+    position: tuple[Axis, Axis, Axis]
+    velocity: tuple[Axis, Axis, Axis]
+    acceleration: tuple[Axis, Axis, Axis]
+    heading: Axis
+    yaw_rate: Axis
+    along_nose: tuple[float, float] | None = None  # a BODY_NED velocity before its rotation
+
+
+NOTHING: tuple[Axis, Axis, Axis] = (None, None, None)
+
+
+def read_local_target(message: Message, body: Body) -> Trajectory | Rejected:
+    frame, mask = message.coordinate_frame, message.type_mask
+    along_nose = None
+    if frame == LOCAL_NED:
+        position = _axes(mask, 0, message.x, message.y, message.z)
+        velocity = _axes(mask, 3, message.vx, message.vy, message.vz)
+        acceleration = _axes(mask, 6, message.afx, message.afy, message.afz)
+    elif frame == BODY_NED:
+        position = NOTHING
+        velocity = _rotated(_axes(mask, 3, message.vx, message.vy, message.vz), body.heading)
+        acceleration = _rotated(_axes(mask, 6, message.afx, message.afy, message.afz), body.heading)
+        along_nose = (message.vx, message.vy) if velocity[0] is not None else None
+    else:
+        return Rejected(f"SET_POSITION_TARGET_LOCAL_NED coordinate frame {frame} unsupported")
+    if acceleration != NOTHING and mask & FORCE:
+        return Rejected("SET_POSITION_TARGET_LOCAL_NED force not supported")
+    if position == velocity == acceleration == NOTHING and not _masked_in(mask, frame):
+        return Rejected("SET_POSITION_TARGET_LOCAL_NED invalid, missing position, velocity or acceleration")
+    heading = None if mask & YAW else _finite(message.yaw)
+    yaw_rate = None if mask & YAW_RATE else _finite(message.yaw_rate)
+    return Trajectory(position, velocity, acceleration, heading, yaw_rate, along_nose)
+
+
+def _masked_in(mask: int, frame: int) -> bool:
+    """Some axis was offered, even if its number was none: taken, but nothing can be flown from it."""
+    if frame == BODY_NED:
+        return not mask & 0x038 or not mask & ACCELERATION
+    return mask & 0x1FF != 0x1FF
+
+
+def _axes(mask: int, first: int, *values: float) -> tuple[Axis, Axis, Axis]:
+    axes = [None if mask >> (first + i) & 1 else _finite(v) for i, v in enumerate(values)]
+    return axes[0], axes[1], axes[2]
+
+
+def _rotated(vector: tuple[Axis, Axis, Axis], heading: float) -> tuple[Axis, Axis, Axis]:
+    forward, right, down = vector
+    if forward is None or right is None or down is None:
+        return NOTHING
+    cos, sin = math.cos(heading), math.sin(heading)
+    return forward * cos - right * sin, forward * sin + right * cos, down
+
+
+def _finite(value: float) -> Axis:
+    return value if math.isfinite(value) else None
+
+
+def read_attitude_target(message: Message) -> Tilt | Spin | None:
+    """Attitude first, else body rates (both roll and pitch rate needed); no throttle means none at all."""
+    mask = message.type_mask
+    none = mask & THROTTLE or not math.isfinite(message.thrust)
+    thrust = 0.0 if none else max(0.0, min(1.0, message.thrust))
+    rates = (message.body_roll_rate, message.body_pitch_rate, message.body_yaw_rate)
+    q = tuple(message.q)
+    size = math.sqrt(sum(v * v for v in q))
+    if not mask & ATTITUDE:
+        if not (math.isfinite(size) and size > 0.1):
+            return None
+        roll, pitch, heading = euler(tuple(v / size for v in q))
+        yaw_rate = 0.0 if mask & BODY_YAW_RATE or not math.isfinite(rates[2]) else rates[2]
+        return Tilt(roll, pitch, heading, yaw_rate, thrust=thrust)
+    if mask & (ROLL_RATE | PITCH_RATE) or not all(map(math.isfinite, rates)):
+        return None
+    return Spin(rates[0], rates[1], 0.0 if mask & BODY_YAW_RATE else rates[2], thrust=thrust)

@@ -1,0 +1,42 @@
+"""A pilot's sticks over MAVLink: RC_CHANNELS_OVERRIDE and MANUAL_CONTROL."""
+
+from sim.wire import Message
+
+RC_OVERRIDE, MANUAL_CONTROL = 70, 69
+IGNORED_PWM, RELEASED_PWM = 65535, 0
+IGNORED_AXIS = 32767
+
+
+class Sticks:
+    """The roll stick and when it was last heard; ArduPilot listens only to its own ground station's id."""
+
+    def __init__(self, system: int) -> None:
+        self._system = system
+        self._roll = 0.0
+        self._heard: int | None = None
+
+    def heard(self, message: Message, now: int, pilot: int | None) -> bool:
+        """True if the message moved the stick. `pilot` is the only system listened to, None listens to all."""
+        if pilot is not None and message.get_srcSystem() != pilot:
+            return False
+        number = message.get_msgId()
+        if number == MANUAL_CONTROL and message.target == self._system and message.y != IGNORED_AXIS:
+            self._roll, self._heard = max(-1.0, min(1.0, message.y / 1000)), now
+            return True
+        if number == RC_OVERRIDE and message.chan1_raw != IGNORED_PWM:
+            released = message.chan1_raw == RELEASED_PWM
+            self._roll = 0.0 if released else max(-1.0, min(1.0, (message.chan1_raw - 1500) / 500))
+            self._heard = now
+            return True
+        return False
+
+    @property
+    def last(self) -> int | None:
+        return self._heard
+
+    def roll(self, now: int, timeout: int) -> float:
+        """-1 .. 1, to the right positive; centred once it is `timeout` us old."""
+        return self._roll if self.alive(now, timeout) else 0.0
+
+    def alive(self, now: int, timeout: int) -> bool:
+        return self._heard is not None and now - self._heard < timeout

@@ -1,0 +1,53 @@
+"""Seeded property tests, and a run folder made by hand."""
+
+import struct
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import settings
+from pymavlink.dialects.v20 import all as mavlink
+
+settings.register_profile("seeded", derandomize=True, deadline=None, database=None)
+settings.load_profile("seeded")
+
+EPOCH_US = 1_790_000_000_000_000
+RADIUS, TURN = 100.0, 0.15
+
+
+def truth_frame(seconds: float, north: float, east: float, name: bytes = b"SIM_TRUTH") -> bytes:
+    """What the bundled vehicle tells of itself: 0, 1 north and east, 8, 9 the target's."""
+    data = [0.0] * 58
+    data[0], data[1], data[7], data[9], data[10] = north, east, -TURN, 5.0, 7.0
+    message = mavlink.MAVLink_debug_float_array_message(round(seconds * 1e6), name, 0, data)
+    frame = bytes(message.pack(mavlink.MAVLink(None, srcSystem=1, srcComponent=1)))
+    return struct.pack(">Q", EPOCH_US + round(seconds * 1e6)) + frame
+
+
+@pytest.fixture
+def run_folder(tmp_path: Path) -> Callable[..., Path]:
+    """300 s round a target at (5, 7): clockwise, 120 m at first and 101 m from second 100 on; engaged at second 10."""
+
+    def make(*, engaged: bool = True, truth: bool = True, clockwise: bool = True) -> Path:
+        header = "time,phase,measured,r,r_dot,demanded,turn_rate,saturated,yaw_rate_sent,mode,accepted,rejected"
+        lines, log = [header], b""
+        for second in np.arange(0.0, 300.5, 0.5):
+            on = engaged and second >= 10
+            radius = 120.0 if second < 100 else 101.0
+            turn = (-TURN if clockwise else TURN) if on else None
+            numbers = f"{radius:.6f},{radius:.6f},0.0,{turn or ''},{turn or ''},0,{-turn if turn else ''}"
+            lines.append(f"{second:.6f},{'engaged' if on else 'ready'},{numbers},GUIDED,{int(second)},0")
+            angle = (-1 if clockwise else 1) * TURN * second
+            north, east = 5 + radius * np.sin(angle), 7 + radius * np.cos(angle)
+            log += truth_frame(second, north, east) if truth else b""
+        (tmp_path / "ticks.csv").write_text("\n".join(lines) + "\n")
+        (tmp_path / "flight.tlog").write_bytes(log)
+        return tmp_path
+
+    return make
+
+
+@pytest.fixture
+def epoch_us() -> int:
+    return EPOCH_US

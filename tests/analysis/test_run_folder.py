@@ -1,0 +1,78 @@
+"""A run folder read back, also one that was cut off."""
+
+import struct
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import all as mavlink
+
+from circnav_mav.analysis.run_folder import read_ticks, read_tlog, read_truth
+
+
+def test_ticks_are_columns_and_an_empty_cell_is_no_number(run_folder):
+    ticks = read_ticks(run_folder())
+    assert len(ticks.time) == 601
+    assert ticks.engaged_at == 10.0
+    assert set(ticks.phases) == {"ready", "engaged"}
+    assert np.isnan(ticks.numbers["turn_rate"][0])
+    assert ticks.numbers["turn_rate"][-1] == -0.15
+    assert ticks.modes[0] == "GUIDED"
+
+
+def test_a_flight_that_never_engaged_has_no_such_moment(run_folder):
+    assert read_ticks(run_folder(engaged=False)).engaged_at is None
+
+
+def test_a_last_line_that_was_cut_off_is_left_out(run_folder):
+    folder = run_folder()
+    text = (folder / "ticks.csv").read_text()
+    (folder / "ticks.csv").write_text(text[:-40])
+    assert len(read_ticks(folder).time) == 600
+
+
+def test_a_header_alone_is_a_flight_without_ticks(tmp_path):
+    (tmp_path / "ticks.csv").write_text("time,phase,mode,r,turn_rate\n")
+    ticks = read_ticks(tmp_path)
+    assert len(ticks.time) == 0
+    assert ticks.engaged_at is None
+
+
+def test_the_truth_is_found_in_the_log_at_the_runs_own_time(run_folder, epoch_us):
+    truth = read_truth(run_folder(), epoch_us)
+    assert truth.time[[0, 1, -1]] == pytest.approx([0.0, 0.5, 300.0])
+    assert truth.radius[[0, -1]] == pytest.approx([120.0, 101.0], abs=1e-3)
+    assert (truth.target_north[0], truth.target_east[0]) == (5.0, 7.0)
+    assert (truth.north[0], truth.east[0]) == pytest.approx((5.0, 127.0))
+
+
+def test_a_log_of_a_real_vehicle_has_no_truth(run_folder, epoch_us, tmp_path):
+    folder = run_folder(truth=False)
+    beat = bytes(mavlink.MAVLink_heartbeat_message(2, 3, 0, 0, 4, 3).pack(mavlink.MAVLink(None, srcSystem=1)))
+    (folder / "flight.tlog").write_bytes(struct.pack(">Q", epoch_us) + beat)
+    assert read_truth(folder, epoch_us) is None
+
+
+def test_a_log_is_read_to_where_it_was_cut_off(run_folder):
+    path = run_folder() / "flight.tlog"
+    whole = list(read_tlog(path))
+    data = path.read_bytes()
+    one = 8 + len(whole[0][1])
+    for kept in (len(data) - 1, len(data) - one, len(data) - one - 1, 10 * one + 9, one - 1, 7):
+        path.write_bytes(data[:kept])
+        fits = [pair for pair, end in zip(whole, ends(whole), strict=True) if end <= kept]
+        assert list(read_tlog(path)) == fits
+
+
+def ends(pairs):
+    """Where each record of a tlog ends."""
+    end = 0
+    for _, frame in pairs:
+        end += 8 + len(frame)
+        yield end
+
+
+def test_a_log_that_is_none_ends_at_once(tmp_path):
+    (tmp_path / "x.tlog").write_bytes(b"this is no log at all")
+    assert list(read_tlog(tmp_path / "x.tlog")) == []
+    (tmp_path / "x.tlog").write_bytes(b"")
+    assert list(read_tlog(tmp_path / "x.tlog")) == []

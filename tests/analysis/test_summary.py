@@ -1,0 +1,82 @@
+"""summary.json: keys that users' scripts read, and figures worked out by hand."""
+
+import json
+
+import pytest
+
+from circnav_mav.analysis.run_folder import read_ticks, read_truth
+from circnav_mav.analysis.summary import FlightFacts, summarise, write_summary
+from circnav_mav.core.values import Direction, Orbit
+
+
+def facts(epoch_us, direction=Direction.CLOCKWISE):
+    return FlightFacts(
+        mission="by hand", outcome="completed", reason="flown to its end", orbit=Orbit(100.0, direction, 15.0, 0.35),
+        samples_accepted=2800, samples_rejected={"gated": 3}, setpoints_sent=5000, firmware="4.6.3", version="0",
+        epoch_us=epoch_us, recording_problem=None,
+    )  # fmt: skip
+
+
+@pytest.fixture
+def summary(run_folder, epoch_us):
+    def make(**kind):
+        folder = run_folder(**kind)
+        return summarise(facts(epoch_us), read_ticks(folder), read_truth(folder, epoch_us))
+
+    return make
+
+
+def test_the_keys_that_scripts_read_are_there(summary):
+    made = summary()
+    assert {
+        "mission", "outcome", "reason", "desired_radius_m", "direction", "settled_s", "radius_mean_m",
+        "radius_rms_error_m", "samples_accepted", "samples_rejected", "setpoints_sent", "truth",
+    } <= set(made)  # fmt: skip
+    assert {"settled_s", "radius_mean_m", "radius_rms_error_m", "direction", "closest_approach_m"} <= set(made["truth"])
+
+
+def test_the_figures_are_those_of_the_flight_after_engaging(summary):
+    """Engaged at 10 s, at 101 m from 100 s on; the band of 5 % is entered then, 90 s after engaging."""
+    made = summary()
+    assert made["engaged_s"] == 10.0
+    assert made["flown_s"] == 290.0
+    assert made["settled_s"] == 90.0
+    assert made["radius_mean_m"] == pytest.approx(101.0)
+    assert made["radius_rms_error_m"] == pytest.approx(1.0)
+    assert made["direction"] == made["direction_commanded"] == "clockwise"
+
+
+def test_the_truth_has_its_own_figures_and_its_own_sense_of_rotation(summary):
+    truth = summary()["truth"]
+    assert truth["settled_s"] == 90.0
+    assert truth["radius_mean_m"] == pytest.approx(101.0, abs=1e-3)
+    assert truth["closest_approach_m"] == pytest.approx(101.0, abs=1e-3)
+    assert truth["direction"] == "clockwise"
+
+
+def test_the_wrong_way_round_shows(summary):
+    made = summary(clockwise=False)
+    assert made["direction"] == "clockwise"
+    assert made["direction_commanded"] == "counterclockwise"
+    assert made["truth"]["direction"] == "counterclockwise"
+
+
+def test_a_flight_that_never_engaged_has_no_figures(summary):
+    made = summary(engaged=False)
+    assert made["engaged_s"] is None
+    assert made["settled_s"] is None
+    assert made["radius_mean_m"] is None
+    assert made["radius_rms_error_m"] is None
+    assert made["truth"] is None
+    assert made["flown_s"] == 0.0
+    assert made["direction_commanded"] is None
+
+
+def test_a_vehicle_of_flesh_and_blood_has_no_truth(summary):
+    assert summary(truth=False)["truth"] is None
+
+
+def test_the_file_is_json_that_comes_back(summary, tmp_path):
+    made = summary()
+    write_summary(tmp_path, made)
+    assert json.loads((tmp_path / "summary.json").read_text(encoding="utf-8")) == made

@@ -1,0 +1,35 @@
+"""What a replay costs: 600 s of the quickstart, recorded in lockstep, fed through the pilot again. Prints.
+
+    python -m tests.bench.bench_replay
+"""
+
+import tempfile
+import time
+from pathlib import Path
+
+from circnav_mav.analysis.replay import replay
+from circnav_mav.analysis.run import open_run
+from circnav_mav.analysis.turns import recorded_turns
+from circnav_mav.mission.load import parse_mission
+from circnav_mav.pilot import Pilot
+from tests.flight.recorded import recorded_flight
+
+
+def main() -> None:
+    """Record, replay, print."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        flight = recorded_flight(folder, "quickstart", "limits.duration_s=600").fly(610)
+        assert flight.recorder is not None
+        flight.recorder.close()
+        began, cpu = time.perf_counter(), time.process_time()
+        settings = parse_mission(open_run(folder).mission_text, "mission.toml").pilot_settings()
+        done = replay(Pilot(settings), recorded_turns(folder))
+        took, cpu = time.perf_counter() - began, time.process_time() - cpu
+        sizes = ", ".join(f"{path.name} {path.stat().st_size / 1e6:.2f} MB" for path in sorted(folder.iterdir()))
+    print(f"{done.until:.0f} s replayed in {took:.2f} s ({cpu:.2f} s of CPU), identical: {done.identical}")
+    print(f"{done.turns} turns, {done.frames} frames in, {len(done.said)} out, {len(done.ticks)} ticks; {sizes}")
+
+
+if __name__ == "__main__":
+    main()

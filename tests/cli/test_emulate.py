@@ -1,0 +1,47 @@
+"""`circnav emulate` where it cannot run; its flights are tested with the emulator."""
+
+import signal
+import subprocess
+import sys
+
+import pytest
+
+
+@pytest.mark.parametrize("speed", ["0", "-1", "101", "nan"])
+def test_a_speed_out_of_its_bounds(circnav, speed):
+    ran = circnav("emulate", "--speed", speed)
+    assert ran.code == 2
+    assert ran.line == f"circnav: --speed: must be above 0 and at most 100, not {float(speed):g}"
+
+
+def test_a_vehicle_file_that_is_missing(circnav):
+    ran = circnav("emulate", "nowhere.toml")
+    assert ran.code == 2
+    assert "nowhere.toml" in ran.line
+
+
+def test_an_endpoint_that_is_none(circnav):
+    ran = circnav("emulate", "--endpoint", "ftp:here:21")
+    assert ran.code == 2
+    assert "ftp" in ran.line
+
+
+def test_a_port_in_use(circnav, busy_port):
+    ran = circnav("emulate", "--endpoint", f"udpin:127.0.0.1:{busy_port}")
+    assert ran.code == 2
+    assert str(busy_port) in ran.line
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_it_ends_when_asked(number, busy_port):
+    """It speaks to a port that somebody has, once its own are open it says so in a line."""
+    command = [sys.executable, "-m", "circnav_mav", "emulate", "--endpoint", f"udpout:127.0.0.1:{busy_port}"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout.readline()
+            process.send_signal(number)
+            _, err = process.communicate(timeout=10)
+        finally:
+            process.kill()
+    assert process.returncode == 0
+    assert err == ""

@@ -1,0 +1,47 @@
+"""A vehicle that runs five times as fast as real time, flown by its own clock: what a user of a fast simulator does."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+SPEED = 5
+
+
+def circnav(*arguments: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-m", "circnav_mav", *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+
+
+def test_a_simulator_five_times_as_fast_is_flown_in_its_own_seconds(tmp_path: Path) -> None:
+    endpoint = f"127.0.0.1:{22000 + os.getpid() % 8000}"
+    mission = str(ROOT / "config" / "arducopter.toml")
+    vehicle = circnav("emulate", mission, "--endpoint", f"udpin:{endpoint}", "--speed", str(SPEED))
+    try:
+        assert vehicle.stdout is not None
+        vehicle.stdout.readline()
+        overrides = ("--set", 'link.clock="autopilot"', "--duration", "40", "--out", str(tmp_path / "run"))
+        began = time.monotonic()
+        flight = circnav("fly", mission, "--endpoint", f"udpout:{endpoint}", *overrides)
+        printed, errors = flight.communicate(timeout=60)
+        elapsed = time.monotonic() - began
+    finally:
+        vehicle.terminate()
+        vehicle.communicate(timeout=10)
+    assert (flight.returncode, errors) == (0, ""), printed
+    summary = json.loads((tmp_path / "run" / "summary.json").read_text())
+    assert summary["flown_s"] == pytest.approx(40.0, abs=1.0)
+    assert summary["samples_accepted"] == pytest.approx(10 * 40, rel=0.1)  # the radio's 10 Hz, in the run's seconds
+    assert summary["setpoints_sent"] == pytest.approx(25 * 40, rel=0.2)
+    assert elapsed < 40.0 / 2

@@ -1,0 +1,127 @@
+"""The command line flying over real UDP sockets between processes."""
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from pymavlink import mavutil
+
+ROOT = Path(__file__).parents[2]
+QUICKSTART = str(ROOT / "config" / "quickstart.toml")
+
+
+def circnav(*arguments: str) -> subprocess.Popen[str]:
+    """The command as a process of its own."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "circnav_mav", *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """A quickstart flight of 60 s at twenty times real time: its run folder and what it printed."""
+    folder = tmp_path_factory.mktemp("run") / "out"
+    process = circnav("fly", QUICKSTART, "--speed", "15", "--duration", "75", "--out", str(folder))
+    printed, errors = process.communicate(timeout=90)
+    assert (process.returncode, errors) == (0, "")
+    return folder, printed
+
+
+def test_flight_over_sockets_settles_clockwise_and_says_so(run: tuple[Path, str]) -> None:
+    folder, printed = run
+    summary = json.loads((folder / "summary.json").read_text())
+    assert summary["outcome"] == "completed"
+    assert summary["truth"]["direction"] == summary["direction"] == "clockwise"
+    assert summary["truth"]["radius_rms_error_m"] < 2.0
+    assert 10 < summary["settled_s"] < 60
+    assert summary["samples_accepted"] > 500
+    assert summary["setpoints_sent"] > 1000
+    assert "COMPLETED" in printed
+    assert "rotation clockwise (as wanted)" in printed
+
+
+def test_plain_output_has_a_line_a_second(run: tuple[Path, str]) -> None:
+    lines = [line for line in run[1].splitlines() if "link age" in line]
+    assert 4 <= len(lines) <= 9  # 75 s of flight at 15 times real time
+
+
+def test_run_folder_holds_everything(run: tuple[Path, str]) -> None:
+    names = {path.name for path in run[0].iterdir()}
+    assert names >= {"summary.json", "ticks.csv", "flight.tlog", "mission.toml", "flight.png"}
+    assert "duration_s = 75" in (run[0] / "mission.toml").read_text()
+
+
+def test_tlog_opens_in_the_standard_reader_with_both_directions(run: tuple[Path, str]) -> None:
+    log = mavutil.mavlink_connection(str(run[0] / "flight.tlog"))
+    kinds: dict[str, int] = {}
+    while (message := log.recv_match()) is not None:
+        kinds[message.get_type()] = kinds.get(message.get_type(), 0) + 1
+    assert kinds["DISTANCE_SENSOR"] > 500
+    assert kinds["SET_POSITION_TARGET_LOCAL_NED"] > 1000
+    assert kinds.get("BAD_DATA", 0) == 0
+
+
+def test_every_tick_is_in_the_csv(run: tuple[Path, str]) -> None:
+    with (run[0] / "ticks.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    times = [float(row["time"]) for row in rows]
+    assert times == sorted(times)
+    assert len([row for row in rows if row["yaw_rate_sent"]]) > 1000
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_signal_leaves_a_safe_setpoint_closes_the_files_and_exits_130(number: int, tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    process = circnav("fly", QUICKSTART, "--speed", "5", "--out", str(folder))
+    assert process.stdout is not None
+    for line in process.stdout:
+        if "engaged" in line:
+            break
+    process.send_signal(number)
+    sent_at = time.monotonic()
+    process.wait(timeout=20)
+    assert process.returncode == 130
+    assert time.monotonic() - sent_at < 15
+    assert json.loads((folder / "summary.json").read_text())["outcome"] == "interrupted"
+    log = mavutil.mavlink_connection(str(folder / "flight.tlog"))
+    setpoints = []
+    while (message := log.recv_match(type="SET_POSITION_TARGET_LOCAL_NED")) is not None:
+        setpoints.append((message.vx, message.yaw_rate))
+    assert setpoints[-3:] == [(0.0, 0.0)] * 3
+    assert setpoints[-4][0] == 15.0
+
+
+def test_vehicle_on_an_endpoint_is_flown_like_a_real_one(tmp_path: Path) -> None:
+    """The emulator as a separate program on its own port, found by --endpoint udpout."""
+    port = 20000 + os.getpid() % 20000
+    vehicle = circnav("emulate", QUICKSTART, "--endpoint", f"udpin:127.0.0.1:{port}")
+    try:
+        assert vehicle.stdout is not None
+        assert "udpin" in vehicle.stdout.readline()
+        flight = circnav(
+            "fly",
+            QUICKSTART,
+            "--endpoint",
+            f"udpout:127.0.0.1:{port}",
+            "--duration",
+            "4",
+            "--out",
+            str(tmp_path / "run"),
+        )
+        flight.communicate(timeout=60)
+        assert flight.returncode == 0
+    finally:
+        vehicle.terminate()
+        vehicle.communicate(timeout=10)
+    assert vehicle.returncode == 0

@@ -1,0 +1,72 @@
+"""A quickstart flight over real sockets, replayed: the same bytes; and a run whose process was killed."""
+
+import json
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from circnav_mav.analysis.replay import replay
+from circnav_mav.analysis.run import open_run
+from circnav_mav.analysis.turns import recorded_turns
+from circnav_mav.mission.load import parse_mission
+from circnav_mav.pilot import Pilot
+from tests.flight.test_process import QUICKSTART, circnav
+
+
+def again(folder: Path):
+    run = open_run(folder)
+    return replay(Pilot(parse_mission(run.mission_text, "mission.toml").pilot_settings()), recorded_turns(folder))
+
+
+def test_a_flight_over_sockets_is_replayed_byte_for_byte(tmp_path: Path) -> None:
+    process = circnav("fly", QUICKSTART, "--speed", "15", "--duration", "40", "--out", str(tmp_path))
+    process.communicate(timeout=90)
+    done = again(tmp_path)
+    assert done.identical
+    assert len(done.was_setpoints) > 500
+    assert done.frames > 1000
+    manifest = json.loads((tmp_path / "manifest.json").read_text())
+    assert manifest["exit"] == process.returncode == 0
+    assert manifest["autopilot"] == {"system": 1, "component": 1, "name": "ardupilot copter", "firmware": "4.6.3"}
+    assert set(manifest["versions"]) == {"circnav", "python", "pymavlink", "numpy", "filterpy"}
+    assert (manifest["seeds"], manifest["voice"]) == ({"sim": 7}, "fly")
+
+
+@pytest.fixture
+def orphans():
+    """The bundled vehicle of a killed flight, found by its mission file and ended."""
+    folders: list[Path] = []
+    yield folders
+    for folder in folders:
+        listing = subprocess.run(["ps", "-eo", "pid,args"], capture_output=True, text=True, check=True).stdout
+        for line in listing.splitlines():
+            if str(folder / "mission.toml") in line and "-m sim" in line:
+                subprocess.run(["kill", line.split()[0]], check=False)
+
+
+def test_a_killed_flight_loses_at_most_its_last_second_and_still_opens(tmp_path: Path, orphans: list[Path]) -> None:
+    orphans.append(tmp_path)
+    process = circnav("fly", QUICKSTART, "--speed", "1", "--out", str(tmp_path))
+    assert process.stdout is not None
+    shown = 0.0
+    for line in process.stdout:
+        if " s  " in line and "link age" in line:
+            shown = float(line.split()[0])
+        if shown >= 6:
+            break
+    process.send_signal(signal.SIGKILL)
+    process.communicate(timeout=20)
+    run = open_run(tmp_path)
+    assert (run.summary, run.manifest["exit"]) == (None, None)
+    assert run.ticks.time[-1] > shown - 1.0
+    done = again(tmp_path)
+    assert done.identical
+    assert done.until > shown - 1.0
+    replayed = subprocess.run(
+        [sys.executable, "-m", "circnav_mav", "replay", str(tmp_path)], capture_output=True, text=True, check=False
+    )
+    assert (replayed.returncode, replayed.stderr) == (0, "")
+    assert "byte for byte the same" in replayed.stdout

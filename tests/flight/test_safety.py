@@ -1,0 +1,134 @@
+"""The operator always wins, and losing range or link has a defined answer: whole flights in lockstep."""
+
+import random
+
+import pytest
+
+from circnav_mav.core.phases import Phase
+from circnav_mav.pilot import Ending, Voice
+from tests.flight.ground_station import Operator
+from tests.flight.lockstep import flight, last_third, message_ids, rms_error
+
+GUIDED, LOITER = 4, 5
+
+
+def is_ranging(frame: bytes) -> bool:
+    return message_ids(frame) == [132]
+
+
+def test_no_setpoint_leaves_after_the_tick_that_saw_the_operator_take_over_200_times_in_one_flight() -> None:
+    flown = flight("quickstart", 'engage.on_takeover="wait"', "limits.duration_s=100000")
+    operator, pilot, chance = Operator(flown.vehicle), flown.pilot, random.Random(1)
+    flown.fly(5)
+    for _ in range(200):
+        assert pilot.phase is Phase.ENGAGED
+        flown.fly(flown.now + chance.uniform(0.3, 1.2))
+        operator.set_mode(LOITER)
+        seen_at = None
+        sent_before = len(flown.setpoint_times)
+        while seen_at is None:
+            flown.fly(flown.now + 0.01)
+            if pilot.session.mode == LOITER:
+                seen_at = flown.now
+        flown.fly(seen_at + chance.uniform(0.2, 1.0))
+        assert [time for time in flown.setpoint_times[sent_before:] if time >= seen_at - 1e-9] == []
+        assert pilot.phase is Phase.YIELDED
+        operator.set_mode(GUIDED)
+        flown.fly(flown.now + 1.0)
+
+
+def test_takeover_ends_the_mission_when_the_file_says_end() -> None:
+    flown = flight("quickstart").fly(20)
+    Operator(flown.vehicle).set_mode(LOITER)
+    flown.fly(25)
+    assert flown.pilot.done
+    assert flown.pilot.outcome is not None
+    assert flown.pilot.outcome.ending is Ending.ABORTED
+    assert "operator took over, mode LOITER" in flown.pilot.outcome.reason
+
+
+def test_disarming_ends_the_stream_and_arming_again_does_not_give_the_vehicle_back() -> None:
+    flown = flight("quickstart", 'engage.on_takeover="wait"').fly(20)
+    Operator(flown.vehicle).disarm()
+    flown.fly(21)
+    assert flown.pilot.phase is Phase.YIELDED
+    count = flown.pilot.setpoints_sent
+    flown.fly(25)
+    assert flown.pilot.setpoints_sent == count
+
+
+def test_waits_for_the_operator_to_enter_guided_when_the_file_says_so() -> None:
+    flown = flight("quickstart", "engage.request_mode=false").fly(10)
+    assert flown.pilot.phase is Phase.READY
+    assert flown.setpoint_times == []
+    Operator(flown.vehicle).set_mode(GUIDED)
+    flown.fly(12)
+    assert flown.pilot.phase is Phase.ENGAGED
+
+
+def test_range_outage_coasts_then_holds_then_regains_the_circle() -> None:
+    flown = flight("quickstart", "limits.hold_s=20", "limits.duration_s=150")
+    flown.hears = lambda frame, now: not (is_ranging(frame) and 60 < now < 66)
+    phases = []
+    flown.fly(160, lambda f: phases.append((f.now, f.pilot.phase)))
+    holding = [now for now, phase in phases if phase is Phase.HOLDING]
+    assert 60.3 < holding[0] < 60.8
+    assert 66.0 < holding[-1] < 67.0
+    steady = [tick.turn_rate for tick in flown.ticks if tick.phase is Phase.HOLDING]
+    assert steady == pytest.approx([-15.0 / 100.0] * len(steady), rel=0.01)  # by the learnt turn-rate gain
+    assert rms_error(last_third(flown), 100.0) < 2.0
+
+
+def test_lost_range_ends_with_a_safe_setpoint_and_silence() -> None:
+    flown = flight("quickstart", "limits.hold_s=3")
+    flown.hears = lambda frame, now: not (is_ranging(frame) and now > 40)
+    flown.fly(60)
+    pilot = flown.pilot
+    assert pilot.done
+    assert pilot.outcome is not None
+    assert pilot.outcome.ending is Ending.ABORTED
+    assert "no range" in pilot.outcome.reason
+    assert 43.3 < flown.now < 44.2
+    flown.vehicle.advance(flown.now + 1)
+    assert flown.vehicle.truth.ground_speed == pytest.approx(0.0, abs=0.05)
+
+
+def test_vehicle_silence_stops_the_stream_and_the_mission_resumes_after_it() -> None:
+    flown = flight("quickstart", "limits.duration_s=150")
+    flown.hears = lambda frame, now: not 50 < now < 60
+    flown.fly(160)
+    silent = [time for time in flown.setpoint_times if 53.2 < time < 60]
+    assert silent == []
+    assert [time for time in flown.setpoint_times if 60 < time < 62] != []
+    assert rms_error(last_third(flown), 100.0) < 2.0
+
+
+def test_vehicle_gone_for_good_ends_the_mission() -> None:
+    flown = flight("quickstart", "limits.outage_s=5")
+    flown.hears = lambda frame, now: now < 50
+    flown.fly(70)
+    assert flown.pilot.outcome is not None
+    assert flown.pilot.outcome.ending is Ending.ABORTED
+    assert flown.now < 59
+
+
+def test_interrupt_leaves_the_vehicle_standing() -> None:
+    flown = flight("quickstart").fly(40)
+    flown.pilot.interrupt(flown.now, "SIGINT")
+    flown.fly(45)
+    assert flown.pilot.done
+    assert flown.pilot.outcome is not None
+    assert flown.pilot.outcome.ending is Ending.INTERRUPTED
+    flown.vehicle.advance(flown.now + 1)
+    assert flown.vehicle.truth.ground_speed == pytest.approx(0.0, abs=0.05)
+
+
+def test_dry_run_sends_no_setpoint_and_asks_for_no_mode() -> None:
+    from dataclasses import replace
+
+    flown = flight("quickstart")
+    flown.pilot = type(flown.pilot)(replace(flown.pilot.settings, voice=Voice.DRY_RUN))
+    flown.fly(20)
+    assert flown.setpoint_times == []
+    assert flown.vehicle.truth.mode == LOITER
+    assert any(tick.turn_rate is not None for tick in flown.ticks)

@@ -1,0 +1,139 @@
+"""Real ground stations beside us on the emulator: they see the vehicle, and what they command takes it away from us."""
+
+import contextlib
+import json
+import os
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+MAVPROXY = "MAVProxy==1.8.75"
+
+
+class Stage:
+    """An emulator on a port of its own, and our application flying it."""
+
+    def __init__(self, mission: str, folder: Path, open_things: contextlib.ExitStack) -> None:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            probe.bind(("127.0.0.1", 0))
+            self.port: int = probe.getsockname()[1]
+        self._open_things, self._mission, self._folder = open_things, str(ROOT / "config" / f"{mission}.toml"), folder
+        vehicle = self.start(
+            "-m", "circnav_mav", "emulate", self._mission, "--endpoint", f"udpin:127.0.0.1:{self.port}"
+        )
+        assert vehicle.stdout is not None
+        assert "udpin" in vehicle.stdout.readline()
+
+    def start(self, *arguments: str, **extra_env: str) -> subprocess.Popen[str]:
+        """A Python process that ends with the test."""
+        process = subprocess.Popen(
+            [sys.executable, *arguments],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            cwd=ROOT,
+            env={**os.environ, "PYTHONPATH": str(ROOT), **extra_env},
+        )
+        self._open_things.callback(process.wait)
+        self._open_things.callback(process.kill)
+        return process
+
+    def fly(self) -> subprocess.Popen[str]:
+        """Our application, once it is engaged."""
+        process = self.start(
+            *("-m", "circnav_mav", "fly", self._mission, "--endpoint", f"udpout:127.0.0.1:{self.port}"),
+            *("--duration", "60", "--out", str(self._folder)),
+        )
+        assert process.stdout is not None
+        for line in process.stdout:
+            if "engaged" in line:
+                break
+        return process
+
+    def verdict(self, process: subprocess.Popen[str]) -> tuple[int, str]:
+        """Exit code and reason of our application."""
+        process.communicate(timeout=30)
+        return process.returncode, json.loads((self._folder / "summary.json").read_text())["reason"]
+
+
+@pytest.fixture
+def stage(tmp_path: Path) -> Iterator[Callable[[str], Stage]]:
+    with contextlib.ExitStack() as open_things:
+        yield lambda mission: Stage(mission, tmp_path / "run", open_things)
+
+
+@pytest.fixture(scope="session")
+def mavproxy(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """MAVProxy from PyPI without its gigabyte of graphics, in a folder of its own."""
+    folder = tmp_path_factory.mktemp("mavproxy")
+    install = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--target", str(folder), MAVPROXY]
+    if subprocess.run(install, capture_output=True, check=False).returncode != 0:
+        pytest.skip("MAVProxy cannot be installed here")
+    return folder
+
+
+def test_mavproxy_sees_the_copter_and_its_mode_command_ends_our_flight(
+    stage: Callable[[str], Stage], mavproxy: Path, tmp_path: Path
+) -> None:
+    on = stage("arducopter")
+    ours = on.fly()
+    station = on.start(
+        *("-m", "MAVProxy.mavproxy", f"--master=udpout:127.0.0.1:{on.port}", f"--state-basedir={tmp_path}"),
+        "--default-modules=mode,param,link,misc",
+        PYTHONPATH=str(mavproxy),
+    )
+    assert station.stdin is not None
+    said = read_until(station, "Received")  # its parameters: it has the vehicle, its mode and its armed state
+    assert "Detected vehicle 1:1" in said
+    assert "ARMED" in said
+    assert "GUIDED> Mode GUIDED" in said
+    station.stdin.write("status VFR_HUD\nmode BRAKE\n")
+    station.stdin.flush()
+    read_until(station, "Mode BRAKE")
+    assert on.verdict(ours) == (4, "operator took over, mode BRAKE")
+
+
+def test_mavsdk_sees_the_px4_copter_and_its_hold_ends_our_flight(stage: Callable[[str], Stage]) -> None:
+    mavsdk = pytest.importorskip("mavsdk")
+    from mavsdk.plugins.action import Action
+    from mavsdk.plugins.telemetry import FlightMode, Telemetry
+
+    on = stage("px4_copter")
+    ours = on.fly()
+    client = mavsdk.Mavsdk(mavsdk.Configuration.create_with_component_type(mavsdk.ComponentType.GROUND_STATION))
+    try:
+        assert client.add_any_connection(f"udpout://127.0.0.1:{on.port}") == mavsdk.ConnectionResult.SUCCESS
+        system = client.first_autopilot(20.0)
+        assert system is not None
+        telemetry = Telemetry(system)
+        until(lambda: telemetry.armed() and telemetry.flight_mode() == FlightMode.OFFBOARD)
+        until(lambda: telemetry.position().relative_altitude_m > 10)
+        Action(system).hold()
+        assert on.verdict(ours) == (4, "operator took over, mode AUTO.LOITER")
+    finally:
+        client.destroy()
+
+
+def read_until(process: subprocess.Popen[str], words: str) -> str:
+    """What a process prints up to some words; fails when it ends without them."""
+    assert process.stdout is not None
+    said = ""
+    for line in process.stdout:
+        said += line
+        if words in said:
+            return said
+    raise AssertionError(f"{words!r} not in {said!r}")
+
+
+def until(condition: Callable[[], bool], seconds: float = 15.0) -> None:
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.05)

@@ -1,0 +1,136 @@
+"""The setpoint of every adapter for left, right, straight and hold, against frames built by hand from the MAVLink
+definitions: wire order by field size, trailing zeros cut, CRC-16/MCRF4XX with the message's extra byte."""
+
+import struct
+from math import atan, cos, sin
+
+import pytest
+
+from circnav_mav.core.values import TurnRate
+from circnav_mav.mav.autopilots.interface import VehicleFacts, VehicleState
+from circnav_mav.mav.autopilots.table import AUTOPILOTS
+from circnav_mav.mav.codec import Encoder
+from circnav_mav.mav.frames import yaw_rate_from_turn_rate
+from circnav_mav.mav.gate import Steer
+from circnav_mav.mav.motion import Motion
+
+US, VEHICLE_IDS = (7, 191), (7, 1)
+SPEED, TURN = 10.0, 0.2  # m/s; rad/s, left positive
+FACTS = VehicleFacts(speed=SPEED, max_bank=0.7, stick_bank=0.8)
+AT = 12.345
+LEVEL = Motion(roll=0.0, pitch=0.0, yaw=1.0, airspeed=SPEED, altitude=104.0, climb=0.5)
+STATE = VehicleState(*VEHICLE_IDS, motion=LEVEL, height=103.0)
+BANK = atan(0.2 * 10.0 / 9.80665)  # of the coordinated turn
+SIDES = {"left": (TURN, -1), "right": (-TURN, 1), "straight": (0.0, 0)}  # turn rate, sense in MAVLink
+
+
+def x25(data: bytes) -> int:
+    crc = 0xFFFF
+    for byte in data:
+        mixed = byte ^ (crc & 0xFF)
+        mixed = (mixed ^ (mixed << 4)) & 0xFF
+        crc = (crc >> 8) ^ (mixed << 8) ^ (mixed << 3) ^ (mixed >> 4)
+    return crc & 0xFFFF
+
+
+def frame(message_id: int, crc_extra: int, payload: bytes) -> bytes:
+    cut = payload.rstrip(b"\x00") or b"\x00"
+    body = bytes((len(cut), 0, 0, 0, *US, message_id, 0, 0)) + cut
+    return b"\xfd" + body + struct.pack("<H", x25(body + bytes((crc_extra,))))
+
+
+def velocity_frame(mask: int, *, forward: float, down: float, yaw_rate: float) -> bytes:
+    """SET_POSITION_TARGET_LOCAL_NED (84, extra 143) in MAV_FRAME_BODY_NED (8)."""
+    floats = (0.0, 0.0, 0.0, forward, 0.0, down, 0.0, 0.0, 0.0, 0.0, yaw_rate)
+    return frame(84, 143, struct.pack("<I11fH3B", 12345, *floats, mask, *VEHICLE_IDS, 8))
+
+
+def attitude_frame(mask: int, *, roll: float, pitch: float, thrust: float) -> bytes:
+    """SET_ATTITUDE_TARGET (82, extra 49): q = yaw 0, then pitch, then roll."""
+    q = (
+        cos(roll / 2) * cos(pitch / 2),
+        sin(roll / 2) * cos(pitch / 2),
+        cos(roll / 2) * sin(pitch / 2),
+        0.0 - sin(roll / 2) * sin(pitch / 2),
+    )
+    return frame(82, 49, struct.pack("<I8f3B", 12345, *q, 0.0, 0.0, 0.0, thrust, *VEHICLE_IDS, mask))
+
+
+def stick_frame(y: int) -> bytes:
+    """MANUAL_CONTROL (69, extra 243): x, y, z, r, buttons, target."""
+    return frame(69, 243, struct.pack("<4hHB", 0, y, 500, 0, 0, 7))
+
+
+def sent(key: tuple[str, str], turn_rate: float | None) -> bytes:
+    """The bytes of an adapter for a turn rate in the paper's frame, or of its safe setpoint."""
+    adapter = AUTOPILOTS[key](FACTS)
+    if turn_rate is None:
+        return Encoder(*US).encode(adapter.safe_setpoint(STATE, AT))
+    steer = Steer(yaw_rate_from_turn_rate(TurnRate(turn_rate)), SPEED)
+    return Encoder(*US).encode(adapter.setpoint(steer, STATE, AT))
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_rover_is_told_speed_and_yaw_rate(side: str) -> None:
+    turn_rate, sense = SIDES[side]
+    expected = velocity_frame(0x5C7, forward=10.0, down=0.0, yaw_rate=0.2 * sense if sense else -0.0)
+    assert sent(("ardupilot", "rover"), turn_rate) == expected
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_px4_copter_is_told_speed_yaw_rate_and_the_climb_to_its_height(side: str) -> None:
+    """1 m too high: down at 0.5 /s times 1 m."""
+    turn_rate, sense = SIDES[side]
+    expected = velocity_frame(0x5C7, forward=10.0, down=0.5, yaw_rate=0.2 * sense if sense else -0.0)
+    assert sent(("px4", "copter"), turn_rate) == expected
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_plane_is_told_the_bank_of_the_coordinated_turn_and_nothing_else(side: str) -> None:
+    turn_rate, sense = SIDES[side]
+    assert floats_of(sent(("ardupilot", "plane"), turn_rate)) == pytest.approx(
+        floats_of(attitude_frame(0xC6, roll=BANK * sense, pitch=0.0, thrust=0.0)), abs=1e-7
+    )
+    assert sent(("ardupilot", "plane"), turn_rate)[-3 - 2 :][:3] == bytes((*VEHICLE_IDS, 0xC6))
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_px4_plane_stick_goes_the_way_of_the_turn(side: str) -> None:
+    turn_rate, sense = SIDES[side]
+    assert sent(("px4", "plane"), turn_rate) == stick_frame(round(1000 * BANK / 0.8) * sense)
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_px4_plane_attitude_has_the_bank_and_the_pitch_and_thrust_of_our_loops(side: str) -> None:
+    """1 m too high and climbing at 0.5 m/s: pitch 0.02 (-1) - 0.04 0.5 rad; thrust 0.63 + 0.25 (1/cos(roll) - 1)."""
+    turn_rate, sense = SIDES[side]
+    thrust = 0.63 + 0.25 * (1 / cos(BANK * sense) - 1)
+    expected = attitude_frame(0x07, roll=BANK * sense, pitch=-0.04, thrust=thrust)
+    got = sent(("px4", "plane attitude"), turn_rate)
+    assert floats_of(got) == pytest.approx(floats_of(expected), abs=1e-6)
+    assert got[-5:-2] == bytes((*VEHICLE_IDS, 0x07))
+
+
+def test_hold_is_standing_still_or_wings_level() -> None:
+    assert sent(("ardupilot", "rover"), None) == velocity_frame(0x5C7, forward=0.0, down=0.0, yaw_rate=0.0)
+    assert sent(("px4", "copter"), None) == velocity_frame(0x5C7, forward=0.0, down=0.5, yaw_rate=0.0)
+    assert sent(("ardupilot", "plane"), None) == attitude_frame(0xC6, roll=0.0, pitch=0.0, thrust=0.0)
+    assert sent(("px4", "plane"), None) == stick_frame(0)
+    level = floats_of(attitude_frame(0x07, roll=0.0, pitch=-0.04, thrust=0.63))
+    assert floats_of(sent(("px4", "plane attitude"), None)) == pytest.approx(level, abs=1e-6)
+
+
+@pytest.mark.parametrize("key", AUTOPILOTS)
+def test_bank_and_stick_stay_within_the_mission_s_limit(key: tuple[str, str]) -> None:
+    hard = sent(key, 3.0)
+    assert hard != sent(key, TURN)
+    if hard[7] == 82:
+        w, x = struct.unpack_from("<2f", hard, 14)
+        assert 2 * atan(abs(x) / w) <= 0.7 + 1e-6
+    if hard[7] == 69:
+        assert abs(struct.unpack_from("<h", hard, 12)[0]) == round(1000 * 0.7 / 0.8)
+
+
+def floats_of(data: bytes) -> tuple[float, ...]:
+    """The eight floats of a SET_ATTITUDE_TARGET frame: q, rates, thrust."""
+    return struct.unpack_from("<8f", data, 14)

@@ -1,0 +1,173 @@
+"""COMMAND_LONG: retries, acknowledgements, bounded time (MAVSDK: 0.5 s, three retries, 3 s in progress)."""
+
+import pytest
+from pymavlink.dialects.v20 import all as mavlink
+
+from circnav_mav.mav.commands import Command, CommandSender
+
+US, TARGET = (1, 191), (1, 1)
+SET_MODE = Command(176, (1.0, 4.0))
+ACCEPTED, DENIED, IN_PROGRESS = 0, 2, 5
+
+
+def ack(number=176, result=ACCEPTED, target=(0, 0)):
+    return mavlink.MAVLink_command_ack_message(number, result, 0, 0, *target)
+
+
+def poll_until(sender, end, start=0.0, step=0.05):
+    """(time, message) of everything that is sent."""
+    sent = []
+    for i in range(round((end - start) / step) + 1):
+        now = round(start + i * step, 6)
+        sent += [(now, message) for message in sender.poll(TARGET, now)]
+    return sent
+
+
+@pytest.fixture
+def sender():
+    return CommandSender()
+
+
+def test_a_command_goes_out_with_its_parameters_and_zeros(sender):
+    sender.send(SET_MODE)
+    (message,) = sender.poll(TARGET, 0.0)
+    assert (message.target_system, message.target_component, message.command) == (1, 1, 176)
+    assert [getattr(message, f"param{i}") for i in range(1, 8)] == [1, 4, 0, 0, 0, 0, 0]
+    assert message.confirmation == 0
+
+
+def test_an_unanswered_command_is_repeated_three_times_counting_and_then_given_up(sender):
+    sender.send(SET_MODE)
+    sent = poll_until(sender, 5.0)
+    assert [(now, message.confirmation) for now, message in sent] == [(0.0, 0), (0.5, 1), (1.0, 2), (1.5, 3)]
+    (result,) = sender.take_results()
+    assert (result.command, result.result, result.accepted, result.said) == (SET_MODE, None, False, "no answer")
+    assert sender.idle
+    assert sender.take_results() == []
+
+
+def test_giving_up_takes_two_seconds(sender):
+    sender.send(SET_MODE)
+    poll_until(sender, 1.95)
+    assert not sender.idle
+    sender.poll(TARGET, 2.0)
+    assert sender.idle
+
+
+def test_an_answer_ends_the_repeats(sender):
+    sender.send(SET_MODE)
+    sender.poll(TARGET, 0.0)
+    sender.acknowledge(ack(), US, 0.2)
+    assert sender.idle
+    assert poll_until(sender, 3.0, start=0.25) == []
+    (result,) = sender.take_results()
+    assert result.accepted
+
+
+@pytest.mark.parametrize(
+    ("result", "said"),
+    [(1, "temporarily rejected"), (DENIED, "denied"), (3, "unsupported"), (4, "failed"), (99, "result 99")],
+)
+def test_a_refusal_is_told_in_words(sender, result, said):
+    sender.send(SET_MODE)
+    sender.poll(TARGET, 0.0)
+    sender.acknowledge(ack(result=result), US, 0.1)
+    (ended,) = sender.take_results()
+    assert not ended.accepted
+    assert ended.said == said
+
+
+@pytest.mark.parametrize("target", [(0, 0), (1, 191), (1, 0), (0, 191)])
+def test_an_answer_to_us_or_to_nobody_in_particular_counts(sender, target):
+    sender.send(SET_MODE)
+    sender.poll(TARGET, 0.0)
+    sender.acknowledge(ack(target=target), US, 0.1)
+    assert sender.idle
+
+
+@pytest.mark.parametrize("target", [(255, 190), (1, 190), (2, 191), (255, 0)])
+def test_an_answer_to_somebody_else_is_not_ours(sender, target):
+    sender.send(SET_MODE)
+    sender.poll(TARGET, 0.0)
+    sender.acknowledge(ack(target=target), US, 0.1)
+    assert not sender.idle
+    assert sender.take_results() == []
+
+
+@pytest.mark.parametrize("number", [400, 511])
+def test_an_answer_to_another_command_is_not_ours(sender, number):
+    sender.send(SET_MODE)
+    sender.poll(TARGET, 0.0)
+    sender.acknowledge(ack(number), US, 0.1)
+    assert sender.take_results() == []
+
+
+def test_an_answer_before_the_question_counts_for_nothing(sender):
+    sender.acknowledge(ack(), US, 0.0)
+    sender.send(SET_MODE)
+    assert len(sender.poll(TARGET, 0.1)) == 1
+
+
+def test_in_progress_stops_the_repeats_and_waits_three_seconds(sender):
+    sender.send(SET_MODE)
+    sender.poll(TARGET, 0.0)
+    sender.acknowledge(ack(result=IN_PROGRESS), US, 0.2)
+    assert poll_until(sender, 3.15, start=0.25) == []
+    assert not sender.idle
+    sender.acknowledge(ack(), US, 3.15)
+    assert sender.take_results()[0].accepted
+
+
+def test_in_progress_without_an_end_is_given_up(sender):
+    sender.send(SET_MODE)
+    sender.poll(TARGET, 0.0)
+    sender.acknowledge(ack(result=IN_PROGRESS), US, 0.2)
+    assert poll_until(sender, 3.3, start=0.25) == []
+    assert sender.take_results()[0].said == "no answer"
+
+
+def test_in_progress_for_ever_is_given_up_all_the_same(sender):
+    """Three extensions of 3 s count, the rest do not."""
+    sender.send(SET_MODE)
+    sender.poll(TARGET, 0.0)
+    now = 0.0
+    while not sender.idle and now < 60:
+        now += 0.25
+        sender.acknowledge(ack(result=IN_PROGRESS), US, now)
+        sender.poll(TARGET, now)
+    assert now < 10
+
+
+def test_one_command_of_a_number_is_under_way_at_a_time(sender):
+    first, second = Command(511, (30, 100_000)), Command(511, (74, 100_000))
+    sender.send(first)
+    sender.send(second)
+    assert [message.param1 for message in sender.poll(TARGET, 0.0)] == [30]
+    sender.acknowledge(ack(511), US, 0.1)
+    assert [message.param1 for message in sender.poll(TARGET, 0.1)] == [74]
+    sender.acknowledge(ack(511), US, 0.2)
+    assert [result.command for result in sender.take_results()] == [first, second]
+
+
+def test_commands_of_different_numbers_do_not_wait_for_each_other(sender):
+    sender.send(SET_MODE)
+    sender.send(Command(512, (148,)))
+    assert [message.command for message in sender.poll(TARGET, 0.0)] == [176, 512]
+
+
+def test_the_same_command_is_not_queued_twice(sender):
+    for _ in range(3):
+        sender.send(SET_MODE)
+    sender.poll(TARGET, 0.0)
+    sender.send(SET_MODE)
+    sender.acknowledge(ack(), US, 0.1)
+    assert sender.idle
+
+
+def test_clearing_drops_what_waits_and_what_is_under_way(sender):
+    sender.send(Command(511, (30, 100_000)))
+    sender.send(Command(511, (74, 100_000)))
+    sender.poll(TARGET, 0.0)
+    sender.clear()
+    assert sender.idle
+    assert poll_until(sender, 3.0) == []

@@ -1,0 +1,113 @@
+"""Parameters by name: how numbers travel, what is asked again, what stays unknown."""
+
+import struct
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import all as mavlink
+
+from circnav_mav.mav.params import ANSWER_TIMEOUT, AT_ONCE, TRIES, ParameterReader, parameter_value
+
+INT8, UINT8, INT16, INT32, REAL32 = 2, 1, 4, 6, 9
+VEHICLE = (7, 1)
+
+
+def frame(name: bytes, raw: bytes, kind: int) -> Any:
+    """A PARAM_VALUE built by hand: value bytes, count, index, name, type; decoded as a receiver would."""
+    payload = raw + struct.pack("<HH16sB", 900, 65535, name, kind)
+    head = bytes((len(payload), 0, 0, 0, 7, 1)) + (22).to_bytes(3, "little")
+    crc = mavlink.x25crc(head + payload + bytes((220,))).crc  # 220: CRC_EXTRA of PARAM_VALUE
+    return mavlink.MAVLink(None).decode(bytearray(b"\xfd" + head + payload + struct.pack("<H", crc)))
+
+
+def cast(name: str, value: float, kind: int = REAL32) -> Any:
+    return frame(name.encode(), struct.pack("<f", value), kind)
+
+
+def names_asked(messages: list[Any]) -> list[str]:
+    return [message.param_id.rstrip("\0") for message in messages]
+
+
+@pytest.mark.parametrize("value", [0, 1, 255, -1, 16_777_216])
+def test_ardupilot_casts_integers_to_float(value: int) -> None:
+    assert parameter_value(cast("FS_GCS_ENABLE", value, INT32), bytewise=False) == value
+
+
+# 0xFF800001 and 0x7F800001 are signalling NaNs as floats: reading them as such would change a bit
+@pytest.mark.parametrize("value", [0, 1, 5, -1, 4001, -8_388_607, 0x7F800001, 2**31 - 1, -(2**31)])
+def test_px4_integers_are_the_bytes_in_the_place_of_the_float(value: int) -> None:
+    message = frame(b"COM_OBL_RC_ACT", struct.pack("<i", value), INT32)
+    assert parameter_value(message, bytewise=True) == value
+
+
+@pytest.mark.parametrize(
+    ("kind", "raw", "value"), [(INT8, b"\xfe", -2), (UINT8, b"\xfe", 254), (INT16, b"\xfe\xff", -2)]
+)
+def test_narrow_integers_take_the_first_bytes_only(kind: int, raw: bytes, value: int) -> None:
+    assert parameter_value(frame(b"X", raw.ljust(4, b"\x55"), kind), bytewise=True) == value
+
+
+def test_px4_floats_are_floats() -> None:
+    assert parameter_value(cast("COM_OF_LOSS_T", 1.5), bytewise=True) == 1.5
+
+
+def test_requests_go_by_name_to_the_vehicle() -> None:
+    (request,) = ParameterReader(["GUID_TIMEOUT"], bytewise=False).poll(VEHICLE, 0.0)
+    assert (request.target_system, request.target_component, request.param_index) == (7, 1, -1)
+    assert names_asked([request]) == ["GUID_TIMEOUT"]
+
+
+def test_few_are_under_way_at_a_time_and_each_answer_makes_room() -> None:
+    reader = ParameterReader([f"P{i}" for i in range(AT_ONCE + 3)], bytewise=False)
+    assert names_asked(reader.poll(VEHICLE, 0.0)) == [f"P{i}" for i in range(AT_ONCE)]
+    assert reader.poll(VEHICLE, 0.1) == []
+    reader.receive(cast("P1", 4.0))
+    assert names_asked(reader.poll(VEHICLE, 0.2)) == [f"P{AT_ONCE}"]
+
+
+def test_a_lost_request_is_repeated() -> None:
+    reader = ParameterReader(["A", "B"], bytewise=False)
+    reader.poll(VEHICLE, 0.0)
+    reader.receive(cast("A", 2.0))
+    assert names_asked(reader.poll(VEHICLE, ANSWER_TIMEOUT)) == ["B"]
+    reader.receive(cast("B", 3.0))
+    assert reader.done
+    assert reader.values == {"A": 2.0, "B": 3.0}
+
+
+def test_a_name_that_nobody_knows_is_given_up_and_said() -> None:
+    reader = ParameterReader(["NO_SUCH"], bytewise=False)
+    asked = [names_asked(reader.poll(VEHICLE, i * ANSWER_TIMEOUT)) for i in range(10)]
+    assert asked == [["NO_SUCH"]] * TRIES + [[]] * (10 - TRIES)
+    assert reader.done
+    assert reader.unanswered == {"NO_SUCH"}
+
+
+def test_an_answer_after_giving_up_still_counts() -> None:
+    reader = ParameterReader(["SLOW"], bytewise=False)
+    for i in range(10):
+        reader.poll(VEHICLE, i * ANSWER_TIMEOUT)
+    reader.receive(cast("SLOW", 1.0))
+    assert (reader.values, reader.unanswered) == ({"SLOW": 1.0}, set())
+
+
+def test_values_that_nobody_wanted_are_left_alone() -> None:
+    """A ground station downloads all parameters on the same link."""
+    reader = ParameterReader(["A"], bytewise=False)
+    reader.poll(VEHICLE, 0.0)
+    reader.receive(cast("B", 1.0))
+    assert reader.values == {}
+    assert not reader.done
+
+
+def test_a_name_of_sixteen_characters_is_read_whole() -> None:
+    name = "A234567890123456"
+    reader = ParameterReader([name], bytewise=False)
+    (request,) = reader.poll(VEHICLE, 0.0)
+    assert len(bytes(request.pack(mavlink.MAVLink(None, 1, 191)))) == 12 + 20
+    reader.receive(cast(name, 1.0))
+    assert reader.values == {name: 1.0}
+
+
+def test_a_name_is_asked_for_once_however_often_it_is_wanted() -> None:
+    assert len(ParameterReader(["A", "A"], bytewise=False).poll(VEHICLE, 0.0)) == 1

@@ -1,0 +1,90 @@
+"""Telemetry rates: asked for, measured, asked for again."""
+
+import pytest
+
+from circnav_mav.mav.streams import StreamRequests
+
+ATTITUDE, TIME = 30, 2
+INTERVAL = 511
+
+
+@pytest.fixture
+def streams():
+    return StreamRequests({ATTITUDE: 10.0, TIME: 1.0})
+
+
+def hear(streams, seconds, *, attitude=10.0, time=1.0):
+    for _ in range(round(seconds * attitude)):
+        streams.heard(ATTITUDE)
+    for _ in range(round(seconds * time)):
+        streams.heard(TIME)
+
+
+def asked(commands):
+    assert all(command.number == INTERVAL for command in commands)
+    return [command.params for command in commands]
+
+
+def test_every_stream_is_asked_for_at_once_in_microseconds(streams):
+    assert asked(streams.poll(0.0)) == [(ATTITUDE, 100_000), (TIME, 1_000_000)]
+    assert streams.rates == {ATTITUDE: None, TIME: None}
+
+
+def test_streams_that_flow_are_left_alone_and_measured(streams):
+    streams.poll(0.0)
+    hear(streams, 3.0)
+    assert streams.poll(2.9) == []
+    assert streams.poll(3.0) == []
+    assert streams.rates == {ATTITUDE: pytest.approx(10.0), TIME: pytest.approx(1.0)}
+
+
+@pytest.mark.parametrize(("rate", "again"), [(4.9, True), (5.1, False), (0.0, True)])
+def test_a_stream_below_half_its_rate_is_asked_for_again(streams, rate, again):
+    streams.poll(0.0)
+    hear(streams, 100, attitude=rate)
+    assert asked(streams.poll(100.0)) == ([(ATTITUDE, 100_000)] if again else [])
+
+
+def test_a_stream_that_falls_away_later_is_asked_for_again(streams):
+    """Other clients reset rates: gh:ArduPilot/ardupilot#19761."""
+    streams.poll(0.0)
+    for check in range(1, 4):
+        hear(streams, 3.0)
+        assert streams.poll(3.0 * check) == []
+    hear(streams, 3.0, attitude=0.0)
+    assert asked(streams.poll(12.0)) == [(ATTITUDE, 100_000)]
+    assert streams.rates[ATTITUDE] == 0.0
+
+
+def test_a_refused_stream_is_not_asked_for_again(streams):
+    first = streams.poll(0.0)
+    streams.denied(first[0])
+    for check in range(1, 5):
+        assert asked(streams.poll(3.0 * check)) == [(TIME, 1_000_000)]
+
+
+def test_a_restart_asks_for_everything_anew_even_what_was_refused(streams):
+    first = streams.poll(0.0)
+    streams.denied(first[0])
+    streams.restart()
+    assert asked(streams.poll(1.0)) == [(ATTITUDE, 100_000), (TIME, 1_000_000)]
+    assert streams.rates == {ATTITUDE: None, TIME: None}
+
+
+def test_messages_heard_before_the_restart_do_not_count_after_it(streams):
+    streams.poll(0.0)
+    hear(streams, 100.0)
+    streams.restart()
+    streams.poll(1.0)
+    assert len(streams.poll(4.0)) == 2
+
+
+def test_other_messages_are_nobodys_business(streams):
+    streams.poll(0.0)
+    for ident in range(1000, 2000):
+        streams.heard(ident)
+    assert set(streams.rates) == {ATTITUDE, TIME}
+
+
+def test_rates_are_given_back_with_an_interval_of_zero(streams):
+    assert asked(streams.give_back()) == [(ATTITUDE, 0), (TIME, 0)]

@@ -1,0 +1,156 @@
+"""`check`: each line's grade turns where its bound stands. Numbers by hand at V = 15 m/s, r_d = 100 m."""
+
+from math import degrees
+
+import pytest
+
+from circnav_mav.mission.checks import Grade, check_mission
+
+PASS, WARN, FAIL = Grade.PASS, Grade.WARN, Grade.FAIL
+
+
+def lines(mission, subject, *overrides):
+    return [line for line in check_mission(mission(*overrides)) if line.subject == subject]
+
+
+def grade(mission, subject, *overrides):
+    (line,) = lines(mission, subject, *overrides)
+    assert "\n" not in line.says
+    return line.grade
+
+
+def test_a_sound_mission_passes_every_line_but_the_unknown_height(mission):
+    grades = {line.subject: line.grade for line in check_mission(mission())}
+    assert grades.pop("height") is WARN
+    assert set(grades.values()) == {PASS}
+    assert set(grades) == {
+        "keys",
+        "vehicle",
+        "gain",
+        "radius",
+        "turn rate",
+        "reach",
+        "sampling",
+        "range rate",
+        "damping",
+    }
+
+
+@pytest.mark.parametrize(
+    ("law", "gain", "expected"),
+    [
+        ("smooth", 4.99e-5, FAIL),
+        ("smooth", 5e-5, FAIL),
+        ("smooth", 5.01e-5, PASS),
+        ("switching", 0.149, FAIL),
+        ("switching", 0.15, FAIL),
+        ("switching", 0.151, PASS),
+    ],
+)
+def test_a_gain_must_be_above_the_bound_of_its_law(mission, law, gain, expected):
+    """1/(2 r_d^2) = 5e-5 and V/r_d = 0.15, both exclusive."""
+    assert grade(mission, "gain", f"guidance.law={law}", f"guidance.gain={gain}") is expected
+
+
+def test_the_gain_line_shows_the_number_and_its_bound(mission):
+    (line,) = lines(mission, "gain", "guidance.gain=2e-4")
+    assert line.says == "smooth: k = 0.0002 1/m^2 (given), needs k > 1/(2 r_d^2) = 5e-05"
+    (line,) = lines(mission, "gain")
+    assert "k = 0.0001 1/m^2 (default)" in line.says
+
+
+def test_the_radius_line_names_the_radius_of_the_theorem(mission):
+    """Example 1 scaled: r_a = 10.98684113 at r_d = 10, k = 0.01."""
+    overrides = ["orbit.radius_m=10.0", "guidance.gain=0.01", "vehicle.speed_mps=1.0"]
+    (line,) = lines(mission, "radius", *overrides, "guidance.correct_radius=false")
+    assert line.grade is WARN
+    assert line.says.startswith("10.987 m will be reached, 10 m asked for; set guidance.correct_radius = true")
+    (line,) = lines(mission, "radius", *overrides)
+    assert (line.grade, line.says) == (PASS, "10.000 m will be reached, 10 m asked for")
+
+
+def test_an_impossible_gain_has_no_radius(mission):
+    assert lines(mission, "radius", "guidance.gain=4e-5") == []
+
+
+@pytest.mark.parametrize(("share", "expected"), [(0.69, PASS), (0.71, WARN), (0.99, WARN), (1.01, FAIL)])
+def test_the_circle_must_leave_the_vehicle_some_turn_rate(mission, share, expected):
+    """V/r_d = 0.15 rad/s = 8.594 deg/s."""
+    limit = degrees(0.15) / share
+    assert grade(mission, "turn rate", f"vehicle.max_turn_rate_deg_s={limit}") is expected
+
+
+def test_a_switching_law_beyond_the_vehicles_limit_is_told(mission):
+    first, second = lines(mission, "turn rate", "guidance.law=switching", "guidance.gain=0.4")
+    assert (first.grade, second.grade) == (PASS, WARN)
+    assert "22.92 deg/s" in second.says
+
+
+@pytest.mark.parametrize(("radius", "expected"), [(261, PASS), (263, WARN), (524, WARN), (525, FAIL), (2000, FAIL)])
+def test_the_circle_must_stay_within_four_fifths_of_the_message(mission, radius, expected):
+    """DISTANCE_SENSOR ends at 655.34 m: 40 % are 262.1 m, 80 % are 524.3 m."""
+    assert grade(mission, "reach", f"orbit.radius_m={radius}") is expected
+
+
+def test_the_reach_is_that_of_the_slant_range_and_of_the_missions_own_limit(mission):
+    """3, 4, 5: 300 m out and 400 m up are 500 m."""
+    assert grade(mission, "reach", "orbit.radius_m=300", "orbit.height_above_target_m=400") is WARN
+    (line,) = lines(mission, "reach", "orbit.radius_m=300", "orbit.height_above_target_m=400")
+    assert line.says.startswith("range on the circle 500.0 m of the 655.3 m")
+    assert grade(mission, "reach", "ranging.max_range_m=120") is FAIL
+
+
+def test_a_beacons_millimetres_reach_far(mission):
+    assert grade(mission, "reach", "orbit.radius_m=2000", "ranging.message=ranging_beacon") is PASS
+
+
+@pytest.mark.parametrize(("rate", "expected"), [(4.0, PASS), (3.9, WARN), (2.0, WARN), (1.9, FAIL)])
+def test_two_ranges_should_fit_into_the_time_until_they_are_stale(mission, rate, expected):
+    """Stale after 0.5 s."""
+    assert grade(mission, "sampling", f"ranging.rate_hz={rate}") is expected
+
+
+@pytest.mark.parametrize(("rate", "expected"), [(4.1, PASS), (3.9, WARN)])
+def test_the_switching_law_wants_samples_that_come_quickly(mission, rate, expected):
+    """0.2 rad/s at 4 Hz turns 0.05 rad between two samples."""
+    overrides = ["guidance.law=switching", "guidance.gain=0.2", f"ranging.rate_hz={rate}"]
+    assert grade(mission, "switching", *overrides) is expected
+
+
+def test_the_switching_law_is_lost_beyond_half_a_radian_a_sample(mission):
+    overrides = ["guidance.law=switching", "vehicle.max_turn_rate_deg_s=90.0", "ranging.rate_hz=2.1"]
+    assert grade(mission, "switching", *overrides, "guidance.gain=1.04") is WARN
+    assert grade(mission, "switching", *overrides, "guidance.gain=1.06") is FAIL
+
+
+def test_the_smooth_law_has_no_switching_line(mission):
+    assert lines(mission, "switching") == []
+
+
+@pytest.mark.parametrize(("sigma", "expected"), [(0.5, PASS), (200.0, PASS), (2000.0, WARN), (10000.0, FAIL)])
+def test_noise_that_hides_the_range_rate_is_told(mission, sigma, expected):
+    """A fifth and a half of 15 m/s. Steady P_vv of white acceleration a: sqrt 2 (a^2 T)^(3/4) (sigma^2 T)^(1/4), with
+    a = (15^2/100 + 15 * 0.349)/3 = 2.5 m/s^2 and T = 0.1 s: 2.8 m/s at 200 m, 5.0 at 2000 m."""
+    assert grade(mission, "range rate", f"ranging.sigma_m={sigma}") is expected
+
+
+@pytest.mark.parametrize(("lag", "expected"), [(0.5, PASS), (1.7, WARN), (4.5, WARN), (7.0, FAIL)])
+def test_a_lag_that_makes_the_circle_oscillate_is_told(mission, lag, expected):
+    """2 k r_d V = 2 * 1e-4 * 100 * 15 = 0.3 a second, times the lags of turn and filter: the laws limit-cycle from
+    about 0.45 on, and four times the bound is refused."""
+    assert grade(mission, "damping", "guidance.gain=1e-4", f"vehicle.turn_lag_s={lag}") is expected
+
+
+def test_a_default_gain_is_lowered_for_a_vehicle_that_turns_late_but_stays_above_the_papers_bound(mission):
+    quick, late, very_late = (mission(f"vehicle.turn_lag_s={lag}") for lag in (0.1, 0.8, 9.0))
+    assert quick.law.gain == pytest.approx(1e-4)
+    assert 5e-5 < very_late.law.gain < late.law.gain < quick.law.gain
+    assert grade(mission, "damping", "vehicle.turn_lag_s=0.8") is PASS
+    assert grade(mission, "gain", "vehicle.turn_lag_s=9.0") is PASS
+
+
+@pytest.mark.parametrize(("height", "expected"), [(0, PASS), (111, PASS), (113, WARN), (489, WARN), (491, FAIL)])
+def test_a_height_that_drowns_the_range_in_noise_is_told(mission, height, expected):
+    """Growth sqrt(1 + (h/r)^2): 1.5 at 111.8 m, 5 at 489.9 m."""
+    overrides = [f"orbit.height_above_target_m={height}", "ranging.message=ranging_beacon"]
+    assert grade(mission, "height", *overrides) is expected

@@ -1,0 +1,269 @@
+"""Mission files: what they mean, and the one line for each way to get them wrong."""
+
+import tomllib
+from math import pi, radians
+from pathlib import Path
+
+import pytest
+
+from circnav_mav.core.values import Direction
+from circnav_mav.mission.checks import Grade, check_mission
+from circnav_mav.mission.load import MissionError, load_mission, parse_mission
+from circnav_mav.pilot import Voice
+
+CONFIG = sorted((Path(__file__).parents[2] / "config").glob("*.toml"))
+
+
+def refusal(text, *overrides):
+    """The line that a person gets; it is one line."""
+    with pytest.raises(MissionError) as caught:
+        parse_mission(text, "m.toml", overrides)
+    line = str(caught.value)
+    assert "\n" not in line
+    return line
+
+
+# --- the files that ship ---
+
+
+@pytest.mark.parametrize("path", CONFIG, ids=lambda path: path.name)
+def test_every_mission_that_ships_loads_and_passes_its_checks(path):
+    mission = load_mission(path)
+    assert [line for line in check_mission(mission) if line.grade is Grade.FAIL] == []
+    assert mission.pilot_settings() is not None
+
+
+def test_the_missions_of_the_paper_and_the_quickstart_ship():
+    assert {"quickstart.toml", "paper_example_1.toml", "paper_example_2.toml", "paper_example_3.toml"} <= {
+        path.name for path in CONFIG
+    }
+
+
+@pytest.mark.parametrize(
+    ("example", "law", "k", "corrected"),
+    [(1, "smooth", 0.01, False), (2, "smooth", 0.01, True), (3, "switching", 0.12, False)],
+)
+def test_the_papers_examples_carry_the_papers_numbers(config, example, law, k, corrected):
+    """V = 1, r_d = 10, target (0, -10), starts in [0, 10] x [0, 10] x [0, 2 pi]; clockwise is k > 0."""
+    mission = load_mission(config / f"paper_example_{example}.toml")
+    assert (mission.orbit.speed, mission.orbit.radius, mission.orbit.direction) == (1.0, 10.0, Direction.CLOCKWISE)
+    assert (mission.law.name, mission.law.gain) == (law, k)
+    assert mission.law.correct_radius == corrected or law == "switching"
+    target, random = mission.file.sim["target"], mission.file.sim["start"]["random"]
+    assert (target["east_m"], target["north_m"]) == (0.0, -10.0)
+    assert random == {"north_m": [0.0, 10.0], "east_m": [0.0, 10.0], "heading_deg": [0.0, 360.0]}
+
+
+# --- what a file means ---
+
+
+def test_degrees_become_radians_here(mission):
+    settings = mission("vehicle.max_turn_rate_deg_s=36.0", "vehicle.max_turn_acceleration_deg_s2=18.0").pilot_settings()
+    assert settings.orbit.max_turn_rate == pytest.approx(pi / 5)
+    assert settings.max_yaw_acceleration == pytest.approx(pi / 10)
+    assert mission().pilot_settings().max_yaw_acceleration is None
+    assert mission().estimation.max_turn_rate == pytest.approx(radians(20))
+
+
+def test_every_number_of_a_file_reaches_the_pilot(mission):
+    settings = mission(
+        "orbit.direction=counterclockwise", "orbit.height_above_target_m=30.0", "guidance.gate_sigma=4.0",
+        "guidance.min_samples=7", "ranging.sensor_id=3", "ranging.orientation=24", "ranging.system_id=9",
+        "ranging.component_id=5", "ranging.min_range_m=2.0", "ranging.max_range_m=300.0", "link.component_id=192",
+        "link.wait_s=12.0", "limits.stale_s=0.4", "limits.hold_s=3.0", "limits.outage_s=20.0", "limits.tick_hz=25.0",
+        "engage.request_mode=true", "engage.on_takeover=wait", "vehicle.system_id=4",
+    ).pilot_settings()  # fmt: skip
+    assert settings.orbit.direction is Direction.COUNTERCLOCKWISE
+    assert (settings.estimation.gate, settings.estimation.min_samples) == (4.0, 7)
+    ranging = settings.ranging
+    assert (ranging.sensor_id, ranging.orientation, ranging.system, ranging.component) == (3, 24, 9, 5)
+    assert (ranging.min_range, ranging.max_range, ranging.max_age, ranging.height) == (2.0, 300.0, 0.4, 30.0)
+    assert (settings.link.system_id, settings.link.component_id) == (4, 192)
+    timing = settings.timing
+    assert (timing.duration, timing.wait_link, timing.wait_ranging) == (60.0, 12.0, 12.0)
+    assert (timing.stale, timing.hold, timing.outage, timing.tick) == (0.4, 3.0, 20.0, 0.04)
+    assert settings.request_mode
+    assert not settings.end_on_takeover
+
+
+def test_the_operator_keeps_the_mode_unless_the_file_says_otherwise(mission):
+    settings = mission().pilot_settings()
+    assert not settings.request_mode
+    assert settings.end_on_takeover
+
+
+@pytest.mark.parametrize(("law", "default"), [("smooth", 1e-4), ("switching", 0.18)])
+def test_a_gain_left_out_is_the_laws_default(mission, law, default):
+    """Twice 1/(2 r_d^2) at 100 m; 1.2 times V/r_d at 15 m/s."""
+    assert mission(f"guidance.law={law}").law.gain == pytest.approx(default)
+    assert mission(f"guidance.law={law}", "guidance.gain=0.7").law.gain == 0.7
+
+
+@pytest.mark.parametrize(
+    ("overrides", "farthest"),
+    [
+        ([], 655.34),
+        (["ranging.max_range_m=300.0"], 300.0),
+        (["ranging.max_range_m=5000.0"], 655.34),
+        (["ranging.message=ranging_beacon", "ranging.max_range_m=5000.0"], 5000.0),
+    ],
+)
+def test_no_range_is_believed_beyond_what_its_message_can_carry(mission, overrides, farthest):
+    assert mission(*overrides).max_range == farthest
+
+
+@pytest.mark.parametrize(
+    ("override", "stamps", "resent"),
+    [
+        ("ranging.stamp=sensor", True, False),
+        ("ranging.stamp=arrival", False, False),
+        ("ranging.resent=true", True, True),
+    ],
+)
+def test_the_file_says_how_stamps_and_repeats_are_taken(mission, override, stamps, resent):
+    ranging = mission(override).pilot_settings().ranging
+    assert (ranging.sensor_stamps, ranging.resent, ranging.rate) == (stamps, resent, 10.0)
+
+
+@pytest.mark.parametrize(
+    ("link", "ranging", "streams"),
+    [
+        ("udpin:0.0.0.0:14550", None, set()),
+        ("tcp:127.0.0.1:5760", None, {"vehicle"}),
+        ("serial:/dev/ttyUSB0:57600", "udpin:0.0.0.0:14560", {"vehicle"}),
+        ("udpin://0.0.0.0:14550", "tcp://10.0.0.1:5760", {"ranging"}),
+        ("tcpout://10.0.0.1:5760", "serial:///dev/ttyACM0:115200", {"vehicle", "ranging"}),
+    ],
+)
+def test_tcp_and_serial_are_byte_streams_and_udp_is_not(mission, link, ranging, streams):
+    overrides = [f'link.endpoint="{link}"', *([f'ranging.endpoint="{ranging}"'] if ranging else [])]
+    settings = mission(*overrides).pilot_settings()
+    assert settings.stream_links == streams
+    assert settings.ranging_apart == (ranging is not None)
+
+
+def test_a_dry_run_is_asked_for_at_the_start_and_not_in_the_file(mission):
+    assert mission().pilot_settings(Voice.DRY_RUN).voice is Voice.DRY_RUN
+    assert mission().pilot_settings().voice is Voice.FLY
+
+
+# --- overrides ---
+
+
+def test_an_override_counts_like_the_file_and_is_written_down(mission):
+    changed = mission("orbit.radius_m=80", "orbit.direction=counterclockwise")
+    assert changed.orbit.radius == 80.0
+    assert tomllib.loads(changed.text)["orbit"] == {"radius_m": 80, "direction": "counterclockwise"}
+
+
+def test_an_override_keeps_the_comments_of_the_file():
+    text = (Path(__file__).parents[2] / "config" / "quickstart.toml").read_text(encoding="utf-8")
+    flown = parse_mission(text, "quickstart.toml", ["orbit.radius_m=80.0"]).text
+    assert flown.count("#") == text.count("#")
+    assert parse_mission(flown, "again").orbit.radius == 80.0
+
+
+def test_an_override_may_open_a_table_that_the_file_does_not_have(mission):
+    assert mission("engage.request_mode=true").file.engage.request_mode
+
+
+def test_of_two_overrides_of_one_key_the_last_counts(mission):
+    assert mission("orbit.radius_m=80.0", "orbit.radius_m=90.0").orbit.radius == 90.0
+
+
+@pytest.mark.parametrize("override", ["orbit.radius_m", "=80", "", " = 3"])
+def test_an_override_that_is_none_is_refused(text, override):
+    assert refusal(text, override).startswith(f"--set {override}: write it as table.key=value")
+
+
+@pytest.mark.parametrize(
+    ("override", "line"),
+    [
+        ("orbit.raduis_m=80", "m.toml: orbit.raduis_m: unknown key, did you mean radius_m?"),
+        ("orbit.radius_m=-80", "m.toml: orbit.radius_m: must be above 0, not -80"),
+        ("orbit.radius_m=far", "m.toml: orbit.radius_m: should be a valid number, not 'far'"),
+        ("orbit.radius_m.x=1", "--set orbit.radius_m.x=1: radius_m is a value, not a table"),
+    ],
+)
+def test_an_override_is_validated_like_the_file(text, override, line):
+    assert refusal(text, override) == line
+
+
+# --- one line for each mistake ---
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(MissionError, match=r"nowhere\.toml: cannot be read: No such file or directory$"):
+        load_mission(tmp_path / "nowhere.toml")
+
+
+def test_a_folder_is_no_mission(tmp_path):
+    with pytest.raises(MissionError, match=r"cannot be read: Is a directory$"):
+        load_mission(tmp_path)
+
+
+@pytest.mark.parametrize("content", [b"\xff\xfe\x00name", b'name = "M\xfcnchen"'], ids=["utf-16", "latin-1"])
+def test_a_file_that_is_not_utf_8_is_named(tmp_path, content):
+    (tmp_path / "m.toml").write_bytes(content)
+    with pytest.raises(MissionError, match=r"m\.toml: is not a text file in UTF-8$"):
+        load_mission(tmp_path / "m.toml")
+
+
+def test_an_empty_file_misses_its_keys():
+    assert refusal("").startswith("m.toml: name: missing, add it (and ")
+
+
+@pytest.mark.parametrize("text", ["name = ", "[orbit", "a = 1\na = 2", "[orbit]\n[orbit]", "\x00"])
+def test_text_that_is_not_toml_is_refused_with_its_place(text):
+    assert refusal(text).startswith("m.toml: not valid TOML: ")
+
+
+SPOILED = [
+    ("radius_m = 100.0", "raduis_m = 100.0", "m.toml: orbit.raduis_m: unknown key, did you mean radius_m?"),
+    ("[orbit]", "[orbits]", "m.toml: orbits: unknown key, did you mean orbit? (and 1 more)"),
+    ("radius_m = 100.0", "radius_m = 100.0\nzzz = 1", "m.toml: orbit.zzz: unknown key, known here: radius_m,"),
+    ("radius_m = 100.0\n", "", "m.toml: orbit.radius_m: missing, add it"),
+    ("radius_m = 100.0", "radius_m = 0.0", "m.toml: orbit.radius_m: must be above 0, not 0"),
+    ("radius_m = 100.0", "radius_m = -5", "m.toml: orbit.radius_m: must be above 0, not -5"),
+    ("radius_m = 100.0", "radius_m = nan", "m.toml: orbit.radius_m: "),
+    ("radius_m = 100.0", "radius_m = inf", "m.toml: orbit.radius_m: "),
+    ("radius_m = 100.0", 'radius_m = "100"', "m.toml: orbit.radius_m: should be a valid number, not '100'"),
+    ("radius_m = 100.0", "radius_m = true", "m.toml: orbit.radius_m: should be a valid number, not True"),
+    ("speed_mps = 15.0", "speed_mps = 0", "m.toml: vehicle.speed_mps: must be above 0, not 0"),
+    ("speed_mps = 15.0", "speed_mps = -1.5", "m.toml: vehicle.speed_mps: must be above 0, not -1.5"),
+    ("rate_hz = 10.0", "rate_hz = 0.0", "m.toml: ranging.rate_hz: must be above 0, not 0"),
+    ("duration_s = 60.0", "duration_s = 0.0", "m.toml: limits.duration_s: must be above 0, not 0"),
+    ("duration_s = 60.0", "duration_s = 60.0\ntick_hz = 4.0", "m.toml: limits.tick_hz: must be at least 5, not 4"),
+    ("duration_s = 60.0", "duration_s = 60.0\nstale_s = 6.0", "m.toml: limits.stale_s: must be at most 5, not 6"),
+    ('direction = "clockwise"', 'direction = "left"', "m.toml: orbit.direction: 'left' is not one of 'clockwise' or"),
+    ('law = "smooth"', 'law = "magic"', "m.toml: guidance.law: 'magic' is not one of 'smooth'"),
+    ('law = "smooth"', 'law = "smooth"\ngain = 0.0', "m.toml: guidance.gain: must be above 0, not 0"),
+    ('message = "distance_sensor"', 'message = "sonar"', "m.toml: ranging.message: 'sonar' is not one of 'ranging_b"),
+    ('name = "small"', 'name = "../../etc"', "m.toml: name: "),
+    ('name = "small"', 'name = 5', "m.toml: name: should be a valid string, not 5"),
+    ('endpoint = "udpin:127.0.0.1:14550"', 'endpoint = ""', "m.toml: link.endpoint: "),
+    (
+        'endpoint = "udpin:127.0.0.1:14550"',
+        'endpoint = "udpin:127.0.0.1:14550"\ncomponent_id = 190',
+        "m.toml: link.component_id: must be at least 191, not 190",
+    ),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "line"), SPOILED, ids=[wrong.strip() or "missing" for _, wrong, _ in SPOILED]
+)
+def test_a_mistake_is_told_in_one_line_that_names_file_and_key(text, right, wrong, line):
+    assert text.count(right) == 1
+    assert refusal(text.replace(right, wrong)).startswith(line)
+
+
+def test_the_bundled_vehicle_needs_its_table(text):
+    line = refusal(text, "link.endpoint=sim")
+    assert line == 'm.toml: link.endpoint: is "sim", which needs a [sim] table describing the vehicle'
+    assert parse_mission(text + "\n[sim]\nseed = 1\n", "m.toml", ["link.endpoint=sim"]).flies_sim
+
+
+def test_a_mission_cannot_be_changed_after_it_was_read(mission):
+    with pytest.raises(Exception, match="frozen"):
+        mission().file.orbit.radius_m = 50.0

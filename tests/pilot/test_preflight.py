@@ -1,0 +1,506 @@
+"""A survey of each emulated vehicle in lockstep, and what is said of it: what is sent, what is seen, what is graded."""
+
+import random
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import all as mavlink
+
+from circnav_mav.mission.checks import Check, Grade
+from circnav_mav.mission.load import Mission, load_mission
+from circnav_mav.mission.param_rules import RULES, names_for
+from circnav_mav.mission.preflight import judge
+from circnav_mav.pilot import RANGING, VEHICLE
+from circnav_mav.pilot.survey import Observations, RangeHeard, Survey
+from sim.config import parse_vehicle
+from sim.vehicle import Vehicle
+
+CONFIG = Path(__file__).parents[2] / "config"
+MISSIONS = ("arducopter", "arduplane", "ardurover", "px4_copter", "px4_plane", "px4_plane_attitude")
+HEARTBEAT, COMMAND_LONG, PARAM_REQUEST_READ, TIMESYNC = 0, 76, 20, 111
+SET_MESSAGE_INTERVAL, REQUEST_MESSAGE = 511, 512
+FAIL, WARN, PASS = Grade.FAIL, Grade.WARN, Grade.PASS
+
+
+class Ground:
+    """Somebody else on the link: a ground station, a second companion, a second vehicle."""
+
+    def __init__(self, system: int = 255, component: int = 190, version: int = 2) -> None:
+        self._speaker = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
+        self._version = version
+
+    def say(self, message: Any) -> bytes:
+        self._speaker.seq = (self._speaker.seq + 1) % 256
+        return bytes(message.pack(self._speaker, force_mavlink1=self._version == 1))
+
+    def set(self, name: str, value: float, kind: int = 9) -> bytes:
+        return self.say(mavlink.MAVLink_param_set_message(1, 1, name.encode(), value, kind))
+
+    def heartbeat(self, kind: int = 2, autopilot: int = 3) -> bytes:
+        return self.say(mavlink.MAVLink_heartbeat_message(kind, autopilot, 1, 4, 4, 3))
+
+
+class Bench:
+    """A mission's survey and its emulated vehicle, in lockstep; `speed`: how much faster the vehicle's time runs."""
+
+    def __init__(self, name: str, *overrides: str, seconds: float = 5.0) -> None:
+        self.mission = load_mission(CONFIG / f"{name}.toml", overrides)
+        assert self.mission.file.sim is not None
+        self.vehicle = Vehicle(parse_vehicle(self.mission.file.sim, name))
+        self.survey = Survey(self.mission.pilot_settings(), names_for, seconds=seconds)
+        self.sent: list[Any] = []
+        self.speed = 1.0
+        self.hears: Callable[[bytes, float], bool] = lambda frame, now: True
+        self.speaks: Callable[[float], list[bytes]] = lambda now: []
+
+    def run(self) -> Observations:
+        parser, now = mavlink.MAVLink(None), 0.0
+        links = {"main": VEHICLE, **({"ranging": RANGING} if self.mission.file.ranging.endpoint else {})}
+        while not self.survey.done:
+            now = round(now + 0.01, 6)
+            self.vehicle.advance(now * self.speed)
+            for sim_link, link in links.items():
+                for frame in self.vehicle.outgoing(sim_link):
+                    if self.hears(frame, now):
+                        self.survey.receive(frame, now, "sim", link)
+            for frame in self.speaks(now):
+                self.survey.receive(frame, now, "sim")
+            out = self.survey.step(now)
+            self.vehicle.receive(out)
+            self.sent += parser.parse_buffer(bytearray(out)) or []
+        return self.survey.observations()
+
+    def lines(self) -> list[Check]:
+        return judge(self.mission, self.run())
+
+
+def of(lines: list[Check], subject: str) -> list[Check]:
+    return [line for line in lines if line.subject == subject]
+
+
+def one(lines: list[Check], subject: str) -> Check:
+    (line,) = of(lines, subject)
+    return line
+
+
+def failing(lines: list[Check]) -> list[str]:
+    return [line.subject for line in lines if line.grade is FAIL]
+
+
+@pytest.fixture(scope="module")
+def copter() -> tuple[Mission, Observations]:
+    """What a good survey of a copter looks like, to be bent."""
+    bench = Bench("arducopter")
+    return bench.mission, bench.run()
+
+
+# --- every vehicle ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", MISSIONS)
+def test_every_bundled_vehicle_passes(name: str) -> None:
+    lines = Bench(name).lines()
+    assert failing(lines) == []
+    assert {"vehicle", "firmware", "mode", "stream", "clock", "ranging", "noise", "parameter"} <= {
+        line.subject for line in lines
+    }
+
+
+@pytest.mark.parametrize("name", MISSIONS)
+def test_nothing_that_moves_anything_is_sent(name: str) -> None:
+    bench = Bench(name)
+    bench.run()
+    kinds = {message.get_msgId() for message in bench.sent}
+    assert kinds == {HEARTBEAT, COMMAND_LONG, PARAM_REQUEST_READ, TIMESYNC}
+    commands = {message.command for message in bench.sent if message.get_msgId() == COMMAND_LONG}
+    assert commands == {SET_MESSAGE_INTERVAL, REQUEST_MESSAGE}
+
+
+@pytest.mark.parametrize("name", MISSIONS)
+def test_the_vehicle_stays_as_it_was_even_in_our_mode(name: str) -> None:
+    """Armed, in the very mode that is flown, range heard: a pilot would take it."""
+    mode = {"arducopter": "GUIDED", "arduplane": "GUIDED", "ardurover": "GUIDED", "px4_plane": "ALTCTL"}.get(name)
+    bench = Bench(name, *((f'sim.start.mode="{mode}"',) if mode else ()))
+    before = bench.vehicle.truth
+    lines = judge(bench.mission, bench.run())
+    assert bench.vehicle.truth.armed == before.armed
+    if mode:
+        assert one(lines, "mode").grade is WARN
+        assert "at once" in one(lines, "mode").says
+
+
+@pytest.mark.parametrize("name", MISSIONS)
+def test_streams_get_their_own_rates_back_at_the_end(name: str) -> None:
+    bench = Bench(name)
+    bench.run()
+    last = {m.param1: m.param2 for m in bench.sent if m.get_msgId() == COMMAND_LONG and m.command == 511}
+    assert set(last.values()) == {0.0}
+
+
+@pytest.mark.parametrize("name", MISSIONS)
+def test_every_parameter_that_the_vehicle_has_is_read_with_its_value(name: str) -> None:
+    bench = Bench(name)
+    seen = bench.run()
+    assert seen.vehicle is not None
+    table = bench.vehicle._flight.autopilot.params.all_values()
+    held = {value.param_id: value.param_value if value.param_type == 9 else None for value in table}
+    asked = set(names_for(seen.vehicle.adapter)) & set(held)
+    assert set(seen.vehicle.parameters) == asked
+    assert {n: v for n, v in seen.vehicle.parameters.items() if held[n] is not None} == {
+        n: pytest.approx(held[n]) for n in asked if held[n] is not None
+    }
+
+
+def test_integers_of_px4_are_read_as_integers() -> None:
+    seen = Bench("px4_plane").run()
+    assert seen.vehicle is not None
+    assert seen.vehicle.parameters["COM_RC_IN_MODE"] == 1.0
+
+
+# --- nobody, or others ------------------------------------------------------------------------------------------------
+
+
+def test_silence_is_told_with_what_was_heard() -> None:
+    bench = Bench("arducopter", "link.wait_s=2.0")
+    bench.hears = lambda frame, now: False
+    seen = bench.run()
+    assert seen.vehicle is None
+    (line,) = judge(bench.mission, seen)
+    assert (line.grade, line.subject) == (FAIL, "vehicle")
+    assert "0 bytes heard" in line.says
+
+
+def test_a_vehicle_of_another_kind_is_named() -> None:
+    (line,) = Bench("arducopter", "link.wait_s=2.0", 'sim.vehicle.profile="ardurover"', 'sim.start.mode="HOLD"').lines()
+    assert "ground_rover" in line.says
+    assert "ardupilot copter" in line.says
+
+
+def test_mavlink_1_only_is_named_with_its_remedy() -> None:
+    (line,) = Bench("arducopter", "link.wait_s=2.0", "sim.vehicle.mavlink_version=1").lines()
+    assert "MAVLink 1 only" in line.says
+
+
+def test_a_twin_of_ours_fails_and_another_vehicle_warns() -> None:
+    bench, twin, other = Bench("arducopter"), Ground(1, 191), Ground(2, 1)
+    bench.speaks = lambda now: [twin.heartbeat(18, 8), other.heartbeat()] if round(now * 100) % 50 == 0 else []
+    lines = of(bench.lines(), "others")
+    assert [line.grade for line in lines] == [FAIL, WARN]
+    assert "191" in lines[0].says
+
+
+def test_a_vehicle_that_falls_silent_fails() -> None:
+    bench = Bench("arducopter")
+    bench.hears = lambda frame, now: now < 4.0
+    assert {"heartbeat", "age"} <= set(failing(bench.lines()))
+
+
+# --- streams, motion, battery -----------------------------------------------------------------------------------------
+
+
+def without(message_id: int) -> Callable[[bytes, float], bool]:
+    return lambda frame, now: int.from_bytes(frame[7:10], "little") != message_id
+
+
+@pytest.mark.parametrize(
+    ("name", "message_id", "grade"),
+    [
+        ("arduplane", 74, FAIL),
+        ("arducopter", 74, WARN),
+        ("px4_copter", 74, FAIL),
+        ("arducopter", 30, FAIL),
+        ("arducopter", 1, WARN),
+        ("arducopter", 2, WARN),
+        ("px4_copter", 436, WARN),
+    ],
+)
+def test_a_missing_stream_is_graded_by_what_comes_with_it(name: str, message_id: int, grade: Grade) -> None:
+    bench = Bench(name)
+    bench.hears = without(message_id)
+    lines = [line for line in of(bench.lines(), "stream") if line.grade is not PASS]
+    assert [line.grade for line in lines] == [grade]
+    assert mavlink.mavlink_map[message_id].msgname in lines[0].says
+
+
+@pytest.mark.parametrize("name", MISSIONS)
+def test_rates_are_measured_after_the_streams_have_come_up(name: str) -> None:
+    """A vehicle that sends much unasked before it is asked for less must not look richer than it is."""
+    seen = Bench(name, seconds=10.0).run()
+    assert seen.vehicle is not None
+    for wanted, measured in seen.vehicle.streams.values():
+        assert measured == pytest.approx(wanted, rel=0.1)
+
+
+def test_a_plane_without_airspeed_fails_in_the_air_and_is_warned_of_on_the_ground() -> None:
+    bench = Bench("arduplane")
+    seen = bench.run()
+    assert seen.vehicle is not None
+    still = replace(seen.vehicle, motion=replace(seen.vehicle.motion, airspeed=None), airspeed_told=0.0)
+    for armed, grade in ((True, FAIL), (False, WARN)):
+        lines = judge(bench.mission, replace(seen, vehicle=replace(still, armed=armed)))
+        assert one(lines, "airspeed").grade is grade
+    sensorless = replace(still, armed=False, airspeed_told=float("nan"))
+    line = one(judge(bench.mission, replace(seen, vehicle=sensorless)), "airspeed")
+    assert (line.grade, "sensor" in line.says) == (FAIL, True)
+
+
+@pytest.mark.parametrize(("percent", "grade"), [(80.0, PASS), (25.0, FAIL)])
+def test_the_battery_is_held_against_the_missions_bound(percent: float, grade: Grade) -> None:
+    lines = Bench("arducopter", "bounds.min_battery_percent=30.0", f"sim.battery.percent={percent}").lines()
+    assert one(lines, "battery").grade is grade
+
+
+# --- time -------------------------------------------------------------------------------------------------------------
+
+
+def test_a_simulator_five_times_as_fast_needs_the_autopilots_clock() -> None:
+    bench = Bench("arducopter")
+    bench.speed = 5.0
+    line = one(bench.lines(), "clock")
+    assert line.grade is FAIL
+    assert "5.0" in line.says
+    assert 'link.clock = "autopilot"' in line.says
+
+
+def test_a_run_that_follows_the_autopilot_says_at_what_speed() -> None:
+    bench = Bench("arducopter", 'link.clock="autopilot"')
+    line = one(judge(bench.mission, bench.run(), clock_speed=5.0), "clock")
+    assert (line.grade, "5.0" in line.says) == (PASS, True)
+
+
+def test_a_reboot_while_listening_fails() -> None:
+    bench = Bench("arducopter", "sim.events=[{at_s=4.0, action='reboot'}]", seconds=8.0)
+    lines = of(bench.lines(), "clock")
+    assert [line.grade for line in lines] == [FAIL, PASS]
+    assert "rebooted 1 times" in lines[0].says
+
+
+def test_a_slow_link_is_measured_by_its_round_trip(copter: tuple[Mission, Observations]) -> None:
+    mission, seen = copter
+    assert seen.vehicle is not None
+    for trip, grade in ((0.02, PASS), (0.3, WARN), (0.8, FAIL)):
+        vehicle = replace(seen.vehicle, round_trips=(trip, trip, 9.0))
+        assert one(judge(mission, replace(seen, vehicle=vehicle)), "round trip").grade is grade
+
+
+# --- ranging ----------------------------------------------------------------------------------------------------------
+
+
+def test_ranging_that_does_not_fit_the_mission_is_shown_with_its_marks() -> None:
+    bench = Bench("arducopter", "ranging.orientation=0")
+    line = one(bench.lines(), "ranging")
+    assert line.grade is FAIL
+    assert "1/192 id 0, orientation 24" in line.says
+
+
+def test_no_ranging_at_all_fails_with_what_the_link_carried() -> None:
+    line = one(Bench("arducopter", "sim.ranging.rate_hz=0.0").lines(), "ranging")
+    assert line.grade is FAIL
+    assert "frames" in line.says
+
+
+def test_ranging_on_its_own_endpoint_is_heard_there() -> None:
+    overrides = ('ranging.endpoint="udpin:0.0.0.0:14560"', 'ranging.message="ranging_beacon"', "ranging.beacon_id=1")
+    sim = ('sim.ranging.via="direct"', 'sim.ranging.message="ranging_beacon"')
+    assert one(Bench("arducopter", *overrides, *sim).lines(), "ranging").grade is PASS
+
+
+@pytest.mark.parametrize(("noise", "grade"), [(0.05, PASS), (0.5, PASS), (1.2, WARN), (3.0, FAIL)])
+def test_noise_is_measured_against_what_the_mission_assumes(noise: float, grade: Grade) -> None:
+    line = one(Bench("arducopter", f"sim.ranging.noise_m={noise}", seconds=20.0).lines(), "noise")
+    assert line.grade is grade
+    assert float(line.says.split()[0]) == pytest.approx(noise, rel=0.25, abs=0.02)
+
+
+def test_neither_outliers_nor_gaps_nor_motion_count_as_noise(copter: tuple[Mission, Observations]) -> None:
+    """A range that shrinks at 20 m/s and bends at 4 m/s^2, every fifth one lost, one of twenty off by 30 m."""
+    draw, ranges = random.Random(3), []
+    for i in range(600):
+        t = i / 10
+        off = 30.0 if i % 20 == 7 else 0.0
+        if i % 5:
+            ranges.append(RangeHeard(t, t, t, 2000 - 20 * t + 2 * t * t + off + draw.gauss(0, 0.5), 0.5))
+    mission, seen = copter
+    lines = judge(mission, replace(seen, ranges=tuple(ranges), end=60.0, seconds=60.0))
+    assert float(one(lines, "noise").says.split()[0]) == pytest.approx(0.5, rel=0.15)
+    assert one(lines, "outliers").grade is WARN or "5 %" in one(lines, "outliers").says
+
+
+@pytest.mark.parametrize(("rate", "grade"), [(10.0, PASS), (5.0, WARN), (1.5, FAIL)])
+def test_a_thin_ranging_stream_is_warned_of_and_one_slower_than_stale_fails(rate: float, grade: Grade) -> None:
+    assert one(Bench("arducopter", f"sim.ranging.rate_hz={rate}").lines(), "ranging").grade is grade
+
+
+def test_ranges_that_stopped_are_old() -> None:
+    bench = Bench("arducopter", "sim.events=[{at_s=5.0, action='mute_ranging'}]")
+    assert one(bench.lines(), "age").grade is FAIL
+
+
+def test_several_senders_are_warned_of_unless_the_mission_names_ours() -> None:
+    """PX4 sends a forwarded DISTANCE_SENSOR a second time under its own id."""
+    named, unnamed = Bench("px4_copter"), Bench("px4_copter")
+    table = unnamed.mission.file.ranging.model_copy(update={"component_id": None})
+    unnamed.mission = Mission(unnamed.mission.file.model_copy(update={"ranging": table}), "")
+    unnamed.survey = Survey(unnamed.mission.pilot_settings(), names_for, seconds=5.0)
+    assert one(named.lines(), "rejected").grade is PASS
+    line = one(unnamed.lines(), "rejected")
+    assert (line.grade, "component_id" in line.says) == (WARN, True)
+
+
+def test_stamps_without_time_or_of_a_clock_at_another_speed_are_found(copter: tuple[Mission, Observations]) -> None:
+    mission, seen = copter
+    flat = tuple(replace(one, stamp=one.arrival) for one in seen.ranges)
+    fast = tuple(replace(one, stamp=2 * one.stamp) for one in seen.ranges)
+    assert one(judge(mission, replace(seen, ranges=flat)), "stamps").grade is WARN
+    assert one(judge(mission, replace(seen, ranges=fast)), "stamps").grade is FAIL
+
+
+def test_a_range_shorter_than_the_height_is_fine_on_the_ground_only() -> None:
+    line = one(Bench("arducopter", "orbit.height_above_target_m=95.0", "orbit.radius_m=60.0").lines(), "distance")
+    assert (line.grade, "ground" in line.says) == (WARN, True)
+
+
+# --- parameters -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "parameter", "value", "grade"),
+    [
+        ("arducopter", "GUID_TIMEOUT", 0.05, FAIL),
+        ("arducopter", "GUID_TIMEOUT", 0.3, WARN),
+        ("arducopter", "GUID_TIMEOUT", 3.0, PASS),
+        ("arducopter", "GUID_TIMEOUT", 10.0, WARN),
+        ("arducopter", "GUID_OPTIONS", 1 << 5, WARN),
+        ("arducopter", "GUID_OPTIONS", 1 << 2, PASS),
+        ("arducopter", "FS_GCS_ENABLE", 1, WARN),
+        ("arducopter", "SYSID_MYGCS", 1, WARN),
+        ("arducopter", "FS_EKF_ACTION", 0, WARN),
+        ("arducopter", "WPNAV_SPEED", 500.0, PASS),
+        ("arducopter", "WPNAV_SPEED", 499.0, WARN),
+        ("arduplane", "ROLL_LIMIT_DEG", 45.0, PASS),
+        ("arduplane", "ROLL_LIMIT_DEG", 44.0, FAIL),
+        ("arduplane", "AIRSPEED_CRUISE", 23.0, PASS),
+        ("arduplane", "AIRSPEED_CRUISE", 25.0, WARN),
+        ("arduplane", "AIRSPEED_CRUISE", 15.0, FAIL),
+        ("arduplane", "AIRSPEED_MIN", 23.0, FAIL),
+        ("arduplane", "AIRSPEED_MAX", 21.0, FAIL),
+        ("arduplane", "FS_GCS_ENABL", 1, WARN),
+        ("ardurover", "WP_SPEED", 2.0, FAIL),
+        ("ardurover", "WP_SPEED", 0.0, PASS),
+        ("ardurover", "FS_GCS_ENABLE", 1, WARN),
+        ("px4_copter", "COM_OF_LOSS_T", 0.05, FAIL),
+        ("px4_copter", "COM_OBL_RC_ACT", 5, PASS),
+        ("px4_copter", "COM_OBL_RC_ACT", 7, FAIL),
+        ("px4_copter", "MC_YAWRATE_MAX", 30.0, FAIL),
+        ("px4_copter", "MAV_FWDEXTSP", 0, FAIL),
+        ("px4_plane", "COM_RC_IN_MODE", 0, FAIL),
+        ("px4_plane", "COM_RC_IN_MODE", 4, FAIL),
+        ("px4_plane", "COM_RC_IN_MODE", 3, WARN),
+        ("px4_plane", "COM_RC_LOSS_T", 0.05, FAIL),
+        ("px4_plane", "FW_R_LIM", 45.0, FAIL),
+        ("px4_plane", "FW_AIRSPD_TRIM", 11.0, WARN),
+        ("px4_plane_attitude", "MAV_FWDEXTSP", 0, FAIL),
+    ],
+)
+def test_a_parameter_is_graded_by_what_it_implies(name: str, parameter: str, value: float, grade: Grade) -> None:
+    bench = Bench(name)
+    seen = bench.run()
+    assert seen.vehicle is not None
+    values = {**seen.vehicle.parameters, parameter: float(value)}
+    lines = of(judge(bench.mission, replace(seen, vehicle=replace(seen.vehicle, parameters=values))), "parameter")
+    (line,) = [line for line in lines if line.says.startswith(f"{parameter} = ")]
+    assert line.grade is grade, line.says
+
+
+def test_a_rover_without_wp_speed_is_clipped_at_its_cruise_speed() -> None:
+    bench = Bench("ardurover")
+    seen = bench.run()
+    assert seen.vehicle is not None
+    values = {**seen.vehicle.parameters, "WP_SPEED": 0.0, "CRUISE_SPEED": 2.0}
+    lines = judge(bench.mission, replace(seen, vehicle=replace(seen.vehicle, parameters=values)))
+    assert [line.says.split()[0] for line in lines if line.grade is FAIL] == ["CRUISE_SPEED"]
+    values["WP_SPEED"] = 5.0
+    assert failing(judge(bench.mission, replace(seen, vehicle=replace(seen.vehicle, parameters=values)))) == []
+
+
+@pytest.mark.parametrize(
+    ("new", "value", "old"),
+    [("MAV_GCS_SYSID", 255.0, "SYSID_MYGCS"), ("WP_SPD", 4.0, "WPNAV_SPEED")],
+)
+def test_a_parameter_is_known_by_its_name_in_the_connected_version(
+    copter: tuple[Mission, Observations], new: str, value: float, old: str
+) -> None:
+    mission, seen = copter
+    assert seen.vehicle is not None
+    values = {name: held for name, held in seen.vehicle.parameters.items() if name != old} | {new: value}
+    lines = of(judge(mission, replace(seen, vehicle=replace(seen.vehicle, parameters=values))), "parameter")
+    assert [line for line in lines if line.says.startswith(f"{new} = {value:g}")]
+    assert not [line for line in lines if "no answer" in line.says]
+
+
+def test_a_centidegree_limit_of_older_planes_is_in_degrees() -> None:
+    bench = Bench("arduplane")
+    seen = bench.run()
+    assert seen.vehicle is not None
+    values = {name: value for name, value in seen.vehicle.parameters.items() if name != "ROLL_LIMIT_DEG"}
+    for centidegrees, failures in ((4400.0, ["parameter"]), (6500.0, [])):
+        vehicle = replace(seen.vehicle, parameters={**values, "LIM_ROLL_CD": centidegrees})
+        assert failing(judge(bench.mission, replace(seen, vehicle=vehicle))) == failures
+
+
+def test_a_parameter_that_the_vehicle_does_not_know_is_said_and_not_fatal(copter: tuple[Mission, Observations]) -> None:
+    mission, seen = copter
+    assert seen.vehicle is not None
+    lines = judge(mission, replace(seen, vehicle=replace(seen.vehicle, parameters={})))
+    missing = of(lines, "parameter")
+    assert {line.grade for line in missing} == {WARN}
+    assert [line.says.split(":")[0] for line in missing] == [
+        "GUID_TIMEOUT",
+        "GUID_OPTIONS",
+        "FS_GCS_ENABLE",
+        "MAV_GCS_SYSID or SYSID_MYGCS",
+        "FS_EKF_ACTION",
+        "WP_SPD or WPNAV_SPEED",
+    ]
+    assert failing(lines) == []
+
+
+def test_a_value_set_by_a_ground_station_is_what_is_read() -> None:
+    bench = Bench("arducopter")
+    bench.vehicle.receive(Ground().set("GUID_TIMEOUT", 7.0))
+    seen = bench.run()
+    assert seen.vehicle is not None
+    assert seen.vehicle.parameters["GUID_TIMEOUT"] == 7.0
+
+
+def test_every_adapter_has_rules() -> None:
+    from circnav_mav.mav.autopilots.table import AUTOPILOTS
+
+    assert set(RULES) == set(AUTOPILOTS.values())
+
+
+def test_lost_datagrams_do_not_lose_parameters() -> None:
+    draw = random.Random(5)
+    bench = Bench("arducopter")
+    bench.hears = lambda frame, now: draw.random() > 0.3
+    seen = bench.run()
+    assert seen.vehicle is not None
+    assert len(seen.vehicle.parameters) >= 5
+
+
+def test_slow_answers_are_waited_for_beyond_the_time_to_listen() -> None:
+    bench = Bench("arducopter", seconds=0.5)
+    bench.hears = lambda frame, now: now > 2.6 or without(22)(frame, now)
+    seen = bench.run()
+    assert seen.vehicle is not None
+    assert len(seen.vehicle.parameters) > 0
+
+
+def test_troubles_that_the_vehicle_tells_are_repeated() -> None:
+    bench, vehicle = Bench("arducopter"), Ground(1, 1)
+    text = mavlink.MAVLink_statustext_message(4, b"PreArm: Compass not healthy")
+    bench.speaks = lambda now: [vehicle.say(text)] if round(now * 100) == 400 else []
+    assert [line.says for line in of(bench.lines(), "says")] == ['"PreArm: Compass not healthy"']

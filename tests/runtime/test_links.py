@@ -1,0 +1,248 @@
+"""UDP, TCP and serial links over what the kernel really has: loopback sockets and a pseudo terminal."""
+
+import os
+import pty
+import select
+import socket
+from contextlib import closing
+
+import pytest
+
+from circnav_mav.runtime.links import MOST_DATAGRAMS, LinkError, open_link
+
+
+def receive(link, now=0.0, patience=2.0):
+    """What comes in once the link's descriptor has something."""
+    select.select([link.fileno()], [], [], patience)
+    return link.receive(now)
+
+
+@pytest.fixture
+def udp():
+    with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as peer:
+        peer.bind(("127.0.0.1", 0))
+        peer.settimeout(2.0)
+        yield peer
+
+
+@pytest.fixture
+def server():
+    with closing(socket.create_server(("127.0.0.1", 0))) as listening:
+        listening.settimeout(2.0)
+        yield listening
+
+
+def address(server):
+    return f"tcp:127.0.0.1:{server.getsockname()[1]}"
+
+
+# --- UDP ---
+
+
+def test_udpin_hears_everybody_and_answers_whom_it_is_told(udp):
+    with closing(open_link("udpin:127.0.0.1:0")) as link:
+        udp.sendto(b"one", ("127.0.0.1", link.port))
+        ((data, source),) = receive(link)
+        assert (data, source) == (b"one", udp.getsockname())
+        link.send(b"answer", source)
+        assert udp.recv(100) == b"answer"
+
+
+def test_udpin_says_nothing_before_it_knows_to_whom(udp):
+    with closing(open_link("udpin:127.0.0.1:0")) as link:
+        link.send(b"nobody", None)
+        assert link.errors == 0
+
+
+def test_datagrams_stay_apart_and_in_order(udp):
+    with closing(open_link("udpin:127.0.0.1:0")) as link:
+        for i in range(10):
+            udp.sendto(bytes([i]) * (i + 1), ("127.0.0.1", link.port))
+        assert [data for data, _ in receive(link)] == [bytes([i]) * (i + 1) for i in range(10)]
+        assert link.receive(0.0) == []
+
+
+def test_a_flood_is_taken_in_portions(udp):
+    with closing(open_link("udpin:127.0.0.1:0")) as link:
+        for _ in range(MOST_DATAGRAMS + 100):
+            udp.sendto(b"x", ("127.0.0.1", link.port))
+        assert len(receive(link)) == MOST_DATAGRAMS
+        assert len(link.receive(0.0)) == 100
+
+
+def test_udpout_speaks_first_and_to_its_own_address_only(udp):
+    with closing(open_link(f"udpout:127.0.0.1:{udp.getsockname()[1]}")) as link:
+        link.send(b"hello", None)
+        data, ours = udp.recvfrom(100)
+        assert data == b"hello"
+        udp.sendto(b"answer", ours)
+        assert [data for data, _ in receive(link)] == [b"answer"]
+        link.send(b"again", ("127.0.0.1", 9))
+        assert udp.recv(100) == b"again"
+
+
+def test_two_udpout_links_can_be_open_at_once(udp):
+    """The second cannot have the fixed local port and takes another."""
+    port = udp.getsockname()[1]
+    with closing(open_link(f"udpout:127.0.0.1:{port}")) as one, closing(open_link(f"udpout:127.0.0.1:{port}")) as two:
+        assert one.port != two.port
+
+
+def test_a_port_in_use_is_refused_in_one_line_with_what_to_do(udp):
+    port = udp.getsockname()[1]
+    with pytest.raises(LinkError) as caught:
+        open_link(f"udpin:127.0.0.1:{port}")
+    assert str(caught.value) == (
+        f"endpoint udpin:127.0.0.1:{port}: port is in use by another program: close it, or choose another port"
+    )
+    assert not caught.value.nobody
+
+
+def test_an_address_that_is_not_ours_is_refused_in_one_line():
+    with pytest.raises(LinkError, match=r"^endpoint udpin:192\.0\.2\.1:14550: cannot assign requested address$"):
+        open_link("udpin:192.0.2.1:14550")
+
+
+def test_a_peer_that_refuses_is_silence_and_counted_and_may_come_back():
+    """ICMP "port unreachable" shows as an error on the socket."""
+    with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as gone:
+        gone.bind(("127.0.0.1", 0))
+        port = gone.getsockname()[1]
+    with closing(open_link(f"udpout:127.0.0.1:{port}")) as link:
+        for _ in range(3):
+            link.send(b"anybody?", None)
+            assert link.receive(0.0) == []
+        with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as back:
+            back.bind(("127.0.0.1", port))
+            back.settimeout(2.0)
+            link.send(b"there", None)
+            assert back.recv(100) == b"there"
+
+
+def test_a_network_that_is_unreachable_is_counted_and_not_raised(udp):
+    with closing(open_link("udpin:127.0.0.1:0")) as link:
+        link.send(b"x", ("240.0.0.1", 1))
+        link.send(b"x" * 70_000, udp.getsockname())
+        assert link.errors >= 1
+
+
+# --- TCP ---
+
+
+def test_tcp_carries_bytes_both_ways(server):
+    with closing(open_link(address(server))) as link, closing(server.accept()[0]) as there:
+        there.sendall(b"hello")
+        ((data, source),) = receive(link)
+        assert (data, source) == (b"hello", server.getsockname())
+        link.send(b"answer", source)
+        assert there.recv(100) == b"answer"
+        assert link.receive(0.0) == []
+
+
+def test_a_tcp_server_that_is_not_there_is_refused_as_nobody():
+    with closing(socket.socket()) as unused:
+        unused.bind(("127.0.0.1", 0))
+        port = unused.getsockname()[1]
+        with pytest.raises(LinkError) as caught:
+            open_link(f"tcp:127.0.0.1:{port}")
+    assert str(caught.value) == f"endpoint tcp:127.0.0.1:{port}: nobody listens there (connection refused)"
+    assert caught.value.nobody
+
+
+def test_after_the_end_of_file_tcp_connects_again_a_second_later(server):
+    with closing(open_link(address(server))) as link:
+        server.accept()[0].close()
+        assert receive(link, now=10.0) == []
+        assert link.fileno() is None
+        assert link.errors == 1
+        assert link.receive(10.9) == []
+        assert link.fileno() is None, "too early"
+        link.receive(11.0)
+        there = server.accept()[0]
+        with closing(there):
+            there.sendall(b"back")
+            assert [data for data, _ in receive(link, now=11.1)] == [b"back"]
+            link.send(b"again", None)
+            assert there.recv(100) == b"again"
+
+
+def test_a_dead_tcp_server_does_not_make_the_loop_spin(server):
+    """A thousand calls between two retries make one attempt; there is nothing to select on meanwhile."""
+    with closing(open_link(address(server))) as link:
+        server.accept()[0].close()
+        receive(link, now=0.0)
+        server.close()
+        attempts = 0
+        for i in range(1000):
+            link.receive(i / 100)
+            attempts += link.fileno() is not None
+            if link.fileno() is not None:
+                assert receive(link, now=i / 100) == []
+        assert 8 <= attempts <= 10
+        assert link.errors == attempts + 1
+
+
+def test_between_connections_what_is_sent_is_lost_without_a_word(server):
+    with closing(open_link(address(server))) as link:
+        server.accept()[0].close()
+        receive(link)
+        link.send(b"lost", None)
+
+
+def test_a_reset_connection_is_an_end_and_no_error(server):
+    with closing(open_link(address(server))) as link:
+        there = server.accept()[0]
+        there.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\x01\x00\x00\x00\x00\x00\x00\x00")
+        there.close()
+        assert receive(link) == []
+        assert link.fileno() is None
+
+
+def test_a_peer_that_does_not_read_delays_nothing(server):
+    """A full buffer loses bytes instead."""
+    with closing(open_link(address(server))) as link, closing(server.accept()[0]):
+        for _ in range(200):
+            link.send(b"x" * 65536, None)
+        assert link.errors > 0
+
+
+def test_closing_twice_is_no_mistake(server):
+    link = open_link(address(server))
+    link.close()
+    link.close()
+
+
+# --- serial ---
+
+
+@pytest.fixture
+def line():
+    pytest.importorskip("serial")
+    master, slave = pty.openpty()
+    yield master, os.ttyname(slave)
+    os.close(slave)
+    os.close(master)
+
+
+def test_a_serial_line_carries_bytes_both_ways(line):
+    master, name = line
+    with closing(open_link(f"serial:{name}:57600")) as link:
+        os.write(master, b"\xfd\x00hello")
+        ((data, source),) = receive(link)
+        assert (data, source) == (b"\xfd\x00hello", name)
+        link.send(b"\x00answer\n", source)
+        assert os.read(master, 100) == b"\x00answer\n"
+        assert link.receive(0.0) == []
+
+
+def test_a_serial_device_that_vanishes_is_silence_until_it_is_back():
+    pytest.importorskip("serial")
+    master, slave = pty.openpty()
+    name = os.ttyname(slave)
+    with closing(open_link(f"serial:{name}:57600")) as link:
+        os.close(slave)
+        os.close(master)
+        for i in range(30):
+            assert link.receive(i / 10) == []
+            link.send(b"lost", None)
+        assert link.errors > 0

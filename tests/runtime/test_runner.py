@@ -1,0 +1,165 @@
+"""The loop: what it receives, sends, records, and how it is stopped."""
+
+import signal
+from types import SimpleNamespace
+
+import pytest
+from pymavlink.dialects.v20 import all as mavlink
+
+from circnav_mav.runtime.runner import StopRequest, run
+
+
+def frame(number):
+    speaker = mavlink.MAVLink(None, srcSystem=1, srcComponent=191)
+    speaker.seq = number
+    return bytes(mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3).pack(speaker))
+
+
+class FakeClock:
+    """Time moves by a tick each time it is asked."""
+
+    def __init__(self):
+        self.time = 0.0
+
+    def now(self):
+        self.time += 0.05
+        return self.time
+
+    def until(self, moment):
+        return 0.0
+
+
+class FakeLink:
+    errors = 0
+
+    def __init__(self, incoming=()):
+        self.incoming = list(incoming)
+        self.sent = []
+
+    def fileno(self):
+        return None
+
+    def receive(self, now):
+        return [self.incoming.pop(0)] if self.incoming else []
+
+    def send(self, data, to):
+        self.sent.append((data, to))
+
+    def close(self):
+        pass
+
+
+class FakePilot:
+    """Ends after some steps, or two steps after an interrupt."""
+
+    def __init__(self, steps=5):
+        self.left = steps
+        self.heard, self.interrupts = [], []
+        self.outcome = None
+        self.next_tick = 0.0
+        self.reply_to = "the vehicle"
+
+    @property
+    def done(self):
+        return self.left <= 0
+
+    def receive(self, data, now, source, link):
+        self.heard.append((data, source, link))
+
+    def step(self, now):
+        self.left -= 1
+        return frame(self.left) + frame(100 + self.left)
+
+    def hello(self, now):
+        return b"hello"
+
+    def interrupt(self, now, reason):
+        self.interrupts.append(reason)
+        self.outcome, self.left = "interrupted", 2
+
+    def take_frames(self):
+        return [data for data, _, _ in self.heard[-1:]]
+
+    def take_records(self):
+        return [self.left]
+
+
+class FakeRecorder:
+    def __init__(self):
+        self.kept, self.ticked, self.turns = [], [], []
+
+    def turn(self, turn):
+        self.turns.append(turn)
+        self.kept += turn.said
+
+    def ticks(self, records):
+        self.ticked += records
+
+
+@pytest.fixture
+def stop():
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    yield StopRequest()
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+def test_what_comes_in_is_given_to_the_pilot_with_its_source_and_link(stop):
+    pilot = FakePilot()
+    links = {"vehicle": FakeLink([(b"a", "x"), (b"b", "y")]), "ranging": FakeLink([(b"c", "radio")])}
+    run(pilot, links, FakeClock(), FakeRecorder(), lambda *_: None, stop)
+    assert pilot.heard == [(b"a", "x", "vehicle"), (b"c", "radio", "ranging"), (b"b", "y", "vehicle")]
+
+
+def test_what_the_pilot_says_goes_to_the_vehicle_and_whole_frames_to_the_recorder(stop):
+    pilot, recorder, vehicle = FakePilot(2), FakeRecorder(), FakeLink()
+    run(pilot, {"vehicle": vehicle}, FakeClock(), recorder, lambda *_: None, stop)
+    assert vehicle.sent == [(frame(1) + frame(101), "the vehicle"), (frame(0) + frame(100), "the vehicle")]
+    assert recorder.kept == [frame(1), frame(101), frame(0), frame(100)]
+    assert recorder.ticked == [1, 0]
+
+
+def test_a_ranging_link_is_greeted_and_gets_no_setpoints(stop):
+    ranging = FakeLink()
+    run(FakePilot(2), {"vehicle": FakeLink(), "ranging": ranging}, FakeClock(), FakeRecorder(), lambda *_: None, stop)
+    assert ranging.sent == [(b"hello", None)] * 2
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_interrupts_the_pilot_once_and_lets_it_say_goodbye(stop, number):
+    pilot, vehicle = FakePilot(1000), FakeLink()
+    signal.raise_signal(number)
+    signal.raise_signal(number)
+    run(pilot, {"vehicle": vehicle}, FakeClock(), FakeRecorder(), lambda *_: None, stop)
+    assert pilot.interrupts == [signal.Signals(number).name]
+    assert len(vehicle.sent) == 2
+
+
+def test_the_newest_tick_is_shown_after_every_step(stop):
+    shown = []
+    run(FakePilot(3), {"vehicle": FakeLink()}, FakeClock(), FakeRecorder(), lambda tick, now: shown.append(tick), stop)
+    assert shown == [2, 1, 0]
+
+
+def test_displays_draw_when_due(stop):
+    """One plain line a second, and none between."""
+    from rich.console import Console
+
+    from circnav_mav.core.phases import Phase
+    from circnav_mav.pilot import TickRecord
+    from circnav_mav.runtime.display import PlainDisplay
+    from circnav_mav.runtime.recorder import TICK_COLUMNS
+
+    values = dict.fromkeys(TICK_COLUMNS, None) | {"time": 1.0, "phase": Phase.ENGAGED, "r": 101.5, "mode": "GUIDED"}
+    record = TickRecord(**(values | {"r_dot": -1.0, "turn_rate": -0.15, "range_age": 0.05, "link_age": 0.2}))
+    console = Console(record=True, width=300, file=open("/dev/null", "w"))  # noqa: SIM115
+    display = PlainDisplay(console, 1.0)
+    pilot = SimpleNamespace(settings=SimpleNamespace(orbit=SimpleNamespace(radius=100.0)))
+    for i in range(41):
+        display.show(pilot, record, i / 20)
+    display.close()
+    lines = console.export_text().strip().splitlines()
+    assert len(lines) == 3
+    assert "engaged" in lines[0]
+    assert "+1.50 m" in lines[0]
+    assert "-8.6 deg/s" in lines[0]

@@ -1,0 +1,108 @@
+"""MAVSDK as an independent client: it sees a vehicle, its mode, its telemetry, and flies it where it can.
+
+ArduPilot streams nothing unasked, so there the rates are requested first; MAVSDK's offboard speaks PX4's language.
+"""
+
+import contextlib
+import math
+import os
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+mavsdk = pytest.importorskip("mavsdk")
+from mavsdk.plugins.action import Action  # noqa: E402
+from mavsdk.plugins.offboard import Offboard, VelocityBodyYawspeed  # noqa: E402
+from mavsdk.plugins.telemetry import FlightMode, Telemetry  # noqa: E402
+
+ROOT = Path(__file__).parents[2]
+PX4, ARDUPILOT = 1, 2
+
+
+@pytest.fixture
+def connect(tmp_path: Path) -> Iterator[Callable[[str], Any]]:
+    """An emulator of a profile in a process of its own, as MAVSDK sees it."""
+    open_things = contextlib.ExitStack()
+
+    def start(profile: str) -> Any:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            probe.bind(("127.0.0.1", 0))
+            port = probe.getsockname()[1]
+        client = mavsdk.Mavsdk(mavsdk.Configuration.create_with_component_type(mavsdk.ComponentType.GROUND_STATION))
+        open_things.callback(client.destroy)
+        assert client.add_any_connection(f"udpin://127.0.0.1:{port}") == mavsdk.ConnectionResult.SUCCESS
+        vehicle = tmp_path / "vehicle.toml"
+        vehicle.write_text(f'[vehicle]\nprofile = "{profile}"\n')
+        process = subprocess.Popen(
+            [sys.executable, "-m", "sim", str(vehicle), "--endpoint", f"udpout:127.0.0.1:{port}", "--speed", "2"],
+            cwd=ROOT,
+            env={**os.environ, "PYTHONPATH": str(ROOT)},
+            stdout=subprocess.DEVNULL,
+        )
+        open_things.callback(process.wait)
+        open_things.callback(process.terminate)
+        system = client.first_autopilot(20.0)
+        assert system is not None
+        return system
+
+    with open_things:
+        yield start
+
+
+def until(condition: Callable[[], bool], seconds: float = 10.0) -> None:
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.05)
+
+
+def test_px4_is_seen_flown_in_offboard_and_taken_away(connect: Callable[[str], Any]) -> None:
+    system = connect("px4_copter")
+    assert (system.get_system_id(), int(system.autopilot_type())) == (1, PX4)
+    telemetry, action, offboard = Telemetry(system), Action(system), Offboard(system)
+    until(lambda: telemetry.armed() and telemetry.in_air() and telemetry.flight_mode() == FlightMode.HOLD)
+    until(lambda: bool(telemetry.health().is_armable and telemetry.health().is_global_position_ok))
+    assert telemetry.position().relative_altitude_m == pytest.approx(50.0, abs=1.0)
+    assert telemetry.battery().remaining_percent == pytest.approx(100.0)
+
+    offboard.set_velocity_body(VelocityBodyYawspeed(4.0, 0.0, 0.0, 30.0))
+    offboard.start()
+    until(lambda: telemetry.flight_mode() == FlightMode.OFFBOARD)
+    before = telemetry.attitude_euler()
+    time.sleep(1.0)
+    after = telemetry.attitude_euler()
+    turned = math.remainder(math.radians(after.yaw_deg - before.yaw_deg), math.tau)
+    assert 0.5 < turned / ((after.timestamp_us - before.timestamp_us) * 1e-6) < 0.55  # 30 deg/s, clockwise
+    velocity = telemetry.velocity_ned()
+    assert 1.0 < math.hypot(velocity.north_m_s, velocity.east_m_s) < 4.5
+
+    action.hold()  # an operator takes the mode
+    until(lambda: telemetry.flight_mode() == FlightMode.HOLD)
+
+
+def test_offboard_without_a_setpoint_is_refused(connect: Callable[[str], Any]) -> None:
+    from mavsdk.plugins.offboard import OffboardError
+
+    with pytest.raises(OffboardError):
+        Offboard(connect("px4_plane")).start()
+
+
+def test_ardupilot_is_seen_and_its_streams_come_when_asked(connect: Callable[[str], Any]) -> None:
+    system = connect("arducopter")
+    assert int(system.autopilot_type()) == ARDUPILOT
+    telemetry, action = Telemetry(system), Action(system)
+    until(lambda: telemetry.armed() and telemetry.flight_mode() == FlightMode.HOLD)  # LOITER
+    time.sleep(0.3)
+    assert math.isnan(telemetry.attitude_euler().yaw_deg)
+    telemetry.set_rate_attitude_euler(10.0)
+    telemetry.set_rate_position(5.0)
+    until(lambda: telemetry.attitude_euler().yaw_deg == pytest.approx(0.0, abs=0.1))
+    until(lambda: telemetry.position().relative_altitude_m == pytest.approx(50.0, abs=0.1))
+    action.return_to_launch()
+    until(lambda: telemetry.flight_mode() == FlightMode.RETURN_TO_LAUNCH)

@@ -1,0 +1,152 @@
+"""PX4's fixed wing as flown: sticks with height and speed held, or attitude and thrust with nothing held."""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from sim.autopilots.modes import PX4
+from sim.vehicle import Vehicle
+
+Build = Callable[..., Vehicle]
+Stations = type[Any]
+G = 9.80665
+
+
+def plane(build: Build, station: Stations, **tables: Any) -> Any:
+    vehicle = {"profile": "px4_plane", "default_streams": False}
+    return station(build(vehicle=vehicle, truth={"rate_hz": 0}, ranging={"rate_hz": 0.0}, **tables))
+
+
+@pytest.mark.parametrize("mode", ["ALTCTL", "ALT_CRUISE"])
+@pytest.mark.parametrize(("stick", "bank", "rate"), [(0.3, 15.0, 0.261), (0.6, 30.0, 0.550), (-0.6, -30.0, -0.550)])
+def test_the_roll_stick_banks_and_height_and_speed_are_held(
+    build: Build, station: Stations, mode: str, stick: float, bank: float, rate: float
+) -> None:
+    companion = plane(build, station)
+    companion.sticks(0.0)
+    assert companion.command(176, 1, PX4[mode] >> 16) == [0, 0]
+    companion.repeat(20.0, lambda: companion.sticks(stick))
+    truth = companion.vehicle.truth
+    assert math.degrees(truth.roll) == pytest.approx(bank, abs=0.1)
+    assert truth.turn_rate == pytest.approx(rate, rel=0.035)
+    assert truth.down == pytest.approx(-100.0, abs=0.6) and truth.airspeed == pytest.approx(10.0, abs=0.2)
+
+
+def test_a_bank_is_two_thirds_there_after_half_a_second(build: Build, station: Stations) -> None:
+    companion = plane(build, station)
+    companion.sticks(0.0)
+    companion.command(176, 1, 2)
+    companion.repeat(0.6, lambda: companion.sticks(0.6), 50.0)
+    assert math.degrees(companion.vehicle.truth.roll) == pytest.approx(0.66 * 30.0, abs=2.5)
+
+
+def test_sticks_lost_hold_then_return_and_do_not_come_back(build: Build, station: Stations) -> None:
+    companion = plane(build, station)
+    companion.sticks(0.0)
+    companion.command(176, 1, 2)
+    companion.repeat(2.0, lambda: companion.sticks(0.3))
+    companion.wait(0.6)
+    assert companion.vehicle.truth.mode == PX4["LOITER"]
+    companion.repeat(3.0, lambda: companion.sticks(0.3))
+    assert companion.vehicle.truth.mode == PX4["LOITER"]
+    companion.repeat(3.0, lambda: companion.sticks(0.3))
+    assert companion.vehicle.truth.mode == PX4["RTL"]
+
+
+def test_a_velocity_alone_is_taken_and_has_no_effect(build: Build, station: Stations) -> None:
+    companion = plane(build, station)
+    companion.velocity(10.0, 0.3)
+    assert companion.command(176, 1, 6) == [0, 0]
+    companion.wait(0.5)
+    companion.fly(5.0, 10.0, 0.3)
+    truth = companion.vehicle.truth
+    assert truth.mode == PX4["OFFBOARD"] and abs(truth.turn_rate) < 0.01 and truth.down == pytest.approx(-100, abs=0.2)
+
+
+def test_a_position_is_flown_to_at_0835_sin_eta(build: Build, station: Stations) -> None:
+    from pymavlink.dialects.v20 import all as mavlink
+
+    companion = plane(build, station)
+    angle = math.asin(0.2 / 0.835)
+
+    def carrot() -> None:
+        truth = companion.vehicle.truth
+        north, east = (
+            truth.north + 80 * math.cos(truth.course + angle),
+            truth.east + 80 * math.sin(truth.course + angle),
+        )
+        companion.send(
+            mavlink.MAVLink_set_position_target_local_ned_message(
+                0, 1, 1, 1, 3576, north, east, -100, 0, 0, 0, 0, 0, 0, 0, 0
+            )
+        )
+
+    carrot()
+    assert companion.command(176, 1, 6) == [0, 0]
+    companion.repeat(15.0, carrot)
+    assert companion.vehicle.truth.turn_rate == pytest.approx(0.2, rel=0.05)
+
+
+def loops(companion: Any, bank: float) -> None:
+    """The height and airspeed loops that held +-1 m and 10.0 m/s in flight."""
+    truth = companion.vehicle.truth
+    climb = (companion.last_down - truth.down) * 20 if hasattr(companion, "last_down") else 0.0
+    companion.last_down = truth.down
+    below = truth.down + 100.0
+    pitch = 0.02 * below - 0.04 * climb
+    thrust = 0.63 + 0.08 * (10.0 - truth.airspeed) + 0.25 * (1 / math.cos(bank) - 1)
+    companion.attitude(7, bank, pitch, 0.0, thrust=max(0.0, min(1.0, thrust)))
+
+
+@pytest.mark.parametrize("bank", [0.0, 10.0, 20.0, 30.0, -40.0])
+def test_attitude_setpoints_turn_exactly_and_a_clients_own_loops_hold_height_and_speed(
+    build: Build, station: Stations, bank: float
+) -> None:
+    companion = plane(build, station)
+    companion.attitude(7, thrust=0.63)
+    assert companion.command(176, 1, 6) == [0, 0]
+    companion.repeat(40.0, lambda: loops(companion, math.radians(bank)))
+    truth = companion.vehicle.truth
+    assert math.degrees(truth.roll) == pytest.approx(bank, abs=0.05)
+    assert truth.turn_rate == pytest.approx(G * math.tan(math.radians(bank)) / 10, rel=0.02, abs=1e-3)
+    assert truth.airspeed == pytest.approx(10.0, abs=0.3) and truth.down == pytest.approx(-100.0, abs=2.5)
+
+
+def test_without_loops_nothing_holds_the_height(build: Build, station: Stations) -> None:
+    companion = plane(build, station)
+    companion.attitude(7, thrust=0.63)
+    companion.command(176, 1, 6)
+    companion.repeat(30.0, lambda: companion.attitude(7, math.radians(40.0), thrust=0.63))
+    assert companion.vehicle.truth.down > -95.0
+
+
+def test_no_throttle_is_no_thrust(build: Build, station: Stations) -> None:
+    companion = plane(build, station)
+    companion.attitude(7, thrust=0.63)
+    companion.command(176, 1, 6)
+    companion.repeat(15.0, lambda: companion.attitude(7 | 64, thrust=0.63))
+    companion.command(511, 33, 100_000)
+    companion.repeat(1.0, lambda: companion.attitude(7 | 64))
+    last = companion.listen("GLOBAL_POSITION_INT")[-1]
+    path = math.degrees(math.atan2(last.vz, math.hypot(last.vx, last.vy)))
+    assert path == pytest.approx(27.0, abs=3.0)  # flown: -27 deg
+
+
+def test_a_loss_of_setpoints_returns_and_resumes(build: Build, station: Stations) -> None:
+    companion = plane(build, station)
+    companion.attitude(7, thrust=0.63)
+    companion.command(176, 1, 6)
+    companion.wait(1.1)
+    assert companion.vehicle.truth.mode == PX4["RTL"]
+    companion.attitude(7, thrust=0.63)
+    assert companion.vehicle.truth.mode == PX4["OFFBOARD"]
+
+
+def test_attitude_goes_on_without_gps(build: Build, station: Stations) -> None:
+    companion = plane(build, station, events=[{"at_s": 1.0, "action": "gps_off"}])
+    companion.attitude(7, thrust=0.63)
+    companion.command(176, 1, 6)
+    companion.repeat(30.0, lambda: loops(companion, 0.3))
+    assert companion.vehicle.truth.mode == PX4["OFFBOARD"]
