@@ -23,6 +23,7 @@ from circnav_mav.analysis import dubins, judge
 from circnav_mav.analysis.batch.flight import Tracks, fly
 from circnav_mav.analysis.batch.policies import POLICIES
 from circnav_mav.analysis.batch.situations import LAST, SITUATIONS, Row
+from circnav_mav.analysis.bench_cost import tell_costs
 
 Array = Any
 KEPT_BELOW = 10.0
@@ -180,6 +181,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m circnav_mav.analysis.bench", description=__doc__.splitlines()[0])
     parser.add_argument("--flights", type=int, default=1000, help="flights in a cell")
     parser.add_argument("--quick", action="store_true", help="50 flights in a cell")
+    parser.add_argument("--cost", action="store_true", help="only what a step of the estimators costs here")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=Path, help="folder for table.csv and table.png")
     parser.add_argument("--policy", action="append", choices=list(POLICIES), help="only these laws (repeat)")
@@ -193,6 +195,10 @@ def main(arguments: list[str] | None = None) -> int:
         sys.stdout.write(text + "\n")
         sys.stdout.flush()
 
+    if not options.policy and not options.situation:
+        tell(tell_costs())
+    if options.cost:
+        return 0
     run(cells, 50 if options.quick else options.flights, options.seed, options.out, tell=tell)
     return 0
 
