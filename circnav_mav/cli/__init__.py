@@ -166,6 +166,22 @@ def export(run: str, mcap: str | None) -> int:
     return export_run(run, mcap or None)
 
 
+@circnav.command()
+@click.option("--out", type=click.Path(), default="paper", show_default=True, metavar="DIR", help="Where to write.")
+@click.option("--starts", type=int, default=200, show_default=True, metavar="N", help="Random starts of each example.")
+@click.option("--seed", type=int, default=1, show_default=True, metavar="N", help="Of the random starts.")
+def paper(out: str, starts: int, seed: int) -> int:
+    """Reproduce the three examples of the paper: six figures and one table of what was predicted and what was reached.
+
+    \b
+    Example:
+        circnav paper --out paper --starts 500
+    """
+    from circnav_mav.cli.paper import reproduce
+
+    return reproduce(out, starts, seed)
+
+
 def main() -> None:
     """Entry point of the `circnav` command."""
     try:

@@ -56,9 +56,9 @@ def test_a_bad_mission_is_refused_before_anything_is_opened() -> None:
     code, printed, errors = preflight(COPTER, "--set", "orbit.raduis_m=3")
     assert (code, printed) == (2, "")
     assert "did you mean radius_m?" in errors
-    code, printed, errors = preflight(COPTER, "--set", "guidance.gain=1e-9")
+    code, printed, errors = preflight(COPTER, "--set", "orbit.radius_m=4.0")
     assert code == 2
-    assert "FAIL  gain" in printed
+    assert "FAIL  turn rate" in printed
     assert "listening" not in printed
 
 

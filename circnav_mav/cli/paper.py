@@ -1,0 +1,32 @@
+"""`circnav paper`."""
+
+from pathlib import Path
+
+import click
+
+from circnav_mav.analysis.ideal import random_starts
+from circnav_mav.analysis.paper import EXAMPLES, draw, study, table
+from circnav_mav.cli.exits import Exit, Refused
+
+SHOWN = 2
+"""The start that the figures show."""
+
+
+def reproduce(out: str, starts: int, seed: int) -> int:
+    """Fly the examples, draw, print. Raises Refused."""
+    if starts <= SHOWN:
+        raise Refused(f"--starts: must be above {SHOWN}, not {starts}")
+    folder = Path(out)
+    found = []
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for example in EXAMPLES:
+            findings, tracks = study(example, random_starts(starts, seed))
+            found.append(findings)
+            for path in draw(folder, example, tracks, SHOWN):
+                click.echo(path)
+        (folder / "table.md").write_text(table(found) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise Refused(f"{error.filename or folder}: {error.strerror or error}") from None
+    click.echo(f"{folder / 'table.md'}\n\n{table(found)}")
+    return Exit.DONE
