@@ -86,11 +86,14 @@ def _truth_rows(truth: Truth) -> Iterator[Row]:
 def _event_rows(happened: list[Event], epoch_us: int) -> Iterator[Row]:
     for event in happened:
         stamp = epoch_us + round(event.time * 1e6)
-        yield event.time, {
-            "timestamp": {"sec": stamp // 1_000_000, "nsec": stamp % 1_000_000 * 1000},
-            "level": LOG_WARNING if event.kind == "rejected" else LOG_INFO,
-            "name": event.kind,
-            "message": event.text,
-            "file": "",
-            "line": 0,
-        }
+        yield (
+            event.time,
+            {
+                "timestamp": {"sec": stamp // 1_000_000, "nsec": stamp % 1_000_000 * 1000},
+                "level": LOG_WARNING if event.kind == "rejected" else LOG_INFO,
+                "name": event.kind,
+                "message": event.text,
+                "file": "",
+                "line": 0,
+            },
+        )
