@@ -92,7 +92,8 @@ def fly(scenario: Scenario, profile: str, seed: int) -> Verdict:
     end = start + (FRESH_PATIENCE if scenario.fresh else scenario.lasts)
     course.fly(end)
     _finish(course)
-    course.way_home = abs(course.errors(end - 0.2, end)[-1][1]) * course.radius / course.allowed.speed
+    last = course.errors(start, end)[-1:]
+    course.way_home = abs(last[0][1]) * course.radius / course.allowed.speed if last else 0.0
     course.fly(end + scenario.after)
     rejected = {name: n - before.get(name, 0) for name, n in course.pilot.ranging.rejected.items()}
     rejected = {name: n for name, n in rejected.items() if n}
