@@ -67,7 +67,7 @@ def shortest(x0: Array, y0: Array, h0: Array, x1: Array, y1: Array, h1: Array) -
         _turn(-a + lsr[0]) + lsr[1] + _turn(-b + lsr[0]),
         _turn(a - rsl[0]) + rsl[1] + _turn(b - rsl[0]),
         _three_turns(a, b, (6 - D**2 + 2 * cab + 2 * D * (sa - sb)) / 8, np.arctan2(ca - cb, D - sa + sb)),
-        _three_turns(-a, -b, (6 - D**2 + 2 * cab + 2 * D * (sb - sa)) / 8, np.arctan2(cb - ca, D + sa - sb)),
+        _three_turns(-a, -b, (6 - D**2 + 2 * cab + 2 * D * (sb - sa)) / 8, np.arctan2(ca - cb, D + sa - sb)),
     ]
     return np.minimum.reduce(lengths)
 

@@ -67,7 +67,7 @@ def saturation(command: Array, limit: float) -> Array:
 
 
 def nees(error: Array, covariance: Array) -> Array:
-    """Normalised estimation error squared of errors (n, ...) under covariances (n, n, ...): chi-square with n degrees."""
+    """Normalised estimation error squared of errors (n, ...) under covariances (n, n, ...): chi-square of n degrees."""
     e, P = np.moveaxis(error, 0, -1), np.moveaxis(covariance, (0, 1), (-2, -1))
     return (e * np.linalg.solve(P, e[..., None])[..., 0]).sum(axis=-1)
 
@@ -79,7 +79,7 @@ def reacquire_time(good: Array, time: Array, end: float) -> Array:
 
 
 def phase_errors(angles: Array) -> tuple[Array, Array]:
-    """For K vehicles on one circle, phases (K, ...): largest error of a gap to an even spacing, and smallest gap, rad."""
+    """For K vehicles on one circle, phases (K, ...): largest error of a gap to the even one, and smallest gap, rad."""
     ordered = np.sort(np.mod(angles, 2 * np.pi), axis=0)
     gaps = np.diff(np.concatenate([ordered, ordered[:1] + 2 * np.pi]), axis=0)
     return np.abs(gaps - 2 * np.pi / len(ordered)).max(axis=0), gaps.min(axis=0)

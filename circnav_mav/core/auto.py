@@ -63,7 +63,7 @@ def at_start(flights: int = 1) -> Handover:
 
 
 def hand_over(
-    before: Handover, dt: float, *, trusted: Array, favourite: Array, by_range: Array, by_bank: Array, limit: float
+    before: Handover, dt: Array, *, trusted: Array, favourite: Array, by_range: Array, by_bank: Array, limit: float
 ) -> Handover:
     """The command of this step. favourite (B,): number of the bank's guess while it searches, else -1.
 

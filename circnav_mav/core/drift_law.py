@@ -36,7 +36,7 @@ class DriftGains:
 
 
 def drift_gains(V: float, r_d: float, lag: float, lead: float = 1.0) -> DriftGains:
-    """Gains by rule: heading loop with a damping of .7 against what lead leaves of the lag, radius loop a third as fast."""
+    """Gains by rule: heading loop with a damping of .7 against what lead leaves of the lag, radius loop at a third."""
     left = max(lag, 0.2) / (1 + lead)
     heading = 0.5 / left
     return DriftGains(heading, heading / (3 * V), lead, left)

@@ -121,10 +121,9 @@ class _HandingOver:
 
     def _by_bank(self, motion: RelativeMotion, trim: float) -> float:
         """The drift law, seen so that the orbit is counter-clockwise."""
-        here = mirrored(
-            np.array([motion.x, motion.y]), np.array([motion.drift_x, motion.drift_y]),
-            np.asarray(motion.heading), np.asarray(motion.turn_rate), np.asarray(float(self._orbit.direction.turn_sign)),
-        )  # fmt: skip
+        p, d = np.array([motion.x, motion.y]), np.array([motion.drift_x, motion.drift_y])
+        sense = np.asarray(float(self._orbit.direction.turn_sign))
+        here = mirrored(p, d, np.asarray(motion.heading), np.asarray(motion.turn_rate), sense)
         V = max(motion.airspeed, 0.1 * self._orbit.speed)
         orbit = self._orbit
         return float(drift(*here, V=V, r_d=orbit.radius + trim, max_turn_rate=orbit.max_turn_rate, gains=self._gains))

@@ -80,10 +80,12 @@ def bounded(r: Array, r_dot: Array, *, V: float, r_d: float, k: float) -> Array:
 
 
 def relay(r: Array, r_dot: Array, *, V: float, r_d: float, k: float) -> Array:
-    """`range_laws.relay` with w = |k|: approach at half the speed at most, boundary layer of a tenth of it."""
+    """`range_laws.relay` with w = |k|: approach at half the speed at most; the boundary layer makes the slope w/phi
+    what the loop bears."""
     return -np.sign(k) * range_laws.relay(
-        r, r_dot, V=V, r_d=r_d, w=abs(k), gamma=V / r_d, v_star=range_laws.closing_speed(V, 0.0, 0.5), phi=0.1 * V
-    )
+        r, r_dot, V=V, r_d=r_d, w=abs(k), gamma=V / r_d, v_star=range_laws.closing_speed(V, 0.0, 0.5),
+        phi=abs(k) / _damped(V, r_d),
+    )  # fmt: skip
 
 
 def pd(r: Array, r_dot: Array, *, V: float, r_d: float, k: float) -> Array:
@@ -140,7 +142,7 @@ LAWS: dict[str, Law] = {
         Law(
             "bounded", bounded, "1/m", "k > 1/r_d",
             gain_bound=lambda V, r_d: 1 / r_d,
-            default_gain=lambda V, r_d: max(_damped(V, r_d), 1.5 / r_d),
+            default_gain=lambda V, r_d: 1.5 / r_d,
             reached_radius=lambda V, r_d, k: r_d,
             fed_radius=lambda V, r_d, k: r_d,
         ),

@@ -1,5 +1,6 @@
 """The loop of a batch: B vehicles, one policy, one situation."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
@@ -7,6 +8,7 @@ import numpy as np
 
 from circnav_mav.analysis.batch.sensors import GAUSSIAN, Compass, Radio, Ranging
 from circnav_mav.analysis.batch.world import Air, Target, Targets, Wind, flown, turn_step
+from circnav_mav.core.air_path import wrap
 
 Array = Any
 
@@ -65,18 +67,24 @@ class Truth:
 
 
 class Policy(Protocol):
-    """An estimator and a law for B flights. `estimate` is (r, r') of the last step for the metrics."""
+    """An estimator and a law for B flights. For the metrics: `estimate` is (r, r') of the last step, `belief` the mean
+    (2, B) and covariance (2, 2, B) of (r, theta), nan where there is no trust, None if it has none."""
 
     estimate: tuple[Array, Array]
+    belief: tuple[Array, Array] | None
 
     def command(self, seen: Seen, true: Truth) -> Array:
         """Turn rates (B,), counter-clockwise positive. Only the full-information reference may look at `true`."""
         ...
 
 
+Make = Callable[[Circle, Array], Policy]
+"""Makes a policy for a circle and the senses of rotation (B,), +1 counter-clockwise."""
+
+
 @dataclass(frozen=True, slots=True)
 class Tracks:
-    """What happened, arrays (N, B); time (N,). angle: of p, rad. sense, closest (B,)."""
+    """What happened, arrays (N, B); time (N,). angle: of p, rad. nees: of (r, theta). sense (B,)."""
 
     time: Array
     r: Array
@@ -86,11 +94,12 @@ class Tracks:
     command: Array
     r_hat: Array
     r_dot_hat: Array
+    nees: Array
     sense: Array
     start: Truth
 
 
-def fly(situation: Situation, make: Any, flights: int, seed: int) -> Tracks:
+def fly(situation: Situation, make: Make, flights: int, seed: int) -> Tracks:
     """Fly B = flights of a situation; make(circle, sense (B,)) gives the policy. One seed, one world."""
     cfg, dt = situation.circle, situation.dt
     rng, noise = (np.random.default_rng([seed, part]) for part in (0, 1))
@@ -118,7 +127,7 @@ def fly(situation: Situation, make: Any, flights: int, seed: int) -> Tracks:
         command = np.clip(command, -cfg.max_turn_rate, cfg.max_turn_rate)
         v = cfg.speed * np.stack([np.cos(psi), np.sin(psi)]) + d
         r_dot = (p * v).sum(axis=0) / np.maximum(r, 1e-9)
-        row = (r, r_dot, np.arctan2(p[1], p[0]), omega, command, *policy.estimate)
+        row = (r, r_dot, np.arctan2(p[1], p[0]), omega, command, *policy.estimate, _nees(policy, p))
         for name, value in zip(ROWS, row, strict=True):
             kept[name][step] = value
         p = p + flown(cfg.speed, psi, omega, command, cfg.lag, dt) + d * dt
@@ -130,4 +139,15 @@ def fly(situation: Situation, make: Any, flights: int, seed: int) -> Tracks:
     return Tracks(time=np.arange(steps) * dt, sense=sense, start=start, **kept)
 
 
-ROWS = ("r", "r_dot", "angle", "turn_rate", "command", "r_hat", "r_dot_hat")
+ROWS = ("r", "r_dot", "angle", "turn_rate", "command", "r_hat", "r_dot_hat", "nees")
+
+
+def _nees(policy: Policy, p: Array) -> Array:
+    """Normalised estimation error squared of (r, theta), (B,)."""
+    if policy.belief is None:
+        return np.nan
+    mean, P = policy.belief
+    e_r, e_theta = mean[0] - np.hypot(p[0], p[1]), wrap(mean[1] - np.arctan2(p[1], p[0]))
+    determinant = P[0, 0] * P[1, 1] - P[0, 1] ** 2
+    weighted = P[1, 1] * e_r**2 - 2 * P[0, 1] * e_r * e_theta + P[0, 0] * e_theta**2
+    return weighted / np.where(determinant > 0, determinant, np.nan)

@@ -1,24 +1,23 @@
 """Estimator and law together, for B flights: what the benchmark flies. The equations are those of the flight."""
 
-from collections.abc import Callable
 from dataclasses import fields
 from typing import Any
 
 import numpy as np
 
+from circnav_mav.analysis.batch.banks import Banks
 from circnav_mav.analysis.batch.filters import BatchKalman
-from circnav_mav.analysis.batch.flight import Circle, Policy, Seen, Truth
+from circnav_mav.analysis.batch.flight import Circle, Make, Seen, Truth
 from circnav_mav.core.air_path import chord, wrap
 from circnav_mav.core.auto import Handover, at_start, hand_over
 from circnav_mav.core.drift_law import drift, drift_gains, mirrored
 from circnav_mav.core.estimators.bank import KAPPA, R, position
 from circnav_mav.core.estimators.bank import drift as drift_of
-from circnav_mav.core.estimators.drift_bank import BankSettings, DriftBank, Stage
+from circnav_mav.core.estimators.drift_bank import BankSettings, Stage
 from circnav_mav.core.estimators.unicycle import SURE, UnicycleFilter
 from circnav_mav.core.laws import LAWS, Kind, pi
 
 Array = Any
-Make = Callable[[Circle, Array], Policy]
 
 
 class FullInformation:
@@ -27,6 +26,7 @@ class FullInformation:
     def __init__(self, circle: Circle, sense: Array) -> None:
         self._circle, self._sense = circle, sense
         self._gains = drift_gains(circle.speed, circle.radius, circle.lag)
+        self.belief: tuple[Array, Array] | None = None
         self.estimate: tuple[Array, Array] = (0.0, 0.0)
 
     def command(self, seen: Seen, true: Truth) -> Array:
@@ -48,6 +48,7 @@ class ByRange:
         V, r_d = circle.speed, circle.radius
         self._k = self._law.default_gain(V, r_d) if gain is None else gain
         self._fed = self._law.fed_radius(V, r_d, self._k)
+        self.belief: tuple[Array, Array] | None = None
         self._memory = np.zeros(flights)
         self._filter = _Unicycle(circle, flights) if estimator == "unicycle" else _Kalman(circle, flights)
         self.estimate: tuple[Array, Array] = (0.0, 0.0)
@@ -71,12 +72,13 @@ class Auto:
         flights = sense.size
         self._circle, self._sense, self._tries = circle, sense, tries
         self._kalman = _Kalman(circle, flights)
-        self.bank = DriftBank(BankSettings(circle.speed), flights)
+        self.bank = Banks(BankSettings(circle.speed), flights)
         self._gains = drift_gains(circle.speed, circle.radius, circle.lag)
         self._law = LAWS["feedforward"]
         self._k = self._law.default_gain(circle.speed, circle.radius)
         self._psi: Array | None = None
         self.handover = at_start(flights)
+        self.belief: tuple[Array, Array] | None = None
         self.estimate: tuple[Array, Array] = (0.0, 0.0)
 
     def command(self, seen: Seen, true: Truth) -> Array:
@@ -93,14 +95,17 @@ class Auto:
         by_bank = drift(*here, V=safe, r_d=cfg.radius, max_turn_rate=cfg.max_turn_rate, gains=self._gains)
         by_range = self._law.function(r, r_dot, V=cfg.speed, r_d=cfg.radius, k=-self._k)
         favourite = self.bank.favourite if self._tries else np.full(s.size, -1)
+        since = np.where(self.handover.flies < 0, 0.0, seen.dt)
         after = hand_over(
-            self.handover, seen.dt, trusted=trusted, favourite=favourite, by_range=by_range, by_bank=by_bank,
+            self.handover, since, trusted=trusted, favourite=favourite, by_range=by_range, by_bank=by_bank,
             limit=cfg.max_turn_rate,
         )  # fmt: skip
         ready = ready | trusted
         self.handover = _merged(ready, after, self.handover)
         v = V * np.stack([np.cos(seen.psi), np.sin(seen.psi)]) + d
         by_drift = (p * v).sum(axis=0) / np.maximum(x[R], 1.0)
+        P = self.bank.covariance
+        self.belief = np.where(trusted, x[:2], np.nan), P[:2, :2]
         self.estimate = np.where(trusted, x[R], r), np.where(trusted, by_drift, r_dot)
         return s * np.where(ready, self.handover.command, cfg.speed / cfg.radius)
 

@@ -12,8 +12,8 @@ GAUSS_WEIGHT = np.array([5.0, 8.0, 5.0]) / 18
 
 @dataclass(frozen=True, slots=True)
 class Wind:
-    """speed: mean, m/s, from any direction. gust: standard deviation of each horizontal component, m/s, a first-order
-    Gauss-Markov process (the longitudinal Dryden spectrum seen at constant airspeed) with correlation time gust_time, s."""
+    """speed: mean, m/s, from any direction. gust: standard deviation of each horizontal component, m/s: a first-order
+    Gauss-Markov process of correlation time gust_time, s (the longitudinal Dryden spectrum at constant airspeed)."""
 
     speed: float = 0.0
     gust: float = 0.0

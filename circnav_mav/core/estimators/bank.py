@@ -44,7 +44,8 @@ WEIGHT_MEMORY = 20.0
 class Noise:
     """What each of M hypotheses assumes, arrays of shape (M, 1).
 
-    drift_psd: of d', m^2/s^3. gust: standard deviation of each component of g, m/s. white, drifting: the range error's two parts, in units of the sample's sigma.
+    drift_psd: of d', m^2/s^3. gust: standard deviation of each component of g, m/s. white, drifting: the two parts of
+    the range error, in units of the sample's sigma.
     """
 
     drift_psd: Array

@@ -1,4 +1,4 @@
-"""The last seconds of ranges, averaged in short bins, and how rough they are. Arrays have a last axis B over flights."""
+"""The last seconds of ranges, averaged in short bins, and how rough they are. The last axis B is over flights."""
 
 from typing import Any
 
@@ -13,8 +13,8 @@ SLOTS = 8
 """Samples that a bin keeps; more than that in a bin add little."""
 COUNT = 64
 """Bins kept: 16 s, more than a turn needs to tell all directions apart."""
-ROUGH = 16
-"""Second differences kept to measure the white part of the noise."""
+ROUGH, ROUGH_ENOUGH = 40, 16
+"""Second differences kept to measure the white part of the noise, and how many it takes at least."""
 BIAS_TIME = 2.0
 
 
@@ -55,7 +55,7 @@ class RangeWindow:
 
     def white(self, sigma: Array) -> Array:
         """Standard deviation of the white part of the noise, m, (B,): sigma until enough was seen."""
-        known = np.isfinite(self._bends).sum(axis=0) >= ROUGH // 2
+        known = np.isfinite(self._bends).sum(axis=0) >= ROUGH_ENOUGH
         middle = np.nanmedian(np.where(known, self._bends, 0.0), axis=0)
         return np.where(known, np.minimum(middle / (0.6745 * np.sqrt(6)), sigma), sigma)
 
@@ -66,7 +66,7 @@ class RangeWindow:
         t, x, y, z, n = self._bins[:, order][..., at]
         age = self.now - t
         white = self.white(sigma)[at]
-        drifting = np.maximum(sigma[at] ** 2 - 1.5 * white**2, 0.0)
+        drifting = np.maximum(sigma[at] ** 2 - 2 * white**2, 0.0)
         variance = white**2 * n + drifting * 2 * BIAS_TIME / WIDTH + self._model_psd * age**3 / 3
         path = self.path[:, None, at] - np.stack([x, y])
         return Bins(age.T, np.swapaxes(path, 1, 2), z.T, np.maximum(variance, 1e-4).T)

@@ -14,31 +14,9 @@ from itertools import product
 
 import numpy as np
 
-from circnav_mav.core.estimators.bank import (
-    DX,
-    GX,
-    GY,
-    KAPPA,
-    STATES,
-    THETA,
-    Array,
-    Hypotheses,
-    Noise,
-    R,
-    mixture,
-    polar,
-    predict,
-    update,
-)
-from circnav_mav.core.estimators.bank import (
-    B as BIAS,
-)
-from circnav_mav.core.estimators.bank import (
-    drift as drift_of,
-)
-from circnav_mav.core.estimators.bins import RangeWindow
-from circnav_mav.core.estimators.window import Guesses, Prior, all_round, carried, improve
-from circnav_mav.core.estimators.window import covariance as covariance_of
+from circnav_mav.core.estimators import bank
+from circnav_mav.core.estimators.bank import DX, GX, GY, STATES, THETA, Array, Hypotheses, Noise, R
+from circnav_mav.core.estimators.ring_search import Found, RingSearch, SearchSettings
 
 
 class Stage(IntEnum):
@@ -51,41 +29,35 @@ class Stage(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class BankSettings:
-    """speed: V, m/s. hypotheses: on the ring. gate: in standard deviations.
+    """speed: V, m/s. gate: in standard deviations.
 
-    converged, trusted, lost: bounds of the position's standard deviation over the range: below the first the search
-    ends, above the second the estimate must not steer, above the third the track is given up. margin: how much worse
-    (in log likelihood) every other place must fit. missed: share of recent samples outside the gate that ends the
-    track; recent: memory of it, s. drift_sigma, drift_most: of the unknown drift, in V. min_bins: before any answer.
-    winds, noises: the models in TRACK, all pairs of (m^2/s^3 of d, gust in V) and (white, drifting) parts of sigma.
-    window_psd: of d in SEARCH.
+    trusted, lost: bounds of the position's standard deviation over the range: above the first the estimate must not
+    steer, above the second the track is given up. missed: share of recent samples outside the gate that ends the
+    track; recent: memory of it, s. drift_most: largest drift that makes sense, in V. winds, noises: the models, all
+    pairs of (m^2/s^3 of d, gust in V) and (white, drifting) parts of sigma. search: how to search, None for the
+    defaults.
     """
 
     speed: float
-    hypotheses: int = 32
     gate: float = 5.0
-    converged: float = 0.12
     trusted: float = 0.25
     lost: float = 0.6
-    margin: float = 5.0
     missed: float = 0.6
     recent: float = 3.0
-    min_bins: int = 8
-    drift_sigma: float = 0.4
     drift_most: float = 0.85
     winds: tuple[tuple[float, float], ...] = ((3e-4, 0.0), (1e-2, 0.0), (1e-2, 0.1))
     noises: tuple[tuple[float, float], ...] = ((1.0, 0.0), (0.4, 0.9))
-    window_psd: float = 0.01
+    search: SearchSettings | None = None
+
+    def noise(self) -> Noise:
+        """All models, arrays (M, 1)."""
+        models = np.array([(*wind, *noise) for wind, noise in product(self.winds, self.noises)])
+        models[:, 1] *= self.speed
+        return Noise(*models.T[..., None])
 
 
 FORGOTTEN, REVIVED = -12.0, -6.0
 """A model whose log weight falls below the first starts again from the mixture with the second."""
-SWITCH = 0.5
-"""The favourite of a search gives way to a guess that fits better by this log likelihood."""
-ITERATIONS = 2
-"""Of the least squares per bin."""
-APART = 0.25
-"""Guesses farther apart than this share of the range are different answers."""
 
 
 class DriftBank:
@@ -97,9 +69,7 @@ class DriftBank:
 
     def __init__(self, settings: BankSettings, flights: int = 1) -> None:
         self.settings = settings
-        models = np.array([(*wind, *noise) for wind, noise in product(settings.winds, settings.noises)])
-        models[:, 1] *= settings.speed
-        self.noise = Noise(*models.T[..., None])
+        self.noise = settings.noise()
         self.stage = np.full(flights, Stage.EMPTY)
         self.mean = np.zeros((STATES, flights))
         self.covariance = np.zeros((STATES, STATES, flights))
@@ -107,14 +77,9 @@ class DriftBank:
         self.missed = np.zeros(flights)
         self.refused = np.zeros(flights, bool)
         self._since = np.zeros(flights)
-        self._window = RangeWindow(flights, settings.speed, settings.window_psd)
-        self._prior = Prior(settings.drift_sigma * settings.speed)
-        self._searching = np.zeros(0, int)
-        self._guesses = all_round(np.zeros(0), settings.hypotheses)
-        self._favourite = np.zeros(0, int)
-        self._guessed = 0.0, np.zeros((2, flights))
+        self._search = RingSearch(settings.search or SearchSettings(settings.speed), flights)
         self._tracking = np.zeros(0, int)
-        self._tracks = _copies(self.mean[:, :0], self.covariance[..., :0], len(models))
+        self._tracks = _copies(self.mean[:, :0], self.covariance[..., :0], len(self.noise.white))
 
     @property
     def spread(self) -> Array:
@@ -131,29 +96,27 @@ class DriftBank:
     def favourite(self) -> Array:
         """Number of the guess that a search thinks most of, (B,); -1 where there is no search."""
         number = np.full(self.stage.size, -1)
-        number[self._searching] = self._favourite
+        number[self._search.at] = self._search.favourite
         return number
 
     @property
     def likely_noise(self) -> Noise:
         """What the tracking models assume on average, arrays (1, B); the middle of them for those that search."""
-        weight = np.full((len(self.noise.white), self.stage.size), 1 / len(self.noise.white))
+        n = self.noise
+        weight = np.full((len(n.white), self.stage.size), 1 / len(n.white))
         weight[:, self._tracking] = self._tracks.weight
-        return Noise(
-            *(
-                (part * weight).sum(axis=0, keepdims=True)
-                for part in (self.noise.drift_psd, self.noise.gust, self.noise.white, self.noise.drifting)
-            )
-        )
+        parts = (n.drift_psd, n.gust, n.white, n.drifting)
+        return Noise(*((part * weight).sum(axis=0, keepdims=True) for part in parts))
 
     def step(self, dt: float, chord: Array, z: Array, sigma: Array, valid: Array) -> None:
         """Carry all flights on by dt along chord (2, B), and take in their ranges z, sigma where valid (B,)."""
         self._since += dt
-        closed = self._window.add(dt, chord, z, sigma, valid)
+        due = self._search.hear(dt, chord, z, sigma, valid)
         self._track(dt, chord, z, sigma, valid)
         self._lose(z, valid)
-        if closed:
-            self._search(sigma)
+        found = self._search.go_on(sigma) if due else None
+        if found is not None:
+            self._start(found, sigma)
         self._tell_favourites()
         self._since[valid] = 0.0
 
@@ -161,12 +124,12 @@ class DriftBank:
         at = self._tracking
         if not at.size:
             return
-        h = predict(self._tracks, self.noise, dt, chord[:, at], sigma[at])
+        h = bank.predict(self._tracks, self.noise, dt, chord[:, at], sigma[at])
         if valid[at].any():
-            h, said = update(h, self.noise, z[at], sigma[at], valid[at], self.settings.gate)
+            h, said = bank.update(h, self.noise, z[at], sigma[at], valid[at], self.settings.gate)
             heaviest = (h.log_weight.argmax(axis=0), np.arange(at.size))
             self._count(at, said.nis[heaviest], said.taken[heaviest], valid[at])
-        self.mean[:, at], self.covariance[:, :, at] = mean, covariance = mixture(h)
+        self.mean[:, at], self.covariance[:, :, at] = mean, covariance = bank.mixture(h)
         self._tracks = _revive(h, mean, covariance)
 
     def _count(self, at: Array, nis: Array, taken: Array, valid: Array) -> None:
@@ -180,102 +143,45 @@ class DriftBank:
     def _lose(self, z: Array, valid: Array) -> None:
         """Send flights back to the ring whose track does not hold, and those that hear their first range."""
         cfg = self.settings
-        drift = np.hypot(*drift_of(self.mean))
+        drift = np.hypot(*bank.drift(self.mean))
         astray = (self.missed > cfg.missed) | (self.spread > cfg.lost) | (drift > cfg.drift_most * cfg.speed)
         lost = (self.stage == Stage.TRACK) & astray
-        begin = np.flatnonzero(valid & (lost | (self.stage == Stage.EMPTY)))
         if lost.any():
             stay = ~lost[self._tracking]
-            self._tracking, self._tracks = self._tracking[stay], _some(self._tracks, stay)
+            h = self._tracks
+            self._tracks = Hypotheses(h.x[..., stay], h.P[..., stay], h.log_weight[..., stay])
+            self._tracking = self._tracking[stay]
             self.stage[lost] = Stage.EMPTY
+        begin = np.flatnonzero(valid & (self.stage == Stage.EMPTY))
         if begin.size:
             self.stage[begin] = Stage.SEARCH
-            self.mean[BIAS, begin] = 0.0
-            self._begin(begin, z[begin])
-
-    def _begin(self, at: Array, r: Array) -> None:
-        self._carry()
-        old, new = self._guesses, all_round(r, self.settings.hypotheses)
-        self._searching = np.concatenate([self._searching, at])
-        self._favourite = np.concatenate([self._favourite, np.zeros(at.size, int)])
-        self._guesses = Guesses(
-            *(np.concatenate(pair) for pair in ((old.x, new.x), (old.cost, new.cost), (old.damping, new.damping)))
-        )
-
-    def _carry(self) -> None:
-        """Bring the guesses to the present."""
-        then, path = self._guessed
-        step = (self._window.path - path)[:, self._searching]
-        self._guesses = carried(self._guesses, self._window.now - then, step)
-        self._guessed = self._window.now, self._window.path
-
-    def _search(self, sigma: Array) -> None:
-        """One more iteration of all guesses on the window; flights whose answer is clear go to TRACK."""
-        self._carry()
-        at = self._searching
-        if not at.size:
-            return
-        bins = self._window.bins(at, sigma)
-        g = self._guesses
-        for _ in range(ITERATIONS):
-            g = improve(g, bins, self._prior)
-        self._guesses = g
-        flights = np.arange(at.size)
-        best = g.cost.argmin(axis=1)
-        better = g.cost[flights, best] < g.cost[flights, self._favourite] - SWITCH
-        self._favourite = np.where(better, best, self._favourite)
-        x, cost = g.x[flights, best], g.cost[flights, best]
-        r = np.hypot(x[:, 0], x[:, 1])
-        away = np.hypot(g.x[..., 0] - x[:, None, 0], g.x[..., 1] - x[:, None, 1]) > APART * r[:, None]
-        margin = np.where(away, g.cost, np.inf).min(axis=1) - cost
-        scale = np.maximum(1.0, 2 * cost / np.maximum(self._window.filled(at) - 4, 1))
-        P = covariance_of(x[:, None], bins, self._prior)[:, 0] * scale[:, None, None]
-        known = np.sqrt(P[:, 0, 0] + P[:, 1, 1]) < self.settings.converged * r
-        slow = np.hypot(x[:, 2], x[:, 3]) < self.settings.drift_most * self.settings.speed
-        enough = self._window.filled(at) >= self.settings.min_bins
-        found = known & slow & enough & (margin > self.settings.margin * scale)
-        if found.any():
-            self._found(found, x, P, sigma)
+            self._search.begin(begin, z[begin])
 
     def _tell_favourites(self) -> None:
-        """What a search thinks most of, as the mean: a place to try, not to trust."""
-        at = self._searching
-        if not at.size:
-            return
-        then, path = self._guessed
-        x = self._guesses.x[np.arange(at.size), self._favourite].T
-        step = (self._window.path - path)[:, at]
-        p = x[:2] + x[KAPPA] * step + x[2:4] * (self._window.now - then)
-        self.mean[R, at], self.mean[THETA, at] = np.hypot(p[0], p[1]), np.arctan2(p[1], p[0])
-        self.mean[DX:BIAS, at], self.mean[BIAS:, at] = x[DX:BIAS], 0.0
+        """What a search thinks most of, as the mean."""
+        at = self._search.at
+        if at.size:
+            x = self._search.favourites()
+            self.mean[R, at], self.mean[THETA, at] = np.hypot(x[0], x[1]), np.arctan2(x[1], x[0])
+            self.mean[DX : bank.B, at], self.mean[bank.B :, at] = x[DX:], 0.0
 
-    def _found(self, found: Array, x: Array, P: Array, sigma: Array) -> None:
+    def _start(self, found: Found, sigma: Array) -> None:
         """Start the tracks of flights whose search has ended."""
-        at = self._searching[found]
+        at, known = found.at, slice(0, bank.B)
         mean, covariance = np.zeros((STATES, at.size)), np.zeros((STATES, STATES, at.size))
-        mean[:BIAS], covariance[:BIAS, :BIAS] = x[found].T, np.moveaxis(P[found], 0, -1)
-        covariance[BIAS, BIAS] = (0.5 * sigma[at]) ** 2
+        mean[known], covariance[known, known] = found.x, found.P
+        covariance[bank.B, bank.B] = (0.5 * sigma[at]) ** 2
         covariance[GX, GX] = covariance[GY, GY] = (0.02 * self.settings.speed) ** 2
-        mean, covariance = polar(mean, covariance)
-        new = _copies(mean, covariance, len(self.noise.white))
-        old = self._tracks
+        mean, covariance = bank.polar(mean, covariance)
+        old, new = self._tracks, _copies(mean, covariance, len(self.noise.white))
         self._tracks = Hypotheses(
-            *(
-                np.concatenate(pair, axis=-1)
-                for pair in ((old.x, new.x), (old.P, new.P), (old.log_weight, new.log_weight))
-            )
+            np.concatenate([old.x, new.x], axis=-1),
+            np.concatenate([old.P, new.P], axis=-1),
+            np.concatenate([old.log_weight, new.log_weight], axis=-1),
         )
         self._tracking = np.concatenate([self._tracking, at])
         self.mean[:, at], self.covariance[:, :, at] = mean, covariance
         self.stage[at], self.missed[at] = Stage.TRACK, 0.0
-        stay = ~found
-        g = self._guesses
-        self._favourite = self._favourite[stay]
-        self._searching, self._guesses = self._searching[stay], Guesses(g.x[stay], g.cost[stay], g.damping[stay])
-
-
-def _some(h: Hypotheses, which: Array) -> Hypotheses:
-    return Hypotheses(h.x[..., which], h.P[..., which], h.log_weight[..., which])
 
 
 def _copies(mean: Array, covariance: Array, count: int) -> Hypotheses:

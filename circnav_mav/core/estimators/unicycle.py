@@ -119,7 +119,7 @@ class UnicycleEstimator:
     @property
     def ready(self) -> bool:
         """Enough samples, and the angle known well enough."""
-        x, P = self.filter.likelier
+        _, P = self.filter.likelier
         return bool(self.filter.samples[0] >= self._settings.min_samples and P[1, 1, 0] < SURE**2)
 
     @property

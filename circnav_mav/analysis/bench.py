@@ -1,0 +1,207 @@
+"""The benchmark: every law and estimator through every situation, a table, a CSV and a picture.
+
+    python -m circnav_mav.analysis.bench --flights 1000 --out bench
+    python -m circnav_mav.analysis.bench --quick
+
+A flight is kept when the RMS radius error of its last 100 s is below 10 m. Every cell has its own seed, so a cell
+prints the same numbers alone and in the whole table.
+"""
+
+import argparse
+import csv
+import sys
+import time
+import zlib
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from circnav_mav.analysis import dubins, judge
+from circnav_mav.analysis.batch.flight import Tracks, fly
+from circnav_mav.analysis.batch.policies import POLICIES
+from circnav_mav.analysis.batch.situations import LAST, SITUATIONS, Row
+from circnav_mav.analysis.bench_cost import tell_costs
+
+Array = Any
+KEPT_BELOW = 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """One law in one situation. Lengths in m, times in s; p95: 95th percentile over the flights.
+
+    rms: of the radius error over the last 100 s. settled10, settled2: last exit from +-10 % and +-2 % over the Dubins
+    time to the tangent point, for starts outside 1.3 r_d. closest: 1st percentile of the closest approach, for starts
+    outside. wrong_way: flights that went round in the wrong sense. range_rmse, rate_rmse: of the estimates, m
+    and m/s, over the last 100 s. nees_in_band: share of steps with the NEES of (r, theta) in its 95 % band.
+    """
+
+    situation: str
+    policy: str
+    flights: int
+    kept: int
+    rms_median: float
+    rms_p95: float
+    rms_max: float
+    mean_error: float
+    settled10_median: float
+    settled10_p95: float
+    settled2_median: float
+    settled2_p95: float
+    closest_outside: float
+    overshoot_inside: float
+    wrong_way: int
+    chatter: float
+    saturated: float
+    range_rmse: float
+    rate_rmse: float
+    rate_p99: float
+    nees_mean: float
+    nees_in_band: float
+    seconds: float
+
+
+def run(
+    cells: Iterable[tuple[str, str]] | None = None,
+    flights: int = 1000,
+    seed: int = 1,
+    out: Path | None = None,
+    *,
+    tell: Callable[[str], None] | None = None,
+) -> list[Cell]:
+    """Fly cells, (situation, policy) by name, all of them by default; write table.csv and table.png into `out`."""
+    done: list[Cell] = []
+    for situation, policy in cells or every_cell():
+        cell = fly_cell(situation, policy, flights, seed)
+        done.append(cell)
+        if tell is not None:
+            tell(line(cell))
+        if out is not None:
+            write_csv(done, out / "table.csv")
+    if out is not None:
+        from circnav_mav.analysis.bench_picture import draw
+
+        draw(done, out / "table.png")
+    return done
+
+
+def every_cell() -> Iterator[tuple[str, str]]:
+    """All pairs, situation by situation."""
+    return ((row, policy) for row in SITUATIONS for policy in POLICIES)
+
+
+def fly_cell(situation: str, policy: str, flights: int, seed: int) -> Cell:
+    """Fly one cell. Its worlds depend on seed and situation only: all policies meet the same."""
+    row = SITUATIONS[situation]
+    began = time.perf_counter()
+    tracks = fly(row.situation, POLICIES[policy], flights, seed + zlib.crc32(situation.encode()) % 1_000_000)
+    return judged(row, policy, tracks, time.perf_counter() - began)
+
+
+def judged(row: Row, policy: str, tracks: Tracks, seconds: float) -> Cell:
+    """The numbers of a cell."""
+    circle = row.situation.circle
+    r_d = circle.radius
+
+    def end(values: Array) -> Array:
+        return np.asarray(judge.last(tracks.time, values, LAST), float)
+
+    rms = judge.rms(end(tracks.r) - r_d)
+    outside = tracks.r[0] > 1.3 * r_d
+    start = tracks.start
+    ideal = dubins.tangent_time(
+        start.p[:, outside], start.psi[outside], tracks.sense[outside],
+        V=circle.speed, r_d=r_d, max_turn_rate=circle.max_turn_rate,
+    )  # fmt: skip
+    ten, two = (judge.last_exit(tracks.time, tracks.r[:, outside], r_d, band) / ideal for band in (0.1, 0.02))
+    range_error = end(tracks.r_hat) - end(tracks.r)
+    rate_error = end(tracks.r_dot_hat) - end(tracks.r_dot)
+    nees = end(tracks.nees)
+    known = np.isfinite(nees)
+    in_band = (nees >= 0.0506) & (nees <= 7.378)
+    return Cell(
+        situation=row.situation.name,
+        policy=policy,
+        flights=rms.size,
+        kept=int((rms < KEPT_BELOW).sum()),
+        rms_median=float(np.median(rms)),
+        rms_p95=_percentile(rms, 95),
+        rms_max=float(rms.max()),
+        mean_error=float((end(tracks.r) - r_d).mean(axis=0).mean()),
+        settled10_median=_percentile(ten, 50),
+        settled10_p95=_percentile(ten, 95),
+        settled2_median=_percentile(two, 50),
+        settled2_p95=_percentile(two, 95),
+        closest_outside=_percentile(judge.closest(tracks.r)[outside], 1),
+        overshoot_inside=_percentile(judge.overshoot(tracks.r, r_d)[tracks.r[0] < r_d], 50),
+        wrong_way=int((~judge.right_way(end(tracks.angle), tracks.sense)).sum()),
+        chatter=float(np.median(judge.chatter(end(tracks.command), end(tracks.time)))),
+        saturated=float(judge.saturation(tracks.command, circle.max_turn_rate).mean()),
+        range_rmse=float(np.median(judge.rms(range_error))),
+        rate_rmse=float(np.sqrt((rate_error**2).mean())),
+        rate_p99=_percentile(np.abs(rate_error).ravel(), 99),
+        nees_mean=float(nees[known].mean()) if known.any() else float("nan"),
+        nees_in_band=float(in_band[known].mean()) if known.any() else float("nan"),
+        seconds=seconds,
+    )
+
+
+def line(cell: Cell) -> str:
+    """A row of the printed table."""
+    need = SITUATIONS[cell.situation].required
+    wanted = "" if need is None else f" (<= {need:.2f})"
+    return (
+        f"{cell.situation:24s} {cell.policy:22s} kept {cell.kept:4d} of {cell.flights}  "
+        f"RMS {cell.rms_median:7.3f} p95 {cell.rms_p95:8.3f}{wanted}  "
+        f"settled 10 %: {cell.settled10_median:.2f}/{cell.settled10_p95:.2f} 2 %: {cell.settled2_median:.2f}  "
+        f"r' {cell.rate_rmse:.3f}  {cell.seconds:.0f} s"
+    )
+
+
+def write_csv(cells: list[Cell], path: Path) -> None:
+    """All numbers of all cells."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("w", newline="", encoding="utf-8") as file:
+        rows = [asdict(cell) for cell in cells]
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows({k: f"{v:.5g}" if isinstance(v, float) else v for k, v in row.items()} for row in rows)
+
+
+def _percentile(values: Array, q: float) -> float:
+    """A percentile; the larger neighbour, because between a number and infinity there is no mean."""
+    return float(np.percentile(values, q, method="higher")) if len(values) else float("nan")
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """The command line."""
+    parser = argparse.ArgumentParser(prog="python -m circnav_mav.analysis.bench", description=__doc__.splitlines()[0])
+    parser.add_argument("--flights", type=int, default=1000, help="flights in a cell")
+    parser.add_argument("--quick", action="store_true", help="50 flights in a cell")
+    parser.add_argument("--cost", action="store_true", help="only what a step of the estimators costs here")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--out", type=Path, help="folder for table.csv and table.png")
+    parser.add_argument("--policy", action="append", choices=list(POLICIES), help="only these laws (repeat)")
+    parser.add_argument("--situation", action="append", choices=list(SITUATIONS), help="only these situations (repeat)")
+    options = parser.parse_args(arguments)
+    cells = [
+        (situation, policy) for situation in options.situation or SITUATIONS for policy in options.policy or POLICIES
+    ]
+
+    def tell(text: str) -> None:
+        sys.stdout.write(text + "\n")
+        sys.stdout.flush()
+
+    if not options.policy and not options.situation:
+        tell(tell_costs())
+    if options.cost:
+        return 0
+    run(cells, 50 if options.quick else options.flights, options.seed, options.out, tell=tell)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

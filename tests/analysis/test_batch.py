@@ -1,0 +1,175 @@
+"""The batch: exact motion, the errors that were asked for, and the same numbers as the stack in the air."""
+
+import numpy as np
+import pytest
+
+from circnav_mav.analysis.batch.filters import BatchKalman
+from circnav_mav.analysis.batch.flight import Circle, Situation, fly
+from circnav_mav.analysis.batch.policies import POLICIES, Auto
+from circnav_mav.analysis.batch.sensors import LORA, UWB, Radio, Ranging
+from circnav_mav.analysis.batch.world import Air, Target, Targets, Wind, flown, turn_step
+from circnav_mav.analysis.bench import fly_cell, line, run
+from circnav_mav.analysis.bound import AlongsideBound
+from circnav_mav.core.estimators.drift import AutoEstimator
+from circnav_mav.core.estimators.interface import EstimatorSettings
+from circnav_mav.core.estimators.kalman import KalmanRangeRate
+from circnav_mav.core.guidance import LawChoice, steering
+from circnav_mav.core.laws import LAWS
+from circnav_mav.core.values import Direction, Orbit, OwnMotion, RangeSample
+
+WINDY = Situation("windy", wind=Wind(5.0), duration=30.0)
+
+
+class InTheAir:
+    """The estimator and the steering that fly, one pair per flight, driven from the batch."""
+
+    belief = None
+
+    def __init__(self, circle, sense):
+        settings = EstimatorSettings(circle.speed, circle.max_turn_rate)
+        ways = [Direction.COUNTERCLOCKWISE if s > 0 else Direction.CLOCKWISE for s in sense]
+        orbits = [Orbit(circle.radius, way, circle.speed, circle.max_turn_rate) for way in ways]
+        gain = LAWS["auto"].default_gain(circle.speed, circle.radius)
+        self.flights = [(o, AutoEstimator(settings), steering(o, LawChoice("auto", gain))) for o in orbits]
+        self.estimate, self.time = (0.0, 0.0), 0.0
+
+    def command(self, seen, true):
+        turns = [self.turn(seen, i, *flight) for i, flight in enumerate(self.flights)]
+        self.time += seen.dt
+        return np.array(turns)
+
+    def turn(self, seen, i, orbit, estimator, steer):
+        estimator.move(OwnMotion(self.time, float(seen.psi[i]), float(seen.turn_rate[i]), float(seen.airspeed[i])))
+        if seen.arrived[i]:
+            estimator.observe(RangeSample(self.time, self.time, float(seen.z[i]), float(seen.sigma[i])))
+        return steer(estimator.at(self.time)).turn_rate if estimator.ready else orbit.steady_turn_rate
+
+
+def test_the_stack_in_the_air_flies_the_same_numbers_as_the_batch():
+    air, batch = fly(WINDY, InTheAir, 2, seed=3), fly(WINDY, Auto, 2, seed=3)
+    assert np.abs(air.r - batch.r).max() < 1e-6
+    assert np.array_equal(air.command, batch.command)
+
+
+def test_batch_kalman_is_the_estimator_in_flight():
+    rng = np.random.default_rng(1)
+    one, many = KalmanRangeRate(EstimatorSettings(15.0, 0.35)), BatchKalman(15.0, 0.35, 3)
+    for i in range(300):
+        z = 200 - 5 * 0.05 * i + rng.normal(0, 0.5) + (50.0 if i % 40 == 7 or 200 < i < 210 else 0.0)
+        arrived = i % 3 != 1
+        many.step(0.05 if i else 0.0, np.full(3, z), np.full(3, 0.5), np.full(3, arrived))
+        if arrived:
+            one.observe(RangeSample(0.05 * i, 0.05 * i, z, 0.5))
+        estimate = one.at(0.05 * i)
+        assert (many.r[1], many.r_dot[1]) == pytest.approx((estimate.r, estimate.r_dot), rel=1e-6, abs=1e-6)
+        assert bool(many.ready[1]) == one.ready
+
+
+def test_arcs_are_exact_for_any_step():
+    V, psi, omega, command, lag = 15.0, np.array([0.3]), np.array([0.1]), np.array([-0.3]), 0.4
+    whole = flown(V, psi, omega, command, lag, 0.05)
+    total, heading, rate = 0.0, psi, omega
+    for _ in range(50):
+        total = total + flown(V, heading, rate, command, lag, 0.001)
+        rate, turned = turn_step(rate, command, lag, 0.001)
+        heading = heading + turned
+    assert whole == pytest.approx(total, abs=1e-9)
+    assert turn_step(omega, command, lag, 0.05)[0] == pytest.approx(rate, abs=1e-12)
+
+
+def test_gusts_have_the_strength_and_memory_asked_for():
+    air = Air(Wind(5.0, 1.5, 10.0), 4000, np.random.default_rng(0))
+    first = air.velocity - air._mean
+    for _ in range(200):
+        air.step(0.05)
+    after = air.velocity - air._mean
+    assert after.std() == pytest.approx(1.5, rel=0.03)
+    assert (first * after).mean() / 1.5**2 == pytest.approx(np.exp(-1), abs=0.05)
+
+
+@pytest.mark.parametrize(("ranging", "sigma"), [(UWB, 0.151), (LORA, 2.236), (Ranging(), 0.5)])
+def test_radios_err_as_much_as_they_say(ranging, sigma):
+    radio, errors = Radio(ranging, 500, np.random.default_rng(0)), []
+    for step in range(100):
+        z, arrived = radio.measure(np.full(500, 200.0), step, 0.05)
+        errors.append((z - 200.0)[arrived])
+    assert np.concatenate(errors).std() == pytest.approx(sigma, rel=0.1)
+    assert ranging.sigma == pytest.approx(sigma, abs=1e-3)
+
+
+def test_losses_outliers_and_outages_come_as_often_as_asked_for():
+    radio = Radio(Ranging(every=4, loss=0.5, outlier_share=0.1, outage=10.0), 200, np.random.default_rng(0))
+    rows = [radio.measure(np.full(200, 300.0), step, 0.05) for step in range(4800)]
+    arrived = np.array([row[1] for row in rows])
+    assert arrived.mean() == pytest.approx(0.25 * 0.5 * 50 / 60, rel=0.1)
+    wild = np.abs(np.array([row[0] for row in rows])[arrived] - 300) > 10
+    assert wild.mean() == pytest.approx(0.1, rel=0.1)
+
+
+def test_targets_turn_and_accelerate_within_their_speed():
+    turning = Targets(Target(3.0, turn_rate=0.1), 5, np.random.default_rng(0))
+    before = turning.velocity.copy()
+    turning.step(0.5)
+    assert np.hypot(*turning.velocity) == pytest.approx(np.full(5, 3.0))
+    assert np.abs((before * turning.velocity).sum(axis=0) / 9) == pytest.approx(np.full(5, np.cos(0.05)))
+    pushed = Targets(Target(3.0, acceleration=0.5), 50, np.random.default_rng(0))
+    for _ in range(100):
+        pushed.step(0.1)
+    assert np.all(np.hypot(*pushed.velocity) <= 3.0 + 1e-9)
+
+
+def test_a_seed_is_a_flight():
+    once, again = (fly(WINDY.lasting(5), POLICIES["feedforward"], 4, seed=9) for _ in range(2))
+    assert np.array_equal(once.r, again.r)
+    assert not np.array_equal(once.r, fly(WINDY.lasting(5), POLICIES["feedforward"], 4, seed=10).r)
+
+
+def test_auto_keeps_every_flight_in_strong_wind_in_the_right_sense():
+    situation = Situation("hard", wind=Wind(0.53 * 15), duration=170.0)
+    tracks = fly(situation, Auto, 24, seed=5)
+    end = tracks.time >= 150
+    assert np.all(np.sqrt(np.mean((tracks.r[end] - 100) ** 2, axis=0)) < 2.0)
+    swept = np.unwrap(tracks.angle[end], axis=0)
+    assert np.array_equal(np.sign(swept[-1] - swept[0]), tracks.sense)
+
+
+def test_the_filter_is_consistent_in_gusts():
+    tracks = fly(Situation("gusts", wind=Wind(5.0, 1.5), duration=120.0), Auto, 24, seed=6)
+    nees = tracks.nees[tracks.time > 60]
+    assert 1.0 < np.nanmedian(nees) < 2.5
+    assert np.nanmean(nees < 7.378) > 0.8
+
+
+def test_range_rate_reaches_the_cramer_rao_bound_of_its_model():
+    made = []
+
+    def alongside(circle, sense):
+        made.append(AlongsideBound(Auto(circle, sense), circle, sense.size, 3e-4, 0.0))
+        return made[0]
+
+    tracks = fly(Situation("calm", duration=100.0), alongside, 24, seed=8)
+    late = tracks.time > 70
+    rmse = np.sqrt(np.mean((tracks.r_dot_hat - tracks.r_dot)[late] ** 2))
+    assert rmse < 1.1 * np.mean(np.array(made[0].rate_bound)[late])
+
+
+def test_a_cell_of_the_benchmark_tells_a_law_that_holds_from_one_that_does_not(tmp_path):
+    cells = run([("wind .20 V", "full information"), ("wind .20 V", "feedforward")], 12, 1, tmp_path)
+    full, feedforward = cells
+    assert full.kept == feedforward.kept == 12
+    assert full.rms_median < 0.05 < 2.5 < feedforward.rms_median < 4.5
+    assert (tmp_path / "table.png").stat().st_size > 10_000
+    assert (tmp_path / "table.csv").read_text().count("\n") == 3
+    assert "kept   12 of 12" in line(full)
+
+
+def test_a_cell_prints_the_same_numbers_alone_and_in_a_table():
+    first, second = (fly_cell("calm", "pd", 6, 2) for _ in range(2))
+    assert first.rms_median == second.rms_median
+
+
+def test_the_paper_law_is_at_home_in_calm_air():
+    cell = fly_cell("calm", "smooth", 12, 1)
+    assert (cell.kept, cell.wrong_way) == (12, 0)
+    assert cell.rms_median < 0.12
+    assert Circle().radius == 100.0

@@ -1,0 +1,68 @@
+"""Metrics on flights drawn by hand."""
+
+from math import inf, pi
+
+import numpy as np
+import pytest
+
+from circnav_mav.analysis import judge
+
+TIME = np.arange(0, 100, 0.1)
+
+
+def column(*values):
+    return np.stack(np.broadcast_arrays(*values), axis=1)
+
+
+def test_settled_from_the_last_exit_and_never_if_it_ends_outside():
+    r = column(100 + 50 * np.exp(-TIME / 10), np.full_like(TIME, 130.0), np.full_like(TIME, 100.0))
+    settled = judge.last_exit(TIME, r, 100.0, 0.1)
+    assert settled[0] == pytest.approx(10 * np.log(5), abs=0.11)
+    assert settled[1] == inf and settled[2] == 0.0
+
+
+def test_rms_is_the_size_of_a_constant_error():
+    assert judge.rms(np.full((10, 2), -3.0)) == pytest.approx([3.0, 3.0])
+
+
+def test_the_wrong_way_round_is_noticed_although_the_radius_is_perfect():
+    angle = column(0.15 * TIME, -0.15 * TIME)
+    assert judge.right_way(angle, np.array([1.0, 1.0])).tolist() == [True, False]
+    assert judge.right_way(angle, np.array([-1.0, -1.0])).tolist() == [False, True]
+
+
+def test_overshoot_is_inward_for_starts_outside_and_outward_for_starts_inside():
+    r = column(100 + 80 * np.exp(-TIME / 9) * np.cos(TIME / 5), 100 - 80 * np.exp(-TIME / 9) * np.cos(TIME / 5))
+    inward, outward = judge.overshoot(r, 100.0)
+    assert inward == pytest.approx(outward)
+    assert inward == pytest.approx(100 - r[:, 0].min())
+
+
+def test_chatter_counts_the_switching():
+    relay = np.where(np.arange(len(TIME)) % 2 == 0, 0.1, -0.1)[:, None]
+    assert judge.chatter(relay, TIME)[0] == pytest.approx(0.2 / 0.1, rel=1e-6)
+    assert judge.saturation(relay, 0.1)[0] == 1.0
+
+
+def test_nees_of_the_assumed_noise_is_the_number_of_states():
+    rng = np.random.default_rng(0)
+    P = np.array([[2.0, 0.5], [0.5, 1.0]])
+    error = rng.multivariate_normal([0, 0], P, 20000).T
+    assert judge.nees(error, np.broadcast_to(P[..., None], (2, 2, 20000))).mean() == pytest.approx(2.0, abs=0.05)
+
+
+def test_reacquired_when_good_again_after_the_outage():
+    good = column((TIME < 20) | (TIME > 33.95), TIME < 20)
+    assert judge.reacquire_time(good, TIME, 30.0) == pytest.approx([4.0, inf], abs=0.01)
+
+
+def test_evenly_spread_vehicles_have_no_phase_error():
+    error, gap = judge.phase_errors(np.array([0.1, 0.1 + pi, 0.1 + pi / 2, 0.1 - pi / 2]))
+    assert error == pytest.approx(0.0, abs=1e-9) and gap == pytest.approx(pi / 2)
+    error, gap = judge.phase_errors(np.array([0.0, 0.1]))
+    assert (error, gap) == pytest.approx((pi - 0.1, 0.1))
+
+
+def test_smallest_separation_is_of_the_nearest_pair():
+    positions = np.array([[0.0, 3.0, 10.0], [0.0, 4.0, 0.0]])
+    assert judge.smallest_separation(positions) == pytest.approx(5.0)

@@ -1,0 +1,173 @@
+"""The bank in flight: own motion and ranges that come at their own times, get lost, lie or stop."""
+
+from dataclasses import dataclass, field
+from math import cos, hypot, pi, sin
+
+import numpy as np
+import pytest
+
+from circnav_mav.core.estimators.drift import AutoEstimator, DriftEstimator
+from circnav_mav.core.estimators.interface import EstimatorSettings, Fused
+from circnav_mav.core.estimators.unicycle import UnicycleEstimator
+from circnav_mav.core.values import OwnMotion, RangeSample
+
+V, OMEGA, WIND = 15.0, 0.15, (3.0, -2.0)
+SETTINGS = EstimatorSettings(speed=V, max_turn_rate=0.35)
+RADIUS = V / OMEGA
+
+
+@dataclass
+class Circling:
+    """A vehicle that turns steadily and drifts with the wind, round nobody in particular; its target can jump."""
+
+    target: tuple[float, float] = (150.0, 80.0)
+    wind: tuple[float, float] = WIND
+    rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(3))
+
+    def heading(self, t):
+        return OMEGA * t
+
+    def offset(self, t):
+        x = RADIUS * sin(OMEGA * t) + self.wind[0] * t - self.target[0]
+        y = RADIUS * (1 - cos(OMEGA * t)) + self.wind[1] * t - self.target[1]
+        return x, y
+
+    def range(self, t, sigma=0.5):
+        return RangeSample(t, t, hypot(*self.offset(t)) + self.rng.normal(0, sigma), sigma)
+
+    def motion(self, t):
+        return OwnMotion(t, (self.heading(t) + pi) % (2 * pi) - pi, OMEGA, V)
+
+
+def listen(estimator, world, start, end, every=0.05, motion_every=0.05, motion_delay=0.0):
+    """Ranges and own motion until `end`, each at its own rate; own motion arrives late by motion_delay."""
+    events = [(t, "range") for t in np.arange(start, end, every)]
+    events += [(t + motion_delay, "motion") for t in np.arange(start, end, motion_every)]
+    for t, kind in sorted(events, key=lambda event: (event[0], event[1] == "range")):
+        if kind == "range":
+            estimator.observe(world.range(float(t)))
+        else:
+            estimator.move(world.motion(float(t - motion_delay)))
+
+
+def error(estimator, world, t):
+    relative = estimator.at(t).relative
+    x, y = world.offset(t)
+    return hypot(relative.x - x, relative.y - y)
+
+
+@pytest.mark.parametrize(
+    ("every", "motion_every", "motion_delay"), [(0.05, 0.05, 0.0), (0.05, 0.1, 0.04), (0.2, 0.04, 0.02)]
+)
+def test_target_and_drift_are_found_whatever_the_rates(every, motion_every, motion_delay):
+    world, estimator = Circling(), DriftEstimator(SETTINGS)
+    listen(estimator, world, 0.0, 25.0, every, motion_every, motion_delay)
+    estimate = estimator.at(25.0)
+    assert estimator.ready and estimate.relative.trusted
+    assert error(estimator, world, 25.0) < 5.0
+    assert (estimate.relative.drift_x, estimate.relative.drift_y) == pytest.approx(WIND, abs=0.5)
+
+
+def test_without_heading_the_bank_is_not_ready_but_auto_is():
+    world, drift, auto = Circling(), DriftEstimator(SETTINGS), AutoEstimator(SETTINGS)
+    for t in np.arange(0, 5, 0.05):
+        assert drift.observe(world.range(t)) is Fused.ACCEPTED
+        auto.observe(world.range(t))
+    assert not drift.ready and drift.at(5.0) is None
+    assert auto.ready and auto.at(5.0).relative is None
+
+
+def test_late_and_repeated_samples_are_refused():
+    world, estimator = Circling(), DriftEstimator(SETTINGS)
+    listen(estimator, world, 0.0, 25.0)
+    before = estimator.bank.mean.copy()
+    assert estimator.observe(world.range(24.95)) is Fused.GATED
+    assert estimator.observe(world.range(24.0)) is Fused.GATED
+    assert np.array_equal(before, estimator.bank.mean)
+
+
+def test_late_and_repeated_own_motion_changes_nothing():
+    world, estimator, other = Circling(), DriftEstimator(SETTINGS), DriftEstimator(SETTINGS)
+    listen(estimator, world, 0.0, 10.0)
+    other_world = Circling()
+    for t in np.arange(0, 10.0, 0.05):
+        other.move(other_world.motion(t))
+        other.move(other_world.motion(t))
+        other.move(other_world.motion(t - 0.2))
+        other.observe(other_world.range(t))
+    assert np.array_equal(estimator.bank.mean, other.bank.mean)
+
+
+def test_an_outage_is_flown_on_dead_reckoning_and_trust_fades():
+    world, estimator = Circling(), DriftEstimator(SETTINGS)
+    listen(estimator, world, 0.0, 30.0)
+    sure = estimator.at(29.95).relative.sigma
+    assert estimator.ready
+    for t in np.arange(30.0, 40.0, 0.05):
+        estimator.move(world.motion(t))
+    assert error(estimator, world, 40.0) < 10.0
+    assert estimator.at(40.0).relative.sigma > sure
+
+
+def test_a_lost_bank_recovers_by_itself():
+    world, estimator = Circling(), DriftEstimator(SETTINGS)
+    listen(estimator, world, 0.0, 25.0)
+    assert estimator.ready
+    world.target = (-250.0, 300.0)
+    listen(estimator, world, 25.0, 29.5)
+    assert not estimator.ready
+    listen(estimator, world, 29.5, 70.0)
+    assert estimator.ready
+    assert error(estimator, world, 69.95) < 6.0
+
+
+def test_a_hole_in_the_own_motion_starts_the_bank_anew():
+    world, estimator = Circling(), DriftEstimator(SETTINGS)
+    listen(estimator, world, 0.0, 25.0)
+    assert estimator.ready
+    listen(estimator, world, 30.0, 30.5)
+    assert not estimator.ready
+    listen(estimator, world, 30.5, 65.0)
+    assert estimator.ready and error(estimator, world, 64.95) < 5.0
+
+
+def test_outliers_do_not_shake_it():
+    world, estimator = Circling(), DriftEstimator(SETTINGS)
+    for i, t in enumerate(np.arange(0, 40, 0.05)):
+        estimator.move(world.motion(t))
+        sample = world.range(t)
+        wild = 20.0 if i % 7 == 3 else -20.0 if i % 11 == 5 else 0.0
+        estimator.observe(RangeSample(t, t, max(sample.r + wild, 0.1), sample.sigma))
+    assert estimator.ready and error(estimator, world, 39.95) < 3.0
+
+
+def test_an_airspeed_sensor_ten_percent_off_is_found_out():
+    world, estimator = Circling(), DriftEstimator(SETTINGS)
+    for t in np.arange(0, 60, 0.05):
+        true = world.motion(t)
+        estimator.move(OwnMotion(true.time, true.heading, true.turn_rate, 1.1 * V))
+        estimator.observe(world.range(t))
+    assert estimator.at(59.95).relative.scale == pytest.approx(1 / 1.1, abs=0.02)
+
+
+def test_unicycle_knows_the_angle_to_the_target_in_still_air():
+    world, estimator = Circling(wind=(0.0, 0.0)), UnicycleEstimator(SETTINGS)
+    listen(estimator, world, 0.0, 15.0)
+    x, y = world.offset(14.95)
+    true = (np.arctan2(-y, -x) - world.heading(14.95) + pi) % (2 * pi) - pi
+    assert estimator.ready
+    assert estimator.at(14.95).eta == pytest.approx(true, abs=0.05)
+    assert estimator.at(14.95).r_dot == pytest.approx(-V * cos(true), abs=0.5)
+
+
+def test_doppler_sharpens_the_unicycles_range_rate():
+    def sigma(with_doppler):
+        world, estimator = Circling(wind=(0.0, 0.0)), UnicycleEstimator(SETTINGS)
+        for t in np.arange(0, 3, 0.05):
+            estimator.move(world.motion(t))
+            s, (x, y) = world.range(t), world.offset(t)
+            rate = V * (x * cos(OMEGA * t) + y * sin(OMEGA * t)) / hypot(x, y)
+            estimator.observe(RangeSample(t, t, s.r, s.sigma, r_dot=rate if with_doppler else None, r_dot_sigma=0.1))
+        return estimator.at(2.95).r_dot_sigma
+
+    assert sigma(True) < 0.7 * sigma(False)

@@ -1,0 +1,136 @@
+"""The law on relative motion, and who steers under `auto`."""
+
+from math import pi
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from circnav_mav.core.air_path import chord
+from circnav_mav.core.auto import Flies, at_start, hand_over
+from circnav_mav.core.drift_law import drift, drift_gains, field_heading, inward_angle, mirrored
+from circnav_mav.core.guidance import LawChoice, steering
+from circnav_mav.core.values import Direction, Orbit, RangeEstimate, RelativeMotion
+
+V, R_D, LIMIT = 15.0, 100.0, 0.35
+GAINS = drift_gains(V, R_D, 0.4)
+angles = st.floats(-pi, pi)
+
+
+def turn(p, d, psi, omega):
+    return drift(np.array(p), np.array(d), psi, omega, V=V, r_d=R_D, max_turn_rate=LIMIT, gains=GAINS)
+
+
+def test_on_the_circle_in_still_air_it_asks_for_the_circles_own_turn():
+    assert turn([R_D, 0.0], [0.0, 0.0], pi / 2, V / R_D) == pytest.approx(V / R_D, abs=1e-6)
+
+
+@given(r=st.floats(5, 900), at=angles, psi=angles, wind=st.floats(0, 10), blows=angles, omega=st.floats(-0.35, 0.35))
+def test_turning_the_compass_changes_nothing(r, at, psi, wind, blows, omega):
+    commands = []
+    for turned in (0.0, 1.1):
+        p = r * np.array([np.cos(at + turned), np.sin(at + turned)])
+        d = wind * np.array([np.cos(blows + turned), np.sin(blows + turned)])
+        commands.append(float(turn(p, d, psi + turned, omega)))
+    first, command = commands
+    # next to the cut of the heading error at pi both ways round are right
+    assert command == pytest.approx(first, abs=1e-6) or abs(abs(command - first) - 4 * pi * GAINS.heading) < 1e-3
+
+
+@given(at=angles, wind=st.floats(0, 13), blows=angles, r=st.floats(30, 900))
+def test_the_field_is_followed_over_the_ground_whatever_the_wind(at, wind, blows, r):
+    p, d = (s * np.array([np.cos(a), np.sin(a)]) for s, a in ((r, at), (wind, blows)))
+    psi = field_heading(p, d, V=V, r_d=R_D, k=GAINS.radial, max_turn_rate=LIMIT)
+    v = V * np.array([np.cos(psi), np.sin(psi)]) + d
+    n = p / r
+    inward = inward_angle(r, r_d=R_D, k=GAINS.radial, sharpest=0.7 * LIMIT / (V + wind))
+    assert np.arctan2(-(n @ v), n[0] * v[1] - n[1] * v[0]) == pytest.approx(inward, abs=1e-6)
+
+
+def test_far_outside_the_course_touches_the_circle():
+    assert inward_angle(400.0, r_d=R_D, k=1.0, sharpest=0.02) == pytest.approx(np.arccos(0.25), abs=1e-3)
+
+
+def flown(sense, start, psi, d, seconds=200.0, dt=0.05, lag=0.4):
+    """A point mass with a turn lag under the law with full information."""
+    p, omega, d = np.array(start, float), 0.0, np.array(d, float)
+    for _ in range(round(seconds / dt)):
+        here = mirrored(p, d, np.asarray(psi), np.asarray(omega), np.asarray(sense))
+        command = sense * np.clip(drift(*here, V=V, r_d=R_D, max_turn_rate=LIMIT, gains=GAINS), -LIMIT, LIMIT)
+        after = command + (omega - command) * np.exp(-dt / lag)
+        turned = command * dt + (omega - command) * lag * (1 - np.exp(-dt / lag))
+        p = p + chord(V, psi, turned, dt) + d * dt
+        psi, omega = psi + turned, after
+    return p, psi
+
+
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+@pytest.mark.parametrize("start", [(300.0, 0.0), (10.0, 5.0)])
+def test_it_reaches_the_circle_in_strong_wind_in_the_right_sense(sense, start):
+    p, psi = flown(sense, start, 2.0, (6.0, -3.0))
+    v = V * np.array([np.cos(psi), np.sin(psi)]) + np.array([6.0, -3.0])
+    assert np.hypot(*p) == pytest.approx(R_D, abs=0.1)
+    assert np.sign(p[0] * v[1] - p[1] * v[0]) == sense
+
+
+def test_clockwise_is_the_exact_mirror_image_of_counterclockwise():
+    left, _ = flown(1.0, (250.0, 40.0), 0.7, (4.0, 2.0), seconds=30)
+    right, _ = flown(-1.0, (250.0, -40.0), -0.7, (4.0, -2.0), seconds=30)
+    assert right == pytest.approx([left[0], -left[1]], abs=1e-9)
+
+
+def step(before, trusted=False, favourite=-1, by_range=0.1, by_bank=-0.3, dt=0.05):
+    return hand_over(
+        before, dt, trusted=np.array([trusted]), favourite=np.array([favourite]), by_range=np.array([by_range]),
+        by_bank=np.array([by_bank]), limit=LIMIT,
+    )  # fmt: skip
+
+
+def test_feedforward_flies_at_once_and_drift_takes_over_without_a_jump():
+    state = step(at_start())
+    assert state.flies[0] == Flies.FEEDFORWARD and state.command[0] == pytest.approx(0.1)
+    first = step(state, trusted=True)
+    assert first.flies[0] == Flies.DRIFT and first.command[0] == pytest.approx(0.1)
+    for _ in range(60):
+        first = step(first, trusted=True)
+    assert first.command[0] == pytest.approx(-0.3, abs=1e-3)
+
+
+def test_control_goes_back_without_a_jump_when_trust_is_lost():
+    state = step(at_start(), trusted=True)
+    after = step(state)
+    assert after.flies[0] == Flies.FEEDFORWARD and after.command[0] == pytest.approx(state.command[0])
+
+
+def test_a_guess_is_tried_after_a_while_and_a_new_one_without_a_jump():
+    state = step(at_start(), favourite=3)
+    while state.flies[0] != Flies.TRIAL:
+        state = step(state, favourite=3)
+    assert state.untrusted[0] == pytest.approx(1.0, abs=0.06)
+    for _ in range(40):
+        state = step(state, favourite=3)
+    other = step(state, favourite=7, by_bank=0.3)
+    assert other.command[0] == pytest.approx(state.command[0])
+
+
+ORBIT = Orbit(R_D, Direction.CLOCKWISE, V, LIMIT)
+
+
+def estimate(time, relative=None):
+    return RangeEstimate(time, 150.0, -3.0, 0.3, 0.3, relative=relative)
+
+
+def test_auto_says_who_flies_and_why_and_needs_no_heading():
+    steer, feedforward = (steering(ORBIT, LawChoice(name, 0.06)) for name in ("auto", "feedforward"))
+    command = steer(estimate(0.0))
+    assert command.turn_rate == feedforward(estimate(0.0)).turn_rate < 0
+    assert (command.flies, bool(command.why)) == ("feedforward", True)
+    known = RelativeMotion(150, 0, 1.0, 0, 0, 0.0, 0.0, V, 1.0, trusted=True)
+    assert steer(estimate(0.05, known)).flies == "drift"
+
+
+def test_the_law_drift_tries_no_guesses():
+    steer = steering(ORBIT, LawChoice("drift", 0.06))
+    guess = RelativeMotion(150, 0, 150.0, 0, 0, 0.0, 0.0, V, 1.0, trusted=False, trial=4)
+    assert {steer(estimate(0.1 * i, guess)).flies for i in range(60)} == {"feedforward"}
