@@ -121,7 +121,7 @@ def disarm(course: Course, seed: int) -> None:
 
 OPERATOR = [
     *(reboot(gap) for gap in (2, 5, 10)),
-    takeovers(30, quick=True),
+    takeovers(10, quick=True),
     takeovers(1000),
     Scenario(
         "F16",
