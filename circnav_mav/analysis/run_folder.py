@@ -51,6 +51,10 @@ class Ticks:
         return next((float(t) for t, phase in zip(self.time, self.phases, strict=True) if phase == "engaged"), None)
 
 
+NO_TICKS = Ticks({name: np.array([]) for name in ("time", "r", "turn_rate")}, {})
+"""What is left of a run whose ticks could not be written."""
+
+
 @dataclass(frozen=True, slots=True)
 class Truth:
     """What the simulator says really happened, arrays over samples: run time at which it arrived (s), north and east

@@ -234,6 +234,10 @@ def parse_mission(text: str, where: str, overrides: Iterable[str] = ()) -> Missi
         raise MissionError(f"{where}: {_first_problem(error)}") from None
     if file.link.endpoint == SIM and file.sim is None:
         raise MissionError(f'{where}: link.endpoint: is "{SIM}", which needs a [sim] table describing the vehicle')
+    if file.ranging.endpoint == SIM and file.link.endpoint != SIM:
+        raise MissionError(
+            f'{where}: ranging.endpoint: is "{SIM}" but the vehicle is not the bundled one: --set ranging.endpoint=URL'
+        )
     _check_turning(file, where)
     mission = Mission(file, tomlkit.dumps(document))
     _check_numbers(mission, where)
