@@ -189,3 +189,16 @@ def test_a_bank_in_the_mirror_believes_the_mirror_image():
     one, other = (bank.mean[:, 0] for bank in banks)
     assert banks[0].trusted[0] and banks[1].trusted[0]
     assert other == pytest.approx(one * [1, -1, 1, -1, 1, 1, 1, -1], abs=1e-3)
+
+
+def test_auto_goes_on_hearing_ranges_while_its_bank_has_lost_the_target():
+    world, estimator = Circling(), AutoEstimator(SETTINGS)
+    listen(estimator, world, 0.0, 25.0)
+    world.target = (-250.0, 300.0)
+    heard = []
+    for t in np.arange(25.0, 28.0, 0.05):
+        estimator.move(world.motion(t))
+        heard.append(estimator.observe(world.range(t)))
+    assert heard[0] is Fused.GATED
+    assert Fused.GATED not in heard[10:]
+    assert estimator.at(28.0).r == pytest.approx(hypot(*world.offset(28.0)), abs=3.0)
