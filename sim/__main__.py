@@ -1,6 +1,7 @@
 """python -m sim [VEHICLE.toml]: the vehicle alone, for any ground station, companion or test."""
 
 import argparse
+import os
 import signal
 import sys
 
@@ -14,6 +15,7 @@ BAD_USAGE = 2
 def main(arguments: list[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     stop: list[int] = []
+    parent = os.getppid()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda received, _frame: stop.append(received))
     try:
@@ -27,7 +29,7 @@ def main(arguments: list[str] | None = None) -> int:
             speed=options.speed,
             duration=options.duration,
             ready=lambda line: print(line, flush=True),
-            stopped=lambda: bool(stop),
+            stopped=lambda: bool(stop) or (options.with_parent and os.getppid() != parent),
         )
     except (ConfigError, EndpointError) as error:
         print(f"sim: {error}", file=sys.stderr)
@@ -46,6 +48,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--speed", type=_positive, default=1.0, help="simulated seconds per second")
     parser.add_argument("--seed", type=int, help="overrides the file's seed")
     parser.add_argument("--duration", type=_positive, help="stop after so many simulated seconds")
+    parser.add_argument("--with-parent", action="store_true", help="end when the process that started it ends")
     return parser
 
 

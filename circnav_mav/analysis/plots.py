@@ -55,6 +55,31 @@ def plot_replay(path: Path, was: Ticks | None, would: Ticks, orbit: Orbit, title
         figure.savefig(path, dpi=110)
 
 
+def plot_estimates(path: Path, ticks: Ticks, gate: float, title: str) -> None:
+    """Draw range rate with its sigma, innovations with their gate, and ranges taken and refused. Raises OSError."""
+    numbers, time = ticks.numbers, ticks.time
+    with mpl.rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "axes.axisbelow": True}):
+        figure = Figure(figsize=(11, 8), layout="constrained")
+        figure.suptitle(title)
+        rate, innovation, samples = figure.subplots(3, 1, sharex=True)
+        rate.fill_between(
+            time, numbers["r_dot"] - numbers["r_dot_sigma"], numbers["r_dot"] + numbers["r_dot_sigma"],
+            color=MEASURED, alpha=0.6, lw=0, label="+-1 sigma",
+        )  # fmt: skip
+        rate.plot(time, numbers["r_dot"], color=ESTIMATE, lw=0.8, label="estimated")
+        rate.set_ylabel("range rate, m/s")
+        innovation.plot(time, np.sqrt(numbers["nis"]), ".", ms=2, color=ESTIMATE, label="innovation")
+        innovation.axhline(gate, ls="--", color=TRUE, lw=1, label="gate")
+        innovation.set_ylabel("standard deviations")
+        samples.plot(time, numbers["accepted"], color=ESTIMATE, lw=1, label="taken")
+        samples.plot(time, numbers["rejected"], color=TRUE, lw=1, label="rejected")
+        samples.set_ylabel("ranges")
+        samples.set_xlabel("time, s")
+        for axis in (rate, innovation, samples):
+            axis.legend(loc="upper right", ncols=2, fontsize=8)
+        figure.savefig(path, dpi=110)
+
+
 def _track(axis: Any, truth: Truth, orbit: Orbit) -> None:
     east, north = truth.east - truth.target_east, truth.north - truth.target_north
     angle = np.linspace(0, 2 * np.pi, 361)

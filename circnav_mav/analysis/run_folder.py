@@ -51,10 +51,14 @@ class Ticks:
         return next((float(t) for t, phase in zip(self.time, self.phases, strict=True) if phase == "engaged"), None)
 
 
+NO_TICKS = Ticks({name: np.array([]) for name in ("time", "r", "turn_rate")}, {})
+"""What is left of a run whose ticks could not be written."""
+
+
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """What the simulator says really happened, arrays over samples: run time (s), north and east of the origin (m),
-    of the vehicle and of the target."""
+    """What the simulator says really happened, arrays over samples: run time at which it arrived (s), north and east
+    of the origin (m), of the vehicle and of the target, turn rate (rad/s, clockwise), the simulator's own time (s)."""
 
     time: Column
     north: Column
@@ -62,6 +66,7 @@ class Truth:
     target_north: Column
     target_east: Column
     turn_rate: Column
+    sim_time: Column
 
     @property
     def radius(self) -> Column:
@@ -109,7 +114,7 @@ def read_truth(folder: Path, epoch_us: int) -> Truth | None:
     if not rows:
         return None
     table = np.array(rows)
-    return Truth(table[:, 0], table[:, 1], table[:, 2], table[:, 10], table[:, 11], table[:, 8])
+    return Truth(table[:, 0], table[:, 1], table[:, 2], table[:, 10], table[:, 11], table[:, 8], table[:, 16])
 
 
 def _name(message: Message) -> bytes:

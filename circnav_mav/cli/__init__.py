@@ -182,6 +182,20 @@ def paper(out: str, starts: int, seed: int) -> int:
     return reproduce(out, starts, seed)
 
 
+@circnav.command()
+@click.argument("run", type=click.Path())
+def report(run: str) -> int:
+    """Write report.html (one page, opens offline, prints) and PNGs into RUN, a run folder; `fly` does so by itself.
+
+    \b
+    Example:
+        circnav report runs/20260101-120000-quickstart
+    """
+    from circnav_mav.cli.report import report_run
+
+    return report_run(run)
+
+
 def main() -> None:
     """Entry point of the `circnav` command."""
     try:

@@ -40,7 +40,7 @@ class EmulatedVehicle:
 
     def __init__(self, vehicle_file: Path, port: int, ranging_port: int | None, speed: float) -> None:
         """Start it and wait until it says that it is ready. Raises Refused."""
-        command = [sys.executable, "-P", "-m", "sim", str(vehicle_file)]
+        command = [sys.executable, "-P", "-m", "sim", str(vehicle_file), "--with-parent"]
         command += ["--endpoint", f"udpout:127.0.0.1:{port}", "--speed", f"{speed:g}"]
         if ranging_port is not None:
             command += ["--ranging-endpoint", f"udpout:127.0.0.1:{ranging_port}"]

@@ -11,11 +11,12 @@ from rich.console import Console
 
 from circnav_mav import __version__
 from circnav_mav.analysis.plots import plot_flight
-from circnav_mav.analysis.run_folder import read_ticks, read_truth
+from circnav_mav.analysis.run_folder import NO_TICKS, read_ticks, read_truth
 from circnav_mav.analysis.summary import FlightFacts, summarise, write_summary
 from circnav_mav.cli.check import read_mission, show_checks
 from circnav_mav.cli.connect import open_links, run_speed, start_clock, start_vehicle
 from circnav_mav.cli.exits import Exit, Refused
+from circnav_mav.cli.report import report_of_flight
 from circnav_mav.cli.verdict import verdict
 from circnav_mav.mission.checks import Grade, check_mission
 from circnav_mav.mission.load import Mission
@@ -58,6 +59,7 @@ class FlyOptions:
 
 def fly_mission(options: FlyOptions) -> int:
     """Fly, and return the exit code. Raises Refused before anything has flown."""
+    stop = StopRequest()  # from here on a signal ends the flight, not the process
     mission = read_mission(options.mission, _overrides(options))
     lines = check_mission(mission)
     if any(line.grade is Grade.FAIL for line in lines):
@@ -70,13 +72,15 @@ def fly_mission(options: FlyOptions) -> int:
         pilot = Pilot(mission.pilot_settings(options.voice))
         clock, recorder = _start(mission, pilot, links, folder, open_things)
         manifest = _manifest(mission, options, folder, clock)
-        stop = StopRequest()
         crash = _loop(pilot, links, clock, recorder, mission, stop)
     summary = _finish(pilot, recorder, mission, clock)
     assert pilot.outcome is not None
     code = Exit.INTERNAL if crash is not None else EXITS[pilot.outcome.ending]
     _complete(manifest, pilot, summary, code)
     click.echo(verdict(summary, folder))
+    problem = report_of_flight(folder, mission, summary)
+    if problem is not None:
+        click.echo(f"  WARNING    {problem}")
     if crash is not None:
         raise Refused(f"internal error, see {crash}", Exit.INTERNAL)
     return code
@@ -165,8 +169,11 @@ def _finish(pilot: Pilot, recorder: Recorder, mission: Mission, clock: RunClock)
     """summary.json and flight.png."""
     folder, outcome = recorder.folder, pilot.outcome
     assert outcome is not None
-    ticks = read_ticks(folder)
-    truth = read_truth(folder, clock.epoch_us)
+    try:
+        ticks, truth = read_ticks(folder), read_truth(folder, clock.epoch_us)
+    except (OSError, ValueError) as error:  # a disk that filled up before the first line was written
+        ticks, truth = NO_TICKS, None
+        recorder.problem = recorder.problem or str(error)
     facts = FlightFacts(
         mission=mission.file.name,
         outcome=OUTCOMES.get(outcome.ending, "aborted"),

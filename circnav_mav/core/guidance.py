@@ -54,8 +54,6 @@ def limit(demanded: TurnRate, max_turn_rate: float) -> TurnCommand:
 
 def through_gain(command: TurnCommand, max_turn_rate: float, gain: float) -> TurnCommand:
     """What to tell a vehicle that turns at `gain` times what it is told, within +-max_turn_rate (rad/s)."""
-    if gain == 1.0:
-        return command
     told = command.turn_rate / gain
     cut = min(max(told, -max_turn_rate), max_turn_rate)
     return replace(command, turn_rate=TurnRate(cut), saturated=command.saturated or cut != told)

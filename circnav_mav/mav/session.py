@@ -22,6 +22,12 @@ LOST_AFTER = 3.0
 REBOOT_STEP = 1.0
 """Backward step of the vehicle's boot time, s, that proves a reboot."""
 V2_MAGIC = 0xFD
+NOT_FLYING = (
+    dialect.MAV_LANDED_STATE_ON_GROUND,
+    dialect.MAV_LANDED_STATE_TAKEOFF,
+    dialect.MAV_LANDED_STATE_LANDING,
+)
+"""EXTENDED_SYS_STATE.landed_state in which an aircraft is not to be steered."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +71,8 @@ class Session:
         self.streams = StreamRequests({})
         self.motion = MotionSensor()
         self.battery: float | None = None
+        self.on_ground: bool | None = None
+        self.pinned_at = 0.0
         self.announcer = Announcer()
         self.peer: Peer | None = None
         self.reply_to: Hashable = None
@@ -113,7 +121,7 @@ class Session:
             return False
         kind = message.get_type()
         if kind == "HEARTBEAT" and (self.peer is None or self._moved(ids, now)):
-            self._consider(message, ids, source)
+            self._consider(message, ids, source, now)
         if self.peer is None or ids != self.peer.ids or source != self.peer.source:
             if kind == "HEARTBEAT" and self.peer is not None and message.autopilot != dialect.MAV_AUTOPILOT_INVALID:
                 self.ignored["other_vehicle"] += 1
@@ -192,7 +200,7 @@ class Session:
         """Whether our vehicle may have come back from another address: silent for long, and the same ids."""
         return self.peer is not None and ids == self.peer.ids and self.heartbeat_age(now) > LOST_AFTER / 2
 
-    def _consider(self, message: Message, ids: tuple[int, int], source: Hashable) -> None:
+    def _consider(self, message: Message, ids: tuple[int, int], source: Hashable, now: float) -> None:
         """Pin the sender of this heartbeat if it is the vehicle that the mission means; else note why not."""
         if message.autopilot == dialect.MAV_AUTOPILOT_INVALID or message.type == dialect.MAV_TYPE_GCS:
             return
@@ -208,7 +216,7 @@ class Session:
         self.peer, self._first = Peer(source, *ids), ids
         self.reply_to, self.encoder.system = source, ids[0]
         if not returning:
-            self.adapter = adapter
+            self.adapter, self.pinned_at, self.on_ground = adapter, now, None
             self.streams = StreamRequests({**adapter.streams, **self._more_streams})
             self.commands.send(Command(dialect.MAV_CMD_REQUEST_MESSAGE, (dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION,)))
 
@@ -244,6 +252,9 @@ class Session:
 
     def _on_battery(self, message: Message, now: float) -> None:
         self.battery = float(message.battery_remaining) if message.battery_remaining >= 0 else None
+
+    def _on_landed(self, message: Message, now: float) -> None:
+        self.on_ground = message.landed_state in NOT_FLYING
 
     def _on_boot_time(self, message: Message, now: float) -> None:
         """A boot time that steps back is a reboot; the counter's own wrap after 49.7 days is not."""
@@ -287,6 +298,7 @@ _HANDLERS = {
     "HEARTBEAT": Session._on_heartbeat,
     "CURRENT_MODE": Session._on_current_mode,
     "SYS_STATUS": Session._on_battery,
+    "EXTENDED_SYS_STATE": Session._on_landed,
     "SYSTEM_TIME": Session._on_boot_time,
     "ATTITUDE": Session._on_boot_time,
     "COMMAND_ACK": Session._on_ack,

@@ -8,6 +8,7 @@ from math import degrees, sqrt
 from circnav_mav.core.laws import LAWS
 from circnav_mav.core.slant import MAX_SIGMA_GROWTH
 from circnav_mav.mav.autopilots.table import AUTOPILOTS, REFUSED, adapters
+from circnav_mav.mav.ranging import DOWNWARD
 from circnav_mav.mission.load import Mission
 
 LOOP_BOUND = 0.4
@@ -39,7 +40,7 @@ def check_mission(mission: Mission) -> list[Check]:
     """All the lines for a mission."""
     return [
         line
-        for part in (_keys, _vehicle, _gain, _radius, _turn_rate, _reach, _sampling, _noise, _slant)
+        for part in (_keys, _vehicle, _gain, _radius, _turn_rate, _reach, _orientation, _sampling, _noise, _slant)
         for line in part(mission)
     ]
 
@@ -135,6 +136,15 @@ def _reach(mission: Mission) -> Iterator[Check]:
         f"range on the circle {slant:.1f} m of the {farthest:.1f} m that {mission.file.ranging.message} carries "
         f"({100 * slant / farthest:.0f} %, at most {100 * REACH:.0f} %)",
     )
+
+
+def _orientation(mission: Mission) -> Iterator[Check]:
+    if mission.file.ranging.orientation == DOWNWARD:
+        yield Check(
+            Grade.FAIL,
+            "ranging",
+            f"orientation {DOWNWARD} is downward, a height sensor: it is never taken, choose 24 (up)",
+        )
 
 
 def _sampling(mission: Mission) -> Iterator[Check]:

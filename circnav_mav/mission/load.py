@@ -8,6 +8,7 @@ from math import inf, radians, tan
 from pathlib import Path
 from typing import Any, get_args
 
+import numpy as np
 import tomlkit
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
@@ -233,8 +234,14 @@ def parse_mission(text: str, where: str, overrides: Iterable[str] = ()) -> Missi
         raise MissionError(f"{where}: {_first_problem(error)}") from None
     if file.link.endpoint == SIM and file.sim is None:
         raise MissionError(f'{where}: link.endpoint: is "{SIM}", which needs a [sim] table describing the vehicle')
+    if file.ranging.endpoint == SIM and file.link.endpoint != SIM:
+        raise MissionError(
+            f'{where}: ranging.endpoint: is "{SIM}" but the vehicle is not the bundled one: --set ranging.endpoint=URL'
+        )
     _check_turning(file, where)
-    return Mission(file, tomlkit.dumps(document))
+    mission = Mission(file, tomlkit.dumps(document))
+    _check_numbers(mission, where)
+    return mission
 
 
 def _check_turning(file: MissionFile, where: str) -> None:
@@ -244,6 +251,19 @@ def _check_turning(file: MissionFile, where: str) -> None:
         raise MissionError(f"{where}: vehicle.max_bank_deg: missing, a plane turns by banking: add its limit")
     if vehicle.max_bank_deg is None and vehicle.max_turn_rate_deg_s is None:
         raise MissionError(f"{where}: vehicle.max_turn_rate_deg_s: missing, add it")
+
+
+def _check_numbers(mission: Mission, where: str) -> None:
+    """What follows from the file must be a number: 1e-308 m of noise leave none. Raises MissionError."""
+    try:
+        with np.errstate(over="raise", divide="raise", invalid="raise"):
+            mission.pilot_settings()
+            _ = mission.loop_lag
+    except ArithmeticError as error:
+        reason = str(error.args[-1]) if error.args else "no number"
+        raise MissionError(
+            f"{where}: speed, radius, rate or noise is too small or too large to compute with ({reason.lower()})"
+        ) from None
 
 
 def _override(text: str) -> tuple[list[str], Any]:

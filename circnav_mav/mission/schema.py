@@ -6,8 +6,8 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from circnav_mav.core.laws import LAWS
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, le=1e9, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, le=1e9, allow_inf_nan=False)]
 SystemId = Annotated[int, Field(ge=1, le=255)]
 ComponentId = Annotated[int, Field(ge=0, le=255)]
 Name = Annotated[str, Field(min_length=1)]

@@ -39,6 +39,8 @@ SAFE_SETPOINTS = 3
 """Times that the safe setpoint is sent before silence: a datagram can be lost."""
 LEAVING_PATIENCE = 12.0
 """Time, s, that the exit action may take before we fall silent without it."""
+LANDED_PATIENCE = 1.5
+"""Time, s, that a vehicle is given to tell whether it flies before the first engagement."""
 AUTOPILOT_COMPONENT = 1
 STOP_SENDING = "stop"
 
@@ -320,17 +322,33 @@ class Pilot:
 
     def _watch_engagement(self, now: float) -> None:
         flying = self.settings.voice is Voice.FLY
-        allowed = not flying or (self._consent and self.session.in_our_mode)
+        grounded = self._may_be_on_ground(now)
+        allowed = not flying or (self._consent and self.session.in_our_mode and not grounded)
         if allowed and self.phase is Phase.YIELDED:
             self._event(Event.MODE_OURS, now)
         elif allowed and self.phase is Phase.READY:
             self._engage(now)
-        elif self.phase is Phase.READY and self.settings.request_mode and flying and self.engaged_at is None:
+        elif self.phase is Phase.READY and self._may_request_mode(grounded):
             adapter = self.session.adapter
             failure = self._engaging.ask(self.session, adapter.guided_mode, now)
             if failure is not None:
                 name = adapter.mode_names[adapter.guided_mode]
                 self._finish(Ending.ABORTED, f"mode {name} {failure}", now)
+
+    def _may_be_on_ground(self, now: float) -> bool:
+        """An aircraft is not steered before it flies; one that does not say whether it does is given a moment to."""
+        session = self.session
+        if not session.adapter.flies or self.engaged_at is not None:
+            return False
+        if session.on_ground is None:
+            return now - session.pinned_at < LANDED_PATIENCE
+        return session.on_ground
+
+    def _may_request_mode(self, grounded: bool) -> bool:
+        """Only where the mission says so, in the air, and never again once the flight has begun."""
+        return (
+            self.settings.request_mode and self.settings.voice is Voice.FLY and self.engaged_at is None and not grounded
+        )
 
     def _engage(self, now: float) -> None:
         self._event(Event.MODE_OURS, now)
@@ -338,7 +356,8 @@ class Pilot:
         self._lost_at = None
         self.engaged_at = now if self.engaged_at is None else self.engaged_at
         orbit = self.settings.orbit
-        self._say("engage", f"engaged, {orbit.radius:g} m {orbit.direction.value}")
+        doing = "engaged" if self.settings.voice is Voice.FLY else "dry run"
+        self._say("engage", f"{doing}, {orbit.radius:g} m {orbit.direction.value}")
 
     # --- the setpoint -------------------------------------------------------------------------------------------------
 
@@ -416,7 +435,8 @@ class Pilot:
         """Say when another law takes over, and why."""
         if command is not None and command.flies and command.flies != self._law:
             self._law = command.flies
-            self._say("law", command.why)
+            if self.settings.voice is Voice.FLY:
+                self._say("law", command.why)
 
     def _plots(self, estimate: RangeEstimate | None, command: TurnCommand | None) -> dict[str, float]:
         """NAMED_VALUE_FLOAT names and values: range, range rate, error, yaw rate (clockwise positive)."""

@@ -69,8 +69,9 @@ def parse_endpoint(text: str) -> Endpoint:
     host, sign, port = rest.replace(",", ":").rpartition(":")
     if not sign or not host or not port.isdecimal():
         raise LinkError(f"endpoint {text!r}: {'baud rate' if kind == 'serial' else 'port'} is missing or not a number")
-    if kind != "serial" and not 0 <= int(port) <= 65535:
-        raise LinkError(f"endpoint {text!r}: port must be at most 65535")
+    lowest = 0 if kind == "udpin" else 1
+    if kind != "serial" and not lowest <= int(port) <= 65535:
+        raise LinkError(f"endpoint {text!r}: port must be {lowest} to 65535")
     return Endpoint(kind, host, int(port))
 
 
@@ -151,15 +152,14 @@ class TcpLink:
 
     def __init__(self, text: str, endpoint: Endpoint) -> None:
         self.errors = 0
-        self._address = (endpoint.host, endpoint.port)
         self._retry_at = float("-inf")
         self._socket: socket.socket | None = None
         try:
+            self._address = (socket.gethostbyname(endpoint.host), endpoint.port)  # once: a lookup may block or fail
             self._socket = socket.create_connection(self._address, timeout=CONNECT_PATIENCE)
         except OSError as error:
             raise LinkError(f"endpoint {text}: {_explain(error)}", nobody=True) from None
-        self._socket.setblocking(False)
-        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        _prepare(self._socket)
 
     def fileno(self) -> int | None:
         """File descriptor to wait on, None between connections."""
@@ -205,7 +205,7 @@ class TcpLink:
             return
         self._retry_at = now + RETRY
         attempt = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-        attempt.setblocking(False)
+        _prepare(attempt)
         if attempt.connect_ex(self._address) in (0, errno.EINPROGRESS):
             self._socket = attempt
         else:
@@ -272,6 +272,12 @@ class SerialLink:
             self._port = self._open()
         except (self._serial.SerialException, OSError):
             self._port = None
+
+
+def _prepare(connection: socket.socket) -> None:
+    """Never wait, never gather: a setpoint leaves at once."""
+    connection.setblocking(False)
+    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
 
 def _explain(error: Exception) -> str:

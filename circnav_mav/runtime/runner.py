@@ -4,6 +4,7 @@ import select
 import signal
 import socket
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from types import FrameType
 
 from circnav_mav.mav.codec import split_frames
@@ -31,7 +32,8 @@ class StopRequest:
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
         self.signal_name = signal.Signals(number).name
-        self._writer.send(b"!")
+        with suppress(BlockingIOError):  # so many signals that the loop is awake anyway
+            self._writer.send(b"!")
 
 
 def run(

@@ -16,6 +16,7 @@ from tests.flight.recorded import recorded_flight
 APART = ('ranging.message="ranging_beacon"', 'ranging.endpoint="sim"', "ranging.beacon_id=9",
          'sim.ranging.message="ranging_beacon"', 'sim.ranging.via="direct"', "sim.ranging.beacon_id=9")  # fmt: skip
 SHORT = "limits.duration_s=20"
+PLAIN = ('guidance.law="smooth"', 'guidance.estimator="kalman"')
 
 
 def settings_of(folder, *overrides):
@@ -25,17 +26,23 @@ def settings_of(folder, *overrides):
 
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory):
-    """20 s of the quickstart."""
+    """20 s of the quickstart under the paper's first law, whose estimator does not look at the commands."""
     folder = tmp_path_factory.mktemp("flown")
-    flight = recorded_flight(folder, "quickstart", SHORT).fly(30)
+    flight = recorded_flight(folder, "quickstart", SHORT, *PLAIN).fly(30)
     flight.recorder.close()
     return folder
 
 
 @pytest.mark.parametrize(
     ("overrides", "voice"),
-    [((SHORT,), Voice.FLY), ((SHORT, *APART), Voice.FLY), ((SHORT,), Voice.DRY_RUN), ((SHORT,), Voice.SHADOW)],
-    ids=["fly", "ranging apart", "dry run", "shadow"],
+    [
+        ((SHORT,), Voice.FLY),
+        ((SHORT, *PLAIN), Voice.FLY),
+        ((SHORT, *APART), Voice.FLY),
+        ((SHORT,), Voice.DRY_RUN),
+        ((SHORT,), Voice.SHADOW),
+    ],
+    ids=["fly", "plain law", "ranging apart", "dry run", "shadow"],
 )
 def test_nothing_changed_gives_every_frame_byte_for_byte_at_its_time(tmp_path, overrides, voice):
     flight = recorded_flight(tmp_path, "quickstart", *overrides, voice=voice).fly(30)

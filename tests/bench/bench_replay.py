@@ -1,4 +1,5 @@
-"""What a replay costs: 600 s of the quickstart, recorded in lockstep, fed through the pilot again. Prints.
+"""What a replay costs: 600 s of the quickstart under the paper's first law, recorded in lockstep, fed through the pilot
+again. Prints.
 
     python -m tests.bench.bench_replay
 """
@@ -14,12 +15,14 @@ from circnav_mav.mission.load import parse_mission
 from circnav_mav.pilot import Pilot
 from tests.flight.recorded import recorded_flight
 
+SETTINGS = ("limits.duration_s=600", 'guidance.law="smooth"', 'guidance.estimator="kalman"')
+
 
 def main() -> None:
     """Record, replay, print."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        flight = recorded_flight(folder, "quickstart", "limits.duration_s=600").fly(610)
+        flight = recorded_flight(folder, "quickstart", *SETTINGS).fly(610)
         assert flight.recorder is not None
         flight.recorder.close()
         began, cpu = time.perf_counter(), time.process_time()

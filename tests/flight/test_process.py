@@ -30,9 +30,9 @@ def circnav(*arguments: str) -> subprocess.Popen[str]:
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
-    """A quickstart flight of 60 s at twenty times real time: its run folder and what it printed."""
+    """A quickstart flight of 72 s at six times real time: its run folder and what it printed."""
     folder = tmp_path_factory.mktemp("run") / "out"
-    process = circnav("fly", QUICKSTART, "--speed", "15", "--duration", "75", "--out", str(folder))
+    process = circnav("fly", QUICKSTART, "--speed", "6", "--duration", "72", "--out", str(folder))
     printed, errors = process.communicate(timeout=90)
     assert (process.returncode, errors) == (0, "")
     return folder, printed
@@ -53,13 +53,13 @@ def test_flight_over_sockets_settles_clockwise_and_says_so(run: tuple[Path, str]
 
 def test_plain_output_has_a_line_a_second(run: tuple[Path, str]) -> None:
     lines = [line for line in run[1].splitlines() if "link age" in line]
-    assert 4 <= len(lines) <= 9  # 75 s of flight at 15 times real time
+    assert 10 <= len(lines) <= 15  # 72 s of flight at 6 times real time
 
 
 def test_run_folder_holds_everything(run: tuple[Path, str]) -> None:
     names = {path.name for path in run[0].iterdir()}
     assert names >= {"summary.json", "ticks.csv", "flight.tlog", "mission.toml", "flight.png"}
-    assert "duration_s = 75" in (run[0] / "mission.toml").read_text()
+    assert "duration_s = 72" in (run[0] / "mission.toml").read_text()
 
 
 def test_tlog_opens_in_the_standard_reader_with_both_directions(run: tuple[Path, str]) -> None:

@@ -90,6 +90,7 @@ class Rig:
         self.vehicle = Voice()
         self.source: Hashable = "vehicle"
         self.mode, self.armed = GUIDED, True
+        self.landed_state: int | None = 2  # MAV_LANDED_STATE_IN_AIR
         self.speaks, self.ranges = True, True
         self.range_cm = 15000
         self.tick = 0
@@ -103,6 +104,8 @@ class Rig:
 
     def heartbeat(self) -> None:
         self.hear(heartbeat(self.mode, armed=self.armed))
+        if self.landed_state is not None:
+            self.hear(mavlink.MAVLink_extended_sys_state_message(0, self.landed_state))
 
     def range(self, cm: int | None = None) -> None:
         self.hear(distance(cm or self.range_cm, 1_000_000 + round(self.now * 1000)))

@@ -278,6 +278,16 @@ def test_a_frame_with_flags_that_we_do_not_understand_is_dropped():
     assert decoder.frames == [GOOD[1]]
 
 
+def test_a_signed_frame_with_another_flag_is_dropped_too():
+    frame = bytearray(GOOD[0])
+    frame[2] = 0x03
+    crc = mavlink.x25crc(bytes(frame[1:-2]) + bytes((50,))).crc
+    signed = bytes(frame[:-2]) + crc.to_bytes(2, "little") + bytes(13)
+    decoder = Decoder()
+    decoder.decode(signed + GOOD[1])
+    assert decoder.frames == [GOOD[1]]
+
+
 def test_a_signed_frame_is_read_with_its_signature_kept_for_the_log():
     """Payload, CRC, then 13 bytes of signature that we neither need nor check."""
     frame = bytearray(GOOD[0])

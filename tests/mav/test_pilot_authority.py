@@ -556,3 +556,28 @@ def test_settings_of_a_mission_are_not_shared_between_pilots(make_rig, say):
     one.run(8.0)
     two.run(8.0)
     assert (one.pilot.done, two.pilot.done) == (False, True)
+
+
+# --- on the ground ---
+
+
+@pytest.mark.parametrize("request_mode", [True, False])
+@pytest.mark.parametrize("landed_state", [1, 3, 4], ids=["on ground", "taking off", "landing"])
+def test_a_vehicle_that_does_not_fly_yet_is_neither_steered_nor_asked(make_rig, landed_state, request_mode):
+    """An armed copter in GUIDED on the ground would fight its own take-off."""
+    rig = make_rig(request_mode=request_mode)
+    rig.landed_state, rig.mode = landed_state, LOITER if request_mode else GUIDED
+    rig.run(4.0)
+    assert (rig.setpoints(), rig.commands(SET_MODE)) == ([], [])
+    rig.landed_state = 2
+    rig.run(1.0)
+    assert rig.commands(SET_MODE) if request_mode else rig.setpoints()
+
+
+def test_a_vehicle_that_never_tells_whether_it_flies_is_given_a_moment_and_then_believed(make_rig):
+    rig = make_rig()
+    rig.landed_state = None
+    rig.run(1.5)
+    assert rig.setpoints() == []
+    rig.run(0.5)
+    assert rig.setpoints() != []

@@ -8,7 +8,7 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.core.phases import Phase
-from circnav_mav.core.values import Direction, TurnRate
+from circnav_mav.core.values import Direction, TurnCommand, TurnRate
 from circnav_mav.pilot import Ending
 
 STEADY = 15.0 / 100.0
@@ -407,7 +407,8 @@ def test_the_last_words_are_one_safe_setpoint_and_only_while_it_is_ours_to_fly(r
 
 def test_a_law_that_fails_is_held_back_and_ends_the_flight_safely(rig, monkeypatch):
     rig.engage()
-    monkeypatch.setattr(rig.pilot.helm, "_steer", lambda estimate, trim: TurnRate(nan))
+    nonsense = TurnCommand(TurnRate(nan), TurnRate(nan), saturated=False)
+    monkeypatch.setattr(rig.pilot.helm, "_steer", lambda estimate, trim: nonsense)
     since = rig.now
     rig.run(1.0)
     assert rig.pilot.outcome.ending is Ending.ABORTED

@@ -102,6 +102,7 @@ def test_a_ground_station_that_claims_an_autopilot_is_still_none(line, voice):
     here = line()
     here.beat(voice=voice(255, 190), kind=GCS, autopilot=3)
     assert not here.session.up
+    assert here.session.misfits == {}
 
 
 def test_the_wrong_system_id_is_told_and_not_pinned(line, voice):

@@ -74,6 +74,7 @@ class FakePilot:
         return b"hello"
 
     def interrupt(self, now, reason):
+        assert not self.interrupts, "once is enough"
         self.interrupts.append(reason)
         self.outcome, self.left = "interrupted", 2
 

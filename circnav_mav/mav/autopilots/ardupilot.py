@@ -30,6 +30,7 @@ STREAMS = MappingProxyType(
         dialect.MAVLINK_MSG_ID_HEARTBEAT: 4.0,  # a takeover is seen sooner; ArduPilot allows the rate
         dialect.MAVLINK_MSG_ID_SYSTEM_TIME: 1.0,
         dialect.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
+        dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 1.0,
         dialect.MAVLINK_MSG_ID_ATTITUDE: 20.0,  # plane and rover refuse more than about 40 Hz
         dialect.MAVLINK_MSG_ID_VFR_HUD: 5.0,
     }
@@ -44,6 +45,7 @@ class _ArduPilot:
     needs_setpoints_first = False
     default_exit = "stop"
     measures_airspeed = False
+    flies = True
     needs: frozenset[str] = frozenset()
 
     def __init__(self, facts: VehicleFacts) -> None:
@@ -132,6 +134,7 @@ class ArduRover(_ArduPilot):
     name = "ardupilot rover"
     vehicle_types = frozenset((dialect.MAV_TYPE_GROUND_ROVER, dialect.MAV_TYPE_SURFACE_BOAT))
     guided_mode = 15
+    flies = False
     mode_names = MappingProxyType(
         {0: "MANUAL", 1: "ACRO", 3: "STEERING", 4: "HOLD", 5: "LOITER", 10: "AUTO", 11: "RTL", 15: "GUIDED"}
         | {16: "INITIALISING"}

@@ -113,6 +113,11 @@ class Autopilot(Protocol):
         ...
 
     @property
+    def flies(self) -> bool:
+        """Whether it must be in the air before it may be engaged."""
+        ...
+
+    @property
     def measures_airspeed(self) -> bool:
         """Whether VFR_HUD.airspeed is an airspeed. A copter without a sensor sends its ground speed there, which is a
         velocity and not to be used; it holds the commanded speed instead."""

@@ -52,6 +52,7 @@ STREAMS = MappingProxyType(
     {
         dialect.MAVLINK_MSG_ID_SYSTEM_TIME: 1.0,
         dialect.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
+        dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 1.0,
         dialect.MAVLINK_MSG_ID_ATTITUDE: 20.0,
         dialect.MAVLINK_MSG_ID_VFR_HUD: 10.0,
         dialect.MAVLINK_MSG_ID_CURRENT_MODE: 2.0,  # HEARTBEAT stays at 1 Hz whatever is asked
@@ -67,6 +68,7 @@ class _PX4:
     exits: Mapping[str, int] = EXITS
     streams = STREAMS
     default_exit = "loiter"
+    flies = True
     measures_airspeed = True
 
     def __init__(self, facts: VehicleFacts) -> None:

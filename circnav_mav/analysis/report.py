@@ -1,0 +1,168 @@
+"""report.html: one page that tells a flight, without network, that prints."""
+
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+
+import numpy as np
+
+from circnav_mav.analysis import svg
+from circnav_mav.analysis.events import events
+from circnav_mav.analysis.metrics import TOLERANCE
+from circnav_mav.analysis.run import Run
+from circnav_mav.analysis.run_folder import Column, Ticks, Truth
+from circnav_mav.analysis.svg import Chart, Line
+from circnav_mav.core.values import Orbit
+
+ESTIMATE, MEASURED, TRUE, DESIRED, LIMIT, REJECTED = "#1f5fa8", "#9fb3cc", "#c8501e", "#2e7d32", "#777", "#c62828"
+PHASES = {
+    "waiting for the link": "#b0bec5", "waiting for ranging": "#90a4ae", "ready": "#ffe082", "engaged": "#66bb6a",
+    "holding": "#ffa726", "yielded": "#ba68c8", "leaving": "#4fc3f7", "ended": "#455a64",
+}  # fmt: skip
+WORDS = ("#64b5f6", "#81c784", "#ffd54f", "#e57373", "#9575cd", "#4db6ac")
+MOST_EVENTS = 60
+PAGE = Path(__file__).with_name("report.template.html")
+
+
+@dataclass(frozen=True, slots=True)
+class ReportFacts:
+    """What the report cannot read from the run's files. gate: of the innovations, standard deviations. settings: the
+    mission's values as used, by their keys."""
+
+    orbit: Orbit
+    gate: float
+    verdict: str
+    settings: dict[str, str]
+
+
+def report(run: Run, facts: ReportFacts) -> str:
+    """The page of a run with at least two ticks. Raises RunError, OSError."""
+    ticks, truth = run.ticks, run.truth
+    span = (float(ticks.time[0]), float(ticks.time[-1]))
+    charts = [
+        svg.spans_chart("phase", ticks.time, ticks.phases, PHASES, span),
+        *(chart.draw(span) for chart in _charts(ticks, truth, facts)),
+        svg.bars_chart("ranges", "1/s", _samples(ticks), span),
+        svg.spans_chart("vehicle mode", ticks.time, ticks.modes, _colours(ticks.modes), span),
+    ]
+    laws = ticks.words.get("law", [])
+    if len(set(laws) - {""}) > 1:
+        charts.append(svg.spans_chart("law", ticks.time, laws, _colours(laws), span))
+    parts = {
+        "TITLE": escape(run.name),
+        "SUBTITLE": escape(_circle(facts.orbit)),
+        "VERDICT": escape(facts.verdict),
+        "TRACK": _track(ticks, truth, facts.orbit),
+        "CHARTS": "".join(charts),
+        "EVENTS": _events(run),
+        "SETTINGS": _rows(facts.settings),
+        "VERSIONS": _rows(_versions(run)),
+    }
+    page = PAGE.read_text(encoding="utf-8")
+    for name, part in parts.items():
+        page = page.replace(f"@{name}@", part)
+    return page
+
+
+def write_report(run: Run, facts: ReportFacts) -> Path:
+    """Write report.html into the run folder. Raises RunError, OSError."""
+    path = run.folder / "report.html"
+    path.write_text(report(run, facts), encoding="utf-8")
+    return path
+
+
+def _charts(ticks: Ticks, truth: Truth | None, facts: ReportFacts) -> list[Chart]:
+    orbit, numbers, time = facts.orbit, ticks.numbers, ticks.time
+    band = TOLERANCE * orbit.radius
+    true_range = [Line("true", truth.time, truth.radius, TRUE)] if truth else []
+    true_error = [Line("true", truth.time, truth.radius - orbit.radius, TRUE)] if truth else []
+    limit = float(np.degrees(orbit.max_turn_rate))
+    turned = [Line("true", truth.time, -np.degrees(truth.turn_rate), TRUE)] if truth else []
+    innovation = np.sqrt(numbers["nis"])
+    return [
+        Chart("range", "m", [Line("measured", time, numbers["measured"], MEASURED, dots=True),
+                             Line("estimated", time, numbers["r"], ESTIMATE), *true_range],
+              levels=[("desired", orbit.radius, DESIRED)]),
+        Chart("error, range - radius", f"m, band +-{100 * TOLERANCE:.0f} %",
+              [Line("estimated", time, numbers["r"] - orbit.radius, ESTIMATE), *true_error],
+              band=(-band, band), shown=(-3 * band, 3 * band)),
+        Chart("range rate", "m/s", [_other_rate(ticks, truth), Line("estimated", time, numbers["r_dot"], ESTIMATE)]),
+        Chart("turn rate, left positive", "deg/s",
+              [*turned, Line("commanded", time, np.degrees(numbers["turn_rate"]), ESTIMATE)],
+              levels=[("limit", limit, LIMIT), ("", -limit, LIMIT),
+                      ("steady circle", float(np.degrees(orbit.steady_turn_rate)), DESIRED)]),
+        Chart("innovation", "standard deviations", [Line("of the newest range", time, innovation, ESTIMATE, dots=True)],
+              levels=[("gate", facts.gate, REJECTED)], shown=(0.0, 1.6 * facts.gate), height=130),
+    ]  # fmt: skip
+
+
+def _other_rate(ticks: Ticks, truth: Truth | None) -> Line:
+    """What the estimate is compared with: the truth's rate, or the measured ranges differenced over about a second."""
+    if truth is not None:
+        rising = np.diff(truth.sim_time, prepend=-np.inf) > 0
+        if rising.sum() > 1:
+            rate = np.gradient(truth.radius[rising], truth.sim_time[rising])
+            return Line("true", truth.time[rising], rate, TRUE)
+    fresh = np.flatnonzero(np.diff(ticks.numbers["measured"], prepend=np.nan) != 0)
+    time, measured = ticks.time[fresh], ticks.numbers["measured"][fresh]
+    before = np.searchsorted(time, time - 1.0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        rate = (measured - measured[before]) / (time - time[before])
+    return Line("differenced over 1 s", time, np.where(np.isfinite(rate), rate, np.nan), MEASURED)
+
+
+def _samples(ticks: Ticks) -> list[tuple[str, Column, str]]:
+    """Moments at which ranges were taken and refused."""
+
+    def moments(column: str) -> Column:
+        steps = np.diff(ticks.numbers[column], prepend=0.0)
+        return np.repeat(ticks.time, np.clip(np.nan_to_num(steps), 0, 1000).astype(int))
+
+    return [("taken", moments("accepted"), MEASURED), ("rejected", moments("rejected"), REJECTED)]
+
+
+def _track(ticks: Ticks, truth: Truth | None, orbit: Orbit) -> str:
+    """Where it flew round the target, as far as anybody knows."""
+    if truth is not None and len(truth.time) > 1:
+        east, north = truth.east - truth.target_east, truth.north - truth.target_north
+        return svg.track(east, north, orbit.radius, TRUE) + "<p>The simulator's truth, relative to the target.</p>"
+    x, y = (ticks.numbers.get(name, np.array([])) for name in ("x", "y"))
+    known = np.isfinite(x) & np.isfinite(y)
+    if known.sum() > 1:
+        words = "<p>Estimated position relative to the target.</p>"
+        return svg.track(x[known], y[known], orbit.radius, ESTIMATE) + words
+    return '<p class="none">Range alone does not tell where it flew, and there is no truth: see range over time.</p>'
+
+
+def _events(run: Run) -> str:
+    """What happened, refused ranges left to their chart."""
+    told = [event for event in events(run) if event.kind not in ("rejected", "law")]
+    rows = [
+        f"<tr><td>{event.time:.1f} s</td><td>{escape(event.kind)}</td><td>{escape(event.text)}</td></tr>"
+        for event in told[:MOST_EVENTS]
+    ]
+    if len(told) > MOST_EVENTS:
+        rows.append(f"<tr><td></td><td></td><td>and {len(told) - MOST_EVENTS} more</td></tr>")
+    return "".join(rows)
+
+
+def _versions(run: Run) -> dict[str, str]:
+    manifest = run.manifest
+    found = {name: str(number) for name, number in (manifest.get("versions") or {}).items()}
+    autopilot = manifest.get("autopilot") or {}
+    found |= {f"autopilot {name}": str(value) for name, value in autopilot.items()}
+    found |= {f"seed {name}": str(value) for name, value in (manifest.get("seeds") or {}).items()}
+    ended = manifest.get("exit")
+    return found | {"exit code": "none, the process was killed" if ended is None else str(ended)}
+
+
+def _rows(values: dict[str, str]) -> str:
+    return "".join(f"<tr><td>{escape(name)}</td><td>{escape(value)}</td></tr>" for name, value in values.items())
+
+
+def _colours(words: list[str]) -> dict[str, str]:
+    return {word: WORDS[at % len(WORDS)] if word else "#eee" for at, word in enumerate(dict.fromkeys(words))}
+
+
+def _circle(orbit: Orbit) -> str:
+    return f"{orbit.radius:g} m {orbit.direction.value} at {orbit.speed:g} m/s"

@@ -1,0 +1,83 @@
+"""`circnav report`, and the report that `fly` makes at its end."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from circnav_mav import __version__
+from circnav_mav.analysis.plots import plot_estimates, plot_flight
+from circnav_mav.analysis.report import ReportFacts, write_report
+from circnav_mav.analysis.run import Run, RunError, open_run
+from circnav_mav.analysis.summary import FlightFacts, summarise
+from circnav_mav.cli.exits import Exit, Refused
+from circnav_mav.cli.verdict import verdict
+from circnav_mav.mission.load import Mission, MissionError, parse_mission
+
+
+def report_run(folder: str) -> int:
+    """Write report.html and the pictures into a run folder. Raises Refused."""
+    try:
+        run = open_run(Path(folder))
+        if len(run.ticks.time) < 2:
+            raise Refused(f"{folder}: an empty run, nothing was recorded", Exit.NOTHING_HEARD)
+        mission = parse_mission(run.mission_text, str(run.folder / "mission.toml"))
+        click.echo(write_report(run, report_facts(run, mission, run.summary or _unfinished(run, mission))))
+        title = f"{run.name}: {mission.orbit.radius:g} m {mission.orbit.direction.value}"
+        plot_flight(run.folder / "flight.png", run.ticks, run.truth, mission.orbit, title)
+        plot_estimates(run.folder / "estimates.png", run.ticks, mission.file.guidance.gate_sigma, title)
+        click.echo(f"{run.folder / 'flight.png'}\n{run.folder / 'estimates.png'}")
+    except (RunError, MissionError) as error:
+        raise Refused(str(error)) from None
+    except OSError as error:
+        raise Refused(f"{error.filename or folder}: {error.strerror or error}") from None
+    return Exit.DONE
+
+
+def report_of_flight(folder: Path, mission: Mission, summary: dict[str, Any]) -> str | None:
+    """The report at the end of a flight: whatever goes wrong with it is told in a line, and changes nothing else."""
+    try:
+        run = open_run(folder)
+        if len(run.ticks.time) > 1:
+            write_report(run, report_facts(run, mission, summary))
+    except Exception as error:
+        return f"{folder / 'report.html'}: could not be made: {error}"
+    return None
+
+
+def report_facts(run: Run, mission: Mission, summary: dict[str, Any]) -> ReportFacts:
+    """What the mission and the summary add to a run's own files."""
+    return ReportFacts(
+        mission.orbit, mission.file.guidance.gate_sigma, verdict(summary, run.folder), _settings(mission)
+    )
+
+
+def _settings(mission: Mission) -> dict[str, str]:
+    """Every value of the mission with its key, defaults filled in; the bundled vehicle's are left to its file."""
+    values = {"name": mission.file.name}
+    for table, keys in mission.file.model_dump(exclude={"name", "sim"}).items():
+        values |= {f"{table}.{key}": f"{value}" for key, value in keys.items() if value is not None}
+    return values | {"law as flown": f"{mission.law.name}, k = {mission.law.gain:.4g}"}
+
+
+def _unfinished(run: Run, mission: Mission) -> dict[str, Any]:
+    """A summary for a run that did not live to write its own."""
+    numbers = run.ticks.numbers
+    return summarise(
+        FlightFacts(
+            mission=run.name,
+            outcome="unfinished",
+            reason="the process ended before the flight did",
+            orbit=mission.orbit,
+            samples_accepted=int(numbers["accepted"][-1]),
+            samples_rejected={"in all": int(numbers["rejected"][-1])} if numbers["rejected"][-1] else {},
+            setpoints_sent=int(np.isfinite(numbers["yaw_rate_sent"]).sum()),
+            firmware=None,
+            version=str(run.manifest.get("versions", {}).get("circnav", __version__)),
+            epoch_us=run.epoch_us,
+            recording_problem=None,
+        ),
+        run.ticks,
+        run.truth,
+    )

@@ -1,0 +1,65 @@
+"""Charts without a plotting library: thinned lines keep their peaks, gaps stay gaps."""
+
+import re
+
+import numpy as np
+import pytest
+
+from circnav_mav.analysis.svg import Chart, Line, spans_chart, thin, track
+
+
+def test_a_long_line_keeps_every_peak_in_few_points():
+    time = np.arange(200_000) / 20
+    values = np.sin(time)
+    values[123_456], values[77] = 50.0, -50.0
+    thinned_time, thinned = thin(time, values, 500)
+    assert len(thinned) <= 1000
+    assert (thinned.max(), thinned.min()) == (50.0, -50.0)
+    assert list(thinned_time) == sorted(thinned_time)
+    assert thinned_time[thinned.argmax()] == time[123_456]
+
+
+def test_a_short_line_is_left_alone():
+    time = np.arange(10.0)
+    assert thin(time, time)[1] is time
+
+
+def test_a_gap_lifts_the_pen_also_in_a_long_line():
+    time = np.arange(10_000.0)
+    values = np.where((time > 3000) & (time < 6000), np.nan, 1.0)
+    drawn = Chart("x", "m", [Line("a", time, values, "red")]).draw((0.0, 9999.0))
+    path = re.search(r'<path d="(M[^"]*)" fill="none" stroke="red"', drawn)[1]
+    assert path.count("M") == 2
+
+
+@pytest.mark.parametrize("values", [[np.nan, np.nan], [5.0, 5.0], [0.0, 0.0], [-1e-9, 1e9]])
+def test_any_values_can_be_drawn(values):
+    drawn = Chart("x", "m", [Line("a", np.array([0.0, 1.0]), np.array(values), "red")]).draw((0.0, 1.0))
+    assert "nan" not in drawn
+    assert "inf" not in drawn
+
+
+def test_values_beyond_what_is_shown_are_cut_off_at_the_edge():
+    time, values = np.array([0.0, 1.0]), np.array([0.0, 1e6])
+    drawn = Chart("x", "m", [Line("a", time, values, "red")], shown=(-1.0, 1.0)).draw((0.0, 1.0))
+    ys = [float(y) for y in re.findall(r",(-?[\d.]+)", re.search(r'<path d="(M64[^"]*)" fill="none"', drawn)[1])]
+    assert min(ys) == 8.0
+
+
+def test_words_become_one_stretch_each():
+    drawn = spans_chart("phase", np.arange(6.0), ["a", "a", "b", "b", "a", "a"], {"a": "red", "b": "blue"}, (0.0, 5.0))
+    assert drawn.count("<rect") == 3
+    assert drawn.count('class="key"') == 2
+
+
+def test_north_is_up_and_east_is_right_and_arrows_point_ahead():
+    """From 100 m north of the target towards the east: starts above the middle, arrows point to the right."""
+    drawn = track(np.linspace(0, 100, 50), np.full(50, 100.0), 100.0, "blue", side=520)
+    start = re.search(r'<path d="M([\d.]+),([\d.]+)m0,-8', drawn)
+    assert float(start[1]) == pytest.approx(260.0)
+    assert float(start[2]) < 40
+    assert set(re.findall(r"rotate\((-?\d+)\)", drawn)) <= {"0", "-0"}
+
+
+def test_text_is_escaped():
+    assert "<b>x</b>" not in spans_chart("<b>x</b>", np.arange(2.0), ["<i>", "<i>"], {}, (0.0, 1.0))

@@ -1,0 +1,127 @@
+"""`circnav report`: one page without network that shows the flight, also in a real browser; one line for bad runs."""
+
+import importlib
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from tests.flight.recorded import recorded_flight
+
+cli_report = importlib.import_module("circnav_mav.cli.report")  # the package's `report` is the command
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+CHARTS = ("phase", "range", "error, range - radius", "range rate", "turn rate, left positive", "innovation", "ranges",
+          "vehicle mode")  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory):
+    """30 s of the quickstart, unfinished: without a summary, like a run that was killed."""
+    folder = tmp_path_factory.mktemp("flown")
+    recorded_flight(folder, "quickstart").fly(30).recorder.close()
+    return folder
+
+
+def copy_of(folder: Path, to: Path) -> Path:
+    shutil.copytree(folder, to)
+    return to
+
+
+def test_the_page_holds_every_part_and_needs_nobody(circnav, flown):
+    ran = circnav("report", flown)
+    assert (ran.code, ran.err) == (0, "")
+    page = (flown / "report.html").read_text()
+    assert [title for title in CHARTS if f"<figcaption><b>{title}</b>" not in page] == []
+    for part in ("UNFINISHED", "The simulator's truth", "orbit.radius_m", "pymavlink", "exit code", "engaged", "gate"):
+        assert part in page
+    assert not re.search(r"""(src|href)=["'](?!data:)|https?://|@import|url\(""", page)
+    assert not re.search(r"@[A-Z]+@|\bnan\b", page)
+    assert {path.name for path in flown.glob("*.png")} == {"flight.png", "estimates.png"}
+
+
+def test_a_run_without_truth_tells_ranges_and_no_track(circnav, tmp_path):
+    overrides = ("limits.duration_s=8", "sim.truth.rate_hz=0", 'guidance.estimator="kalman"', 'guidance.law="smooth"')
+    recorded_flight(tmp_path / "run", "quickstart", *overrides).fly(15).recorder.close()
+    assert circnav("report", tmp_path / "run").code == 0
+    page = (tmp_path / "run" / "report.html").read_text()
+    assert "Range alone does not tell where it flew" in page
+    assert "differenced over 1 s" in page
+
+
+def test_a_mission_name_is_no_markup_and_no_placeholder(circnav, flown, tmp_path):
+    folder = copy_of(flown, tmp_path / "run")
+    manifest = json.loads((folder / "manifest.json").read_text())
+    (folder / "manifest.json").write_text(json.dumps(manifest | {"mission": "<script>alert(1)</script>"}))
+    assert circnav("report", folder).code == 0
+    assert "<script>alert" not in (folder / "report.html").read_text()
+
+
+def test_ten_minutes_stay_under_five_megabytes(circnav, flown, tmp_path):
+    """The ticks of the flight twenty times over, one after the other: 600 s."""
+    folder = copy_of(flown, tmp_path / "run")
+    header, *rows = (folder / "ticks.csv").read_text().splitlines()
+    longer = [f"{float(t) + 30 * n:.6f},{rest}" for n in range(20) for t, _, rest in (r.partition(",") for r in rows)]
+    (folder / "ticks.csv").write_text("\n".join([header, *longer]) + "\n")
+    assert circnav("report", folder).code == 0
+    assert (folder / "report.html").stat().st_size < 1_000_000
+
+
+@pytest.mark.parametrize(
+    ("spoil", "code", "says"),
+    [
+        (lambda run: shutil.rmtree(run), 2, "no such run folder"),
+        (lambda run: (run / "flight.tlog").unlink(), 2, "is not a run folder"),
+        (lambda run: (run / "ticks.csv").write_text(""), 2, "has no header"),
+        (lambda run: (run / "ticks.csv").unlink(), 2, "No such file"),
+        (lambda run: cut(run / "ticks.csv", 1), 3, "an empty run"),
+        (lambda run: (run / "mission.toml").write_text("nonsense"), 2, "not valid TOML"),
+        (lambda run: (run / "manifest.json").write_text("{"), 2, "manifest.json"),
+        (lambda run: (run / "report.html").mkdir(), 2, "Is a directory"),
+    ],
+    ids=range(8),
+)
+def test_a_run_that_cannot_be_told_is_one_line(circnav, flown, tmp_path, spoil, code, says):
+    folder = copy_of(flown, tmp_path / "run")
+    (folder / "report.html").unlink(missing_ok=True)
+    spoil(folder)
+    ran = circnav("report", folder)
+    assert ran.code == code
+    assert says in ran.line
+
+
+def cut(path, lines):
+    path.write_text("\n".join(path.read_text().splitlines()[:lines]) + "\n")
+
+
+def test_a_truncated_log_is_reported_as_far_as_it_goes(circnav, flown, tmp_path):
+    folder = copy_of(flown, tmp_path / "run")
+    (folder / "flight.tlog").write_bytes((folder / "flight.tlog").read_bytes()[:5000])
+    assert circnav("report", folder).code == 0
+
+
+def test_a_report_that_fails_at_the_end_of_a_flight_is_a_line_and_nothing_more(flown, monkeypatch):
+    def broken(*arguments):
+        raise ZeroDivisionError("whatever")
+
+    monkeypatch.setattr(cli_report, "write_report", broken)
+    mission = cli_report.parse_mission((flown / "mission.toml").read_text(), "mission.toml")
+    problem = cli_report.report_of_flight(flown, mission, cli_report._unfinished(cli_report.open_run(flown), mission))
+    assert problem == f"{flown / 'report.html'}: could not be made: whatever"
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here")
+def test_a_browser_draws_it_and_logs_no_error(circnav, flown, tmp_path):
+    assert circnav("report", flown).code == 0
+    page = (flown / "report.html").as_uri()
+    options = ["--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}"]
+    show = [CHROMIUM, *options, "--enable-logging=stderr", "--window-size=1100,2400"]
+    ran = subprocess.run(
+        [*show, f"--screenshot={tmp_path / 'page.png'}", page], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert "CONSOLE" not in ran.stderr
+    assert (tmp_path / "page.png").stat().st_size > 50_000
+    dumped = subprocess.run([*show, "--dump-dom", page], capture_output=True, text=True, timeout=60, check=False).stdout
+    assert dumped.count("<figure>") >= len(CHARTS)

@@ -1,0 +1,194 @@
+"""A cell of the matrix: one fault at one level on one vehicle; how it is flown and what counts as passed."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from enum import Enum
+from math import inf, sqrt
+
+from circnav_mav.pilot import Ending
+from sim.faults import CLEAN, Impairment
+from tests.faults.course import Course, on_the_circle
+
+BAND = 0.05
+LAW = "smooth"
+"""The law of the quick set: the cheapest to compute."""
+REGAIN_WITHIN = 30.0
+"""Time to regain the circle, s, besides the straight way back to it from where the autopilot's own timeout has put the
+vehicle: a plane loiters round the point where GUIDED was entered."""
+FRESH_PATIENCE = 150.0
+
+
+class Want(Enum):
+    """What a vehicle shall do about a fault; the rules for setpoints hold in any case."""
+
+    HOLD = "holds the circle"
+    REGAIN = "regains the circle"
+    END = "ends the mission"
+    ENGAGE = "engages"
+    REFUSE = "does not engage"
+    SAFE = "breaks no rule"
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """One fault at one level.
+
+    up, down: what is wrong with the line. arrange: what else goes wrong, at the start of the fault; its own `random`
+    comes from the seed. lasts, after: time with the fault, and watched after it, s. reason: words that the outcome
+    must hold. rejects: reasons that must be counted. blind: age of ranges, s, that nobody can tell. clocks: whether
+    stamps are tampered with, so that they tell no age. fresh: from the start of the mission, not from the circle.
+    on: other wants by profile.
+    """
+
+    fault: str
+    level: str
+    up: Impairment = CLEAN
+    down: Impairment = CLEAN
+    arrange: Callable[[Course, int], None] | None = None
+    lasts: float = 60.0
+    after: float = 40.0
+    want: Want = Want.HOLD
+    reason: str = ""
+    rejects: tuple[str, ...] = ()
+    blind: float = 0.0
+    clocks: bool = False
+    fresh: bool = False
+    stream: bool = False
+    overrides: tuple[str, ...] = ()
+    quick: bool = False
+    on: Mapping[str, Want] = field(default_factory=dict)
+    check: Callable[[Course], str | None] | None = None
+    profiles: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What came of a cell."""
+
+    scenario: Scenario
+    profile: str
+    seed: int
+    faults: tuple[str, ...]
+    rms: float
+    worst_age: float
+    to_safe: float | None
+    recovery: float | None
+    rejects: Mapping[str, int]
+    outcome: str
+
+    @property
+    def passed(self) -> bool:
+        return not self.faults
+
+
+def fly(scenario: Scenario, profile: str, seed: int, law: str = LAW) -> Verdict:
+    """Fly a cell by one of the laws and judge it."""
+    overrides = (f'guidance.law="{law}"', *scenario.overrides)
+    make = Course if scenario.fresh else on_the_circle
+    course = make(profile, overrides, stream=scenario.stream)
+    start = course.now
+    before = dict(course.pilot.ranging.rejected)
+    backward = course.spy.backward
+    _begin(course, scenario, seed)
+    end = start + (FRESH_PATIENCE if scenario.fresh else scenario.lasts)
+    course.fly(end)
+    _finish(course)
+    last = course.errors(start, end)[-1:]
+    course.way_home = abs(last[0][1]) * course.radius / course.allowed.speed if last else 0.0
+    course.fly(end + scenario.after)
+    rejected = {name: n - before.get(name, 0) for name, n in course.pilot.ranging.rejected.items()}
+    rejected = {name: n for name, n in rejected.items() if n}
+    errors = course.errors(start, end)
+    rms = sqrt(sum(e * e for _, e in errors) / len(errors)) if errors else inf
+    recovery = _recovery(course, end)
+    faults = [*course.broken[:3], *_age_faults(course, scenario), *_want_faults(course, scenario, rms, recovery)]
+    if course.spy.backward > backward and not scenario.clocks:
+        faults.append(f"{course.spy.backward - backward} samples fused twice or backwards")
+    faults += [f"no reject counted as {name}" for name in scenario.rejects if not rejected.get(name)]
+    if scenario.check is not None and (found := scenario.check(course)) is not None:
+        faults.append(found)
+    outcome = course.pilot.outcome
+    return Verdict(
+        scenario,
+        profile,
+        seed,
+        tuple(faults),
+        rms,
+        course.worst_told_age if scenario.clocks else course.worst_age,
+        _to_safe(course, start),
+        recovery,
+        rejected,
+        outcome.reason if outcome else "",
+    )
+
+
+def _begin(course: Course, scenario: Scenario, seed: int) -> None:
+    since = course.now
+    up, down = (_shifted(one, since) for one in (scenario.up, scenario.down))
+    link = type(course.link)(up=up, down=down, seed=seed)
+    course.link = link
+    if scenario.arrange is not None:
+        scenario.arrange(course, seed)
+
+
+def _finish(course: Course) -> None:
+    """The fault is over; what is under way still arrives."""
+    course.link.impair()
+    course.link.tampers.clear()
+    course.link.intruders.clear()
+
+
+def _shifted(impairment: Impairment, by: float) -> Impairment:
+    """Outages counted from the start of the fault."""
+    return replace(impairment, outages=tuple((since + by, until + by) for since, until in impairment.outages))
+
+
+def _recovery(course: Course, end: float) -> float | None:
+    """Time after the fault until the radius error stays within the band; None when it does not."""
+    late = course.errors(end, inf)
+    outside = [time for time, error in late if abs(error) > BAND]
+    if not late or (outside and outside[-1] >= late[-1][0] - 1.0):
+        return None
+    return outside[-1] - end if outside else 0.0
+
+
+def _to_safe(course: Course, start: float) -> float | None:
+    """Time from the start of the fault to the safe setpoint, or to the last steering one when none was allowed."""
+    outcome = course.pilot.outcome
+    if outcome is None or outcome.ending is not Ending.ABORTED:
+        return None
+    if course.safe_at is not None:
+        return course.safe_at - start
+    return course.steered_at[-1] - start if course.steered_at else 0.0
+
+
+def _age_faults(course: Course, scenario: Scenario) -> list[str]:
+    stale = course.pilot.settings.timing.stale
+    faults = []
+    if course.worst_told_age > stale + 1e-6:
+        faults.append(f"steered by a range {course.worst_told_age:.2f} s old, bound {stale:g} s")
+    down = scenario.down
+    bound = stale + scenario.blind + down.delay + down.jitter + 1e-3
+    if not scenario.clocks and course.worst_age > bound:
+        faults.append(f"steered by a range truly {course.worst_age:.2f} s old, bound {bound:.2f} s")
+    return faults
+
+
+def _want_faults(course: Course, scenario: Scenario, rms: float, recovery: float | None) -> list[str]:
+    want = scenario.on.get(course.profile, scenario.want)
+    outcome = course.pilot.outcome
+    if want is Want.HOLD and not (outcome is None and rms < BAND):
+        return [f"circle not held: RMS {100 * rms:.1f} %, {outcome.reason if outcome else 'flying'}"]
+    allowed = REGAIN_WITHIN + course.way_home
+    if want in (Want.HOLD, Want.REGAIN) and (outcome is not None or recovery is None or recovery > allowed):
+        took = "not" if recovery is None else f"in {recovery:.0f} s"
+        return [f"circle regained {took}, {outcome.reason if outcome else 'flying'}"]
+    if want is Want.END and (outcome is None or scenario.reason not in outcome.reason):
+        return [f"should have ended with {scenario.reason!r}: {outcome.reason if outcome else 'still flying'}"]
+    if want is Want.ENGAGE and course.pilot.engaged_at is None:
+        return [f"did not engage: {outcome.reason if outcome else course.pilot.phase.value}"]
+    if want is Want.REFUSE and course.pilot.engaged_at is not None:
+        return ["engaged all the same"]
+    if want is Want.REFUSE and scenario.reason and (outcome is None or scenario.reason not in outcome.reason):
+        return [f"should have said {scenario.reason!r}: {outcome.reason if outcome else course.pilot.phase.value}"]
+    return []

@@ -1,0 +1,204 @@
+"""A flight in lockstep over a broken link, watched: every setpoint that leaves is read and judged here."""
+
+import copy
+import copyreg
+import struct
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from math import isfinite
+from typing import Any
+
+from circnav_mav.core.phases import STEERING, Phase
+from circnav_mav.core.values import RangeSample
+from circnav_mav.mission.load import load_mission
+from circnav_mav.pilot import RANGING, VEHICLE, Pilot, TickRecord
+from sim.config import parse_vehicle
+from sim.faults import DOWN, UP, FaultLink
+from sim.faults.frames import frames
+from sim.vehicle import MAIN, Truth, Vehicle
+from sim.vehicle import RANGING as RADIO
+from tests.faults.judge import Allowed, broken_rule, is_setpoint
+from tests.flight.lockstep import CONFIG, true_radius
+
+copyreg.pickle(struct.Struct, lambda unpacker: (struct.Struct, (unpacker.format,)))  # lets a flight be copied
+
+PATIENT = ("limits.hold_s=70.0", "limits.outage_s=70.0", "limits.duration_s=100000.0")
+SETTLED = 110.0
+SOURCE = "sim"
+
+
+class Spy:
+    """Stands before the estimator and notes what is taken in: each sample once, none older than the last."""
+
+    def __init__(self, estimator: Any) -> None:
+        self._estimator = estimator
+        self.newest: RangeSample | None = None
+        self.backward = 0
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__") or name == "_estimator":
+            raise AttributeError(name)
+        return getattr(self._estimator, name)
+
+    def reset(self) -> None:
+        self.newest = None
+        self._estimator.reset()
+
+    def observe(self, sample: RangeSample) -> Any:
+        if self.newest is not None and sample.stamp <= self.newest.stamp:
+            self.backward += 1
+        self.newest = sample
+        return self._estimator.observe(sample)
+
+
+class Course:
+    """A pilot and a vehicle with a fault link between them, and what was seen."""
+
+    def __init__(self, profile: str, overrides: tuple[str, ...] = (), *, stream: bool = False) -> None:
+        mission = load_mission(CONFIG / f"{profile}.toml", (*PATIENT, *overrides))
+        assert mission.file.sim is not None
+        settings = mission.pilot_settings()
+        if stream:
+            settings = replace(settings, stream_links=frozenset({VEHICLE}))
+        self.profile = profile
+        self.pilot = Pilot(settings)
+        self.vehicle = Vehicle(parse_vehicle(mission.file.sim, profile))
+        self.allowed = Allowed.of(settings)
+        self.link = FaultLink()
+        self.spy = Spy(self.pilot.estimator)
+        self.pilot.estimator = self.spy  # type: ignore[assignment]
+        self.source = SOURCE
+        self.way_home = 0.0
+        self.clock: Callable[[float], float] = float
+        self.now = 0.0
+        self.forget()
+
+    @property
+    def radius(self) -> float:
+        return self.pilot.settings.orbit.radius
+
+    def forget(self) -> None:
+        """Start the account anew."""
+        self.truths: list[Truth] = []
+        self.ticks: list[TickRecord] = []
+        self.broken: list[str] = []
+        self.worst_age = 0.0
+        self.worst_told_age = 0.0
+        self.steered_at: list[float] = []
+        self.safe_at: float | None = None
+        self.sent_at: list[float] = []
+        self.heard_by_vehicle = 0
+        self._next_truth = self.now
+
+    def fly(self, until: float, watch: Callable[["Course"], None] | None = None) -> "Course":
+        """Run to a time, or until the pilot is done."""
+        while self.now < until and not self.pilot.done:
+            tick = max(self.pilot.next_tick - (self.clock(self.now) - self.now), self.now)
+            self._step(min(self.vehicle.next_event, tick, self.link.next_due, until))
+            if watch is not None:
+                watch(self)
+        return self
+
+    def stall(self, seconds: float) -> None:
+        """The application does not run for some time; what came in waits in its socket, then it runs again."""
+        until = self.now + seconds
+        waiting: list[tuple[bytes, str]] = []
+        while self.now < until:
+            self.now = min(max(self.vehicle.next_event, self.now), until)
+            self.vehicle.advance(self.now)
+            waiting += self._arrivals()
+            self._look()
+        for data, link in waiting:
+            self.pilot.receive(data, self.clock(self.now), self.source, link)
+        self._answer()
+
+    def _step(self, due: float) -> None:
+        self.now = max(due, self.now)
+        self.vehicle.advance(self.now)
+        for data, link in self._arrivals():
+            self.pilot.receive(data, self.clock(self.now), self.source, link)
+        self._answer()
+        self._look()
+
+    def _arrivals(self) -> list[tuple[bytes, str]]:
+        """What reaches the application now; intruders speak to the vehicle as well."""
+        for frame in self.vehicle.outgoing(MAIN):
+            self.link.push(DOWN, frame, self.now)
+        arrived = [(data, VEHICLE) for data in self.link.take(DOWN, self.now)]
+        for way, data in self.link.intrusions(self.now):
+            if way == DOWN:
+                arrived.append((data, VEHICLE))
+            else:
+                self.vehicle.receive(data)
+        if self.pilot.settings.ranging_apart:
+            arrived += [(frame, RANGING) for frame in self.vehicle.outgoing(RADIO)]
+        return arrived
+
+    def _answer(self) -> None:
+        pilot = self.pilot
+        out = pilot.step(self.clock(self.now))
+        pilot.take_frames()
+        records = pilot.take_records()
+        self.ticks += records
+        self._judge(out, records)
+        for data in frames(out) if self.link.tampers else (out,) if out else ():
+            self.link.push(UP, data, self.now)
+        for data in self.link.take(UP, self.now):
+            self.vehicle.receive(data)
+
+    def _judge(self, out: bytes, records: list[TickRecord]) -> None:
+        """Every rule that holds in every cell."""
+        if out:
+            self.sent_at.append(self.now)
+        for frame in filter(is_setpoint, frames(out)):
+            rule = broken_rule(frame, self.allowed)
+            if rule is not None:
+                self.broken.append(f"{self.now:.2f} s: {rule}")
+            self._judge_time()
+        for record in records:
+            if record.phase is Phase.ENGAGED and record.yaw_rate_sent is not None:
+                self._judge_age(record)
+
+    def _judge_time(self) -> None:
+        pilot = self.pilot
+        before = pilot.phase is Phase.READY and pilot.session.adapter.needs_setpoints_first
+        if not pilot.session.in_our_mode and not before:
+            self.broken.append(f"{self.now:.2f} s: setpoint while {pilot.session.mode_name}, {pilot.phase.value}")
+        if pilot.phase in STEERING:
+            self.steered_at.append(self.now)
+        elif not before and self.safe_at is None:
+            self.safe_at = self.now
+
+    def _judge_age(self, record: TickRecord) -> None:
+        age = record.range_age
+        if age is None or self.spy.newest is None or not isfinite(age):
+            self.broken.append(f"{self.now:.2f} s: steered without a range")
+            return
+        self.worst_told_age = max(self.worst_told_age, age)
+        self.worst_age = max(self.worst_age, self.now - self.spy.newest.stamp)
+
+    def _look(self) -> None:
+        if self.now >= self._next_truth:
+            self.truths.append(self.vehicle.truth)
+            self._next_truth = self.now + 0.1
+
+    def errors(self, since: float, until: float) -> list[tuple[float, float]]:
+        """(time, radius error as a fraction of the radius) between two times."""
+        return [
+            (truth.time, true_radius(truth) / self.radius - 1) for truth in self.truths if since <= truth.time <= until
+        ]
+
+
+@cache
+def settled(profile: str, overrides: tuple[str, ...] = (), *, stream: bool = False) -> Course:
+    """A flight that has found its circle over a good link; copy it before use."""
+    course = Course(profile, overrides, stream=stream).fly(SETTLED)
+    assert course.pilot.phase is Phase.ENGAGED, course.pilot.outcome
+    course.forget()
+    return course
+
+
+def on_the_circle(profile: str, overrides: tuple[str, ...] = (), *, stream: bool = False) -> Course:
+    """A flight of one's own that has found its circle."""
+    return copy.deepcopy(settled(profile, overrides, stream=stream))

@@ -1,0 +1,64 @@
+"""Reads the setpoints that leave, from their bytes alone, and says which limit one of them breaks."""
+
+from dataclasses import dataclass
+from math import asin, atan2, isfinite
+from typing import Any
+
+from circnav_mav.pilot import PilotSettings
+from sim.faults.frames import message_id, read
+
+SETPOINTS = {84: "SET_POSITION_TARGET_LOCAL_NED", 82: "SET_ATTITUDE_TARGET", 69: "MANUAL_CONTROL"}
+SLACK = 1e-4
+
+
+@dataclass(frozen=True)
+class Allowed:
+    """What the mission allows. Rates in rad/s, speeds in m/s, angles in rad."""
+
+    yaw_rate: float
+    speed: float
+    bank: float
+    pitch: float
+    climb: float
+
+    @classmethod
+    def of(cls, settings: PilotSettings) -> "Allowed":
+        facts = settings.facts
+        orbit = settings.orbit
+        return cls(orbit.max_turn_rate, orbit.speed, facts.max_bank, facts.loops.max_pitch, facts.max_climb)
+
+
+def is_setpoint(frame: bytes) -> bool:
+    return message_id(frame) in SETPOINTS
+
+
+def broken_rule(frame: bytes, allowed: Allowed) -> str | None:
+    """What is wrong with a setpoint, None when nothing is."""
+    message = read(frame)
+    numbers = [getattr(message, name) for name in message.get_fieldnames()]
+    flat = [one for value in numbers for one in (value if isinstance(value, list | tuple) else [value])]
+    if not all(isfinite(value) for value in flat):
+        return f"not finite: {message}"
+    excess = {name: value for name, (value, most) in _demands(message, allowed).items() if abs(value) > most + SLACK}
+    return f"beyond the limits: {excess}" if excess else None
+
+
+def _demands(message: Any, allowed: Allowed) -> dict[str, tuple[float, float]]:
+    """What is demanded, and the most of it."""
+    if message.get_msgId() == 84:
+        return {
+            "yaw rate": (message.yaw_rate, allowed.yaw_rate),
+            "forward": (message.vx, allowed.speed),
+            "sideways": (message.vy, 0.0),
+            "climb": (message.vz, allowed.climb),
+            "acceleration": (message.afy, allowed.speed * allowed.yaw_rate),
+        }
+    if message.get_msgId() == 82:
+        w, x, y, z = message.q
+        return {
+            "norm": (w * w + x * x + y * y + z * z - 1, 0.0),
+            "bank": (atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)), allowed.bank),
+            "pitch": (asin(max(-1.0, min(1.0, 2 * (w * y - z * x)))), allowed.pitch),
+            "thrust": (message.thrust - 0.5, 0.5),
+        }
+    return {"x": (message.x, 0.0), "y": (message.y, 1000.0), "r": (message.r, 0.0), "z": (message.z - 500, 500.0)}

@@ -1,0 +1,284 @@
+"""F9, F14 .. F20, F22: floods, clocks and stalls of our own, reboots, takeovers, other people on the link, commands."""
+
+import struct
+from collections.abc import Callable, Iterable
+from copy import deepcopy
+from itertools import count
+from random import Random
+
+from pymavlink.dialects.v20 import all as mavlink
+
+from circnav_mav.core.phases import Phase
+from sim.config import Event
+from sim.faults import DOWN, UP, Impairment
+from sim.faults.frames import message_id, raw_frame, sender
+from sim.faults.intruders import GCS, ground_station, speaking, strangers, twin, vehicle
+from sim.faults.link import Intruder, Passage, Tamper
+from sim.faults.tampering import acknowledgement, answered, dropping, late
+from tests.faults.cell import Scenario, Want
+from tests.faults.course import Course
+from tests.faults.scenarios.line import PX4, PX4_ENDS
+from tests.flight.ground_station import Operator
+
+SET_MODE, ACK = 176, 77
+ARDUPILOT = ("arducopter", "arduplane", "ardurover")
+THEIR_MODE = {"arducopter": (5,), "arduplane": (7,), "ardurover": (4,)}
+OURS = (1, 191)
+
+Arrange = Callable[[Course, int], None]
+
+
+def tamper(*tampers: Tamper) -> Arrange:
+    return lambda course, seed: course.link.tampers.extend(tampers)
+
+
+def intrude(*makers: Callable[[int], Intruder]) -> Arrange:
+    return lambda course, seed: course.link.intruders.extend(maker(seed) for maker in makers)
+
+
+FLOODS = [
+    Scenario("F9", "400 strange frames/s", arrange=intrude(lambda seed: strangers(200.0, seed)), quick=True, lasts=40),
+    Scenario("F18", "GCS flood 200/s", arrange=intrude(lambda seed: ground_station(200.0)), lasts=40),
+]
+
+
+def our_clock(shift: Callable[[float, float], float]) -> Arrange:
+    """Our own clock goes another way from now on."""
+
+    def arrange(course: Course, seed: int) -> None:
+        since = course.now
+        course.clock = lambda now: shift(now, since)
+
+    return arrange
+
+
+def stalled(seconds: float) -> Arrange:
+    def arrange(course: Course, seed: int) -> None:
+        course.stall(seconds)
+
+    return arrange
+
+
+HOST = [
+    Scenario("F14", "our clock +1 s", arrange=our_clock(lambda now, since: now + 1.0), clocks=True),
+    Scenario("F14", "our clock +10 s", arrange=our_clock(lambda now, since: now + 10.0), clocks=True),
+    Scenario(
+        "F14", "our clock 500 ppm fast", arrange=our_clock(lambda now, since: now + 5e-4 * (now - since)), clocks=True
+    ),
+    *(Scenario("F20", f"stopped {s} s", arrange=stalled(s), lasts=s + 1, after=50, want=Want.REGAIN) for s in (1, 3)),
+    Scenario("F20", "stopped 5 s", arrange=stalled(5), lasts=6, after=50, want=Want.REGAIN, on=PX4_ENDS, quick=True),
+]
+
+
+def reboot(gap: float) -> Scenario:
+    def arrange(course: Course, seed: int) -> None:
+        course.vehicle._happen(Event(action="reboot", value=gap))
+
+    def check(course: Course) -> str | None:
+        start = course.steered_at[0] if course.steered_at else 0.0
+        last = course.steered_at[-1] - start if course.steered_at else 0.0
+        return f"still steering {last:.1f} s after the reboot" if last > gap + 4.0 else None
+
+    return Scenario("F15", f"gap {gap:g} s", arrange=arrange, want=Want.END, check=check, lasts=30, quick=gap == 2)
+
+
+def takeovers(times: int, quick: bool = False) -> Scenario:
+    """The operator changes the mode at random moments of flights of their own."""
+
+    def arrange(course: Course, seed: int) -> None:
+        chance = Random(seed)
+        for _ in range(times):
+            flown = deepcopy(course)
+            flown.fly(flown.now + chance.uniform(0, 0.7))
+            take_over(flown)
+            flown.fly(flown.now + 2.5)
+            course.broken += flown.broken
+            if flown.pilot.phase is not Phase.ENDED:
+                course.broken.append(f"takeover not seen: {flown.pilot.phase.value}")
+        take_over(course)
+
+    return Scenario(
+        "F16", f"{times} random moments", arrange=arrange, want=Want.END, reason="operator", lasts=5, quick=quick
+    )
+
+
+def take_over(course: Course) -> None:
+    Operator(course.vehicle).set_mode(*THEIR_MODE.get(course.profile, (4, 3)))
+
+
+def flapping(course: Course, seed: int) -> None:
+    """The mode changes every half second; we wait to be given the vehicle again each time."""
+    modes = [THEIR_MODE.get(course.profile, (4, 3)), (course.pilot.session.adapter.guided_mode,)]
+    for n in range(40):
+        Operator(course.vehicle).set_mode(*modes[n % 2])
+        course.fly(course.now + 0.5)
+    take_over(course)
+
+
+def disarm(course: Course, seed: int) -> None:
+    Operator(course.vehicle).disarm()
+
+
+OPERATOR = [
+    *(reboot(gap) for gap in (2, 5, 10)),
+    takeovers(10, quick=True),
+    takeovers(1000),
+    Scenario(
+        "F16",
+        "every 0.5 s, on_takeover = wait",
+        arrange=flapping,
+        want=Want.SAFE,
+        lasts=25,
+        profiles=ARDUPILOT,
+        overrides=('engage.on_takeover="wait"',),
+    ),
+    Scenario(
+        "F16", "disarmed", arrange=disarm, want=Want.END, reason="disarmed", lasts=5, on=dict.fromkeys(PX4, Want.SAFE)
+    ),
+]
+
+
+def new_port(course: Course, seed: int) -> None:
+    """The vehicle's bridge restarts: two seconds of nothing, then another source address."""
+    course.link.impair(up=Impairment(loss=1.0), down=Impairment(loss=1.0))
+    course.fly(course.now + 2.0)
+    course.source = "sim, another port"
+    course.link.impair()
+
+
+def flaps(course: Course, seed: int) -> None:
+    """A hundred times half a second up, half a second down."""
+    cuts = tuple((course.now + n, course.now + n + 0.5) for n in range(100))
+    course.link.impair(up=Impairment(outages=cuts), down=Impairment(outages=cuts))
+
+
+LINKS = [
+    Scenario("F17", "new source port after 2 s", arrange=new_port, want=Want.REGAIN, lasts=10, on=PX4_ENDS, quick=True),
+    Scenario("F17", "100 flaps of 0.5 s", arrange=flaps, want=Want.REGAIN, lasts=100),
+]
+
+
+def echoing(way: str, data: bytes, now: float) -> Iterable[Passage]:
+    """Everything that we send comes back."""
+    return [(UP, data), (DOWN, data)] if way == UP else [(DOWN, data)]
+
+
+def forged_acks(seed: int) -> Intruder:
+    """Acknowledgements of everybody's commands in a ground station's name, and of ours to somebody else."""
+
+    def words(n: int) -> list[bytes]:
+        return [acknowledgement(SET_MODE, 2, OURS, by=GCS), acknowledgement(511, 2, (1, 77))]
+
+    return speaking(20.0, words)
+
+
+IDENTITY = [
+    Scenario("F18", "second vehicle, system 2", arrange=intrude(lambda seed: vehicle(2)), quick=True),
+    Scenario(
+        "F18",
+        "second vehicle, our system",
+        arrange=intrude(lambda seed: vehicle(1, mode=5)),
+        want=Want.END,
+        profiles=("arducopter", "arduplane"),
+    ),
+    Scenario(
+        "F18",
+        "twin of ours",
+        arrange=intrude(lambda seed: twin(*OURS, rate=10.0)),
+        want=Want.END,
+        reason="another companion",
+        lasts=20,
+        quick=True,
+    ),
+    Scenario(
+        "F18",
+        "twin of ours, heartbeats only",
+        arrange=intrude(lambda seed: twin(*OURS)),
+        want=Want.END,
+        reason="another companion",
+        lasts=20,
+    ),
+    Scenario("F18", "own echo", arrange=tamper(echoing)),
+    Scenario(
+        "F18",
+        "forged acknowledgements from the start",
+        arrange=intrude(forged_acks),
+        fresh=True,
+        after=0.0,
+        want=Want.ENGAGE,
+    ),
+]
+
+
+def no_answer_no_obedience(way: str, data: bytes, now: float) -> Iterable[Passage]:
+    """A vehicle that is deaf to commands."""
+    return () if way == UP and message_id(data) == 76 else [(way, data)]
+
+
+def commands(
+    level: str, arrange: Arrange, want: Want, reason: str = "", quick: bool = False, **more: object
+) -> Scenario:
+    return Scenario("F19", level, arrange=arrange, want=want, reason=reason, fresh=True, after=0.0, quick=quick, **more)  # type: ignore[arg-type]
+
+
+COMMANDS = [
+    commands("no acknowledgement", tamper(dropping(ACK)), Want.ENGAGE),
+    commands("acknowledged 2 s late", tamper(late(ACK, 2.0)), Want.ENGAGE),
+    commands(
+        "foreign acknowledgements",
+        intrude(lambda seed: speaking(5.0, lambda n: [acknowledgement(SET_MODE, 4, (1, 77))])),
+        Want.ENGAGE,
+    ),
+    commands("in progress for ever", tamper(answered(SET_MODE, 5)), Want.REFUSE, "mode"),
+    commands("denied", tamper(answered(SET_MODE, 2)), Want.REFUSE, "denied", quick=True),
+    commands("unsupported", tamper(answered(SET_MODE, 3)), Want.REFUSE, "unsupported"),
+    commands("temporarily rejected", tamper(answered(SET_MODE, 1)), Want.REFUSE, "temporarily rejected"),
+    commands("accepted, not obeyed", tamper(answered(SET_MODE, 0)), Want.REFUSE, "stays in"),
+    commands("deaf to commands", tamper(no_answer_no_obedience), Want.REFUSE, "no answer"),
+]
+
+
+def longer(way: str, data: bytes, now: float) -> Iterable[Passage]:
+    """Frames with extension fields that nobody knows yet."""
+    if way == UP or message_id(data) < 0 or data[1] > 240:
+        return [(way, data)]
+    payload = data[10 : 10 + data[1]] + struct.pack("<HBf", 7, 9, 1.5)
+    return [(way, raw_frame(message_id(data), _padded(data, payload), *sender(data), data[4]))]
+
+
+def _padded(frame: bytes, payload: bytes) -> bytes:
+    """Truncated zeros come back before anything is put behind them."""
+    size = mavlink.mavlink_map[message_id(frame)].unpacker.size
+    known = frame[10 : 10 + frame[1]]
+    return (known + bytes(max(0, size - len(known))) + payload[len(known) :])[:255]
+
+
+def replaying(course: Course, seed: int) -> None:
+    """Everything that was heard is heard again five seconds later, as a replay attack or a looped route would."""
+    heard: list[tuple[float, bytes]] = []
+    numbers = count()
+
+    def listen(way: str, data: bytes, now: float) -> Iterable[Passage]:
+        if way == DOWN and next(numbers) % 5 == 0 and message_id(data) == 132:
+            heard.append((now + 5.0, data))
+        due = [data for time, data in heard if time <= now]
+        heard[:] = [item for item in heard if item[0] > now]
+        return [(way, data), *((DOWN, frame) for frame in due)]
+
+    course.link.tampers.append(listen)
+
+
+OTHERS = [
+    Scenario(
+        "F22",
+        "MAVLink 1 only",
+        want=Want.REFUSE,
+        reason="MAVLink 1 only",
+        fresh=True,
+        after=0.0,
+        overrides=("sim.vehicle.mavlink_version=1",),
+    ),
+    Scenario("F22", "extension fields of the future", arrange=tamper(longer)),
+    Scenario("F22", "ranges replayed after 5 s", arrange=replaying, quick=True),
+]
+PEERS = [*FLOODS, *HOST, *OPERATOR, *LINKS, *IDENTITY, *COMMANDS, *OTHERS]

@@ -1,0 +1,44 @@
+"""The judge sees what must not leave: a matrix that cannot fail says nothing."""
+
+from math import nan
+
+import pytest
+from pymavlink.dialects.v20 import all as mavlink
+
+from sim.faults.frames import write
+from tests.faults.judge import Allowed, broken_rule, is_setpoint
+
+ALLOWED = Allowed(yaw_rate=0.5, speed=10.0, bank=0.7, pitch=0.26, climb=1.0)
+LEVEL = (1.0, 0.0, 0.0, 0.0)
+BANKED = (0.9, 0.43589, 0.0, 0.0)  # 0.90 rad
+
+
+def velocity(forward: float = 10.0, yaw_rate: float = 0.5, climb: float = 0.0) -> bytes:
+    message = mavlink.MAVLink_set_position_target_local_ned_message(
+        0, 1, 1, 8, 0x407, *(0.0, 0.0, 0.0), *(forward, 0.0, climb), *(0.0, 0.0, 0.0), 0.0, yaw_rate
+    )
+    return write(message, 1, 191)
+
+
+def attitude(q: tuple[float, ...]) -> bytes:
+    return write(mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 0xC6, q, 0.0, 0.0, 0.0, 0.0), 1, 191)
+
+
+def test_setpoints_within_the_limits_break_no_rule() -> None:
+    for frame in (velocity(), attitude(LEVEL)):
+        assert is_setpoint(frame)
+        assert broken_rule(frame, ALLOWED) is None
+
+
+@pytest.mark.parametrize(
+    ("frame", "words"),
+    [
+        (velocity(forward=10.1), "forward"),
+        (velocity(yaw_rate=-0.51), "yaw rate"),
+        (velocity(climb=2.0), "climb"),
+        (velocity(yaw_rate=nan), "not finite"),
+        (attitude(BANKED), "bank"),
+    ],
+)
+def test_setpoint_beyond_a_limit_is_named(frame: bytes, words: str) -> None:
+    assert words in (broken_rule(frame, ALLOWED) or "")

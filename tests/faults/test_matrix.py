@@ -1,0 +1,31 @@
+"""The quick set of the fault matrix: one or two levels of each fault, two vehicles. The rest: tests.faults.matrix."""
+
+import pytest
+
+from tests.faults.cell import Scenario, fly
+from tests.faults.matrix import SCENARIOS, cells
+
+QUICK = list(cells(quick=True, profile=None, fault=None, level=None))
+
+
+@pytest.mark.parametrize(("scenario", "profile"), QUICK, ids=[f"{s.fault}-{s.level}-{p}" for s, p in QUICK])
+def test_vehicle_survives(scenario: Scenario, profile: str) -> None:
+    verdict = fly(scenario, profile, seed=1)
+    assert verdict.passed, f"{'; '.join(verdict.faults)} (seed {verdict.seed})"
+
+
+def test_every_fault_class_that_lockstep_can_show_has_a_level() -> None:
+    """F8 is tests.faults.fuzz; F21 the signals and the process, tests/flight/test_process.py and tests/bench."""
+    assert {one.fault for one in SCENARIOS} == {f"F{n}" for n in range(1, 23)} - {"F8", "F21"}
+
+
+def test_levels_have_names_of_their_own() -> None:
+    names = [(one.fault, one.level) for one in SCENARIOS]
+    assert len(names) == len(set(names))
+
+
+def test_a_cell_flown_again_with_its_seed_is_the_same_flight() -> None:
+    scenario = next(one for one in SCENARIOS if (one.fault, one.level) == ("F1", "20 %"))
+    first, again, other = (fly(scenario, "arducopter", seed) for seed in (4, 4, 5))
+    assert (first.rms, first.worst_age) == (again.rms, again.worst_age)
+    assert first.rms != other.rms

@@ -1,0 +1,45 @@
+"""The bundled vehicle does not outlive the application that started it."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_a_killed_application_leaves_no_vehicle_behind(tmp_path: Path) -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-m", "circnav_mav", "fly", str(ROOT / "config" / "quickstart.toml"), "--out", str(tmp_path)],
+        stdout=subprocess.PIPE,
+        text=True,
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+    assert process.stdout is not None
+    process.stdout.readline()
+    assert vehicles(tmp_path)
+    process.send_signal(signal.SIGKILL)
+    process.communicate()
+    end = time.monotonic() + 10
+    while vehicles(tmp_path):
+        assert time.monotonic() < end
+        time.sleep(0.05)
+
+
+def vehicles(folder: Path) -> list[str]:
+    """Processes that fly the mission of a run folder."""
+    return [
+        entry.name
+        for entry in Path("/proc").iterdir()
+        if entry.name.isdecimal() and f"{folder}/mission.toml".encode() in read(entry / "cmdline")
+    ]
+
+
+def read(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError:
+        return b""
