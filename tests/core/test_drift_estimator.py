@@ -6,7 +6,9 @@ from math import cos, hypot, pi, sin
 import numpy as np
 import pytest
 
+from circnav_mav.core.air_path import chord
 from circnav_mav.core.estimators.drift import AutoEstimator, DriftEstimator
+from circnav_mav.core.estimators.drift_bank import BankSettings, DriftBank
 from circnav_mav.core.estimators.interface import EstimatorSettings, Fused
 from circnav_mav.core.estimators.unicycle import UnicycleEstimator
 from circnav_mav.core.values import OwnMotion, RangeSample
@@ -171,3 +173,32 @@ def test_doppler_sharpens_the_unicycles_range_rate():
         return estimator.at(2.95).r_dot_sigma
 
     assert sigma(True) < 0.7 * sigma(False)
+
+
+def test_a_bank_in_the_mirror_believes_the_mirror_image():
+    rng = np.random.default_rng(5)
+    banks = DriftBank(BankSettings(V)), DriftBank(BankSettings(V))
+    p, psi = np.array([140.0, 60.0]), 1.0
+    for i in range(600):
+        turn = 0.05 * (0.15 + 0.15 * sin(0.05 * i))
+        path = chord(V, psi, turn, 0.05)
+        psi, p = psi + turn, p + path + 0.05 * np.array([2.0, -3.0])
+        z = np.array([hypot(*p) + rng.normal(0, 0.5)])
+        for bank, flip in zip(banks, (1.0, -1.0), strict=True):
+            bank.step(0.05, path[:, None] * [[1.0], [flip]], z, np.array([0.5]), np.array([True]))
+    one, other = (bank.mean[:, 0] for bank in banks)
+    assert banks[0].trusted[0] and banks[1].trusted[0]
+    assert other == pytest.approx(one * [1, -1, 1, -1, 1, 1, 1, -1], abs=1e-3)
+
+
+def test_auto_goes_on_hearing_ranges_while_its_bank_has_lost_the_target():
+    world, estimator = Circling(), AutoEstimator(SETTINGS)
+    listen(estimator, world, 0.0, 25.0)
+    world.target = (-250.0, 300.0)
+    heard = []
+    for t in np.arange(25.0, 28.0, 0.05):
+        estimator.move(world.motion(t))
+        heard.append(estimator.observe(world.range(t)))
+    assert heard[0] is Fused.GATED
+    assert Fused.GATED not in heard[10:]
+    assert estimator.at(28.0).r == pytest.approx(hypot(*world.offset(28.0)), abs=3.0)

@@ -151,9 +151,9 @@ class AutoEstimator:
         self.drift.move(motion)
 
     def observe(self, sample: RangeSample) -> Fused:
-        """Take one sample in; what the believed one says of it counts."""
+        """Take one sample in; refused is what fits neither, for a bank that has lost its place refuses the truth."""
         by_drift, by_range = self.drift.observe(sample), self.kalman.observe(sample)
-        return by_drift if self.drift.ready else by_range
+        return by_range if by_drift is Fused.GATED or not self.drift.ready else by_drift
 
     def at(self, time: float) -> RangeEstimate | None:
         """The estimate predicted to a moment; with the relative motion, trusted or on trial, wherever there is one."""
