@@ -99,7 +99,7 @@ def _track(axis: Any, truth: Truth, orbit: Orbit) -> None:
     axis.set_aspect("equal", adjustable="datalim")
     axis.set_xlabel("east of the target, m")
     axis.set_ylabel("north of the target, m")
-    axis.legend(loc="upper left")
+    axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.08), ncols=4)
 
 
 def _range(axis: Any, ticks: Ticks, truth: Truth | None, orbit: Orbit) -> None:

@@ -64,6 +64,7 @@ class Session:
         self._more_streams = dict(more_streams or {})
         self._next_heartbeat = float("-inf")
         self._boot_ms: int | None = None
+        self._doubtful_ms: int | None = None
         self._replies: list[Message] = []
         self.encoder = Encoder(settings.system_id or 1, settings.component_id)
         self.commands = CommandSender()
@@ -258,12 +259,15 @@ class Session:
 
     def _on_boot_time(self, message: Message, now: float) -> None:
         """A boot time that steps back is a reboot; the counter's own wrap after 49.7 days is not."""
-        before, self._boot_ms = self._boot_ms, message.time_boot_ms
-        if before is not None:
-            step = (message.time_boot_ms - before + 2**31) % 2**32 - 2**31
-            if step < -1000 * REBOOT_STEP:
-                self.reboots += 1
-                self.streams.restart()
+        newest = message.time_boot_ms
+        if self._boot_ms is None or _later(newest, self._boot_ms) >= -1000 * REBOOT_STEP:
+            self._boot_ms, self._doubtful_ms = newest, None
+        elif self._doubtful_ms is None or _later(newest, self._doubtful_ms) <= 0:
+            self._doubtful_ms = newest  # one frame that came late by another way is no reboot; the next one tells
+        else:
+            self._boot_ms, self._doubtful_ms = newest, None
+            self.reboots += 1
+            self.streams.restart()
 
     def _on_ack(self, message: Message, now: float) -> None:
         self.commands.acknowledge(message, (self.encoder.system, self._settings.component_id), now)
@@ -280,6 +284,11 @@ class Session:
     def _on_version(self, message: Message, now: float) -> None:
         version = message.flight_sw_version
         self.firmware = f"{version >> 24}.{version >> 16 & 255}.{version >> 8 & 255}"
+
+
+def _later(boot_ms: int, before_ms: int) -> int:
+    """Milliseconds from one boot time to another, through the 32-bit wrap."""
+    return (boot_ms - before_ms + 2**31) % 2**32 - 2**31
 
 
 def _fits(adapter: Autopilot, heartbeat: Message) -> bool:

@@ -7,6 +7,7 @@ from math import degrees, sqrt
 
 from circnav_mav.core.laws import LAWS
 from circnav_mav.core.slant import MAX_SIGMA_GROWTH
+from circnav_mav.core.theory import settling_time, tolerated_drift
 from circnav_mav.mav.autopilots.table import AUTOPILOTS, REFUSED, adapters
 from circnav_mav.mav.ranging import DOWNWARD
 from circnav_mav.mission.load import Mission
@@ -15,6 +16,7 @@ LOOP_BOUND = 0.4
 """Bound on V |d omega/d r'| (turn lag + filter lag): from about .45 on the laws limit-cycle."""
 PLANE_GAIN = 0.72
 """Realised over coordinated turn rate of a plane that slips in its turns (flown: .70 .. .75)."""
+DRIFT_LAWS = frozenset({"auto", "drift"})
 REACH = 0.8
 """Fraction of the farthest range that the circle may use."""
 
@@ -40,7 +42,19 @@ def check_mission(mission: Mission) -> list[Check]:
     """All the lines for a mission."""
     return [
         line
-        for part in (_keys, _vehicle, _gain, _radius, _turn_rate, _reach, _orientation, _sampling, _noise, _slant)
+        for part in (
+            _keys,
+            _vehicle,
+            _gain,
+            _radius,
+            _turn_rate,
+            _reach,
+            _orientation,
+            _sampling,
+            _noise,
+            _slant,
+            _drift,
+        )
         for line in part(mission)
     ]
 
@@ -202,3 +216,21 @@ def _slant(mission: Mission) -> Iterator[Check]:
         "height",
         f"{height:g} m above the target: slant range counts {growth:.2f} times in noise (at most {MAX_SIGMA_GROWTH:g})",
     )
+
+
+def _drift(mission: Mission) -> Iterator[Check]:
+    """What the circle itself allows in wind or round a moving target, and how long the way to it may take."""
+    orbit, gain = mission.orbit, _expected_gain(mission)
+    tolerated = tolerated_drift(orbit.speed, orbit.radius, orbit.max_turn_rate, gain)
+    if tolerated > 0:
+        share = 100 * tolerated / orbit.speed
+        rest = "" if mission.file.guidance.law in DRIFT_LAWS else f"; the law {mission.law.name} itself knows no drift"
+        yield Check(
+            Grade.PASS,
+            "drift",
+            f"wind less target motion up to {tolerated:.1f} m/s ({share:.0f} % of V) leaves the circle flyable: "
+            f"(V + W)^2/(V max turn rate) <= r_d{rest}",
+        )
+    far = min(5 * orbit.radius, mission.max_range)
+    seconds = settling_time(far, orbit.speed, orbit.radius, orbit.max_turn_rate * gain)
+    yield Check(Grade.PASS, "settling", f"about {seconds:.0f} s at most from {far:.0f} m in still air (Dubins path)")

@@ -146,6 +146,7 @@ def test_a_reboot_in_flight_takes_the_vehicle_out_of_our_hands(make_rig, end):
     rig.hear(mavlink.MAVLink_system_time_message(0, 900_000))
     rig.run(0.5)
     rig.hear(mavlink.MAVLink_system_time_message(0, 2_000))
+    rig.hear(mavlink.MAVLink_system_time_message(0, 2_050))
     since = rig.now
     rig.run(5.0)
     assert rig.setpoints(since) == []

@@ -28,6 +28,8 @@ def test_a_sound_mission_passes_every_line_but_the_unknown_height(mission):
         "vehicle",
         "gain",
         "radius",
+        "drift",
+        "settling",
         "turn rate",
         "reach",
         "sampling",

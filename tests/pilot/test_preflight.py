@@ -341,7 +341,7 @@ def test_ranges_that_stopped_are_old() -> None:
 
 def test_several_senders_are_warned_of_unless_the_mission_names_ours() -> None:
     """PX4 sends a forwarded DISTANCE_SENSOR a second time under its own id."""
-    named, unnamed = Bench("px4_copter"), Bench("px4_copter")
+    named, unnamed = Bench("px4_copter", "ranging.component_id=192"), Bench("px4_copter")
     table = unnamed.mission.file.ranging.model_copy(update={"component_id": None})
     unnamed.mission = Mission(unnamed.mission.file.model_copy(update={"ranging": table}), "")
     unnamed.survey = Survey(unnamed.mission.pilot_settings(), names_for, seconds=5.0)
