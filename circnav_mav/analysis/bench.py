@@ -152,7 +152,7 @@ def judged(row: Row, policy: str, tracks: Tracks, seconds: float) -> Cell:
 def line(cell: Cell) -> str:
     """A row of the printed table."""
     need = SITUATIONS[cell.situation].required
-    wanted = "" if need is None else f" (<= {need:.2f})"
+    wanted = "" if need is None or cell.policy != "auto" else f" (<= {need:.2f})"
     return (
         f"{cell.situation:24s} {cell.policy:22s} kept {cell.kept:4d} of {cell.flights}  "
         f"RMS {cell.rms_median:7.3f} p95 {cell.rms_p95:8.3f}{wanted}  "

@@ -142,7 +142,7 @@ LAWS: dict[str, Law] = {
         Law(
             "bounded", bounded, "1/m", "k > 1/r_d",
             gain_bound=lambda V, r_d: 1 / r_d,
-            default_gain=lambda V, r_d: 1.5 / r_d,
+            default_gain=lambda V, r_d: max(0.5 * _damped(V, r_d), 1.5 / r_d),  # its slope in r is k^2 V, so half
             reached_radius=lambda V, r_d, k: r_d,
             fed_radius=lambda V, r_d, k: r_d,
         ),
