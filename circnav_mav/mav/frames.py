@@ -29,6 +29,12 @@ def course_from_yaw(yaw: float) -> float:
     return pi - (pi / 2 + yaw) % (2 * pi)
 
 
+def compass_from_vector(x: float, y: float) -> float:
+    """Direction of a vector in the paper's frame (x east, y north) as a compass bearing: rad in [0, 2 pi), clockwise
+    from north."""
+    return atan2(x, y) % (2 * pi)
+
+
 def quaternion_from_euler(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
     """MAVLink's q (w, x, y, z) of Euler angles in rad, NED, applied yaw, pitch, roll."""
     cr, sr = cos(roll / 2), sin(roll / 2)

@@ -1,6 +1,6 @@
 """What a person sees while flying: a live panel on a terminal, one plain line a second elsewhere."""
 
-from math import atan2, degrees, hypot
+from math import degrees, hypot
 
 from rich.console import Console
 from rich.live import Live
@@ -8,6 +8,7 @@ from rich.panel import Panel
 from rich.table import Table
 
 from circnav_mav.core.phases import Phase
+from circnav_mav.mav.frames import compass_from_vector
 from circnav_mav.pilot import Pilot, TickRecord
 
 STYLES = {Phase.ENGAGED: "green", Phase.HOLDING: "yellow", Phase.YIELDED: "magenta", Phase.LEAVING: "cyan"}
@@ -103,8 +104,8 @@ def _target(tick: TickRecord) -> str:
     """Bearing to the target and drift, clockwise from north, where they are known."""
     if tick.x is None or tick.y is None or tick.drift_x is None or tick.drift_y is None:
         return "direction not known"
-    bearing = degrees(atan2(-tick.x, -tick.y)) % 360
-    towards = degrees(atan2(tick.drift_x, tick.drift_y)) % 360
+    bearing = degrees(compass_from_vector(-tick.x, -tick.y))
+    towards = degrees(compass_from_vector(tick.drift_x, tick.drift_y))
     return (
         f"bearing {bearing:03.0f} deg   drift {hypot(tick.drift_x, tick.drift_y):.1f} m/s towards {towards:03.0f} deg"
     )

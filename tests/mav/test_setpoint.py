@@ -11,7 +11,13 @@ from hypothesis import strategies as st
 from circnav_mav.core.values import Direction, TurnRate
 from circnav_mav.mav.autopilots.interface import VehicleState
 from circnav_mav.mav.codec import Encoder
-from circnav_mav.mav.frames import YawRate, course_from_yaw, turn_rate_from_yaw_rate, yaw_rate_from_turn_rate
+from circnav_mav.mav.frames import (
+    YawRate,
+    compass_from_vector,
+    course_from_yaw,
+    turn_rate_from_yaw_rate,
+    yaw_rate_from_turn_rate,
+)
 from circnav_mav.mav.gate import Steer
 from circnav_mav.mav.motion import Motion
 
@@ -94,6 +100,11 @@ def test_the_sign_changes_once_and_back(rate):
 def test_north_is_up_and_east_is_right(yaw, course):
     """Heading clockwise from north, course counter-clockwise from east."""
     assert course_from_yaw(yaw) == pytest.approx(course)
+
+
+@pytest.mark.parametrize(("x", "y", "bearing"), [(0, 1, 0.0), (1, 0, pi / 2), (0, -1, pi), (-1, 0, 3 * pi / 2)])
+def test_a_vector_to_the_north_is_bearing_zero_and_to_the_east_a_quarter_turn(x, y, bearing):
+    assert compass_from_vector(x, y) == pytest.approx(bearing)
 
 
 @given(yaw=st.floats(-10, 10), turn=st.floats(-0.5, 0.5))
