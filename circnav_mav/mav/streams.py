@@ -33,6 +33,13 @@ class StreamRequests:
         """Measured rate of each wanted stream in Hz, None before the first check."""
         return {message_id: stream.rate for message_id, stream in self._streams.items()}
 
+    @property
+    def refused(self) -> list[str]:
+        """Names of the streams that the vehicle has denied."""
+        return [
+            dialect.mavlink_map[message_id].msgname for message_id, stream in self._streams.items() if stream.denied
+        ]
+
     def heard(self, message_id: int) -> None:
         """Count a message of the vehicle."""
         stream = self._streams.get(message_id)

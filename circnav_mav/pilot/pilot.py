@@ -489,14 +489,14 @@ class Pilot:
         return f"no autopilot heartbeat, {self.counts().describe()}"
 
     def _why_not_ready(self, now: float) -> str:
-        missing = self._missing(now)
+        missing, denied = self._missing(now), self.session.streams.refused
+        deaf = f"; the vehicle denied the streams {', '.join(denied)}" if denied else ""
         if missing and self.estimator.ready:
-            return (
-                f"no {' and no '.join(missing)} in VFR_HUD, which a {self.session.adapter.name} cannot be flown without"
-            )
+            name = self.session.adapter.name
+            return f"no {' and no '.join(missing)} in VFR_HUD, which a {name} cannot be flown without{deaf}"
         settings = self.settings.ranging
         refused = ", ".join(f"{count} {reason}" for reason, count in self.ranging.rejected.items()) or "none"
         return (
             f"no ranging: no usable {RANGING_MESSAGES[settings.message].type}, samples rejected: {refused}; "
-            f"{self.counts(self._ranging_link).describe()}"
+            f"{self.counts(self._ranging_link).describe()}{deaf}"
         )

@@ -582,3 +582,16 @@ def test_a_vehicle_that_never_tells_whether_it_flies_is_given_a_moment_and_then_
     assert rig.setpoints() == []
     rig.run(0.5)
     assert rig.setpoints() != []
+
+
+def test_a_stream_that_was_denied_is_named_when_the_flight_cannot_begin(make_rig):
+    rig = make_rig()
+    rig.ranges = False
+    for _ in range(1000):
+        rig.run(0.05)
+        for number in list(rig.pilot.session.commands._pending):
+            rig.acknowledge(number, 2)  # MAV_RESULT_DENIED
+    assert rig.pilot.outcome.ending is Ending.NOTHING_HEARD
+    assert "the vehicle denied the streams" in rig.pilot.outcome.reason
+    assert "VFR_HUD" in rig.pilot.outcome.reason
+    assert rig.setpoints() == []
