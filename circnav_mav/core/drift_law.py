@@ -82,6 +82,19 @@ def drift(
     return aimed + gains.lead * (aimed - turn_rate)
 
 
+def orbit_turn_rate(d: Array, psi: Array, *, V: Array, r_d: float) -> Array:
+    """Turn rate (rad/s) that stays on the counter-clockwise circle in drift d (2, ...), m/s, at heading psi, rad.
+
+    The heading alone tells where on the circle a vehicle is: no range is used. chi' = v_g/r_d for the ground course,
+    psi' = chi' v_g/(V cos(psi - chi)) by the wind triangle; V/r_d in still air. Condition: |d| < V.
+    """
+    v = np.stack([V * np.cos(psi) + d[0], V * np.sin(psi) + d[1]])
+    ground = np.maximum(np.hypot(v[0], v[1]), 1e-9)
+    across = (v[0] * d[1] - v[1] * d[0]) / ground
+    along_nose = V * np.sqrt(1 - np.clip(across / V, -REACHABLE, REACHABLE) ** 2)
+    return ground**2 / (r_d * along_nose)
+
+
 def mirrored(p: Array, d: Array, psi: Array, turn_rate: Array, sense: Array) -> tuple[Array, Array, Array, Array]:
     """The same situation seen so that the orbit is counter-clockwise; sense: +1 counter-clockwise, -1 clockwise.
 

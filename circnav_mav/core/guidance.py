@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from circnav_mav.core.auto import Flies, at_start, hand_over
-from circnav_mav.core.drift_law import drift, drift_gains, mirrored
+from circnav_mav.core.drift_law import drift, drift_gains, mirrored, orbit_turn_rate
 from circnav_mav.core.laws import LAWS, Kind, pi
 from circnav_mav.core.values import Orbit, RangeEstimate, RelativeMotion, TurnCommand, TurnRate
 
@@ -44,6 +44,20 @@ def steering(orbit: Orbit, choice: LawChoice) -> Steering:
     if kind in (Kind.RELATIVE, Kind.AUTO):
         return _HandingOver(orbit, choice)
     return _by_range(orbit, choice)
+
+
+def holding(orbit: Orbit, motion: RelativeMotion | None, lag: float) -> TurnCommand:
+    """The circle's own turn, which no range enters: V/r_d; where the drift is known, what drift and heading ask for.
+
+    lag: of the vehicle's turn, s, by which the heading is looked ahead.
+    """
+    if motion is None or motion.trial is not None:
+        return limit(orbit.steady_turn_rate, orbit.max_turn_rate)
+    s = orbit.direction.turn_sign
+    d, V = np.array([motion.drift_x, s * motion.drift_y]), max(motion.airspeed, 0.1 * orbit.speed)
+    heading = np.asarray(s * (motion.heading + lag * motion.turn_rate))
+    turn = s * float(orbit_turn_rate(d, heading, V=V, r_d=orbit.radius))
+    return limit(TurnRate(turn), orbit.max_turn_rate)
 
 
 def limit(demanded: TurnRate, max_turn_rate: float) -> TurnCommand:

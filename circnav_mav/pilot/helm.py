@@ -1,6 +1,6 @@
 """From an estimate to the bytes' meaning: law, turn-rate gain, choke point, the vehicle's message."""
 
-from circnav_mav.core.guidance import limit, steering, through_gain
+from circnav_mav.core.guidance import holding, steering, through_gain
 from circnav_mav.core.phases import Phase
 from circnav_mav.core.radius_trim import next_trim
 from circnav_mav.core.turn_gain import TurnGain, TurnGainSettings, learn
@@ -59,7 +59,8 @@ class Helm:
             self._trim_radius(estimate, command)
             return through_gain(command, orbit.max_turn_rate, self.turn_gain)
         if phase is Phase.HOLDING:
-            return through_gain(limit(orbit.steady_turn_rate, orbit.max_turn_rate), orbit.max_turn_rate, self.turn_gain)
+            command = holding(orbit, estimate.relative if estimate is not None else None, self._settings.law.lag)
+            return through_gain(command, orbit.max_turn_rate, self.turn_gain)
         return None
 
     def setpoint(self, command: TurnCommand, session: Session, now: float) -> tuple[Message, YawRate]:

@@ -1,5 +1,6 @@
 """The law on relative motion, and who steers under `auto`."""
 
+from dataclasses import replace
 from math import pi
 
 import numpy as np
@@ -9,8 +10,8 @@ from hypothesis import strategies as st
 
 from circnav_mav.core.air_path import chord
 from circnav_mav.core.auto import Flies, at_start, hand_over
-from circnav_mav.core.drift_law import drift, drift_gains, field_heading, inward_angle, mirrored
-from circnav_mav.core.guidance import LawChoice, steering
+from circnav_mav.core.drift_law import drift, drift_gains, field_heading, inward_angle, mirrored, orbit_turn_rate
+from circnav_mav.core.guidance import LawChoice, holding, steering
 from circnav_mav.core.values import Direction, Orbit, RangeEstimate, RelativeMotion
 
 V, R_D, LIMIT = 15.0, 100.0, 0.35
@@ -134,3 +135,38 @@ def test_the_law_drift_tries_no_guesses():
     steer = steering(ORBIT, LawChoice("drift", 0.06))
     guess = RelativeMotion(150, 0, 150.0, 0, 0, 0.0, 0.0, V, 1.0, trusted=False, trial=4)
     assert {steer(estimate(0.1 * i, guess)).flies for i in range(60)} == {"feedforward"}
+
+
+@given(wind=st.floats(0, 8), blows=angles, at=angles)
+def test_the_circles_own_turn_in_drift_is_the_turn_of_the_law_on_the_circle(wind, blows, at):
+    """Two derivations: from the heading alone, and as the rotation of the field along the circle."""
+    d = wind * np.array([np.cos(blows), np.sin(blows)])
+    p = R_D * np.array([np.cos(at), np.sin(at)])
+    psi = field_heading(p, d, V=V, r_d=R_D, k=GAINS.radial, max_turn_rate=LIMIT)
+    alone = float(orbit_turn_rate(d, psi, V=V, r_d=R_D))
+    here = replace(GAINS, ahead=0.0)
+    asked = drift(p, d, psi, alone, V=V, r_d=R_D, max_turn_rate=LIMIT, gains=here)
+    assert float(asked) == pytest.approx(alone, abs=1e-4)
+
+
+@pytest.mark.parametrize("direction", Direction)
+def test_holding_in_drift_flies_the_circle_in_the_missions_sense_without_a_range(direction):
+    """One lap by heading alone in 6 m/s of wind; V/r_d would be carried off by 6 m/s for 40 s."""
+    s, dt, d = direction.turn_sign, 0.02, np.array([0.0, 6.0])
+    orbit = Orbit(R_D, direction, V, LIMIT)
+    p = np.array([R_D, 0.0])
+    psi, swept, farthest = s * pi / 2, 0.0, 0.0  # the wind blows along the tangent here, so the nose does too
+    for _ in range(round(60 / dt)):
+        known = RelativeMotion(0.0, 0.0, 1.0, *d, psi, 0.0, V, 1.0, trusted=True)
+        turned = holding(orbit, known, 0.0).turn_rate * dt
+        before, p, psi = p, p + chord(V, psi, turned, dt) + d * dt, psi + turned
+        swept += np.arctan2(before[0] * p[1] - before[1] * p[0], before @ p)
+        farthest = max(farthest, abs(np.hypot(*p) - R_D))
+    assert s * swept > 2 * pi
+    assert farthest < 0.5
+
+
+def test_holding_without_a_known_drift_turns_at_v_over_r():
+    orbit = Orbit(R_D, Direction.CLOCKWISE, V, LIMIT)
+    guess = RelativeMotion(0.0, 0.0, 100.0, 0.0, 6.0, 0.0, 0.0, V, 1.0, trusted=False, trial=3)
+    assert holding(orbit, None, 0.4).turn_rate == holding(orbit, guess, 0.4).turn_rate == -V / R_D

@@ -10,14 +10,28 @@ from circnav_mav.analysis.batch.filters import BatchKalman
 from circnav_mav.analysis.batch.flight import Circle, Make, Seen, Truth
 from circnav_mav.core.air_path import chord, wrap
 from circnav_mav.core.auto import Handover, at_start, hand_over
-from circnav_mav.core.drift_law import drift, drift_gains, mirrored
+from circnav_mav.core.drift_law import drift, drift_gains, mirrored, orbit_turn_rate
 from circnav_mav.core.estimators.bank import KAPPA, R, position
 from circnav_mav.core.estimators.bank import drift as drift_of
 from circnav_mav.core.estimators.drift_bank import BankSettings, Stage
 from circnav_mav.core.estimators.unicycle import SURE, UnicycleFilter
+from circnav_mav.core.guidance import LONGEST_STEP
 from circnav_mav.core.laws import LAWS, Kind, pi
 
 Array = Any
+STALE = 0.5
+"""Oldest range that may steer, s; the default of `limits.stale_s`."""
+
+
+class _Freshness:
+    """Which flights (B,) have a range that is young enough to steer; the others hold the circle's own turn."""
+
+    def __init__(self, flights: int) -> None:
+        self._age = np.full(flights, np.inf)
+
+    def step(self, seen: Seen) -> Array:
+        self._age = np.where(seen.arrived, 0.0, self._age + seen.dt)
+        return self._age < STALE + 1e-9
 
 
 class FullInformation:
@@ -51,15 +65,18 @@ class ByRange:
         self.belief: tuple[Array, Array] | None = None
         self._memory = np.zeros(flights)
         self._filter = _Unicycle(circle, flights) if estimator == "unicycle" else _Kalman(circle, flights)
+        self._freshness = _Freshness(flights)
         self.estimate: tuple[Array, Array] = (0.0, 0.0)
 
     def command(self, seen: Seen, true: Truth) -> Array:
         cfg = self._circle
         r, r_dot, ready = self._filter.step(seen)
         self.estimate = r, r_dot
+        ready = ready & self._freshness.step(seen)
         # k < 0 is counter-clockwise: the command for that sense, then mirrored
         if self._law.kind is Kind.MEMORY:
-            turn, self._memory = pi(r, r_dot, self._memory, seen.dt, V=cfg.speed, r_d=cfg.radius, k=-self._k)
+            turn, memory = pi(r, r_dot, self._memory, seen.dt, V=cfg.speed, r_d=cfg.radius, k=-self._k)
+            self._memory = np.where(ready, memory, self._memory)
         else:
             turn = self._law.function(r, r_dot, V=cfg.speed, r_d=self._fed, k=-self._k)
         return self._sense * np.where(ready, turn, cfg.speed / cfg.radius)
@@ -77,6 +94,7 @@ class Auto:
         self._law = LAWS["feedforward"]
         self._k = self._law.default_gain(circle.speed, circle.radius)
         self._psi: Array | None = None
+        self._freshness, self._unsteered = _Freshness(flights), np.zeros(flights)
         self.handover = at_start(flights)
         self.belief: tuple[Array, Array] | None = None
         self.estimate: tuple[Array, Array] = (0.0, 0.0)
@@ -95,19 +113,24 @@ class Auto:
         by_bank = drift(*here, V=safe, r_d=cfg.radius, max_turn_rate=cfg.max_turn_rate, gains=self._gains)
         by_range = self._law.function(r, r_dot, V=cfg.speed, r_d=cfg.radius, k=-self._k)
         favourite = self.bank.favourite if self._tries else np.full(s.size, -1)
-        since = np.where(self.handover.flies < 0, 0.0, seen.dt)
+        self._unsteered += seen.dt
+        since = np.where(self.handover.flies < 0, 0.0, np.minimum(self._unsteered, LONGEST_STEP))
         after = hand_over(
             self.handover, since, trusted=trusted, favourite=favourite, by_range=by_range, by_bank=by_bank,
             limit=cfg.max_turn_rate,
         )  # fmt: skip
-        ready = ready | trusted
+        ready = (ready | trusted) & self._freshness.step(seen)
         self.handover = _merged(ready, after, self.handover)
+        self._unsteered[ready] = 0.0
         v = V * np.stack([np.cos(seen.psi), np.sin(seen.psi)]) + d
         by_drift = (p * v).sum(axis=0) / np.maximum(x[R], 1.0)
         P = self.bank.covariance
         self.belief = np.where(trusted, x[:2], np.nan), P[:2, :2]
         self.estimate = np.where(trusted, x[R], r), np.where(trusted, by_drift, r_dot)
-        return s * np.where(ready, self.handover.command, cfg.speed / cfg.radius)
+        known = self.bank.stage == Stage.TRACK
+        ahead = here[2] + cfg.lag * here[3]
+        hold = np.where(known, orbit_turn_rate(here[1], ahead, V=safe, r_d=cfg.radius), cfg.speed / cfg.radius)
+        return s * np.where(ready, self.handover.command, hold)
 
 
 def _merged(ready: Array, after: Handover, before: Handover) -> Handover:
