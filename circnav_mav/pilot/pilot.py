@@ -188,10 +188,10 @@ class Pilot:
         self._watch_link(now)
         self._watch_takeover(now)
         self._watch_time(now)
-        self._watch_bounds(now)
+        estimate = self.estimator.at(now)
+        self._watch_bounds(estimate, now)
         self._watch_ranging(now)
         self._watch_engagement(now)
-        estimate = self.estimator.at(now)
         command = self.helm.command(self.phase, estimate)
         self._tell_law(command)
         quiet = now - self._setpoint_at < self.settings.timing.tick / 2 and self.phase is not Phase.LEAVING
@@ -273,7 +273,7 @@ class Pilot:
         if self.settings.end_on_takeover:
             self._finish(Ending.ABORTED, reason, now)
 
-    def _watch_bounds(self, now: float) -> None:
+    def _watch_bounds(self, estimate: RangeEstimate | None, now: float) -> None:
         """The mission's own limits while the vehicle is ours, and a twin of ours at any time."""
         session = self.session
         twins, self._twins = session.ignored["twin"], session.ignored["twin"]
@@ -282,10 +282,9 @@ class Pilot:
             self._finish(Ending.ABORTED, f"another companion sends as {ids}: give one of us another component_id", now)
         if self.phase not in STEERING:
             return
-        estimate = self.estimator.at(now) if self.phase is Phase.ENGAGED else None
         broken = breach(
             self.settings.bounds,
-            r=estimate.r if estimate else None,
+            r=estimate.r if estimate and self.phase is Phase.ENGAGED else None,
             altitude=session.motion.at(now).altitude,
             battery=session.battery,
         )
