@@ -1,19 +1,19 @@
 """The benchmark: every law and estimator through every situation, a table, a CSV and a picture.
 
-    python -m circnav_mav.analysis.bench --flights 1000 --out bench
-    python -m circnav_mav.analysis.bench --quick
+    circnav bench --flights 1000 --out bench
 
 A flight is kept when the RMS radius error of its last 100 s is below 10 m. Every cell has its own seed, so a cell
 prints the same numbers alone and in the whole table.
 """
 
-import argparse
 import csv
-import sys
 import time
 import zlib
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass
+from itertools import repeat
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,6 @@ from circnav_mav.analysis import dubins, judge
 from circnav_mav.analysis.batch.flight import Tracks, fly
 from circnav_mav.analysis.batch.policies import POLICIES
 from circnav_mav.analysis.batch.situations import LAST, SITUATIONS, Row
-from circnav_mav.analysis.bench_cost import tell_costs
 
 Array = Any
 KEPT_BELOW = 10.0
@@ -71,16 +70,19 @@ def run(
     out: Path | None = None,
     *,
     tell: Callable[[str], None] | None = None,
+    cores: int = 1,
 ) -> list[Cell]:
     """Fly cells, (situation, policy) by name, all of them by default; write table.csv and table.png into `out`."""
     done: list[Cell] = []
-    for situation, policy in cells or every_cell():
-        cell = fly_cell(situation, policy, flights, seed)
-        done.append(cell)
-        if tell is not None:
-            tell(line(cell))
-        if out is not None:
-            write_csv(done, out / "table.csv")
+    situations, policies = zip(*(cells or every_cell()), strict=True)
+    with ProcessPoolExecutor(cores) if cores > 1 else nullcontext() as pool:
+        each = map if pool is None else pool.map
+        for cell in each(fly_cell, situations, policies, repeat(flights), repeat(seed)):
+            done.append(cell)
+            if tell is not None:
+                tell(line(cell))
+            if out is not None:
+                write_csv(done, out / "table.csv")
     if out is not None:
         from circnav_mav.analysis.bench_picture import draw
 
@@ -174,34 +176,3 @@ def write_csv(cells: list[Cell], path: Path) -> None:
 def _percentile(values: Array, q: float) -> float:
     """A percentile; the larger neighbour, because between a number and infinity there is no mean."""
     return float(np.percentile(values, q, method="higher")) if len(values) else float("nan")
-
-
-def main(arguments: list[str] | None = None) -> int:
-    """The command line."""
-    parser = argparse.ArgumentParser(prog="python -m circnav_mav.analysis.bench", description=__doc__.splitlines()[0])
-    parser.add_argument("--flights", type=int, default=1000, help="flights in a cell")
-    parser.add_argument("--quick", action="store_true", help="50 flights in a cell")
-    parser.add_argument("--cost", action="store_true", help="only what a step of the estimators costs here")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--out", type=Path, help="folder for table.csv and table.png")
-    parser.add_argument("--policy", action="append", choices=list(POLICIES), help="only these laws (repeat)")
-    parser.add_argument("--situation", action="append", choices=list(SITUATIONS), help="only these situations (repeat)")
-    options = parser.parse_args(arguments)
-    cells = [
-        (situation, policy) for situation in options.situation or SITUATIONS for policy in options.policy or POLICIES
-    ]
-
-    def tell(text: str) -> None:
-        sys.stdout.write(text + "\n")
-        sys.stdout.flush()
-
-    if not options.policy and not options.situation:
-        tell(tell_costs())
-    if options.cost:
-        return 0
-    run(cells, 50 if options.quick else options.flights, options.seed, options.out, tell=tell)
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

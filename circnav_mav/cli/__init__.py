@@ -183,6 +183,28 @@ def paper(out: str, starts: int, seed: int) -> int:
 
 
 @circnav.command()
+@click.option("--flights", type=int, default=1000, show_default=True, metavar="N", help="Flights of each cell.")
+@click.option("--law", "laws", multiple=True, metavar="NAME", help="Only this law (law+estimator). May be repeated.")
+@click.option("--situation", "situations", multiple=True, metavar="NAME", help="Only this situation. May be repeated.")
+@click.option("--seed", type=int, default=1, show_default=True, metavar="N", help="Of all worlds.")
+@click.option("--out", type=click.Path(), metavar="DIR", help="Write table.csv and table.png there.")
+@click.option("--cost", is_flag=True, help="Only what a step of the estimators costs on this machine.")
+def bench(
+    flights: int, laws: tuple[str, ...], situations: tuple[str, ...], seed: int, out: str | None, cost: bool
+) -> int:
+    """Fly the laws through wind, gusts, moving targets and bad sensors, many flights at once, and print the table.
+
+    \b
+    Examples:
+        circnav bench --flights 50 --out bench
+        circnav bench --law auto --situation "wind .33 V"
+    """
+    from circnav_mav.cli.bench import fly_bench
+
+    return fly_bench(flights, laws, situations, seed, out, cost)
+
+
+@circnav.command()
 @click.argument("run", type=click.Path())
 def report(run: str) -> int:
     """Write report.html (one page, opens offline, prints) and PNGs into RUN, a run folder; `fly` does so by itself.

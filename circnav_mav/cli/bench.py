@@ -1,0 +1,39 @@
+"""`circnav bench`."""
+
+import os
+from collections.abc import Iterable
+from pathlib import Path
+
+import click
+
+from circnav_mav.analysis.batch.policies import POLICIES
+from circnav_mav.analysis.batch.situations import SITUATIONS
+from circnav_mav.analysis.bench import run
+from circnav_mav.analysis.bench_cost import tell_costs
+from circnav_mav.cli.exits import Exit, Refused
+
+
+def fly_bench(
+    flights: int, laws: tuple[str, ...], situations: tuple[str, ...], seed: int, out: str | None, cost: bool
+) -> int:
+    """Fly the cells asked for, all by default, and print a line for each. Raises Refused."""
+    if flights < 1:
+        raise Refused(f"--flights: must be at least 1, not {flights}")
+    _known("--law", laws, POLICIES)
+    _known("--situation", situations, SITUATIONS)
+    if cost or not (laws or situations):
+        click.echo(tell_costs())
+    if cost:
+        return Exit.DONE
+    cells = [(situation, law) for situation in situations or SITUATIONS for law in laws or POLICIES]
+    try:
+        run(cells, flights, seed, Path(out) if out else None, tell=click.echo, cores=os.cpu_count() or 1)
+    except OSError as error:
+        raise Refused(f"{error.filename or out}: {error.strerror or error}") from None
+    return Exit.DONE
+
+
+def _known(option: str, names: tuple[str, ...], table: Iterable[str]) -> None:
+    for name in names:
+        if name not in table:
+            raise Refused(f'{option}: "{name}" is not one of: {"; ".join(table)}')
