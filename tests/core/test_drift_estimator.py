@@ -112,15 +112,20 @@ def test_an_outage_is_flown_on_dead_reckoning_and_trust_fades():
 
 
 def test_a_lost_bank_recovers_by_itself():
-    world, estimator = Circling(), DriftEstimator(SETTINGS)
-    listen(estimator, world, 0.0, 25.0)
-    assert estimator.ready
-    world.target = (-250.0, 300.0)
-    listen(estimator, world, 25.0, 29.5)
-    assert not estimator.ready
-    listen(estimator, world, 29.5, 70.0)
-    assert estimator.ready
-    assert error(estimator, world, 69.95) < 6.0
+    """Far off the circle it knows the place less well: the median of several flights, none worse than it says."""
+    errors = []
+    for seed in range(5):
+        world, estimator = Circling(rng=np.random.default_rng(seed)), DriftEstimator(SETTINGS)
+        listen(estimator, world, 0.0, 25.0)
+        assert estimator.ready
+        world.target = (-250.0, 300.0)
+        listen(estimator, world, 25.0, 29.5)
+        assert not estimator.ready
+        listen(estimator, world, 29.5, 70.0)
+        assert estimator.ready
+        errors.append(error(estimator, world, 69.95))
+        assert errors[-1] < 3 * estimator.at(69.95).relative.sigma
+    assert np.median(errors) < 4.0
 
 
 def test_a_hole_in_the_own_motion_starts_the_bank_anew():

@@ -45,7 +45,7 @@ class BankSettings:
     missed: float = 0.6
     recent: float = 3.0
     drift_most: float = 0.85
-    winds: tuple[tuple[float, float], ...] = ((3e-4, 0.0), (1e-2, 0.0), (1e-2, 0.1))
+    winds: tuple[tuple[float, float], ...] = ((3e-4, 0.0), (5e-2, 0.0), (1e-2, 0.1))
     noises: tuple[tuple[float, float], ...] = ((1.0, 0.0), (0.4, 0.9))
     search: SearchSettings | None = None
 
