@@ -16,6 +16,8 @@ REGAIN_WITHIN = 30.0
 """Time to regain the circle, s, besides the straight way back to it from where the autopilot's own timeout has put the
 vehicle: a plane loiters round the point where GUIDED was entered."""
 FRESH_PATIENCE = 150.0
+LEAVE_WITHIN = 13.0
+"""Time, s, in which the exit action must show, or we fall silent without it."""
 
 
 class Want(Enum):
@@ -101,13 +103,15 @@ def fly(scenario: Scenario, profile: str, seed: int, law: str = LAW) -> Verdict:
     errors = course.errors(start, end)
     rms = sqrt(sum(e * e for _, e in errors) / len(errors)) if errors else inf
     recovery = _recovery(course, end)
-    faults = [*course.broken[:3], *_age_faults(course, scenario), *_want_faults(course, scenario, rms, recovery)]
+    found_wanting = _want_faults(course, scenario, rms, recovery)
+    outcome, to_safe = course.pilot.outcome, _to_safe(course, start)
+    _part(course)
+    faults = [*course.broken[:3], *_age_faults(course, scenario), *found_wanting]
     if course.spy.backward > backward and not scenario.clocks:
         faults.append(f"{course.spy.backward - backward} samples fused twice or backwards")
     faults += [f"no reject counted as {name}" for name in scenario.rejects if not rejected.get(name)]
     if scenario.check is not None and (found := scenario.check(course)) is not None:
         faults.append(found)
-    outcome = course.pilot.outcome
     return Verdict(
         scenario,
         profile,
@@ -115,7 +119,7 @@ def fly(scenario: Scenario, profile: str, seed: int, law: str = LAW) -> Verdict:
         tuple(faults),
         rms,
         course.worst_told_age if scenario.clocks else course.worst_age,
-        _to_safe(course, start),
+        to_safe,
         recovery,
         rejected,
         outcome.reason if outcome else "",
@@ -136,6 +140,18 @@ def _finish(course: Course) -> None:
     course.link.impair()
     course.link.tampers.clear()
     course.link.intruders.clear()
+
+
+def _part(course: Course) -> None:
+    """Every cell that still flies ends with a stall and then with a signal, and must do right by both."""
+    if course.pilot.done:
+        return
+    course.stall(1.0)
+    course.fly(course.now + 2.5)
+    course.interrupt()
+    course.fly(course.now + LEAVE_WITHIN)
+    if not course.pilot.done:
+        course.broken.append(f"still {course.pilot.phase.value} {LEAVE_WITHIN:g} s after the signal")
 
 
 def _shifted(impairment: Impairment, by: float) -> Impairment:

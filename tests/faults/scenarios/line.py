@@ -6,6 +6,8 @@ from tests.faults.cell import Scenario, Want
 PX4 = ("px4_copter", "px4_plane", "px4_plane_attitude")
 PX4_ENDS = dict.fromkeys(PX4, Want.END)
 """PX4 leaves OFFBOARD by itself after a second without setpoints: that counts as a takeover."""
+PX4_MAY_END = dict.fromkeys(PX4, Want.SAFE)
+"""Three heartbeats lost in a row make us fall silent, and PX4 then leaves OFFBOARD."""
 
 
 def both(fault: str, level: str, impairment: Impairment, **more: object) -> Scenario:
@@ -23,7 +25,8 @@ def outage(seconds: float, way: str, **more: object) -> Scenario:
 
 LOSS = [
     *(both("F1", f"{p} %", Impairment(loss=p / 100), quick=p == 20) for p in (1, 5, 10, 20)),
-    *(both("F1", f"{p} %", Impairment(loss=p / 100), want=Want.REGAIN) for p in (33, 50)),
+    both("F1", "33 %", Impairment(loss=0.33), want=Want.REGAIN),
+    both("F1", "50 %", Impairment(loss=0.5), want=Want.REGAIN, on=PX4_MAY_END),
     both("F1", "33 % from the start", Impairment(loss=0.33), want=Want.ENGAGE, fresh=True, after=0.0, quick=True),
 ]
 OUTAGES = [
