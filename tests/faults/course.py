@@ -6,6 +6,7 @@ import struct
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
+from itertools import pairwise
 from math import isfinite
 from typing import Any
 
@@ -19,14 +20,19 @@ from sim.faults.frames import frames
 from sim.vehicle import MAIN, Truth, Vehicle
 from sim.vehicle import RANGING as RADIO
 from tests.faults.judge import Allowed, broken_rule, is_heartbeat, is_safe, is_setpoint
-from tests.faults.witness import Witness
+from tests.faults.witness import GUIDED, Witness
 from tests.flight.lockstep import CONFIG, true_radius
 
 copyreg.pickle(struct.Struct, lambda unpacker: (struct.Struct, (unpacker.format,)))  # lets a flight be copied
 
 PATIENT = ("limits.hold_s=70.0", "limits.outage_s=70.0", "limits.duration_s=100000.0")
-SETTLED = 110.0
+BAND = 0.05
+"""Radius error, of the radius, within which the circle counts as held."""
+SETTLED, STEADY, LATEST = 110.0, 30.0, 400.0
 SOURCE = "sim"
+TRUTH_EVERY = 0.1
+PX4_PATIENCE = {"px4_copter": 1.0, "px4_plane": 0.5, "px4_plane_attitude": 1.0}
+"""COM_OF_LOSS_T of OFFBOARD, COM_RC_LOSS_T of the sticks, s."""
 
 
 class Spy:
@@ -46,6 +52,10 @@ class Spy:
         self.newest = None
         self._estimator.reset()
 
+    def restamp(self) -> None:
+        self.newest = None
+        self._estimator.restamp()
+
     def observe(self, sample: RangeSample) -> Any:
         if self.newest is not None and sample.stamp <= self.newest.stamp:
             self.backward += 1
@@ -62,6 +72,7 @@ class Course:
         settings = mission.pilot_settings()
         if stream:
             settings = replace(settings, stream_links=frozenset({VEHICLE}))
+        self.stream = stream
         self.profile = profile
         self.pilot = Pilot(settings)
         self.vehicle = Vehicle(parse_vehicle(mission.file.sim, profile))
@@ -161,7 +172,7 @@ class Course:
         for data in frames(out) if self.link.tampers else (out,) if out else ():
             self.link.push(UP, data, self.now)
         for data in self.link.take(UP, self.now):
-            self.vehicle.receive(data)
+            self.vehicle.receive(data, stream=self.stream)
         return out
 
     def _judge(self, out: bytes, records: list[TickRecord]) -> None:
@@ -211,7 +222,18 @@ class Course:
     def _look(self) -> None:
         if self.now >= self._next_truth:
             self.truths.append(self.vehicle.truth)
-            self._next_truth = self.now + 0.1
+            self._next_truth = self.now + TRUTH_EVERY
+
+    @property
+    def timed_out(self) -> bool:
+        """Whether PX4 left our mode by itself, because no setpoint had reached it for so long; that ends the mission
+        like a takeover."""
+        patience = PX4_PATIENCE.get(self.profile)
+        left = next((truth.time for truth in self.truths if truth.mode != GUIDED[self.profile]), None)
+        if patience is None or left is None:
+            return False
+        heard = [time for time, _ in self.vehicle.setpoint_log if left - 5 < time < left]
+        return max(b - a for a, b in pairwise([left - 5, *heard, left])) > patience - TRUTH_EVERY
 
     def errors(self, since: float, until: float) -> list[tuple[float, float]]:
         """(time, radius error as a fraction of the radius) between two times."""
@@ -222,8 +244,11 @@ class Course:
 
 @cache
 def settled(profile: str, overrides: tuple[str, ...] = (), *, stream: bool = False) -> Course:
-    """A flight that has found its circle over a good link; copy it before use."""
+    """A flight that has found its circle over a good link and kept to it for a while; copy it before use."""
     course = Course(profile, overrides, stream=stream).fly(SETTLED)
+    while max(abs(error) for _, error in course.errors(course.now - STEADY, course.now)) > BAND / 2:
+        course.fly(course.now + STEADY)
+        assert course.now < LATEST, f"{profile}: no steady circle"
     assert course.pilot.phase is Phase.ENGAGED, course.pilot.outcome
     course.forget()
     return course

@@ -1,6 +1,7 @@
 """F10 .. F13: what the range says, how it is noised, repeated and stamped. On the way from the vehicle."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from sim.faults.frames import read, rewritten
 from sim.faults.tampering import (
@@ -58,7 +59,7 @@ VALUES = [
     value("quality 1", "poor_quality", signal_quality=1),
     value("quality 0", "", signal_quality=0),
     value("covariance 0", "", covariance=0),
-    value("covariance 1", "", covariance=1),
+    replace(value("covariance 1", "", covariance=1), by_auto=Want.REGAIN),
     value("downward sensor", "", orientation=25),
     named("NaN", "not_finite", float("nan")),
     named("+inf", "not_finite", float("inf")),
