@@ -29,6 +29,8 @@ FRAMES_SHARE = 0.75
 """Part of the bound at which frames are no longer recorded, so that the ticks of a long flight find room."""
 MOST_WAITING = 20_000
 """Turns and ticks that wait for a slow disk, some minutes of flight, before new ones are lost."""
+MOST_SOURCES = 1000
+"""Senders told apart in turns.csv."""
 CLOSE_PATIENCE = 10.0
 """Time, s, that a slow disk is given at the end."""
 TICK_COLUMNS = tuple(field.name for field in fields(TickRecord))
@@ -156,12 +158,14 @@ class Recorder:
         frames = [frame for _, _, datagram in item.heard for frame in datagram] + item.said + item.hello
         stamp = struct.pack(">Q", self._epoch_us + round(item.time * 1e6))
         self._written += self._tlog.write(b"".join(stamp + frame for frame in frames))
-        heard = " ".join(
-            f"{link[0]}{self._sources.setdefault(source, len(self._sources))}*{len(datagram)}"
-            for link, source, datagram in item.heard
-        )
+        heard = " ".join(f"{link[0]}{self._number(source)}*{len(datagram)}" for link, source, datagram in item.heard)
         row = (round(item.time * 1e6), heard, len(item.said) or "", len(item.hello) or "", item.interrupt)
         self._written += self._turns_csv.writerow(row)
+
+    def _number(self, source: Hashable) -> int:
+        """A short name for a source; whoever comes after very many others shares theirs."""
+        known = len(self._sources)
+        return self._sources.setdefault(source, known) if known < MOST_SOURCES else self._sources.get(source, known)
 
     def _flush(self) -> None:
         for file in (self._tlog, self._turns, self._ticks):

@@ -170,3 +170,14 @@ def test_a_disk_that_hangs_costs_gaps_and_not_all_the_memory(tmp_path, monkeypat
         recorder.turn(Turn(0.05 * i))
     assert recorder._queue.qsize() == 50
     assert recorder.problem == f"{tmp_path}: recording has gaps from 2 s on: the disk is too slow"
+
+
+def test_a_flood_of_senders_does_not_fill_the_memory(tmp_path):
+    recorder = Recorder(tmp_path, "")
+    recorder.start(EPOCH_US)
+    for i in range(3000):
+        recorder.turn(Turn(0.001 * i, heard=[("vehicle", ("10.0.0.1", i), [])]))
+    recorder.close()
+    numbers = {row.split(",")[1] for row in (tmp_path / "turns.csv").read_text().splitlines()[1:]}
+    assert len(recorder._sources) == 1000
+    assert len(numbers) == 1001
