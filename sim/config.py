@@ -37,6 +37,7 @@ class Airframe:
     """[vehicle]: which autopilot and how it moves. Where a default is None it depends on the profile.
 
     dynamics: the arducopter's default is the ideal "unicycle", the others' what was measured ("realistic").
+    boot_age_s: how long the autopilot had been up at time zero (its 32-bit milliseconds wrap after 4294967.296 s).
     odometry: velocity without GPS (optical flow, wheel encoders), usable once somebody has set an origin (message 48).
     """
 
@@ -52,6 +53,7 @@ class Airframe:
     turn_effectiveness: float | None = key(None, low=0.1, high=2.0)
     airspeed_scale: float | None = key(None, low=0.5, high=2.0)
     drag_per_s: float = key(1.0, low=0.0, high=10.0)
+    boot_age_s: float = key(0.0, low=0.0, high=1e8)
     setpoint_timeout_s: float | None = key(None, low=0.1, high=60.0)
     gps: bool = True
     odometry: bool = False

@@ -42,7 +42,7 @@ class Flight:
     def __init__(self, config: VehicleConfig, say: Say) -> None:
         self.config = config
         self.now = 0
-        self.booted = 0
+        self.booted = -round(config.vehicle.boot_age_s * 1e6)
         self._say = say
         self.air = Air(config.wind, config.seed)
         self.target = TargetMotion(config.target)

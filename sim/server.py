@@ -76,7 +76,7 @@ def _fly(
 def _hear(vehicle: Vehicle, wires: dict[str, Wire]) -> None:
     for name, wire in wires.items():
         for link, data in wire.receive():
-            vehicle.receive(data, RANGING if name == RANGING else link)
+            vehicle.receive(data, RANGING if name == RANGING else link, stream=wire.stream)
 
 
 def _speak(vehicle: Vehicle, wires: dict[str, Wire]) -> None:

@@ -54,10 +54,10 @@ class Vehicle:
 
     # -- the public side ----------------------------------------------------------------------------------------------
 
-    def receive(self, data: bytes, link: str = MAIN) -> None:
-        """One datagram heard on a link, handled at the current simulated time. Never raises, whatever it holds."""
+    def receive(self, data: bytes, link: str = MAIN, *, stream: bool = False) -> None:
+        """One datagram, or piece of a stream, heard on a link, handled at the current simulated time. Never raises."""
         source = self._link(link)
-        for message in source.parser.messages(data):
+        for message in source.parser.messages(data, stream=stream):
             self._hear(message, source)
 
     def advance(self, until: float) -> None:

@@ -13,19 +13,21 @@ V2_MARKER = 0xFD
 
 
 class Parser:
-    """Whole datagrams in, messages out. Each datagram starts afresh: one stray byte must not eat the next frames."""
+    """Bytes in, messages out."""
 
     def __init__(self, version: int) -> None:
         self._version = version
         self._mav = _engine(0, 0)
         self.bad = 0
 
-    def messages(self, datagram: bytes) -> list[Message]:
+    def messages(self, data: bytes, *, stream: bool) -> list[Message]:
+        """A datagram starts afresh: one stray byte must not eat the next frames. A stream goes on where it was cut."""
         mav = self._mav
-        mav.buf = bytearray()
-        mav.buf_index = 0
-        mav.expected_length = 8
-        found = mav.parse_buffer(datagram) or []
+        if not stream:
+            mav.buf = bytearray()
+            mav.buf_index = 0
+            mav.expected_length = 8
+        found = mav.parse_buffer(data) or []
         good = [m for m in found if self._readable(m)]
         self.bad += len(found) - len(good)
         return good

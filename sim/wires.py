@@ -13,7 +13,10 @@ MOST_PEERS = 32
 
 
 class Wire(Protocol):
-    """One endpoint. Clients are named `first` and `first-2`, `first-3` in the order they were heard."""
+    """One endpoint. Clients are named `first` and `first-2`, `first-3` in the order they were heard.
+    stream: whether frames may come in pieces."""
+
+    stream: bool
 
     def receive(self) -> list[Datagram]:
         """Everything that has arrived: (link name, bytes)."""
@@ -29,6 +32,8 @@ class Wire(Protocol):
 
 class UdpWire:
     """A UDP port (udpin: answers whoever speaks) or a fixed peer (udpout: speaks first)."""
+
+    stream = False
 
     def __init__(self, endpoint: Endpoint, first: str) -> None:
         self._first = first
@@ -77,6 +82,8 @@ class UdpWire:
 
 class TcpWire:
     """A listening TCP port; each connection is a link."""
+
+    stream = True
 
     def __init__(self, endpoint: Endpoint, first: str) -> None:
         self._first = first

@@ -1,10 +1,12 @@
 """Reads a run folder back: ticks.csv as columns, the simulator's truth out of flight.tlog."""
 
 import csv
-import struct
+from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
+from math import nan
 from pathlib import Path
+from sys import intern
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,41 +81,46 @@ def read_ticks(folder: Path) -> Ticks:
     with (folder / "ticks.csv").open(newline="", encoding="utf-8") as file:
         reader = csv.reader(file)
         header = next(reader, [])
-        rows = [row for row in reader if len(row) == len(header)]
-    columns = dict(zip(header, zip(*rows, strict=True), strict=True)) if rows else dict.fromkeys(header, ())
-    words = {name: list(columns.pop(name)) for name in WORDS & columns.keys()}
-    numbers = {name: np.array([float(cell) if cell else np.nan for cell in cells]) for name, cells in columns.items()}
-    if "time" not in numbers:
+        words: dict[str, list[str]] = {name: [] for name in header if name in WORDS}
+        numbers = {name: array("d") for name in header if name not in WORDS}
+        for row in reader:  # line by line: the text of a long flight is ten times what it says
+            if len(row) == len(header):
+                for name, cell in zip(header, row, strict=True):
+                    if name in words:
+                        words[name].append(intern(cell))
+                    else:
+                        numbers[name].append(float(cell) if cell else nan)
+    if "time" not in numbers or len(words) + len(numbers) < len(header):
         raise ValueError(f"{folder / 'ticks.csv'}: has no header")
-    return Ticks(numbers, words)
+    return Ticks({name: np.array(cells) for name, cells in numbers.items()}, words)
 
 
 def read_tlog(path: Path) -> Iterator[tuple[int, bytes]]:
     """The (microseconds since 1970, frame) pairs of a tlog; ends where the file was cut off. Raises OSError."""
-    data = path.read_bytes()
-    at = 0
-    while at + 8 + 3 <= len(data):
-        (stamp,) = struct.unpack_from(">Q", data, at)
-        length = _length(data, at + 8)
-        if length is None or at + 8 + length > len(data):
-            return
-        yield stamp, data[at + 8 : at + 8 + length]
-        at += 8 + length
+    with path.open("rb") as file:
+        while len(head := file.read(8 + 3)) == 8 + 3:
+            length = _length(head, 8)
+            if length is None:
+                return
+            frame = head[8:] + file.read(length - 3)
+            if len(frame) < length:
+                return
+            yield int.from_bytes(head[:8], "big"), frame
 
 
 def read_truth(folder: Path, epoch_us: int) -> Truth | None:
     """The simulator's truth of a run whose clock began at `epoch_us`, None when there was none."""
     decoder = Decoder()
-    rows: list[tuple[float, ...]] = []
+    rows = array("d")
     for stamp, frame in read_tlog(folder / "flight.tlog"):
         if message_id(frame) != TRUTH_MESSAGE_ID:
             continue
         for message in decoder.decode(frame):
             if _name(message) == TRUTH_NAME:
-                rows.append(((stamp - epoch_us) / 1e6, *message.data[:16]))
+                rows.extend(((stamp - epoch_us) / 1e6, *message.data[:16]))
     if not rows:
         return None
-    table = np.array(rows)
+    table = np.array(rows).reshape(-1, 17)
     return Truth(table[:, 0], table[:, 1], table[:, 2], table[:, 10], table[:, 11], table[:, 8], table[:, 16])
 
 

@@ -1,7 +1,7 @@
 """`circnav fly`: mission file in, circle out."""
 
 import traceback
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -103,7 +103,7 @@ def _start(
 ) -> tuple[RunClock, Recorder]:
     """The recorder, the bundled vehicle if it is flown, and last the clock, which starts the run. Raises Refused."""
     try:
-        recorder = Recorder(folder, mission.text)
+        recorder = Recorder(folder, mission.text, mission.file.log.max_mb)
     except RecorderError as error:
         raise Refused(str(error)) from None
     open_things.callback(recorder.close)
@@ -155,10 +155,11 @@ def _loop(
     try:
         run(pilot, links, clock, recorder, show, stop)
     except Exception as error:
-        report = recorder.folder / "error.txt"
-        report.write_text(traceback.format_exc(), encoding="utf-8")
+        links[VEHICLE].send(pilot.last_words(clock.now()), pilot.reply_to)  # first of all, whatever the disk does
         pilot.outcome = Outcome(Ending.ABORTED, f"internal error: {error}")
-        links[VEHICLE].send(pilot.last_words(clock.now()), pilot.reply_to)
+        report = recorder.folder / "error.txt"
+        with suppress(OSError):
+            report.write_text(traceback.format_exc(), encoding="utf-8")
         return report
     finally:
         display.close()

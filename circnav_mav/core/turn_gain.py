@@ -71,7 +71,9 @@ def learn(state: TurnGain, settings: TurnGainSettings, *, time: float, heading: 
         state, time=time, heading=heading, smooth_rate=smooth_rate, lagged=lagged,
         smooth_command=smooth_command, age=state.age + step,
     )  # fmt: skip
-    if moved.age < 4 * settings.smoothing or not moved.followed:  # the low-pass has not yet forgotten its start
+    if not moved.followed:
+        return replace(moved, age=0.0)
+    if moved.age < 4 * settings.smoothing:  # the low-pass has not yet forgotten its start, or what was not followed
         return moved
     forget = exp(-step / settings.memory)
     square = state.square * forget + smooth_command**2 * step

@@ -18,7 +18,7 @@ from circnav_mav.mav.streams import StreamRequests
 
 HEARTBEAT_PERIOD = 1.0
 LOST_AFTER = 3.0
-"""Silence of the vehicle's heartbeat, s, after which the link counts as lost (MAVSDK's figure)."""
+"""Silence of the vehicle about its mode, s, after which the link counts as lost (MAVSDK's figure)."""
 REBOOT_STEP = 1.0
 """Backward step of the vehicle's boot time, s, that proves a reboot."""
 V2_MAGIC = 0xFD
@@ -111,7 +111,7 @@ class Session:
         return None if self._boot_ms is None else self._boot_ms / 1000
 
     def heartbeat_age(self, now: float) -> float:
-        """Seconds since the vehicle's last heartbeat."""
+        """Seconds since the vehicle last told its mode."""
         return now - self.heard_at
 
     def receive(self, message: Message, now: float, source: Hashable) -> bool:
@@ -248,8 +248,9 @@ class Session:
         self.heartbeats += 1
 
     def _on_current_mode(self, message: Message, now: float) -> None:
+        """Proves the mode and the link as a heartbeat does: PX4 sends those once a second only, and some are lost."""
         if message.custom_mode:
-            self.mode = message.custom_mode
+            self.heard_at, self.mode = now, message.custom_mode
 
     def _on_battery(self, message: Message, now: float) -> None:
         self.battery = float(message.battery_remaining) if message.battery_remaining >= 0 else None

@@ -131,6 +131,12 @@ class BoundsTable(Table):
     min_battery_percent: Annotated[float, Field(ge=0, le=100)] | None = None
 
 
+class LogTable(Table):
+    """[log]"""
+
+    max_mb: Positive = 2000.0
+
+
 class MissionFile(Table):
     """The whole file. `sim` belongs to the bundled vehicle, which checks it itself."""
 
@@ -144,4 +150,5 @@ class MissionFile(Table):
     exit: ExitTable = ExitTable()
     bounds: BoundsTable = BoundsTable()
     limits: LimitsTable
+    log: LogTable = LogTable()
     sim: dict[str, Any] | None = None

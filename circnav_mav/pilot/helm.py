@@ -45,6 +45,11 @@ class Helm:
         """Realised over commanded turn rate, as used now."""
         return self._settings.turn_gain or self._learnt.gain
 
+    @property
+    def followed(self) -> bool:
+        """Whether the vehicle turns as it is told."""
+        return self._learnt.followed
+
     def feel(self, own: OwnMotion) -> None:
         """Learn the turn-rate gain from the vehicle's heading, and whether it is flying what we tell it."""
         if self._told is None:

@@ -109,7 +109,7 @@ class Pilot:
     def _take_range(self, message: Message, now: float) -> None:
         sample = self.ranging.read(message, now)
         if self.ranging.restarted:
-            self.estimator.reset()
+            self.estimator.restamp()
         if sample is None:
             return
         if self._stalled(now):
@@ -129,11 +129,11 @@ class Pilot:
         own = self.session.motion.own(now, self._airspeed(now))
         if own is not None:
             self.helm.feel(own)
-            if self.session.adapter.measures_airspeed or self.phase in STEERING:
+            if self.session.adapter.measures_airspeed or (self.phase in STEERING and self.helm.followed):
                 self.estimator.move(own)
 
     def _airspeed(self, now: float) -> float:
-        """As measured; else the speed that the vehicle is told to hold, which it holds only while it is ours."""
+        """As measured; else the speed that the vehicle is told to hold, as it does while it is ours and hears us."""
         measured = self.session.motion.at(now).airspeed if self.session.adapter.measures_airspeed else None
         return self.settings.orbit.speed if measured is None else measured
 

@@ -15,6 +15,8 @@ MOST_DATAGRAMS = 512
 LOCAL_PORT = 14691
 """Our local port for `udpout`: PX4 latches onto the first client port it hears, so a restart must use the same."""
 RETRY = 1.0
+HALF_OPEN = 3.0
+"""Time, s, without acknowledgement after which a TCP connection counts as gone."""
 CONNECT_PATIENCE = 5.0
 
 
@@ -275,9 +277,12 @@ class SerialLink:
 
 
 def _prepare(connection: socket.socket) -> None:
-    """Never wait, never gather: a setpoint leaves at once."""
+    """Never wait, never gather: a setpoint leaves at once. A peer that vanished without a word is noticed by what it
+    does not acknowledge, for we say something every second."""
     connection.setblocking(False)
     connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    if hasattr(socket, "TCP_USER_TIMEOUT"):  # Linux
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(1000 * HALF_OPEN))
 
 
 def _explain(error: Exception) -> str:

@@ -5,6 +5,9 @@ A tlog is big-endian microseconds since 1970 and the raw frame, repeated: Missio
 open it. turns.csv says of each turn of the loop what a tlog cannot: its time, from which link and source its frames
 came, and how many of them are ours; with both, a replay is exact. Whatever happens to the process, at most the last
 half second is lost.
+
+A run folder is bounded: first the frames stop (flight.tlog and turns.csv, which stay a whole, shorter flight for every
+reader), the last part is for the ticks alone.
 """
 
 import csv
@@ -14,6 +17,7 @@ import threading
 from collections.abc import Hashable, Iterable
 from dataclasses import dataclass, field, fields
 from enum import Enum
+from math import inf
 from pathlib import Path
 from typing import IO, Any
 
@@ -21,6 +25,14 @@ from circnav_mav.pilot import TickRecord
 
 FLUSH_PERIOD = 0.5
 """Time, s of the run's clock, that may pass between two flushes while something is written."""
+FRAMES_SHARE = 0.75
+"""Part of the bound at which frames are no longer recorded, so that the ticks of a long flight find room."""
+MOST_WAITING = 20_000
+"""Turns and ticks that wait for a slow disk, some minutes of flight, before new ones are lost."""
+MOST_SOURCES = 1000
+"""Senders told apart in turns.csv."""
+CLOSE_PATIENCE = 10.0
+"""Time, s, that a slow disk is given at the end."""
 TICK_COLUMNS = tuple(field.name for field in fields(TickRecord))
 TURN_COLUMNS = ("time_us", "heard", "said", "hello", "interrupt")
 """heard: link initial, number of the source and count of whole frames of each datagram, as in `v0*2 r1*1`. said, hello:
@@ -46,9 +58,13 @@ class Turn:
 class Recorder:
     """Writes what it is given, in that order. A disk that fails is noted in `problem`; the flight goes on."""
 
-    def __init__(self, folder: Path, mission_text: str) -> None:
+    def __init__(self, folder: Path, mission_text: str, max_mb: float = inf) -> None:
+        """max_mb: bound of all three files together. Raises RecorderError."""
         self.folder = folder
         self.problem: str | None = None
+        self._most = max_mb * 1e6
+        self._written = 0
+        self._broken = False
         self._epoch_us = 0
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -73,18 +89,28 @@ class Recorder:
 
     def turn(self, turn: Turn) -> None:
         """Record a turn of the loop with the whole MAVLink frames that came in and went out in it."""
-        self._queue.put(turn)
+        self._put(turn)
 
     def ticks(self, records: list[TickRecord]) -> None:
         """Record ticks."""
         for record in records:
-            self._queue.put(record)
+            self._put(record)
 
     def close(self) -> None:
         """Write what is waiting and close the files."""
         self._queue.put(None)
         if self._thread.is_alive():
-            self._thread.join()
+            self._thread.join(CLOSE_PATIENCE)
+
+    def _put(self, item: Turn | TickRecord) -> None:
+        if self._queue.qsize() < MOST_WAITING:
+            self._queue.put(item)
+        else:
+            self._note(f"{self.folder}: recording has gaps from {item.time:.0f} s on: the disk is too slow")
+
+    def _note(self, problem: str) -> None:
+        """Keep the first problem: later ones follow from it."""
+        self.problem = self.problem or problem
 
     def _drain(self) -> None:
         """The writing thread."""
@@ -104,26 +130,42 @@ class Recorder:
             self._guarded(file.close)
 
     def _guarded(self, action: Any, *arguments: Any) -> None:
-        if self.problem is not None:
+        if self._broken:
             return
         try:
             action(*arguments)
         except (OSError, ValueError) as error:
-            self.problem = f"{self.folder}: recording stopped: {getattr(error, 'strerror', None) or error}"
+            self._broken = True
+            self._note(f"{self.folder}: recording stopped: {getattr(error, 'strerror', None) or error}")
 
     def _write(self, item: Turn | TickRecord) -> None:
         if isinstance(item, TickRecord):
-            self._csv.writerow(tick_row(item))
-            return
+            if self._room(1.0, "ticks", item.time):
+                self._written += self._csv.writerow(tick_row(item))
+        elif self._room(FRAMES_SHARE, "frames", item.time):
+            self._write_turn(item)
+
+    def _room(self, share: float, what: str, time: float) -> bool:
+        """Whether this part of the bound is not used up; once it is, that stays so."""
+        if self._written < share * self._most:
+            return True
+        self._note(
+            f"{self.folder}: {what} are recorded up to {time:.0f} s: log.max_mb = {self._most / 1e6:g} is reached"
+        )
+        return False
+
+    def _write_turn(self, item: Turn) -> None:
         frames = [frame for _, _, datagram in item.heard for frame in datagram] + item.said + item.hello
         stamp = struct.pack(">Q", self._epoch_us + round(item.time * 1e6))
-        self._tlog.write(b"".join(stamp + frame for frame in frames))
-        heard = " ".join(
-            f"{link[0]}{self._sources.setdefault(source, len(self._sources))}*{len(datagram)}"
-            for link, source, datagram in item.heard
-        )
+        self._written += self._tlog.write(b"".join(stamp + frame for frame in frames))
+        heard = " ".join(f"{link[0]}{self._number(source)}*{len(datagram)}" for link, source, datagram in item.heard)
         row = (round(item.time * 1e6), heard, len(item.said) or "", len(item.hello) or "", item.interrupt)
-        self._turns_csv.writerow(row)
+        self._written += self._turns_csv.writerow(row)
+
+    def _number(self, source: Hashable) -> int:
+        """A short name for a source; whoever comes after very many others shares theirs."""
+        known = len(self._sources)
+        return self._sources.setdefault(source, known) if known < MOST_SOURCES else self._sources.get(source, known)
 
     def _flush(self) -> None:
         for file in (self._tlog, self._turns, self._ticks):

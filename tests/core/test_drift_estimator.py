@@ -1,6 +1,6 @@
 """The bank in flight: own motion and ranges that come at their own times, get lost, lie or stop."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import cos, hypot, pi, sin
 
 import numpy as np
@@ -207,3 +207,19 @@ def test_auto_goes_on_hearing_ranges_while_its_bank_has_lost_the_target():
     assert heard[0] is Fused.GATED
     assert Fused.GATED not in heard[10:]
     assert estimator.at(28.0).r == pytest.approx(hypot(*world.offset(28.0)), abs=3.0)
+
+
+def test_a_jump_of_the_sensors_clock_leaves_the_target_where_it_was():
+    """Stamps one hour on: `auto` goes on with the same bank, and `kalman` begins anew."""
+    world, estimator = Circling(), AutoEstimator(SETTINGS)
+    listen(estimator, world, 0, 40)
+    assert estimator.drift.ready
+    estimator.restamp()
+    assert not estimator.kalman.ready
+    for t in np.arange(40, 45, 0.05):
+        sample = world.range(float(t))
+        estimator.move(world.motion(float(t)))
+        estimator.observe(replace(sample, stamp=sample.stamp + 3600))
+        assert estimator.drift.ready
+        assert error(estimator, world, float(t)) < 5.0
+    assert estimator.kalman.ready

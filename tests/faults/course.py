@@ -6,6 +6,7 @@ import struct
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
+from itertools import pairwise
 from math import isfinite
 from typing import Any
 
@@ -18,14 +19,20 @@ from sim.faults import DOWN, UP, FaultLink
 from sim.faults.frames import frames
 from sim.vehicle import MAIN, Truth, Vehicle
 from sim.vehicle import RANGING as RADIO
-from tests.faults.judge import Allowed, broken_rule, is_setpoint
+from tests.faults.judge import Allowed, broken_rule, is_heartbeat, is_safe, is_setpoint
+from tests.faults.witness import GUIDED, Witness
 from tests.flight.lockstep import CONFIG, true_radius
 
 copyreg.pickle(struct.Struct, lambda unpacker: (struct.Struct, (unpacker.format,)))  # lets a flight be copied
 
 PATIENT = ("limits.hold_s=70.0", "limits.outage_s=70.0", "limits.duration_s=100000.0")
-SETTLED = 110.0
+BAND = 0.05
+"""Radius error, of the radius, within which the circle counts as held."""
+SETTLED, STEADY, LATEST = 110.0, 30.0, 400.0
 SOURCE = "sim"
+TRUTH_EVERY = 0.1
+PX4_PATIENCE = {"px4_copter": 1.0, "px4_plane": 0.5, "px4_plane_attitude": 1.0}
+"""COM_OF_LOSS_T of OFFBOARD, COM_RC_LOSS_T of the sticks, s."""
 
 
 class Spy:
@@ -45,6 +52,10 @@ class Spy:
         self.newest = None
         self._estimator.reset()
 
+    def restamp(self) -> None:
+        self.newest = None
+        self._estimator.restamp()
+
     def observe(self, sample: RangeSample) -> Any:
         if self.newest is not None and sample.stamp <= self.newest.stamp:
             self.backward += 1
@@ -61,6 +72,7 @@ class Course:
         settings = mission.pilot_settings()
         if stream:
             settings = replace(settings, stream_links=frozenset({VEHICLE}))
+        self.stream = stream
         self.profile = profile
         self.pilot = Pilot(settings)
         self.vehicle = Vehicle(parse_vehicle(mission.file.sim, profile))
@@ -68,6 +80,7 @@ class Course:
         self.link = FaultLink()
         self.spy = Spy(self.pilot.estimator)
         self.pilot.estimator = self.spy  # type: ignore[assignment]
+        self.witness = Witness(profile)
         self.source = SOURCE
         self.way_home = 0.0
         self.clock: Callable[[float], float] = float
@@ -109,17 +122,31 @@ class Course:
             self.vehicle.advance(self.now)
             waiting += self._arrivals()
             self._look()
-        for data, link in waiting:
-            self.pilot.receive(data, self.clock(self.now), self.source, link)
-        self._answer()
+        self.witness.stood_still()
+        self._give(waiting, waited=True)
+        if sum(map(is_heartbeat, frames(self._answer()))) > 1:
+            self.broken.append(f"{self.now:.2f} s: heartbeats made up for after standing still")
+
+    def interrupt(self) -> None:
+        """A signal ends the flight: the very next words are the safe setpoint, where the vehicle is ours to steer."""
+        pilot = self.pilot
+        steering = pilot.phase in STEERING and pilot.session.in_our_mode and not self.witness.unproved
+        pilot.interrupt(self.clock(self.now), "SIGTERM")
+        out = self._answer()
+        if steering and not any(is_safe(frame) for frame in frames(out) if is_setpoint(frame)):
+            self.broken.append(f"{self.now:.2f} s: no safe setpoint at once after the signal")
 
     def _step(self, due: float) -> None:
         self.now = max(due, self.now)
         self.vehicle.advance(self.now)
-        for data, link in self._arrivals():
-            self.pilot.receive(data, self.clock(self.now), self.source, link)
+        self._give(self._arrivals())
         self._answer()
         self._look()
+
+    def _give(self, arrived: list[tuple[bytes, str]], *, waited: bool = False) -> None:
+        for data, link in arrived:
+            self.pilot.receive(data, self.clock(self.now), self.source, link)
+            self.witness.hear(data, waited=waited)
 
     def _arrivals(self) -> list[tuple[bytes, str]]:
         """What reaches the application now; intruders speak to the vehicle as well."""
@@ -135,7 +162,7 @@ class Course:
             arrived += [(frame, RANGING) for frame in self.vehicle.outgoing(RADIO)]
         return arrived
 
-    def _answer(self) -> None:
+    def _answer(self) -> bytes:
         pilot = self.pilot
         out = pilot.step(self.clock(self.now))
         pilot.take_frames()
@@ -145,7 +172,8 @@ class Course:
         for data in frames(out) if self.link.tampers else (out,) if out else ():
             self.link.push(UP, data, self.now)
         for data in self.link.take(UP, self.now):
-            self.vehicle.receive(data)
+            self.vehicle.receive(data, stream=self.stream)
+        return out
 
     def _judge(self, out: bytes, records: list[TickRecord]) -> None:
         """Every rule that holds in every cell."""
@@ -155,16 +183,23 @@ class Course:
             rule = broken_rule(frame, self.allowed)
             if rule is not None:
                 self.broken.append(f"{self.now:.2f} s: {rule}")
+            if self.pilot.outcome is not None and not is_safe(frame):
+                self.broken.append(f"{self.now:.2f} s: steered after the end: {self.pilot.outcome.reason}")
             self._judge_time()
         for record in records:
             if record.phase is Phase.ENGAGED and record.yaw_rate_sent is not None:
                 self._judge_age(record)
+            elif record.yaw_rate_sent is not None:
+                self._judge_holding(record)
 
     def _judge_time(self) -> None:
         pilot = self.pilot
         before = pilot.phase is Phase.READY and pilot.session.adapter.needs_setpoints_first
         if not pilot.session.in_our_mode and not before:
             self.broken.append(f"{self.now:.2f} s: setpoint while {pilot.session.mode_name}, {pilot.phase.value}")
+        if self.witness.taken or self.witness.unproved:
+            seen = "the operator's mode was seen" if self.witness.taken else "standing still, no heartbeat since"
+            self.broken.append(f"{self.now:.2f} s: setpoint after {seen}")
         if pilot.phase in STEERING:
             self.steered_at.append(self.now)
         elif not before and self.safe_at is None:
@@ -178,10 +213,27 @@ class Course:
         self.worst_told_age = max(self.worst_told_age, age)
         self.worst_age = max(self.worst_age, self.now - self.spy.newest.stamp)
 
+    def _judge_holding(self, record: TickRecord) -> None:
+        """Without a range it is the circle's own turn rate, which depends on none."""
+        own = min(self.allowed.speed / self.radius, self.allowed.yaw_rate)
+        if record.demanded is None or abs(abs(record.demanded) - own) > 1e-6:
+            self.broken.append(f"{self.now:.2f} s: {record.phase.value} steers {record.demanded}, not {own:.6f} rad/s")
+
     def _look(self) -> None:
         if self.now >= self._next_truth:
             self.truths.append(self.vehicle.truth)
-            self._next_truth = self.now + 0.1
+            self._next_truth = self.now + TRUTH_EVERY
+
+    @property
+    def timed_out(self) -> bool:
+        """Whether PX4 left our mode by itself, because no setpoint had reached it for so long; that ends the mission
+        like a takeover."""
+        patience = PX4_PATIENCE.get(self.profile)
+        left = next((truth.time for truth in self.truths if truth.mode != GUIDED[self.profile]), None)
+        if patience is None or left is None:
+            return False
+        heard = [time for time, _ in self.vehicle.setpoint_log if left - 5 < time < left]
+        return max(b - a for a, b in pairwise([left - 5, *heard, left])) > patience - TRUTH_EVERY
 
     def errors(self, since: float, until: float) -> list[tuple[float, float]]:
         """(time, radius error as a fraction of the radius) between two times."""
@@ -192,8 +244,11 @@ class Course:
 
 @cache
 def settled(profile: str, overrides: tuple[str, ...] = (), *, stream: bool = False) -> Course:
-    """A flight that has found its circle over a good link; copy it before use."""
+    """A flight that has found its circle over a good link and kept to it for a while; copy it before use."""
     course = Course(profile, overrides, stream=stream).fly(SETTLED)
+    while max(abs(error) for _, error in course.errors(course.now - STEADY, course.now)) > BAND / 2:
+        course.fly(course.now + STEADY)
+        assert course.now < LATEST, f"{profile}: no steady circle"
     assert course.pilot.phase is Phase.ENGAGED, course.pilot.outcome
     course.forget()
     return course

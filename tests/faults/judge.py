@@ -32,6 +32,20 @@ def is_setpoint(frame: bytes) -> bool:
     return message_id(frame) in SETPOINTS
 
 
+def is_heartbeat(frame: bytes) -> bool:
+    return message_id(frame) == 0
+
+
+def is_safe(frame: bytes) -> bool:
+    """Whether a setpoint asks for no turn: stand still, or wings level. A height may be held meanwhile."""
+    message = read(frame)
+    if message.get_msgId() == 84:
+        return bool(message.vx == 0 and message.vy == 0 and message.yaw_rate == 0)
+    if message.get_msgId() == 82:
+        return abs(_roll(message.q)) < SLACK
+    return bool(message.y == 0)
+
+
 def broken_rule(frame: bytes, allowed: Allowed) -> str | None:
     """What is wrong with a setpoint, None when nothing is."""
     message = read(frame)
@@ -57,8 +71,13 @@ def _demands(message: Any, allowed: Allowed) -> dict[str, tuple[float, float]]:
         w, x, y, z = message.q
         return {
             "norm": (w * w + x * x + y * y + z * z - 1, 0.0),
-            "bank": (atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)), allowed.bank),
+            "bank": (_roll(message.q), allowed.bank),
             "pitch": (asin(max(-1.0, min(1.0, 2 * (w * y - z * x)))), allowed.pitch),
             "thrust": (message.thrust - 0.5, 0.5),
         }
     return {"x": (message.x, 0.0), "y": (message.y, 1000.0), "r": (message.r, 0.0), "z": (message.z - 500, 500.0)}
+
+
+def _roll(q: list[float]) -> float:
+    w, x, y, z = q
+    return atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))

@@ -595,3 +595,35 @@ def test_a_stream_that_was_denied_is_named_when_the_flight_cannot_begin(make_rig
     assert "the vehicle denied the streams" in rig.pilot.outcome.reason
     assert "VFR_HUD" in rig.pilot.outcome.reason
     assert rig.setpoints() == []
+
+
+def test_a_vehicle_whose_heartbeats_get_lost_stays_ours_while_it_tells_its_mode_otherwise(rig):
+    """PX4 sends one heartbeat a second; at 20 % loss three in a row are lost every other minute."""
+    rig.engage().speaks = False
+    since = rig.now
+    for _ in range(20):
+        rig.run(0.5)
+        rig.hear(mavlink.MAVLink_current_mode_message(0, GUIDED, GUIDED))
+    assert rig.pilot.phase is Phase.ENGAGED
+    assert len(rig.setpoints(since)) >= 180, "twenty a second, but for a range that comes between two ticks"
+    rig.hear(mavlink.MAVLink_current_mode_message(0, LOITER, LOITER))
+    since = rig.now
+    rig.run(2.0)
+    assert rig.setpoints(since) == []
+    assert rig.pilot.outcome.reason == "operator took over, mode LOITER"
+
+
+def test_a_vehicle_that_does_not_turn_as_told_teaches_the_estimator_no_motion(make_rig):
+    """A copter that no longer hears us stands still: at the speed it was told, it would be somewhere else."""
+    rig = make_rig().engage()
+    heard = []
+    rig.pilot.estimator.move = heard.append
+    heading = 0.0
+    for turns in (True, False):
+        heard.clear()
+        for _ in range(200):
+            heading += 0.05 * rig.setpoints()[-1].yaw_rate if turns else 0.0
+            rig.hear(mavlink.MAVLink_attitude_message(round(1000 * rig.now), 0.0, 0.0, heading, 0.0, 0.0, 0.0))
+            rig.run(0.05)
+        late = [own for own in heard if own.time > rig.now - 5.0]
+        assert len(late) == (99 if turns else 0)

@@ -206,6 +206,31 @@ def test_a_peer_that_does_not_read_delays_nothing(server):
         assert link.errors > 0
 
 
+def test_a_hundred_flaps_of_a_tcp_server_leak_nothing_and_the_link_is_back_each_time_within_two_seconds(server):
+    with closing(open_link(address(server))) as link:
+        there, now = server.accept()[0], 0.0
+        before = len(os.listdir("/proc/self/fd"))
+        for flap in range(100):
+            there.close()
+            assert receive(link, now) == []
+            now += 1.0
+            link.receive(now)
+            there = server.accept()[0]
+            there.sendall(b"%d" % flap)
+            assert [data for data, _ in receive(link, now)] == [b"%d" % flap]
+            link.send(b"answer", None)
+            assert there.recv(100) == b"answer"
+        assert len(os.listdir("/proc/self/fd")) == before
+        assert link.errors == 100
+        there.close()
+
+
+def test_a_server_that_vanishes_without_a_word_is_given_up_by_the_kernel(server):
+    """Half-open: nothing can be read and nothing is acknowledged. Linux ends such a connection when it is told to."""
+    with closing(open_link(address(server))) as link, socket.socket(fileno=os.dup(link.fileno())) as twin:
+        assert twin.getsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT) == 3000
+
+
 def test_closing_twice_is_no_mistake(server):
     link = open_link(address(server))
     link.close()
@@ -246,3 +271,39 @@ def test_a_serial_device_that_vanishes_is_silence_until_it_is_back():
             assert link.receive(i / 10) == []
             link.send(b"lost", None)
         assert link.errors > 0
+
+
+def test_a_serial_device_that_is_plugged_in_again_and_again_is_back_each_time_within_two_seconds(tmp_path):
+    """A new device under the old name, as udev makes it."""
+    pytest.importorskip("serial")
+    name = tmp_path / "tty"
+
+    def plug():
+        master, slave = pty.openpty()
+        name.symlink_to(os.ttyname(slave))
+        return master, slave
+
+    master, slave = plug()
+    with closing(open_link(f"serial:{name}:57600")) as link:
+        before, now = len(os.listdir("/proc/self/fd")), 0.0
+        for flap in range(50):
+            os.close(slave)
+            os.close(master)
+            name.unlink()
+            assert receive(link, now) == []
+            assert link.fileno() is None
+            link.receive(now + 0.5)
+            link.send(b"lost", None)
+            now += 1.0
+            link.receive(now)
+            assert link.fileno() is None, "there is no device"
+            master, slave = plug()
+            now += 1.0
+            link.receive(now)
+            os.write(master, b"%d" % flap)
+            assert [data for data, _ in receive(link, now)] == [b"%d" % flap]
+            link.send(b"answer", None)
+            assert os.read(master, 100) == b"answer"
+        assert len(os.listdir("/proc/self/fd")) == before
+    os.close(slave)
+    os.close(master)

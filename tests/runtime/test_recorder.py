@@ -7,6 +7,8 @@ import pytest
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import all as mavlink
 
+from circnav_mav.analysis.run_folder import read_ticks
+from circnav_mav.analysis.turns import recorded_turns
 from circnav_mav.core.phases import Phase
 from circnav_mav.pilot import TickRecord
 from circnav_mav.runtime.recorder import TICK_COLUMNS, Recorder, RecorderError, Turn
@@ -140,3 +142,42 @@ def test_closing_without_a_start_is_no_mistake(tmp_path):
 def test_closing_twice_is_no_mistake(recorder):
     recorder.close()
     recorder.close()
+
+
+def test_a_bounded_run_folder_keeps_its_bound_and_the_ticks_outlast_the_frames(tmp_path):
+    recorder = Recorder(tmp_path, "", max_mb=0.1)
+    recorder.start(EPOCH_US)
+    for i in range(1500):
+        recorder.turn(Turn(0.05 * i, heard=[("vehicle", "a", frames(2))], said=frames(1)))
+        recorder.ticks([tick(time=0.05 * i)])
+    recorder.close()
+    sizes = {name: (tmp_path / name).stat().st_size for name in ("flight.tlog", "turns.csv", "ticks.csv")}
+    assert 0.095e6 < sum(sizes.values()) < 0.1e6 + 1000
+    turns = list(recorded_turns(tmp_path))
+    ticks = read_ticks(tmp_path)
+    assert sizes["flight.tlog"] == sum(8 + len(frame) for turn in turns for frame in (*turn.said, *frames(2)))
+    assert turns[-1].time < ticks.time[-1] < 74
+    assert recorder.problem == (
+        f"{tmp_path}: frames are recorded up to {turns[-1].time + 0.05:.0f} s: log.max_mb = 0.1 is reached"
+    )
+
+
+def test_a_disk_that_hangs_costs_gaps_and_not_all_the_memory(tmp_path, monkeypatch):
+    """Nobody writes: the recorder's thread was never started, as if it hung in its first write."""
+    monkeypatch.setattr("circnav_mav.runtime.recorder.MOST_WAITING", 50)
+    recorder = Recorder(tmp_path, "")
+    for i in range(200):
+        recorder.turn(Turn(0.05 * i))
+    assert recorder._queue.qsize() == 50
+    assert recorder.problem == f"{tmp_path}: recording has gaps from 2 s on: the disk is too slow"
+
+
+def test_a_flood_of_senders_does_not_fill_the_memory(tmp_path):
+    recorder = Recorder(tmp_path, "")
+    recorder.start(EPOCH_US)
+    for i in range(3000):
+        recorder.turn(Turn(0.001 * i, heard=[("vehicle", ("10.0.0.1", i), [])]))
+    recorder.close()
+    numbers = {row.split(",")[1] for row in (tmp_path / "turns.csv").read_text().splitlines()[1:]}
+    assert len(recorder._sources) == 1000
+    assert len(numbers) == 1001

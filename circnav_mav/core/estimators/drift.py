@@ -53,6 +53,9 @@ class DriftEstimator:
         """Normalised innovation squared of the newest sample; None while searching."""
         return None if np.isnan(self.bank.nis[0]) else float(self.bank.nis[0])
 
+    def restamp(self) -> None:
+        """Goes by our clock: nothing to do."""
+
     def move(self, motion: OwnMotion) -> None:
         """Take in own motion."""
         self._path.move(motion)
@@ -145,6 +148,10 @@ class AutoEstimator:
     def nis(self) -> float | None:
         """Of the one that is believed."""
         return self.drift.nis if self.drift.ready else self.kalman.nis
+
+    def restamp(self) -> None:
+        """Only `kalman` goes by the sensor's clock; where the target is, stays known."""
+        self.kalman.restamp()
 
     def move(self, motion: OwnMotion) -> None:
         """Take in own motion."""

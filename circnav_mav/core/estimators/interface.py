@@ -56,6 +56,10 @@ class Estimator(Protocol):
         """The estimate predicted to a moment of the local clock; None before the first sample."""
         ...
 
+    def restamp(self) -> None:
+        """The sensor's clock has jumped: stamps before and after are not comparable, times of our clock are."""
+        ...
+
     def reset(self) -> None:
         """Forget everything."""
         ...

@@ -57,6 +57,10 @@ class KalmanRangeRate:
         self._refused.clear()
         return Fused.ACCEPTED
 
+    def restamp(self) -> None:
+        """Start anew: the steps of this filter are those of the sensor's clock."""
+        self.reset()
+
     def move(self, motion: OwnMotion) -> None:
         """Of no use here: range alone is enough."""
 

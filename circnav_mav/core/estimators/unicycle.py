@@ -127,6 +127,9 @@ class UnicycleEstimator:
         """Normalised innovation squared of the newest sample; None before the first."""
         return None if np.isnan(self.filter.nis[0]) else float(self.filter.nis[0])
 
+    def restamp(self) -> None:
+        """Goes by our clock: nothing to do."""
+
     def move(self, motion: OwnMotion) -> None:
         """Take in own motion."""
         self._path.move(motion)

@@ -4,8 +4,6 @@ from sim.faults import Impairment
 from tests.faults.cell import Scenario, Want
 
 PX4 = ("px4_copter", "px4_plane", "px4_plane_attitude")
-PX4_ENDS = dict.fromkeys(PX4, Want.END)
-"""PX4 leaves OFFBOARD by itself after a second without setpoints: that counts as a takeover."""
 
 
 def both(fault: str, level: str, impairment: Impairment, **more: object) -> Scenario:
@@ -16,8 +14,7 @@ def outage(seconds: float, way: str, **more: object) -> Scenario:
     cut = Impairment(outages=((0.0, seconds),))
     directions = {"up": cut} if way == "up" else {"down": cut} if way == "down" else {"up": cut, "down": cut}
     want = Want.REGAIN if seconds > 0.3 else Want.HOLD
-    on = PX4_ENDS if seconds > 1 else {}
-    options = {"want": want, "on": on, "lasts": seconds, "after": 60.0, **more}
+    options = {"want": want, "lasts": seconds, "after": 60.0, **more}
     return Scenario("F2", f"{seconds:g} s {way}", **directions, **options)  # type: ignore[arg-type]
 
 
@@ -30,11 +27,12 @@ OUTAGES = [
     *(outage(s, "both", quick=s in (3, 60)) for s in (0.2, 0.5, 1, 3, 10, 60)),
     *(outage(s, "up") for s in (1, 10, 60)),
     *(outage(s, "down") for s in (1, 10, 60)),
-    both("F2", "bursts of 1 s every 10 s", Impairment(burst_every=10, burst=1), want=Want.REGAIN, on=PX4_ENDS),
-    outage(90, "both", want=Want.END, reason="gone for", on=PX4_ENDS, quick=True),
+    both("F2", "bursts of 1 s every 10 s", Impairment(burst_every=10, burst=1), want=Want.REGAIN),
+    outage(90, "both", want=Want.END, reason="gone for", quick=True),
 ]
 DELAY = [
-    *(both("F3", f"{ms} ms", Impairment(delay=ms / 1000), quick=ms == 250) for ms in (20, 100, 250)),
+    *(both("F3", f"{ms} ms", Impairment(delay=ms / 1000)) for ms in (20, 100)),
+    both("F3", "250 ms", Impairment(delay=0.25), quick=True, by_auto=Want.REGAIN),
     *(both("F3", f"{ms} ms", Impairment(delay=ms / 1000), want=Want.REGAIN) for ms in (500, 1000)),
 ]
 JITTER = [

@@ -17,7 +17,7 @@ from sim.faults.link import Intruder, Passage, Tamper
 from sim.faults.tampering import acknowledgement, answered, dropping, late
 from tests.faults.cell import Scenario, Want
 from tests.faults.course import Course
-from tests.faults.scenarios.line import PX4, PX4_ENDS
+from tests.faults.scenarios.line import PX4
 from tests.flight.ground_station import Operator
 
 SET_MODE, ACK = 176, 77
@@ -66,7 +66,7 @@ HOST = [
         "F14", "our clock 500 ppm fast", arrange=our_clock(lambda now, since: now + 5e-4 * (now - since)), clocks=True
     ),
     *(Scenario("F20", f"stopped {s} s", arrange=stalled(s), lasts=s + 1, after=50, want=Want.REGAIN) for s in (1, 3)),
-    Scenario("F20", "stopped 5 s", arrange=stalled(5), lasts=6, after=50, want=Want.REGAIN, on=PX4_ENDS, quick=True),
+    Scenario("F20", "stopped 5 s", arrange=stalled(5), lasts=6, after=50, want=Want.REGAIN, quick=True),
 ]
 
 
@@ -153,7 +153,7 @@ def flaps(course: Course, seed: int) -> None:
 
 
 LINKS = [
-    Scenario("F17", "new source port after 2 s", arrange=new_port, want=Want.REGAIN, lasts=10, on=PX4_ENDS, quick=True),
+    Scenario("F17", "new source port after 2 s", arrange=new_port, want=Want.REGAIN, lasts=10, quick=True),
     Scenario("F17", "100 flaps of 0.5 s", arrange=flaps, want=Want.REGAIN, lasts=100),
 ]
 

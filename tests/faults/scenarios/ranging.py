@@ -1,6 +1,7 @@
 """F10 .. F13: what the range says, how it is noised, repeated and stamped. On the way from the vehicle."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from sim.faults.frames import read, rewritten
 from sim.faults.tampering import (
@@ -17,10 +18,12 @@ from sim.faults.tampering import (
 )
 from tests.faults.cell import Scenario, Want
 from tests.faults.course import Course
+from tests.faults.scenarios.line import PX4
 
 RANGE = 132
 NAMED = 251
 WRAP = 2**32 / 1000
+FLYING = ("arducopter", "arduplane", *PX4)
 NAMED_RANGING = ('ranging.message="named_value_float"', 'sim.ranging.message="named_value_float"')
 
 
@@ -33,10 +36,11 @@ def tampering(change: Callable[[int], Change], number: int = RANGE) -> Callable[
     return arrange
 
 
-def value(level: str, reject: str, quick: bool = False, **fields: float) -> Scenario:
+def value(level: str, reject: str, quick: bool = False, profiles: tuple[str, ...] = (), **fields: float) -> Scenario:
     """A fifth of the ranges carry a value that is none."""
     arrange = tampering(lambda seed: sometimes(0.2, seed, **fields))
-    return Scenario("F10", level, arrange=arrange, rejects=(reject,) if reject else (), quick=quick)
+    rejects = (reject,) if reject else ()
+    return Scenario("F10", level, arrange=arrange, rejects=rejects, quick=quick, profiles=profiles)
 
 
 def named(level: str, reject: str, number: float) -> Scenario:
@@ -46,7 +50,8 @@ def named(level: str, reject: str, number: float) -> Scenario:
 
 VALUES = [
     value("0 cm", "no_range", quick=True, current_distance=0),
-    value("1 cm", "overhead", current_distance=1),
+    value("1 cm", "overhead", profiles=FLYING, current_distance=1),
+    value("1 cm on the ground", "gated", profiles=("ardurover",), current_distance=1),
     value("65534 cm", "gated", current_distance=65534),
     value("65535 cm", "no_range", current_distance=65535),
     value("below min", "below_min", min_distance=65000, max_distance=0),
@@ -54,7 +59,7 @@ VALUES = [
     value("quality 1", "poor_quality", signal_quality=1),
     value("quality 0", "", signal_quality=0),
     value("covariance 0", "", covariance=0),
-    value("covariance 1", "", covariance=1),
+    replace(value("covariance 1", "", covariance=1), by_auto=Want.REGAIN),
     value("downward sensor", "", orientation=25),
     named("NaN", "not_finite", float("nan")),
     named("+inf", "not_finite", float("inf")),

@@ -1,0 +1,169 @@
+"""python -m tests.bench.bench_load [--seconds 180] [--law smooth] [--hogs N]: a real-time flight on a busy machine.
+
+`circnav fly` in a process of its own, over UDP, against a vehicle flown here that sends 200 messages a second, with a
+process that does nothing but compute for each core. Prints; asserts nothing.
+"""
+
+import argparse
+import csv
+import os
+import select
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from math import sqrt
+from pathlib import Path
+
+import numpy as np
+from pymavlink.dialects.v20 import all as mavlink
+
+from sim.config import load_vehicle
+from sim.faults.frames import frames, message_id, write
+from sim.vehicle import Vehicle
+from tests.flight.lockstep import true_radius
+
+ROOT = Path(__file__).parents[2]
+MISSION = ROOT / "config" / "arducopter.toml"
+RADIUS, TICK = 30.0, 0.05
+GCS, SETPOINT, RANGE = (255, 190), 84, 132
+EXTRA = {31: 50, 32: 50, 33: 50, 24: 10, 85: 10}
+"""Message id -> Hz of what is sent besides the streams that the application asks for (31 a second)."""
+SETTLING = 60.0
+PAGE_MB = 4096 / 1e6
+
+
+class Bench:
+    """The vehicle in real time on a UDP port, and what is heard there, with the moments of this process."""
+
+    def __init__(self) -> None:
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.bind(("127.0.0.1", 0))
+        self._socket.setblocking(False)
+        self._vehicle = Vehicle(load_vehicle(MISSION))
+        self._peer: tuple[str, int] | None = None
+        self._range_at: float | None = None
+        self.port = self._socket.getsockname()[1]
+        self.sent = 0
+        self.setpoints: list[float] = []
+        self.latencies: list[float] = []
+        self.errors: list[float] = []
+
+    def run(self, seconds: float, process: subprocess.Popen[bytes]) -> list[tuple[float, float]]:
+        """Fly for a time; the (time, resident MB) of the application, once a second."""
+        started = time.monotonic()
+        memory: list[tuple[float, float]] = []
+        while (now := time.monotonic() - started) < seconds and process.poll() is None:
+            self._vehicle.advance(now)
+            self._speak()
+            wait = min(self._vehicle.next_event - now, 0.05)
+            if select.select([self._socket], [], [], max(wait, 0.0))[0]:
+                self._hear(now)
+            if now >= len(memory):
+                memory.append((now, _resident_mb(process.pid)))
+                self.errors.append(true_radius(self._vehicle.truth) - RADIUS)
+        return memory
+
+    def _speak(self) -> None:
+        for frame in self._vehicle.outgoing():
+            if self._peer is not None:
+                self._socket.sendto(frame, self._peer)
+                self.sent += 1
+                if message_id(frame) == RANGE:
+                    self._range_at = time.perf_counter()
+
+    def _hear(self, now: float) -> None:
+        first = self._peer is None
+        data, self._peer = self._socket.recvfrom(65535)
+        if any(message_id(frame) == SETPOINT for frame in frames(data)):
+            self.setpoints.append(now)
+            if self._range_at is not None:
+                self.latencies.append(time.perf_counter() - self._range_at)
+                self._range_at = None
+        self._vehicle.receive(data)
+        if first:
+            for number, rate in EXTRA.items():
+                ask = mavlink.MAVLink_command_long_message(1, 1, 511, 0, number, 1e6 / rate, 0, 0, 0, 0, 0)
+                self._vehicle.receive(write(ask, *GCS))
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+def _resident_mb(pid: int) -> float:
+    with open(f"/proc/{pid}/statm") as file:
+        return int(file.read().split()[1]) * PAGE_MB
+
+
+def lateness(ticks: Path) -> list[float]:
+    """How late each tick of a run was, s: a tick is due one period after the last one that was."""
+    due, late = None, []
+    with ticks.open(newline="", encoding="utf-8") as file:
+        for row in csv.DictReader(file):
+            at = float(row["time"])
+            if due is not None and at < due:
+                continue  # a range came between two ticks
+            if due is not None and row["phase"] == "engaged":
+                late.append(at - due)
+            due = at + TICK
+    return late
+
+
+def milliseconds(values: list[float]) -> str:
+    p50, p99 = np.percentile(values, [50, 99]) * 1000
+    return f"p50 {p50:.1f} ms, p99 {p99:.1f} ms, worst {max(values) * 1000:.1f} ms ({len(values)})"
+
+
+def main(arguments: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(prog="python -m tests.bench.bench_load", description="A flight on a busy machine.")
+    parser.add_argument("--seconds", type=float, default=180.0)
+    parser.add_argument("--law", default="smooth")
+    parser.add_argument("--hogs", type=int, default=os.cpu_count() or 1, help="processes that only compute")
+    options = parser.parse_args(arguments)
+    bench = Bench()
+    hogs = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(options.hogs)]
+    with tempfile.TemporaryDirectory() as name:
+        run = Path(name) / "run"
+        command = [sys.executable, "-m", "circnav_mav", "fly", str(MISSION), "--out", str(run), "--set"]
+        command += [
+            f'guidance.law="{options.law}"',
+            "--endpoint",
+            f"udpout:127.0.0.1:{bench.port}",
+            "--duration",
+            "1e6",
+        ]
+        process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL)
+        try:
+            memory = bench.run(options.seconds, process)
+            process.terminate()
+            bench.run(3.0, process)
+        finally:
+            for hog in hogs:
+                hog.kill()
+                hog.wait()
+            process.wait(timeout=120)
+            bench.close()
+        report(options, bench, memory, run)
+    return 0
+
+
+def report(options: argparse.Namespace, bench: Bench, memory: list[tuple[float, float]], run: Path) -> None:
+    print(
+        f"{memory[-1][0]:.0f} s of arducopter, law {options.law}, {options.hogs} hogs on {os.cpu_count()} cores (load "
+        f"{os.getloadavg()[0]:.1f}), {bench.sent / memory[-1][0]:.0f} messages a second to the application"
+    )
+    print(f"tick lateness: {milliseconds(lateness(run / 'ticks.csv'))}")
+    print(f"range sent to setpoint heard, by the vehicle's clock: {milliseconds(bench.latencies)}")
+    print(f"setpoint gaps: {milliseconds(list(np.diff(bench.setpoints)))}")
+    late = [(at, mb) for at, mb in memory if at > options.seconds / 4]
+    slope = np.polyfit(*zip(*late, strict=True), 1)[0] * 3600
+    print(f"memory: {late[-1][1]:.1f} MB, {late[-1][1] - late[0][1]:+.2f} MB since a quarter, slope {slope:+.1f} MB/h")
+    errors = bench.errors[int(SETTLING) :] or bench.errors[-1:]
+    rms, worst = sqrt(sum(error**2 for error in errors) / len(errors)), max(map(abs, errors))
+    print(f"radius error after {SETTLING:.0f} s: RMS {rms:.2f} m ({100 * rms / RADIUS:.1f} %), worst {worst:.2f} m")
+    print("files: " + ", ".join(f"{path.name} {path.stat().st_size / 1e6:.2f} MB" for path in sorted(run.iterdir())))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
