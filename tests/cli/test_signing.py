@@ -30,7 +30,6 @@ def key(mission, text):
 
 
 def signed_heartbeat(key, timestamp):
-
     return bytes(mavlink.MAVLink_heartbeat_message(2, 3, 129, 4, 4, 3).pack(peer(key, timestamp=timestamp)))
 
 

@@ -3,14 +3,17 @@
 import copy
 import copyreg
 import struct
-from collections.abc import Callable
+import tempfile
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache
 from math import isfinite
+from pathlib import Path
 from typing import Any
 
 from circnav_mav.core.phases import STEERING, Phase
 from circnav_mav.core.values import RangeSample
+from circnav_mav.mav.signing import Signing
 from circnav_mav.mission.load import load_mission
 from circnav_mav.pilot import RANGING, VEHICLE, Pilot, TickRecord
 from sim.config import parse_vehicle
@@ -26,6 +29,11 @@ copyreg.pickle(struct.Struct, lambda unpacker: (struct.Struct, (unpacker.format,
 PATIENT = ("limits.hold_s=70.0", "limits.outage_s=70.0", "limits.duration_s=100000.0")
 SETTLED = 110.0
 SOURCE = "sim"
+UNIX = 1_790_000_000.0
+"""Wall-clock time at second 0."""
+
+Keys = tuple[bytes | None, bytes | None]
+"""The signing keys of the application and of the vehicle."""
 
 
 class Spy:
@@ -55,15 +63,20 @@ class Spy:
 class Course:
     """A pilot and a vehicle with a fault link between them, and what was seen."""
 
-    def __init__(self, profile: str, overrides: tuple[str, ...] = (), *, stream: bool = False) -> None:
+    def __init__(
+        self, profile: str, overrides: tuple[str, ...] = (), *, stream: bool = False, keys: Keys = (None, None)
+    ) -> None:
         mission = load_mission(CONFIG / f"{profile}.toml", (*PATIENT, *overrides))
         assert mission.file.sim is not None
         settings = mission.pilot_settings()
         if stream:
             settings = replace(settings, stream_links=frozenset({VEHICLE}))
         self.profile = profile
-        self.pilot = Pilot(settings)
-        self.vehicle = Vehicle(parse_vehicle(mission.file.sim, profile))
+        self.signing = Signing(keys[0]) if keys[0] is not None else None
+        self.pilot = Pilot(settings, self.signing)
+        self.vehicle = _vehicle(mission.file.sim, profile, keys[1])
+        self.wall: float = UNIX
+        self.vehicle_wall: float | None = UNIX
         self.allowed = Allowed.of(settings)
         self.link = FaultLink()
         self.spy = Spy(self.pilot.estimator)
@@ -115,6 +128,10 @@ class Course:
 
     def _step(self, due: float) -> None:
         self.now = max(due, self.now)
+        if self.signing is not None:
+            self.signing.advance(self.wall + self.now)
+        if self.vehicle_wall is not None:
+            self.vehicle.tell_time(self.vehicle_wall + self.now)
         self.vehicle.advance(self.now)
         for data, link in self._arrivals():
             self.pilot.receive(data, self.clock(self.now), self.source, link)
@@ -191,14 +208,27 @@ class Course:
 
 
 @cache
-def settled(profile: str, overrides: tuple[str, ...] = (), *, stream: bool = False) -> Course:
+def settled(
+    profile: str, overrides: tuple[str, ...] = (), *, stream: bool = False, keys: Keys = (None, None)
+) -> Course:
     """A flight that has found its circle over a good link; copy it before use."""
-    course = Course(profile, overrides, stream=stream).fly(SETTLED)
+    course = Course(profile, overrides, stream=stream, keys=keys).fly(SETTLED)
     assert course.pilot.phase is Phase.ENGAGED, course.pilot.outcome
     course.forget()
     return course
 
 
-def on_the_circle(profile: str, overrides: tuple[str, ...] = (), *, stream: bool = False) -> Course:
+def on_the_circle(
+    profile: str, overrides: tuple[str, ...] = (), *, stream: bool = False, keys: Keys = (None, None)
+) -> Course:
     """A flight of one's own that has found its circle."""
-    return copy.deepcopy(settled(profile, overrides, stream=stream))
+    return copy.deepcopy(settled(profile, overrides, stream=stream, keys=keys))
+
+
+def _vehicle(table: Mapping[str, Any], profile: str, key: bytes | None) -> Vehicle:
+    if key is None:
+        return Vehicle(parse_vehicle(table, profile))
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "vehicle.key"
+        path.write_bytes(key)
+        return Vehicle(parse_vehicle({**table, "signing": {"key_file": str(path)}}, profile))
