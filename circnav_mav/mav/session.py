@@ -140,8 +140,8 @@ class Session:
 
     def greet(self, source: Hashable) -> None:
         """Speak to somebody who signs as we do, by a clock far behind ours (an autopilot without GPS has none): he
-        takes our timestamp over, and can be believed from then on."""
-        if self.peer is None:
+        takes our timestamp over, and can be believed from then on. Nobody else is, once the vehicle was heard."""
+        if self._first is None:
             self.reply_to = source
 
     def encode(self, message: Message) -> bytes:

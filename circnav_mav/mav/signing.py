@@ -29,9 +29,9 @@ class Refusal(Enum):
     """Why a frame is not believed."""
 
     UNSIGNED = "unsigned"
-    WRONG = "wrongly signed"
-    REPEATED = "signed before"
-    BEHIND = "over a minute behind"
+    WRONG = "wrong_signature"
+    REPEATED = "repeated"
+    BEHIND = "clock_behind"
 
 
 class Signing:

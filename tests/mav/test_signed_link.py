@@ -22,7 +22,7 @@ def test_unsigned_and_wrongly_signed_frames_are_refused_counted_and_not_logged()
     for frame in (said(peer(None)), said(peer(None)), said(peer(OTHER))):
         assert decoder.decode(frame) == []
         assert decoder.frames == []
-    assert decoder.counts.refused == {"unsigned": 2, "wrongly signed": 1}
+    assert decoder.counts.refused == {"unsigned": 2, "wrong_signature": 1}
     assert "every frame heard is unsigned or wrongly signed" in decoder.counts.describe()
     assert "check signing.key_file" in decoder.counts.describe()
 
@@ -109,7 +109,7 @@ def test_a_vehicle_whose_clock_is_hours_behind_is_greeted_takes_our_time_over_an
     pilot = Pilot(MISSION, Signing(KEY, timestamp=NOW))
     pilot.receive(bytes(heartbeat().pack(vehicle)), 0.0, "vehicle's address")
     assert not pilot.session.up
-    assert pilot.frames_refused() == {"over a minute behind": 1}
+    assert pilot.frames_refused() == {"clock_behind": 1}
     assert pilot.reply_to == "vehicle's address"
     for frame in split_frames(pilot.step(0.0)):
         vehicle.decode(bytearray(frame))
@@ -128,4 +128,4 @@ def test_the_ranging_link_is_judged_by_the_same_key():
     pilot = Pilot(MISSION, Signing(KEY, timestamp=NOW))
     pilot.receive(said(peer(None, component=192)), 0.0, "radio", RANGING)
     pilot.receive(said(peer(OTHER)), 0.0, "somebody")
-    assert pilot.frames_refused() == {"unsigned": 1, "wrongly signed": 1}
+    assert pilot.frames_refused() == {"unsigned": 1, "wrong_signature": 1}
