@@ -38,6 +38,7 @@ class LinkCounts:
     unknown: int = 0
     version_1: int = 0
     signed: int = 0
+    has_key: bool = False
     systems: set[tuple[int, int]] = field(default_factory=set)
     refused: Counter[str] = field(default_factory=Counter)
     """Frames by the reason why their signature, or its absence, is not believed."""
@@ -52,6 +53,8 @@ class LinkCounts:
             f"heard {self.bytes} bytes, {self.frames} frames, {self.bad} CRC or framing errors, "
             f"system/component ids: {systems}, MAVLink version: {versions}"
         )
+        if self.signed and not self.has_key:
+            return f"{heard}; {self.signed} of the frames are signed, and ours may be refused: give [signing] key_file"
         return f"{self._distrust()}; {heard}" if self.refused else heard
 
     def _distrust(self) -> str:
@@ -82,7 +85,7 @@ class Decoder:
         self._signing = signing
         self._accept_unsigned = accept_unsigned
         self._tail = b""
-        self.counts = LinkCounts()
+        self.counts = LinkCounts(has_key=signing is not None)
         self.frames: list[bytes] = []
         """The whole frames of the newest call that are believed, unknown ids included, for the recorder."""
         self.behind = False

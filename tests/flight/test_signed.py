@@ -71,9 +71,11 @@ def test_a_vehicle_without_our_key_is_not_flown(ours: bytes, theirs: bytes | Non
 
 
 def test_a_vehicle_with_a_key_does_not_fly_what_we_send_without_one(tmp_path: Path) -> None:
-    flown = signed_flight("arducopter", tmp_path, ours=None).fly(60)
+    flown = signed_flight("arducopter", tmp_path, ours=None).fly(100)
     assert flown.vehicle.setpoint_log == []
     assert flown.vehicle.refused > 0
+    assert flown.pilot.outcome is not None
+    assert "give [signing] key_file" in flown.pilot.outcome.reason
 
 
 @pytest.mark.parametrize("clock", [None, -7200.0, 7200.0], ids=["none", "2 h behind", "2 h ahead"])

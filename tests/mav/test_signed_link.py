@@ -55,6 +55,7 @@ def test_without_a_key_everybody_is_believed():
     decoder = Decoder()
     assert len(decoder.decode(said(peer()) + said(peer(OTHER)) + said(peer(None)))) == 3
     assert (decoder.counts.signed, decoder.counts.refused) == (2, {})
+    assert "2 of the frames are signed, and ours may be refused" in decoder.counts.describe()
 
 
 def test_unsigned_frames_may_be_accepted_but_not_wrongly_signed_ones():
