@@ -8,6 +8,7 @@ from typing import Any
 
 from sim.autopilots.modes import MODES, PROFILES
 from sim.schema import ConfigError, key, nearest, place, read_table
+from sim.signing import read_key
 
 __all__ = ["ConfigError", "VehicleConfig", "load_vehicle", "parse_vehicle"]
 
@@ -160,6 +161,17 @@ class Battery:
 
 
 @dataclass(frozen=True)
+class Signing:
+    """[signing]: the key of vehicle and radio, 64 hex digits or 32 bytes; None: they sign nothing and believe all.
+
+    accept_unsigned: as on ArduPilot's USB port.
+    """
+
+    key_file: str | None = None
+    accept_unsigned: bool = False
+
+
+@dataclass(frozen=True)
 class Event:
     """[[events]]: something that happens to the vehicle at a time."""
 
@@ -182,6 +194,7 @@ class VehicleConfig:
     truth: TruthStream = TruthStream()
     sensors: Sensors = Sensors()
     battery: Battery = Battery()
+    signing: Signing = Signing()
     events: tuple[Event, ...] = ()
 
     def rebooted(self) -> "VehicleConfig":
@@ -195,15 +208,20 @@ class VehicleConfig:
 
 def parse_vehicle(table: Mapping[str, Any], where: str) -> VehicleConfig:
     """A TOML table as a vehicle; raises ConfigError, one line that names `where`, the key and the remedy."""
-    config = read_table(VehicleConfig, table, where)
+    return _checked(read_table(VehicleConfig, table, where), where)
+
+
+def _checked(config: VehicleConfig, where: str) -> VehicleConfig:
     _check_modes(config, where)
     _check_start(config, where)
     _check_ranging(config, where)
+    if config.signing.key_file is not None:
+        read_key(config.signing.key_file, f"{place(where, 'signing')}.key_file")
     return config
 
 
 def load_vehicle(path: str | Path) -> VehicleConfig:
-    """A vehicle file, or the [sim] table of a mission file."""
+    """A vehicle file, or the [sim] table of a mission file; a key file is told from its folder."""
     try:
         with open(path, "rb") as file:
             table = tomllib.load(file)
@@ -211,9 +229,12 @@ def load_vehicle(path: str | Path) -> VehicleConfig:
         raise ConfigError(f"{path}: cannot be read: {error.strerror or error}") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: not a TOML file: {error}") from error
-    if "sim" in table:
-        return parse_vehicle(table["sim"], f"{path}: sim")
-    return parse_vehicle(table, str(path))
+    where = f"{path}: sim" if "sim" in table else str(path)
+    config = read_table(VehicleConfig, table.get("sim", table), where)
+    if config.signing.key_file:
+        key_file = str(Path(path).parent / Path(config.signing.key_file).expanduser())
+        config = replace(config, signing=replace(config.signing, key_file=key_file))
+    return _checked(config, where)
 
 
 def _check_modes(config: VehicleConfig, where: str) -> None:

@@ -2,10 +2,11 @@
 
 from collections import deque
 
+from sim.signing import Notary
 from sim.wire import Message, Parser, Sender
 
 HEARTBEAT = 0
-NEVER_FORWARDED = frozenset({109, 166, 246})  # RADIO_STATUS, RADIO, ADSB_VEHICLE
+NEVER_FORWARDED = frozenset({109, 166, 246, 256})  # RADIO_STATUS, RADIO, ADSB_VEHICLE, SETUP_SIGNING
 MOST_ROUTES = 20
 MOST_WAITING = 50_000
 TYPE_GCS = 6
@@ -16,10 +17,10 @@ Address = tuple[int, int]
 class Link:
     """One wire to the autopilot: what is parsed from it, what waits to leave on it, who was heard on it."""
 
-    def __init__(self, name: str, system: int, component: int, version: int) -> None:
+    def __init__(self, name: str, system: int, component: int, version: int, notary: Notary) -> None:
         self.name = name
         self.parser = Parser(version)
-        self.sender = Sender(system, component, version)
+        self.sender = Sender(system, component, version, notary.prepare)
         self.waiting: deque[bytes] = deque(maxlen=MOST_WAITING)
         self.intervals: dict[int, int] = {}  # message id -> microseconds
         self.gcs_heard = False

@@ -67,6 +67,7 @@ def _fly(
         if behind > BURST:  # the machine cannot keep up: fly slower rather than deaf
             started += (behind - BURST) / speed
             simulated -= behind - BURST
+        vehicle.tell_time(time.time())
         vehicle.advance(simulated)
         _hear(vehicle, wires)  # what has arrived acts now, not when the vehicle was last looked at
         _speak(vehicle, wires)

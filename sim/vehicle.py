@@ -14,6 +14,7 @@ from sim.links import HEARTBEAT, TYPE_GCS, Link, Router
 from sim.ranging_radio import SECOND, RangingRadio
 from sim.sensor import Sample
 from sim.services import Services
+from sim.signing import UNSIGNED_BY_ARDUPILOT, UNSIGNED_BY_PX4, Notary, read_key
 from sim.streams import Streams
 from sim.truth import sim_state, truth_array
 from sim.wire import Message, Sender
@@ -42,6 +43,7 @@ class Vehicle:
         self._text_ids = itertools.cycle(range(1, 65536))
         self._flight = Flight(config, self._say)
         identity = self._flight.autopilot.identity
+        self._notary = _notary(config)
         own = (config.vehicle.system_id, AUTOPILOT_COMPONENT)
         self._router = Router(own, identity.unknown_ids, identity.adopts_strays)
         self._streams = Streams(self._agenda, self._flight)
@@ -58,7 +60,17 @@ class Vehicle:
         """One datagram, or piece of a stream, heard on a link, handled at the current simulated time. Never raises."""
         source = self._link(link)
         for message in source.parser.messages(data, stream=stream):
-            self._hear(message, source)
+            if self._notary.believes(message):
+                self._hear(message, source)
+
+    def tell_time(self, unix: float) -> None:
+        """What GPS says of the time, s since 1970: its signatures go with it."""
+        self._notary.tell_time(unix)
+
+    @property
+    def refused(self) -> int:
+        """Frames not believed for their signature or for want of one."""
+        return self._notary.refused
 
     def advance(self, until: float) -> None:
         """Fly to simulated time `until`, s; going back in time does nothing."""
@@ -120,7 +132,9 @@ class Vehicle:
         found = self._links.get(name)
         if found is None:
             airframe = self.config.vehicle
-            found = self._links[name] = Link(name, airframe.system_id, AUTOPILOT_COMPONENT, airframe.mavlink_version)
+            found = self._links[name] = Link(
+                name, airframe.system_id, AUTOPILOT_COMPONENT, airframe.mavlink_version, self._notary
+            )
             found.silent = self._dumb and name != RANGING
             if name != RANGING and not self._deaf:
                 self._streams.open(found)
@@ -180,6 +194,7 @@ class Vehicle:
         """Silence, then a fresh autopilot that knows nobody and whose clock starts again."""
         self._deaf = True
         self._flight.reboot()
+        self._notary.reboot()
         self._router.forget()
         self._streams.forget_all(self._autopilot_links())
         self._agenda.put(("boot",), self._flight.now + round(seconds * SECOND), self._boot)
@@ -195,8 +210,8 @@ class Vehicle:
 
     def _set_up_radio(self) -> None:
         ranging, version = self.config.ranging, self.config.vehicle.mavlink_version
-        self._radio_sender = Sender(ranging.system_id, ranging.component_id, version)
-        self._radio_wire = Link("radio", ranging.system_id, ranging.component_id, version)
+        self._radio_sender = Sender(ranging.system_id, ranging.component_id, version, self._notary.prepare)
+        self._radio_wire = Link("radio", ranging.system_id, ranging.component_id, version, self._notary)
         if ranging.via == "direct":
             self._link(RANGING)
         self._radio = RangingRadio(self.config, self._agenda, self._flight, self._radio_sends, self._driver)
@@ -215,3 +230,11 @@ class Vehicle:
         self._flight.rangefinder.update(sample, self._flight.now)
         if self._flight.autopilot.identity.ranges_on_update and not self._deaf:
             self._streams.range_updated(self._autopilot_links())
+
+
+def _notary(config: VehicleConfig) -> Notary:
+    """Who the vehicle and its radio believe, and how they sign."""
+    signing = config.signing
+    key = None if signing.key_file is None else read_key(signing.key_file, "signing.key_file")
+    px4 = config.vehicle.profile.startswith("px4")
+    return Notary(key, UNSIGNED_BY_PX4 if px4 else UNSIGNED_BY_ARDUPILOT, signing.accept_unsigned)

@@ -1,6 +1,7 @@
 """Bytes to MAVLink messages and back. One parser and one sequence counter per link; junk is counted, never raised."""
 
 import struct
+from collections.abc import Callable
 from typing import Any
 
 from pymavlink.dialects.v20 import all as mavlink
@@ -40,16 +41,21 @@ class Parser:
 
 
 class Sender:
-    """Frames from one component on one link, numbered."""
+    """Frames from one component on one link, numbered. `prepare` is shown the engine before each of them."""
 
-    def __init__(self, system: int, component: int, version: int) -> None:
+    def __init__(
+        self, system: int, component: int, version: int, prepare: Callable[[mavlink.MAVLink], None] | None = None
+    ) -> None:
         self._mav = _engine(system, component)
+        self._prepare = prepare
         self._version_1 = version == 1
 
     def frame(self, message: Message) -> bytes | None:
         """The frame, or None when this MAVLink version cannot carry it."""
         if self._version_1 and message.get_msgId() > V1_LARGEST_ID:
             return None
+        if self._prepare is not None:
+            self._prepare(self._mav)
         try:
             data: bytes = message.pack(self._mav, force_mavlink1=self._version_1)
         except (struct.error, OverflowError):  # a vehicle flown to where its numbers no longer fit the field

@@ -1,7 +1,7 @@
 """summary.json of a run: stable keys that later work and users' scripts read."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +27,7 @@ class FlightFacts:
     version: str
     epoch_us: int
     recording_problem: str | None
+    frames_refused: dict[str, int] = field(default_factory=dict)
 
 
 def summarise(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str, Any]:
@@ -48,6 +49,7 @@ def summarise(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str
         **_circle(ticks.time[known], ticks.numbers["r"][known], orbit.radius),
         "samples_accepted": facts.samples_accepted,
         "samples_rejected": facts.samples_rejected,
+        "frames_refused": facts.frames_refused,
         "setpoints_sent": facts.setpoints_sent,
         "truth": None if truth is None or start is None else _truth(truth, start, float(ticks.time[-1]), orbit),
         "firmware": facts.firmware,

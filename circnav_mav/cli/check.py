@@ -1,21 +1,28 @@
 """`circnav check`."""
 
+from pathlib import Path
+
 import click
 
 from circnav_mav.cli.exits import Exit, Refused
 from circnav_mav.mission.checks import Check, Grade, check_mission
 from circnav_mav.mission.load import Mission, MissionError, load_mission
+from circnav_mav.runtime.keys import KeyFileError, read_key
 from sim.config import ConfigError, parse_vehicle
 
 COLOURS = {Grade.PASS: "green", Grade.WARN: "yellow", Grade.FAIL: "red"}
 
 
 def read_mission(path: str, overrides: tuple[str, ...]) -> Mission:
-    """A mission file with its [sim] table checked too. Raises Refused."""
+    """A mission file with its [sim] table and its signing key checked too. Raises Refused."""
     try:
         mission = load_mission(path, overrides)
         if mission.file.sim is not None:
             parse_vehicle(mission.file.sim, f"{path}: sim")
+        if mission.file.signing is not None:
+            read_key(Path(mission.file.signing.key_file))
+    except KeyFileError as error:
+        raise Refused(f"{path}: signing.key_file: {error}") from None
     except (MissionError, ConfigError) as error:
         raise Refused(str(error)) from None
     return mission

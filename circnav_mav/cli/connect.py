@@ -1,4 +1,5 @@
-"""What `fly` and `preflight` share: the mission's links opened, the bundled vehicle started, the clock of the run."""
+"""What `fly` and `preflight` share: the mission's links and key opened, the bundled vehicle started, the clock of the
+run."""
 
 from contextlib import ExitStack
 from pathlib import Path
@@ -6,9 +7,11 @@ from pathlib import Path
 from circnav_mav.cli.emulate import EmulatedVehicle
 from circnav_mav.cli.exits import Exit, Refused
 from circnav_mav.mav.session import Session
+from circnav_mav.mav.signing import Signing
 from circnav_mav.mission.load import SIM, Mission
 from circnav_mav.pilot import RANGING, VEHICLE
 from circnav_mav.runtime.clock import AutopilotClock, Clock, RunClock
+from circnav_mav.runtime.keys import KeyFileError, SigningTime, read_key, timestamp_path
 from circnav_mav.runtime.links import Link, LinkError, UdpLink, open_link
 
 LOOPBACK = "udpin:127.0.0.1:0"
@@ -27,6 +30,21 @@ def open_links(mission: Mission, open_things: ExitStack) -> dict[str, Link]:
             raise Refused(str(error), Exit.NOTHING_HEARD if error.nobody else Exit.USAGE) from None
         open_things.callback(links[name].close)
     return links
+
+
+def open_signing(mission: Mission, open_things: ExitStack) -> tuple[Signing, SigningTime] | tuple[None, None]:
+    """The mission's key, and what keeps its time; nothing where it has none. Raises Refused."""
+    table = mission.file.signing
+    if table is None:
+        return None, None
+    path = Path(table.key_file)
+    try:
+        signing = Signing(read_key(path), link_id=table.link_id)
+        signing_time = SigningTime(signing, timestamp_path(path))
+    except KeyFileError as error:
+        raise Refused(f"signing.key_file: {error}") from None
+    open_things.callback(signing_time.close)
+    return signing, signing_time
 
 
 def start_vehicle(mission: Mission, vehicle_file: Path, links: dict[str, Link], open_things: ExitStack) -> None:

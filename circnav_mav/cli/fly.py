@@ -14,7 +14,7 @@ from circnav_mav.analysis.plots import plot_flight
 from circnav_mav.analysis.run_folder import NO_TICKS, read_ticks, read_truth
 from circnav_mav.analysis.summary import FlightFacts, summarise, write_summary
 from circnav_mav.cli.check import read_mission, show_checks
-from circnav_mav.cli.connect import open_links, run_speed, start_clock, start_vehicle
+from circnav_mav.cli.connect import open_links, open_signing, run_speed, start_clock, start_vehicle
 from circnav_mav.cli.exits import Exit, Refused
 from circnav_mav.cli.report import report_of_flight
 from circnav_mav.cli.verdict import verdict
@@ -23,6 +23,7 @@ from circnav_mav.mission.load import Mission
 from circnav_mav.pilot import VEHICLE, Ending, Outcome, Pilot, TickRecord, Voice
 from circnav_mav.runtime.clock import RunClock, local_time_name
 from circnav_mav.runtime.display import LiveDisplay, PlainDisplay
+from circnav_mav.runtime.keys import SigningTime
 from circnav_mav.runtime.links import Link
 from circnav_mav.runtime.manifest import Manifest
 from circnav_mav.runtime.recorder import Recorder, RecorderError
@@ -68,19 +69,20 @@ def fly_mission(options: FlyOptions) -> int:
     show_checks([line for line in lines if line.grade is Grade.WARN])
     folder = Path(options.out) if options.out else Path("runs") / f"{local_time_name()}-{mission.file.name}"
     with ExitStack() as open_things:
+        signing, signing_time = open_signing(mission, open_things)
         links = open_links(mission, open_things)
-        pilot = Pilot(mission.pilot_settings(options.voice))
+        pilot = Pilot(mission.pilot_settings(options.voice), signing)
         clock, recorder = _start(mission, pilot, links, folder, open_things)
         manifest = _manifest(mission, options, folder, clock)
-        crash = _loop(pilot, links, clock, recorder, mission, stop)
+        crash = _loop(pilot, links, clock, recorder, mission, stop, signing_time)
     summary = _finish(pilot, recorder, mission, clock)
     assert pilot.outcome is not None
     code = Exit.INTERNAL if crash is not None else EXITS[pilot.outcome.ending]
     _complete(manifest, pilot, summary, code)
     click.echo(verdict(summary, folder))
-    problem = report_of_flight(folder, mission, summary)
-    if problem is not None:
-        click.echo(f"  WARNING    {problem}")
+    for problem in (report_of_flight(folder, mission, summary), signing_time.problem if signing_time else None):
+        if problem is not None:
+            click.echo(f"  WARNING    {problem}")
     if crash is not None:
         raise Refused(f"internal error, see {crash}", Exit.INTERNAL)
     return code
@@ -140,7 +142,13 @@ def _complete(manifest: Manifest, pilot: Pilot, summary: dict[str, Any], code: E
 
 
 def _loop(
-    pilot: Pilot, links: dict[str, Link], clock: RunClock, recorder: Recorder, mission: Mission, stop: StopRequest
+    pilot: Pilot,
+    links: dict[str, Link],
+    clock: RunClock,
+    recorder: Recorder,
+    mission: Mission,
+    stop: StopRequest,
+    signing_time: SigningTime | None,
 ) -> Path | None:
     """Run to the end. An exception of ours still leaves a safe setpoint behind; returns where it is written down."""
     console = Console()
@@ -153,7 +161,7 @@ def _loop(
         display.show(pilot, newest, now)
 
     try:
-        run(pilot, links, clock, recorder, show, stop)
+        run(pilot, links, clock, recorder, show, stop, signing_time)
     except Exception as error:
         links[VEHICLE].send(pilot.last_words(clock.now()), pilot.reply_to)  # first of all, whatever the disk does
         pilot.outcome = Outcome(Ending.ABORTED, f"internal error: {error}")
@@ -182,6 +190,7 @@ def _finish(pilot: Pilot, recorder: Recorder, mission: Mission, clock: RunClock)
         orbit=mission.orbit,
         samples_accepted=pilot.samples_accepted,
         samples_rejected=dict(pilot.ranging.rejected),
+        frames_refused=dict(pilot.frames_refused()),
         setpoints_sent=pilot.setpoints_sent,
         firmware=pilot.session.firmware,
         version=__version__,

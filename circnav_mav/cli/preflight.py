@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from circnav_mav.cli.check import read_mission, show_checks
-from circnav_mav.cli.connect import open_links, start_clock, start_vehicle
+from circnav_mav.cli.connect import open_links, open_signing, start_clock, start_vehicle
 from circnav_mav.cli.exits import Exit, Refused
 from circnav_mav.mission.checks import Check, Grade, check_mission
 from circnav_mav.mission.load import Mission
@@ -43,14 +43,15 @@ def preflight_file(path: str, endpoint: str | None, overrides: tuple[str, ...], 
 def _observe(mission: Mission, seconds: float) -> tuple[Observations, float]:
     """Listen to the mission's endpoints; also the speed of the run's clock where it follows the autopilot."""
     with ExitStack() as open_things:
+        signing, signing_time = open_signing(mission, open_things)
         links = open_links(mission, open_things)
         folder = Path(open_things.enter_context(tempfile.TemporaryDirectory(prefix="circnav-")))
         (folder / "mission.toml").write_text(mission.text, encoding="utf-8")
         start_vehicle(mission, folder / "mission.toml", links, open_things)
-        survey = Survey(mission.pilot_settings(), names_for, seconds=seconds)
+        survey = Survey(mission.pilot_settings(), names_for, seconds=seconds, signing=signing)
         clock = start_clock(mission, survey.session)
         stop = StopRequest()
-        listen(survey, links, clock, stop)
+        listen(survey, links, clock, stop, signing_time)
         if stop.signal_name:
             raise Refused(f"stopped by {stop.signal_name}", Exit.INTERRUPTED)
         return survey.observations(), clock.speed if isinstance(clock, AutopilotClock) else 1.0

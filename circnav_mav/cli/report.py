@@ -56,8 +56,8 @@ def report_facts(run: Run, mission: Mission, summary: dict[str, Any]) -> ReportF
 def _settings(mission: Mission) -> dict[str, str]:
     """Every value of the mission with its key, defaults filled in; the bundled vehicle's are left to its file."""
     values = {"name": mission.file.name}
-    for table, keys in mission.file.model_dump(exclude={"name", "sim"}).items():
-        values |= {f"{table}.{key}": f"{value}" for key, value in keys.items() if value is not None}
+    for table, keys in mission.file.model_dump(exclude={"name", "sim"}, exclude_none=True).items():
+        values |= {f"{table}.{key}": f"{value}" for key, value in keys.items()}
     return values | {"law as flown": f"{mission.law.name}, k = {mission.law.gain:.4g}"}
 
 

@@ -12,6 +12,9 @@ def verdict(summary: dict[str, Any], folder: Path) -> str:
     rejected = summary["samples_rejected"]
     why = ", ".join(f"{count} {reason}" for reason, count in sorted(rejected.items())) or "none"
     lines.append(f"  ranges     {summary['samples_accepted']} taken, {sum(rejected.values())} rejected ({why})")
+    if refused := summary.get("frames_refused"):
+        why = ", ".join(f"{count} {reason}" for reason, count in sorted(refused.items()))
+        lines.append(f"  frames     refused for their signature: {why}")
     lines.append(f"  setpoints  {summary['setpoints_sent']} sent")
     if summary["recording_problem"]:
         lines.append(f"  WARNING    {summary['recording_problem']}")

@@ -5,17 +5,24 @@ pymavlink's own stream parser throws away the claimed length of a bad frame, and
 reader here steps one byte past a bad start instead, so that a stray byte costs nothing.
 """
 
+from collections import Counter
 from collections.abc import Collection
 from dataclasses import dataclass, field
 from typing import Any
 
 from pymavlink.dialects.v20 import all as dialect
 
+from circnav_mav.mav.signing import Refusal, Signing, is_signed
+
 Message = Any
 """A pymavlink message object: MAVLink_*_message of the `all` dialect."""
 
 _V1, _V2 = 0xFE, 0xFD
 _SIGNED = 0x01
+_NEVER_SIGNED = dialect.MAVLINK_MSG_ID_RADIO_STATUS
+"""Telemetry radios put it into the stream and have no key; nothing here is steered by it."""
+_NEVER_LOGGED = dialect.MAVLINK_MSG_ID_SETUP_SIGNING
+"""Carries somebody's key."""
 _MOST_SYSTEMS = 32
 _MOST_FAILURES = 64
 """Failed starts after which the rest of a datagram is left: bounds the work that a hostile one can cause."""
@@ -30,40 +37,65 @@ class LinkCounts:
     bad: int = 0
     unknown: int = 0
     version_1: int = 0
+    signed: int = 0
+    has_key: bool = False
     systems: set[tuple[int, int]] = field(default_factory=set)
+    refused: Counter[str] = field(default_factory=Counter)
+    """Frames by the reason why their signature, or its absence, is not believed."""
 
     def describe(self) -> str:
-        """One line: bytes, frames, errors, systems and MAVLink version heard."""
+        """One line: what was refused; bytes, frames, errors, systems and MAVLink version heard."""
         if not self.bytes:
             return "0 bytes heard"
         systems = ", ".join(f"{system}/{component}" for system, component in sorted(self.systems)) or "none"
         versions = "none" if not self.frames else "1 only" if self.version_1 == self.frames else "2"
-        return (
+        heard = (
             f"heard {self.bytes} bytes, {self.frames} frames, {self.bad} CRC or framing errors, "
             f"system/component ids: {systems}, MAVLink version: {versions}"
         )
+        if self.signed and not self.has_key:
+            return f"{heard}; {self.signed} of the frames are signed, and ours may be refused: give [signing] key_file"
+        return f"{self._distrust()}; {heard}" if self.refused else heard
+
+    def _distrust(self) -> str:
+        why = ", ".join(f"{count} {reason}" for reason, count in self.refused.items())
+        if self.refused[Refusal.UNSIGNED.value] + self.refused[Refusal.WRONG.value] == self.frames:
+            return f"every frame heard is unsigned or wrongly signed ({why}): check signing.key_file"
+        return f"frames refused for their signature: {why}"
 
 
 class Decoder:
     """Reads one link. A datagram stands for itself; a byte stream (TCP, serial) carries its tail to the next call."""
 
-    def __init__(self, *, stream: bool = False, wanted: Collection[int] | None = None) -> None:
-        """wanted: message ids worth decoding, None for all; the others are checked and counted only."""
+    def __init__(
+        self,
+        *,
+        stream: bool = False,
+        wanted: Collection[int] | None = None,
+        signing: Signing | None = None,
+        accept_unsigned: bool = False,
+    ) -> None:
+        """wanted: message ids worth decoding, None for all; the others are checked and counted only. signing: whom to
+        believe, None for everybody. accept_unsigned: believe unsigned frames beside the signed."""
         if dialect.MAVLINK_IGNORE_CRC:
             raise ValueError("MAVLINK_IGNORE_CRC is set in the environment: unset it, frames must be checked")
         self._dialect = dialect.MAVLink(None)
         self._stream = stream
         self._wanted = dialect.mavlink_map.keys() if wanted is None else wanted
+        self._signing = signing
+        self._accept_unsigned = accept_unsigned
         self._tail = b""
-        self.counts = LinkCounts()
+        self.counts = LinkCounts(has_key=signing is not None)
         self.frames: list[bytes] = []
-        """The whole frames of the newest call, unknown ids included, for the recorder."""
+        """The whole frames of the newest call that are believed, unknown ids included, for the recorder."""
+        self.behind = False
+        """Whether a frame of the newest call was refused for its sender's clock alone."""
 
     def decode(self, data: bytes) -> list[Message]:
         """The messages of one datagram or chunk; damage and unknown ids are counted, never raised."""
         self.counts.bytes += len(data)
         buffer = self._tail + data if self._tail else data
-        self.frames = []
+        self.frames, self.behind = [], False
         messages, at, failures = [], 0, 0
         while at < len(buffer) and failures < _MOST_FAILURES:
             end = _frame_end(buffer, at)
@@ -72,14 +104,33 @@ class Decoder:
             if end is None or not _whole(buffer, at, end):
                 at, failures = at + 1, failures + (end is not None or not failures)
                 continue
-            frame = buffer[at:end]
+            frame, at = buffer[at:end], end
             self._count(frame)
+            if not self._believed(frame):
+                continue
             if _message_id(frame) in self._wanted and (message := self._read(frame)) is not None:
                 messages.append(message)
-            at = end
         self.counts.bad += failures > 0
         self._tail = buffer[at:] if self._stream and failures < _MOST_FAILURES else b""
         return messages
+
+    def _believed(self, frame: bytes) -> bool:
+        """Whether the frame counts; its refusal is counted, too."""
+        refusal = self._refusal(frame)
+        if refusal is not None:
+            self.counts.refused[refusal.value] += 1
+            self.behind |= refusal is Refusal.BEHIND
+        elif _message_id(frame) != _NEVER_LOGGED:
+            self.frames.append(frame)
+        return refusal is None
+
+    def _refusal(self, frame: bytes) -> Refusal | None:
+        if self._signing is None:
+            return None
+        if is_signed(frame):
+            return self._signing.check(frame)
+        exempt = self._accept_unsigned or _message_id(frame) == _NEVER_SIGNED
+        return None if exempt else Refusal.UNSIGNED
 
     def _read(self, frame: bytes) -> Message | None:
         """The message in a frame whose CRC is right, None if pymavlink cannot read it all the same."""
@@ -91,9 +142,9 @@ class Decoder:
 
     def _count(self, frame: bytes) -> None:
         counts = self.counts
-        self.frames.append(frame)
         counts.frames += 1
         counts.version_1 += frame[0] == _V1
+        counts.signed += is_signed(frame)
         if _message_id(frame) not in dialect.mavlink_map:
             counts.unknown += 1
         elif len(counts.systems) < _MOST_SYSTEMS:
@@ -159,10 +210,11 @@ def split_frames(data: bytes) -> list[bytes]:
 
 
 class Encoder:
-    """Packs messages as MAVLink 2 in our name, with our own running sequence number."""
+    """Packs messages as MAVLink 2 in our name, with our own running sequence number; signs them if it can."""
 
-    def __init__(self, system: int, component: int) -> None:
+    def __init__(self, system: int, component: int, signing: Signing | None = None) -> None:
         self._dialect = dialect.MAVLink(None, srcSystem=system, srcComponent=component)
+        self._signing = signing
 
     @property
     def system(self) -> int:
@@ -177,4 +229,4 @@ class Encoder:
         """One frame. `pack` does not advance the sequence number: that is done here."""
         frame = bytes(message.pack(self._dialect))
         self._dialect.seq = (self._dialect.seq + 1) % 256
-        return frame
+        return frame if self._signing is None else self._signing.sign(frame)

@@ -14,6 +14,7 @@ from circnav_mav.mav.autopilots.interface import Autopilot
 from circnav_mav.mav.codec import Encoder, Message
 from circnav_mav.mav.commands import Command, CommandResult, CommandSender
 from circnav_mav.mav.motion import MotionSensor
+from circnav_mav.mav.signing import Signing
 from circnav_mav.mav.streams import StreamRequests
 
 HEARTBEAT_PERIOD = 1.0
@@ -56,7 +57,11 @@ class Session:
     """Everything that is said between us and the vehicle, except setpoints and ranging."""
 
     def __init__(
-        self, settings: LinkSettings, adapters: tuple[Autopilot, ...], more_streams: Mapping[int, float] | None = None
+        self,
+        settings: LinkSettings,
+        adapters: tuple[Autopilot, ...],
+        more_streams: Mapping[int, float] | None = None,
+        signing: Signing | None = None,
     ) -> None:
         """adapters: the vehicles that the mission allows; the pinned vehicle picks one. more_streams: id -> Hz."""
         self._settings = settings
@@ -66,7 +71,7 @@ class Session:
         self._boot_ms: int | None = None
         self._doubtful_ms: int | None = None
         self._replies: list[Message] = []
-        self.encoder = Encoder(settings.system_id or 1, settings.component_id)
+        self.encoder = Encoder(settings.system_id or 1, settings.component_id, signing)
         self.commands = CommandSender()
         self.adapter = adapters[0]
         self.streams = StreamRequests({})
@@ -132,6 +137,12 @@ class Session:
         if handle is not None:
             handle(self, message, now)
         return True
+
+    def greet(self, source: Hashable) -> None:
+        """Speak to somebody who signs as we do, by a clock far behind ours (an autopilot without GPS has none): he
+        takes our timestamp over, and can be believed from then on. Nobody else is, once the vehicle was heard."""
+        if self._first is None:
+            self.reply_to = source
 
     def encode(self, message: Message) -> bytes:
         """One frame in our name, remembered so that an echo of it is not taken for somebody else."""

@@ -54,6 +54,7 @@ def check_mission(mission: Mission) -> list[Check]:
             _noise,
             _slant,
             _drift,
+            _signing,
         )
         for line in part(mission)
     ]
@@ -234,3 +235,15 @@ def _drift(mission: Mission) -> Iterator[Check]:
     far = min(5 * orbit.radius, mission.max_range)
     seconds = settling_time(far, orbit.speed, orbit.radius, orbit.max_turn_rate * gain)
     yield Check(Grade.PASS, "settling", f"about {seconds:.0f} s at most from {far:.0f} m in still air (Dubins path)")
+
+
+def _signing(mission: Mission) -> Iterator[Check]:
+    table = mission.file.signing
+    if table is None:
+        return
+    if table.accept_unsigned is True:
+        says = "frames are signed, but unsigned ones are believed too: anybody can speak for the vehicle"
+        yield Check(Grade.WARN, "signing", f"{says} (signing.accept_unsigned)")
+    else:
+        also = ", on the ranging endpoint unsigned ones too" if table.accept_unsigned else ""
+        yield Check(Grade.PASS, "signing", f"frames are signed, and believed only if signed with our key{also}")

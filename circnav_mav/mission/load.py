@@ -24,7 +24,7 @@ from circnav_mav.mav.autopilots.interface import GRAVITY, AirLoops, VehicleFacts
 from circnav_mav.mav.ranging import RANGING_MESSAGES, RangingSettings
 from circnav_mav.mav.session import LinkSettings
 from circnav_mav.mission.schema import MissionFile
-from circnav_mav.pilot import RANGING, VEHICLE, PilotSettings, Timing, Voice
+from circnav_mav.pilot import LINKS, RANGING, VEHICLE, PilotSettings, Timing, Voice
 
 DEFAULT_LOOP = 0.35
 """What 2 k r_d V (turn lag + filter lag) is for a default gain; from about .45 on, vehicles limit-cycle."""
@@ -146,7 +146,12 @@ class Mission:
                 for link, endpoint in ((VEHICLE, file.link.endpoint), (RANGING, file.ranging.endpoint))
                 if endpoint and endpoint.startswith(("tcp", "serial"))
             ),
+            unsigned_links=self._unsigned_links(),
         )
+
+    def _unsigned_links(self) -> frozenset[str]:
+        accepted = self.file.signing.accept_unsigned if self.file.signing else False
+        return frozenset((RANGING,) if accepted == "ranging" else LINKS if accepted else ())
 
     def _ranging(self) -> RangingSettings:
         table = self.file.ranging
@@ -214,11 +219,12 @@ def load_mission(path: str | Path, overrides: Iterable[str] = ()) -> Mission:
         raise MissionError(f"{path}: cannot be read: {error.strerror or error}") from None
     except UnicodeDecodeError:
         raise MissionError(f"{path}: is not a text file in UTF-8") from None
-    return parse_mission(text, str(path), overrides)
+    return parse_mission(text, str(path), overrides, path.parent)
 
 
-def parse_mission(text: str, where: str, overrides: Iterable[str] = ()) -> Mission:
-    """Validate the text of a mission file; `where` names it in errors. Raises MissionError."""
+def parse_mission(text: str, where: str, overrides: Iterable[str] = (), folder: Path | None = None) -> Mission:
+    """Validate the text of a mission file; `where` names it in errors. folder: from where its paths are told; they
+    become absolute, so that the file as flown can be flown again from its run folder. Raises MissionError."""
     try:
         table = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -228,6 +234,9 @@ def parse_mission(text: str, where: str, overrides: Iterable[str] = ()) -> Missi
         keys, value = _override(override)
         _put(table, keys, value, override)
         _put(document, keys, value, override)
+    if folder is not None:
+        _make_absolute(table, folder)
+        _make_absolute(document, folder)
     try:
         file = MissionFile.model_validate(table)
     except ValidationError as error:
@@ -238,6 +247,8 @@ def parse_mission(text: str, where: str, overrides: Iterable[str] = ()) -> Missi
         raise MissionError(
             f'{where}: ranging.endpoint: is "{SIM}" but the vehicle is not the bundled one: --set ranging.endpoint=URL'
         )
+    if file.signing and file.signing.accept_unsigned == "ranging" and file.ranging.endpoint is None:
+        raise MissionError(f'{where}: signing.accept_unsigned: is "ranging", which needs a ranging.endpoint of its own')
     _check_turning(file, where)
     mission = Mission(file, tomlkit.dumps(document))
     _check_numbers(mission, where)
@@ -284,6 +295,14 @@ def _put(table: Any, keys: list[str], value: Any, override: str) -> None:
         if not isinstance(table, Mapping):
             raise MissionError(f"--set {override}: {key} is a value, not a table")
     table[keys[-1]] = value
+
+
+def _make_absolute(table: Any, folder: Path) -> None:
+    """The key files of a mission and of its bundled vehicle: told from the folder of the file, `~` from home."""
+    for place in (table, table.get("sim")):
+        signing = place.get("signing") if isinstance(place, Mapping) else None
+        if isinstance(signing, Mapping) and isinstance(name := signing.get("key_file"), str) and name:
+            signing["key_file"] = str((folder / Path(name).expanduser()).absolute())  # type: ignore[index]
 
 
 def _first_problem(error: ValidationError) -> str:

@@ -76,7 +76,22 @@ def _identity(mission: Mission, seen: Observations, vehicle: VehicleSeen) -> Ite
         yield Check(WARN, "MAVLink", f"{seen.version_1} of {seen.frames} frames are of version 1")
     else:
         yield Check(PASS, "MAVLink", "version 2 only")
+    yield from _signing(mission, seen)
     yield from _company(mission, seen)
+
+
+def _signing(mission: Mission, seen: Observations) -> Iterator[Check]:
+    """Whether the frames heard are signed as the mission wants them; nothing where nobody signs."""
+    if mission.file.signing is None:
+        if seen.signed:
+            words = f"{seen.signed} of {seen.frames} frames are signed and we have no key: what we send may be refused"
+            yield Check(WARN, "signing", f"{words}; give it with [signing] key_file")
+        return
+    if refused := sum(seen.refused.values()):
+        why = ", ".join(f"{count} {reason}" for reason, count in sorted(seen.refused.items()))
+        yield Check(WARN, "signing", f"{refused} of {seen.frames} frames refused: {why}")
+    else:
+        yield Check(PASS, "signing", f"{seen.signed} of {seen.frames} frames signed, all with our key")
 
 
 def _mode(mission: Mission, vehicle: VehicleSeen) -> Check:

@@ -98,6 +98,14 @@ class LinkTable(Table):
     sim_speed: Annotated[float, Field(gt=0, le=100)] = 1.0
 
 
+class SigningTable(Table):
+    """[signing]: MAVLink 2 message signing. key_file is told from the mission file's folder."""
+
+    key_file: Name
+    link_id: Annotated[int, Field(ge=0, le=255)] = 0
+    accept_unsigned: Literal[False, True, "ranging"] = False
+
+
 class EngageTable(Table):
     """[engage]"""
 
@@ -151,4 +159,5 @@ class MissionFile(Table):
     bounds: BoundsTable = BoundsTable()
     limits: LimitsTable
     log: LogTable = LogTable()
+    signing: SigningTable | None = None
     sim: dict[str, Any] | None = None

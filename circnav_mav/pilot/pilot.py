@@ -6,6 +6,7 @@ A fresh range is answered by the very next step; without one a steady tick coast
 then holds the orbit's own turn rate, then gives up. The operator always wins: see `_watch_vehicle`.
 """
 
+from collections import Counter
 from collections.abc import Hashable
 from math import isfinite
 
@@ -15,15 +16,16 @@ from circnav_mav.core.estimators.table import ESTIMATORS
 from circnav_mav.core.phases import STEERING, Event, Phase, advance
 from circnav_mav.core.values import RangeEstimate, RangeSample, TurnCommand
 from circnav_mav.mav.autopilots.table import adapters
-from circnav_mav.mav.codec import Decoder, LinkCounts, Message
+from circnav_mav.mav.codec import LinkCounts, Message
 from circnav_mav.mav.frames import YawRate, yaw_rate_from_turn_rate
 from circnav_mav.mav.gate import UnsafeSetpointError
 from circnav_mav.mav.ranging import RANGING_MESSAGES, RangeReader, Reject
 from circnav_mav.mav.session import HANDLED, HEARTBEAT_PERIOD, LOST_AFTER, Session
+from circnav_mav.mav.signing import Signing
 from circnav_mav.pilot.handover import ModeRequest
 from circnav_mav.pilot.helm import Helm
+from circnav_mav.pilot.listening import decoders
 from circnav_mav.pilot.settings import (
-    LINKS,
     RANGING,
     VEHICLE,
     Ending,
@@ -48,7 +50,8 @@ STOP_SENDING = "stop"
 class Pilot:
     """The guidance application: ranging and vehicle telemetry in, setpoints out."""
 
-    def __init__(self, settings: PilotSettings) -> None:
+    def __init__(self, settings: PilotSettings, signing: Signing | None = None) -> None:
+        """signing: signs what is sent and tells who is believed; None: neither."""
         message = RANGING_MESSAGES[settings.ranging.message]
         from_autopilot = settings.ranging.component == AUTOPILOT_COMPONENT and not settings.ranging_apart
         self.settings = settings
@@ -56,6 +59,7 @@ class Pilot:
             settings.link,
             adapters(settings.autopilot, settings.kind, settings.facts),
             {message.id: settings.ranging.rate} if from_autopilot else None,
+            signing,
         )
         self.ranging = RangeReader(settings.ranging)
         self.estimator = ESTIMATORS[settings.estimator](settings.estimation)
@@ -65,8 +69,7 @@ class Pilot:
         self.engaged_at: float | None = None
         self.setpoints_sent = 0
         self.samples_accepted = 0
-        wanted = HANDLED | {message.id}
-        self._decoders = {link: Decoder(stream=link in settings.stream_links, wanted=wanted) for link in LINKS}
+        self._decoders = decoders(settings, HANDLED | {message.id}, signing)
         self._ranging_link = RANGING if settings.ranging_apart else VEHICLE
         self._records: list[TickRecord] = []
         self._frames: list[bytes] = []
@@ -100,6 +103,8 @@ class Pilot:
             if link == self._ranging_link:
                 self._take_range(message, now)
         self._frames += decoder.frames
+        if link == VEHICLE and decoder.behind:
+            self.session.greet(source)
 
     def interrupt(self, now: float, reason: str) -> None:
         """End the flight now: the next step sends the safe setpoint."""
@@ -157,6 +162,10 @@ class Pilot:
     def counts(self, link: str = VEHICLE) -> LinkCounts:
         """What came in on a link."""
         return self._decoders[link].counts
+
+    def frames_refused(self) -> Counter[str]:
+        """Frames that were not believed on any link, by what was wrong with their signature."""
+        return sum((decoder.counts.refused for decoder in self._decoders.values()), Counter())
 
     def take_records(self) -> list[TickRecord]:
         """The ticks since the last call."""

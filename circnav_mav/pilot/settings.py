@@ -65,7 +65,8 @@ class PilotSettings:
     integral, 1/s. request_mode: ask for the guided mode (else wait for the operator to enter it). end_on_takeover:
     whether the operator's leaving the mode ends the mission (else it waits to be given the vehicle again). exit: name
     of the exit action, None for the autopilot's default. ranging_apart: ranging comes on a link of its own.
-    stream_links: links that are byte streams (TCP, serial), not datagrams.
+    stream_links: links that are byte streams (TCP, serial), not datagrams. unsigned_links: those on which unsigned
+    frames are believed even where there is a signing key.
     """
 
     orbit: Orbit
@@ -89,6 +90,7 @@ class PilotSettings:
     voice: Voice = Voice.FLY
     ranging_apart: bool = False
     stream_links: frozenset[str] = frozenset()
+    unsigned_links: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True, slots=True)

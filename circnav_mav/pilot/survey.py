@@ -13,12 +13,14 @@ from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mav.autopilots.interface import Autopilot
 from circnav_mav.mav.autopilots.table import adapters
-from circnav_mav.mav.codec import Decoder, Message
+from circnav_mav.mav.codec import Message
 from circnav_mav.mav.motion import Motion
 from circnav_mav.mav.params import ParameterReader
 from circnav_mav.mav.ranging import RANGING_MESSAGES, RangeReader
 from circnav_mav.mav.session import HANDLED, HEARTBEAT_PERIOD, Session, describe_vehicle
-from circnav_mav.pilot.settings import LINKS, RANGING, VEHICLE, PilotSettings
+from circnav_mav.mav.signing import Signing
+from circnav_mav.pilot.listening import decoders
+from circnav_mav.pilot.settings import RANGING, VEHICLE, PilotSettings
 
 TICK = 0.05
 SETTLE = 2.0
@@ -71,7 +73,8 @@ class VehicleSeen:
 @dataclass(frozen=True, slots=True)
 class Observations:
     """All that a survey has heard. links: each link's bytes, frames and systems in words. carriers: ranging messages
-    by sender and marks. end, seconds: when the listening ended and how long it measured, s."""
+    by sender and marks. end, seconds: when the listening ended and how long it measured, s. signed, refused: frames of
+    the vehicle's link with a signature, and those not believed, by reason."""
 
     vehicle: VehicleSeen | None
     links: Mapping[str, str]
@@ -84,20 +87,27 @@ class Observations:
     carriers: Mapping[str, int]
     end: float
     seconds: float
+    signed: int
+    refused: Mapping[str, int]
 
 
 class Survey:
     """A sans-I/O listener: `receive` bytes, send what `step` answers, until `done`; then `observations`."""
 
     def __init__(
-        self, settings: PilotSettings, parameters: Callable[[Autopilot], Iterable[str]], *, seconds: float
+        self,
+        settings: PilotSettings,
+        parameters: Callable[[Autopilot], Iterable[str]],
+        *,
+        seconds: float,
+        signing: Signing | None = None,
     ) -> None:
         """parameters: names to read from a vehicle. seconds: how long to measure, once the vehicle was found."""
         message = RANGING_MESSAGES[settings.ranging.message]
         from_autopilot = settings.ranging.component == AUTOPILOT_COMPONENT and not settings.ranging_apart
         self._more_streams = {message.id: settings.ranging.rate} if from_autopilot else {}
         vehicles = adapters(settings.autopilot, settings.kind, settings.facts)
-        self.session = Session(settings.link, vehicles, self._more_streams)
+        self.session = Session(settings.link, vehicles, self._more_streams, signing)
         self.done = False
         self._settings = settings
         self._parameters = parameters
@@ -106,7 +116,7 @@ class Survey:
         self._ranging_link = RANGING if settings.ranging_apart else VEHICLE
         self._ranging_type = message.type
         wanted = HANDLED | {message.id, dialect.MAVLINK_MSG_ID_PARAM_VALUE}
-        self._decoders = {link: Decoder(stream=link in settings.stream_links, wanted=wanted) for link in LINKS}
+        self._decoders = decoders(settings, wanted, signing)
         self._reader: ParameterReader | None = None
         self._next_tick = self._next_hello = self._next_round_trip = float("-inf")
         self._began: float | None = None
@@ -135,11 +145,14 @@ class Survey:
 
     def receive(self, data: bytes, now: float, source: Hashable = None, link: str = VEHICLE) -> None:
         """Take in one datagram (or chunk of a stream) that arrived at `now` from `source` on a link."""
-        for message in self._decoders[link].decode(data):
+        decoder = self._decoders[link]
+        for message in decoder.decode(data):
             if link == VEHICLE and self.session.receive(message, now, source):
                 self._take_telemetry(message, now)
             if link == self._ranging_link:
                 self._take_range(message, now)
+        if link == VEHICLE and decoder.behind:
+            self.session.greet(source)
 
     def step(self, now: float) -> bytes:
         """What to send to the vehicle now."""
@@ -177,6 +190,8 @@ class Survey:
             carriers=dict(self._carriers),
             end=self._end,
             seconds=self._measured_for,
+            signed=counts.signed,
+            refused=dict(counts.refused),
         )
 
     def _vehicle(self) -> VehicleSeen:

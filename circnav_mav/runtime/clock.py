@@ -103,6 +103,11 @@ class AutopilotClock:
             self._measured = True
 
 
+def unix_time() -> float:
+    """Wall-clock time, s since 1970; it may be set back or forth at any moment."""
+    return time.time()
+
+
 def local_time_name() -> str:
     """The present local time as a folder name."""
     return time.strftime("%Y%m%d-%H%M%S")

@@ -3,8 +3,8 @@ delays a tick.
 
 A tlog is big-endian microseconds since 1970 and the raw frame, repeated: Mission Planner, MAVExplorer and MAVProxy
 open it. turns.csv says of each turn of the loop what a tlog cannot: its time, from which link and source its frames
-came, and how many of them are ours; with both, a replay is exact. Whatever happens to the process, at most the last
-half second is lost.
+came, and how many of them are ours; with both, a replay is exact. Signatures stay out of it, as MAVLink's guide wants
+it: a replay needs no key. Whatever happens to the process, at most the last half second is lost.
 
 A run folder is bounded: first the frames stop (flight.tlog and turns.csv, which stay a whole, shorter flight for every
 reader), the last part is for the ticks alone.
@@ -21,6 +21,7 @@ from math import inf
 from pathlib import Path
 from typing import IO, Any
 
+from circnav_mav.mav.signing import without_signature
 from circnav_mav.pilot import TickRecord
 
 FLUSH_PERIOD = 0.5
@@ -157,7 +158,7 @@ class Recorder:
     def _write_turn(self, item: Turn) -> None:
         frames = [frame for _, _, datagram in item.heard for frame in datagram] + item.said + item.hello
         stamp = struct.pack(">Q", self._epoch_us + round(item.time * 1e6))
-        self._written += self._tlog.write(b"".join(stamp + frame for frame in frames))
+        self._written += self._tlog.write(b"".join(stamp + without_signature(frame) for frame in frames))
         heard = " ".join(f"{link[0]}{self._number(source)}*{len(datagram)}" for link, source, datagram in item.heard)
         row = (round(item.time * 1e6), heard, len(item.said) or "", len(item.hello) or "", item.interrupt)
         self._written += self._turns_csv.writerow(row)

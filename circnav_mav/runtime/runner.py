@@ -10,6 +10,7 @@ from types import FrameType
 from circnav_mav.mav.codec import split_frames
 from circnav_mav.pilot import RANGING, VEHICLE, Pilot, TickRecord
 from circnav_mav.runtime.clock import RunClock
+from circnav_mav.runtime.keys import SigningTime
 from circnav_mav.runtime.links import Link
 from circnav_mav.runtime.recorder import Recorder, Turn
 
@@ -43,12 +44,15 @@ def run(
     recorder: Recorder,
     show: Callable[[TickRecord | None, float], None],
     stop: StopRequest,
+    signing_time: SigningTime | None = None,
 ) -> None:
     """Fly until the pilot is done. Every frame and tick goes to the recorder; `show` is called after each step."""
     newest: TickRecord | None = None
     while not pilot.done:
         wait(links, stop, min(clock.until(pilot.next_tick), LONGEST_WAIT))
         now = clock.now()
+        if signing_time is not None:
+            signing_time.turn()
         turn = Turn(now)
         for name, link in links.items():
             for data, source in link.receive(now):

@@ -7,7 +7,7 @@ from math import inf, sqrt
 
 from circnav_mav.pilot import Ending
 from sim.faults import CLEAN, Impairment
-from tests.faults.course import BAND, Course, on_the_circle
+from tests.faults.course import BAND, Course, Keys, on_the_circle
 
 LAW = "smooth"
 """The law of the quick set: the cheapest to compute."""
@@ -39,7 +39,7 @@ class Scenario:
     comes from the seed. lasts, after: time with the fault, and watched after it, s. reason: words that the outcome
     must hold. rejects: reasons that must be counted. blind: age of ranges, s, that nobody can tell. clocks: whether
     stamps are tampered with, so that they tell no age. fresh: from the start of the mission, not from the circle.
-    on: other wants by profile. by_auto: what is wanted of the law "auto".
+    on: other wants by profile. by_auto: what is wanted of the law "auto". keys: to sign with, ours and the vehicle's.
     """
 
     fault: str
@@ -62,6 +62,7 @@ class Scenario:
     check: Callable[[Course], str | None] | None = None
     profiles: tuple[str, ...] = ()
     by_auto: Want | None = None
+    keys: Keys = (None, None)
 
 
 @dataclass(frozen=True)
@@ -88,7 +89,7 @@ def fly(scenario: Scenario, profile: str, seed: int, law: str = LAW) -> Verdict:
     """Fly a cell by one of the laws and judge it."""
     overrides = (f'guidance.law="{law}"', *scenario.overrides)
     make = Course if scenario.fresh else on_the_circle
-    course = make(profile, overrides, stream=scenario.stream)
+    course = make(profile, overrides, stream=scenario.stream, keys=scenario.keys)
     start = course.now
     before = dict(course.pilot.ranging.rejected)
     backward = course.spy.backward

@@ -3,15 +3,18 @@
 import copy
 import copyreg
 import struct
-from collections.abc import Callable
+import tempfile
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 from math import isfinite
+from pathlib import Path
 from typing import Any
 
 from circnav_mav.core.phases import STEERING, Phase
 from circnav_mav.core.values import RangeSample
+from circnav_mav.mav.signing import Signing
 from circnav_mav.mission.load import load_mission
 from circnav_mav.pilot import RANGING, VEHICLE, Pilot, TickRecord
 from sim.config import parse_vehicle
@@ -33,6 +36,11 @@ SOURCE = "sim"
 TRUTH_EVERY = 0.1
 PX4_PATIENCE = {"px4_copter": 1.0, "px4_plane": 0.5, "px4_plane_attitude": 1.0}
 """COM_OF_LOSS_T of OFFBOARD, COM_RC_LOSS_T of the sticks, s."""
+UNIX = 1_790_000_000.0
+"""Wall-clock time at second 0."""
+
+Keys = tuple[bytes | None, bytes | None]
+"""The signing keys of the application and of the vehicle."""
 
 
 class Spy:
@@ -66,7 +74,9 @@ class Spy:
 class Course:
     """A pilot and a vehicle with a fault link between them, and what was seen."""
 
-    def __init__(self, profile: str, overrides: tuple[str, ...] = (), *, stream: bool = False) -> None:
+    def __init__(
+        self, profile: str, overrides: tuple[str, ...] = (), *, stream: bool = False, keys: Keys = (None, None)
+    ) -> None:
         mission = load_mission(CONFIG / f"{profile}.toml", (*PATIENT, *overrides))
         assert mission.file.sim is not None
         settings = mission.pilot_settings()
@@ -74,8 +84,11 @@ class Course:
             settings = replace(settings, stream_links=frozenset({VEHICLE}))
         self.stream = stream
         self.profile = profile
-        self.pilot = Pilot(settings)
-        self.vehicle = Vehicle(parse_vehicle(mission.file.sim, profile))
+        self.signing = Signing(keys[0]) if keys[0] is not None else None
+        self.pilot = Pilot(settings, self.signing)
+        self.vehicle = _vehicle(mission.file.sim, profile, keys[1])
+        self.wall: float = UNIX
+        self.vehicle_wall: float | None = UNIX
         self.allowed = Allowed.of(settings)
         self.link = FaultLink()
         self.spy = Spy(self.pilot.estimator)
@@ -138,6 +151,10 @@ class Course:
 
     def _step(self, due: float) -> None:
         self.now = max(due, self.now)
+        if self.signing is not None:
+            self.signing.advance(self.wall + self.now)
+        if self.vehicle_wall is not None:
+            self.vehicle.tell_time(self.vehicle_wall + self.now)
         self.vehicle.advance(self.now)
         self._give(self._arrivals())
         self._answer()
@@ -243,9 +260,11 @@ class Course:
 
 
 @cache
-def settled(profile: str, overrides: tuple[str, ...] = (), *, stream: bool = False) -> Course:
+def settled(
+    profile: str, overrides: tuple[str, ...] = (), *, stream: bool = False, keys: Keys = (None, None)
+) -> Course:
     """A flight that has found its circle over a good link and kept to it for a while; copy it before use."""
-    course = Course(profile, overrides, stream=stream).fly(SETTLED)
+    course = Course(profile, overrides, stream=stream, keys=keys).fly(SETTLED)
     while max(abs(error) for _, error in course.errors(course.now - STEADY, course.now)) > BAND / 2:
         course.fly(course.now + STEADY)
         assert course.now < LATEST, f"{profile}: no steady circle"
@@ -254,6 +273,17 @@ def settled(profile: str, overrides: tuple[str, ...] = (), *, stream: bool = Fal
     return course
 
 
-def on_the_circle(profile: str, overrides: tuple[str, ...] = (), *, stream: bool = False) -> Course:
+def on_the_circle(
+    profile: str, overrides: tuple[str, ...] = (), *, stream: bool = False, keys: Keys = (None, None)
+) -> Course:
     """A flight of one's own that has found its circle."""
-    return copy.deepcopy(settled(profile, overrides, stream=stream))
+    return copy.deepcopy(settled(profile, overrides, stream=stream, keys=keys))
+
+
+def _vehicle(table: Mapping[str, Any], profile: str, key: bytes | None) -> Vehicle:
+    if key is None:
+        return Vehicle(parse_vehicle(table, profile))
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "vehicle.key"
+        path.write_bytes(key)
+        return Vehicle(parse_vehicle({**table, "signing": {"key_file": str(path)}}, profile))

@@ -14,8 +14,9 @@ from tests.faults.cell import LAW, Scenario, Verdict, fly
 from tests.faults.scenarios.line import LINE
 from tests.faults.scenarios.peers import PEERS
 from tests.faults.scenarios.ranging import RANGING
+from tests.faults.scenarios.signing import SIGNING
 
-SCENARIOS = tuple(sorted((*LINE, *RANGING, *PEERS), key=lambda one: int(one.fault[1:])))
+SCENARIOS = tuple(sorted((*LINE, *RANGING, *PEERS, *SIGNING), key=lambda one: int(one.fault[1:])))
 PROFILES = ("arducopter", "arduplane", "ardurover", "px4_copter", "px4_plane", "px4_plane_attitude")
 FIRST = PROFILES[:2]
 HEAD = (

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
+from circnav_mav.runtime.listener import listen
 from circnav_mav.runtime.runner import StopRequest, run
 
 
@@ -164,3 +165,20 @@ def test_displays_draw_when_due(stop):
     assert "engaged" in lines[0]
     assert "+1.50 m" in lines[0]
     assert "-8.6 deg/s" in lines[0]
+
+
+class Turns:
+    """Counts the turns that it is told of, as a signing time is."""
+
+    def __init__(self):
+        self.count = 0
+
+    def turn(self):
+        self.count += 1
+
+
+def test_the_time_of_signatures_goes_on_in_every_turn(stop):
+    flying, listening = Turns(), Turns()
+    run(FakePilot(3), {"vehicle": FakeLink()}, FakeClock(), FakeRecorder(), lambda *_: None, stop, flying)
+    listen(FakePilot(3), {"vehicle": FakeLink()}, FakeClock(), stop, listening)
+    assert (flying.count, listening.count) == (3, 3)

@@ -1,0 +1,120 @@
+"""The signing key and its timestamp on disk."""
+
+import os
+import queue
+import stat
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+from circnav_mav.mav.signing import KEY_LENGTH, LATEST, SECOND, Signing
+from circnav_mav.runtime.clock import unix_time
+
+RESERVE = 10 * SECOND
+"""How far the file is ahead of what was used: a killed process begins again behind nothing that it has signed, and far
+less ahead of the others' clocks than the minute at which they, and we, refuse."""
+TEXT = frozenset(range(32, 127))
+REMEDY = "write 64 hex digits; of a passphrase: printf %s 'PASSPHRASE' | sha256sum | cut -c1-64"
+
+
+class KeyFileError(Exception):
+    """A key or its timestamp that cannot be used, in one line."""
+
+
+def read_key(path: Path) -> bytes:
+    """The 32 bytes of a key file that nobody else can read: raw, or as 64 hex digits. Raises KeyFileError."""
+    try:
+        facts = path.stat()
+        if not stat.S_ISREG(facts.st_mode):
+            raise KeyFileError(f"{path}: is not a file")
+        if facts.st_mode & 0o077:
+            raise KeyFileError(f"{path}: others can read this key (mode {facts.st_mode & 0o777:o}): chmod 600 {path}")
+        with path.open("rb") as file:
+            data = file.read(4096)
+    except OSError as error:
+        raise KeyFileError(f"{path}: cannot be read: {error.strerror or error}") from None
+    return _key(data, path)
+
+
+def _key(data: bytes, path: Path) -> bytes:
+    key = data
+    if TEXT.issuperset(data.strip()):  # a random key of 32 printable bytes is one in 1e14
+        try:
+            key = bytes.fromhex(data.decode("ascii"))
+        except ValueError:
+            raise KeyFileError(f"{path}: holds text that is no key: {REMEDY}") from None
+    if len(key) != KEY_LENGTH:
+        raise KeyFileError(f"{path}: holds a key of {len(key)} bytes, not {KEY_LENGTH}: {REMEDY}")
+    if not any(key):
+        raise KeyFileError(f"{path}: is all zeros, by which autopilots switch signing off: {REMEDY}")
+    return key
+
+
+def timestamp_path(key_file: Path) -> Path:
+    """Where the timestamp of a key is kept."""
+    return key_file.with_name(f"{key_file.name}.timestamp")
+
+
+class SigningTime:
+    """Takes a signing timestamp along with the wall clock, and keeps it across restarts.
+
+    A thread of its own writes, so that a slow disk never delays a tick; a disk that fails is noted in `problem`, and
+    the flight goes on.
+    """
+
+    def __init__(self, signing: Signing, path: Path, clock: Callable[[], float] = unix_time) -> None:
+        """Begin with the later of the clock and the file. Raises KeyFileError where the file cannot be kept."""
+        self.problem: str | None = None
+        self._signing, self._path, self._clock = signing, path, clock
+        signing.timestamp = max(signing.timestamp, _stored(path))
+        signing.advance(clock())
+        self._reserved = signing.timestamp + RESERVE
+        try:
+            _store(path, self._reserved)
+        except OSError as error:
+            raise KeyFileError(f"{path}: cannot be written: {error.strerror or error}") from None
+        self._queue: queue.SimpleQueue[int | None] = queue.SimpleQueue()
+        self._thread = threading.Thread(target=self._drain, name="signing time", daemon=True)
+        self._thread.start()
+
+    def turn(self) -> None:
+        """Once in every turn of the loop."""
+        self._signing.advance(self._clock())
+        if self._signing.timestamp > self._reserved - RESERVE // 2:
+            self._reserved = self._signing.timestamp + RESERVE
+            self._queue.put(self._reserved)
+
+    def close(self) -> None:
+        """Write what was really used last."""
+        self._queue.put(self._signing.timestamp)
+        self._queue.put(None)
+        self._thread.join()
+
+    def _drain(self) -> None:
+        while (timestamp := self._queue.get()) is not None:
+            try:
+                _store(self._path, timestamp)
+            except OSError as error:
+                self.problem = f"{self._path}: cannot be written: {error.strerror or error}"
+
+
+def _stored(path: Path) -> int:
+    try:
+        text = path.read_text(encoding="ascii")
+    except FileNotFoundError:
+        return 0
+    except (OSError, UnicodeDecodeError) as error:
+        raise KeyFileError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or 'not text'}") from None
+    if not (text.strip().isdecimal() and int(text) <= LATEST):
+        raise KeyFileError(f"{path}: is not a timestamp: delete it if the clock of this computer is right")
+    return int(text)
+
+
+def _store(path: Path, timestamp: int) -> None:
+    """In one move, so that there is a whole file at every moment."""
+    fresh = path.with_name(f"{path.name}.{os.getpid()}.tmp")
+    with fresh.open("w", encoding="ascii") as file:
+        file.write(f"{timestamp}\n")
+        file.flush()
+        os.fsync(file.fileno())
+    os.replace(fresh, path)

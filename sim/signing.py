@@ -1,0 +1,87 @@
+"""Message signing as autopilots have it: pymavlink signs, and what is heard is judged as their C library does it.
+
+Source: mavlink_signature_check (mavlink_helpers.h), ArduPilot's GCS_Signing.cpp, PX4's message_signing.md.
+"""
+
+import hashlib
+from pathlib import Path
+
+from pymavlink.dialects.v20 import all as mavlink
+
+from sim.schema import ConfigError
+from sim.wire import Message
+
+EPOCH_S = 1_420_070_400  # 2015 in unix time
+TICKS_PER_S = 100_000
+MOST_STREAMS = 16  # MAVLINK_MAX_SIGNING_STREAMS
+UNSIGNED_BY_ARDUPILOT = frozenset({109, 166})  # RADIO_STATUS, RADIO
+UNSIGNED_BY_PX4 = frozenset({0, 109, 246, 247})  # HEARTBEAT, RADIO_STATUS, ADSB_VEHICLE, COLLISION
+SIGNED_FLAG = 1
+
+
+class Notary:
+    """One autopilot's key, its timestamp, and who was heard under it. Without a key everybody is believed."""
+
+    def __init__(self, key: bytes | None, unsigned_ids: frozenset[int], accept_unsigned: bool = False) -> None:
+        self._key = key
+        self._unsigned_ids = unsigned_ids
+        self._accept_unsigned = accept_unsigned
+        self._streams: dict[tuple[int, int, int], int] = {}
+        self.timestamp = 0
+        self.refused = 0
+
+    def tell_time(self, unix: float) -> None:
+        """GPS or a clock tells the time; it only ever moves on."""
+        self.timestamp = max(self.timestamp, round((unix - EPOCH_S) * TICKS_PER_S))
+
+    def reboot(self) -> None:
+        """Streams are forgotten, and the timestamp goes on a minute past the stored one."""
+        self._streams.clear()
+        self.timestamp += 60 * TICKS_PER_S
+
+    def prepare(self, engine: mavlink.MAVLink) -> None:
+        """Make an engine sign what it packs next."""
+        signing = engine.signing
+        signing.secret_key, signing.sign_outgoing = self._key, self._key is not None
+        signing.timestamp = self.timestamp
+        self.timestamp += 1
+
+    def believes(self, message: Message) -> bool:
+        """Whether the autopilot takes a message in."""
+        if self._key is None or self._accept_unsigned or message.get_msgId() in self._unsigned_ids:
+            return True
+        frame = bytes(message.get_msgbuf())
+        good = frame[0] == 0xFD and bool(frame[2] & SIGNED_FLAG) and self._good(frame)
+        self.refused += not good
+        return good
+
+    def _good(self, frame: bytes) -> bool:
+        digest = hashlib.new("sha256", self._key or b"")
+        digest.update(frame[:-6])
+        if digest.digest()[:6] != frame[-6:]:
+            return False
+        stamp = int.from_bytes(frame[-12:-6], "little")
+        stream = (frame[5], frame[6], frame[-13])
+        if stream in self._streams:
+            fresh = stamp > self._streams[stream]
+        else:
+            fresh = len(self._streams) < MOST_STREAMS and stamp + 60 * TICKS_PER_S >= self.timestamp
+        if fresh:
+            self._streams[stream] = stamp
+            self.timestamp = max(self.timestamp, stamp)
+        return fresh
+
+
+def read_key(path: str, where: str) -> bytes:
+    """64 hex digits or 32 bytes; raises ConfigError."""
+    try:
+        data = Path(path).read_bytes()
+    except OSError as error:
+        raise ConfigError(f"{where}: {path}: cannot be read: {error.strerror or error}") from error
+    try:
+        key = bytes.fromhex(data.decode("ascii"))
+    except ValueError:
+        key = data
+    if len(key) != 32:
+        raise ConfigError(f"{where}: {path}: holds {len(key)} bytes, a key has 32, or 64 hex digits")
+    return key

@@ -1,0 +1,138 @@
+"""F22: signed links, and those who have no key, another one, or somebody else's frames."""
+
+from collections.abc import Callable, Iterable
+from itertools import count
+
+from pymavlink.dialects.v20 import all as mavlink
+
+from circnav_mav.mav.signing import EPOCH, LATEST, SECOND, Refusal
+from sim.faults import DOWN, UP, Impairment
+from sim.faults.intruders import speaking, vehicle
+from sim.faults.link import Intruder, Passage
+from tests.faults.cell import Scenario, Want
+from tests.faults.course import UNIX, Course
+
+KEY, OTHER = bytes(range(32)), bytes(range(1, 33))
+BOTH = (KEY, KEY)
+HOUR = 3600.0
+NOT_BELIEVED = "every frame heard is unsigned or wrongly signed"
+HEARTBEAT = mavlink.MAVLink_heartbeat_message(2, 3, 0x81, 5, 4, 3)
+"""Of our vehicle, in a mode that would end the mission."""
+TO_LOITER = mavlink.MAVLink_command_long_message(1, 1, 176, 0, 1, 5, 0, 0, 0, 0, 0)
+
+Arrange = Callable[[Course, int], None]
+Check = Callable[[Course], str | None]
+
+
+def stamp(unix: float) -> int:
+    return round((unix - EPOCH) * SECOND)
+
+
+def voice(key: bytes | None, timestamp: int, system: int = 1, component: int = 1, link_id: int = 0) -> mavlink.MAVLink:
+    """Anybody, with any key and clock."""
+    engine = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
+    engine.signing.secret_key, engine.signing.sign_outgoing = key, key is not None
+    engine.signing.timestamp, engine.signing.link_id = timestamp, link_id
+    return engine
+
+
+def saying(engine: mavlink.MAVLink, message: mavlink.MAVLink_message, way: str, rate: float = 20.0) -> Intruder:
+    return speaking(rate, lambda n: [bytes(message.pack(engine))], direction=way)
+
+
+def both_ways(key: bytes | None, timestamp: int, **link: int) -> Arrange:
+    """Somebody speaks as the vehicle to us, and to the vehicle as a ground station."""
+
+    def arrange(course: Course, seed: int) -> None:
+        course.link.intruders += [
+            saying(voice(key, timestamp, **link), HEARTBEAT, DOWN),
+            saying(voice(key, timestamp, 255, 190, **link), TO_LOITER, UP),
+        ]
+
+    return arrange
+
+
+def second_vehicle(course: Course, seed: int) -> None:
+    course.link.intruders.append(vehicle(1))
+
+
+def said_again(course: Course, seed: int) -> None:
+    """A fifth of all that was said is said again five seconds later, both ways."""
+    heard: list[tuple[float, Passage]] = []
+    numbers = count()
+
+    def listen(way: str, data: bytes, now: float) -> Iterable[Passage]:
+        if next(numbers) % 5 == 0:
+            heard.append((now + 5.0, (way, data)))
+        due = [passage for time, passage in heard if time <= now]
+        heard[:] = [item for item in heard if item[0] > now]
+        return [(way, data), *due]
+
+    course.link.tampers.append(listen)
+
+
+def clock(*, ours: float = 0.0, theirs: float | None = 0.0) -> Arrange:
+    """Wall clocks that are off, s; None: the vehicle has none."""
+
+    def arrange(course: Course, seed: int) -> None:
+        course.wall += ours
+        course.vehicle_wall = None if theirs is None else course.vehicle_wall + theirs  # type: ignore[operator]
+
+    return arrange
+
+
+def refused(*reasons: Refusal, by_vehicle: bool = True) -> Check:
+    """Whether just these reasons were counted, and whether the vehicle refused something, too."""
+
+    def check(course: Course) -> str | None:
+        found = course.pilot.frames_refused()
+        if set(found) != {reason.value for reason in reasons}:
+            return f"refused: {dict(found)}"
+        return (
+            None if (course.vehicle.refused > 0) is by_vehicle else f"refused by the vehicle: {course.vehicle.refused}"
+        )
+
+    return check
+
+
+def signed(level: str, arrange: Arrange | None = None, check: Check | None = None, **more: object) -> Scenario:
+    return Scenario("F22", level, arrange=arrange, check=check, **{"keys": BOTH, "lasts": 30.0, "after": 20.0, **more})  # type: ignore[arg-type]
+
+
+def fresh(level: str, want: Want, arrange: Arrange | None = None, **more: object) -> Scenario:
+    return signed(level, arrange, want=want, fresh=True, after=0.0, **more)
+
+
+WRONG, UNSIGNED, REPEATED, BEHIND = Refusal.WRONG, Refusal.UNSIGNED, Refusal.REPEATED, Refusal.BEHIND
+SIGNING = [
+    signed("signed, no fault", check=refused(by_vehicle=False)),
+    fresh("vehicle without a key", Want.REFUSE, keys=(KEY, None), reason=NOT_BELIEVED),
+    fresh("vehicle with another key", Want.REFUSE, keys=(KEY, OTHER), reason=NOT_BELIEVED, quick=True),
+    fresh("vehicle signs, we have no key", Want.SAFE, keys=(None, KEY), check=lambda course: _flown(course)),
+    signed("unsigned frames in both names", both_ways(None, 0), refused(UNSIGNED)),
+    signed("forged frames, stamps of now", both_ways(OTHER, stamp(UNIX + 200)), refused(WRONG)),
+    signed("forged frames, stamps of the future", both_ways(OTHER, LATEST), refused(WRONG), quick=True),
+    fresh("forged frames of the future from the start", Want.ENGAGE, both_ways(OTHER, LATEST), check=refused(WRONG)),
+    signed("true frames of an hour ago", both_ways(KEY, stamp(UNIX - HOUR), link_id=7), refused(BEHIND)),
+    signed("all said again after 5 s", said_again, refused(REPEATED), quick=True),
+    signed("second vehicle, our system", second_vehicle, refused(UNSIGNED, by_vehicle=False)),
+    fresh("vehicle without a clock", Want.ENGAGE, clock(theirs=None)),
+    fresh("vehicle's clock -2 h", Want.ENGAGE, clock(theirs=-2 * HOUR), quick=True),
+    fresh("vehicle's clock +2 h", Want.ENGAGE, clock(theirs=2 * HOUR)),
+    signed("our clock set 2 h back", clock(ours=-2 * HOUR), refused(by_vehicle=False)),
+    signed("our clock set 2 h forth", clock(ours=2 * HOUR), refused(by_vehicle=False)),
+    *(
+        signed(f"signed, {name}", up=line, down=line, check=None)
+        for name, line in (
+            ("20 % lost", Impairment(loss=0.2)),
+            ("50 % twice", Impairment(duplicate=0.5)),
+            ("200 ms jitter", Impairment(jitter=0.2)),
+            ("0.001 corrupt per byte", Impairment(corrupt=1e-3)),
+        )
+    ),
+]
+
+
+def _flown(course: Course) -> str | None:
+    """What a vehicle with a key has taken from us without one."""
+    return f"{len(course.vehicle.setpoint_log)} unsigned setpoints flown" if course.vehicle.setpoint_log else None

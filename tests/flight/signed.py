@@ -1,0 +1,56 @@
+"""Lockstep flights of a signing pilot and a signing vehicle; one clock for both, as from GPS."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from circnav_mav.mav.signing import Signing
+from circnav_mav.mission.load import load_mission
+from circnav_mav.pilot import Pilot
+from sim.config import parse_vehicle
+from sim.vehicle import Vehicle
+from tests.flight.lockstep import CONFIG, Flight
+
+KEY, OTHER = bytes(range(32)), bytes(range(1, 33))
+UNIX = 1_790_000_000.0
+
+
+@dataclass
+class SignedFlight(Flight):
+    """A flight on which both sides know the time; `vehicle_clock`: how far the vehicle's is off, None: it has none."""
+
+    signing: Signing | None = None
+    vehicle_clock: float | None = 0.0
+
+    def _step(self, due: float) -> None:
+        if self.signing is not None:
+            self.signing.advance(UNIX + due)
+        if self.vehicle_clock is not None:
+            self.vehicle.tell_time(UNIX + self.vehicle_clock + due)
+        super()._step(due)
+
+
+def key_file(folder: Path, key: bytes, name: str = "drone.key") -> Path:
+    """A key that its owner alone can read."""
+    path = folder / name
+    path.touch(0o600)
+    path.write_text(f"{key.hex()}\n")
+    return path
+
+
+def signed_flight(
+    mission: str,
+    folder: Path,
+    *overrides: str,
+    ours: bytes | None = KEY,
+    theirs: bytes | None = KEY,
+    vehicle_clock: float | None = 0.0,
+) -> SignedFlight:
+    """A flight of a file in config/, ready to go: our key and that of vehicle and radio, None for none."""
+    loaded = load_mission(CONFIG / f"{mission}.toml", ('guidance.law="smooth"', *overrides))
+    assert loaded.file.sim is not None
+    table = dict(loaded.file.sim)
+    if theirs is not None:
+        table["signing"] = {"key_file": str(key_file(folder, theirs, "vehicle.key"))}
+    signing = Signing(ours) if ours is not None else None
+    pilot, vehicle = Pilot(loaded.pilot_settings(), signing), Vehicle(parse_vehicle(table, mission))
+    return SignedFlight(pilot, vehicle, signing=signing, vehicle_clock=vehicle_clock)

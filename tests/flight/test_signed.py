@@ -1,0 +1,211 @@
+"""Signed flights end to end: in lockstep, over sockets, replayed; and those that must not come about."""
+
+import hashlib
+import json
+import os
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+from pymavlink import mavutil
+from pymavlink.dialects.v20 import all as mavlink
+
+from circnav_mav.core.phases import Phase
+from circnav_mav.mav.codec import split_frames
+from circnav_mav.mav.signing import Refusal, is_signed
+from circnav_mav.pilot import Ending
+from sim.config import Event
+from tests.flight.lockstep import clockwise_turns, last_third, rms_error
+from tests.flight.signed import KEY, OTHER, UNIX, key_file, signed_flight
+from tests.flight.test_process import QUICKSTART, circnav
+from tests.mav.test_signing import peer
+
+MODE_LOITER = mavlink.MAVLink_command_long_message(1, 1, 176, 0, 1, 5, 0, 0, 0, 0, 0)
+EPOCH = 1_420_070_400
+
+
+@pytest.mark.parametrize(
+    ("mission", "direction", "turns"),
+    [
+        ("arducopter", "counterclockwise", -1),
+        ("arduplane", "clockwise", 1),
+    ],
+)
+def test_signed_flight_circles_as_asked(mission: str, direction: str, turns: int, tmp_path: Path) -> None:
+    flown = signed_flight(mission, tmp_path, f'orbit.direction="{direction}"', "limits.duration_s=1000.0").fly(220)
+    assert flown.pilot.phase is Phase.ENGAGED
+    assert clockwise_turns(last_third(flown)) * turns > 0.5
+    radius = flown.pilot.settings.orbit.radius
+    assert rms_error(last_third(flown), radius) < 0.05 * radius
+    assert flown.pilot.frames_refused() == {}
+    assert flown.vehicle.refused == 0
+    assert all(is_signed(frame) for _, data in flown.sent for frame in split_frames(data))
+
+
+def test_px4_is_given_signed_setpoints_before_and_in_offboard(tmp_path: Path) -> None:
+    flown = signed_flight("px4_copter", tmp_path).fly(15)
+    assert flown.pilot.phase is Phase.ENGAGED
+    assert len(flown.vehicle.setpoint_log) > 200
+    assert flown.vehicle.refused == 0
+
+
+def test_ranging_endpoint_of_its_own_is_believed_by_the_same_key(tmp_path: Path) -> None:
+    apart = ('ranging.endpoint="sim"', 'sim.ranging.via="direct"')
+    assert signed_flight("arducopter", tmp_path, *apart).fly(20).pilot.phase is Phase.ENGAGED
+    silent = signed_flight("arducopter", tmp_path, *apart, theirs=None).fly(20)
+    assert silent.pilot.setpoints_sent == 0
+
+
+@pytest.mark.parametrize(
+    ("ours", "theirs", "reason"), [(KEY, None, "unsigned"), (KEY, OTHER, "wrong_signature")], ids=["unsigned", "other"]
+)
+def test_a_vehicle_without_our_key_is_not_flown(ours: bytes, theirs: bytes | None, reason: str, tmp_path: Path) -> None:
+    flown = signed_flight("arducopter", tmp_path, ours=ours, theirs=theirs).fly(200)
+    outcome = flown.pilot.outcome
+    assert outcome is not None
+    assert outcome.ending is Ending.NOTHING_HEARD
+    assert "every frame heard is unsigned or wrongly signed" in outcome.reason
+    assert set(flown.pilot.frames_refused()) == {reason}
+    assert flown.setpoint_times == []
+
+
+def test_a_vehicle_with_a_key_does_not_fly_what_we_send_without_one(tmp_path: Path) -> None:
+    flown = signed_flight("arducopter", tmp_path, ours=None).fly(100)
+    assert flown.vehicle.setpoint_log == []
+    assert flown.vehicle.refused > 0
+    assert flown.pilot.outcome is not None
+    assert "give [signing] key_file" in flown.pilot.outcome.reason
+
+
+@pytest.mark.parametrize("clock", [None, -7200.0, 7200.0], ids=["none", "2 h behind", "2 h ahead"])
+def test_a_vehicle_with_another_clock_or_none_is_flown(clock: float | None, tmp_path: Path) -> None:
+    """Without GPS an autopilot has none; it takes over ours with the first frame of ours that it hears."""
+    flown = signed_flight("arducopter", tmp_path, vehicle_clock=clock).fly(60)
+    assert flown.pilot.phase is Phase.ENGAGED
+    assert flown.pilot.setpoints_sent > 500
+    assert flown.vehicle.refused == 0
+
+
+def test_an_autopilot_that_reboots_is_believed_again_and_ends_the_mission(tmp_path: Path) -> None:
+    flown = signed_flight("arducopter", tmp_path).fly(30)
+    flown.vehicle._happen(Event(action="reboot", value=2.0))
+    flown.fly(60)
+    assert flown.pilot.outcome is not None
+    assert flown.pilot.outcome.reason == "operator took over, mode STABILIZE", "in which it finds itself then"
+    assert flown.now < 35
+    assert flown.pilot.frames_refused() == {}
+
+
+def test_forged_and_replayed_commands_reach_neither_side(tmp_path: Path) -> None:
+    """An attacker commands the vehicle and speaks in its name; then says again all that it had said."""
+    flown = signed_flight("arducopter", tmp_path, "limits.duration_s=1000.0").fly(100)
+    recorded: list[bytes] = []
+    flown.hears = lambda frame, now: recorded.append(frame) or True
+    flown.fly(101)
+    before = flown.pilot.engaged_at
+    forger = peer(OTHER, timestamp=2**47, system=255)
+    took_over = peer(OTHER, timestamp=2**47)
+    for _ in range(50):
+        flown.vehicle.receive(bytes(MODE_LOITER.pack(forger)))
+        flown.vehicle.receive(bytes(MODE_LOITER.pack(peer(None, system=255))))
+        loiter = mavlink.MAVLink_heartbeat_message(2, 3, 0x81, 5, 4, 3)
+        flown.pilot.receive(bytes(loiter.pack(took_over)), flown.now, "sim")
+        flown.pilot.receive(bytes(loiter.pack(peer(None))), flown.now, "sim")
+        for frame in recorded[:5]:
+            flown.pilot.receive(frame, flown.now, "sim")
+        flown.fly(flown.now + 0.1)
+    flown.fly(140)
+    assert (flown.pilot.phase, flown.pilot.engaged_at) == (Phase.ENGAGED, before)
+    assert flown.pilot.frames_refused() == {"unsigned": 50, "wrong_signature": 50, Refusal.REPEATED.value: 250}
+    assert flown.vehicle.refused == 100
+
+
+def test_the_operator_with_the_key_takes_over_as_ever(tmp_path: Path) -> None:
+    flown = signed_flight("arducopter", tmp_path).fly(30)
+    operator = peer(KEY, timestamp=round((UNIX + 30 - EPOCH) * 1e5), system=255, component=190)
+    flown.vehicle.receive(bytes(MODE_LOITER.pack(operator)), "gcs")
+    flown.fly(40)
+    assert flown.pilot.outcome is not None
+    assert "operator took over" in flown.pilot.outcome.reason
+
+
+# --- over sockets ---
+
+
+def test_signed_flight_over_sockets_settles_and_is_replayed_without_its_key(tmp_path: Path) -> None:
+    """Between two processes; neither key nor signature is in the run folder."""
+    key, folder = key_file(tmp_path, KEY), tmp_path / "out"
+    process = circnav(
+        *("fly", QUICKSTART, "--speed", "6", "--duration", "72", "--out", str(folder)),
+        *("--set", f"signing.key_file={key}", "--set", f"sim.signing.key_file={key}"),
+        *("--set", 'guidance.law="smooth"'),
+    )
+    _, errors = process.communicate(timeout=90)
+    assert (process.returncode, errors) == (0, "")
+    summary = json.loads((folder / "summary.json").read_text())
+    assert summary["truth"]["direction"] == summary["direction"] == "clockwise"
+    assert summary["truth"]["radius_rms_error_m"] < 5.0
+    assert set(summary["frames_refused"]) <= {Refusal.REPEATED.value}, "two datagrams that changed places, at most"
+    kept = int(key.with_name("drone.key.timestamp").read_text())
+    assert abs(EPOCH + kept / 1e5 - key.with_name("drone.key.timestamp").stat().st_mtime) < 15
+    key.unlink()
+    assert_nothing_secret_is_kept(folder)
+    replayed = circnav("replay", str(folder))
+    printed, errors = replayed.communicate(timeout=60)
+    assert (replayed.returncode, errors) == (0, "")
+    assert "byte for byte the same" in printed
+
+
+def assert_nothing_secret_is_kept(folder: Path) -> None:
+    kept = b"".join(path.read_bytes() for path in folder.iterdir())
+    assert KEY not in kept
+    assert KEY.hex().encode() not in kept
+    log = mavutil.mavlink_connection(str(folder / "flight.tlog"))
+    kinds: dict[str, int] = {}
+    while (message := log.recv_match()) is not None:
+        kinds[message.get_type()] = kinds.get(message.get_type(), 0) + 1
+        assert not is_signed(bytes(message.get_msgbuf()))
+    assert kinds["SET_POSITION_TARGET_LOCAL_NED"] > 500
+    assert kinds.get("BAD_DATA", 0) == 0
+
+
+def test_pymavlink_with_the_passphrase_commands_the_signing_emulator(tmp_path: Path) -> None:
+    """mavutil with `setup_signing`, as MAVProxy does it of a passphrase; without it the vehicle does not listen."""
+    passphrase = "open sesame"
+    made = subprocess.run(
+        ["sh", "-c", f"printf %s '{passphrase}' | sha256sum | cut -c1-64 > drone.key"], cwd=tmp_path, check=True
+    )
+    assert made.returncode == 0
+    (tmp_path / "vehicle.toml").write_text('[signing]\nkey_file = "drone.key"\n[start]\nmode = "LOITER"\n')
+    port = 20000 + os.getpid() % 20000
+    vehicle = circnav("emulate", str(tmp_path / "vehicle.toml"), "--endpoint", f"udpin:127.0.0.1:{port}")
+    try:
+        assert vehicle.stdout is not None
+        assert "udpin" in vehicle.stdout.readline()
+        stranger = mode_asked_for(port, None)
+        holder = mode_asked_for(port, hashlib.sha256(passphrase.encode()).digest())
+    finally:
+        vehicle.terminate()
+        vehicle.communicate(timeout=10)
+    assert stranger is None
+    assert holder == mavlink.MAV_RESULT_ACCEPTED
+
+
+def mode_asked_for(port: int, key: bytes | None) -> int | None:
+    """Ask for GUIDED and wait for the answer."""
+    station = mavutil.mavlink_connection(f"udpout:127.0.0.1:{port}", source_system=255, dialect="all")
+    station.mav = mavlink.MAVLink(station, srcSystem=255, srcComponent=190)
+    station.mav.robust_parsing = True
+    if key is not None:
+        station.setup_signing(key)
+    end = time.monotonic() + (10 if key else 1.5)
+    while time.monotonic() < end:
+        station.mav.heartbeat_send(6, 8, 0, 0, 4)
+        station.mav.command_long_send(1, 1, 176, 0, 1, 4, 0, 0, 0, 0, 0)
+        answer = station.recv_match(type="COMMAND_ACK", blocking=True, timeout=0.3)
+        if answer is not None:
+            station.close()
+            return int(answer.result)
+    station.close()
+    return None

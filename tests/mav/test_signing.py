@@ -1,0 +1,171 @@
+"""Signatures against pymavlink's own, both ways; and what moves the timestamps, and what does not."""
+
+import hashlib
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import all as mavlink
+
+from circnav_mav.mav.signing import EPOCH, LATEST, MINUTE, Refusal, Signing, is_signed, without_signature
+
+KEY, OTHER = bytes(range(32)), bytes(range(1, 33))
+NOW = 37_000_000_000_000
+"""A timestamp of 2026."""
+MESSAGES = (
+    mavlink.MAVLink_heartbeat_message(2, 3, 129, 4, 4, 3),
+    mavlink.MAVLink_attitude_message(77, 0.1, -0.2, 3.0, 0.4, 0.5, -0.6),
+    mavlink.MAVLink_statustext_message(6, b"a text of some length"),
+    mavlink.MAVLink_set_position_target_local_ned_message(0, 1, 1, 8, 0x5C7, 0, 0, 0, 15, 0, 0, 0, 0, 0, 0, 0.15),
+)
+keys = st.binary(min_size=32, max_size=32).filter(any)
+
+
+def peer(key=KEY, *, timestamp=NOW, link_id=0, system=1, component=1):
+    """pymavlink with a key."""
+    engine = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
+    engine.signing.secret_key, engine.signing.sign_outgoing = key, key is not None
+    engine.signing.timestamp, engine.signing.link_id = timestamp, link_id
+    return engine
+
+
+def said(engine, number=0):
+    frame = bytes(MESSAGES[number % len(MESSAGES)].pack(engine))
+    engine.seq = (engine.seq + 1) % 256
+    return frame
+
+
+@given(key=keys, link_id=st.integers(0, 255), timestamp=st.integers(1, LATEST - 1), number=st.integers(0, 3))
+def test_a_signed_frame_is_byte_for_byte_that_of_pymavlink(key, link_id, timestamp, number):
+    theirs = said(peer(key, timestamp=timestamp, link_id=link_id), number)
+    ours = Signing(key, link_id=link_id, timestamp=timestamp - 1).sign(said(peer(None), number))
+    assert ours == theirs
+    assert Signing(key).check(theirs) is None
+
+
+def test_a_signature_is_the_hash_that_the_guide_writes_down():
+    frame = Signing(KEY, link_id=7, timestamp=NOW - 1).sign(said(peer(None)))
+    body, signature = frame[:-6], frame[-6:]
+    assert body[-7:] == bytes((7,)) + NOW.to_bytes(6, "little")
+    assert body[2] == 1
+    assert signature == hashlib.sha256(KEY + body).digest()[:6]
+
+
+@given(count=st.integers(1, 20))
+def test_pymavlink_believes_what_we_sign(count):
+    signing, theirs, plain = Signing(KEY), peer(), peer(None, component=191)
+    signing.timestamp = NOW
+    for number in range(count):
+        message = theirs.decode(bytearray(signing.sign(said(plain, number))))
+        assert message.get_signed()
+    assert theirs.signing.goodsig_count == count
+
+
+@given(payload=st.binary(max_size=255), ident=st.integers(0, 2**24 - 1), seed=st.integers(0, 255))
+def test_a_frame_of_any_id_comes_out_of_its_signature_as_it_went_in(payload, ident, seed):
+    head = bytes((len(payload), 0, 0, 1, 2, 3)) + ident.to_bytes(3, "little")
+    crc = mavlink.x25crc(head + payload + bytes((seed,))).crc
+    frame = b"\xfd" + head + payload + crc.to_bytes(2, "little")
+    signed = Signing(KEY).sign(frame)
+    assert is_signed(signed)
+    assert mavlink.x25crc(signed[1:-15] + bytes((seed,))).crc == int.from_bytes(signed[-15:-13], "little")
+    assert without_signature(signed) == frame == without_signature(frame)
+
+
+@given(at=st.integers(0, 10_000), bit=st.integers(0, 7))
+def test_no_bit_of_a_signed_frame_can_be_changed(at, bit):
+    frame = bytearray(said(peer(), 1))
+    frame[at % len(frame)] ^= 1 << bit
+    signing = Signing(KEY)
+    assert signing.check(bytes(frame)) is Refusal.WRONG
+    assert signing.timestamp == 0
+
+
+def test_another_key_is_refused():
+    assert Signing(KEY).check(said(peer(OTHER))) is Refusal.WRONG
+
+
+def test_a_frame_said_again_or_overtaken_is_refused():
+    theirs, signing = peer(), Signing(KEY)
+    first, second, third = (said(theirs, number) for number in range(3))
+    assert signing.check(first) is None
+    assert signing.check(first) is Refusal.REPEATED
+    assert signing.check(third) is None
+    assert signing.check(second) is Refusal.REPEATED
+
+
+def test_streams_count_each_for_itself():
+    signing = Signing(KEY)
+    ahead = said(peer(timestamp=NOW + 1000))
+    assert signing.check(ahead) is None
+    for other in ({"link_id": 1}, {"component": 2}, {"system": 2}):
+        assert signing.check(said(peer(timestamp=NOW, **other))) is None
+    assert signing.check(said(peer(timestamp=NOW))) is Refusal.REPEATED
+
+
+def test_a_new_stream_may_be_a_minute_behind_and_no_more():
+    assert Signing(KEY, timestamp=NOW).check(said(peer(timestamp=NOW - MINUTE))) is None
+    assert Signing(KEY, timestamp=NOW).check(said(peer(timestamp=NOW - MINUTE - 1))) is Refusal.BEHIND
+
+
+@pytest.mark.parametrize("timestamp", [NOW + 1, NOW + 100 * MINUTE, LATEST])
+def test_a_forged_timestamp_of_the_future_does_not_lock_the_real_sender_out(timestamp):
+    real, signing = peer(), Signing(KEY, timestamp=NOW)
+    assert signing.check(said(real)) is None
+    before = signing.timestamp
+    assert signing.check(said(peer(OTHER, timestamp=timestamp))) is Refusal.WRONG
+    assert signing.check(said(real)) is None
+    assert signing.timestamp == before + 1
+    fresh = Signing(KEY, timestamp=NOW)
+    fresh.check(said(peer(OTHER, timestamp=timestamp)))
+    assert fresh.check(said(real)) is None, "nor one that was not heard before"
+
+
+def test_a_true_timestamp_of_the_future_is_followed_and_locks_nobody_out():
+    """One holder of the key has a wrong clock: those known go on, a new one is heard once he has heard us."""
+    vehicle, station, radio = peer(), peer(system=255, timestamp=NOW + 60 * MINUTE), peer(component=192)
+    signing = Signing(KEY, timestamp=NOW)
+    assert signing.check(said(vehicle)) is None
+    assert signing.check(said(station)) is None
+    assert signing.timestamp == NOW + 60 * MINUTE
+    assert signing.check(said(vehicle)) is None
+    assert signing.check(said(radio)) is Refusal.BEHIND
+    assert radio.decode(bytearray(signing.sign(said(peer(None, component=191))))).get_signed()
+    assert signing.check(said(radio)) is None
+
+
+def test_the_timestamp_goes_with_the_clock_and_never_back():
+    signing = Signing(KEY)
+    signing.advance(EPOCH + 1000.0)
+    assert signing.timestamp == 100_000_000
+    signing.sign(said(peer(None)))
+    assert signing.timestamp == 100_000_001
+    for earlier in (EPOCH + 999.0, EPOCH - 1.0, 0.0):
+        signing.advance(earlier)
+        assert signing.timestamp == 100_000_001
+    signing.advance(EPOCH + 1001.0)
+    assert signing.timestamp == 100_100_000
+
+
+def test_after_a_quiet_hour_a_peer_that_has_restarted_still_believes_us():
+    signing, restarted = Signing(KEY, timestamp=NOW), peer(timestamp=NOW + 60 * MINUTE)
+    signing.advance(EPOCH + (NOW + 60 * MINUTE) / 1e5)
+    assert restarted.decode(bytearray(signing.sign(said(peer(None, component=191))))).get_signed()
+
+
+def test_timestamps_end_without_an_error():
+    signing = Signing(KEY)
+    signing.advance(1e12)
+    assert signing.timestamp == LATEST
+    assert is_signed(signing.sign(said(peer(None))))
+
+
+@pytest.mark.parametrize("key", [b"", b"short", bytes(33)])
+def test_a_key_has_32_bytes(key):
+    with pytest.raises(ValueError, match="32 bytes"):
+        Signing(key)
+
+
+def test_a_key_is_not_printed():
+    assert "00010203" not in repr(Signing(KEY)) + str(Signing(KEY).__repr__())
+    assert repr(KEY) not in repr(Signing(KEY))

@@ -1,0 +1,51 @@
+"""What preflight says of signatures, with and without a key on either side."""
+
+from pathlib import Path
+
+import pytest
+
+from circnav_mav.mav.signing import Signing
+from circnav_mav.mission.checks import Grade
+from circnav_mav.mission.param_rules import names_for
+from circnav_mav.mission.preflight import judge
+from circnav_mav.pilot.survey import Survey
+from tests.flight.signed import KEY, OTHER, key_file
+from tests.pilot.test_preflight import Bench
+
+
+def said(folder: Path, ours: bytes | None, theirs: bytes | None) -> list[tuple[Grade, str]]:
+    """The lines about signing and vehicle, of a survey of an emulated copter."""
+    overrides = ["link.wait_s=3.0"]
+    if ours is not None:
+        overrides.append(f"signing.key_file={key_file(folder, ours)}")
+    if theirs is not None:
+        overrides.append(f"sim.signing.key_file={key_file(folder, theirs, 'vehicle.key')}")
+    bench = Bench("arducopter", *overrides, seconds=1.0)
+    if ours is not None:
+        settings = bench.mission.pilot_settings()
+        bench.survey = Survey(settings, names_for, seconds=1.0, signing=Signing(ours))
+    lines = judge(bench.mission, bench.run())
+    return [(line.grade, line.says) for line in lines if line.subject == "signing" or "none that" in line.says]
+
+
+def test_nothing_is_said_where_nobody_signs(tmp_path: Path) -> None:
+    assert said(tmp_path, None, None) == []
+
+
+def test_a_link_signed_by_both_passes(tmp_path: Path) -> None:
+    ((grade, says),) = said(tmp_path, KEY, KEY)
+    assert grade is Grade.PASS
+    assert says.endswith("frames signed, all with our key")
+
+
+def test_a_vehicle_that_signs_while_we_have_no_key_is_a_warning(tmp_path: Path) -> None:
+    ((grade, says),) = said(tmp_path, None, KEY)
+    assert grade is Grade.WARN
+    assert "[signing] key_file" in says
+
+
+@pytest.mark.parametrize("theirs", [None, OTHER])
+def test_a_vehicle_without_our_key_is_no_vehicle(theirs: bytes | None, tmp_path: Path) -> None:
+    ((grade, says),) = said(tmp_path, KEY, theirs)
+    assert grade is Grade.FAIL
+    assert "every frame heard is unsigned or wrongly signed" in says
