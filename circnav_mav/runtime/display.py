@@ -67,9 +67,9 @@ class LiveScreen:
 class Display:
     """Hands the newest status to a screen when one is due; `show` never waits."""
 
-    def __init__(self, screen: Screen, pilot: Pilot, period: float) -> None:
-        """period: seconds of the run's clock between two drawings."""
-        self._screen, self._pilot, self._period = screen, pilot, period
+    def __init__(self, screen: Screen, pilot: Pilot, period: float, *, last: bool) -> None:
+        """period: seconds of the run's clock between two drawings. last: draw the end of the flight though not due."""
+        self._screen, self._pilot, self._period, self._last = screen, pilot, period, last
         self._watch = Watch(pilot)
         self._due = 0.0
         self._waiting: deque[Status] = deque(maxlen=1)
@@ -79,7 +79,7 @@ class Display:
 
     def show(self, newest: TickRecord | None, now: float, problem: str | None = None) -> None:
         """Leave a status to be drawn when one is due, in the place of one that is still waiting."""
-        if newest is None or (now < self._due and not self._pilot.done):
+        if newest is None or (now < self._due and not (self._last and self._pilot.done)):
             return
         self._due = now + self._period
         self._waiting.append(self._watch.status(newest, now, problem))
@@ -107,8 +107,8 @@ def display_for(console: Console, pilot: Pilot, title: str, speed: float) -> Dis
     """The display for where the output goes. speed: run seconds per real second."""
     if console.is_terminal and not console.is_dumb_terminal:
         screen: Screen = LiveScreen(console, Picture(pilot.settings, title, ascii_only=console.options.ascii_only))
-        return Display(screen, pilot, speed / PICTURES_A_SECOND)
-    return Display(PlainScreen(console, pilot.settings.orbit.radius), pilot, speed)
+        return Display(screen, pilot, speed / PICTURES_A_SECOND, last=True)
+    return Display(PlainScreen(console, pilot.settings.orbit.radius), pilot, speed, last=False)
 
 
 def one_line(tick: TickRecord, radius: float) -> str:

@@ -71,10 +71,10 @@ class Picture:
     def _state(self, status: Status) -> list[Row]:
         """Phase, law and what is waited for."""
         tick, settings = status.tick, self._settings
-        badge = Text(f" {tick.phase.value.upper()} ", f"bold reverse {_style(status)}")
+        badge = (f" {tick.phase.value.upper()} ", f"bold reverse {_style(status)}")
         duration = f" of {settings.timing.duration:.0f} s" if settings.timing.duration < 1e6 else ""
         flown = "" if status.flown is None else f"   flown {status.flown:.0f} s{duration}"
-        rows: list[Row] = [("phase", badge + f"  mode {tick.mode}{flown}")]
+        rows: list[Row] = [("phase", Text.assemble(badge, f"  mode {tick.mode}{flown}"))]
         if settings.voice in SILENCED:
             rows.append(("", Text(SILENCED[settings.voice], "bold")))
         rows.append(("law", status.why or tick.law or "-"))

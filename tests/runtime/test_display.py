@@ -91,7 +91,7 @@ class StuckScreen:
 
 def test_a_stuck_terminal_delays_no_tick_and_gets_the_newest_picture_later():
     flown, screen = flight("quickstart"), StuckScreen()
-    display = Display(screen, flown.pilot, 0.0)
+    display = Display(screen, flown.pilot, 0.0, last=True)
     flown.fly(1.0, lambda now: display.show(now.ticks[-1] if now.ticks else None, now.now))
     assert screen.entered.wait(30)
     flown.fly(20.0, lambda now: display.show(now.ticks[-1], now.now))  # would never return if it waited
@@ -108,7 +108,7 @@ def test_a_terminal_that_has_gone_ends_no_flight():
             raise BrokenPipeError
 
     flown = flight("quickstart")
-    display = Display(GoneScreen(), flown.pilot, 0.0)
+    display = Display(GoneScreen(), flown.pilot, 0.0, last=True)
     flown.fly(5.0, lambda now: display.show(now.ticks[-1] if now.ticks else None, now.now))
     display.close()
     assert flown.pilot.outcome is None
@@ -127,7 +127,8 @@ def test_only_a_terminal_that_can_be_drawn_on_gets_the_picture(monkeypatch, term
 
 
 def test_plain_lines_come_once_a_second_and_none_between():
-    flown, console = flight("quickstart"), Console(record=True, width=300, file=io.StringIO())
+    flown = flight("quickstart", "limits.duration_s=7.5")
+    console = Console(record=True, width=300, file=io.StringIO())
     display = display_for(console, flown.pilot, "small", 1.0)
 
     def show_and_let_print(now):
@@ -136,9 +137,10 @@ def test_plain_lines_come_once_a_second_and_none_between():
             while display._waiting:
                 pass
 
-    flown.fly(6.0, show_and_let_print)
+    flown.fly(30.0, show_and_let_print)
     display.close()
     lines = console.export_text().strip().splitlines()
-    assert len(lines) == 6
-    assert "engaged" in lines[-1]
+    assert flown.pilot.done
+    assert len(lines) == 1 + int(flown.now)
+    assert "engaged" in lines[5]
     assert "mode GUIDED" in lines[-1]
