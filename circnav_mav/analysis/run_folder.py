@@ -12,17 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circnav_mav.core.phases import Phase
-from circnav_mav.mav.codec import Decoder, Message
+from circnav_mav.mav.truth import read_truth_frame
 from circnav_mav.pilot import TickRecord
 
 Column = NDArray[np.float64]
 
 WORDS = frozenset(field.name for field in fields(TickRecord) if field.type in (str, Phase))
 """The columns of ticks.csv that hold words."""
-
-TRUTH_MESSAGE_ID = 350
-TRUTH_NAME = b"SIM_TRUTH"
-"""DEBUG_FLOAT_ARRAY under this name carries the bundled vehicle's truth; see `Truth` for the order of its numbers."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,23 +106,15 @@ def read_tlog(path: Path) -> Iterator[tuple[int, bytes]]:
 
 def read_truth(folder: Path, epoch_us: int) -> Truth | None:
     """The simulator's truth of a run whose clock began at `epoch_us`, None when there was none."""
-    decoder = Decoder()
     rows = array("d")
     for stamp, frame in read_tlog(folder / "flight.tlog"):
-        if message_id(frame) != TRUTH_MESSAGE_ID:
-            continue
-        for message in decoder.decode(frame):
-            if _name(message) == TRUTH_NAME:
-                rows.extend(((stamp - epoch_us) / 1e6, *message.data[:16]))
+        numbers = read_truth_frame(frame)
+        if numbers is not None:
+            rows.extend(((stamp - epoch_us) / 1e6, *numbers))
     if not rows:
         return None
     table = np.array(rows).reshape(-1, 17)
     return Truth(table[:, 0], table[:, 1], table[:, 2], table[:, 10], table[:, 11], table[:, 8], table[:, 16])
-
-
-def _name(message: Message) -> bytes:
-    name = message.name
-    return name.encode() if isinstance(name, str) else bytes(name)
 
 
 def _length(data: bytes, at: int) -> int | None:

@@ -12,6 +12,8 @@ from circnav_mav.analysis.run_folder import Column
 WIDTH, LEFT, RIGHT, TOP, BOTTOM = 960, 64, 12, 8, 22
 COLUMNS = 800
 """Most points of a line are twice this: the least and the largest value of each column of pixels."""
+MOST_DOTS = 4000
+"""Of all dots of a line, about this many are drawn beside the least and the largest of each column."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,9 +171,13 @@ class _Scale:
         return f'<path d="M{LEFT},{self.y(value):.1f}h{self.width}" stroke="{colour}" class="level"/>'
 
     def line(self, line: Line) -> str:
-        """The least and the largest value of each column of pixels; cut off at the limits."""
-        time, values = thin(line.time, np.clip(line.values, *self._limits))
+        """The least and the largest value of each column of pixels; cut off at the limits. Of dots also every n-th,
+        so that they are dense where most of them are."""
+        whole = np.clip(line.values, *self._limits)
+        time, values = thin(line.time, whole)
         if line.dots:
+            step = -(-len(whole) // MOST_DOTS)
+            time, values = np.concatenate([time, line.time[::step]]), np.concatenate([values, whole[::step]])
             known = np.isfinite(values)
             pairs = zip(time[known].tolist(), values[known].tolist(), strict=True)
             dots = "".join(f"M{self.x(t):.1f},{self.y(v):.1f}h0" for t, v in pairs)

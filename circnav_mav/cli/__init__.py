@@ -13,6 +13,8 @@ from circnav_mav.cli.exits import Exit, Refused
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 SET_HELP = "Override a mission value, e.g. --set orbit.radius_m=80. May be repeated."
 
+WEB_HELP = "Show the flight live in a browser on this machine too, at http://127.0.0.1:PORT. [default port: 8080]"
+
 
 @click.group(context_settings=CONTEXT)
 @click.version_option(__version__, prog_name="circnav")
@@ -43,6 +45,7 @@ def circnav() -> None:
 @click.option("--out", type=click.Path(), metavar="DIR", help="Run folder. [default: runs/<time>-<name>]")
 @click.option("--dry-run", is_flag=True, help="Compute and log everything, but send no setpoint and request no mode.")
 @click.option("--shadow", is_flag=True, help="Like --dry-run, and send nothing but our heartbeat and the plot values.")
+@click.option("--web", is_flag=False, flag_value="8080", metavar="[PORT]", help=WEB_HELP)
 def fly(
     mission: str,
     endpoint: str | None,
@@ -52,17 +55,19 @@ def fly(
     out: str | None,
     dry_run: bool,
     shadow: bool,
+    web: str | None,
 ) -> int:
     """Fly MISSION, show it live, and end with a verdict and a run folder.
 
     \b
     Examples:
         circnav fly config/quickstart.toml --set orbit.radius_m=80
+        circnav fly config/quickstart.toml --web
         circnav fly config/vehicle_udp.toml --endpoint udpin:0.0.0.0:14550
     """
     from circnav_mav.cli.fly import FlyOptions, fly_mission
 
-    return fly_mission(FlyOptions(mission, endpoint, overrides, speed, duration, out, dry_run, shadow))
+    return fly_mission(FlyOptions(mission, endpoint, overrides, speed, duration, out, dry_run, shadow, web))
 
 
 @circnav.command()

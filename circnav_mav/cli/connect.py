@@ -4,16 +4,21 @@ run."""
 from contextlib import ExitStack
 from pathlib import Path
 
+import click
+
+from circnav_mav.analysis.metrics import TOLERANCE
 from circnav_mav.cli.emulate import EmulatedVehicle
 from circnav_mav.cli.exits import Exit, Refused
 from circnav_mav.mav.session import Session
 from circnav_mav.mav.signing import Signing
 from circnav_mav.mission.load import SIM, Mission
-from circnav_mav.pilot import RANGING, VEHICLE
+from circnav_mav.pilot import RANGING, VEHICLE, Pilot
 from circnav_mav.runtime.clock import AutopilotClock, Clock, RunClock
 from circnav_mav.runtime.keys import KeyFileError, SigningTime, read_key, timestamp_path
 from circnav_mav.runtime.links import Link, LinkError, UdpLink, open_link
+from circnav_mav.runtime.web.feed import LivePage, WebError
 
+MOST_PORT = 65535
 LOOPBACK = "udpin:127.0.0.1:0"
 
 
@@ -45,6 +50,24 @@ def open_signing(mission: Mission, open_things: ExitStack) -> tuple[Signing, Sig
         raise Refused(f"signing.key_file: {error}") from None
     open_things.callback(signing_time.close)
     return signing, signing_time
+
+
+def open_page(port: str | None, pilot: Pilot, mission: Mission, open_things: ExitStack) -> LivePage | None:
+    """The live page on a port, where one is wanted. Raises Refused."""
+    if port is None:
+        return None
+    if not port.isdecimal() or int(port) > MOST_PORT:
+        raise Refused(f"--web {port}: is not a port; write: circnav fly MISSION --web [PORT]")
+    orbit = mission.orbit
+    try:
+        page = LivePage(
+            pilot, int(port), name=mission.file.name, tolerance=TOLERANCE * orbit.radius, speed=run_speed(mission)
+        )
+    except WebError as error:
+        raise Refused(str(error)) from None
+    open_things.callback(page.close)
+    click.echo(f"live page at {page.url}")
+    return page
 
 
 def start_vehicle(mission: Mission, vehicle_file: Path, links: dict[str, Link], open_things: ExitStack) -> None:

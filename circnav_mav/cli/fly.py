@@ -14,7 +14,7 @@ from circnav_mav.analysis.plots import plot_flight
 from circnav_mav.analysis.run_folder import NO_TICKS, read_ticks, read_truth
 from circnav_mav.analysis.summary import FlightFacts, summarise, write_summary
 from circnav_mav.cli.check import read_mission, show_checks
-from circnav_mav.cli.connect import open_links, open_signing, run_speed, start_clock, start_vehicle
+from circnav_mav.cli.connect import open_links, open_page, open_signing, run_speed, start_clock, start_vehicle
 from circnav_mav.cli.exits import Exit, Refused
 from circnav_mav.cli.report import report_of_flight
 from circnav_mav.cli.verdict import verdict
@@ -22,12 +22,13 @@ from circnav_mav.mission.checks import Grade, check_mission
 from circnav_mav.mission.load import Mission
 from circnav_mav.pilot import VEHICLE, Ending, Outcome, Pilot, TickRecord, Voice
 from circnav_mav.runtime.clock import RunClock, local_time_name
-from circnav_mav.runtime.display import LiveDisplay, PlainDisplay
+from circnav_mav.runtime.display import display_for
 from circnav_mav.runtime.keys import SigningTime
 from circnav_mav.runtime.links import Link
 from circnav_mav.runtime.manifest import Manifest
-from circnav_mav.runtime.recorder import Recorder, RecorderError
+from circnav_mav.runtime.recorder import Recorder, RecorderError, Turn
 from circnav_mav.runtime.runner import StopRequest, run
+from circnav_mav.runtime.web.feed import LivePage
 
 EXITS = {
     Ending.COMPLETED: Exit.DONE,
@@ -51,6 +52,7 @@ class FlyOptions:
     out: str | None
     dry_run: bool
     shadow: bool
+    web: str | None
 
     @property
     def voice(self) -> Voice:
@@ -68,14 +70,18 @@ def fly_mission(options: FlyOptions) -> int:
         raise Refused(f"{options.mission}: refused by its checks, see FAIL above")
     show_checks([line for line in lines if line.grade is Grade.WARN])
     folder = Path(options.out) if options.out else Path("runs") / f"{local_time_name()}-{mission.file.name}"
-    with ExitStack() as open_things:
-        signing, signing_time = open_signing(mission, open_things)
-        links = open_links(mission, open_things)
-        pilot = Pilot(mission.pilot_settings(options.voice), signing)
-        clock, recorder = _start(mission, pilot, links, folder, open_things)
-        manifest = _manifest(mission, options, folder, clock)
-        crash = _loop(pilot, links, clock, recorder, mission, stop, signing_time)
-    summary = _finish(pilot, recorder, mission, clock)
+    with ExitStack() as page_open:
+        with ExitStack() as open_things:
+            signing, signing_time = open_signing(mission, open_things)
+            links = open_links(mission, open_things)
+            pilot = Pilot(mission.pilot_settings(options.voice), signing)
+            page = open_page(options.web, pilot, mission, page_open)
+            clock, recorder = _start(mission, pilot, links, folder, open_things)
+            manifest = _manifest(mission, options, folder, clock)
+            crash = _loop(pilot, links, clock, recorder, mission, page, stop, signing_time)
+        summary = _finish(pilot, recorder, mission, clock)
+        if page is not None:
+            page.finish(verdict(summary, folder))
     assert pilot.outcome is not None
     code = Exit.INTERNAL if crash is not None else EXITS[pilot.outcome.ending]
     _complete(manifest, pilot, summary, code)
@@ -147,18 +153,17 @@ def _loop(
     clock: RunClock,
     recorder: Recorder,
     mission: Mission,
+    page: LivePage | None,
     stop: StopRequest,
     signing_time: SigningTime | None,
 ) -> Path | None:
     """Run to the end. An exception of ours still leaves a safe setpoint behind; returns where it is written down."""
-    console = Console()
-    period = run_speed(mission)
-    display: PlainDisplay | LiveDisplay = (
-        LiveDisplay(console, period / 4, mission.file.name) if console.is_terminal else PlainDisplay(console, period)
-    )
+    display = display_for(Console(), pilot, mission.file.name, run_speed(mission))
 
-    def show(newest: TickRecord | None, now: float) -> None:
-        display.show(pilot, newest, now)
+    def show(newest: TickRecord | None, turn: Turn) -> None:
+        display.show(newest, turn.time, recorder.problem)
+        if page is not None:
+            page.show(newest, turn, recorder.problem)
 
     try:
         run(pilot, links, clock, recorder, show, stop, signing_time)

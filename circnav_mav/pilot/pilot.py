@@ -67,6 +67,8 @@ class Pilot:
         self.phase = Phase.WAIT_LINK
         self.outcome: Outcome | None = None
         self.engaged_at: float | None = None
+        self.why = ""
+        """Why the law flies that flies, for people."""
         self.setpoints_sent = 0
         self.samples_accepted = 0
         self._decoders = decoders(settings, HANDLED | {message.id}, signing)
@@ -425,6 +427,14 @@ class Pilot:
 
     # --- what is told -------------------------------------------------------------------------------------------------
 
+    def waits_for(self, now: float) -> str:
+        """What the vehicle is not steered for now, for people; empty where nothing is missing."""
+        if self.phase is Phase.WAIT_LINK:
+            return self._why_no_vehicle()
+        if self.phase is Phase.WAIT_RANGING:
+            return self._why_not_ready(now)
+        return self._why_not_engaged(now) if self.phase in (Phase.READY, Phase.YIELDED) else ""
+
     def _missing(self, now: float) -> list[str]:
         """What the vehicle must tell before it can be flown, and does not."""
         motion = self.session.motion.at(now)
@@ -442,7 +452,7 @@ class Pilot:
     def _tell_law(self, command: TurnCommand | None) -> None:
         """Say when another law takes over, and why."""
         if command is not None and command.flies and command.flies != self._law:
-            self._law = command.flies
+            self._law, self.why = command.flies, command.why
             if self.settings.voice is Voice.FLY:
                 self._say("law", command.why)
 
@@ -495,6 +505,18 @@ class Pilot:
         if self.session.misfits:
             return "; ".join(self.session.misfits.values())
         return f"no autopilot heartbeat, {self.counts().describe()}"
+
+    def _why_not_engaged(self, now: float) -> str:
+        session = self.session
+        guided = session.adapter.mode_names[session.adapter.guided_mode]
+        if not self._consent:
+            again = "entered again" if self._left_mode else "left and entered again"
+            return f"the operator has the vehicle: {guided} {again} hands it over"
+        if self._may_be_on_ground(now):
+            return "the vehicle is on the ground" if session.on_ground else "whether the vehicle flies is not known"
+        if not session.armed:
+            return "the vehicle is not armed"
+        return f"mode {guided}, asked for" if self.settings.request_mode else f"mode {guided}, the operator's to enter"
 
     def _why_not_ready(self, now: float) -> str:
         missing, denied = self._missing(now), self.session.streams.refused

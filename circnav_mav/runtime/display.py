@@ -1,115 +1,127 @@
-"""What a person sees while flying: a live panel on a terminal, one plain line a second elsewhere."""
+"""What a person sees while flying: a live picture on a terminal, one plain line a second elsewhere.
 
-from math import degrees, hypot
+A thread of its own draws: a terminal that is stopped (Ctrl-S) or gone, or a slow pipe, never delays a tick.
+"""
+
+import threading
+from collections import deque
+from contextlib import suppress
+from math import degrees
+from typing import Protocol
 
 from rich.console import Console
 from rich.live import Live
-from rich.panel import Panel
-from rich.table import Table
 
-from circnav_mav.core.phases import Phase
-from circnav_mav.mav.frames import compass_from_vector
 from circnav_mav.pilot import Pilot, TickRecord
+from circnav_mav.runtime.picture import Picture
+from circnav_mav.runtime.status import Status, Watch
 
-STYLES = {Phase.ENGAGED: "green", Phase.HOLDING: "yellow", Phase.YIELDED: "magenta", Phase.LEAVING: "cyan"}
+PICTURES_A_SECOND = 4
+PATIENCE = 1.0
+"""Time, s, that a stuck terminal is given at the end of the flight."""
 
 
-class PlainDisplay:
-    """One line a second of real time."""
+class Screen(Protocol):
+    """Where a status is drawn, by the display's own thread."""
 
-    def __init__(self, console: Console, period: float) -> None:
-        """period: seconds of the run's clock between two lines."""
-        self._console = console
-        self._period = period
-        self._due = 0.0
+    def draw(self, status: Status) -> None:
+        """Draw it."""
+        ...
 
-    def show(self, pilot: Pilot, newest: TickRecord | None, now: float) -> None:
-        """Print a line when one is due."""
-        if newest is None or now < self._due:
-            return
-        self._due = now + self._period
-        self._console.print(one_line(newest, pilot.settings.orbit.radius), highlight=False, soft_wrap=True)
+    def close(self) -> None:
+        """Put back what has to be."""
+        ...
+
+
+class PlainScreen:
+    """One line each time."""
+
+    def __init__(self, console: Console, radius: float) -> None:
+        self._console, self._radius = console, radius
+
+    def draw(self, status: Status) -> None:
+        """Print the line."""
+        self._console.print(one_line(status.tick, self._radius), highlight=False, soft_wrap=True)
 
     def close(self) -> None:
         """Nothing to put back."""
 
 
-class LiveDisplay:
-    """A panel that is drawn anew four times a second."""
+class LiveScreen:
+    """A picture drawn anew in its place."""
 
-    def __init__(self, console: Console, period: float, title: str) -> None:
-        """period: seconds of the run's clock between two drawings."""
-        self._period = period
-        self._title = title
-        self._due = 0.0
+    def __init__(self, console: Console, picture: Picture) -> None:
+        self._picture = picture
         self._live = Live(console=console, auto_refresh=False)
         self._live.start()
 
-    def show(self, pilot: Pilot, newest: TickRecord | None, now: float) -> None:
-        """Draw when due."""
-        if newest is None or (now < self._due and not pilot.done):
-            return
-        self._due = now + self._period
-        self._live.update(self._panel(pilot, newest), refresh=True)
+    def draw(self, status: Status) -> None:
+        """Draw the picture."""
+        self._live.update(self._picture.draw(status), refresh=True)
 
     def close(self) -> None:
         """Leave the last picture standing."""
         self._live.stop()
 
-    def _panel(self, pilot: Pilot, tick: TickRecord) -> Panel:
-        table = Table.grid(padding=(0, 2))
-        radius, limit = pilot.settings.orbit.radius, pilot.settings.orbit.max_turn_rate
-        style = STYLES.get(tick.phase, "white")
-        rows = (
-            ("phase", f"[bold {style}]{tick.phase.value}[/]   vehicle mode {tick.mode}   law {tick.law or '-'}"),
-            ("target", _target(tick)),
-            ("range", f"{_metres(tick.r)}   wanted {radius:.1f} m   error {_error(tick, radius)}"),
-            ("range rate", "-" if tick.r_dot is None else f"{tick.r_dot:+.2f} m/s +- {tick.r_dot_sigma:.2f}"),
-            (
-                "turn rate",
-                f"{_turn(tick)}   limit +-{degrees(limit):.1f} deg/s{'   SATURATED' if tick.saturated else ''}",
-            ),
-            ("turn gain", f"{tick.turn_gain:.2f} realised over commanded"),
-            ("ages", f"range {_seconds(tick.range_age)}   link {_seconds(tick.link_age)}"),
-            ("samples", f"{tick.accepted} taken, {tick.rejected} rejected   {pilot.setpoints_sent} setpoints sent"),
-        )
-        for name, value in rows:
-            table.add_row(f"[dim]{name}[/]", value)
-        return Panel(table, title=f"{self._title}   t = {tick.time:.1f} s", border_style=style, width=78)
+
+class Display:
+    """Hands the newest status to a screen when one is due; `show` never waits."""
+
+    def __init__(self, screen: Screen, pilot: Pilot, period: float, *, last: bool) -> None:
+        """period: seconds of the run's clock between two drawings. last: draw the end of the flight though not due."""
+        self._screen, self._pilot, self._period, self._last = screen, pilot, period, last
+        self._watch = Watch(pilot)
+        self._due = 0.0
+        self._waiting: deque[Status] = deque(maxlen=1)
+        self._wake, self._closing = threading.Event(), False
+        self._thread = threading.Thread(target=self._run, name="display", daemon=True)
+        self._thread.start()
+
+    def show(self, newest: TickRecord | None, now: float, problem: str | None = None) -> None:
+        """Leave a status to be drawn when one is due, in the place of one that is still waiting."""
+        if newest is None or (now < self._due and not (self._last and self._pilot.done)):
+            return
+        self._due = now + self._period
+        self._waiting.append(self._watch.status(newest, now, problem))
+        self._wake.set()
+
+    def close(self) -> None:
+        """Draw what is waiting, and leave it standing."""
+        self._closing = True
+        self._wake.set()
+        self._thread.join(PATIENCE)
+
+    def _run(self) -> None:
+        closing = False
+        with suppress(OSError):  # nobody looks any more: the flight goes on
+            while not closing:
+                self._wake.wait()
+                self._wake.clear()
+                closing = self._closing
+                if self._waiting:
+                    self._screen.draw(self._waiting.pop())
+            self._screen.close()
+
+
+def display_for(console: Console, pilot: Pilot, title: str, speed: float) -> Display:
+    """The display for where the output goes. speed: run seconds per real second."""
+    if console.is_terminal and not console.is_dumb_terminal:
+        screen: Screen = LiveScreen(console, Picture(pilot.settings, title, ascii_only=console.options.ascii_only))
+        return Display(screen, pilot, speed / PICTURES_A_SECOND, last=True)
+    return Display(PlainScreen(console, pilot.settings.orbit.radius), pilot, speed, last=False)
 
 
 def one_line(tick: TickRecord, radius: float) -> str:
     """A tick as a line of text."""
     rate = "-" if tick.r_dot is None else f"{tick.r_dot:+6.2f} m/s"
+    error = "-" if tick.r is None else f"{tick.r - radius:+.2f} m"
+    turn = "-" if tick.turn_rate is None else f"{degrees(tick.turn_rate):+.1f} deg/s"
     return (
-        f"{tick.time:7.1f} s  {tick.phase.value:<20}  range {_metres(tick.r):>9}  error {_error(tick, radius):>9}  "
-        f"rate {rate:>10}  turn {_turn(tick):>11}  range age {_seconds(tick.range_age)}  "
-        f"link age {_seconds(tick.link_age)}  mode {tick.mode}"
+        f"{tick.time:7.1f} s  {tick.phase.value:<20}  range {_told(tick.r, 'm'):>9}  error {error:>9}  "
+        f"rate {rate:>10}  turn {turn:>11}  range age {_told(tick.range_age, 's')}  "
+        f"link age {_told(tick.link_age, 's')}  mode {tick.mode}"
     )
 
 
-def _metres(value: float | None) -> str:
-    return "-" if value is None else f"{value:.2f} m"
-
-
-def _seconds(value: float | None) -> str:
-    return "-" if value is None else f"{value:.2f} s"
-
-
-def _error(tick: TickRecord, radius: float) -> str:
-    return "-" if tick.r is None else f"{tick.r - radius:+.2f} m"
-
-
-def _target(tick: TickRecord) -> str:
-    """Bearing to the target and drift, clockwise from north, where they are known."""
-    if tick.x is None or tick.y is None or tick.drift_x is None or tick.drift_y is None:
-        return "direction not known"
-    bearing = degrees(compass_from_vector(-tick.x, -tick.y))
-    towards = degrees(compass_from_vector(tick.drift_x, tick.drift_y))
-    return (
-        f"bearing {bearing:03.0f} deg   drift {hypot(tick.drift_x, tick.drift_y):.1f} m/s towards {towards:03.0f} deg"
-    )
-
-
-def _turn(tick: TickRecord) -> str:
-    return "-" if tick.turn_rate is None else f"{degrees(tick.turn_rate):+.1f} deg/s"
+def _told(value: float | None, unit: str) -> str:
+    return "-" if value is None else f"{value:.2f} {unit}"

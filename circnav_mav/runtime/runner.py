@@ -42,11 +42,12 @@ def run(
     links: Mapping[str, Link],
     clock: RunClock,
     recorder: Recorder,
-    show: Callable[[TickRecord | None, float], None],
+    show: Callable[[TickRecord | None, Turn], None],
     stop: StopRequest,
     signing_time: SigningTime | None = None,
 ) -> None:
-    """Fly until the pilot is done. Every frame and tick goes to the recorder; `show` is called after each step."""
+    """Fly until the pilot is done. Every frame and tick goes to the recorder; `show` gets the newest tick and the turn
+    after each step, and must not wait for anybody."""
     newest: TickRecord | None = None
     while not pilot.done:
         wait(links, stop, min(clock.until(pilot.next_tick), LONGEST_WAIT))
@@ -72,7 +73,7 @@ def run(
         records = pilot.take_records()
         recorder.ticks(records)
         newest = records[-1] if records else newest
-        show(newest, now)
+        show(newest, turn)
 
 
 def wait(links: Mapping[str, Link], stop: StopRequest, seconds: float) -> None:

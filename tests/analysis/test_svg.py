@@ -19,6 +19,31 @@ def test_a_long_line_keeps_every_peak_in_few_points():
     assert thinned_time[thinned.argmax()] == time[123_456]
 
 
+def dots_of(values):
+    """Heights of the dots of an hour at 20 Hz, in pixels from the top, and the size of the drawing."""
+    line = Line("a", np.arange(len(values)) / 20, values, "red", dots=True)
+    drawn = Chart("x", "m", [line], shown=(0.0, 10.0)).draw((0.0, 3600.0))
+    return np.array([float(y) for y in re.findall(r",([\d.]+)h0", drawn)]), len(drawn)
+
+
+def test_the_dots_of_an_hour_are_few_and_dense_where_most_of_them_are():
+    values = np.abs(np.random.default_rng(1).normal(size=72_000))
+    values[54_321] = 9.0
+    heights, size = dots_of(values)
+    assert size < 120_000
+    told = 10.0 * (190 - 22 - heights) / (190 - 22 - 8)
+    assert told.max() == pytest.approx(9.0, abs=0.05)
+    assert np.mean((told > 0.3) & (told < 1.5)) > 0.4  # of a half-normal 0.63, of the extremes alone next to none
+
+
+def test_the_lines_of_an_hour_are_no_longer_than_those_of_a_minute():
+    def size(seconds):
+        time = np.arange(20 * seconds) / 20
+        return len(Chart("x", "m", [Line("a", time, np.sin(time), "red")]).draw((0.0, float(seconds))))
+
+    assert size(3600) < 2 * size(60)
+
+
 def test_a_short_line_is_left_alone():
     time = np.arange(10.0)
     assert thin(time, time)[1] is time

@@ -1,7 +1,6 @@
 """The loop: what it receives, sends, records, and how it is stopped."""
 
 import signal
-from types import SimpleNamespace
 
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
@@ -139,32 +138,15 @@ def test_a_signal_interrupts_the_pilot_once_and_lets_it_say_goodbye(stop, number
 
 def test_the_newest_tick_is_shown_after_every_step(stop):
     shown = []
-    run(FakePilot(3), {"vehicle": FakeLink()}, FakeClock(), FakeRecorder(), lambda tick, now: shown.append(tick), stop)
-    assert shown == [2, 1, 0]
-
-
-def test_displays_draw_when_due(stop):
-    """One plain line a second, and none between."""
-    from rich.console import Console
-
-    from circnav_mav.core.phases import Phase
-    from circnav_mav.pilot import TickRecord
-    from circnav_mav.runtime.display import PlainDisplay
-    from circnav_mav.runtime.recorder import TICK_COLUMNS
-
-    values = dict.fromkeys(TICK_COLUMNS, None) | {"time": 1.0, "phase": Phase.ENGAGED, "r": 101.5, "mode": "GUIDED"}
-    record = TickRecord(**(values | {"r_dot": -1.0, "turn_rate": -0.15, "range_age": 0.05, "link_age": 0.2}))
-    console = Console(record=True, width=300, file=open("/dev/null", "w"))  # noqa: SIM115
-    display = PlainDisplay(console, 1.0)
-    pilot = SimpleNamespace(settings=SimpleNamespace(orbit=SimpleNamespace(radius=100.0)))
-    for i in range(41):
-        display.show(pilot, record, i / 20)
-    display.close()
-    lines = console.export_text().strip().splitlines()
-    assert len(lines) == 3
-    assert "engaged" in lines[0]
-    assert "+1.50 m" in lines[0]
-    assert "-8.6 deg/s" in lines[0]
+    run(
+        FakePilot(3),
+        {"vehicle": FakeLink()},
+        FakeClock(),
+        FakeRecorder(),
+        lambda tick, turn: shown.append((tick, turn.time)),
+        stop,
+    )
+    assert shown == [(2, 0.05), (1, 0.1), (0, pytest.approx(0.15))]
 
 
 class Turns:

@@ -1,0 +1,174 @@
+"""The picture that a terminal shows of a flight: 80 columns, at most 23 rows; words, not colours, carry the meaning."""
+
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import dataclass
+from math import degrees
+from textwrap import wrap
+
+from rich.panel import Panel
+from rich.text import Text
+
+from circnav_mav.core.phases import Phase
+from circnav_mav.core.values import TurnRate
+from circnav_mav.mav.frames import yaw_rate_from_turn_rate
+from circnav_mav.pilot import PilotSettings, TickRecord
+from circnav_mav.runtime.status import SILENCED, Status
+
+STYLES = {Phase.ENGAGED: "green", Phase.HOLDING: "yellow", Phase.YIELDED: "magenta", Phase.LEAVING: "cyan"}
+WIDTH = 80
+BAR = 41
+"""Cells of a bar, an odd number: the middle one is a place of its own."""
+CELLS, CELL = 40, 1.5
+"""Cells of the sparkline, and the time that each stands for, s."""
+ALARM, LABEL = "ALARM", 12
+"""The label of an alarm, and the columns of all labels."""
+MOST_ALARMS, MOST_REASONS = 3, 3
+
+
+Row = tuple[str, str | Text]
+
+
+@dataclass(frozen=True, slots=True)
+class Signs:
+    """The characters that pictures are made of. levels: of a sparkline, low to high."""
+
+    line: str
+    middle: str
+    mark: str
+    levels: str
+    give_or_take: str
+
+
+FINE = Signs("─", "┼", "●", "▁▂▃▄▅▆▇█", "±")
+ASCII = Signs("-", "|", "O", "_.-=+*%#", "+-")
+
+
+class Picture:
+    """Draws the statuses of one flight; remembers the error for its sparkline."""
+
+    def __init__(self, settings: PilotSettings, name: str, *, ascii_only: bool) -> None:
+        orbit = settings.orbit
+        self._settings, self._signs = settings, ASCII if ascii_only else FINE
+        self._title = f"{name}: {orbit.radius:g} m {orbit.direction.value} at {orbit.speed:g} m/s"
+        self._errors: deque[tuple[int, float]] = deque(maxlen=CELLS)
+
+    def draw(self, status: Status) -> Panel:
+        """The picture of now."""
+        rows = [*self._state(status), *self._circle(status.tick, status.target), *_traffic(status, self._settings)]
+        rows += [(ALARM, Text(line, "bold reverse red")) for line in _folded(status.alarms[:MOST_ALARMS])]
+        if not status.alarms:
+            rows.append(("alarms", "none"))
+        text = Text(no_wrap=True, overflow="crop")
+        for name, value in rows:
+            text.append(f"{name:<{LABEL}}", "bold red" if name == ALARM else "").append(value).append("\n")
+        text.right_crop()
+        return Panel(
+            text, title=f"{self._title}, t = {status.time:.1f} s", subtitle="Ctrl-C ends the flight safely",
+            border_style=_style(status), width=WIDTH,
+        )  # fmt: skip
+
+    def _state(self, status: Status) -> list[Row]:
+        """Phase, law and what is waited for."""
+        tick, settings = status.tick, self._settings
+        badge = (f" {tick.phase.value.upper()} ", f"bold reverse {_style(status)}")
+        duration = f" of {settings.timing.duration:.0f} s" if settings.timing.duration < 1e6 else ""
+        flown = "" if status.flown is None else f"   flown {status.flown:.0f} s{duration}"
+        rows: list[Row] = [("phase", Text.assemble(badge, f"  mode {tick.mode}{flown}"))]
+        if settings.voice in SILENCED:
+            rows.append(("", Text(SILENCED[settings.voice], "bold")))
+        rows.append(("law", status.why or tick.law or "-"))
+        names = ("waiting", "")
+        return rows + list(zip(names, _folded([status.waits]), strict=False))
+
+    def _circle(self, tick: TickRecord, target: str) -> list[Row]:
+        """Range, error, rate and turn."""
+        orbit, signs = self._settings.orbit, self._signs
+        limit, turn = orbit.max_turn_rate, tick.turn_rate
+        at_limit = "   AT ITS LIMIT" if tick.saturated else ""
+        share = None if tick.r is None else tick.r / orbit.radius - 1
+        bar, turned = (
+            self._bar(share),
+            self._bar(None if turn is None else yaw_rate_from_turn_rate(TurnRate(turn)) / limit),
+        )
+        wanted = f"   wanted {orbit.radius:.1f} m"
+        rate, gain = _with_sigma(tick.r_dot, tick.r_dot_sigma, "+.2f", "m/s", signs), tick.turn_gain
+        return [
+            ("range", _with_sigma(tick.r, tick.r_sigma, ".2f", "m", signs) + wanted),
+            ("", f"0 {bar} {2 * orbit.radius:.0f} m"),
+            ("error", self._error(tick)),
+            ("range rate", rate),
+            ("turn rate", f"{_turn(turn)} of +-{degrees(limit):.1f} deg/s{at_limit}   gain {gain:.2f} realised"),
+            ("", f"left {turned} right"),
+            ("target", target),
+        ]
+
+    def _bar(self, share: float | None) -> str:
+        """A line with a mark at -1 .. 1, kept at its ends beyond that."""
+        signs, half = self._signs, BAR // 2
+        cells = [signs.line] * BAR
+        cells[half] = signs.middle
+        if share is not None:
+            at = half + round(half * min(max(share, -1.0), 1.0))
+            cells[at] = signs.mark if abs(share) <= 1 else "<" if share < 0 else ">"
+        return "".join(cells)
+
+    def _error(self, tick: TickRecord) -> str:
+        """The error, and its size over the last minute: the largest of each cell."""
+        if tick.r is None:
+            return "-"
+        error = tick.r - self._settings.orbit.radius
+        cell = int(tick.time / CELL)
+        if self._errors and self._errors[-1][0] == cell:
+            self._errors[-1] = (cell, max(abs(error), self._errors[-1][1]))
+        else:
+            self._errors.append((cell, abs(error)))
+        recent = [(at, size) for at, size in self._errors if cell - at < CELLS]
+        full, levels = max(size for _, size in recent), self._signs.levels
+        line = [" "] * (cell - recent[0][0] + 1)
+        for at, size in recent:
+            line[at - recent[0][0]] = levels[min(int(size / full * len(levels)), len(levels) - 1) if full else 0]
+        return f"{error:+.2f} m   {''.join(line)} full {full:.1f} m"
+
+
+def _traffic(status: Status, settings: PilotSettings) -> list[Row]:
+    """What comes in and goes out."""
+    tick, rates = status.tick, status.rates
+    refused = sum(status.rejected.values())
+    reasons = [f"{count} {reason}" for reason, count in list(status.rejected.items())[:MOST_REASONS]]
+    more = ", ..." if len(status.rejected) > MOST_REASONS else ""
+    why = f": {', '.join(reasons)}{more}" if reasons else ""
+    stale = f"stale at {settings.timing.stale:.2f} s"
+    return [
+        ("ranging", f"{_rate(rates and rates.taken)} taken, newest {_seconds(tick.range_age)} old, {stale}"),
+        ("rejected", f"{refused} of {refused + tick.accepted}{why}"),
+        ("link", f"{_rate(rates and rates.frames)} frames, heartbeat {_seconds(tick.link_age)} old"),
+        ("setpoints", f"{_rate(rates and rates.setpoints)}, {status.setpoints} in all"),
+    ]
+
+
+def _folded(texts: Iterable[str]) -> list[str]:
+    """Texts in lines that fit, two for each at most."""
+    return [line for text in texts for line in wrap(text, WIDTH - LABEL - 4, max_lines=2, placeholder=" ...")]
+
+
+def _style(status: Status) -> str:
+    return "red" if status.alarms else STYLES.get(status.tick.phase, "default")
+
+
+def _with_sigma(value: float | None, sigma: float | None, form: str, unit: str, signs: Signs) -> str:
+    if value is None:
+        return "-"
+    return f"{value:{form}} {unit}" if sigma is None else f"{value:{form}} {signs.give_or_take} {sigma:.2f} {unit}"
+
+
+def _rate(value: float | None) -> str:
+    return "-" if value is None else f"{value:.1f}/s"
+
+
+def _seconds(value: float | None) -> str:
+    return "-" if value is None else f"{value:.2f} s"
+
+
+def _turn(turn_rate: float | None) -> str:
+    return "-" if turn_rate is None else f"{degrees(turn_rate):+.1f}"

@@ -1,0 +1,120 @@
+"""What there is to tell of a flight at one moment, the same for the terminal and the live page."""
+
+from collections import deque
+from dataclasses import dataclass
+from math import degrees, hypot
+from typing import NamedTuple
+
+from circnav_mav.core.phases import Phase
+from circnav_mav.mav.frames import compass_from_vector
+from circnav_mav.pilot import Ending, Outcome, Pilot, TickRecord, Voice
+
+RATE_SPAN = 3.0
+"""Time, s, over which rates are taken."""
+SILENT = 1.5
+"""Age of the vehicle's newest heartbeat, s, that is worth a warning; it says one a second at the least."""
+MOST_REJECTED = 0.5
+"""Share of the ranges that may be refused before it is worth a warning."""
+SILENCED = {
+    Voice.DRY_RUN: "DRY RUN: no setpoint, no mode is sent",
+    Voice.SHADOW: "SHADOW: no setpoint, no mode is sent",
+}
+
+
+class Rates(NamedTuple):
+    """Per second: frames heard, ranges taken and refused, setpoints sent."""
+
+    frames: float
+    taken: float
+    refused: float
+    setpoints: float
+
+
+@dataclass(frozen=True, slots=True)
+class Status:
+    """A tick and what stands round it. time: of the run, s. flown: s since engaging, None before. waits: what the
+    vehicle is not steered for, why: why this law flies, target: where it is and what drifts, alarms: what is wrong, all
+    for people. rejected: ranges refused
+    by reason."""
+
+    time: float
+    tick: TickRecord
+    flown: float | None
+    waits: str
+    why: str
+    target: str
+    alarms: tuple[str, ...]
+    rejected: dict[str, int]
+    rates: Rates | None
+    setpoints: int
+    outcome: Outcome | None
+
+
+class Watch:
+    """Looks at a pilot from time to time and remembers enough to tell rates."""
+
+    def __init__(self, pilot: Pilot) -> None:
+        self._pilot = pilot
+        self._seen: deque[tuple[float, Rates]] = deque()
+
+    def status(self, tick: TickRecord, now: float, problem: str | None = None) -> Status:
+        """The status with this newest tick. problem: what is wrong with the recording."""
+        pilot = self._pilot
+        rates = self._rates(now)
+        return Status(
+            time=now,
+            tick=tick,
+            flown=None if pilot.engaged_at is None else now - pilot.engaged_at,
+            waits=pilot.waits_for(now),
+            why=pilot.why if tick.law else "",
+            target=_target(tick),
+            alarms=tuple(_alarms(pilot, tick, now, rates, problem)),
+            rejected=dict(pilot.ranging.rejected.most_common()),
+            rates=rates,
+            setpoints=pilot.setpoints_sent,
+            outcome=pilot.outcome,
+        )
+
+    def _rates(self, now: float) -> Rates | None:
+        pilot, seen = self._pilot, self._seen
+        counts = Rates(
+            pilot.counts().frames, pilot.samples_accepted, pilot.ranging.rejected.total(), pilot.setpoints_sent
+        )
+        seen.append((now, counts))
+        while len(seen) > 2 and now - seen[1][0] >= RATE_SPAN:
+            seen.popleft()
+        then, before = seen[0]
+        span = now - then
+        if span <= 0:
+            return None
+        return Rates(*((count - earlier) / span for count, earlier in zip(counts, before, strict=True)))
+
+
+def _alarms(pilot: Pilot, tick: TickRecord, now: float, rates: Rates | None, problem: str | None) -> list[str]:
+    """What is wrong now, the worst first."""
+    timing, found = pilot.settings.timing, []
+    if pilot.outcome is not None and pilot.outcome.ending is not Ending.COMPLETED:
+        found.append(f"{pilot.outcome.ending.value.upper()}: {pilot.outcome.reason}")
+    elif tick.phase is Phase.YIELDED:
+        found.append(f"OPERATOR HAS THE VEHICLE, mode {tick.mode}")
+    if tick.phase is not Phase.ENDED:
+        if tick.link_age is not None and tick.link_age > SILENT:
+            found.append(f"LINK SILENT for {tick.link_age:.1f} s")
+        if tick.range_age is not None and tick.range_age > timing.stale:
+            patience = f": holds the circle's turn, gives up at {timing.stale + timing.hold:g} s"
+            found.append(f"RANGE STALE, {tick.range_age:.1f} s{patience if tick.phase is Phase.HOLDING else ''}")
+        if rates is not None and rates.refused > MOST_REJECTED * (rates.taken + rates.refused):
+            found.append(f"MOST RANGES REJECTED, {rates.refused:.1f} of {rates.taken + rates.refused:.1f} a second")
+    if problem is not None:
+        found.append(f"NOT RECORDING: {problem}")
+    return found
+
+
+def _target(tick: TickRecord) -> str:
+    """Bearing to the target and drift, clockwise from north, where they are known."""
+    if tick.x is None or tick.y is None or tick.drift_x is None or tick.drift_y is None:
+        return "direction not known"
+    bearing = degrees(compass_from_vector(-tick.x, -tick.y))
+    towards = degrees(compass_from_vector(tick.drift_x, tick.drift_y))
+    drift = hypot(tick.drift_x, tick.drift_y)
+    return f"bearing {bearing:03.0f} deg, drift {drift:.1f} m/s towards {towards:03.0f} deg"

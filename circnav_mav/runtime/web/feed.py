@@ -1,0 +1,166 @@
+"""The flight's side of the live page: what it tells, and the pipe to the server's process.
+
+The pipe is the queue, bounded by the kernel: a line that does not fit at once is dropped. A server that is slow,
+stopped or dead therefore never delays a tick, and there is nothing on the page that reaches back into the flight.
+"""
+
+import importlib.util
+import json
+import os
+import select
+import socket
+import subprocess
+import sys
+from dataclasses import fields
+from enum import Enum
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+import circnav_mav
+from circnav_mav.core.phases import Phase
+from circnav_mav.mav.truth import is_truth_frame, relative_truth
+from circnav_mav.pilot import Pilot, TickRecord
+from circnav_mav.runtime.recorder import Turn
+from circnav_mav.runtime.status import SILENCED, Status, Watch
+
+HOST = "127.0.0.1"
+LINES_A_SECOND = 10
+START_PATIENCE, STOP_PATIENCE = 10.0, 3.0
+LONGEST_TEXT = 300
+NEEDED = ("starlette", "uvicorn")
+
+
+class WebError(Exception):
+    """A live page that cannot be served, in one line."""
+
+
+class LivePage:
+    """The server's process, and the pipe to it. `show` never waits."""
+
+    def __init__(self, pilot: Pilot, port: int, *, name: str, tolerance: float, speed: float) -> None:
+        """port: 0 for any free one. tolerance: half width of the band round the radius, m. speed: run seconds per real
+        second. Raises WebError."""
+        missing = [package for package in NEEDED if importlib.util.find_spec(package) is None]
+        if missing:
+            raise WebError(f"--web needs the package {' and '.join(missing)}: pip install 'circnav-mav[web]'")
+        self._watch, self._period, self._due = Watch(pilot), speed / LINES_A_SECOND, 0.0
+        self._truth: bytes | None = None
+        with _listener(port) as listener:
+            self.url = f"http://{HOST}:{listener.getsockname()[1]}/"
+            self._process = _serve(listener)
+        assert self._process.stdin is not None
+        self._pipe: int | None = self._process.stdin.fileno()
+        os.set_blocking(self._pipe, False)
+        self._tell({"kind": "flight", **_facts(pilot, name, tolerance)})
+
+    def show(self, newest: TickRecord | None, turn: Turn, problem: str | None = None) -> None:
+        """Tell of the newest tick when it is due."""
+        for _, _, frames in turn.heard:
+            self._truth = next(filter(is_truth_frame, frames), self._truth)
+        if newest is None or (turn.time < self._due and newest.phase is not Phase.ENDED):
+            return
+        self._due = turn.time + self._period
+        status = self._watch.status(newest, turn.time, problem)
+        east, north = (self._truth and relative_truth(self._truth)) or (None, None)
+        self._tell({"kind": "tick", **_told(status), "east": east, "north": north})
+
+    def finish(self, verdict: str) -> None:
+        """Tell the verdict; the flight is over, and the server is given a moment to take it."""
+        if self._pipe is not None:
+            select.select([], [self._pipe], [], STOP_PATIENCE)
+            self._tell({"kind": "end", "verdict": verdict})
+
+    def close(self) -> None:
+        """End the server."""
+        try:
+            self._process.communicate(timeout=STOP_PATIENCE)  # its input ends, and so does it
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.communicate()
+
+    def _tell(self, what: dict[str, Any]) -> None:
+        """One line into the pipe, whole or not at all: up to PIPE_BUF bytes are written in one piece."""
+        line = json.dumps(what, allow_nan=False).encode() + b"\n"
+        if self._pipe is None or len(line) > select.PIPE_BUF:
+            return
+        try:
+            os.write(self._pipe, line)
+        except BlockingIOError:
+            return
+        except BrokenPipeError:
+            self._pipe = None
+
+
+def _listener(port: int) -> socket.socket:
+    """Listens on this machine's own interface only; taken before anything flies."""
+    listener = socket.socket()
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listener.bind((HOST, port))
+    except OSError as error:
+        listener.close()
+        raise WebError(f"--web {port}: {HOST}:{port} cannot be had: {error.strerror}; choose another port") from None
+    listener.listen()
+    return listener
+
+
+def _serve(listener: socket.socket) -> "subprocess.Popen[bytes]":
+    """The server's process, ready. Raises WebError."""
+    process = subprocess.Popen(
+        [sys.executable, "-P", "-m", "circnav_mav.runtime.web", str(listener.fileno())],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        pass_fds=[listener.fileno()],
+        env={**os.environ, "PYTHONPATH": str(Path(circnav_mav.__file__).parents[1])},
+        start_new_session=True,  # the operator's Ctrl-C is for the flight
+    )
+    assert process.stdout is not None
+    ready, _, _ = select.select([process.stdout], [], [], START_PATIENCE)
+    if not ready or not process.stdout.readline():
+        process.kill()
+        process.communicate()
+        raise WebError("--web: the server of the live page did not start")
+    return process
+
+
+def _facts(pilot: Pilot, name: str, tolerance: float) -> dict[str, Any]:
+    """What does not change in flight. SI units."""
+    orbit, timing = pilot.settings.orbit, pilot.settings.timing
+    return {
+        "name": name,
+        "circle": f"{orbit.radius:g} m {orbit.direction.value} at {orbit.speed:g} m/s",
+        "radius": orbit.radius,
+        "tolerance": tolerance,
+        "limit": orbit.max_turn_rate,
+        "steady": orbit.steady_turn_rate,
+        "stale": timing.stale,
+        "duration": timing.duration if isfinite(timing.duration) else None,
+        "silenced": SILENCED.get(pilot.settings.voice),
+    }
+
+
+def _told(status: Status) -> dict[str, Any]:
+    """A status as JSON holds it."""
+    tick = {field.name: _plain(getattr(status.tick, field.name)) for field in fields(TickRecord)}
+    rates = None if status.rates is None else {name: _plain(rate) for name, rate in status.rates._asdict().items()}
+    return tick | {
+        "now": status.time,
+        "flown": _plain(status.flown),
+        "waits": status.waits[:LONGEST_TEXT],
+        "why": status.why,
+        "target": status.target,
+        "alarms": [alarm[:LONGEST_TEXT] for alarm in status.alarms],
+        "reasons": status.rejected,
+        "rates": rates,
+        "setpoints": status.setpoints,
+    }
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Enum):
+        return value.value
+    if isinstance(value, float):
+        return round(value, 5) if isfinite(value) else None
+    return value

@@ -1,0 +1,32 @@
+"""Statuses of a real flight in lockstep, and of what can go wrong in it."""
+
+from collections.abc import Callable
+
+import pytest
+
+from circnav_mav.mission.load import load_mission
+from circnav_mav.pilot import Pilot, Voice
+from circnav_mav.runtime.status import Status, Watch
+from sim.config import parse_vehicle
+from sim.vehicle import Vehicle
+from tests.flight.lockstep import CONFIG, Flight
+
+
+@pytest.fixture(scope="session")
+def statuses() -> Callable[..., list[Status]]:
+    """The statuses, four a second, of some seconds of the quickstart under overrides."""
+
+    def fly(seconds: float, *overrides: str, events: list[dict[str, object]] | None = None, voice: Voice = Voice.FLY):
+        mission = load_mission(CONFIG / "quickstart.toml", ('guidance.law="smooth"', *overrides))
+        vehicle = Vehicle(parse_vehicle({**mission.file.sim, "events": events or []}, "quickstart"))
+        flight, found = Flight(Pilot(mission.pilot_settings(voice)), vehicle), []
+        watch = Watch(flight.pilot)
+
+        def look(flown: Flight) -> None:
+            if flown.ticks and (flown.pilot.done or not found or flown.now - found[-1].time >= 0.25):
+                found.append(watch.status(flown.ticks[-1], flown.now))
+
+        flight.fly(seconds, look)
+        return found
+
+    return fly

@@ -1,0 +1,71 @@
+"""What is told of a flight: why it waits, what is wrong, how much comes in."""
+
+from circnav_mav.pilot import Voice
+from circnav_mav.runtime.status import Watch
+from tests.flight.lockstep import flight
+
+TAKEOVER = [{"at_s": 6.0, "action": "mode", "mode": "LOITER"}]
+OUTAGE = [{"at_s": 6.0, "action": "mute_ranging"}]
+
+
+def during(statuses, phase):
+    return [status for status in statuses if status.tick.phase.value == phase]
+
+
+def test_a_flight_that_goes_well_raises_no_alarm_and_tells_its_rates(statuses):
+    flown = statuses(12.0)
+    assert [status.alarms for status in flown if status.alarms] == []
+    last = flown[-1]
+    assert last.tick.phase.value == "engaged"
+    assert 9 < last.rates.taken <= 11  # 10 Hz
+    assert 40 < last.rates.frames < 100
+    assert last.rates.setpoints > 9
+    assert last.waits == ""
+
+
+def test_it_says_what_it_waits_for(statuses):
+    assert flight("quickstart").pilot.waits_for(0.0) == "no autopilot heartbeat, 0 bytes heard"
+    assert statuses(4.0, "engage.request_mode=false")[-1].waits == "mode GUIDED, the operator's to enter"
+    on_ground = ("sim.start.altitude_m=0.0", "sim.start.armed=false", 'sim.start.mode="STABILIZE"')
+    assert statuses(4.0, *on_ground)[-1].waits == "the vehicle is on the ground"
+    silent = statuses(4.0, "sim.ranging.rate_hz=0.0")
+    assert silent[-1].waits.startswith("no ranging: no usable DISTANCE_SENSOR")
+
+
+def test_a_stale_range_is_an_alarm_that_names_its_age_and_the_end(statuses):
+    (*_, last) = during(statuses(10.5, events=OUTAGE), "holding")
+    (alarm,) = last.alarms
+    assert alarm.startswith(f"RANGE STALE, {last.tick.range_age:.1f} s: ")
+    assert alarm.endswith("gives up at 10.5 s")
+    assert last.rates.taken == 0
+
+
+def test_a_takeover_is_an_alarm_and_says_how_to_hand_over_again(statuses):
+    waiting = during(statuses(9.0, 'engage.on_takeover="wait"', events=TAKEOVER), "yielded")
+    assert waiting[-1].alarms == ("OPERATOR HAS THE VEHICLE, mode LOITER",)
+    assert waiting[-1].waits == "the operator has the vehicle: GUIDED entered again hands it over"
+
+
+def test_a_flight_that_was_ended_says_why(statuses):
+    ended = statuses(12.0, events=TAKEOVER)[-1]
+    assert ended.alarms == ("ABORTED: operator took over, mode LOITER",)
+
+
+def test_ranges_that_are_refused_are_counted_by_reason_and_become_an_alarm(statuses):
+    refused = statuses(8.0, "ranging.max_range_m=50.0")[-1]
+    assert list(refused.rejected) == ["above_max"]
+    assert refused.alarms[-1].startswith("MOST RANGES REJECTED, ")
+
+
+def test_a_silent_vehicle_is_an_alarm(statuses):
+    silent = statuses(10.0, events=[{"at_s": 6.0, "action": "mute_autopilot"}])
+    assert any(alarm.startswith("LINK SILENT for ") for status in silent for alarm in status.alarms)
+
+
+def test_recording_that_stopped_is_an_alarm():
+    flown = flight("quickstart").fly(6.0)
+    assert Watch(flown.pilot).status(flown.ticks[-1], 6.0, "disk full").alarms == ("NOT RECORDING: disk full",)
+
+
+def test_a_dry_run_engages_without_the_mode(statuses):
+    assert statuses(6.0, voice=Voice.DRY_RUN)[-1].setpoints == 0
