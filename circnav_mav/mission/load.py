@@ -228,6 +228,12 @@ def parse_mission(text: str, where: str, overrides: Iterable[str] = ()) -> Missi
         keys, value = _override(override)
         _put(table, keys, value, override)
         _put(document, keys, value, override)
+    return mission_of(table, where, tomlkit.dumps(document))
+
+
+def mission_of(table: Mapping[str, Any], where: str, text: str = "") -> Mission:
+    """Validate the parsed table of a mission file; `text` is the file as flown, where anybody keeps it. Raises
+    MissionError."""
     try:
         file = MissionFile.model_validate(table)
     except ValidationError as error:
@@ -239,7 +245,7 @@ def parse_mission(text: str, where: str, overrides: Iterable[str] = ()) -> Missi
             f'{where}: ranging.endpoint: is "{SIM}" but the vehicle is not the bundled one: --set ranging.endpoint=URL'
         )
     _check_turning(file, where)
-    mission = Mission(file, tomlkit.dumps(document))
+    mission = Mission(file, text)
     _check_numbers(mission, where)
     return mission
 
