@@ -37,7 +37,8 @@ TURN_RATE = {"low": 0.0, "above": 0.0, "high": 720.0}
 class Airframe:
     """[vehicle]: which autopilot and how it moves. Where a default is None it depends on the profile.
 
-    dynamics: the arducopter's default is the ideal "unicycle", the others' what was measured ("realistic").
+    dynamics: the arducopter's default is the ideal "unicycle", which holds its speed over the ground; "airborne" holds
+    it through the air and is carried by the wind. The others' default is what was measured ("realistic").
     boot_age_s: how long the autopilot had been up at time zero (its 32-bit milliseconds wrap after 4294967.296 s).
     odometry: velocity without GPS (optical flow, wheel encoders), usable once somebody has set an origin (message 48).
     """
@@ -45,7 +46,7 @@ class Airframe:
     profile: str = key("arducopter", choices=PROFILES)
     system_id: int = key(1, low=1, high=255)
     mavlink_version: int = key(2, low=1, high=2)
-    dynamics: str | None = key(None, choices=("unicycle", "realistic"))
+    dynamics: str | None = key(None, choices=("unicycle", "airborne", "realistic"))
     max_turn_rate_deg_s: float = key(60.0, **TURN_RATE)
     turn_lag_s: float = key(0.2, low=0.0, high=10.0)
     speed_lag_s: float = key(0.0, low=0.0, high=30.0)
@@ -213,6 +214,7 @@ def parse_vehicle(table: Mapping[str, Any], where: str) -> VehicleConfig:
 
 def _checked(config: VehicleConfig, where: str) -> VehicleConfig:
     _check_modes(config, where)
+    _check_dynamics(config, where)
     _check_start(config, where)
     _check_ranging(config, where)
     if config.signing.key_file is not None:
@@ -250,6 +252,12 @@ def _check_modes(config: VehicleConfig, where: str) -> None:
         if mode is not None and mode not in modes:
             hint = nearest(mode, modes) or f"; modes: {', '.join(modes)}"
             raise ConfigError(f'{here}: "{mode}" is no mode of {profile}{hint}')
+
+
+def _check_dynamics(config: VehicleConfig, where: str) -> None:
+    airframe = config.vehicle
+    if airframe.dynamics == "airborne" and airframe.profile not in ("arducopter", "arducopter_nogps"):
+        raise ConfigError(f'{place(where, "vehicle")}.dynamics: "airborne" is an arducopter, not an {airframe.profile}')
 
 
 def _check_start(config: VehicleConfig, where: str) -> None:

@@ -210,6 +210,28 @@ def bench(
 
 
 @circnav.command()
+@click.argument("file", type=click.Path(), metavar="FILE.toml")
+@click.option("--runs", type=click.IntRange(1), metavar="N", help="Flights. [default: as the file says]")
+@click.option("--out", type=click.Path(), metavar="DIR", help="Folder. [default: campaigns/<time>-<name>]")
+@click.option("--resume", is_flag=True, help="Go on with the campaign in DIR where it stopped.")
+@click.option("--processes", type=click.IntRange(1), metavar="N", help="Processes. [default: all cores]")
+@click.option("--scheduler", metavar="ADDR", help="Fly on a Dask scheduler's workers, e.g. tcp://host:8786.")
+def campaign(
+    file: str, runs: int | None, out: str | None, resume: bool, processes: int | None, scheduler: str | None
+) -> int:
+    """Fly a mission many times with varied values, as FILE.toml says: a table, a summary and pictures.
+
+    \b
+    Examples:
+        circnav campaign config/campaign_wind.toml
+        circnav campaign config/campaign_wind.toml --runs 20000 --out wind --resume
+    """
+    from circnav_mav.cli.campaign import CampaignOptions, fly_campaign
+
+    return fly_campaign(CampaignOptions(file, runs, out, resume, scheduler, processes))
+
+
+@circnav.command()
 @click.argument("run", type=click.Path())
 def report(run: str) -> int:
     """Write report.html (one page, opens offline, prints) and PNGs into RUN, a run folder; `fly` does so by itself.

@@ -116,7 +116,7 @@ TYPICAL_LAG = 0.55
 """Turn lag plus filter lag, s, that the default gains of a law are made for where nobody names them."""
 
 
-def _damped(V: float, r_d: float) -> float:
+def _damped(V: Array, r_d: Array) -> Array:
     """Gain of the range rate by the rule k V lag <= 0.5, at the typical lag; see `theory.rate_gain`."""
     return theory.rate_gain(V, r_d, TYPICAL_LAG)
 

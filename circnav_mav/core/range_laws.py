@@ -14,9 +14,9 @@ SHARE_OF_MARGIN = 0.8
 """v* <= this times (V - W): a faster approach against the wind W cannot be flown, and asking for it turns for ever."""
 
 
-def closing_speed(V: float, W: float, wish: float) -> float:
+def closing_speed(V: Array, W: Array, wish: float) -> Array:
     """v*, m/s: the wish, cut to what is flyable in wind W on every bearing."""
-    return min(wish * V, SHARE_OF_MARGIN * (V - W))
+    return np.minimum(wish * V, SHARE_OF_MARGIN * (V - W))
 
 
 def bounded(r: Array, r_dot: Array, *, V: float, r_d: float, k: float) -> Array:

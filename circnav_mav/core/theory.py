@@ -1,6 +1,11 @@
 """What the paper proves about its laws: radius reached, gain conditions, kinematics. SI units, radians."""
 
 from math import cos, pi, sin, sqrt
+from typing import Any
+
+import numpy as np
+
+Array = Any
 
 
 def smooth_gain_bound(r_d: float) -> float:
@@ -47,12 +52,12 @@ def max_range_acceleration(V: float, max_turn_rate: float, r: float) -> float:
     return V**2 / max(r, V / max_turn_rate) + V * max_turn_rate
 
 
-def rate_gain(V: float, r_d: float, lag: float) -> float:
+def rate_gain(V: Array, r_d: Array, lag: float) -> Array:
     """Gain k of the range rate, rad/m, that a loop with so much lag (course + filter, s) bears: k V lag = 0.5.
 
     Above about that value the laws limit-cycle, as flown on real autopilots. No more than 6/r_d, where nothing is won.
     """
-    return min(0.5 / (V * lag), 6 / r_d)
+    return np.minimum(0.5 / (V * lag), 6 / r_d)
 
 
 def smallest_radius(V: float, max_turn_rate: float, W: float = 0.0, turn_gain: float = 1.0) -> float:

@@ -237,6 +237,12 @@ def parse_mission(text: str, where: str, overrides: Iterable[str] = (), folder: 
     if folder is not None:
         _make_absolute(table, folder)
         _make_absolute(document, folder)
+    return mission_of(table, where, tomlkit.dumps(document))
+
+
+def mission_of(table: Mapping[str, Any], where: str, text: str = "") -> Mission:
+    """Validate the parsed table of a mission file; `text` is the file as flown, where anybody keeps it. Raises
+    MissionError."""
     try:
         file = MissionFile.model_validate(table)
     except ValidationError as error:
@@ -250,7 +256,7 @@ def parse_mission(text: str, where: str, overrides: Iterable[str] = (), folder: 
     if file.signing and file.signing.accept_unsigned == "ranging" and file.ranging.endpoint is None:
         raise MissionError(f'{where}: signing.accept_unsigned: is "ranging", which needs a ranging.endpoint of its own')
     _check_turning(file, where)
-    mission = Mission(file, tomlkit.dumps(document))
+    mission = Mission(file, text)
     _check_numbers(mission, where)
     return mission
 

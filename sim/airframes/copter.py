@@ -13,10 +13,12 @@ from sim.demands import BodyVelocity, Brake, Demand, EarthVelocity, Spin, Tilt, 
 
 @dataclass(frozen=True)
 class CopterAirframe:
-    """`by_velocity` holds velocities over the ground, `by_attitude` only leans."""
+    """`by_velocity` holds velocities over the ground, or, carried, those seen from the nose through the air;
+    `by_attitude` only leans."""
 
     by_velocity: Unicycle | Multicopter
     by_attitude: TiltingCopter
+    carried: bool = False
 
     @property
     def turns_with_nose(self) -> bool:
@@ -25,9 +27,25 @@ class CopterAirframe:
     def step(self, body: Body, demand: Demand, dt: float, wind: tuple[float, float]) -> Body:
         if isinstance(demand, (Tilt, Spin)):
             return self.by_attitude.step(body, demand, dt, wind)
+        if self.carried and isinstance(demand, BodyVelocity):
+            return self._through_air(body, demand, dt, wind)
         if isinstance(self.by_velocity, Unicycle):
             return self.by_velocity.step(body, demand, dt)
         return self.by_velocity.step(body, over_ground(demand, body.heading), dt)
+
+    def _through_air(self, body: Body, demand: BodyVelocity, dt: float, wind: tuple[float, float]) -> Body:
+        """The ideal airframe in the frame of the air, and the air with it."""
+        assert isinstance(self.by_velocity, Unicycle)
+        moved = self.by_velocity.step(_seen_from(body, wind), demand, dt)
+        moved = moved._replace(north=moved.north + wind[0] * dt, east=moved.east + wind[1] * dt)
+        return _seen_from(moved, (-wind[0], -wind[1]))
+
+
+def _seen_from(body: Body, velocity: tuple[float, float]) -> Body:
+    """The body as somebody sees it who moves at a velocity north and east."""
+    return body._replace(
+        velocity_north=body.velocity_north - velocity[0], velocity_east=body.velocity_east - velocity[1]
+    )
 
 
 def over_ground(demand: Velocity, heading: float) -> EarthVelocity | Brake:
@@ -42,5 +60,5 @@ def over_ground(demand: Velocity, heading: float) -> EarthVelocity | Brake:
 def copter_airframe(config: Airframe) -> CopterAirframe:
     limit = math.radians(config.max_turn_rate_deg_s)
     ideal = Unicycle(limit, config.turn_lag_s, config.speed_lag_s)
-    held = ideal if config.dynamics in (None, "unicycle") else Multicopter(limit)
-    return CopterAirframe(held, TiltingCopter(limit))
+    held = Multicopter(limit) if config.dynamics == "realistic" else ideal
+    return CopterAirframe(held, TiltingCopter(limit), carried=config.dynamics == "airborne")

@@ -9,9 +9,12 @@ ACCELERATION_SIGMAS = 3.0
 
 
 class BatchKalman:
-    """State (r, r') and covariance per flight; see `circnav_mav.core.estimators.kalman`."""
+    """State (r, r') and covariance per flight; see `circnav_mav.core.estimators.kalman`.
 
-    def __init__(self, speed: float, max_turn_rate: float, flights: int, gate: float = 5.0, restart_after: int = 5):
+    speed, max_turn_rate and gate are numbers or arrays (B,).
+    """
+
+    def __init__(self, speed: Array, max_turn_rate: Array, flights: int, gate: Array = 5.0, restart_after: int = 5):
         self._V, self._omega, self._gate, self._restart_after = speed, max_turn_rate, gate, restart_after
         self.r, self.r_dot = np.zeros(flights), np.zeros(flights)
         self._P = np.zeros((3, flights))
@@ -19,12 +22,18 @@ class BatchKalman:
         self._started = np.zeros(flights, bool)
         self._refused = np.zeros(flights, int)
         self._before = np.zeros(flights)
-        self._accepted = np.zeros(flights, int)
+        self.accepted = np.zeros(flights, int)
+        """Samples taken in since the filter was last started, (B,)."""
+
+    @property
+    def informed(self) -> Array:
+        """Whether r' is better known than before the first sample, (B,)."""
+        return self._P[2] < self._V**2 / 4
 
     @property
     def ready(self) -> Array:
         """Whether it may steer, (B,)."""
-        return (self._accepted >= 5) & (self._P[2] < self._V**2 / 4)
+        return (self.accepted >= 5) & self.informed
 
     def step(self, dt: float, z: Array, sigma: Array, arrived: Array) -> None:
         """Time passes, and ranges come in where they arrived."""
@@ -51,9 +60,9 @@ class BatchKalman:
         self._refused[taken] = 0
         self._before = np.where(refused, z, self._before)
         restart = first | (refused & (self._refused >= self._restart_after))
-        self._accepted = np.where(restart, 1, self._accepted + taken)
+        self.accepted = np.where(restart, 1, self.accepted + taken)
         self.r, self.r_dot = np.where(restart, z, self.r), np.where(restart, 0.0, self.r_dot)
-        fresh = np.stack([sigma**2, np.zeros_like(sigma), np.full_like(sigma, self._V**2 / 2)])
+        fresh = np.stack([sigma**2, np.zeros_like(sigma), np.zeros_like(sigma) + self._V**2 / 2])
         self._P = np.where(restart, fresh, self._P)
         self._refused[restart] = 0
         self._started |= arrived

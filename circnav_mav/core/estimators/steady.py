@@ -1,8 +1,7 @@
 """What the `kalman` estimator settles to: its noise and its lag, for checks before the flight."""
 
 from dataclasses import dataclass
-
-import numpy as np
+from functools import lru_cache
 
 from circnav_mav.core.estimators.interface import EstimatorSettings
 from circnav_mav.core.theory import max_range_acceleration
@@ -25,19 +24,18 @@ class SteadyState:
     lag: float
 
 
+@lru_cache(maxsize=1024)
 def steady_state(settings: EstimatorSettings, *, r: float, sigma: float, period: float) -> SteadyState:
     """Covariance of the constant-velocity filter after many samples of noise sigma (m) every `period` (s) at range r.
 
     The lag is that of an alpha-beta filter under constant acceleration, T (2 alpha - beta)/(2 beta).
     """
-    F = np.array([[1.0, period], [0.0, 1.0]])
-    step = np.array([period**2 / 2, period])
-    Q = acceleration_variance(settings, r) * np.outer(step, step)
-    P = np.diag([sigma**2, settings.speed**2 / 2])
-    K = np.zeros(2)
+    q = acceleration_variance(settings, r)
+    q_rr, q_rv, q_vv = q * period**4 / 4, q * period**3 / 2, q * period**2
+    rr, rv, vv = sigma**2, 0.0, settings.speed**2 / 2
+    alpha = beta = 0.0
     for _ in range(STEPS):
-        P = F @ P @ F.T + Q
-        K = P[:, 0] / (P[0, 0] + sigma**2)
-        P = P - np.outer(K, P[0])
-    alpha, beta = float(K[0]), float(K[1]) * period
-    return SteadyState(float(P[1, 1]) ** 0.5, period * (2 * alpha - beta) / (2 * beta))
+        rr, rv, vv = rr + 2 * period * rv + period**2 * vv + q_rr, rv + period * vv + q_rv, vv + q_vv
+        alpha, beta = rr / (rr + sigma**2), rv / (rr + sigma**2)
+        rr, rv, vv = (1 - alpha) * rr, (1 - alpha) * rv, vv - beta * rv
+    return SteadyState(vv**0.5, period * (2 * alpha - beta * period) / (2 * beta * period))

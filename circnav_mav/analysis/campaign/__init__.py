@@ -1,0 +1,1 @@
+"""Campaigns: a mission flown thousands of times with varied values, against the bundled vehicle."""

@@ -1,0 +1,121 @@
+"""Many flights of a campaign at once: the emulator's ideal copter in the emulator's world, without the messages."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from circnav_mav.analysis.campaign.engage import Opening, opening
+from circnav_mav.analysis.campaign.lockstep import COMPLETED
+from circnav_mav.analysis.campaign.plan import Run
+from circnav_mav.analysis.campaign.radio import Radio
+from circnav_mav.analysis.campaign.steering import Steering
+from circnav_mav.analysis.campaign.surroundings import GUST_EVERY, Targets, Vehicles, Winds
+from circnav_mav.analysis.campaign.track import Track
+from circnav_mav.analysis.campaign.turn_gains import TurnGains
+
+Array = Any
+NEVER = 1 << 40
+ATTITUDE_EVERY = 0.05
+"""Time, s, from one ATTITUDE to the next, as asked for."""
+MODE_SHOWN_EVERY = 0.25
+"""Time, s, between the heartbeats in which the vehicle shows its mode."""
+
+
+class Batch:
+    """B flights under way. They share what `batchable.group` names; everything else is each flight's own."""
+
+    def __init__(self, runs: Sequence[Run], begins: Opening) -> None:
+        file = runs[0].mission.file
+        rate = runs[0].vehicle.ranging.rate_hz
+        self.dt = 1 / max(rate, file.limits.tick_hz)
+        self._every = round(1 / rate / self.dt)
+        self._gust_every = round(GUST_EVERY / self.dt)
+        self._stale, self._hold = file.limits.stale_s, file.limits.hold_s
+        self._length = round(file.limits.duration_s / self.dt)
+        self._patience = round(file.link.wait_s / self.dt)
+        self._first, self._heard = (round(time / self.dt) for time in (begins.steered, begins.heard))
+        self._shown_every = max(1, round(MODE_SHOWN_EVERY / self.dt))
+        self._vehicles, self._targets, self._winds = Vehicles(runs, self.dt), Targets(runs), Winds(runs)
+        self._radio, self._steering = Radio(runs), Steering(runs)
+        self._attitude_every = max(1, round(ATTITUDE_EVERY / self.dt))
+        self._gains = TurnGains(runs, self._attitude_every * self.dt)
+        self._told = np.zeros(len(runs))
+        self.headings = np.pi / 2 - self._vehicles.psi
+        self._z = self._sigma = np.zeros(len(runs))
+        self.engaged, self.ended = np.full(len(runs), NEVER), np.full(len(runs), NEVER)
+        self._held = np.zeros(len(runs), int)
+        self.stopped = np.zeros(len(runs), bool)
+        self.path: list[Array] = []
+
+    def fly(self) -> None:
+        """All flights to their ends."""
+        step = 0
+        while (self.ended > step).any():
+            self._step(step)
+            step += 1
+
+    def _step(self, step: int) -> None:
+        now, steering = step * self.dt, self._steering
+        target = self._targets.at(now)
+        if step % self._gust_every == 0:
+            self._winds.gust()
+        if step % self._every == 0:
+            self._z, self._sigma, arrived = self._radio.measure(self._vehicles.slant(target), now)
+        else:
+            arrived = np.zeros(len(self._held), bool)
+        steering.see(now, self.dt if step else 0.0, self._z, self._sigma, arrived & (step >= self._heard))
+        holding = ~steering.ready | (now - steering.sure_at > self._stale)
+        self._engage(step, holding)
+        flies = (self.engaged <= step) & (step < self.ended)
+        self._held = np.where(holding & flies, self._held + 1, 0)
+        lost = flies & (self._held * self.dt > self._hold)
+        over = flies & (step - self.engaged >= self._length)
+        self.stopped |= lost & ~over
+        self.ended = np.where(lost | over, step, self.ended)
+        self.path.append((self._vehicles.position - target).astype(np.float32))
+        ours = self.engaged <= step
+        if step % self._attitude_every == 0:
+            self._gains.feel(self._vehicles.psi, self._told, self.engaged < step)
+        wanted = steering.through_gain(steering.turn(self.dt, holding), self._gains.now)
+        self._told = np.where(ours, wanted, 0.0)
+        speed, wind = np.where(ours, steering.speed, 0.0), np.where(ours, self._winds.velocity, 0.0)
+        self._vehicles.step(speed, self._told, wind)
+
+    def _engage(self, step: int, holding: Array) -> None:
+        """The vehicle becomes ours when it shows the mode that we asked for, once there is a range to steer by."""
+        since = step - self._first
+        if since >= 0 and since % self._shown_every == 0:
+            self.engaged = np.where((self.engaged == NEVER) & ~holding & (self.ended == NEVER), step, self.engaged)
+        if step >= self._patience:
+            self.ended = np.where((self.engaged == NEVER) & (self.ended == NEVER), step, self.ended)
+
+
+def fly_batch(runs: Sequence[Run]) -> list[Track] | None:
+    """Fly runs of one group; tracks in their order. None where a real flight shows that they would not be engaged."""
+    begins = opening(runs[0])
+    if begins is None:
+        return None
+    batch = Batch(runs, begins)
+    batch.fly()
+    path = np.stack(batch.path)
+    return [_track(batch, path[:, :, flight], flight, run) for flight, run in enumerate(runs)]
+
+
+def _track(batch: Batch, path: Array, flight: int, run: Run) -> Track:
+    engaged, ended = int(batch.engaged[flight]), int(batch.ended[flight])
+    if engaged == NEVER:
+        outcome = "no ranging: no usable range"
+    else:
+        hold = run.mission.file.limits.hold_s
+        outcome = f"no range for {hold:.1f} s" if batch.stopped[flight] else COMPLETED
+    flown = path[engaged:ended].astype(float) if engaged != NEVER else np.empty((0, 2))
+    return Track(
+        engine="batch",
+        start=(float(path[0, 0]), float(path[0, 1]), float(batch.headings[flight])),
+        engaged=engaged * batch.dt if engaged != NEVER else None,
+        time=batch.dt * np.arange(len(flown), dtype=float),
+        east=flown[:, 0],
+        north=flown[:, 1],
+        outcome=outcome,
+    )

@@ -1,0 +1,146 @@
+"""Pictures of a campaign: the starts and what became of them, distributions, and the error against what was varied."""
+
+import json
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+
+from circnav_mav.analysis.campaign.plan import START
+
+Rows = Sequence[dict[str, str]]
+LOST, LINE = "#c8501e", "#1f5fa8"
+STYLE: Any = {"font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "axes.axisbelow": True}
+MOST_LINES = 8
+BINS = 12
+
+
+def plot_campaign(folder: Path, rows: Rows, keys: Sequence[str], swept: Sequence[str], title: str) -> list[Path]:
+    """Draw what there is to see and return the files. Raises OSError."""
+    flown = [row for row in rows if row["rms_m"]]
+    done: list[Path] = []
+    with mpl.rc_context(STYLE):
+        if len({row["start_range_m"] + row["start_bearing_deg"] + row["start_heading_deg"] for row in rows}) > 2:
+            done.append(_save(_starts([row for row in rows if row["start_range_m"]], title), folder / "starts.png"))
+        if len(flown) > 1:
+            done.append(_save(_distributions(flown, title), folder / "distributions.png"))
+            for key in keys:
+                if key not in START and len({row[key] for row in flown}) > 1:
+                    name = re.sub(r"[^A-Za-z0-9]+", "-", key)
+                    done.append(_save(_against(flown, key, swept, title), folder / f"error-{name}.png"))
+    return done
+
+
+def _save(figure: Figure, path: Path) -> Path:
+    figure.savefig(path, dpi=110)
+    return path
+
+
+def _numbers(rows: Rows, key: str) -> Any:
+    return np.array([float(row[key] or "nan") for row in rows])
+
+
+def _starts(rows: Rows, title: str) -> Figure:
+    """Where the flights began, seen from the target, and how they were turned to it; coloured by what share of the
+    flights from there was kept."""
+    figure = Figure(figsize=(12, 5.5), layout="constrained")
+    figure.suptitle(f"{title}: starts, and the share of flights kept")
+    place, turned = figure.subplots(1, 2)
+    names = ("start_range_m", "start_bearing_deg", "start_heading_deg")
+    starts, which = np.unique(np.stack([_numbers(rows, name) for name in names], axis=1), axis=0, return_inverse=True)
+    kept = np.array([row["kept"] == "true" for row in rows], float)
+    share = 100 * np.bincount(which.ravel(), kept) / np.bincount(which.ravel())
+    r, bearing, heading = starts[:, 0], np.radians(starts[:, 1]), starts[:, 2]
+    off = (heading - starts[:, 1]) % 360 - 180
+    style = {"c": share, "cmap": "RdYlGn", "vmin": 0, "vmax": 100, "s": float(np.clip(8000 / len(r), 5, 40)),
+             "edgecolors": "#555555", "linewidths": 0.3}  # fmt: skip
+    place.scatter(r * np.sin(bearing), r * np.cos(bearing), **style)
+    place.plot(0, 0, "k+", ms=12, mew=2)
+    place.set_aspect("equal", adjustable="datalim")
+    place.set_xlabel("east of the target, m")
+    place.set_ylabel("north of the target, m")
+    drawn = turned.scatter(off, r, **style)
+    turned.set_xlim(-180, 180)
+    turned.set_xticks(range(-180, 181, 60))
+    turned.set_xlabel("start heading off the line to the target, deg (0: straight at it, right positive)")
+    turned.set_ylabel("start range, m")
+    figure.colorbar(drawn, ax=turned, label="kept, %")
+    return figure
+
+
+def _distributions(rows: Rows, title: str) -> Figure:
+    """How large the errors were, how long settling took, how close the flights came."""
+    figure = Figure(figsize=(12, 4), layout="constrained")
+    figure.suptitle(f"{title}: {len(rows)} flights")
+    error, settling, nearest = figure.subplots(1, 3)
+    rms, settled = np.maximum(_numbers(rows, "rms_m"), 1e-6), _numbers(rows, "settled_s")
+    error.hist(rms, bins=np.geomspace(rms.min(), max(rms.max(), rms.min() * 1.1), 40).tolist(), color=LINE)
+    error.set_xscale("log")
+    error.set_xlabel("RMS radius error of the last third, m")
+    error.axvline(float(np.median(rms)), color=LOST, lw=1, label=f"median {np.median(rms):.3g} m")
+    error.legend()
+    never = int(np.isnan(settled).sum())
+    if never < len(rows):
+        settling.hist(settled[~np.isnan(settled)], bins=40, color=LINE)
+    settling.set_xlabel("time until within 5 % for good, s")
+    settling.set_title(f"never: {never}", fontsize=9)
+    nearest.hist(_numbers(rows, "closest_m"), bins=40, color=LINE)
+    nearest.set_xlabel("closest approach, m")
+    error.set_ylabel("flights")
+    return figure
+
+
+def _against(rows: Rows, key: str, swept: Sequence[str], title: str) -> Figure:
+    """The error, and the share of flights kept, against one value; a line for each value of another swept key."""
+    figure = Figure(figsize=(8, 6.5), layout="constrained")
+    figure.suptitle(f"{title}: error against {key}")
+    error, share = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
+    others = [other for other in swept if other != key and len({row[other] for row in rows}) <= MOST_LINES]
+    values = [json_or_text(row[key]) for row in rows]
+    numeric = all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
+    names = list(dict.fromkeys(map(str, values)))
+    x = np.array(values if numeric else [names.index(str(value)) for value in values], float)
+    lines = np.array([row[others[0]] for row in rows] if len(others) == 1 else [""] * len(rows))
+    rms = np.maximum(_numbers(rows, "rms_m"), 1e-6)
+    kept = np.array([row["kept"] == "true" for row in rows])
+    labels = list(dict.fromkeys(lines))
+    for number, label in enumerate(labels):
+        mine = lines == label
+        colour = f"C{number}" if len(labels) > 1 else LINE
+        spots, parts = _binned(x[mine], key in swept)
+        middle, low, high = (np.array([np.percentile(rms[mine][part], q) for part in parts]) for q in (50, 5, 95))
+        shift = 0.0 if numeric else 0.06 * (number - (len(labels) - 1) / 2)
+        style: dict[str, Any] = {"color": colour, "marker": "o", "ms": 4, "lw": 1.5 if numeric else 0}
+        error.errorbar(spots + shift, middle, [middle - low, high - middle], capsize=2, elinewidth=0.7,
+                       label=label or "median, 5 to 95 %", **style)  # fmt: skip
+        share.plot(spots + shift, [100 * kept[mine][part].mean() for part in parts], **style)
+    if not numeric:
+        share.set_xticks(range(len(names)), names)
+    error.set_yscale("log")
+    error.set_ylabel("RMS radius error, m\n(median, 5 to 95 %)")
+    error.legend(title=others[0] if len(labels) > 1 else None, fontsize=8)
+    share.set_ylim(-5, 105)
+    share.set_ylabel("kept, %")
+    share.set_xlabel(key)
+    return figure
+
+
+def _binned(x: Any, exact: bool) -> tuple[Any, list[Any]]:
+    """Where to draw, and which flights belong there: every value of a grid, or bins of equally many flights."""
+    if exact or len(np.unique(x)) <= BINS:
+        spots = np.unique(x)
+        return spots, [x == spot for spot in spots]
+    parts = [part for part in np.array_split(np.argsort(x, kind="stable"), BINS) if len(part)]
+    return np.array([np.median(x[part]) for part in parts]), parts
+
+
+def json_or_text(cell: str) -> Any:
+    """A varied value as it was: strings stand in the table without quotes."""
+    try:
+        return json.loads(cell)
+    except ValueError:
+        return cell

@@ -1,0 +1,81 @@
+"""Estimator and law of many flights at once, each with the numbers of its own mission."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from circnav_mav.analysis.batch.filters import BatchKalman
+from circnav_mav.analysis.campaign.plan import Run
+from circnav_mav.core.guidance import LawChoice
+from circnav_mav.core.laws import LAWS, Kind, Law, pi
+from circnav_mav.core.values import Orbit
+
+Array = Any
+
+
+class Steering:
+    """A law on range and range rate fed by `kalman`. All arrays (B,); turn rates counter-clockwise positive."""
+
+    def __init__(self, runs: Sequence[Run]) -> None:
+        orbits, choices = [run.mission.orbit for run in runs], [run.mission.law for run in runs]
+        names = np.array([choice.name for choice in choices])
+        self._laws = [(LAWS[name], np.flatnonzero(names == name)) for name in dict.fromkeys(names.tolist())]
+        self._sense = np.array([float(orbit.direction.turn_sign) for orbit in orbits])
+        self._V: Array = np.array([orbit.speed for orbit in orbits])
+        self._r_d: Array = np.array([orbit.radius for orbit in orbits])
+        self._limit = np.array([orbit.max_turn_rate for orbit in orbits])
+        self._V: Array
+        self._r_d: Array
+        self._k: Array = np.array([choice.gain for choice in choices])
+        self._fed: Array = np.array([_fed(orbit, choice) for orbit, choice in zip(orbits, choices, strict=True)])
+        settings = [run.mission.estimation for run in runs]
+        self._needed = np.array([s.min_samples for s in settings])
+        self._kalman = BatchKalman(self._V, self._limit, len(runs), gate=np.array([s.gate for s in settings]))
+        self._memory = np.zeros(len(runs))
+        self.sure_at = np.full(len(runs), -np.inf)
+
+    @property
+    def speed(self) -> Array:
+        """What each vehicle is told to fly, m/s."""
+        return self._V
+
+    @property
+    def ready(self) -> Array:
+        """Whether the estimate may steer."""
+        return self._kalman.informed & (self._kalman.accepted >= self._needed)
+
+    def see(self, now: float, dt: float, z: Array, sigma: Array, arrived: Array) -> None:
+        """Let dt pass, s, and take in the ranges that arrived `now`; `sure_at` is when one was last believed."""
+        before = self._kalman.accepted
+        self._kalman.step(dt, z, sigma, arrived)
+        self.sure_at = np.where(arrived & (self._kalman.accepted != before), now, self.sure_at)
+
+    def turn(self, dt: float, holding: Array) -> Array:
+        """The turn rates wanted, within the limit; those that hold fly the circle's own."""
+        wanted = np.empty_like(self._V)
+        for law, mine in self._laws:
+            wanted[mine] = self._by(law, mine, dt, holding)
+        wanted = np.where(holding, self._V / self._r_d, wanted)
+        return self._sense * np.clip(wanted, -self._limit, self._limit)
+
+    def _by(self, law: Law, mine: Array, dt: float, holding: Array) -> Array:
+        """A law for the flights that fly it, by their numbers. k < 0 is counter-clockwise: that sense, mirrored by the
+        caller."""
+        r, r_dot, V, k = self._kalman.r[mine], self._kalman.r_dot[mine], self._V[mine], -self._k[mine]
+        if law.kind is not Kind.MEMORY:
+            return law.function(r, r_dot, V=V, r_d=self._fed[mine], k=k)
+        before = self._memory[mine]
+        turn, memory = pi(r, r_dot, before, dt, V=V, r_d=self._r_d[mine], k=k)
+        self._memory[mine] = np.where(holding[mine], before, memory)
+        return turn
+
+    def through_gain(self, turn: Array, gain: Array) -> Array:
+        """What to tell vehicles that turn at `gain` times what they are told."""
+        return np.clip(turn / gain, -self._limit, self._limit)
+
+
+def _fed(orbit: Orbit, choice: LawChoice) -> float:
+    """The radius that the law is fed, m."""
+    fed = LAWS[choice.name].fed_radius(orbit.speed, orbit.radius, choice.gain)
+    return fed if choice.correct_radius else orbit.radius

@@ -1,0 +1,172 @@
+"""`circnav campaign`: thousands of flights, a table, a summary and pictures."""
+
+import time
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from circnav_mav.analysis.campaign.batchable import obstacle
+from circnav_mav.analysis.campaign.execute import ExecutionError, cores, on_cores, on_scheduler
+from circnav_mav.analysis.campaign.file import CampaignError, load_campaign
+from circnav_mav.analysis.campaign.fly import Row, chunks
+from circnav_mav.analysis.campaign.plan import Campaign, hopeless, prepare
+from circnav_mav.analysis.campaign.plots import plot_campaign
+from circnav_mav.analysis.campaign.store import TABLE, Store, StoreError
+from circnav_mav.analysis.campaign.summary import summarise, write_summary
+from circnav_mav.cli.exits import Exit, Refused
+from circnav_mav.mission.load import MissionError
+from circnav_mav.runtime.clock import local_time_name
+from sim.config import ConfigError
+
+TELL_EVERY = 10.0
+"""Time, s, between two lines of progress where there is no terminal."""
+
+
+@dataclass(frozen=True, slots=True)
+class CampaignOptions:
+    """The command line of `campaign`."""
+
+    file: str
+    runs: int | None
+    out: str | None
+    resume: bool
+    scheduler: str | None
+    processes: int | None
+
+
+def fly_campaign(options: CampaignOptions) -> int:
+    """Fly what is missing, tell what came of it, and return the exit code. Raises Refused."""
+    try:
+        campaign = load_campaign(options.file, options.runs)
+        reason = hopeless(campaign)
+        if reason is not None:
+            raise Refused(reason)
+        if options.resume and options.out is None:
+            raise Refused("--resume: name the folder to go on with: --out DIR")
+        name = Path(options.file).stem
+        folder = Path(options.out) if options.out else Path("campaigns") / f"{local_time_name()}-{name}"
+        _say_engine(campaign)
+        store = Store(folder, campaign, resume=options.resume)
+        with closing(store):
+            interrupted = _fly(campaign, store, options)
+        return _finish(campaign, store, name, interrupted)
+    except (CampaignError, StoreError, ExecutionError) as error:
+        raise Refused(str(error)) from None
+
+
+def _say_engine(campaign: Campaign) -> None:
+    """Which engine flies, judged by the first points of the grid. Raises Refused."""
+    if campaign.engine == "lockstep":
+        click.echo(f"{campaign.where}: {campaign.runs} flights in lockstep")
+        return
+    reasons = dict.fromkeys(filter(None, (_obstacle(campaign, n) for n in range(min(campaign.cells, 64)))))
+    if reasons and campaign.engine == "batch":
+        raise Refused(f'{campaign.where}: engine: "batch" cannot fly this: {next(iter(reasons))}')
+    click.echo(f"{campaign.where}: {campaign.runs} flights in batches")
+    for reason in reasons:
+        click.echo(f"  in lockstep, one by one, where {reason}")
+
+
+def _obstacle(campaign: Campaign, number: int) -> str | None:
+    try:
+        return obstacle(prepare(campaign, number))
+    except (MissionError, ConfigError):
+        return None
+
+
+def _fly(campaign: Campaign, store: Store, options: CampaignOptions) -> bool:
+    """Fly the missing runs; tells whether somebody interrupted. Raises StoreError, ExecutionError."""
+    missing = [chunk for chunk in chunks(campaign) if not store.done.issuperset(chunk)]
+    if options.scheduler is not None:
+        results = on_scheduler(campaign, missing, options.scheduler)
+    else:
+        results = on_cores(campaign, missing, options.processes or cores())
+    try:
+        with _progress(len(store.done), campaign.runs) as show, closing(results):
+            for rows in results:
+                store.add(rows)
+                show(len(store.done), rows)
+    except KeyboardInterrupt:
+        return True
+    return False
+
+
+@contextmanager
+def _progress(done: int, total: int) -> Iterator[Any]:
+    """A bar with the time left on a terminal, else a line from time to time."""
+    console = Console()
+    if not console.is_terminal:
+        yield _lines(done, total)
+        return
+    looks = (TextColumn("flights"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[lost]}"),
+             TimeElapsedColumn(), TextColumn("left:"), TimeRemainingColumn())  # fmt: skip
+    with Progress(*looks, console=console) as bar:
+        task = bar.add_task("", total=total, completed=done, lost="")
+        lost = 0
+
+        def show(done: int, rows: list[Row]) -> None:
+            nonlocal lost
+            lost += sum(not row["kept"] for row in rows)
+            bar.update(task, completed=done, lost=f"{lost} not kept")
+
+        yield show
+
+
+def _lines(before: int, total: int) -> Any:
+    began = told = time.monotonic()
+
+    def show(done: int, rows: list[Row]) -> None:
+        nonlocal told
+        now = time.monotonic()
+        if now - told >= TELL_EVERY:
+            told, rate = now, max(done - before, 1) / (now - began)
+            click.echo(f"  {done} of {total} flights, {(total - done) / rate:.0f} s left")
+
+    return show
+
+
+def _finish(campaign: Campaign, store: Store, name: str, interrupted: bool) -> int:
+    """Sort the table, write and print the summary, draw. Raises StoreError, Refused."""
+    store.sort()
+    rows = store.read()
+    summary = summarise(rows, list(campaign.swept))
+    try:
+        write_summary(store.folder, summary)
+        pictures = plot_campaign(store.folder, rows, list(campaign.specs), list(campaign.swept), name) if rows else []
+    except OSError as error:
+        raise Refused(f"{store.folder}: cannot be written: {error.strerror or error}; {TABLE} is complete") from None
+    _say("all flights", summary["all"])
+    for key, values in summary["by"].items():
+        for value, figures in values.items():
+            _say(f"{key} = {value}", figures)
+    for said in dict.fromkeys(row["error"] for row in rows if row["error"]):
+        click.echo(f"  ERROR      {said}")
+    click.echo(f"  written    {store.folder}/: {TABLE}, summary.json, {', '.join(path.name for path in pictures)}")
+    if interrupted:
+        click.echo(f"  stopped after {len(rows)} of {campaign.runs} flights; go on with --out {store.folder} --resume")
+        return Exit.INTERRUPTED
+    return Exit.DONE
+
+
+def _say(what: str, figures: dict[str, Any]) -> None:
+    """One line of the summary."""
+    low, high = figures["kept_interval"]
+    share = "" if low is None else f" ({100 * figures['kept_share']:.1f} %, {100 * low:.1f} .. {100 * high:.1f})"
+    line = f"  {what:<34} kept {figures['kept']} of {figures['flights']}{share}"
+    if figures["rms_median"] is not None:
+        low, high = figures["rms_interval"]
+        line += f"  RMS {figures['rms_median']:.3g} m ({low:.3g} .. {high:.3g}), 95 %: {figures['rms_p95']:.3g} m"
+        line += f"  settled {_seconds(figures['settled_median'])}, 95 %: {_seconds(figures['settled_p95'])}"
+    for name in ("wrong_way", "failed"):
+        line += f"  {name.replace('_', ' ')}: {figures[name]}" if figures[name] else ""
+    click.echo(line)
+
+
+def _seconds(value: float | None) -> str:
+    return "never" if value is None else f"{value:.0f} s"

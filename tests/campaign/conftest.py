@@ -1,0 +1,24 @@
+"""Small campaigns of the mission that ships."""
+
+from pathlib import Path
+
+import pytest
+
+CONFIG = Path(__file__).parents[2] / "config"
+START = """
+"start.range_m" = {uniform = [40, 300]}
+"start.bearing_deg" = {uniform = [0, 360]}
+"start.heading_deg" = {uniform = [0, 360]}
+"""
+
+
+@pytest.fixture
+def write(tmp_path):
+    """Writes a campaign file on the shipped mission and returns its path: write(vary, head)."""
+
+    def write(vary, head="runs = 8\nseed = 3", starts=START):
+        path = tmp_path / "campaign.toml"
+        path.write_text(f'mission = "{CONFIG / "campaign_mission.toml"}"\n{head}\n[vary]\n{starts}{vary}\n')
+        return path
+
+    return write
