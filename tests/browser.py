@@ -50,9 +50,9 @@ class Browser:
         return answer["result"].get("value")
 
     def until(self, condition: str) -> None:
-        """Wait until a condition of JavaScript holds in the page, for 20 s at most."""
+        """Wait until a condition of JavaScript holds in the page, for a minute at most."""
         look = f"if ({condition}) yes(true); else if (performance.now() > end) yes(false); else setTimeout(look, 50)"
-        asked = f"new Promise(yes => {{ const end = performance.now() + 20000, look = () => {{ {look}; }}; look(); }})"
+        asked = f"new Promise(yes => {{ const end = performance.now() + 60000, look = () => {{ {look}; }}; look(); }})"
         said = "" if self.value(asked) else self.value("document.body.innerText")
         assert not said, f"never became true: {condition}; the page says: {said}"
 

@@ -3,7 +3,7 @@
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
-from math import degrees
+from math import degrees, isfinite
 from textwrap import wrap
 
 from rich.panel import Panel
@@ -72,7 +72,7 @@ class Picture:
         """Phase, law and what is waited for."""
         tick, settings = status.tick, self._settings
         badge = (f" {tick.phase.value.upper()} ", f"bold reverse {_style(status)}")
-        duration = f" of {settings.timing.duration:.0f} s" if settings.timing.duration < 1e6 else ""
+        duration = f" of {settings.timing.duration:.0f} s" if isfinite(settings.timing.duration) else ""
         flown = "" if status.flown is None else f"   flown {status.flown:.0f} s{duration}"
         rows: list[Row] = [("phase", Text.assemble(badge, f"  mode {tick.mode}{flown}"))]
         if settings.voice in SILENCED:
@@ -87,19 +87,16 @@ class Picture:
         limit, turn = orbit.max_turn_rate, tick.turn_rate
         at_limit = "   AT ITS LIMIT" if tick.saturated else ""
         share = None if tick.r is None else tick.r / orbit.radius - 1
-        bar, turned = (
-            self._bar(share),
-            self._bar(None if turn is None else yaw_rate_from_turn_rate(TurnRate(turn)) / limit),
-        )
+        to_right = None if turn is None else yaw_rate_from_turn_rate(TurnRate(turn)) / limit
         wanted = f"   wanted {orbit.radius:.1f} m"
         rate, gain = _with_sigma(tick.r_dot, tick.r_dot_sigma, "+.2f", "m/s", signs), tick.turn_gain
         return [
             ("range", _with_sigma(tick.r, tick.r_sigma, ".2f", "m", signs) + wanted),
-            ("", f"0 {bar} {2 * orbit.radius:.0f} m"),
+            ("", f"0 {self._bar(share)} {2 * orbit.radius:.0f} m"),
             ("error", self._error(tick)),
             ("range rate", rate),
             ("turn rate", f"{_turn(turn)} of +-{degrees(limit):.1f} deg/s{at_limit}   gain {gain:.2f} realised"),
-            ("", f"left {turned} right"),
+            ("", f"left {self._bar(to_right)} right"),
             ("target", target),
         ]
 

@@ -50,7 +50,7 @@ def test_a_flight_without_a_vehicle_ends_as_it_does_without_the_page(circnav, mi
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here")
 def test_a_browser_follows_a_flight_to_its_verdict_and_logs_no_error(tmp_path):
     command = [sys.executable, "-u", "-m", "circnav_mav", "fly", str(ROOT / "config" / "quickstart.toml"), "--web", "0",
-               "--speed", "2", "--duration", "30", "--out", str(tmp_path / "run")]  # fmt: skip
+               "--speed", "2", "--duration", "20", "--out", str(tmp_path / "run")]  # fmt: skip
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as flight:
         said = next(line for line in flight.stdout if line.startswith("live page at "))
