@@ -25,8 +25,6 @@ class Steering:
         self._V: Array = np.array([orbit.speed for orbit in orbits])
         self._r_d: Array = np.array([orbit.radius for orbit in orbits])
         self._limit = np.array([orbit.max_turn_rate for orbit in orbits])
-        self._V: Array
-        self._r_d: Array
         self._k: Array = np.array([choice.gain for choice in choices])
         self._fed: Array = np.array([_fed(orbit, choice) for orbit, choice in zip(orbits, choices, strict=True)])
         settings = [run.mission.estimation for run in runs]
