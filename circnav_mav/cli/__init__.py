@@ -223,8 +223,8 @@ def campaign(
 
     \b
     Examples:
-        circnav campaign config/campaign_wind.toml
-        circnav campaign config/campaign_wind.toml --runs 20000 --out wind --resume
+        circnav campaign config/campaigns/wind.toml
+        circnav campaign config/campaigns/wind.toml --runs 20000 --out wind --resume
     """
     from circnav_mav.cli.campaign import CampaignOptions, fly_campaign
 

@@ -11,6 +11,7 @@ times of one process.
 import math
 import resource
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -75,12 +76,11 @@ def batch(campaign: Campaign) -> tuple[float, list[dict[str, object]]]:
 def main() -> None:
     """Measure, print."""
     flights = int(sys.argv[1]) if len(sys.argv) > 1 else 10_000
-    path = Path("config/campaign_bench.toml")
-    path.write_text(FILE.format(mission="campaign_mission.toml", runs=flights), encoding="utf-8")
-    try:
+    mission = Path(__file__).parents[2] / "config" / "campaign_mission.toml"
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "bench.toml"
+        path.write_text(FILE.format(mission=mission, runs=flights), encoding="utf-8")
         campaigns = [load_campaign(path, runs) for runs in (flights // 4, flights // 2, flights)]
-    finally:
-        path.unlink()
     began = time.process_time()
     alone = [plain_loop(prepare(campaigns[0], number)) for number in range(SAMPLE)]
     per_flight = (time.process_time() - began) / SAMPLE

@@ -7,10 +7,12 @@ from pathlib import Path
 
 import pytest
 
+from circnav_mav.analysis.campaign.batchable import obstacle
 from circnav_mav.analysis.campaign.execute import ExecutionError, on_cores, on_scheduler
 from circnav_mav.analysis.campaign.file import CampaignError, load_campaign
 from circnav_mav.analysis.campaign.fly import chunks, fly_chunk
 from circnav_mav.analysis.campaign.plan import hopeless, prepare
+from circnav_mav.analysis.campaign.steering import Steering
 from circnav_mav.analysis.campaign.store import Store, StoreError
 from circnav_mav.analysis.campaign.summary import median_interval, summarise, wilson
 
@@ -124,14 +126,16 @@ def test_start_in_range_and_bearing_is_where_the_vehicle_begins(write):
     assert start.range_m == (200.0, 200.0)
 
 
-def test_a_wrong_sense_of_rotation_is_seen_on_the_true_track(write):
-    """The commands are turned round behind the steering, as a wrong sign anywhere would."""
-    campaign = load_campaign(write('"sim.target.velocity_east_mps" = [0.0]\n"limits.duration_s" = [90.0]'))
+def test_a_wrong_sense_of_rotation_is_seen_on_the_true_track(write, monkeypatch):
+    """A wrong sign behind the steering: the circle is as good, for range cannot see direction."""
+    campaign = load_campaign(write('"limits.duration_s" = [90.0]\n"sim.wind.speed_mps" = [0.0]'))
     right = fly_chunk(campaign, [0])[0]
-    turned = load_campaign(write('"orbit.direction" = ["counterclockwise"]\n"limits.duration_s" = [90.0]'))
-    left = fly_chunk(turned, [0])[0]
-    assert (right["sense"], right["right_way"]) == ("clockwise", True)
-    assert (left["sense"], left["right_way"]) == ("counterclockwise", True)
+    turn = Steering.turn
+    monkeypatch.setattr(Steering, "turn", lambda *arguments: -turn(*arguments))
+    wrong = fly_chunk(campaign, [0])[0]
+    assert (right["sense"], right["right_way"], right["kept"]) == ("clockwise", True, True)
+    assert (wrong["sense"], wrong["right_way"], wrong["kept"]) == ("counterclockwise", False, False)
+    assert wrong["rms_m"] < 1.0
 
 
 @pytest.mark.parametrize(
@@ -143,8 +147,8 @@ def test_a_wrong_sense_of_rotation_is_seen_on_the_true_track(write):
         ('mission = "m.toml"\nruns = 3\n[vary]', "m.toml: cannot be read"),
         ("runs = ", "not valid TOML"),
         ('{M}\nruns = 3\n[vary]', "vary: is empty"),
-        ('{M}\nruns = 3\n[vary]\norbit.radius_m = {{unifrom = [1, 2]}}', "vary.orbit.radius_m: unifrom: unknown key, did"),
-        ('{M}\nruns = 3\n[vary]\norbit.radius_m = {{uniform = [2, 1]}}', "vary.orbit.radius_m: uniform: [2, 1] is empty"),
+        ('{M}\nruns = 3\n[vary]\norbit.radius_m = {{unifrom = [1, 2]}}', "radius_m: unifrom: unknown key, did"),
+        ('{M}\nruns = 3\n[vary]\norbit.radius_m = {{uniform = [2, 1]}}', "radius_m: uniform: [2, 1] is empty"),
         ('{M}\nruns = 3\n[vary]\norbit.radius_m = {{normal = [2, -1]}}', "standard deviation"),
         ('{M}\nruns = 3\n[vary]\norbit.radius_m = []', "is an empty list"),
         ('{M}\nruns = 3\n[vary]\norbit.radius_m = 5', "vary.orbit.radius_m: write a list"),
@@ -169,7 +173,9 @@ def test_a_key_that_the_mission_does_not_know_is_refused_before_the_first_flight
 
 def test_a_folder_is_neither_overwritten_nor_resumed_with_another_campaign(write, tmp_path):
     folder = tmp_path / "out"
-    Store(folder, load_campaign(write(SHORT))).close()
+    begun = Store(folder, load_campaign(write(SHORT)))
+    begun.add([{"run": 0}])
+    begun.close()
     with pytest.raises(StoreError, match="--resume it, or name another"):
         Store(folder, load_campaign(write(SHORT)))
     with pytest.raises(StoreError, match=r"cannot resume: campaign\.toml has changed"):
@@ -235,3 +241,8 @@ def test_a_mission_that_no_batch_flies_is_refused_where_a_batch_is_asked_for(wri
     ran = circnav(write('"guidance.law" = ["auto"]', 'runs = 2\nengine = "batch"'), "--out", "never")
     assert ran.returncode == 2
     assert 'engine: "batch" cannot fly this: guidance.law = "auto" needs own motion' in ran.stderr
+
+
+def test_the_campaign_that_ships_is_flown_in_batches():
+    campaign = load_campaign(Path(__file__).parents[2] / "config" / "campaigns" / "wind.toml")
+    assert [obstacle(prepare(campaign, number)) for number in range(campaign.cells)] == [None] * campaign.cells

@@ -6,8 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sim.airframes.copter import copter_airframe
 from sim.airframes.unicycle import Unicycle
 from sim.body import Body
+from sim.config import Airframe, ConfigError, parse_vehicle
 from sim.demands import BodyVelocity, Brake, EarthVelocity
 
 IDEAL = Unicycle(max_turn_rate=1.0, turn_lag=0.0, speed_lag=0.0)
@@ -77,3 +79,24 @@ def test_a_bank_goes_with_the_turn() -> None:
     p, q, r = turning.body_rates()
     assert (q * math.sin(turning.roll) + r * math.cos(turning.roll)) == pytest.approx(0.3)
     assert r < 0.3 and p == 0.0
+
+
+def test_the_airborne_copter_flies_its_arc_through_the_air_and_the_wind_carries_it() -> None:
+    airborne, ideal = (copter_airframe(Airframe(dynamics=name, turn_lag_s=0.4)) for name in ("airborne", "unicycle"))
+    demand, wind = BodyVelocity(15.0, yaw_rate=0.2), (3.0, -2.0)
+    carried, still = NORTHBOUND, NORTHBOUND
+    for _ in range(40):
+        carried, still = airborne.step(carried, demand, 0.25, wind), ideal.step(still, demand, 0.25, wind)
+    assert (carried.north, carried.east) == pytest.approx((still.north + 30.0, still.east - 20.0))
+    assert carried.heading == pytest.approx(still.heading)
+    assert carried.airspeed(wind) == pytest.approx(15.0)
+
+
+def test_the_airborne_copter_brakes_over_the_ground() -> None:
+    airborne = copter_airframe(Airframe(dynamics="airborne"))
+    assert airborne.step(NORTHBOUND, Brake(), 5.0, (3.0, -2.0)).ground_speed == 0.0
+
+
+def test_only_the_copter_is_airborne() -> None:
+    with pytest.raises(ConfigError, match=r'vehicle\.dynamics: "airborne" is an arducopter, not an arduplane'):
+        parse_vehicle({"vehicle": {"profile": "arduplane", "dynamics": "airborne"}}, "v.toml")

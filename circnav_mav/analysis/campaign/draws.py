@@ -48,5 +48,5 @@ def gauss(turn: Array, size: Array) -> tuple[Array, Array]:
 def _stream(name: str) -> np.random.RandomState:
     state: tuple[int, ...] = Random(name).getstate()[1]
     stream = np.random.RandomState()
-    stream.set_state(("MT19937", np.array(state[:-1], np.uint32), state[-1]))
+    stream.set_state({"bit_generator": "MT19937", "state": {"key": np.array(state[:-1], np.uint32), "pos": state[-1]}})
     return stream

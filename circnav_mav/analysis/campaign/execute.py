@@ -70,7 +70,7 @@ def _gathered(distributed: Any, client: Any, campaign: Campaign, chunks: Chunks,
     try:
         shared = client.scatter(campaign, broadcast=True, hash=False)
         futures = [client.submit(fly_chunk, shared, list(chunk), pure=False) for chunk in chunks]
-        for _, rows in distributed.as_completed(futures, with_results=True):
+        for _, rows in distributed.as_completed(futures, loop=client.loop, with_results=True):
             yield rows
     except GeneratorExit:
         raise

@@ -83,11 +83,10 @@ def _specs(vary: Mapping[str, Any], where: str) -> dict[str, Spec]:
 
 
 def _flat(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
-    """(dotted key, spec) pairs: a table that holds tables or lists is part of the key, unless it names a
-    distribution."""
+    """(dotted key, spec) pairs: a table is part of the key, unless it names a distribution, or nearly."""
     for key, value in table.items():
-        part = isinstance(value, Mapping) and all(isinstance(inner, Mapping | list) for inner in value.values())
-        if part and not any(get_close_matches(name, DRAWS, n=1, cutoff=0.75) for name in value):
+        drawn = isinstance(value, Mapping) and any(get_close_matches(name, DRAWS, n=1, cutoff=0.75) for name in value)
+        if isinstance(value, Mapping) and value and not drawn:
             yield from _flat(value, f"{before}{key}.")
         else:
             yield before + key, value

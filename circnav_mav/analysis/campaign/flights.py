@@ -77,7 +77,7 @@ class Batch:
         ours = self.engaged <= step
         if step % self._attitude_every == 0:
             self._gains.feel(self._vehicles.psi, self._told, self.engaged < step)
-        wanted = steering.through_gain(steering.turn(self.dt, holding), self._gains.now)
+        wanted = steering.through_gain(steering.turn(self.dt, holding, self.engaged < step), self._gains.now)
         self._told = np.where(ours, wanted, 0.0)
         speed, wind = np.where(ours, steering.speed, 0.0), np.where(ours, self._winds.velocity, 0.0)
         self._vehicles.step(speed, self._told, wind)

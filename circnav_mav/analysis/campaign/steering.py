@@ -25,8 +25,6 @@ class Steering:
         self._V: Array = np.array([orbit.speed for orbit in orbits])
         self._r_d: Array = np.array([orbit.radius for orbit in orbits])
         self._limit = np.array([orbit.max_turn_rate for orbit in orbits])
-        self._V: Array
-        self._r_d: Array
         self._k: Array = np.array([choice.gain for choice in choices])
         self._fed: Array = np.array([_fed(orbit, choice) for orbit, choice in zip(orbits, choices, strict=True)])
         settings = [run.mission.estimation for run in runs]
@@ -51,23 +49,26 @@ class Steering:
         self._kalman.step(dt, z, sigma, arrived)
         self.sure_at = np.where(arrived & (self._kalman.accepted != before), now, self.sure_at)
 
-    def turn(self, dt: float, holding: Array) -> Array:
-        """The turn rates wanted, within the limit; those that hold fly the circle's own."""
+    def turn(self, dt: float, holding: Array, steered: Array) -> Array:
+        """The turn rates wanted, within the limit; those that hold fly the circle's own.
+
+        steered: whether the law steered over the dt before; only then does a law with a memory remember.
+        """
         wanted = np.empty_like(self._V)
         for law, mine in self._laws:
-            wanted[mine] = self._by(law, mine, dt, holding)
+            wanted[mine] = self._by(law, mine, dt, steered & ~holding)
         wanted = np.where(holding, self._V / self._r_d, wanted)
         return self._sense * np.clip(wanted, -self._limit, self._limit)
 
-    def _by(self, law: Law, mine: Array, dt: float, holding: Array) -> Array:
+    def _by(self, law: Law, mine: Array, dt: float, remembers: Array) -> Array:
         """A law for the flights that fly it, by their numbers. k < 0 is counter-clockwise: that sense, mirrored by the
         caller."""
         r, r_dot, V, k = self._kalman.r[mine], self._kalman.r_dot[mine], self._V[mine], -self._k[mine]
         if law.kind is not Kind.MEMORY:
             return law.function(r, r_dot, V=V, r_d=self._fed[mine], k=k)
         before = self._memory[mine]
-        turn, memory = pi(r, r_dot, before, dt, V=V, r_d=self._r_d[mine], k=k)
-        self._memory[mine] = np.where(holding[mine], before, memory)
+        step: Array = np.where(remembers[mine], dt, 0.0)
+        turn, self._memory[mine] = pi(r, r_dot, before, step, V=V, r_d=self._r_d[mine], k=k)
         return turn
 
     def through_gain(self, turn: Array, gain: Array) -> Array:

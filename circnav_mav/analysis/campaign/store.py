@@ -28,7 +28,7 @@ class Store:
         self._path = folder / TABLE
         sources = {"campaign.toml": campaign.text, "mission.toml": campaign.mission_text}
         try:
-            if self._path.exists():
+            if self._begun():
                 self._reopen(sources, resume)
             else:
                 folder.mkdir(parents=True, exist_ok=True)
@@ -74,6 +74,10 @@ class Store:
                 return list(csv.DictReader(file))
         except OSError as error:
             raise _cannot(self._path, error) from None
+
+    def _begun(self) -> bool:
+        """Whether a row was written there; a header alone is of a campaign that nobody flew."""
+        return self._path.exists() and self._path.read_bytes().count(b"\n") > 1
 
     def _reopen(self, sources: dict[str, str], resume: bool) -> None:
         """Take up where it stopped; a last line that was torn is dropped. Raises StoreError, OSError."""
