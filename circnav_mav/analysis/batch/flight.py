@@ -99,44 +99,80 @@ class Tracks:
     start: Truth
 
 
-def fly(situation: Situation, make: Make, flights: int, seed: int) -> Tracks:
-    """Fly B = flights of a situation; make(circle, sense (B,)) gives the policy. One seed, one world."""
-    cfg, dt = situation.circle, situation.dt
+@dataclass(slots=True)
+class World:
+    """Where B flights are and what surrounds them. p: vehicle - target (2, B), m. psi, turn_rate: of the vehicle (B,).
+    sense (B,): +1 counter-clockwise. airspeed (B,): as measured, m/s. compass, compass_drift: its error, rad and
+    rad/s. sigma (B,): what the radio says of itself, m."""
+
+    sense: Array
+    p: Array
+    psi: Array
+    turn_rate: Array
+    air: Air
+    targets: Targets
+    radio: Radio
+    airspeed: Array
+    compass: Array
+    compass_drift: Array
+    sigma: Array
+
+
+def begin(situation: Situation, flights: int, seed: int) -> World:
+    """The worlds of B flights at their start. One seed, one world."""
+    cfg = situation.circle
     rng, noise = (np.random.default_rng([seed, part]) for part in (0, 1))
-    sense = np.where(np.arange(flights) % 2 == 0, 1.0, -1.0)
     angle, psi = rng.uniform(0, 2 * np.pi, (2, flights))
     p = rng.uniform(*cfg.start, flights) * np.stack([np.cos(angle), np.sin(angle)])
-    omega = np.zeros(flights)
     bias_sign, drift_sign, speed_sign = rng.choice([-1.0, 1.0], (3, flights))
-    air, targets = Air(situation.wind, flights, rng), Targets(situation.target, flights, rng)
-    radio = Radio(situation.ranging, flights, noise)
-    airspeed = cfg.speed * (1 + speed_sign * situation.airspeed_error)
-    sigma = np.full(flights, situation.ranging.sigma)
-    policy: Policy = make(cfg, sense)
+    return World(
+        sense=np.where(np.arange(flights) % 2 == 0, 1.0, -1.0),
+        p=p,
+        psi=psi,
+        turn_rate=np.zeros(flights),
+        air=Air(situation.wind, flights, rng),
+        targets=Targets(situation.target, flights, rng),
+        radio=Radio(situation.ranging, flights, noise),
+        airspeed=cfg.speed * (1 + speed_sign * situation.airspeed_error),
+        compass=bias_sign * situation.compass.bias,
+        compass_drift=drift_sign * situation.compass.drift,
+        sigma=np.full(flights, situation.ranging.sigma),
+    )
+
+
+def fly(situation: Situation, make: Make, flights: int, seed: int) -> Tracks:
+    """Fly B = flights of a situation; make(circle, sense (B,)) gives the policy."""
+    return fly_in(begin(situation, flights, seed), situation, make)
+
+
+def fly_in(world: World, situation: Situation, make: Make) -> Tracks:
+    """Fly a situation from the start that the world says; the world goes along."""
+    cfg, dt, w = situation.circle, situation.dt, world
+    policy: Policy = make(cfg, w.sense)
     steps = round(situation.duration / dt)
-    kept = {name: np.zeros((steps, flights), np.float32) for name in ROWS}
+    kept = {name: np.zeros((steps, w.sense.size), np.float32) for name in ROWS}
     start = None
     for step in range(steps):
-        d = air.velocity - targets.velocity
-        true = Truth(p, d, psi, omega)
+        d = w.air.velocity - w.targets.velocity
+        true = Truth(w.p, d, w.psi, w.turn_rate)
         start = start or true
-        r = np.hypot(*p)
-        z, arrived = radio.measure(r, step, dt)
-        error = bias_sign * situation.compass.bias + drift_sign * situation.compass.drift * step * dt
-        command = policy.command(Seen(dt, psi + error, omega, airspeed, z, sigma, arrived), true)
+        r = np.hypot(*w.p)
+        z, arrived = w.radio.measure(r, step, dt)
+        error = w.compass + w.compass_drift * step * dt
+        command = policy.command(Seen(dt, w.psi + error, w.turn_rate, w.airspeed, z, w.sigma, arrived), true)
         command = np.clip(command, -cfg.max_turn_rate, cfg.max_turn_rate)
-        v = cfg.speed * np.stack([np.cos(psi), np.sin(psi)]) + d
-        r_dot = (p * v).sum(axis=0) / np.maximum(r, 1e-9)
-        row = (r, r_dot, np.arctan2(p[1], p[0]), omega, command, *policy.estimate, _nees(policy, p))
+        v = cfg.speed * np.stack([np.cos(w.psi), np.sin(w.psi)]) + d
+        r_dot = (w.p * v).sum(axis=0) / np.maximum(r, 1e-9)
+        row = (r, r_dot, np.arctan2(w.p[1], w.p[0]), w.turn_rate, command, *policy.estimate, _nees(policy, w.p))
         for name, value in zip(ROWS, row, strict=True):
             kept[name][step] = value
-        p = p + flown(cfg.speed, psi, omega, command, cfg.lag, dt) + d * dt
-        omega, turned = turn_step(omega, command, cfg.lag, dt)
-        psi = psi + turned
-        air.step(dt)
-        targets.step(dt)
+        w.p = w.p + flown(cfg.speed, w.psi, w.turn_rate, command, cfg.lag, dt) + d * dt
+        w.turn_rate, turned = turn_step(w.turn_rate, command, cfg.lag, dt)
+        w.psi = w.psi + turned
+        w.air.step(dt)
+        w.targets.step(dt)
     assert start is not None
-    return Tracks(time=np.arange(steps) * dt, sense=sense, start=start, **kept)
+    return Tracks(time=np.arange(steps) * dt, sense=w.sense, start=start, **kept)
 
 
 ROWS = ("r", "r_dot", "angle", "turn_rate", "command", "r_hat", "r_dot_hat", "nees")
