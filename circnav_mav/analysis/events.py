@@ -48,6 +48,8 @@ def _texts(path: Path, epoch_us: int) -> Iterator[Event]:
         if message_id(frame) != STATUSTEXT:
             continue
         for message in decoder.decode(frame):
+            if message.get_msgId() != STATUSTEXT:
+                continue  # a damaged frame with a whole one inside
             text = message.text if isinstance(message.text, str) else message.text.decode("ascii", "replace")
             who = "circnav says" if message.get_srcComponent() in OUR_COMPONENTS else "vehicle says"
             yield Event((stamp - epoch_us) / 1e6, who, text.rstrip("\0"))

@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields
 from math import nan
 from pathlib import Path
 from sys import intern
+from typing import IO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,7 +76,7 @@ class Truth:
 def read_ticks(folder: Path) -> Ticks:
     """ticks.csv of a run folder; a last line that was cut off is left out. Raises OSError, ValueError."""
     with (folder / "ticks.csv").open(newline="", encoding="utf-8") as file:
-        reader = csv.reader(file)
+        reader = _rows(file)
         header = next(reader, [])
         words: dict[str, list[str]] = {name: [] for name in header if name in WORDS}
         numbers = {name: array("d") for name in header if name not in WORDS}
@@ -89,6 +90,14 @@ def read_ticks(folder: Path) -> Ticks:
     if "time" not in numbers or len(words) + len(numbers) < len(header):
         raise ValueError(f"{folder / 'ticks.csv'}: has no header")
     return Ticks({name: np.array(cells) for name, cells in numbers.items()}, words)
+
+
+def _rows(file: IO[str]) -> Iterator[list[str]]:
+    """The rows of a CSV file. Raises ValueError."""
+    try:
+        yield from csv.reader(file)
+    except csv.Error as error:
+        raise ValueError(str(error)) from None
 
 
 def read_tlog(path: Path) -> Iterator[tuple[int, bytes]]:

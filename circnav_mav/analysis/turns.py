@@ -9,6 +9,8 @@ from pathlib import Path
 from circnav_mav.analysis.run_folder import read_tlog
 
 LINKS = {"v": "vehicle", "r": "ranging"}
+MOST_FRAMES = 10_000
+"""More than a datagram of any size can hold."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,26 +24,30 @@ class Turn:
 
 
 def recorded_turns(folder: Path) -> Iterator[Turn]:
-    """The turns of a run folder, up to where its files were cut off. Raises OSError."""
+    """The turns of a run folder, up to where its files were cut off or damaged. Raises OSError."""
     frames = (frame for _, frame in read_tlog(folder / "flight.tlog"))
-    with (folder / "turns.csv").open(newline="", encoding="utf-8") as file:
+    with (folder / "turns.csv").open(newline="", encoding="utf-8", errors="replace") as file:
         rows = csv.reader(file)
-        columns = len(next(rows, ()))
-        for row in rows:
-            turn = _turn(row, frames) if len(row) == columns else None
-            if turn is None:
-                return
-            yield turn
+        try:
+            next(rows, ())
+            for row in rows:
+                turn = _turn(row, frames)
+                if turn is None:
+                    return
+                yield turn
+        except (ValueError, KeyError, csv.Error):
+            return
 
 
 def _turn(row: list[str], frames: Iterator[bytes]) -> Turn | None:
-    """A line of turns.csv with its frames out of the tlog; None if they are not all there."""
+    """A line of turns.csv with its frames out of the tlog; None if they are not all there. Raises ValueError, KeyError
+    for what the recorder never wrote."""
     time_us, datagrams, said, hello, interrupt = row
     sources = []
     for datagram in datagrams.split():
         source, _, count = datagram.partition("*")
-        sources += [source] * int(count)
-    heard = tuple((LINKS[source[0]], source, frame) for source, frame in zip(sources, frames, strict=False))
+        sources += [source] * min(int(count), MOST_FRAMES)
+    heard = tuple((LINKS[source[:1]], source, frame) for source, frame in zip(sources, frames, strict=False))
     spoken = tuple(islice(frames, int(said or 0) + int(hello or 0)))
     if len(heard) < len(sources) or len(spoken) < int(said or 0) + int(hello or 0):
         return None

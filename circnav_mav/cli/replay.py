@@ -52,7 +52,11 @@ def _replay_run(run: Run, options: ReplayOptions) -> int:
     if not (run.folder / "turns.csv").is_file():
         raise Refused(f"{run.folder}: has no turns.csv; copy its flight.tlog out and replay that with --mission")
     mission = _mission(run.mission_text, str(run.folder / "mission.toml"), options)
-    pilot = Pilot(mission.pilot_settings(Voice(run.voice)))
+    try:
+        voice = Voice(run.voice)
+    except ValueError:
+        raise Refused(f"{run.folder / 'manifest.json'}: voice: {run.voice!r} is none that a flight has") from None
+    pilot = Pilot(mission.pilot_settings(voice))
     began = time.perf_counter()
     done = replay(pilot, recorded_turns(run.folder))
     took = time.perf_counter() - began

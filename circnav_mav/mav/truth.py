@@ -19,6 +19,8 @@ def read_truth_frame(frame: bytes) -> tuple[float, ...] | None:
     if not is_truth_frame(frame):
         return None
     for message in Decoder().decode(frame):
+        if message.get_msgId() != _ID:  # what a damaged frame had inside
+            continue
         name = message.name.encode() if isinstance(message.name, str) else bytes(message.name)
         if name == NAME:
             return tuple(message.data[:_NUMBERS])

@@ -30,7 +30,7 @@ RADIUS, TICK = 30.0, 0.05
 GCS, SETPOINT, RANGE = (255, 190), 84, 132
 EXTRA = {31: 50, 32: 50, 33: 50, 24: 10, 85: 10}
 """Message id -> Hz of what is sent besides the streams that the application asks for (31 a second)."""
-SETTLING = 60.0
+SETTLING = 90.0
 PAGE_MB = 4096 / 1e6
 
 

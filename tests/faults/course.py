@@ -163,7 +163,8 @@ class Course:
     def _give(self, arrived: list[tuple[bytes, str]], *, waited: bool = False) -> None:
         for data, link in arrived:
             self.pilot.receive(data, self.clock(self.now), self.source, link)
-            self.witness.hear(data, waited=waited)
+            if self.pilot.session.reply_to in (None, self.source):  # else our setpoints go elsewhere
+                self.witness.hear(data, waited=waited)
 
     def _arrivals(self) -> list[tuple[bytes, str]]:
         """What reaches the application now; intruders speak to the vehicle as well."""

@@ -1,22 +1,28 @@
-"""python -m tests.faults.files [--files N] [--seed S]: damaged mission files and run folders for their readers."""
+"""python -m tests.faults.files [--files N] [--seed S]: damaged mission, vehicle and log files for their readers."""
 
 import argparse
-import struct
 import sys
 import tempfile
 from collections.abc import Callable
+from contextlib import redirect_stdout
+from io import StringIO
 from pathlib import Path
 from random import Random
 
-from circnav_mav.analysis.run_folder import read_ticks, read_tlog, read_truth
+from circnav_mav.analysis.events import events
+from circnav_mav.analysis.run import RunError, open_run
+from circnav_mav.analysis.turns import plain_turns
+from circnav_mav.cli.exits import Refused
+from circnav_mav.cli.replay import ReplayOptions, replay_log
 from circnav_mav.mission.checks import check_mission
 from circnav_mav.mission.load import MissionError, parse_mission
-from sim.config import ConfigError, parse_vehicle
+from sim.config import ConfigError, load_vehicle, parse_vehicle
 from sim.faults.intruders import tlog_frames
-from tests.faults.course import Course
 from tests.flight.lockstep import CONFIG
+from tests.flight.recorded import recorded_flight
 
 MISSIONS = sorted(path for path in CONFIG.glob("*.toml") if "[orbit]" in path.read_text())
+LOGS = ("flight.tlog", "turns.csv", "ticks.csv")
 WORDS = (
     "nan",
     "inf",
@@ -77,39 +83,45 @@ def spoilt_bytes(data: bytes, chance: Random) -> bytes:
     return bytes(spoilt)
 
 
-def read_run(folder: Path, tlog: bytes, ticks: bytes) -> None:
-    """Everything that is read of a run folder. Raises OSError and ValueError only."""
-    (folder / "flight.tlog").write_bytes(tlog)
-    (folder / "ticks.csv").write_bytes(ticks)
-    tlog_frames(tlog)
-    list(read_tlog(folder / "flight.tlog"))
-    read_truth(folder, 0)
-    read_ticks(folder)
+def read_vehicle(path: Path, text: str) -> None:
+    """A vehicle file, or the vehicle in a mission file. Raises ConfigError only."""
+    path.write_text(text, encoding="utf-8")
+    load_vehicle(path)
 
 
-def good_run() -> tuple[bytes, bytes]:
-    """A short tlog and a short table of ticks to damage."""
-    course = Course("arducopter")
-    heard = []
-    while course.now < 2.0:
-        course.vehicle.advance(course.now)
-        heard += [struct.pack(">Q", round(course.now * 1e6)) + frame for frame in course.vehicle.outgoing()]
-        course.now += 0.05
-    ticks = "time,phase,r,mode\r\n" + "".join(f"{n / 20},engaged,{100 + n},GUIDED\r\n" for n in range(40))
-    return b"".join(heard), ticks.encode()
+def read_run(folder: Path, files: dict[str, bytes]) -> None:
+    """Everything that is read of a run folder, and its tlog for itself. Raises RunError and Refused only."""
+    for name, data in files.items():
+        (folder / name).write_bytes(data)
+    tlog_frames(files["flight.tlog"])
+    list(plain_turns(folder / "flight.tlog", 191))
+    run = open_run(folder)
+    with redirect_stdout(StringIO()):
+        replay_log(ReplayOptions(str(folder), None, (), None, None, None))
+    len(run.ticks.time), run.truth, events(run)
+
+
+def good_run(folder: Path) -> dict[str, bytes]:
+    """The files of a short flight, to damage."""
+    flight = recorded_flight(folder, "arducopter", 'guidance.law="smooth"').fly(3.0)
+    assert flight.recorder is not None
+    flight.recorder.close()
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
 def assault_files(count: int, seed: int) -> list[str]:
     """What escaped from the readers that should not have."""
     chance, escaped = Random(seed), []
     texts = [path.read_text(encoding="utf-8") for path in MISSIONS]
-    tlog, ticks = good_run()
     with tempfile.TemporaryDirectory() as folder:
+        good = good_run(Path(folder))
         for n in range(count):
             text = spoilt_text(chance.choice(texts), chance)
             escaped += _escapes(n, lambda text=text: read_mission(text), (MissionError, ConfigError))  # type: ignore[misc]
-            run = spoilt_bytes(tlog, chance), spoilt_bytes(ticks, chance)
-            escaped += _escapes(n, lambda run=run: read_run(Path(folder), *run), (OSError, ValueError))  # type: ignore[misc]
+            escaped += _escapes(n, lambda text=text: read_vehicle(Path(folder) / "x.toml", text), (ConfigError,))  # type: ignore[misc]
+            spoilt = chance.choice([*LOGS, chance.choice(sorted(good))])
+            run = good | {spoilt: spoilt_bytes(good[spoilt], chance)}
+            escaped += _escapes(n, lambda run=run: read_run(Path(folder), run), (RunError, Refused))  # type: ignore[misc]
     return escaped
 
 
@@ -117,7 +129,7 @@ def _escapes(n: int, attempt: Callable[[], None], known: tuple[type[Exception], 
     try:
         attempt()
     except known as error:
-        return [f"{n}: more than one line: {error}"] if known[0] is MissionError and "\n\n" in str(error) else []
+        return [f"{n}: more than one line: {error}"] if "\n\n" in str(error) else []
     except Exception as error:
         return [f"{n}: {type(error).__name__}: {error}"]
     return []
@@ -129,7 +141,10 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args(arguments)
     escaped = assault_files(options.files, options.seed)
-    print(f"{options.files} mission files and {options.files} run folders, seed {options.seed}: {len(escaped)} escaped")
+    print(
+        f"{options.files} mission files, as many vehicle files and run folders, seed {options.seed}: "
+        f"{len(escaped)} escaped"
+    )
     for line in escaped[:20]:
         print(f"  {line}")
     return 1 if escaped else 0

@@ -33,7 +33,8 @@ OUTAGES = [
 DELAY = [
     *(both("F3", f"{ms} ms", Impairment(delay=ms / 1000)) for ms in (20, 100)),
     both("F3", "250 ms", Impairment(delay=0.25), quick=True, by_auto=Want.REGAIN),
-    *(both("F3", f"{ms} ms", Impairment(delay=ms / 1000), want=Want.REGAIN) for ms in (500, 1000)),
+    both("F3", "500 ms", Impairment(delay=0.5), want=Want.REGAIN),
+    both("F3", "1000 ms", Impairment(delay=1.0), want=Want.REGAIN, on={"px4_copter": Want.SAFE}),
 ]
 JITTER = [
     *(both("F4", f"{ms} ms", Impairment(jitter=ms / 1000), quick=ms == 200) for ms in (50, 200)),

@@ -1,0 +1,42 @@
+"""A few minutes of the soak, with the wraps. The ten hours: python -m tests.faults.soak."""
+
+from pathlib import Path
+
+import pytest
+
+from circnav_mav.analysis.run_folder import read_tlog
+from circnav_mav.core.phases import Phase
+from sim.faults.frames import message_id, read
+from tests.faults.soak import WRAP
+from tests.flight.lockstep import rms_error
+from tests.flight.recorded import EPOCH_US, recorded_flight
+
+ATTITUDE, RANGE = 30, 132
+
+
+@pytest.mark.parametrize("law", ["smooth", "auto"])
+def test_circle_is_held_through_the_wrap_of_the_49_days_counters(tmp_path: Path, law: str) -> None:
+    """The autopilot's wraps at 100 s, the radio's at 120 s; neither is a reboot, a jump or an outage."""
+    clocks = (f"sim.vehicle.boot_age_s={WRAP - 100}", f"sim.ranging.clock_offset_s={WRAP - 120}")
+    flight = recorded_flight(tmp_path, "arducopter", f'guidance.law="{law}"', *clocks)
+    truths, phases = [], set()
+
+    def watch(_: object) -> None:
+        if flight.now > 90:
+            truths.append(flight.vehicle.truth)
+            phases.add(flight.pilot.phase)
+
+    flight.fly(150, watch)
+    assert flight.recorder is not None
+    flight.recorder.close()
+    assert phases == {Phase.ENGAGED}
+    assert rms_error(truths, 30.0) < 0.05 * 30.0 / 2
+    assert flight.pilot.session.reboots == 0
+    assert flight.pilot.ranging.rejected.total() <= 1
+    stamps = {ATTITUDE: [], RANGE: []}
+    for at, frame in read_tlog(tmp_path / "flight.tlog"):
+        if message_id(frame) in stamps:
+            stamps[message_id(frame)].append(((at - EPOCH_US) / 1e6, read(frame).time_boot_ms))
+    for number, wraps_at in ((ATTITUDE, 100), (RANGE, 120)):
+        assert all((stamp < 2**31) == (at > wraps_at - 0.01) for at, stamp in stamps[number])
+        assert len(stamps[number]) > 1000
