@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise
-from math import isfinite
+from math import hypot, isfinite, nan
 from pathlib import Path
 from typing import Any
 
@@ -96,6 +96,7 @@ class Course:
         self.witness = Witness(profile)
         self.source = SOURCE
         self.way_home = 0.0
+        self._drift: float | None = None
         self.clock: Callable[[float], float] = float
         self.now = 0.0
         self.forget()
@@ -205,6 +206,8 @@ class Course:
                 self.broken.append(f"{self.now:.2f} s: steered after the end: {self.pilot.outcome.reason}")
             self._judge_time()
         for record in records:
+            if record.drift_x is not None and record.drift_y is not None:
+                self._drift = hypot(record.drift_x, record.drift_y)
             if record.phase is Phase.ENGAGED and record.yaw_rate_sent is not None:
                 self._judge_age(record)
             elif record.yaw_rate_sent is not None:
@@ -232,10 +235,17 @@ class Course:
         self.worst_age = max(self.worst_age, self.now - self.spy.newest.stamp)
 
     def _judge_holding(self, record: TickRecord) -> None:
-        """Without a range it is the circle's own turn rate, which depends on none."""
-        own = min(self.allowed.speed / self.radius, self.allowed.yaw_rate)
-        if record.demanded is None or abs(abs(record.demanded) - own) > 1e-6:
-            self.broken.append(f"{self.now:.2f} s: {record.phase.value} steers {record.demanded}, not {own:.6f} rad/s")
+        """Without a range it is the circle's own turn rate, which depends on none: V/r_d, and in a drift that is known
+        what the circle asks for somewhere, give or take a tenth for the airspeed as measured."""
+        V, drift, slack = self.allowed.speed, 0.0, 1e-6
+        if self._drift is not None:
+            drift, slack = self._drift, 0.1 * V / self.radius
+        least, most = ((V + w) ** 2 / (V * self.radius) for w in (-drift, drift))
+        asked = self.pilot.settings.orbit.direction.turn_sign * (nan if record.demanded is None else record.demanded)
+        if not min(least, self.allowed.yaw_rate) - slack <= asked <= min(most, self.allowed.yaw_rate) + slack:
+            self.broken.append(
+                f"{self.now:.2f} s: {record.phase.value} steers {asked}, not {least:.6f} .. {most:.6f} rad/s"
+            )
 
     def _look(self) -> None:
         if self.now >= self._next_truth:

@@ -47,7 +47,7 @@ SITUATIONS: dict[str, tuple[tuple[str, ...], float]] = {  # overrides, largest R
     "copter, uwb": (radio("uwb", 0.15), 0.3),
     "copter, lora": (radio("lora", 2.2), 5.0),
     "copter, 50 % loss at 5 Hz": (SPARSE, 1.0),
-    "copter, outage": ((moving("arducopter"), SILENT), 1.0),
+    "copter, outage": ((moving("arducopter"), SILENT), 3.0),
     "copter, outliers": (WILD, 0.4),
     "copter, heading drift": (("sim.sensors.heading_drift_deg_s=0.1",), 0.4),
 }
