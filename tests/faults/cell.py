@@ -39,7 +39,7 @@ class Scenario:
     comes from the seed. lasts, after: time with the fault, and watched after it, s. reason: words that the outcome
     must hold. rejects: reasons that must be counted. blind: age of ranges, s, that nobody can tell. clocks: whether
     stamps are tampered with, so that they tell no age. fresh: from the start of the mission, not from the circle.
-    on: other wants by profile. by_auto: what is wanted of the law "auto". keys: to sign with, ours and the vehicle's.
+    on: other wants by profile. keys: to sign with, ours and the vehicle's.
     """
 
     fault: str
@@ -61,7 +61,6 @@ class Scenario:
     on: Mapping[str, Want] = field(default_factory=dict)
     check: Callable[[Course], str | None] | None = None
     profiles: tuple[str, ...] = ()
-    by_auto: Want | None = None
     keys: Keys = (None, None)
 
 
@@ -99,7 +98,7 @@ def fly(scenario: Scenario, profile: str, seed: int, law: str = LAW) -> Verdict:
     _finish(course)
     last = course.errors(start, end)[-1:]
     course.way_home = abs(last[0][1]) * course.radius / course.allowed.speed if last else 0.0
-    course.fly(end + scenario.after)
+    course.fly(end + max(scenario.after, REGAIN_WITHIN.get(profile, 0.0) + 10))
     rejected = {name: n - before.get(name, 0) for name, n in course.pilot.ranging.rejected.items()}
     rejected = {name: n for name, n in rejected.items() if n}
     errors = course.errors(start, end)
@@ -194,8 +193,6 @@ def _age_faults(course: Course, scenario: Scenario) -> list[str]:
 
 def _want_faults(course: Course, scenario: Scenario, rms: float, recovery: float | None) -> list[str]:
     want = scenario.on.get(course.profile, scenario.want)
-    if scenario.by_auto is not None and course.pilot.settings.law.name == "auto":
-        want = scenario.by_auto
     outcome = course.pilot.outcome
     if outcome is not None and want in (Want.HOLD, Want.REGAIN, Want.END) and course.timed_out:
         return []

@@ -31,8 +31,7 @@ OUTAGES = [
     outage(90, "both", want=Want.END, reason="gone for", quick=True),
 ]
 DELAY = [
-    *(both("F3", f"{ms} ms", Impairment(delay=ms / 1000)) for ms in (20, 100)),
-    both("F3", "250 ms", Impairment(delay=0.25), quick=True, by_auto=Want.REGAIN),
+    *(both("F3", f"{ms} ms", Impairment(delay=ms / 1000), quick=ms == 250) for ms in (20, 100, 250)),
     both("F3", "500 ms", Impairment(delay=0.5), want=Want.REGAIN),
     both("F3", "1000 ms", Impairment(delay=1.0), want=Want.REGAIN, on={"px4_copter": Want.SAFE}),
 ]

@@ -18,6 +18,7 @@ from sim.faults.tampering import acknowledgement, answered, dropping, late
 from tests.faults.cell import Scenario, Want
 from tests.faults.course import Course
 from tests.faults.scenarios.line import PX4
+from tests.faults.scenarios.ranging import SLOW
 from tests.flight.ground_station import Operator
 
 SET_MODE, ACK = 176, 77
@@ -60,7 +61,7 @@ def stalled(seconds: float) -> Arrange:
 
 
 HOST = [
-    Scenario("F14", "our clock +1 s", arrange=our_clock(lambda now, since: now + 1.0), clocks=True),
+    Scenario("F14", "our clock +1 s", arrange=our_clock(lambda now, since: now + 1.0), clocks=True, on=SLOW),
     Scenario("F14", "our clock +10 s", arrange=our_clock(lambda now, since: now + 10.0), clocks=True),
     Scenario(
         "F14", "our clock 500 ppm fast", arrange=our_clock(lambda now, since: now + 5e-4 * (now - since)), clocks=True
