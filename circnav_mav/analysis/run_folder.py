@@ -74,7 +74,8 @@ class Truth:
 
 
 def read_ticks(folder: Path) -> Ticks:
-    """ticks.csv of a run folder; a last line that was cut off is left out. Raises OSError, ValueError."""
+    """ticks.csv of a run folder; a last line that was cut off is left out, a column that is not there is empty. Raises
+    OSError, ValueError."""
     with (folder / "ticks.csv").open(newline="", encoding="utf-8") as file:
         reader = _rows(file)
         header = next(reader, [])
@@ -89,6 +90,12 @@ def read_ticks(folder: Path) -> Ticks:
                         numbers[name].append(float(cell) if cell else nan)
     if "time" not in numbers or len(words) + len(numbers) < len(header):
         raise ValueError(f"{folder / 'ticks.csv'}: has no header")
+    count = len(numbers["time"])
+    for name in (field.name for field in fields(TickRecord) if field.name not in header):
+        if name in WORDS:
+            words[name] = [""] * count
+        else:
+            numbers[name] = array("d", [nan]) * count
     return Ticks({name: np.array(cells) for name, cells in numbers.items()}, words)
 
 
