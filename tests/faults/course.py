@@ -93,7 +93,7 @@ class Course:
         self.link = FaultLink()
         self.spy = Spy(self.pilot.estimator)
         self.pilot.estimator = self.spy  # type: ignore[assignment]
-        self.witness = Witness(profile)
+        self.witness = Witness(profile, keys[0])
         self.source = SOURCE
         self.way_home = 0.0
         self._drift: float | None = None

@@ -1,5 +1,7 @@
 """Reads what the application is given, with pymavlink alone, and tells when the vehicle is not ours to steer."""
 
+from hashlib import sha256
+
 from pymavlink.dialects.v20 import all as mavlink
 
 GUIDED = {
@@ -19,7 +21,9 @@ class Witness:
     """taken: the vehicle was seen in the guided mode and then out of it. unproved: nothing was heard of it since we
     stood still."""
 
-    def __init__(self, profile: str) -> None:
+    def __init__(self, profile: str, key: bytes | None = None) -> None:
+        """key: where the vehicle signs; what is not signed with it was not said by the vehicle."""
+        self._key = key
         self._guided = GUIDED[profile]
         self._parser = mavlink.MAVLink(None)
         self._parser.robust_parsing = True
@@ -32,6 +36,8 @@ class Witness:
 
     def hear(self, data: bytes, *, waited: bool = False) -> None:
         """A datagram that the application is given; `waited`: during a stall."""
+        if self._key is not None and sha256(self._key + data[:-6]).digest()[:6] != data[-6:]:
+            return
         for message in self._parser.parse_buffer(data) or ():
             if (message.get_srcSystem(), message.get_srcComponent()) != VEHICLE:
                 continue

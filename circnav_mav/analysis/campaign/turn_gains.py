@@ -47,6 +47,7 @@ class TurnGains:
         self._heading = np.where(ours, heading, self._heading)
         size = np.abs(self._command)
         followed = (size < LEAST_COMMAND) | (self._rate * np.sign(self._command) > DEAF * size)
+        self._age = np.where(more & ~followed, 0.0, self._age)
         learns = more & followed & (self._age >= 4 * cfg.smoothing - 1e-9)
         square = self._square * self._forget + self._command**2 * step
         product = self._product * self._forget + self._command * self._rate * step
