@@ -23,7 +23,7 @@ class Witness:
 
     def __init__(self, profile: str, key: bytes | None = None) -> None:
         """key: where the vehicle signs; what is not signed with it was not said by the vehicle."""
-        self._key = key
+        self._key, self._newest = key, 0
         self._guided = GUIDED[profile]
         self._parser = mavlink.MAVLink(None)
         self._parser.robust_parsing = True
@@ -36,7 +36,7 @@ class Witness:
 
     def hear(self, data: bytes, *, waited: bool = False) -> None:
         """A datagram that the application is given; `waited`: during a stall."""
-        if self._key is not None and sha256(self._key + data[:-6]).digest()[:6] != data[-6:]:
+        if self._key is not None and not self._signed_now(data):
             return
         for message in self._parser.parse_buffer(data) or ():
             if (message.get_srcSystem(), message.get_srcComponent()) != VEHICLE:
@@ -47,6 +47,14 @@ class Witness:
                 self._note(message.custom_mode)
             elif message.get_type() == "CURRENT_MODE" and message.custom_mode:
                 self._note(message.custom_mode)
+
+    def _signed_now(self, data: bytes) -> bool:
+        """Whether a frame is truly signed, and not one of earlier."""
+        stamp = int.from_bytes(data[-12:-6], "little")
+        if sha256((self._key or b"") + data[:-6]).digest()[:6] != data[-6:] or stamp <= self._newest:
+            return False
+        self._newest = stamp
+        return True
 
     def _note(self, mode: int) -> None:
         ours = self._armed and mode == self._guided
