@@ -6,7 +6,8 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from sim.faults.frames import write
-from tests.faults.judge import Allowed, broken_rule, is_setpoint
+from tests.faults.judge import Allowed, broken_rule, is_safe, is_setpoint
+from tests.faults.witness import Witness
 
 ALLOWED = Allowed(yaw_rate=0.5, speed=10.0, bank=0.7, pitch=0.26, climb=1.0)
 LEVEL = (1.0, 0.0, 0.0, 0.0)
@@ -42,3 +43,39 @@ def test_setpoints_within_the_limits_break_no_rule() -> None:
 )
 def test_setpoint_beyond_a_limit_is_named(frame: bytes, words: str) -> None:
     assert words in (broken_rule(frame, ALLOWED) or "")
+
+
+def test_a_safe_setpoint_turns_nowhere() -> None:
+    assert is_safe(velocity(forward=0.0, yaw_rate=0.0, climb=0.5))
+    assert is_safe(attitude(LEVEL))
+    assert not is_safe(velocity(forward=0.0, yaw_rate=0.1))
+    assert not is_safe(attitude(BANKED))
+
+
+def test_the_witness_sees_the_vehicle_taken_and_given_back_and_believes_nobody_else() -> None:
+    witness = Witness("arducopter")
+
+    def beat(mode: int, armed: int = 128, system: int = 1) -> None:
+        witness.hear(write(mavlink.MAVLink_heartbeat_message(2, 3, 1 | armed, mode, 4, 3), system, 1))
+
+    beat(5)
+    assert not witness.taken, "it was never ours"
+    beat(4)
+    beat(5, system=2)
+    assert not witness.taken
+    beat(5)
+    assert witness.taken
+    beat(4)
+    assert not witness.taken
+    beat(4, armed=0)
+    assert witness.taken
+
+
+def test_the_witness_takes_nothing_that_waited_for_a_proof() -> None:
+    witness = Witness("arducopter")
+    frame = write(mavlink.MAVLink_heartbeat_message(2, 3, 129, 4, 4, 3), 1, 1)
+    witness.stood_still()
+    witness.hear(frame, waited=True)
+    assert witness.unproved
+    witness.hear(frame)
+    assert not witness.unproved
