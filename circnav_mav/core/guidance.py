@@ -13,6 +13,10 @@ from circnav_mav.core.values import Orbit, RangeEstimate, RelativeMotion, TurnCo
 LONGEST_STEP = 0.5
 """A longer time between two commands counts as this, s: nothing may build up over a gap."""
 DEFAULT_LAG = 0.4
+NEAR, ALONG = 0.3, 0.4
+"""Radius error in units of the radius, and range rate in V, below which the vehicle is on its circle already."""
+CIRCLING_PATIENCE = 10.0
+"""Time, s, for which a search on the circle tries no guess."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +124,7 @@ class _HandingOver:
         s, motion = self._orbit.direction.turn_sign, estimate.relative
         by_range = s * self._feedforward(estimate, trim).demanded
         by_bank = by_range if motion is None else self._by_bank(motion, trim)
-        tried = motion.trial if self._tries and motion is not None and motion.trial is not None else -1
+        tried = self._tried(estimate)
         self._handover = hand_over(
             self._handover, dt,
             trusted=np.array([motion is not None and motion.trusted]), favourite=np.array([tried]),
@@ -132,6 +136,16 @@ class _HandingOver:
         return TurnCommand(
             TurnRate(s * command), TurnRate(s * demanded), saturated, flies=flies.name.lower(), why=flies.why
         )
+
+    def _tried(self, estimate: RangeEstimate) -> int:
+        """Number of the guess that is worth flying at; -1: none. On the circle, with the drift known from before, the
+        circle itself soon tells the guesses apart, and trying a wrong one would leave it."""
+        orbit, motion = self._orbit, estimate.relative
+        if not self._tries or motion is None or motion.trial is None:
+            return -1
+        circling = abs(estimate.r - orbit.radius) < NEAR * orbit.radius and abs(estimate.r_dot) < ALONG * orbit.speed
+        patient = self._handover.untrusted[0] < CIRCLING_PATIENCE
+        return -1 if motion.drift_remembered and circling and patient else motion.trial
 
     def _by_bank(self, motion: RelativeMotion, trim: float) -> float:
         """The drift law, seen so that the orbit is counter-clockwise."""

@@ -62,6 +62,7 @@ class RelativeMotion:
     x, y: vehicle minus target, m. sigma: standard deviation of that, m. drift_x, drift_y: wind minus target velocity,
     m/s. heading (rad), turn_rate (rad/s): own motion at this moment. airspeed: true, m/s; scale: true over measured.
     trusted: whether it may steer. trial: number of the guess, where it is no more than a guess; None without grounds.
+    drift_remembered: whether a search began with the drift known from before.
     """
 
     x: float
@@ -75,6 +76,7 @@ class RelativeMotion:
     scale: float
     trusted: bool
     trial: int | None = None
+    drift_remembered: bool = False
 
     @property
     def eta(self) -> float:

@@ -12,6 +12,13 @@ from circnav_mav.mav.gate import Limits, SetpointGate, Steer
 from circnav_mav.mav.session import Session
 from circnav_mav.pilot.settings import PilotSettings
 
+SPEED_UP = 1.5
+"""Time, s, of turning as told, from which on a vehicle counts as being as fast as it is told. A multicopter needs 2.5 s
+from standstill to 5 m/s; to wait for the whole of it brought nothing more."""
+LONGEST_GAP = 1.0
+"""Gap between two reports of own motion, s, after which the vehicle may have stopped meanwhile."""
+DEAF_AFTER = 1.0
+"""Time of not turning as told, s, after which a vehicle counts as not hearing us: a reversed turn takes less."""
 LONGEST_TRIM_STEP = 0.2
 """Most time, s, that the radius integral counts between two steps: a gap is not an error that lasted."""
 
@@ -36,6 +43,7 @@ class Helm:
         self._learning = TurnGainSettings(lag=settings.turn_lag)
         self._learnt = TurnGain(gain=settings.turn_gain or 1.0)
         self._told: TurnRate | None = None
+        self._followed_at = self._slow_at = float("-inf")
         self._height: float | None = None
         self._trim = 0.0
         self._steered_at: float | None = None
@@ -50,11 +58,24 @@ class Helm:
         """Whether the vehicle turns as it is told."""
         return self._learnt.followed
 
+    @property
+    def at_speed(self) -> bool:
+        """Whether the vehicle has flown what it is told for long enough to have the speed that it is told."""
+        felt = self._learnt.time
+        return self._learnt.followed and felt is not None and felt - self._slow_at >= SPEED_UP
+
     def feel(self, own: OwnMotion) -> None:
         """Learn the turn-rate gain from the vehicle's heading, and whether it is flying what we tell it."""
         if self._told is None:
             return
+        felt = self._learnt.time
+        if felt is None or own.time - felt > LONGEST_GAP:
+            self._slow_at = self._followed_at = own.time
         self._learnt = learn(self._learnt, self._learning, time=own.time, heading=own.heading, command=self._told)
+        if self._learnt.followed:
+            self._followed_at = own.time
+        elif own.time - self._followed_at > DEAF_AFTER:
+            self._slow_at = own.time
 
     def command(self, phase: Phase, estimate: RangeEstimate | None) -> TurnCommand | None:
         """The turn of this step: the law's while engaged, the circle's own while holding."""

@@ -136,7 +136,7 @@ class Pilot:
         own = self.session.motion.own(now, self._airspeed(now))
         if own is not None:
             self.helm.feel(own)
-            if self.session.adapter.measures_airspeed or (self.phase in STEERING and self.helm.followed):
+            if self.session.adapter.measures_airspeed or (self.phase in STEERING and self.helm.at_speed):
                 self.estimator.move(own)
 
     def _airspeed(self, now: float) -> float:

@@ -1,5 +1,6 @@
 """`drift` and `auto`: the bank of relative-motion filters in flight, fed with ranges and own motion as they come."""
 
+from dataclasses import dataclass, replace
 from math import sqrt
 
 import numpy as np
@@ -19,10 +20,16 @@ from circnav_mav.core.estimators.drift_bank import BankSettings, DriftBank, Stag
 from circnav_mav.core.estimators.interface import EstimatorSettings, Fused
 from circnav_mav.core.estimators.kalman import KalmanRangeRate
 from circnav_mav.core.estimators.own_path import Knot, OwnPath
+from circnav_mav.core.estimators.window import Prior
 from circnav_mav.core.values import OwnMotion, RangeEstimate, RangeSample, RelativeMotion
 
 GAP = 20.0
 """After a longer time without ranges, s, the bank starts anew."""
+
+MEMORY = 10.0
+"""After such a gap the drift counts that was known so long (s) before it, or longer: what came later may be the trouble."""
+REMEMBERED, FORGOTTEN = 0.03, 1e-3
+"""Standard deviation of that drift, in V, and how its variance grows, m^2/s^3."""
 
 
 class DriftEstimator:
@@ -42,6 +49,8 @@ class DriftEstimator:
         self._path = OwnPath()
         self._used: Knot | None = None
         self._sigma = 1.0
+        self._lately: _Memory | None = None
+        self._before: _Memory | None = None
 
     @property
     def ready(self) -> bool:
@@ -66,7 +75,7 @@ class DriftEstimator:
         if knot is None:
             return Fused.ACCEPTED
         if before is not None and (knot.piece != before.piece or sample.time - before.motion.time > GAP):
-            self._restart()
+            self._restart(sample.time)
             before = None
         dt = 0.0 if before is None else sample.time - before.motion.time
         if before is not None and dt <= 0:
@@ -74,6 +83,7 @@ class DriftEstimator:
         was = self.bank.stage[0]
         self.bank.step(dt, _chord(before or knot, knot), *_arrays(sample))
         self._used, self._sigma = knot, sample.sigma
+        self._remember(sample.time)
         if was == Stage.TRACK and self.bank.stage[0] != Stage.TRACK:
             return Fused.RESTARTED
         return Fused.GATED if self.bank.refused[0] else Fused.ACCEPTED
@@ -100,6 +110,7 @@ class DriftEstimator:
             scale=float(x[KAPPA]),
             trusted=self.ready and self._still_trusted(x, P),
             trial=None if tracks else int(self.bank.favourite[0]),
+            drift_remembered=self.bank.remembers,
         )
         spread = _rate_sigma(x, P, V * u + d, u * knot.motion.airspeed) if tracks else self._settings.speed
         return RangeEstimate(
@@ -124,8 +135,31 @@ class DriftEstimator:
         """What the hypotheses assume on average."""
         return self.bank.likely_noise
 
-    def _restart(self) -> None:
-        self.bank = DriftBank(self.bank.settings)
+    def _restart(self, now: float) -> None:
+        """Search anew. The wind, and the way of the target, are likely still what they were."""
+        self.bank = DriftBank(self.bank.settings, known=None if self._before is None else self._before.at(now))
+
+    def _remember(self, now: float) -> None:
+        if self.ready and (self._lately is None or now - self._lately.time > MEMORY):
+            self._before, self._lately = self._lately, _Memory.of(now, self.bank, self._settings.speed)
+
+
+@dataclass(frozen=True, slots=True)
+class _Memory:
+    """What was known of the drift at a time."""
+
+    time: float
+    known: Prior
+
+    @classmethod
+    def of(cls, now: float, bank: DriftBank, speed: float) -> "_Memory":
+        (dx, dy), scale = drift(bank.mean[:, 0]), float(bank.mean[KAPPA, 0])
+        return cls(now, Prior(REMEMBERED * speed, dx=float(dx), dy=float(dy), scale=scale))
+
+    def at(self, now: float) -> Prior:
+        """What is left of it later."""
+        sigma = sqrt(self.known.drift**2 + FORGOTTEN * (now - self.time))
+        return replace(self.known, drift=sigma)
 
 
 class AutoEstimator:

@@ -17,6 +17,7 @@ import numpy as np
 from circnav_mav.core.estimators import bank
 from circnav_mav.core.estimators.bank import DX, GX, GY, STATES, THETA, Array, Hypotheses, Noise, R
 from circnav_mav.core.estimators.ring_search import Found, RingSearch, SearchSettings
+from circnav_mav.core.estimators.window import Prior
 
 
 class Stage(IntEnum):
@@ -67,7 +68,8 @@ class DriftBank:
     recent misses, whether the last sample was refused.
     """
 
-    def __init__(self, settings: BankSettings, flights: int = 1) -> None:
+    def __init__(self, settings: BankSettings, flights: int = 1, known: Prior | None = None) -> None:
+        """known: what is known of drift and airspeed scale before the first range; forgotten with the first lost track."""
         self.settings = settings
         self.noise = settings.noise()
         self.stage = np.full(flights, Stage.EMPTY)
@@ -77,7 +79,7 @@ class DriftBank:
         self.missed = np.zeros(flights)
         self.refused = np.zeros(flights, bool)
         self._since = np.zeros(flights)
-        self._search = RingSearch(settings.search or SearchSettings(settings.speed), flights)
+        self._search = RingSearch(settings.search or SearchSettings(settings.speed), flights, known)
         self._tracking = np.zeros(0, int)
         self._tracks = _copies(self.mean[:, :0], self.covariance[..., :0], len(self.noise.white))
 
@@ -98,6 +100,11 @@ class DriftBank:
         number = np.full(self.stage.size, -1)
         number[self._search.at] = self._search.favourite
         return number
+
+    @property
+    def remembers(self) -> bool:
+        """Whether the drift is known from before."""
+        return self._search.remembers
 
     @property
     def likely_noise(self) -> Noise:
@@ -152,6 +159,7 @@ class DriftBank:
             self._tracks = Hypotheses(h.x[..., stay], h.P[..., stay], h.log_weight[..., stay])
             self._tracking = self._tracking[stay]
             self.stage[lost] = Stage.EMPTY
+            self._search.forget()
         begin = np.flatnonzero(valid & (self.stage == Stage.EMPTY))
         if begin.size:
             self.stage[begin] = Stage.SEARCH

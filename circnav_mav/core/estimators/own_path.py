@@ -13,7 +13,7 @@ KEPT = 64
 """Reports kept: more than a second at the fastest rate, and ranges are younger than that."""
 EXTRAPOLATED = 0.5
 """Longest time, s, that the newest report is carried on by its turn rate."""
-HOLE = 1.5
+HOLE = 3.0
 """A longer silence, s, breaks the path: where the vehicle went meanwhile is not known."""
 
 

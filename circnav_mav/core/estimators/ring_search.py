@@ -48,23 +48,28 @@ class Found:
 class RingSearch:
     """Searches for those of B flights that need one; all flights fill the window all the time."""
 
-    def __init__(self, settings: SearchSettings, flights: int) -> None:
+    def __init__(self, settings: SearchSettings, flights: int, known: Prior | None = None) -> None:
+        """known: what all flights know already of drift and airspeed scale."""
         self._settings = settings
         self._window = RangeWindow(flights, settings.speed, settings.window_psd)
-        self._prior = Prior(settings.drift_sigma * settings.speed)
+        self._prior, self.remembers = known or self._nothing_known(), known is not None
         self.at = np.zeros(0, int)
         self.favourite = np.zeros(0, int)
-        self._guesses = all_round(np.zeros(0), settings.hypotheses)
+        self._guesses = all_round(np.zeros(0), settings.hypotheses, self._prior)
         self._guessed = 0.0, np.zeros((2, flights))
 
     def hear(self, dt: float, chord: Array, z: Array, sigma: Array, valid: Array) -> bool:
         """Time and path go on, ranges come in where valid; tells whether it is time to go on with the search."""
         return self._window.add(dt, chord, z, sigma, valid)
 
+    def forget(self) -> None:
+        """Know nothing of the drift from now on."""
+        self._prior, self.remembers = self._nothing_known(), False
+
     def begin(self, at: Array, r: Array) -> None:
         """Start on the rings of ranges r (n,) of the flights `at`."""
         self._carry()
-        new = all_round(r, self._settings.hypotheses)
+        new = all_round(r, self._settings.hypotheses, self._prior)
         self.at = np.concatenate([self.at, at])
         self.favourite = np.concatenate([self.favourite, np.zeros(at.size, int)])
         old = self._guesses
@@ -106,6 +111,9 @@ class RingSearch:
         step = (self._window.path - path)[:, self.at]
         p = x[:2] + x[4] * step + x[2:4] * (self._window.now - then)
         return np.concatenate([p, x[2:]])
+
+    def _nothing_known(self) -> Prior:
+        return Prior(self._settings.drift_sigma * self._settings.speed)
 
     def _carry(self) -> None:
         then, path = self._guessed

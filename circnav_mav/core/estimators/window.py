@@ -42,25 +42,28 @@ class Guesses:
 
 @dataclass(frozen=True, slots=True)
 class Prior:
-    """What is known before any range: d = 0 +- drift (m/s), kappa = 1 +- kappa."""
+    """What is known before any range: d = (dx, dy) +- drift (m/s), kappa = scale +- kappa."""
 
     drift: float
     kappa: float = 0.05
+    dx: float = 0.0
+    dy: float = 0.0
+    scale: float = 1.0
 
     @property
     def mean(self) -> Array:
-        return np.array([0.0, 0.0, 0.0, 0.0, 1.0])
+        return np.array([0.0, 0.0, self.dx, self.dy, self.scale])
 
     @property
     def information(self) -> Array:
         return np.array([0.0, 0.0, self.drift**-2, self.drift**-2, self.kappa**-2])
 
 
-def all_round(r: Array, count: int) -> Guesses:
-    """Guesses in all directions of the ranges r (B,)."""
+def all_round(r: Array, count: int, prior: Prior) -> Guesses:
+    """Guesses in all directions of the ranges r (B,), the rest as known before."""
     angle = 2 * np.pi * (np.arange(count) + 0.5) / count
-    x = np.zeros((r.size, count, UNKNOWNS))
-    x[..., 0], x[..., 1], x[..., 4] = r[:, None] * np.cos(angle), r[:, None] * np.sin(angle), 1.0
+    x = np.zeros((r.size, count, UNKNOWNS)) + prior.mean
+    x[..., 0], x[..., 1] = r[:, None] * np.cos(angle), r[:, None] * np.sin(angle)
     return Guesses(x, np.full((r.size, count), np.inf), np.ones((r.size, count)))
 
 
