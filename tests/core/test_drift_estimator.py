@@ -138,6 +138,59 @@ def test_a_hole_in_the_own_motion_starts_the_bank_anew():
     assert estimator.ready and error(estimator, world, 64.95) < 5.0
 
 
+@pytest.mark.parametrize("trouble", [False, True])
+def test_after_a_gap_the_drift_is_known_from_before_it(trouble):
+    """Also when the vehicle did not fly as it was thought to just before: it stood still while no command reached it."""
+    world, estimator = Circling(), DriftEstimator(SETTINGS)
+    listen(estimator, world, 0.0, 45.0)
+    if trouble:
+        for t in np.arange(45.0, 49.0, 0.05):
+            estimator.move(world.motion(t))
+            estimator.observe(replace(world.range(45.0), time=t, stamp=t))
+    listen(estimator, world, 80.0, 80.3)
+    relative = estimator.at(80.29).relative
+    assert relative.drift_remembered and relative.trial is not None and not estimator.ready
+    assert (relative.drift_x, relative.drift_y) == pytest.approx(WIND, abs=0.5)
+
+
+def test_the_drift_known_from_before_a_gap_makes_the_target_known_sooner_after_it():
+    def needed(estimator, world, start):
+        for t in np.arange(start, start + 40, 0.5):
+            listen(estimator, world, t, t + 0.5)
+            if estimator.ready:
+                return t - start
+        return 40.0
+
+    anew, again = [], []
+    for seed in range(5):
+        world, estimator = Circling(rng=np.random.default_rng(seed)), DriftEstimator(SETTINGS)
+        listen(estimator, world, 0.0, 45.0)
+        again.append(needed(estimator, world, 75.0))
+        anew.append(needed(DriftEstimator(SETTINGS), world, 75.0))
+    assert np.median(again) < 0.7 * np.median(anew)
+
+
+def test_a_wind_that_changed_in_a_gap_is_found_all_the_same():
+    world, estimator = Circling(), DriftEstimator(SETTINGS)
+    listen(estimator, world, 0.0, 45.0)
+    world.wind = (-2.0, 3.0)
+    listen(estimator, world, 80.0, 140.0)
+    relative = estimator.at(139.95).relative
+    assert estimator.ready
+    assert error(estimator, world, 139.95) < 0.02 * hypot(*world.offset(139.95))
+    assert (relative.drift_x, relative.drift_y) == pytest.approx(world.wind, abs=0.5)
+
+
+def test_a_lost_track_takes_the_remembered_drift_with_it():
+    world, estimator = Circling(), DriftEstimator(SETTINGS)
+    listen(estimator, world, 0.0, 45.0)
+    listen(estimator, world, 80.0, 110.0)
+    assert estimator.ready and estimator.bank.remembers
+    world.target = (-250.0, 300.0)
+    listen(estimator, world, 110.0, 114.5)
+    assert not estimator.ready and not estimator.bank.remembers
+
+
 def test_outliers_do_not_shake_it():
     world, estimator = Circling(), DriftEstimator(SETTINGS)
     for i, t in enumerate(np.arange(0, 40, 0.05)):

@@ -137,6 +137,24 @@ def test_the_law_drift_tries_no_guesses():
     assert {steer(estimate(0.1 * i, guess)).flies for i in range(60)} == {"feedforward"}
 
 
+@pytest.mark.parametrize(
+    ("r", "r_dot", "remembered", "flies"),
+    [
+        (105.0, 1.0, True, "feedforward"),  # the circle itself will tell
+        (105.0, 1.0, False, "trial"),
+        (150.0, 1.0, True, "trial"),
+        (105.0, -10.0, True, "trial"),
+    ],
+)
+def test_no_guess_is_tried_on_the_circle_while_the_drift_is_known_from_before(r, r_dot, remembered, flies):
+    steer = steering(ORBIT, LawChoice("auto", 0.06))
+    guess = RelativeMotion(r, 0, r, 0, 0, 0.0, 0.0, V, 1.0, trusted=False, trial=4, drift_remembered=remembered)
+    at = [RangeEstimate(t, r, r_dot, 0.3, 0.3, relative=guess) for t in np.arange(0.0, 15.0, 0.5)]
+    flown = [steer(one).flies for one in at]
+    assert flown[4] == flies  # at 2 s
+    assert flown[-1] == "trial"
+
+
 @given(wind=st.floats(0, 8), blows=angles, at=angles)
 def test_the_circles_own_turn_in_drift_is_the_turn_of_the_law_on_the_circle(wind, blows, at):
     """Two derivations: from the heading alone, and as the rotation of the field along the circle."""

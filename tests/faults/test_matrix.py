@@ -3,7 +3,7 @@
 import pytest
 
 from tests.faults.cell import Scenario, fly
-from tests.faults.matrix import SCENARIOS, cells
+from tests.faults.matrix import FIRST, SCENARIOS, cells
 
 QUICK = list(cells(quick=True, profile=None, fault=None, level=None))
 
@@ -12,6 +12,16 @@ QUICK = list(cells(quick=True, profile=None, fault=None, level=None))
 def test_vehicle_survives(scenario: Scenario, profile: str) -> None:
     verdict = fly(scenario, profile, seed=1)
     assert verdict.passed, f"{'; '.join(verdict.faults)} (seed {verdict.seed})"
+
+
+@pytest.mark.parametrize("profile", FIRST)
+@pytest.mark.parametrize("level", ["60 s both", "60 s up", "60 s down", "10 s both"])
+def test_auto_is_on_its_circle_again_within_30_s_of_an_outage(level: str, profile: str) -> None:
+    """Without the allowance that a law on range alone gets for the way back."""
+    scenario = next(one for one in SCENARIOS if (one.fault, one.level) == ("F2", level))
+    verdict = fly(scenario, profile, seed=1, law="auto")
+    assert verdict.passed, "; ".join(verdict.faults)
+    assert verdict.recovery is not None and verdict.recovery < 30.0
 
 
 def test_every_fault_class_that_lockstep_can_show_has_a_level() -> None:

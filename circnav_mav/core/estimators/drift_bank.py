@@ -69,7 +69,7 @@ class DriftBank:
     """
 
     def __init__(self, settings: BankSettings, flights: int = 1, known: Prior | None = None) -> None:
-        """known: what is known of drift and airspeed scale before the first range; forgotten with the first lost track."""
+        """known: of drift and airspeed scale, before the first range; forgotten with the first lost track."""
         self.settings = settings
         self.noise = settings.noise()
         self.stage = np.full(flights, Stage.EMPTY)
