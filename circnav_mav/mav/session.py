@@ -14,6 +14,7 @@ from circnav_mav.mav.autopilots.interface import Autopilot
 from circnav_mav.mav.codec import Encoder, Message
 from circnav_mav.mav.commands import Command, CommandResult, CommandSender
 from circnav_mav.mav.motion import MotionSensor
+from circnav_mav.mav.round_trip import RoundTrip
 from circnav_mav.mav.signing import Signing
 from circnav_mav.mav.streams import StreamRequests
 
@@ -76,6 +77,7 @@ class Session:
         self.adapter = adapters[0]
         self.streams = StreamRequests({})
         self.motion = MotionSensor()
+        self.round_trip = RoundTrip()
         self.battery: float | None = None
         self.on_ground: bool | None = None
         self.pinned_at = 0.0
@@ -164,7 +166,7 @@ class Session:
             self._note_results()
             for request in self.streams.poll(now):
                 self.commands.send(request)
-            messages += self.commands.poll(self.peer.ids, now)
+            messages += self.commands.poll(self.peer.ids, now) + self.round_trip.poll(now)
             messages += self.announcer.texts(now)
         return messages
 
@@ -230,6 +232,7 @@ class Session:
         if not returning:
             self.adapter, self.pinned_at, self.on_ground = adapter, now, None
             self.streams = StreamRequests({**adapter.streams, **self._more_streams})
+            self.round_trip = RoundTrip()
             self.commands.send(Command(dialect.MAV_CMD_REQUEST_MESSAGE, (dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION,)))
 
     def _misfit(self, message: Message, ids: tuple[int, int], adapter: Autopilot | None) -> str | None:
@@ -289,8 +292,10 @@ class Session:
         self.texts.append(text)
 
     def _on_timesync(self, message: Message, now: float) -> None:
-        """Answer a request (tc1 = 0) with our clock, in ns, mirroring the asker's."""
-        if message.tc1 == 0 and len(self._replies) < 4:
+        """Answer a request (tc1 = 0) with our clock, in ns, mirroring the asker's; else it may be an answer to ours."""
+        if message.tc1:
+            self.round_trip.heard(message.ts1, now)
+        elif len(self._replies) < 4:
             self._replies.append(dialect.MAVLink_timesync_message(int(now * 1e9) or 1, message.ts1))
 
     def _on_version(self, message: Message, now: float) -> None:

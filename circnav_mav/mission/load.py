@@ -133,6 +133,7 @@ class Mission:
                 stale=file.limits.stale_s,
                 hold=file.limits.hold_s,
                 outage=file.limits.outage_s,
+                round_trip=file.limits.round_trip_s,
                 tick=1 / file.limits.tick_hz,
             ),
             request_mode=file.engage.request_mode,

@@ -120,6 +120,7 @@ class LimitsTable(Table):
     stale_s: Annotated[float, Field(gt=0, le=5)] = 0.5
     hold_s: NotNegative = 10.0
     outage_s: NotNegative = 60.0
+    round_trip_s: Annotated[float, Field(gt=0, le=10)] = 0.6
     tick_hz: Annotated[float, Field(ge=5, le=100)] = 20.0
 
 

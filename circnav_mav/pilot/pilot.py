@@ -333,12 +333,13 @@ class Pilot:
     def _watch_engagement(self, now: float) -> None:
         flying = self.settings.voice is Voice.FLY
         grounded = self._may_be_on_ground(now)
-        allowed = not flying or (self._consent and self.session.in_our_mode and not grounded)
+        quick = self._link_quick(now)
+        allowed = not flying or (self._consent and self.session.in_our_mode and not grounded and quick)
         if allowed and self.phase is Phase.YIELDED:
             self._event(Event.MODE_OURS, now)
         elif allowed and self.phase is Phase.READY:
             self._engage(now)
-        elif self.phase is Phase.READY and self._may_request_mode(grounded):
+        elif self.phase is Phase.READY and quick and self._may_request_mode(grounded):
             adapter = self.session.adapter
             failure = self._engaging.ask(self.session, adapter.guided_mode, now)
             if failure is not None:
@@ -353,6 +354,13 @@ class Pilot:
         if session.on_ground is None:
             return now - session.pinned_at < LANDED_PATIENCE
         return session.on_ground
+
+    def _link_quick(self, now: float) -> bool:
+        """Whether question and answer are within the mission's bound; asked before the first engagement only."""
+        trip = self.session.round_trip
+        if self.engaged_at is not None:
+            return True
+        return trip.settled(now) and (trip.typical or 0.0) <= self.settings.timing.round_trip
 
     def _may_request_mode(self, grounded: bool) -> bool:
         """Only where the mission says so, in the air, and never again once the flight has begun."""
@@ -512,6 +520,11 @@ class Pilot:
         if not self._consent:
             again = "entered again" if self._left_mode else "left and entered again"
             return f"the operator has the vehicle: {guided} {again} hands it over"
+        if not self._link_quick(now):
+            trip, most = session.round_trip.typical, self.settings.timing.round_trip
+            if trip is None:
+                return "how long an answer of the vehicle takes is not known yet (TIMESYNC)"
+            return f"the link is slow: {trip:.2f} s to the vehicle and back, limits.round_trip_s allows {most:g} s"
         if self._may_be_on_ground(now):
             return "the vehicle is on the ground" if session.on_ground else "whether the vehicle flies is not known"
         if not session.armed:

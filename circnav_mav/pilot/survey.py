@@ -27,7 +27,6 @@ SETTLE = 2.0
 """Time, s, that the streams get to come up after the vehicle was found, before anything is measured."""
 PARAMETER_PATIENCE = 10.0
 """Time, s, that slow answers about parameters may take beyond the time to listen."""
-ROUND_TRIP_EVERY = 0.5
 AUTOPILOT_COMPONENT = 1
 _MARKS = {"DISTANCE_SENSOR": ("id", "orientation"), "RANGING_BEACON": ("beacon_id",), "NAMED_VALUE_FLOAT": ("name",)}
 """The fields by which a mission picks the sensor."""
@@ -65,7 +64,7 @@ class VehicleSeen:
     battery: float | None
     boot: tuple[tuple[float, float], tuple[float, float]] | None
     reboots: int
-    round_trips: tuple[float, ...]
+    round_trip: float | None
     parameters: Mapping[str, float]
     texts: tuple[str, ...]
 
@@ -118,12 +117,10 @@ class Survey:
         wanted = HANDLED | {message.id, dialect.MAVLINK_MSG_ID_PARAM_VALUE}
         self._decoders = decoders(settings, wanted, signing)
         self._reader: ParameterReader | None = None
-        self._next_tick = self._next_hello = self._next_round_trip = float("-inf")
+        self._next_tick = self._next_hello = float("-inf")
         self._began: float | None = None
         self._found: float | None = None
         self._end = 0.0
-        self._asked: dict[int, float] = {}
-        self._round_trips: list[float] = []
         self._kind = ""
         self._airspeed: float | None = None
         self._counted: Counter[int] = Counter()
@@ -212,7 +209,7 @@ class Survey:
             battery=session.battery,
             boot=self._boot,
             reboots=session.reboots,
-            round_trips=tuple(self._round_trips),
+            round_trip=session.round_trip.typical,
             parameters=dict(self._reader.values) if self._reader else {},
             texts=tuple(self._texts),
         )
@@ -234,19 +231,13 @@ class Survey:
         return now >= (end if answered else end + PARAMETER_PATIENCE)
 
     def _questions(self, now: float) -> list[Message]:
-        """Parameters by name, and how long an answer takes."""
+        """Parameters by name."""
         session = self.session
         if self._reader is None:
             self._found = now
             px4 = session.adapter.autopilot == dialect.MAV_AUTOPILOT_PX4
             self._reader = ParameterReader(self._parameters(session.adapter), bytewise=px4)
-        messages = self._reader.poll(session.vehicle_ids, now)
-        if now >= self._next_round_trip:
-            self._next_round_trip = now + ROUND_TRIP_EVERY
-            asked = int(now * 1e9) + 1
-            self._asked[asked] = now
-            messages.append(dialect.MAVLink_timesync_message(0, asked))
-        return messages
+        return self._reader.poll(session.vehicle_ids, now)
 
     def _take_telemetry(self, message: Message, now: float) -> None:
         """One message of the pinned vehicle, after the session had it."""
@@ -260,8 +251,6 @@ class Survey:
             self._texts[session.texts[-1]] = None
         elif type_ == "PARAM_VALUE" and self._reader is not None:
             self._reader.receive(message)
-        elif type_ == "TIMESYNC" and message.tc1 and (asked := self._asked.pop(message.ts1, None)) is not None:
-            self._round_trips.append(now - asked)
         if self._settled(now):
             self._counted[message.get_msgId()] += 1
             if type_ in ("ATTITUDE", "SYSTEM_TIME") and session.boot_time is not None:

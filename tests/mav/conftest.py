@@ -92,6 +92,9 @@ class Rig:
         self.mode, self.armed = GUIDED, True
         self.landed_state: int | None = 2  # MAV_LANDED_STATE_IN_AIR
         self.speaks, self.ranges = True, True
+        self.round_trip: float | None = 0.0
+        """Time that an answer to TIMESYNC takes, s; None: no answer."""
+        self.answers: list[tuple[float, int]] = []
         self.range_cm = 15000
         self.tick = 0
         self.now = 0.0
@@ -107,6 +110,13 @@ class Rig:
         if self.landed_state is not None:
             self.hear(mavlink.MAVLink_extended_sys_state_message(0, self.landed_state))
 
+    def answer(self) -> None:
+        """The answers to TIMESYNC that are due."""
+        due = [stamp for at, stamp in self.answers if at <= self.now + 1e-9]
+        self.answers = [one for one in self.answers if one[1] not in due]
+        for stamp in due if self.speaks else ():
+            self.hear(mavlink.MAVLink_timesync_message(round(self.now * 1e9), stamp))
+
     def range(self, cm: int | None = None) -> None:
         self.hear(distance(cm or self.range_cm, 1_000_000 + round(self.now * 1000)))
 
@@ -116,6 +126,9 @@ class Rig:
         self.raw.append(data)
         messages = decode(data)
         self.sent += [(self.now, message) for message in messages]
+        if self.round_trip is not None:
+            asked = [message.ts1 for message in messages if message.get_type() == "TIMESYNC" and not message.tc1]
+            self.answers += [(self.now + self.round_trip, stamp) for stamp in asked]
         return messages
 
     def run(self, seconds: float) -> "Rig":
@@ -127,6 +140,7 @@ class Rig:
                 self.heartbeat()
             if self.ranges and self.tick % 2 == 0:
                 self.range()
+            self.answer()
             self.step()
         return self
 

@@ -11,6 +11,7 @@ from circnav_mav.core.phases import Phase
 from circnav_mav.core.values import Direction, TurnCommand, TurnRate
 from circnav_mav.pilot import Ending
 
+LOITER = 5
 STEADY = 15.0 / 100.0
 """V/r_d of the bench's mission, rad/s."""
 
@@ -57,6 +58,37 @@ def test_ranging_alone_never_starts_a_flight(rig):
     rig.run(5.0)
     assert rig.pilot.phase is Phase.WAIT_LINK
     assert rig.setpoints() == []
+
+
+@pytest.mark.parametrize("request_mode", [False, True])
+def test_a_vehicle_at_the_end_of_a_slow_link_is_not_engaged_until_it_is_quick(make_rig, request_mode):
+    rig = make_rig(request_mode=request_mode)
+    rig.round_trip, rig.mode = 0.8, LOITER if request_mode else rig.mode
+    rig.run(10.0)
+    assert rig.pilot.phase is Phase.READY
+    assert rig.setpoints() == [] and rig.commands(176) == []
+    words = rig.pilot.waits_for(rig.now)
+    assert words == "the link is slow: 0.80 s to the vehicle and back, limits.round_trip_s allows 0.6 s"
+    rig.round_trip = 0.1
+    rig.run(10.0)
+    assert (rig.commands(176) if request_mode else rig.setpoints()) != []
+
+
+def test_a_link_that_gets_slow_in_flight_is_no_reason_to_let_the_vehicle_go(rig):
+    rig.engage()
+    rig.round_trip = 2.0
+    rig.run(20.0)
+    assert rig.pilot.phase is Phase.ENGAGED
+    assert rig.pilot.session.round_trip.typical == pytest.approx(2.0)
+
+
+def test_a_vehicle_that_does_not_answer_is_engaged_after_a_while(rig):
+    rig.round_trip = None
+    rig.run(2.5)
+    assert rig.pilot.phase is Phase.READY
+    assert "not known yet" in rig.pilot.waits_for(rig.now)
+    rig.run(2.0)
+    assert rig.pilot.phase is Phase.ENGAGED
 
 
 def test_the_first_setpoint_waits_for_five_ranges(rig):

@@ -286,21 +286,27 @@ def test_a_new_vehicle_is_asked_for_its_streams_and_its_version(line):
     assert all((message.target_system, message.target_component) == (1, 1) for message in asked)
 
 
+def timesync(line, now):
+    """Our answers to the vehicle's questions, and our own questions."""
+    messages = line.poll(now, "TIMESYNC")
+    return [one for one in messages if one.tc1], [one for one in messages if not one.tc1]
+
+
 def test_a_timesync_request_is_answered_with_our_clock_and_theirs_mirrored(line):
     here = line()
     here.beat()
     here.hear(mavlink.MAVLink_timesync_message(0, 123_456_789_012))
-    (reply,) = here.poll(2.5, "TIMESYNC")
+    (reply,), _ = timesync(here, 2.5)
     assert reply.ts1 == 123_456_789_012
     assert reply.tc1 > 0
-    assert here.poll(2.6, "TIMESYNC") == []
+    assert timesync(here, 2.6)[0] == []
 
 
 def test_a_timesync_reply_says_the_time_at_which_the_request_was_heard(line):
     here = line()
     here.beat()
     here.hear(mavlink.MAVLink_timesync_message(0, 1), now=2.0)
-    (reply,) = here.poll(2.04, "TIMESYNC")
+    (reply,), _ = timesync(here, 2.04)
     assert reply.tc1 == 2_000_000_000
 
 
@@ -308,7 +314,7 @@ def test_a_timesync_answer_is_not_a_request(line):
     here = line()
     here.beat()
     here.hear(mavlink.MAVLink_timesync_message(55, 66))
-    assert here.poll(0.0, "TIMESYNC") == []
+    assert timesync(here, 0.0)[0] == []
 
 
 def test_a_flood_of_timesync_requests_is_answered_in_part(line):
@@ -316,7 +322,53 @@ def test_a_flood_of_timesync_requests_is_answered_in_part(line):
     here.beat()
     for i in range(1000):
         here.hear(mavlink.MAVLink_timesync_message(0, i))
-    assert len(here.poll(0.0, "TIMESYNC")) == 4
+    assert len(timesync(here, 0.0)[0]) == 4
+
+
+def ask_and_answer(line, since, trips):
+    """Poll at 20 Hz; every question is answered after the next of the trips, a None never."""
+    due, trips = [], list(trips)
+    for i in range(400):
+        now = since + i / 20
+        for at, stamp in due:
+            if abs(at - now) < 0.01:
+                line.hear(mavlink.MAVLink_timesync_message(10**12, stamp), now)
+        _, asked = timesync(line, now)
+        for question in asked:
+            trip = trips.pop(0) if trips else None
+            if trip is not None:
+                due.append((now + trip, question.ts1))
+
+
+def test_the_round_trip_is_the_median_of_the_newest_five(line):
+    here = line()
+    here.beat()
+    assert here.session.round_trip.typical is None
+    ask_and_answer(here, 5.0, [2.0, 2.0, 0.1, 0.2, 0.3, None, 0.25, 0.2])
+    assert here.session.round_trip.typical == pytest.approx(0.3)
+
+
+def test_an_answer_to_somebody_elses_question_and_a_second_one_to_ours_are_no_round_trips(line):
+    here = line()
+    here.beat()
+    _, (question,) = timesync(here, 1.0)
+    here.hear(mavlink.MAVLink_timesync_message(10**12, question.ts1 + 1), 1.1)
+    here.hear(mavlink.MAVLink_timesync_message(10**12, question.ts1), 1.3)
+    here.hear(mavlink.MAVLink_timesync_message(10**12, question.ts1), 3.0)
+    assert list(here.session.round_trip.trips) == [pytest.approx(0.3)]
+
+
+def test_a_vehicle_is_asked_the_time_twice_a_second_and_later_every_other_second(line):
+    here = line()
+    here.beat()
+    asked = []
+    for i in range(400):
+        _, questions = timesync(here, i / 20)
+        asked += [i / 20] * len(questions)
+        for question in questions:
+            here.hear(mavlink.MAVLink_timesync_message(10**12, question.ts1), i / 20)
+    assert asked[:5] == pytest.approx([0, 0.5, 1, 1.5, 2])
+    assert 6 <= len([time for time in asked if time > 5]) <= 8
 
 
 def test_without_a_vehicle_nothing_but_heartbeats_is_said(line):

@@ -1,7 +1,8 @@
 """F1 .. F7: what a line does to datagrams, in both directions unless said otherwise."""
 
 from sim.faults import Impairment
-from tests.faults.cell import Scenario, Want
+from tests.faults.cell import FRESH_PATIENCE, Scenario, Want
+from tests.faults.course import Course
 
 PX4 = ("px4_copter", "px4_plane", "px4_plane_attitude")
 
@@ -16,6 +17,12 @@ def outage(seconds: float, way: str, **more: object) -> Scenario:
     want = Want.REGAIN if seconds > 0.3 else Want.HOLD
     options = {"want": want, "lasts": seconds, "after": 60.0, **more}
     return Scenario("F2", f"{seconds:g} s {way}", **directions, **options)  # type: ignore[arg-type]
+
+
+def engages_only_when_the_link_is_quick(course: Course) -> str | None:
+    """The delay lasts for FRESH_PATIENCE."""
+    at = course.pilot.engaged_at
+    return f"engaged after {at:.1f} s over a slow link" if at is not None and at < FRESH_PATIENCE else None
 
 
 LOSS = [
@@ -34,6 +41,20 @@ DELAY = [
     *(both("F3", f"{ms} ms", Impairment(delay=ms / 1000), quick=ms == 250) for ms in (20, 100, 250)),
     both("F3", "500 ms", Impairment(delay=0.5), want=Want.REGAIN),
     both("F3", "1000 ms", Impairment(delay=1.0), want=Want.REGAIN, on={"px4_copter": Want.SAFE}),
+    both("F3", "250 ms from the start", Impairment(delay=0.25), want=Want.ENGAGE, fresh=True, after=0.0),
+    *(
+        both(
+            "F3",
+            f"{ms} ms from the start",
+            Impairment(delay=ms / 1000),
+            want=Want.ENGAGE,
+            fresh=True,
+            after=15.0,
+            check=engages_only_when_the_link_is_quick,
+            quick=ms == 500,
+        )
+        for ms in (500, 1000)
+    ),
 ]
 JITTER = [
     *(both("F4", f"{ms} ms", Impairment(jitter=ms / 1000), quick=ms == 200) for ms in (50, 200)),

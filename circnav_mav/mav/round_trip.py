@@ -1,0 +1,59 @@
+"""How long a question to the vehicle and its answer take, by TIMESYNC: the only delay that can be measured.
+
+A constant delay looks like a clock that is set otherwise: stamps do not show it.
+Source: https://mavlink.io/en/services/timesync.html
+"""
+
+from collections import deque
+from statistics import median
+
+from pymavlink.dialects.v20 import all as dialect
+
+from circnav_mav.mav.codec import Message
+
+KEPT = 5
+"""Newest answers that count, and answers after which is asked less often."""
+EVERY, LATER_EVERY = 0.5, 2.0
+"""Time between two questions, s."""
+OUTSTANDING = 16
+"""Questions that may wait for an answer; it mirrors our stamp, so nobody else's answer is taken for ours."""
+PATIENCE = 3.0
+"""Time, s, after which a vehicle that has answered nothing counts as one that does not answer."""
+
+
+class RoundTrip:
+    """Asks one vehicle the time; a new one for a new vehicle."""
+
+    def __init__(self) -> None:
+        self._asked: deque[tuple[int, float]] = deque(maxlen=OUTSTANDING)
+        self._next = float("-inf")
+        self._began: float | None = None
+        self.trips: deque[float] = deque(maxlen=KEPT)
+        """The newest, s."""
+
+    @property
+    def typical(self) -> float | None:
+        """Median of the newest, s; None before any answer."""
+        return median(self.trips) if self.trips else None
+
+    def settled(self, now: float) -> bool:
+        """Whether the round trip is known, or never will be."""
+        return bool(self.trips) or (self._began is not None and now - self._began > PATIENCE)
+
+    def poll(self, now: float) -> list[Message]:
+        """A question, when due."""
+        if now < self._next:
+            return []
+        self._began = now if self._began is None else self._began
+        self._next = now + (LATER_EVERY if len(self.trips) == KEPT else EVERY)
+        stamp = max(int(now * 1e9), 0) + 1
+        self._asked.append((stamp, now))
+        return [dialect.MAVLink_timesync_message(0, stamp)]
+
+    def heard(self, stamp: int, now: float) -> None:
+        """An answer that mirrors a stamp; one to somebody else's question is nothing."""
+        for asked in self._asked:
+            if asked[0] == stamp:
+                self.trips.append(now - asked[1])
+                self._asked.remove(asked)
+                return
