@@ -1,14 +1,20 @@
-"""python -m tests.faults.files [--files N] [--seed S]: damaged mission, vehicle and log files for their readers."""
+"""python -m tests.faults.files [--files N] [--seed S]: damaged mission, vehicle, campaign and log files."""
 
 import argparse
 import sys
 import tempfile
 from collections.abc import Callable
-from contextlib import redirect_stdout
+from contextlib import redirect_stdout, suppress
 from io import StringIO
 from pathlib import Path
 from random import Random
 
+from circnav_mav.analysis.campaign.batchable import obstacle
+from circnav_mav.analysis.campaign.file import CampaignError, load_campaign
+from circnav_mav.analysis.campaign.fly import fly_chunk
+from circnav_mav.analysis.campaign.plan import hopeless, prepare
+from circnav_mav.analysis.campaign.store import TABLE, Store, StoreError
+from circnav_mav.analysis.campaign.summary import summarise
 from circnav_mav.analysis.events import events
 from circnav_mav.analysis.run import RunError, open_run
 from circnav_mav.analysis.turns import plain_turns
@@ -22,6 +28,7 @@ from tests.flight.lockstep import CONFIG
 from tests.flight.recorded import recorded_flight
 
 MISSIONS = sorted(path for path in CONFIG.glob("*.toml") if "[orbit]" in path.read_text())
+CAMPAIGN = CONFIG / "campaigns" / "wind.toml"
 LOGS = ("flight.tlog", "turns.csv", "ticks.csv")
 WORDS = (
     "nan",
@@ -101,6 +108,36 @@ def read_run(folder: Path, files: dict[str, bytes]) -> None:
     len(run.ticks.time), run.truth, events(run)
 
 
+def read_campaign(folder: Path, text: str, table: bytes | None) -> None:
+    """Everything that is done with a campaign file before the flights, and with the table of one that is resumed.
+    Raises CampaignError and StoreError only."""
+    path, out = folder / "campaign.toml", folder / "out"
+    path.write_text(text, encoding="utf-8")
+    campaign = load_campaign(path)
+    if hopeless(campaign) is None:
+        for number in range(min(campaign.runs, campaign.cells, 4)):
+            with suppress(MissionError, ConfigError):  # such a run becomes a row with its error
+                obstacle(prepare(campaign, number))
+    if table is not None:
+        (out / TABLE).write_bytes(table)
+        store = Store(out, campaign, resume=True)
+        store.sort()
+        summarise(store.read(), list(campaign.swept))
+        store.close()
+
+
+def good_campaign(folder: Path) -> tuple[str, bytes]:
+    """A campaign file, and the table of a short campaign, to damage; the folder holds what it was flown with."""
+    mission = CONFIG / "campaign_mission.toml"
+    text = CAMPAIGN.read_text(encoding="utf-8").replace('"../campaign_mission.toml"', f'"{mission}"')
+    (folder / "good.toml").write_text(text.replace("runs = 600", "runs = 4"), encoding="utf-8")
+    campaign = load_campaign(folder / "good.toml")
+    store = Store(folder / "out", campaign)
+    store.add(fly_chunk(campaign, range(4)))
+    store.close()
+    return campaign.text, (folder / "out" / TABLE).read_bytes()
+
+
 def good_run(folder: Path) -> dict[str, bytes]:
     """The files of a short flight, to damage."""
     flight = recorded_flight(folder, "arducopter", 'guidance.law="smooth"').fly(3.0)
@@ -115,10 +152,16 @@ def assault_files(count: int, seed: int) -> list[str]:
     texts = [path.read_text(encoding="utf-8") for path in MISSIONS]
     with tempfile.TemporaryDirectory() as folder:
         good = good_run(Path(folder))
+        campaign, table = good_campaign(Path(folder))
         for n in range(count):
             text = spoilt_text(chance.choice(texts), chance)
             escaped += _escapes(n, lambda text=text: read_mission(text), (MissionError, ConfigError))  # type: ignore[misc]
             escaped += _escapes(n, lambda text=text: read_vehicle(Path(folder) / "x.toml", text), (ConfigError,))  # type: ignore[misc]
+            varied = spoilt_text(campaign, chance)
+            rows = spoilt_bytes(table, chance)
+            known_errors = (CampaignError, StoreError)
+            escaped += _escapes(n, lambda text=varied: read_campaign(Path(folder), text, None), known_errors)  # type: ignore[misc]
+            escaped += _escapes(n, lambda rows=rows: read_campaign(Path(folder), campaign, rows), known_errors)  # type: ignore[misc]
             spoilt = chance.choice([*LOGS, chance.choice(sorted(good))])
             run = good | {spoilt: spoilt_bytes(good[spoilt], chance)}
             escaped += _escapes(n, lambda run=run: read_run(Path(folder), run), (RunError, Refused))  # type: ignore[misc]
@@ -142,7 +185,8 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     escaped = assault_files(options.files, options.seed)
     print(
-        f"{options.files} mission files, as many vehicle files and run folders, seed {options.seed}: "
+        f"{options.files} mission files, as many vehicle files, campaigns, tables and run folders, "
+        f"seed {options.seed}: "
         f"{len(escaped)} escaped"
     )
     for line in escaped[:20]:

@@ -17,6 +17,7 @@ FIGURES = (
     "engine", "outcome", "start_range_m", "start_bearing_deg", "start_heading_deg", "engaged_s", "flown_s", "kept",
     "rms_m", "mean_error_m", "settled_s", "closest_m", "sense", "right_way", "error",
 )  # fmt: skip
+NUMBERS = frozenset(name for name in FIGURES if name.endswith(("_m", "_s", "_deg")))
 FAILED = "error"
 """The outcome of a run that could not be flown."""
 

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from circnav_mav.analysis.campaign.figures import FIGURES, columns
+from circnav_mav.analysis.campaign.figures import FIGURES, NUMBERS, columns
 from circnav_mav.analysis.campaign.plan import Campaign
 
 TABLE = "runs.csv"
@@ -84,7 +84,7 @@ class Store:
         if not resume:
             raise StoreError(f"{self.folder}: holds a campaign already: --resume it, or name another --out")
         for name, text in sources.items():
-            if (self.folder / name).read_text(encoding="utf-8") != text:
+            if (self.folder / name).read_bytes() != text.encode():
                 raise StoreError(f"{self.folder}: cannot resume: {name} has changed since; name another --out")
         data = self._path.read_bytes()
         whole = data[: data.rfind(b"\n") + 1]
@@ -93,7 +93,22 @@ class Store:
             raise StoreError(f"{self._path}: cannot resume: its columns are of another version; name another --out")
         if whole != data or not whole:
             self._path.write_bytes(header + b"".join(lines))
-        self.done = {_number(line) for line in lines}
+        for number, line in enumerate(lines, 2):
+            run = self._whole(line)
+            if run is None or run in self.done:
+                raise StoreError(f"{self._path}: line {number} is damaged: delete it, and its run is flown again")
+            self.done.add(run)
+
+    def _whole(self, line: bytes) -> int | None:
+        """The number of the run that a line tells of; None for a line that nobody wrote like this."""
+        try:
+            ((run, *cells),) = csv.reader([line.decode()], strict=True)
+            for name, cell in zip(self._columns[1:], cells, strict=True):
+                if name in NUMBERS and cell:
+                    float(cell)
+            return int(run) if run.isdecimal() and int(run) < self._runs else None
+        except (ValueError, csv.Error):
+            return None
 
 
 def _cannot(path: Path, error: OSError) -> StoreError:
@@ -113,7 +128,7 @@ def _line(cells: Iterable[str]) -> bytes:
 def _cell(name: str, value: Any) -> str:
     """Figures with six digits; what was varied so that it can be flown again exactly."""
     if value is None or isinstance(value, str):
-        return value or ""
+        return " ".join(value.splitlines()) if value else ""
     if isinstance(value, float) and name in FIGURES:
         return f"{value:.6g}"
     return json.dumps(value)
