@@ -26,20 +26,27 @@ class DriftGains:
     """heading: of the heading error, 1/s. radial: slope of the inward course angle at the circle, rad/m.
 
     lead: of the turn-rate error, which makes the vehicle's lag (1 + lead) times shorter. ahead: what remains of the
-    lag, s, by which the feedforward looks ahead.
+    lag, s, by which the feedforward looks ahead. delay: for which these gains were made, s.
     """
 
     heading: float
     radial: float
     lead: float
     ahead: float
+    delay: float = 0.0
 
 
-def drift_gains(V: float, r_d: float, lag: float, lead: float = 1.0) -> DriftGains:
-    """Gains by rule: heading loop with a damping of .7 against what lead leaves of the lag, radius loop at a third."""
-    left = max(lag, 0.2) / (1 + lead)
-    heading = 0.5 / left
-    return DriftGains(heading, heading / (3 * V), lead, left)
+def drift_gains(V: float, r_d: float, lag: float, lead: float = 1.0, delay: float = 0.0) -> DriftGains:
+    """Gains by rule: heading loop with a damping of .7 against what lead leaves of the lag, radius loop at a third.
+
+    delay: of the link there and back, s. No lead makes a delay shorter: it is given up as the delay nears what it would
+    take off the lag, and the heading loop gets slower by the delay.
+    """
+    lag = max(lag, 0.2)
+    lead = lead * max(1 - delay * (1 + lead) / lag, 0.0)
+    left = lag / (1 + lead)
+    heading = 0.5 / (left + delay)
+    return DriftGains(heading, heading / (3 * V), lead, left, delay)
 
 
 def inward_angle(r: Array, *, r_d: float, k: float, sharpest: Array) -> Array:

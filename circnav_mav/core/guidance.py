@@ -1,7 +1,7 @@
 """From an estimate to a turn rate: the law, then the vehicle's limit."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
@@ -32,8 +32,13 @@ class LawChoice:
     lag: float = DEFAULT_LAG
 
 
-Steering = Callable[[RangeEstimate, float], TurnCommand]
-"""From estimate and radius trim (m, added to the radius that the law is fed) to the limited command."""
+class Steering(Protocol):
+    """A law ready to steer."""
+
+    def __call__(self, estimate: RangeEstimate, trim: float = 0.0, delay: float = 0.0) -> TurnCommand:
+        """The limited command. trim: m, added to the radius that the law is fed. delay: of the link, s, there and
+        back, for which the drift law lowers its gains."""
+        ...
 
 
 def steering(orbit: Orbit, choice: LawChoice) -> Steering:
@@ -82,7 +87,7 @@ def _by_range(orbit: Orbit, choice: LawChoice) -> Steering:
     k = -orbit.direction.turn_sign * choice.gain  # the paper: k > 0 flies clockwise
     fed = law.fed_radius(orbit.speed, orbit.radius, choice.gain) if choice.correct_radius else orbit.radius
 
-    def steer(estimate: RangeEstimate, trim: float = 0.0) -> TurnCommand:
+    def steer(estimate: RangeEstimate, trim: float = 0.0, delay: float = 0.0) -> TurnCommand:
         demanded = float(law.function(estimate.r, estimate.r_dot, V=orbit.speed, r_d=fed + trim, k=k))
         return limit(TurnRate(demanded), orbit.max_turn_rate)
 
@@ -98,7 +103,7 @@ class _Integrating:
 
     _time: float | None
 
-    def __call__(self, estimate: RangeEstimate, trim: float = 0.0) -> TurnCommand:
+    def __call__(self, estimate: RangeEstimate, trim: float = 0.0, delay: float = 0.0) -> TurnCommand:
         orbit = self._orbit
         dt = 0.0 if self._time is None else min(max(estimate.time - self._time, 0.0), LONGEST_STEP)
         self._time = estimate.time
@@ -114,11 +119,13 @@ class _HandingOver:
     def __init__(self, orbit: Orbit, choice: LawChoice) -> None:
         self._orbit, self._tries = orbit, LAWS[choice.name].kind is Kind.AUTO
         self._feedforward = _by_range(orbit, choice)
-        self._gains = drift_gains(orbit.speed, orbit.radius, choice.lag)
+        self._lag, self._gains = choice.lag, drift_gains(orbit.speed, orbit.radius, choice.lag)
         self._handover = at_start()
         self._time: float | None = None
 
-    def __call__(self, estimate: RangeEstimate, trim: float = 0.0) -> TurnCommand:
+    def __call__(self, estimate: RangeEstimate, trim: float = 0.0, delay: float = 0.0) -> TurnCommand:
+        if delay != self._gains.delay:
+            self._gains = drift_gains(self._orbit.speed, self._orbit.radius, self._lag, delay=delay)
         dt = 0.0 if self._time is None else min(max(estimate.time - self._time, 0.0), LONGEST_STEP)
         self._time = estimate.time
         s, motion = self._orbit.direction.turn_sign, estimate.relative

@@ -10,8 +10,12 @@ from math import cos, isfinite, sin
 from circnav_mav.core.values import OwnMotion
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.frames import YawRate, course_from_yaw, turn_rate_from_yaw_rate
+from circnav_mav.mav.sensor_clock import SensorClock
 
 ATTITUDE_MAX_AGE = 0.5
+CLOCK_JUMP = 1.0
+"""Disagreement of the vehicle's clock with ours between two attitudes, s, above which one of them was set anew; its
+32-bit milliseconds do so every 49.7 days."""
 AIR_MAX_AGE = 1.5
 
 
@@ -38,16 +42,21 @@ def heading_rate(roll: float, pitch: float, q: float, r: float) -> YawRate:
 
 
 class MotionSensor:
-    """Keeps the newest own motion, and forgets what is stale."""
+    """Keeps the newest own motion, and forgets what is stale.
+
+    An attitude counts from when it was measured, by the vehicle's own clock: on the way it may have waited, or been
+    overtaken, and a heading that is .2 s off in time is a path that nobody flew.
+    """
 
     def __init__(self) -> None:
         self._attitude: Motion | None = None
         self._attitude_at = float("-inf")
         self._air = Motion()
         self._air_at = float("-inf")
+        self._clock = SensorClock()
 
     def receive(self, message: Message, now: float) -> bool:
-        """Take one message of the pinned vehicle in; tells whether it was a usable ATTITUDE."""
+        """Take one message of the pinned vehicle in; tells whether it was a usable ATTITUDE, newer than all before."""
         if message.get_type() == "VFR_HUD":
             self._air = Motion(
                 airspeed=_real(message.airspeed, above=0.0), altitude=_real(message.alt), climb=_real(message.climb)
@@ -59,17 +68,30 @@ class MotionSensor:
         values = (message.roll, message.pitch, message.yaw, message.pitchspeed, message.yawspeed)
         if not all(map(isfinite, values)):
             return False
+        measured = self._measured(message.time_boot_ms / 1000, now)
+        if measured <= self._attitude_at:
+            return False
         roll, pitch, yaw, q, r = values
         self._attitude = Motion(roll, pitch, yaw, heading_rate(roll, pitch, q, r))
-        self._attitude_at = now
+        self._attitude_at = measured
         return True
+
+    def _measured(self, stamp: float, now: float) -> float:
+        """When an attitude was measured, in our time."""
+        measured = self._clock.local(stamp, now)
+        if now - measured <= CLOCK_JUMP:
+            return measured
+        self._clock.reset()
+        return self._clock.local(stamp, now)
 
     def own(self, now: float, airspeed: float) -> OwnMotion | None:
         """The motion as guidance sees it, at an airspeed (m/s) that the caller stands for; None without attitude."""
         motion = self.at(now)
         if motion.yaw is None or motion.yaw_rate is None:
             return None
-        return OwnMotion(now, course_from_yaw(motion.yaw), turn_rate_from_yaw_rate(motion.yaw_rate), airspeed)
+        return OwnMotion(
+            self._attitude_at, course_from_yaw(motion.yaw), turn_rate_from_yaw_rate(motion.yaw_rate), airspeed
+        )
 
     def at(self, now: float) -> Motion:
         """The motion as far as it is known at a moment."""

@@ -13,7 +13,7 @@ from circnav_mav.mav.codec import Message
 
 KEPT = 5
 """Newest answers that count, and answers after which is asked less often."""
-EVERY, LATER_EVERY = 0.5, 2.0
+EVERY, LATER_EVERY = 0.5, 1.0
 """Time between two questions, s."""
 OUTSTANDING = 16
 """Questions that may wait for an answer; it mirrors our stamp, so nobody else's answer is taken for ours."""
@@ -35,6 +35,11 @@ class RoundTrip:
     def typical(self) -> float | None:
         """Median of the newest, s; None before any answer."""
         return median(self.trips) if self.trips else None
+
+    @property
+    def worst(self) -> float | None:
+        """Of the newest, s; None before any answer."""
+        return max(self.trips, default=None)
 
     def settled(self, now: float) -> bool:
         """Whether the round trip is known, or never will be."""

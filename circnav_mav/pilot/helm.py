@@ -77,11 +77,11 @@ class Helm:
         elif own.time - self._followed_at > DEAF_AFTER:
             self._slow_at = own.time
 
-    def command(self, phase: Phase, estimate: RangeEstimate | None) -> TurnCommand | None:
-        """The turn of this step: the law's while engaged, the circle's own while holding."""
+    def command(self, phase: Phase, estimate: RangeEstimate | None, round_trip: float | None) -> TurnCommand | None:
+        """The turn now: the law's while engaged, the circle's own while holding. round_trip: of the link, s."""
         orbit = self._settings.orbit
         if phase is Phase.ENGAGED and estimate is not None:
-            command = self._steer(estimate, self._trim)
+            command = self._steer(estimate, self._trim, self._delay(round_trip))
             self._trim_radius(estimate, command)
             return through_gain(command, orbit.max_turn_rate, self.turn_gain)
         if phase is Phase.HOLDING:
@@ -107,6 +107,10 @@ class Helm:
         """The vehicle is not ours any more: the next setpoint starts a new stream at a new height."""
         self._gate.reset()
         self._told, self._height, self._steered_at = None, None, None
+
+    def _delay(self, round_trip: float | None) -> float:
+        """What the link adds to our own tick, s."""
+        return 0.0 if round_trip is None else max(round_trip - self._settings.timing.tick, 0.0)
 
     def _trim_radius(self, estimate: RangeEstimate, command: TurnCommand) -> None:
         """Let the slow integral run over the time since the last steered step, while the vehicle follows."""

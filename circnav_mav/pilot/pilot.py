@@ -203,7 +203,7 @@ class Pilot:
         self._watch_bounds(estimate, now)
         self._watch_ranging(now)
         self._watch_engagement(now)
-        command = self.helm.command(self.phase, estimate)
+        command = self.helm.command(self.phase, estimate, self.session.round_trip.worst)
         self._tell_law(command)
         quiet = now - self._setpoint_at < self.settings.timing.tick / 2 and self.phase is not Phase.LEAVING
         messages, sent = ([], None) if quiet and not fresh else self._setpoint(command, now)

@@ -137,6 +137,39 @@ def test_the_law_drift_tries_no_guesses():
     assert {steer(estimate(0.1 * i, guess)).flies for i in range(60)} == {"feedforward"}
 
 
+def swing(delay, gains):
+    """Largest radius error of the last 60 s of 200, m, in calm air, when the law sees everything so much too late."""
+    dt, p, psi, rate = 0.02, np.array([1.15 * R_D, 0.0]), pi / 2, 0.0
+    seen = [(p, psi, rate)]
+    worst = 0.0
+    for i in range(10_000):
+        late = seen[max(len(seen) - 1 - round(delay / dt), 0)]
+        command = drift(
+            late[0],
+            np.zeros(2),
+            np.asarray(late[1]),
+            np.asarray(late[2]),
+            V=V,
+            r_d=R_D,
+            max_turn_rate=LIMIT,
+            gains=gains,
+        )
+        rate += (float(np.clip(command, -LIMIT, LIMIT)) - rate) * dt / 0.4
+        p, psi = p + chord(V, psi, rate * dt, dt), psi + rate * dt
+        seen.append((p, psi, rate))
+        worst = max(worst, abs(np.hypot(*p) - R_D)) if i > 7000 else 0.0
+    return worst
+
+
+@pytest.mark.parametrize("delay", [0.3, 0.6, 1.0])
+def test_gains_made_for_the_delay_of_the_link_do_not_swing(delay):
+    assert swing(delay, drift_gains(V, R_D, 0.4, delay=delay)) < 0.5
+
+
+def test_gains_made_for_no_delay_swing_with_one():
+    assert swing(0.6, drift_gains(V, R_D, 0.4)) > 2.0
+
+
 @pytest.mark.parametrize(
     ("r", "r_dot", "remembered", "flies"),
     [

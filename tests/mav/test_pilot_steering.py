@@ -440,7 +440,7 @@ def test_the_last_words_are_one_safe_setpoint_and_only_while_it_is_ours_to_fly(r
 def test_a_law_that_fails_is_held_back_and_ends_the_flight_safely(rig, monkeypatch):
     rig.engage()
     nonsense = TurnCommand(TurnRate(nan), TurnRate(nan), saturated=False)
-    monkeypatch.setattr(rig.pilot.helm, "_steer", lambda estimate, trim: nonsense)
+    monkeypatch.setattr(rig.pilot.helm, "_steer", lambda *arguments: nonsense)
     since = rig.now
     rig.run(1.0)
     assert rig.pilot.outcome.ending is Ending.ABORTED

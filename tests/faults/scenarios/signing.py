@@ -126,9 +126,16 @@ SIGNING = [
         for name, line in (
             ("20 % lost", Impairment(loss=0.2)),
             ("50 % twice", Impairment(duplicate=0.5)),
-            ("200 ms jitter", Impairment(jitter=0.2)),
             ("0.001 corrupt per byte", Impairment(corrupt=1e-3)),
         )
+    ),
+    # who is overtaken counts as repeated, so most frames are lost: a copter with law auto may leave its circle meanwhile
+    signed(
+        "signed, 200 ms jitter",
+        up=Impairment(jitter=0.2),
+        down=Impairment(jitter=0.2),
+        check=None,
+        on={"arducopter": Want.REGAIN},
     ),
 ]
 

@@ -1,0 +1,87 @@
+"""Own motion from ATTITUDE and VFR_HUD: when it was measured, what is stale, what is missing."""
+
+import random
+from math import nan, pi
+
+import pytest
+from pymavlink.dialects.v20 import all as mavlink
+
+from circnav_mav.mav.motion import MotionSensor
+
+RATE = 0.3
+"""Yaw rate of the vehicle, rad/s."""
+
+
+def attitude(ms, yaw=0.0, **rest):
+    fields = {"roll": 0.0, "pitch": 0.0, "rollspeed": 0.0, "pitchspeed": 0.0, "yawspeed": RATE} | rest
+    return mavlink.MAVLink_attitude_message(time_boot_ms=ms, yaw=yaw, **fields)
+
+
+def hud(**rest):
+    fields = {"airspeed": 15.0, "groundspeed": 99.0, "heading": 0, "throttle": 0, "alt": 50.0, "climb": 0.1} | rest
+    return mavlink.MAVLink_vfr_hud_message(**fields)
+
+
+def heard(delays, boot_ms=0, seconds=20.0):
+    """(own motion, true time of it) for attitudes at 20 Hz that are each under way for as long as delays() says."""
+    sensor, found = MotionSensor(), []
+    sent = [(i / 20, (boot_ms + 50 * i) % 2**32) for i in range(round(20 * seconds))]
+    for now, at, ms in sorted((at + delays(), at, ms) for at, ms in sent):
+        if sensor.receive(attitude(ms, (RATE * at + pi) % (2 * pi) - pi), now):
+            found.append((sensor.own(now, 15.0), at))
+    return found
+
+
+@pytest.mark.parametrize("boot_ms", [0, 2**32 - 8000])
+def test_an_attitude_counts_from_when_it_was_measured_not_from_when_it_came(boot_ms):
+    """Also across the wrap of the vehicle's 32-bit milliseconds."""
+    chance = random.Random(1)
+    found = heard(lambda: chance.uniform(0.0, 0.2), boot_ms)
+    late = [own.time - at for own, at in found if at > 10]
+    assert len(late) > 50
+    assert max(late) < 0.03 and min(late) > -1e-6
+
+
+def test_motion_never_goes_back_in_time():
+    chance = random.Random(2)
+    times = [own.time for own, _ in heard(lambda: chance.uniform(0.0, 0.5))]
+    assert times == sorted(set(times))
+
+
+def test_a_repeated_attitude_is_no_news():
+    sensor = MotionSensor()
+    assert sensor.receive(attitude(1000), 1.0)
+    assert not sensor.receive(attitude(1000), 1.02)
+
+
+@pytest.mark.parametrize("jump_ms", [3_600_000, -3_600_000])
+def test_a_vehicles_clock_that_is_set_anew_costs_two_attitudes_at_most(jump_ms):
+    sensor, used = MotionSensor(), []
+    for i in range(200):
+        ms = 10_000_000 + 50 * i + (jump_ms if i >= 100 else 0)
+        used.append(sensor.receive(attitude(ms), i / 20))
+    assert used[:100] == [True] * 100
+    assert used[102:] == [True] * 98
+    assert sensor.own(199 / 20, 15.0).time == pytest.approx(199 / 20, abs=0.06)
+
+
+def test_turn_and_heading_are_the_papers_and_need_no_ground_speed():
+    sensor = MotionSensor()
+    sensor.receive(attitude(0, yaw=pi / 2), 0.0)  # east
+    own = sensor.own(0.0, 15.0)
+    assert own.heading == pytest.approx(0.0)  # the paper's x axis
+    assert own.turn_rate == pytest.approx(-RATE)  # counter-clockwise positive
+    assert own.airspeed == 15.0
+
+
+def test_what_is_stale_or_not_a_number_is_not_known():
+    sensor = MotionSensor()
+    sensor.receive(hud(airspeed=nan, alt=nan), 0.0)
+    sensor.receive(attitude(0), 0.0)
+    motion = sensor.at(0.1)
+    assert (motion.airspeed, motion.altitude) == (None, None)
+    assert motion.yaw is not None
+    assert sensor.at(0.6).yaw is None and sensor.own(0.6, 15.0) is None
+    assert not sensor.receive(attitude(700, yaw=nan), 0.7)
+    sensor.receive(hud(), 1.0)
+    assert sensor.at(2.4).airspeed == 15.0 and sensor.at(2.6).airspeed is None
