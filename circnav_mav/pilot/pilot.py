@@ -8,7 +8,6 @@ then holds the orbit's own turn rate, then gives up. The operator always wins: s
 
 from collections import Counter
 from collections.abc import Hashable
-from math import isfinite
 
 from circnav_mav.core.bounds import breach
 from circnav_mav.core.estimators.interface import Fused
@@ -17,7 +16,7 @@ from circnav_mav.core.phases import STEERING, Event, Phase, advance
 from circnav_mav.core.values import RangeEstimate, RangeSample, TurnCommand
 from circnav_mav.mav.autopilots.table import adapters
 from circnav_mav.mav.codec import LinkCounts, Message
-from circnav_mav.mav.frames import YawRate, yaw_rate_from_turn_rate
+from circnav_mav.mav.frames import YawRate
 from circnav_mav.mav.gate import UnsafeSetpointError
 from circnav_mav.mav.ranging import RANGING_MESSAGES, RangeReader, Reject
 from circnav_mav.mav.session import HANDLED, HEARTBEAT_PERIOD, LOST_AFTER, Session
@@ -25,6 +24,8 @@ from circnav_mav.mav.signing import Signing
 from circnav_mav.pilot.handover import ModeRequest
 from circnav_mav.pilot.helm import Helm
 from circnav_mav.pilot.listening import decoders
+from circnav_mav.pilot.reasons import why_no_vehicle, why_not_guided, why_not_ready, why_slow, why_withheld
+from circnav_mav.pilot.record import plot_values, tick_record
 from circnav_mav.pilot.settings import (
     RANGING,
     VEHICLE,
@@ -207,7 +208,13 @@ class Pilot:
         self._tell_law(command)
         quiet = now - self._setpoint_at < self.settings.timing.tick / 2 and self.phase is not Phase.LEAVING
         messages, sent = ([], None) if quiet and not fresh else self._setpoint(command, now)
-        self._record(estimate, command, sent, now)
+        self._records.append(
+            tick_record(
+                now, self.phase, self.session, estimate, command, sent,
+                newest=self._newest, nis=self.estimator.nis, turn_gain=self.helm.turn_gain,
+                law=self.settings.law.name, accepted=self.samples_accepted, rejected=self.ranging.rejected.total(),
+            )
+        )  # fmt: skip
         if due or self.done:  # the rest can wait for the tick: a fresh range is answered at once
             self._next_tick = now + self.settings.timing.tick
             messages += self._housekeeping(estimate, command, now)
@@ -221,7 +228,7 @@ class Pilot:
 
     def _housekeeping(self, estimate: RangeEstimate | None, command: TurnCommand | None, now: float) -> list[Message]:
         """Heartbeat, commands, streams, texts and plot values; the farewell at the end."""
-        plots = self.session.announcer.plots(self._plots(estimate, command), now)
+        plots = self.session.announcer.plots(plot_values(self.settings.orbit, estimate, command), now)
         if self.settings.voice is Voice.SHADOW:
             return self.session.heartbeats_due(now) + plots
         return self.session.poll(now) + plots + (self.session.farewell() if self.done else [])
@@ -317,7 +324,7 @@ class Pilot:
         elif self.engaged_at is not None or self._started is None:
             return
         elif self.phase is Phase.WAIT_LINK and now - self._started > timing.wait_link:
-            self._finish(Ending.NOTHING_HEARD, f"no vehicle: {self._why_no_vehicle()}", now)
+            self._finish(Ending.NOTHING_HEARD, f"no vehicle: {why_no_vehicle(self.session, self.counts())}", now)
         elif self.phase is Phase.WAIT_RANGING and waited > timing.wait_ranging:
             self._finish(Ending.NOTHING_HEARD, self._why_not_ready(now), now)
 
@@ -438,10 +445,28 @@ class Pilot:
     def waits_for(self, now: float) -> str:
         """What the vehicle is not steered for now, for people; empty where nothing is missing."""
         if self.phase is Phase.WAIT_LINK:
-            return self._why_no_vehicle()
+            return why_no_vehicle(self.session, self.counts())
         if self.phase is Phase.WAIT_RANGING:
             return self._why_not_ready(now)
         return self._why_not_engaged(now) if self.phase in (Phase.READY, Phase.YIELDED) else ""
+
+    def _why_not_ready(self, now: float) -> str:
+        missing = self._missing(now) if self.estimator.ready else []
+        return why_not_ready(
+            self.session, RANGING_MESSAGES[self.settings.ranging.message], self.ranging.rejected,
+            missing=missing, counts=self.counts(self._ranging_link),
+        )  # fmt: skip
+
+    def _why_not_engaged(self, now: float) -> str:
+        if not self._consent:
+            return why_withheld(self.session, left_mode=self._left_mode)
+        if not self._link_quick(now):
+            return why_slow(self.session.round_trip.typical, self.settings.timing.round_trip)
+        if self._may_be_on_ground(now):
+            return (
+                "the vehicle is on the ground" if self.session.on_ground else "whether the vehicle flies is not known"
+            )
+        return why_not_guided(self.session, request_mode=self.settings.request_mode)
 
     def _missing(self, now: float) -> list[str]:
         """What the vehicle must tell before it can be flown, and does not."""
@@ -463,83 +488,3 @@ class Pilot:
             self._law, self.why = command.flies, command.why
             if self.settings.voice is Voice.FLY:
                 self._say("law", command.why)
-
-    def _plots(self, estimate: RangeEstimate | None, command: TurnCommand | None) -> dict[str, float]:
-        """NAMED_VALUE_FLOAT names and values: range, range rate, error, yaw rate (clockwise positive)."""
-        if estimate is None:
-            return {}
-        yaw_rate = yaw_rate_from_turn_rate(command.turn_rate) if command else 0.0
-        error = estimate.r - self.settings.orbit.radius
-        return {"CN_RNG": estimate.r, "CN_RRATE": estimate.r_dot, "CN_ERR": error, "CN_YRATE": yaw_rate}
-
-    def _record(
-        self, estimate: RangeEstimate | None, command: TurnCommand | None, sent: YawRate | None, now: float
-    ) -> None:
-        link_age, motion = self.session.heartbeat_age(now), self.session.motion.at(now)
-        where = estimate.relative if estimate and estimate.relative and estimate.relative.trusted else None
-        self._records.append(
-            TickRecord(
-                time=now,
-                phase=self.phase,
-                measured=self._newest.r if self._newest else None,
-                r=estimate.r if estimate else None,
-                r_dot=estimate.r_dot if estimate else None,
-                r_sigma=estimate.r_sigma if estimate else None,
-                r_dot_sigma=estimate.r_dot_sigma if estimate else None,
-                nis=self.estimator.nis,
-                demanded=command.demanded if command else None,
-                turn_rate=command.turn_rate if command else None,
-                saturated=command.saturated if command else False,
-                yaw_rate_sent=sent,
-                turn_gain=self.helm.turn_gain,
-                law=(command.flies or self.settings.law.name) if command and self.phase is Phase.ENGAGED else "",
-                x=where.x if where else None,
-                y=where.y if where else None,
-                drift_x=where.drift_x if where else None,
-                drift_y=where.drift_y if where else None,
-                airspeed_scale=where.scale if where else None,
-                heading=motion.yaw,
-                airspeed=motion.airspeed,
-                altitude=motion.altitude,
-                range_age=self._range_age(now),
-                link_age=link_age if isfinite(link_age) else None,
-                mode=self.session.mode_name,
-                accepted=self.samples_accepted,
-                rejected=self.ranging.rejected.total(),
-            )
-        )
-
-    def _why_no_vehicle(self) -> str:
-        if self.session.misfits:
-            return "; ".join(self.session.misfits.values())
-        return f"no autopilot heartbeat, {self.counts().describe()}"
-
-    def _why_not_engaged(self, now: float) -> str:
-        session = self.session
-        guided = session.adapter.mode_names[session.adapter.guided_mode]
-        if not self._consent:
-            again = "entered again" if self._left_mode else "left and entered again"
-            return f"the operator has the vehicle: {guided} {again} hands it over"
-        if not self._link_quick(now):
-            trip, most = session.round_trip.typical, self.settings.timing.round_trip
-            if trip is None:
-                return "how long an answer of the vehicle takes is not known yet (TIMESYNC)"
-            return f"the link is slow: {trip:.2f} s to the vehicle and back, limits.round_trip_s allows {most:g} s"
-        if self._may_be_on_ground(now):
-            return "the vehicle is on the ground" if session.on_ground else "whether the vehicle flies is not known"
-        if not session.armed:
-            return "the vehicle is not armed"
-        return f"mode {guided}, asked for" if self.settings.request_mode else f"mode {guided}, the operator's to enter"
-
-    def _why_not_ready(self, now: float) -> str:
-        missing, denied = self._missing(now), self.session.streams.refused
-        deaf = f"; the vehicle denied the streams {', '.join(denied)}" if denied else ""
-        if missing and self.estimator.ready:
-            name = self.session.adapter.name
-            return f"no {' and no '.join(missing)} in VFR_HUD, which a {name} cannot be flown without{deaf}"
-        settings = self.settings.ranging
-        refused = ", ".join(f"{count} {reason}" for reason, count in self.ranging.rejected.items()) or "none"
-        return (
-            f"no ranging: no usable {RANGING_MESSAGES[settings.message].type}, samples rejected: {refused}; "
-            f"{self.counts(self._ranging_link).describe()}{deaf}"
-        )

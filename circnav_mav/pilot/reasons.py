@@ -1,0 +1,53 @@
+"""Why a vehicle is not steered yet, in words for people."""
+
+from collections import Counter
+
+from circnav_mav.mav.codec import LinkCounts
+from circnav_mav.mav.ranging import RangingMessage
+from circnav_mav.mav.session import Session
+
+
+def why_no_vehicle(session: Session, counts: LinkCounts) -> str:
+    """Nobody that the mission means has been heard."""
+    if session.misfits:
+        return "; ".join(session.misfits.values())
+    return f"no autopilot heartbeat, {counts.describe()}"
+
+
+def why_not_ready(
+    session: Session, message: RangingMessage, rejected: Counter[str], *, missing: list[str], counts: LinkCounts
+) -> str:
+    """Ranging, or something that the vehicle must tell (`missing`), does not come. counts: of the ranging's link."""
+    denied = session.streams.refused
+    deaf = f"; the vehicle denied the streams {', '.join(denied)}" if denied else ""
+    if missing:
+        name = session.adapter.name
+        return f"no {' and no '.join(missing)} in VFR_HUD, which a {name} cannot be flown without{deaf}"
+    refused = ", ".join(f"{count} {reason}" for reason, count in rejected.items()) or "none"
+    return f"no ranging: no usable {message.type}, samples rejected: {refused}; {counts.describe()}{deaf}"
+
+
+def why_withheld(session: Session, *, left_mode: bool) -> str:
+    """The operator has taken the vehicle over."""
+    again = "entered again" if left_mode else "left and entered again"
+    return f"the operator has the vehicle: {_guided(session)} {again} hands it over"
+
+
+def why_slow(round_trip: float | None, most: float) -> str:
+    """The link is slower than the mission allows, s, or that is not known yet."""
+    if round_trip is None:
+        return "how long an answer of the vehicle takes is not known yet (TIMESYNC)"
+    return f"the link is slow: {round_trip:.2f} s to the vehicle and back, limits.round_trip_s allows {most:g} s"
+
+
+def why_not_guided(session: Session, *, request_mode: bool) -> str:
+    """Not armed, or in another mode."""
+    if not session.armed:
+        return "the vehicle is not armed"
+    return (
+        f"mode {_guided(session)}, asked for" if request_mode else f"mode {_guided(session)}, the operator's to enter"
+    )
+
+
+def _guided(session: Session) -> str:
+    return session.adapter.mode_names[session.adapter.guided_mode]
