@@ -1,6 +1,9 @@
 """Campaigns as a whole: the table is the same whoever flies it, and nothing is lost."""
 
 import json
+import os
+import select
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -29,10 +32,13 @@ def flown(campaign, folder, results=None):
     return (folder / "runs.csv").read_bytes()
 
 
+ENVIRONMENT = {"PYTHONPATH": str(Path(__file__).parents[2]), "PATH": "/bin"}
+
+
 def circnav(*arguments, cwd=None):
     return subprocess.run(
         [sys.executable, "-m", "circnav_mav", "campaign", *map(str, arguments)],
-        capture_output=True, text=True, cwd=cwd, env={"PYTHONPATH": str(Path(__file__).parents[2]), "PATH": "/bin"},
+        capture_output=True, text=True, cwd=cwd, env=ENVIRONMENT,
     )  # fmt: skip
 
 
@@ -58,10 +64,29 @@ def test_the_table_is_the_same_on_one_process_two_and_when_resumed(write, tmp_pa
 
 def test_the_table_is_the_same_on_two_workers_of_a_dask_scheduler(write, tmp_path):
     distributed = pytest.importorskip("distributed", reason="needs the extra [cluster]")
-    campaign = load_campaign(write(SHORT))
+    path, there = write(SHORT), tmp_path / "there"
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as cluster:
-        there = flown(campaign, tmp_path / "there", on_scheduler(campaign, chunks(campaign), cluster.scheduler_address))
-    assert there == flown(campaign, tmp_path / "here")
+        done = circnav(path, "--out", there, "--scheduler", cluster.scheduler_address)
+    assert done.returncode == 0, done.stderr
+    assert (there / "runs.csv").read_bytes() == flown(load_campaign(path), tmp_path / "here")
+
+
+def test_an_interrupt_keeps_what_was_flown_and_says_how_to_go_on(write, tmp_path):
+    path, out = write(SHORT, "runs = 200000"), tmp_path / "out"
+    process = subprocess.Popen(
+        [sys.executable, "-m", "circnav_mav", "campaign", path, "--out", out, "--processes", "2"],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True, env=ENVIRONMENT,
+    )  # fmt: skip
+    table = out / "runs.csv"
+    while process.poll() is None and not (table.exists() and table.read_bytes().count(b"\n") > 1):
+        select.select([], [], [], 0.05)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: everybody hears it
+    said, complaint = process.communicate(timeout=60)
+    assert process.returncode == 130, complaint
+    assert f"go on with --out {out} --resume" in said
+    assert "Traceback" not in complaint
+    campaign = load_campaign(path)
+    Store(out, campaign, resume=True).close()  # whole lines only
 
 
 def test_a_scheduler_that_nobody_answers_at_is_one_line(write, tmp_path, monkeypatch):
