@@ -18,7 +18,7 @@ from sim.autopilots.px4 import (
     Core,
 )
 from sim.autopilots.px4_tables import px4_identity, px4_parameters
-from sim.autopilots.px4_targets import NOTHING, Rejected, Trajectory, read_attitude_target, read_local_target
+from sim.autopilots.px4_targets import NOTHING, Rejected, Trajectory, read_setpoint
 from sim.body import Body
 from sim.config import Event, VehicleConfig
 from sim.demands import BodyVelocity, Brake, Demand, EarthVelocity, Spin, Tilt
@@ -26,7 +26,7 @@ from sim.geo import HOME_AMSL_M
 from sim.params import Parameter
 from sim.wire import Message
 
-LOCAL_TARGET, ATTITUDE_TARGET, MANUAL_CONTROL = 84, 82, 69
+MANUAL_CONTROL = 69
 THINK_US, IDLE_US = 20_000, 500_000
 MOST_YAW_RATE = 2.25  # rad/s, what MC_YAWRATE_MAX 200 deg/s comes to
 POSITION_GAIN, YAW_GAIN, HEIGHT_GAIN = 0.95, 2.8, 1.0
@@ -170,14 +170,9 @@ class Px4Copter:
     # -- what is obeyed -----------------------------------------------------------------------------------------------
 
     def setpoint(self, message: Message, now: int, body: Body) -> bool:
-        number = message.get_msgId()
-        if number == MANUAL_CONTROL:
+        if message.get_msgId() == MANUAL_CONTROL:
             return self._core.sticks.heard(message, now, None)
-        taken: Trajectory | Tilt | Spin | Rejected | None = None
-        if number == LOCAL_TARGET:
-            taken = read_local_target(message, body)
-        elif number == ATTITUDE_TARGET:
-            taken = read_attitude_target(message)
+        taken = read_setpoint(message, body)
         if isinstance(taken, Rejected):
             self._core.say(ERROR, taken.text)
             return False

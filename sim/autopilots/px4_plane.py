@@ -9,14 +9,14 @@ from sim.autopilots.contract import ERROR, IN_AIR, ON_GROUND, Command, Say
 from sim.autopilots.modes import PX4 as MODES
 from sim.autopilots.px4 import ALTCTL, LAND, OFFBOARD, POSCTL, RTL, Core
 from sim.autopilots.px4_tables import px4_identity, px4_parameters
-from sim.autopilots.px4_targets import Rejected, Trajectory, read_attitude_target, read_local_target
+from sim.autopilots.px4_targets import Rejected, Trajectory, read_setpoint
 from sim.body import GRAVITY, Body
 from sim.config import Event, VehicleConfig
 from sim.demands import Bank, Glide, Spin, Tilt
 from sim.params import Parameter
 from sim.wire import Message
 
-LOCAL_TARGET, ATTITUDE_TARGET, MANUAL_CONTROL = 84, 82, 69
+MANUAL_CONTROL = 69
 THINK_US = 50_000
 ROLL_LAG = 0.5  # s: 63 % of a bank
 COURSE_GAIN = 0.835  # rad/s: turn rate towards a position setpoint, times the sine of the angle to it
@@ -108,14 +108,9 @@ class Px4Plane:
     # -- what is obeyed -----------------------------------------------------------------------------------------------
 
     def setpoint(self, message: Message, now: int, body: Body) -> bool:
-        number = message.get_msgId()
-        if number == MANUAL_CONTROL:
+        if message.get_msgId() == MANUAL_CONTROL:
             return self._core.sticks.heard(message, now, None)
-        taken: Trajectory | Tilt | Spin | Rejected | None = None
-        if number == LOCAL_TARGET:
-            taken = read_local_target(message, body)
-        elif number == ATTITUDE_TARGET:
-            taken = read_attitude_target(message)
+        taken = read_setpoint(message, body)
         if isinstance(taken, Rejected):
             self._core.say(ERROR, taken.text)
             return False

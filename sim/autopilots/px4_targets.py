@@ -10,6 +10,7 @@ from sim.body import Body, euler
 from sim.demands import Spin, Tilt
 from sim.wire import Message
 
+LOCAL_TARGET, ATTITUDE_TARGET = 84, 82
 LOCAL_NED, BODY_NED = 1, 8
 ACCELERATION, FORCE, YAW, YAW_RATE = 0x1C0, 0x200, 0x400, 0x800
 ROLL_RATE, PITCH_RATE, BODY_YAW_RATE, THROTTLE, ATTITUDE = 0x01, 0x02, 0x04, 0x40, 0x80
@@ -35,6 +36,14 @@ class Trajectory(NamedTuple):
 
 
 NOTHING: tuple[Axis, Axis, Axis] = (None, None, None)
+
+
+def read_setpoint(message: Message, body: Body) -> Trajectory | Tilt | Spin | Rejected | None:
+    """What a message asks for; None: nothing that counts."""
+    number = message.get_msgId()
+    if number == LOCAL_TARGET:
+        return read_local_target(message, body)
+    return read_attitude_target(message) if number == ATTITUDE_TARGET else None
 
 
 def read_local_target(message: Message, body: Body) -> Trajectory | Rejected:
