@@ -115,8 +115,11 @@ def test_a_stream_over_a_minute_behind_is_refused(key_file: Path) -> None:
     assert accepted(vehicle, station(vehicle, KEY, NOW - 59 * TICKS_PER_S))
 
 
-def test_without_gps_it_takes_its_time_from_those_who_sign(key_file: Path) -> None:
-    vehicle = Vehicle(parse_vehicle({"signing": {"key_file": str(key_file)}, "start": {"mode": "GUIDED"}}, "test"))
+@pytest.mark.parametrize("profile", ["arducopter", "px4_copter"])
+def test_without_gps_it_takes_its_time_from_those_who_sign(key_file: Path, profile: str) -> None:
+    """By a heartbeat too, which PX4 takes unsigned as well."""
+    tables = {"signing": {"key_file": str(key_file)}, "vehicle": {"profile": profile}}
+    vehicle = Vehicle(parse_vehicle(tables, "test"))
     vehicle.advance(1.5)
     assert stamps(vehicle)[-1] < TICKS_PER_S
     station(vehicle, KEY).heartbeat()
