@@ -13,10 +13,15 @@ from circnav_mav.mav.frames import YawRate, course_from_yaw, turn_rate_from_yaw_
 from circnav_mav.mav.sensor_clock import SensorClock
 
 ATTITUDE_MAX_AGE = 0.5
-CLOCK_JUMP = 1.0
-"""Disagreement of the vehicle's clock with ours between two attitudes, s, above which one of them was set anew; its
-32-bit milliseconds do so every 49.7 days."""
 AIR_MAX_AGE = 1.5
+MOST_LATE = 0.4
+"""Longest time on the way, s, that an attitude is believed to have had; less than ATTITUDE_MAX_AGE, so that a clock
+that was set anew never takes the heading away."""
+OVERTAKEN = 0.5
+"""An attitude whose stamp is older than the newest by up to this, s, was overtaken; by more, the vehicle's clock may
+have been set anew (its 32-bit milliseconds do so every 49.7 days), which the next one proves."""
+REPEATED = 0.2
+"""The same stamp again within this time, s, is the same attitude again; later, it is a clock that stands still."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +59,9 @@ class MotionSensor:
         self._air = Motion()
         self._air_at = float("-inf")
         self._clock = SensorClock()
+        self._stamp_ms: int | None = None
+        self._doubtful_ms: int | None = None
+        self._heard_at = float("-inf")
 
     def receive(self, message: Message, now: float) -> bool:
         """Take one message of the pinned vehicle in; tells whether it was a usable ATTITUDE, newer than all before."""
@@ -68,21 +76,30 @@ class MotionSensor:
         values = (message.roll, message.pitch, message.yaw, message.pitchspeed, message.yawspeed)
         if not all(map(isfinite, values)):
             return False
-        measured = self._measured(message.time_boot_ms / 1000, now)
-        if measured <= self._attitude_at:
+        measured = self._measured(message.time_boot_ms, now)
+        if measured is None:
             return False
         roll, pitch, yaw, q, r = values
         self._attitude = Motion(roll, pitch, yaw, heading_rate(roll, pitch, q, r))
-        self._attitude_at = measured
+        self._attitude_at = max(measured, self._attitude_at)
         return True
 
-    def _measured(self, stamp: float, now: float) -> float:
-        """When an attitude was measured, in our time."""
-        measured = self._clock.local(stamp, now)
-        if now - measured <= CLOCK_JUMP:
-            return measured
-        self._clock.reset()
-        return self._clock.local(stamp, now)
+    def _measured(self, stamp_ms: int, now: float) -> float | None:
+        """When an attitude was measured, in our time; None for one that is not newer than the newest."""
+        later = None if self._stamp_ms is None else _later(stamp_ms, self._stamp_ms)
+        if later == 0:
+            return now if now - self._heard_at > REPEATED else None
+        if later is not None and later < 0:
+            doubtful, self._doubtful_ms = self._doubtful_ms, stamp_ms
+            if later >= -OVERTAKEN or doubtful is None or _later(stamp_ms, doubtful) <= 0:
+                return None
+            self._clock.reset()
+        self._stamp_ms, self._heard_at, self._doubtful_ms = stamp_ms, now, None
+        measured = self._clock.local(stamp_ms / 1000, now)
+        if now - measured > MOST_LATE:
+            self._clock.reset()
+            measured = self._clock.local(stamp_ms / 1000, now)
+        return measured
 
     def own(self, now: float, airspeed: float) -> OwnMotion | None:
         """The motion as guidance sees it, at an airspeed (m/s) that the caller stands for; None without attitude."""
@@ -102,6 +119,11 @@ class MotionSensor:
         return Motion(
             attitude.roll, attitude.pitch, attitude.yaw, attitude.yaw_rate, air.airspeed, air.altitude, air.climb
         )
+
+
+def _later(stamp_ms: int, before_ms: int) -> float:
+    """Seconds from one stamp to another, through the 32-bit wrap."""
+    return ((stamp_ms - before_ms + 2**31) % 2**32 - 2**31) / 1000
 
 
 def _real(value: float, above: float = float("-inf")) -> float | None:

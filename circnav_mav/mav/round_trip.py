@@ -15,10 +15,10 @@ KEPT = 5
 """Newest answers that count, and answers after which is asked less often."""
 EVERY, LATER_EVERY = 0.5, 1.0
 """Time between two questions, s."""
-OUTSTANDING = 16
+OUTSTANDING = 32
 """Questions that may wait for an answer; it mirrors our stamp, so nobody else's answer is taken for ours."""
-PATIENCE = 3.0
-"""Time, s, after which a vehicle that has answered nothing counts as one that does not answer."""
+PATIENCE = 10.0
+"""Time, s, after which a vehicle that has answered nothing counts as one that never does, and a question as lost."""
 
 
 class RoundTrip:
@@ -59,6 +59,7 @@ class RoundTrip:
         """An answer that mirrors a stamp; one to somebody else's question is nothing."""
         for asked in self._asked:
             if asked[0] == stamp:
-                self.trips.append(now - asked[1])
                 self._asked.remove(asked)
+                if now - asked[1] <= PATIENCE:
+                    self.trips.append(now - asked[1])
                 return

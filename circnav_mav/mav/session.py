@@ -232,7 +232,6 @@ class Session:
         if not returning:
             self.adapter, self.pinned_at, self.on_ground = adapter, now, None
             self.streams = StreamRequests({**adapter.streams, **self._more_streams})
-            self.round_trip = RoundTrip()
             self.commands.send(Command(dialect.MAV_CMD_REQUEST_MESSAGE, (dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION,)))
 
     def _misfit(self, message: Message, ids: tuple[int, int], adapter: Autopilot | None) -> str | None:

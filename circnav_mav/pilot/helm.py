@@ -19,6 +19,8 @@ LONGEST_GAP = 1.0
 """Gap between two reports of own motion, s, after which the vehicle may have stopped meanwhile."""
 DEAF_AFTER = 1.0
 """Time of not turning as told, s, after which a vehicle counts as not hearing us: a reversed turn takes less."""
+LONGEST_DELAY = 2.0
+"""Most delay of the link, s, that the gains are made for."""
 LONGEST_TRIM_STEP = 0.2
 """Most time, s, that the radius integral counts between two steps: a gap is not an error that lasted."""
 
@@ -110,7 +112,7 @@ class Helm:
 
     def _delay(self, round_trip: float | None) -> float:
         """What the link adds to our own tick, s."""
-        return 0.0 if round_trip is None else max(round_trip - self._settings.timing.tick, 0.0)
+        return 0.0 if round_trip is None else min(max(round_trip - self._settings.timing.tick, 0.0), LONGEST_DELAY)
 
     def _trim_radius(self, estimate: RangeEstimate, command: TurnCommand) -> None:
         """Let the slow integral run over the time since the last steered step, while the vehicle follows."""

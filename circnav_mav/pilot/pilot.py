@@ -137,8 +137,12 @@ class Pilot:
         own = self.session.motion.own(now, self._airspeed(now))
         if own is not None:
             self.helm.feel(own)
-            if self.session.adapter.measures_airspeed or (self.phase in STEERING and self.helm.at_speed):
+            if self.session.adapter.measures_airspeed or (self.phase in STEERING and self._flies_as_told()):
                 self.estimator.move(own)
+
+    def _flies_as_told(self) -> bool:
+        """Whether the vehicle has the speed that it is told; whose setpoints are another's is believed to have it."""
+        return self.helm.at_speed if self.settings.voice is Voice.FLY else self.helm.followed
 
     def _airspeed(self, now: float) -> float:
         """As measured; else the speed that the vehicle is told to hold, as it does while it is ours and hears us."""
@@ -202,7 +206,7 @@ class Pilot:
         self._watch_time(now)
         estimate = self.estimator.at(now)
         self._watch_bounds(estimate, now)
-        self._watch_ranging(now)
+        self._watch_ranging(estimate, now)
         self._watch_engagement(now)
         command = self.helm.command(self.phase, estimate, self.session.round_trip.worst)
         self._tell_law(command)
@@ -328,9 +332,10 @@ class Pilot:
         elif self.phase is Phase.WAIT_RANGING and waited > timing.wait_ranging:
             self._finish(Ending.NOTHING_HEARD, self._why_not_ready(now), now)
 
-    def _watch_ranging(self, now: float) -> None:
+    def _watch_ranging(self, estimate: RangeEstimate | None, now: float) -> None:
         age = self._range_age(now)
-        good = self.estimator.ready and age is not None and age <= self.settings.timing.stale
+        fresh = age is not None and age <= self.settings.timing.stale
+        good = self.estimator.ready and estimate is not None and fresh
         if self.phase is Phase.WAIT_RANGING and self._missing(now):
             return
         before = self.phase
@@ -432,6 +437,8 @@ class Pilot:
     def _stream_before_engaging(self, now: float) -> list[Message]:
         """PX4 enters OFFBOARD only while setpoints flow; before that it does not fly them. Never after a takeover."""
         if self.phase is not Phase.READY or not self.session.adapter.needs_setpoints_first or not self._consent:
+            return []
+        if not self._link_quick(now) and not self.session.in_our_mode:  # then let PX4 refuse the mode
             return []
         self._count_setpoint(now)
         return [self.helm.safe_setpoint(self.session, now, engaged=False)]

@@ -147,6 +147,8 @@ def test_after_a_gap_the_drift_is_known_from_before_it(trouble):
         for t in np.arange(45.0, 52.0, 0.05):
             estimator.move(world.motion(t))
             estimator.observe(replace(world.range(45.0), time=t, stamp=t))
+        for t in np.arange(53.0, 80.0, 0.5):
+            estimator.observe(world.range(t))  # how it flies is not told any more
     listen(estimator, world, 80.0, 80.3)
     relative = estimator.at(80.29).relative
     assert relative.drift_remembered and relative.trial is not None and not estimator.ready
@@ -168,6 +170,23 @@ def test_the_drift_known_from_before_a_gap_makes_the_target_known_sooner_after_i
         again.append(needed(estimator, world, 75.0))
         anew.append(needed(DriftEstimator(SETTINGS), world, 75.0))
     assert np.median(again) < 0.7 * np.median(anew)
+
+
+@pytest.mark.parametrize("change", [(5.0, 0.0), (-5.0, 2.0)])
+def test_a_wind_that_changed_before_a_gap_is_not_taken_for_the_one_before(change):
+    world, estimator = Circling(), DriftEstimator(SETTINGS)
+    listen(estimator, world, 0.0, 60.0)
+    x, y = world.offset(60.0)
+    world.wind = (WIND[0] + change[0], WIND[1] + change[1])
+    now = world.offset(60.0)
+    world.target = (world.target[0] + now[0] - x, world.target[1] + now[1] - y)
+    listen(estimator, world, 60.0, 70.5)
+    assert estimator.ready
+    wrong = 0.0
+    for t in np.arange(91.5, 131.5, 0.5):
+        listen(estimator, world, t, t + 0.5)
+        wrong += 0.5 if estimator.ready and error(estimator, world, t + 0.45) > 50 else 0.0
+    assert wrong < 3.0
 
 
 def test_a_wind_that_changed_in_a_gap_is_found_all_the_same():

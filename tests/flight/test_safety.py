@@ -1,11 +1,13 @@
 """The operator always wins, and losing range or link has a defined answer: whole flights in lockstep."""
 
+import itertools
 import random
+from dataclasses import replace
 
 import pytest
 
-from circnav_mav.core.phases import Phase
-from circnav_mav.pilot import Ending, Voice
+from circnav_mav.core.phases import STEERING, Phase
+from circnav_mav.pilot import VEHICLE, Ending, Pilot, Voice
 from tests.flight.ground_station import Operator
 from tests.flight.lockstep import flight, last_third, message_ids, rms_error
 
@@ -35,6 +37,33 @@ def test_no_setpoint_leaves_after_the_tick_that_saw_the_operator_take_over_200_t
         assert pilot.phase is Phase.YIELDED
         operator.set_mode(GUIDED)
         flown.fly(flown.now + 1.0)
+
+
+@pytest.mark.parametrize("law", ["auto", "drift"])
+def test_without_own_motion_a_vehicle_is_flown_on_ranges_or_held_but_never_left_without_setpoints(law: str) -> None:
+    """The autopilot stops telling its attitude; ranges go on."""
+    flown = flight("arduplane", law=law).fly(60)
+    flown.hears = lambda frame, now: message_ids(frame) != [30]
+    flown.fly(75)
+    times = [time for time in flown.setpoint_times if time > 59]
+    assert max(b - a for a, b in itertools.pairwise(times)) < 0.2
+    assert times[-1] > 74.5
+    assert flown.pilot.phase in STEERING
+
+
+def test_a_dry_run_beside_somebody_who_flies_the_copter_shows_what_auto_would_do() -> None:
+    flown = flight("arducopter", law="auto")
+    settings = replace(flown.pilot.settings, voice=Voice.DRY_RUN)
+    dry = Pilot(settings)
+
+    def listens(frame: bytes, now: float) -> bool:
+        dry.receive(frame, now, "sim", VEHICLE)
+        return True
+
+    flown.hears = listens
+    flown.fly(60, lambda here: (dry.step(here.now), None)[1])
+    laws = [record.law for record in dry.take_records() if record.time > 40]
+    assert laws.count("drift") > 0.9 * len(laws)
 
 
 def test_takeover_ends_the_mission_when_the_file_says_end() -> None:

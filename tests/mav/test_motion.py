@@ -85,3 +85,40 @@ def test_what_is_stale_or_not_a_number_is_not_known():
     assert not sensor.receive(attitude(700, yaw=nan), 0.7)
     sensor.receive(hud(), 1.0)
     assert sensor.at(2.4).airspeed == 15.0 and sensor.at(2.6).airspeed is None
+
+
+@pytest.mark.parametrize("hz", [10, 20, 50])
+@pytest.mark.parametrize("ahead_ms", [250, 800, 3_600_000])
+def test_one_stamp_of_the_future_does_not_take_the_heading_away(ahead_ms, hz):
+    sensor, known = MotionSensor(), []
+    for i in range(20 * hz):
+        sensor.receive(attitude(10_000 + round(1000 * i / hz) + (ahead_ms if i == 5 * hz else 0)), i / hz)
+        known.append(sensor.own(i / hz, 15.0) is not None)
+    assert all(known)
+
+
+@pytest.mark.parametrize("stamp", [lambda t: 0, lambda t: 5000, lambda t: 500 * t, lambda t: 5000 * t])
+def test_a_clock_that_stands_or_runs_wrong_does_not_take_the_heading_away(stamp):
+    sensor, known = MotionSensor(), []
+    for i in range(1200):
+        sensor.receive(attitude(round(stamp(i / 20))), i / 20)
+        known.append(sensor.own(i / 20, 15.0) is not None)
+    assert all(known)
+
+
+def test_of_a_backlog_the_newest_counts():
+    sensor = MotionSensor()
+    for i in range(100):
+        sensor.receive(attitude(50 * i), i / 20)
+    for i in range(100, 130):
+        sensor.receive(attitude(50 * i, yaw=0.01 * i), 6.5)
+    assert sensor.at(6.5).yaw == pytest.approx(1.29)
+
+
+def test_one_frame_that_comes_seconds_late_by_another_way_is_refused():
+    sensor = MotionSensor()
+    for i in range(100):
+        sensor.receive(attitude(10_000 + 50 * i), i / 20)
+    assert not sensor.receive(attitude(11_000, yaw=3.0), 5.0)
+    assert sensor.receive(attitude(15_000, yaw=0.5), 5.01)
+    assert sensor.at(5.01).yaw == 0.5

@@ -74,6 +74,13 @@ def test_a_vehicle_at_the_end_of_a_slow_link_is_not_engaged_until_it_is_quick(ma
     assert (rig.commands(176) if request_mode else rig.setpoints()) != []
 
 
+@pytest.mark.parametrize("trip", [3.5, 9.0])
+def test_a_very_slow_link_is_not_taken_for_one_without_answers(rig, trip):
+    rig.round_trip = trip
+    rig.run(40.0)
+    assert rig.pilot.phase is Phase.READY and rig.setpoints() == []
+
+
 def test_a_link_that_gets_slow_in_flight_is_no_reason_to_let_the_vehicle_go(rig):
     rig.engage()
     rig.round_trip = 2.0
@@ -84,10 +91,10 @@ def test_a_link_that_gets_slow_in_flight_is_no_reason_to_let_the_vehicle_go(rig)
 
 def test_a_vehicle_that_does_not_answer_is_engaged_after_a_while(rig):
     rig.round_trip = None
-    rig.run(2.5)
+    rig.run(9.0)
     assert rig.pilot.phase is Phase.READY
     assert "not known yet" in rig.pilot.waits_for(rig.now)
-    rig.run(2.0)
+    rig.run(3.0)
     assert rig.pilot.phase is Phase.ENGAGED
 
 

@@ -358,6 +358,14 @@ def test_an_answer_to_somebody_elses_question_and_a_second_one_to_ours_are_no_ro
     assert list(here.session.round_trip.trips) == [pytest.approx(0.3)]
 
 
+def test_an_answer_that_is_minutes_late_is_no_round_trip(line):
+    here = line()
+    here.beat()
+    _, (question,) = timesync(here, 1.0)
+    here.hear(mavlink.MAVLink_timesync_message(10**12, question.ts1), 200.0)
+    assert here.session.round_trip.worst is None
+
+
 def test_a_vehicle_is_asked_the_time_twice_a_second_and_later_once(line):
     here = line()
     here.beat()

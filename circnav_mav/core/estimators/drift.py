@@ -49,6 +49,7 @@ class DriftEstimator:
         self._path = OwnPath()
         self._used: Knot | None = None
         self._sigma = 1.0
+        self._astray = False
         self._lately: _Memory | None = None
         self._before: _Memory | None = None
 
@@ -73,6 +74,7 @@ class DriftEstimator:
         """Take one sample in, or refuse it."""
         knot, before = self._path.at(sample.time), self._used
         if knot is None:
+            self._astray = True  # ranges, but nobody knows how the vehicle flies: it does not do as it is told
             return Fused.ACCEPTED
         if before is not None and (knot.piece != before.piece or sample.time - before.motion.time > GAP):
             self._restart(sample.time)
@@ -136,8 +138,14 @@ class DriftEstimator:
         return self.bank.likely_noise
 
     def _restart(self, now: float) -> None:
-        """Search anew. The wind, and the way of the target, are likely still what they were."""
-        self.bank = DriftBank(self.bank.settings, known=None if self._before is None else self._before.at(now))
+        """Search anew. The wind, and the way of the target, are likely still what they were; as far as the bank has not
+        seen them change since. What it saw of a vehicle that soon proved not to do as it was told, is nothing."""
+        known = None if self._before is None else self._before.at(now)
+        if known is not None and self.bank.stage[0] == Stage.TRACK and not self._astray:
+            dx, dy = drift(self.bank.mean[:, 0])
+            known = replace(known, drift=max(known.drift, float(np.hypot(dx - known.dx, dy - known.dy))))
+        self._lately, self._astray = self._before, False
+        self.bank = DriftBank(self.bank.settings, known=known)
 
     def _remember(self, now: float) -> None:
         if self.ready and (self._lately is None or now - self._lately.time > MEMORY):
