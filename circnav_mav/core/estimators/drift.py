@@ -84,7 +84,7 @@ class DriftEstimator:
             return Fused.GATED
         was = self.bank.stage[0]
         self.bank.step(dt, _chord(before or knot, knot), *_arrays(sample))
-        self._used, self._sigma = knot, sample.sigma
+        self._used, self._sigma, self._astray = knot, sample.sigma, False
         self._remember(sample.time)
         if was == Stage.TRACK and self.bank.stage[0] != Stage.TRACK:
             return Fused.RESTARTED
@@ -144,7 +144,7 @@ class DriftEstimator:
         if known is not None and self.bank.stage[0] == Stage.TRACK and not self._astray:
             dx, dy = drift(self.bank.mean[:, 0])
             known = replace(known, drift=max(known.drift, float(np.hypot(dx - known.dx, dy - known.dy))))
-        self._lately, self._astray = self._before, False
+        self._lately = self._before
         self.bank = DriftBank(self.bank.settings, known=known)
 
     def _remember(self, now: float) -> None:
