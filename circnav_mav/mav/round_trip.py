@@ -22,7 +22,7 @@ PATIENCE = 10.0
 
 
 class RoundTrip:
-    """Asks one vehicle the time; a new one for a new vehicle."""
+    """Asks the vehicle the time. What is known outlives a loss of the link: only the same vehicle may come back."""
 
     def __init__(self) -> None:
         self._asked: deque[tuple[int, float]] = deque(maxlen=OUTSTANDING)

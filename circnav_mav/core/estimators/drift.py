@@ -25,7 +25,6 @@ from circnav_mav.core.values import OwnMotion, RangeEstimate, RangeSample, Relat
 
 GAP = 20.0
 """After a longer time without ranges, s, the bank starts anew."""
-
 MEMORY = 10.0
 """After such a gap the drift counts that was known so long (s) before it: what came later may be the trouble."""
 REMEMBERED, FORGOTTEN = 0.03, 1e-3

@@ -129,7 +129,7 @@ SIGNING = [
             ("0.001 corrupt per byte", Impairment(corrupt=1e-3)),
         )
     ),
-    # who is overtaken counts as repeated, so most frames are lost: a copter with law auto may leave its circle
+    # who is overtaken counts as repeated, so many frames are lost: a copter with law auto may leave its circle
     signed(
         "signed, 200 ms jitter",
         up=Impairment(jitter=0.2),
