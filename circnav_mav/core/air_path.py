@@ -17,6 +17,11 @@ def chord(V: Array, psi: Array, turn: Array, dt: Array) -> Array:
 
     Its length is V dt sinc(turn/2) and its direction psi + turn/2. An Euler step instead leaves -0.3 m of radius.
     """
-    length = V * dt * np.sinc(turn / (2 * np.pi))
+    return np.stack(chord_parts(V, psi, turn, dt))
+
+
+def chord_parts(V: Array, psi: Array, turn: Array, dt: Array, xp: Any = np) -> tuple[Array, Array]:
+    """`chord` as its two components. xp: numpy, or `floats` for one flight."""
+    length = V * dt * xp.sinc(turn / (2 * np.pi))
     middle = psi + turn / 2
-    return np.stack([length * np.cos(middle), length * np.sin(middle)])
+    return length * xp.cos(middle), length * xp.sin(middle)

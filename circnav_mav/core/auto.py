@@ -4,7 +4,7 @@ While the bank searches, its favourite guess is tried out: flying at a wrong gue
 the straight approach of a law on range alone would leave all guesses alive. When even that tells nothing apart, the
 approach weaves. Whatever steers, every change is bumpless: the difference to the command before it fades out.
 
-Arrays of shape (B,) over flights, for the counter-clockwise orbit; in the air B = 1.
+For the counter-clockwise orbit. Arrays of shape (B,) over flights; of the one in the air, plain numbers.
 """
 
 from dataclasses import dataclass
@@ -57,25 +57,31 @@ class Handover:
 
 
 def at_start(flights: int = 1) -> Handover:
-    """Before the first command."""
+    """Before the first command of B flights."""
     zero = np.zeros(flights)
     return Handover(np.full(flights, -1), np.full(flights, -1), zero, zero, zero)
 
 
+ONE_AT_START = Handover(-1, -1, 0.0, 0.0, 0.0)
+"""Before the first command of one flight."""
+
+
 def hand_over(
-    before: Handover, dt: Array, *, trusted: Array, favourite: Array, by_range: Array, by_bank: Array, limit: float
-) -> Handover:
+    before: Handover, dt: Array, *, trusted: Array, favourite: Array, by_range: Array, by_bank: Array, limit: float,
+    xp: Any = np,
+) -> Handover:  # fmt: skip
     """The command of this step. favourite (B,): number of the bank's guess while it searches, else -1.
 
     by_range, by_bank (B,): what feedforward and the drift law ask for, rad/s; by_bank counts only where it has grounds.
+    xp: numpy, or `floats` for one flight.
     """
-    untrusted = np.where(trusted, 0.0, before.untrusted + dt)
-    trial = ~trusted & (favourite >= 0) & (untrusted >= FIRST_GUESS)
-    flies = np.where(trusted, Flies.DRIFT, np.where(trial, Flies.TRIAL, Flies.FEEDFORWARD))
-    on_trial = np.where(trial, favourite, -1)
-    weave = WEAVE_SHARE * limit * np.sin(2 * np.pi * untrusted / WEAVE_PERIOD)
-    by_bank = by_bank + np.where(trial & (untrusted > PATIENCE), weave, 0.0)
-    wanted = np.clip(np.where(flies == Flies.FEEDFORWARD, by_range, by_bank), -limit, limit)
+    untrusted = xp.where(trusted, 0.0, before.untrusted + dt)
+    trial = xp.logical_not(trusted) & (favourite >= 0) & (untrusted >= FIRST_GUESS)
+    flies = xp.where(trusted, Flies.DRIFT, xp.where(trial, Flies.TRIAL, Flies.FEEDFORWARD))
+    on_trial = xp.where(trial, favourite, -1)
+    weave = WEAVE_SHARE * limit * xp.sin(2 * np.pi * untrusted / WEAVE_PERIOD)
+    by_bank = by_bank + xp.where(trial & (untrusted > PATIENCE), weave, 0.0)
+    wanted = xp.clip(xp.where(flies == Flies.FEEDFORWARD, by_range, by_bank), -limit, limit)
     changed = (before.flies >= 0) & ((flies != before.flies) | (on_trial != before.favourite))
-    offset = np.where(changed, before.command - wanted, before.offset * np.exp(-dt / FADE))
-    return Handover(flies, on_trial, np.clip(wanted + offset, -limit, limit), offset, untrusted)
+    offset = xp.where(changed, before.command - wanted, before.offset * xp.exp(-dt / FADE))
+    return Handover(flies, on_trial, xp.clip(wanted + offset, -limit, limit), offset, untrusted)

@@ -4,7 +4,8 @@ A vector field of ground courses with the drift taken out by the wind triangle (
 Frew, Pisano 2008; wind: Frew 2007), followed with the field's own rotation as feedforward. Unlike exact linearisation
 of r it has no singular heading and can never ask for a closing speed that the wind forbids.
 
-All of this is for a counter-clockwise orbit, omega > 0 to the left; `mirrored` gives the clockwise one.
+All of this is for a counter-clockwise orbit, omega > 0 to the left; `mirrored` gives the clockwise one. xp: numpy, or
+`floats` for one flight.
 """
 
 from dataclasses import dataclass
@@ -12,9 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from circnav_mav.core.air_path import chord, wrap
+from circnav_mav.core.air_path import chord_parts, wrap
 
 Array = Any
+Pair = Any
+"""Two components: an array of shape (2, ...), or a tuple of two floats or arrays."""
 STEP = 0.05
 """Half the interval of the central difference of the field along the path, s."""
 REACHABLE = 0.98
@@ -49,31 +52,32 @@ def drift_gains(V: float, r_d: float, lag: float, lead: float = 1.0, delay: floa
     return DriftGains(heading, heading / (3 * V), lead, left, delay)
 
 
-def inward_angle(r: Array, *, r_d: float, k: float, sharpest: Array) -> Array:
+def inward_angle(r: Array, *, r_d: float, k: float, sharpest: Array, xp: Any = np) -> Array:
     """Angle of the ground course inward of the circle's tangent, rad.
 
     k (r - r_d) near the circle; far outside the straight line that touches the circle, acos(r_d/r); far inside the
     tightest turn that touches it from within, where `sharpest` is that turn's curvature, 1/m.
     """
     e = r - r_d
-    line = np.arccos(np.minimum(r_d / np.maximum(r, 1e-6), 1.0))
-    turn = np.minimum(np.sqrt(2 * np.maximum(-e, 0.0) * np.maximum(sharpest - 1 / r_d, 0.1 / r_d)), 0.5 * np.pi)
-    most = np.where(e > 0, line, turn)
-    return k * e * most / np.sqrt(most**2 + (k * e) ** 2 + 1e-12)
+    line = xp.arccos(xp.minimum(r_d / xp.maximum(r, 1e-6), 1.0))
+    turn = xp.minimum(xp.sqrt(2 * xp.maximum(-e, 0.0) * xp.maximum(sharpest - 1 / r_d, 0.1 / r_d)), 0.5 * np.pi)
+    most = xp.where(e > 0, line, turn)
+    return k * e * most / xp.sqrt(most**2 + (k * e) ** 2 + 1e-12)
 
 
-def field_heading(p: Array, d: Array, *, V: Array, r_d: float, k: float, max_turn_rate: float) -> Array:
+def field_heading(p: Pair, d: Pair, *, V: Array, r_d: float, k: float, max_turn_rate: float, xp: Any = np) -> Array:
     """Heading (rad) whose ground course follows the field at p (2, ...), drift d (2, ...), true airspeed V."""
-    r = np.hypot(p[0], p[1])
-    sharpest = max_turn_rate / (V + np.hypot(d[0], d[1]))
-    course = np.arctan2(p[1], p[0]) + np.pi / 2 + inward_angle(r, r_d=r_d, k=k, sharpest=0.7 * sharpest)
-    across = np.cos(course) * d[1] - np.sin(course) * d[0]
-    return course - np.arcsin(np.clip(across / V, -REACHABLE, REACHABLE))
+    r = xp.hypot(p[0], p[1])
+    sharpest = max_turn_rate / (V + xp.hypot(d[0], d[1]))
+    course = xp.arctan2(p[1], p[0]) + np.pi / 2 + inward_angle(r, r_d=r_d, k=k, sharpest=0.7 * sharpest, xp=xp)
+    across = xp.cos(course) * d[1] - xp.sin(course) * d[0]
+    return course - xp.arcsin(xp.clip(across / V, -REACHABLE, REACHABLE))
 
 
 def drift(
-    p: Array, d: Array, psi: Array, turn_rate: Array, *, V: Array, r_d: float, max_turn_rate: float, gains: DriftGains
-) -> Array:
+    p: Pair, d: Pair, psi: Array, turn_rate: Array, *, V: Array, r_d: float, max_turn_rate: float, gains: DriftGains,
+    xp: Any = np,
+) -> Array:  # fmt: skip
     """Turn rate (rad/s): the field's rotation along the path ahead, plus the heading error times its gain.
 
     p = vehicle - target (2, ...), m. d = wind - target velocity (2, ...), m/s. psi, turn_rate: of the vehicle.
@@ -81,31 +85,31 @@ def drift(
     """
 
     def wanted(ahead: float) -> Array:
-        there = p + d * ahead + chord(V, psi, turn_rate * ahead, ahead)
-        return field_heading(there, d, V=V, r_d=r_d, k=gains.radial, max_turn_rate=max_turn_rate)
+        x, y = chord_parts(V, psi, turn_rate * ahead, ahead, xp)
+        there = p[0] + d[0] * ahead + x, p[1] + d[1] * ahead + y
+        return field_heading(there, d, V=V, r_d=r_d, k=gains.radial, max_turn_rate=max_turn_rate, xp=xp)
 
     rotation = wrap(wanted(gains.ahead + STEP) - wanted(gains.ahead - STEP)) / (2 * STEP)
     aimed = rotation + gains.heading * wrap(wanted(0.0) - psi)
     return aimed + gains.lead * (aimed - turn_rate)
 
 
-def orbit_turn_rate(d: Array, psi: Array, *, V: Array, r_d: float) -> Array:
+def orbit_turn_rate(d: Pair, psi: Array, *, V: Array, r_d: float, xp: Any = np) -> Array:
     """Turn rate (rad/s) that stays on the counter-clockwise circle in drift d (2, ...), m/s, at heading psi, rad.
 
     The heading alone tells where on the circle a vehicle is: no range is used. chi' = v_g/r_d for the ground course,
     psi' = chi' v_g/(V cos(psi - chi)) by the wind triangle; V/r_d in still air. Condition: |d| < V.
     """
-    v = np.stack([V * np.cos(psi) + d[0], V * np.sin(psi) + d[1]])
-    ground = np.maximum(np.hypot(v[0], v[1]), 1e-9)
+    v = V * xp.cos(psi) + d[0], V * xp.sin(psi) + d[1]
+    ground = xp.maximum(xp.hypot(v[0], v[1]), 1e-9)
     across = (v[0] * d[1] - v[1] * d[0]) / ground
-    along_nose = V * np.sqrt(1 - np.clip(across / V, -REACHABLE, REACHABLE) ** 2)
+    along_nose = V * xp.sqrt(1 - xp.clip(across / V, -REACHABLE, REACHABLE) ** 2)
     return ground**2 / (r_d * along_nose)
 
 
-def mirrored(p: Array, d: Array, psi: Array, turn_rate: Array, sense: Array) -> tuple[Array, Array, Array, Array]:
+def mirrored(p: Pair, d: Pair, psi: Array, turn_rate: Array, sense: Array) -> tuple[Pair, Pair, Array, Array]:
     """The same situation seen so that the orbit is counter-clockwise; sense: +1 counter-clockwise, -1 clockwise.
 
     The turn rate that follows is multiplied by sense on the way out.
     """
-    flip = np.stack([np.ones_like(sense), sense])
-    return p * flip, d * flip, psi * sense, turn_rate * sense
+    return (p[0], p[1] * sense), (d[0], d[1] * sense), psi * sense, turn_rate * sense

@@ -3,9 +3,8 @@
 from dataclasses import dataclass, replace
 from typing import Protocol
 
-import numpy as np
-
-from circnav_mav.core.auto import Flies, at_start, hand_over
+from circnav_mav.core import floats
+from circnav_mav.core.auto import ONE_AT_START, Flies, hand_over
 from circnav_mav.core.drift_law import drift, drift_gains, mirrored, orbit_turn_rate
 from circnav_mav.core.laws import LAWS, Kind, pi
 from circnav_mav.core.values import Orbit, RangeEstimate, RelativeMotion, TurnCommand, TurnRate
@@ -63,9 +62,9 @@ def holding(orbit: Orbit, motion: RelativeMotion | None, lag: float) -> TurnComm
     if motion is None or motion.trial is not None:
         return limit(orbit.steady_turn_rate, orbit.max_turn_rate)
     s = orbit.direction.turn_sign
-    d, V = np.array([motion.drift_x, s * motion.drift_y]), max(motion.airspeed, 0.1 * orbit.speed)
-    heading = np.asarray(s * (motion.heading + lag * motion.turn_rate))
-    turn = s * float(orbit_turn_rate(d, heading, V=V, r_d=orbit.radius))
+    d, V = (motion.drift_x, s * motion.drift_y), max(motion.airspeed, 0.1 * orbit.speed)
+    heading = s * (motion.heading + lag * motion.turn_rate)
+    turn = s * orbit_turn_rate(d, heading, V=V, r_d=orbit.radius, xp=floats)
     return limit(TurnRate(turn), orbit.max_turn_rate)
 
 
@@ -120,7 +119,7 @@ class _HandingOver:
         self._orbit, self._tries = orbit, LAWS[choice.name].kind is Kind.AUTO
         self._feedforward = _by_range(orbit, choice)
         self._lag, self._gains = choice.lag, drift_gains(orbit.speed, orbit.radius, choice.lag)
-        self._handover = at_start()
+        self._handover = ONE_AT_START
         self._time: float | None = None
 
     def __call__(self, estimate: RangeEstimate, trim: float = 0.0, delay: float = 0.0) -> TurnCommand:
@@ -129,15 +128,16 @@ class _HandingOver:
         dt = 0.0 if self._time is None else min(max(estimate.time - self._time, 0.0), LONGEST_STEP)
         self._time = estimate.time
         s, motion = self._orbit.direction.turn_sign, estimate.relative
-        by_range = s * self._feedforward(estimate, trim).demanded
-        by_bank = by_range if motion is None else self._by_bank(motion, trim)
-        tried = self._tried(estimate)
+        if motion is not None and motion.trusted:
+            by_bank = by_range = self._by_bank(motion, trim)
+        else:
+            by_range = s * self._feedforward(estimate, trim).demanded
+            by_bank = by_range if motion is None else self._by_bank(motion, trim)
         self._handover = hand_over(
-            self._handover, dt,
-            trusted=np.array([motion is not None and motion.trusted]), favourite=np.array([tried]),
-            by_range=np.array([by_range]), by_bank=np.array([by_bank]), limit=self._orbit.max_turn_rate,
+            self._handover, dt, trusted=motion is not None and motion.trusted, favourite=self._tried(estimate), by_range=by_range, by_bank=by_bank,
+            limit=self._orbit.max_turn_rate, xp=floats,
         )  # fmt: skip
-        flies, command = Flies(int(self._handover.flies[0])), float(self._handover.command[0])
+        flies, command = self._handover.flies, self._handover.command
         demanded = by_range if flies is Flies.FEEDFORWARD else by_bank
         saturated = abs(command) >= self._orbit.max_turn_rate
         return TurnCommand(
@@ -151,14 +151,13 @@ class _HandingOver:
         if not self._tries or motion is None or motion.trial is None:
             return -1
         circling = abs(estimate.r - orbit.radius) < NEAR * orbit.radius and abs(estimate.r_dot) < ALONG * orbit.speed
-        patient = self._handover.untrusted[0] < CIRCLING_PATIENCE
+        patient = self._handover.untrusted < CIRCLING_PATIENCE
         return -1 if motion.drift_remembered and circling and patient else motion.trial
 
     def _by_bank(self, motion: RelativeMotion, trim: float) -> float:
         """The drift law, seen so that the orbit is counter-clockwise."""
-        p, d = np.array([motion.x, motion.y]), np.array([motion.drift_x, motion.drift_y])
-        sense = np.asarray(float(self._orbit.direction.turn_sign))
-        here = mirrored(p, d, np.asarray(motion.heading), np.asarray(motion.turn_rate), sense)
-        V = max(motion.airspeed, 0.1 * self._orbit.speed)
         orbit = self._orbit
-        return float(drift(*here, V=V, r_d=orbit.radius + trim, max_turn_rate=orbit.max_turn_rate, gains=self._gains))
+        p, d, sense = (motion.x, motion.y), (motion.drift_x, motion.drift_y), orbit.direction.turn_sign
+        here = mirrored(p, d, motion.heading, motion.turn_rate, sense)
+        V, limit = max(motion.airspeed, 0.1 * orbit.speed), orbit.max_turn_rate
+        return float(drift(*here, V=V, r_d=orbit.radius + trim, max_turn_rate=limit, gains=self._gains, xp=floats))

@@ -56,7 +56,7 @@ class RangeWindow:
     def white(self, sigma: Array) -> Array:
         """Standard deviation of the white part of the noise, m, (B,): sigma until enough was seen."""
         known = np.isfinite(self._bends).sum(axis=0) >= ROUGH_ENOUGH
-        middle = np.nanmedian(np.where(known, self._bends, 0.0), axis=0)
+        middle = _median(np.where(known, self._bends, 0.0))
         return np.where(known, np.minimum(middle / (0.6745 * np.sqrt(6)), sigma), sigma)
 
     def bins(self, at: Array, sigma: Array) -> Bins:
@@ -90,7 +90,7 @@ class RangeWindow:
         """Average the open bin without what is far from its median."""
         z = self._open[3]
         any_in = np.isfinite(z).any(axis=0)
-        middle = np.nanmedian(np.where(any_in, z, 0.0), axis=0)
+        middle = _median(np.where(any_in, z, 0.0))
         good = np.abs(z - middle) <= self._speed * WIDTH + 4 * sigma
         count = good.sum(axis=0)
         slot = self._closed % COUNT
@@ -100,3 +100,11 @@ class RangeWindow:
         self._closed += 1
         self._open[:] = np.nan
         self._filled, self._opened = 0, self.now
+
+
+def _median(values: Array) -> Array:
+    """Median (B,) of what is not NaN in each column of (n, B); none may be empty. As `np.nanmedian`, which takes some
+    fifty times as long for a few values."""
+    count = np.isfinite(values).sum(axis=0)
+    ordered, column = np.sort(values, axis=0), np.arange(values.shape[1])
+    return (ordered[(count - 1) // 2, column] + ordered[count // 2, column]) / 2

@@ -2,11 +2,9 @@
 
 from collections import deque
 from dataclasses import dataclass
-from math import cos, sin
 
-import numpy as np
-
-from circnav_mav.core.air_path import wrap
+from circnav_mav.core import floats
+from circnav_mav.core.air_path import chord_parts, wrap
 from circnav_mav.core.values import OwnMotion
 
 KEPT = 64
@@ -83,7 +81,6 @@ def _carried(knot: Knot, turned: float, step: float, airspeed: float | None = No
 
 
 def _arc(knot: Knot, V: float, turned: float, step: float) -> tuple[float, float]:
-    """See `air_path.chord`."""
-    length = V * step * float(np.sinc(turned / (2 * np.pi)))
-    middle = knot.motion.heading + turned / 2
-    return knot.x + length * cos(middle), knot.y + length * sin(middle)
+    """Where the arc ends."""
+    x, y = chord_parts(V, knot.motion.heading, turned, step, floats)
+    return knot.x + x, knot.y + y

@@ -1,0 +1,38 @@
+"""numpy's names for plain floats: an equation that is given its functions as `xp` is written once, serves arrays of
+flights with numpy, and the one flight in the air with this module, several times as fast.
+
+Differences to numpy: none but the last bit, except that arguments without a result raise ValueError instead of giving
+NaN, and that NaN must stand first in `minimum`, `maximum` and `clip` to come through.
+"""
+
+import operator
+from math import acos as arccos
+from math import asin as arcsin
+from math import atan2 as arctan2
+from math import cos, exp, hypot, isfinite, pi, sin, sqrt
+from typing import TypeVar
+
+__all__ = [
+    "arccos", "arcsin", "arctan2", "clip", "cos", "exp", "hypot", "isfinite", "logical_not", "maximum", "minimum", "pi",
+    "sin", "sinc", "sqrt", "where",
+]  # fmt: skip
+
+T = TypeVar("T")
+logical_not = operator.not_
+minimum, maximum = min, max
+
+
+def clip(value: float, low: float, high: float) -> float:
+    """The value, or the nearer bound."""
+    return min(max(value, low), high)
+
+
+def sinc(x: float) -> float:
+    """sin(pi x)/(pi x)."""
+    y = pi * x
+    return sin(y) / y if y else 1.0
+
+
+def where(condition: bool, then: T, otherwise: T) -> T:
+    """One of two values, both worked out."""
+    return then if condition else otherwise
