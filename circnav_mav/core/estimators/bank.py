@@ -15,6 +15,7 @@ coordinates, as Aidala and Hammel, "Utilization of modified polar coordinates fo
 """
 
 from dataclasses import dataclass
+from math import exp
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ import numpy as np
 from circnav_mav.core.air_path import wrap
 
 Array = Any
+Row = tuple[Array, ...]
 R, THETA, DX, DY, KAPPA, B, GX, GY = range(8)
 STATES = 8
 BIAS_TIME = 2.0
@@ -77,40 +79,61 @@ class Innovation:
     taken: Array
 
 
-def predict(h: Hypotheses, noise: Noise, dt: Array, chord: Array, sigma: Array) -> Hypotheses:
-    """Carry on by dt (s, scalar or (B,)) along an air path whose chord is (2, B), in m at the measured airspeed."""
-    x, P = h.x.copy(), h.P.copy()
-    fade, calm = np.exp(-dt / BIAS_TIME), np.exp(-dt / GUST_TIME)
-    n, t = _axes(h.x[THETA])
-    r, x[R], turn = h.x[R], *_moved(h.x, n, t, dt, chord)
-    x[THETA] += turn
-    x[B] *= fade
-    x[GX:] *= calm
-    n1, t1 = _axes(x[THETA])
-    c, s = np.cos(turn), np.sin(turn)
-    for of in (_rows(P), _columns(P)):
-        east, north = (of(DX) + of(GX)) * dt + of(KAPPA) * chord[0], (of(DY) + of(GY)) * dt + of(KAPPA) * chord[1]
-        along = c * of(R) + (r * s) * of(THETA) + n1[0] * east + n1[1] * north
-        across = (r * c) * of(THETA) - s * of(R) + t1[0] * east + t1[1] * north
-        of(R)[...], of(THETA)[...] = along, across / x[R]
-        of(B)[...] *= fade
-        of(GX)[...] *= calm
-        of(GY)[...] *= calm
-    steady, gusty = noise.drift_psd * dt, (1 - calm**2) * noise.gust**2
-    moved = (steady + gusty) * (dt**2 / 3) + POSITION_PSD * dt
-    P[R, R] += moved
-    P[THETA, THETA] += moved / x[R] ** 2
-    for first, q in ((DX, steady), (GX, gusty)):
-        for axis in (0, 1):
-            d = first + axis
-            P[R, d] += n1[axis] * (q * dt / 2)
-            P[d, R] = P[R, d]
-            P[THETA, d] += t1[axis] * (q * dt / 2) / x[R]
-            P[d, THETA] = P[THETA, d]
-            P[d, d] += q
-    P[KAPPA, KAPPA] += KAPPA_PSD * dt
-    P[B, B] += (1 - fade**2) * (noise.drifting * sigma) ** 2
-    return Hypotheses(x, P, h.log_weight * np.exp(-dt / WEIGHT_MEMORY))
+def predict(h: Hypotheses, noise: Noise, dt: float, chord: Array, sigma: Array) -> Hypotheses:
+    """Carry on by dt (s) along an air path whose chord is (2, B), in m at the measured airspeed."""
+    x, keep = h.x.copy(), kept(dt)[:, None, None]
+    x[R], x[THETA], rows = motion(h.x, dt, chord)
+    x[B:] *= keep[B:]
+    F: Array = np.array(rows)
+    moved = np.einsum("ik...,kj...->ij...", F, h.P)
+    place = np.einsum("ik...,jk...->ij...", moved, F)
+    steady, gusty = steps(noise.drift_psd, noise.gust, dt)
+    moved *= keep
+    moved[:, DX:KAPPA] += F[:, DX:KAPPA] * (steady / 2)
+    moved[:, GX:] += F[:, GX:] * (gusty / 2)
+    wander = wandered(steady, gusty, dt)
+    place[0, 0] += wander
+    place[1, 1] += wander / x[R] ** 2
+    P = h.P * (keep[:, None] * keep)
+    P[:2], P[:, :2] = moved, np.swapaxes(moved, 0, 1)
+    P[:2, :2] = place
+    drifting = (1 - keep[B] ** 2) * (noise.drifting * sigma) ** 2
+    for i, q in ((DX, steady), (DY, steady), (GX, gusty), (GY, gusty), (KAPPA, KAPPA_PSD * dt), (B, drifting)):
+        P[i, i] += q
+    return Hypotheses(x, P, h.log_weight * exp(-dt / WEIGHT_MEMORY))
+
+
+def motion(x: Any, dt: float, chord: Any, xp: Any = np) -> tuple[Array, Array, tuple[Row, Row]]:
+    """Range and direction after dt along a chord, and their rows of the Jacobian: what an error of each state does.
+
+    The other states are multiplied by `kept`. x: by state, arrays or floats. xp: numpy, or `floats` for one flight.
+    """
+    c, s = xp.cos(x[THETA]), xp.sin(x[THETA])
+    east, north = x[KAPPA] * chord[0] + (x[DX] + x[GX]) * dt, x[KAPPA] * chord[1] + (x[DY] + x[GY]) * dt
+    along, across = x[R] + c * east + s * north, c * north - s * east
+    r, turn = xp.maximum(xp.hypot(along, across), CLOSEST), xp.arctan2(across, along)
+    theta = x[THETA] + turn
+    n, t = axes(theta, xp)
+    c, s, none = xp.cos(turn), xp.sin(turn), 0.0 * r
+    out = c, x[R] * s, n[0] * dt, n[1] * dt, n[0] * chord[0] + n[1] * chord[1], none, n[0] * dt, n[1] * dt
+    left = -s, x[R] * c, t[0] * dt, t[1] * dt, t[0] * chord[0] + t[1] * chord[1], none, t[0] * dt, t[1] * dt
+    return r, theta, (out, tuple(entry / r for entry in left))
+
+
+def kept(dt: float) -> Array:
+    """What is left of each state but range and direction after dt, (8,): the range error and gusts fade."""
+    fade, calm = exp(-dt / BIAS_TIME), exp(-dt / GUST_TIME)
+    return np.array([1.0, 1.0, 1.0, 1.0, 1.0, fade, calm, calm])
+
+
+def steps(drift_psd: Array, gust: Array, dt: float) -> tuple[Array, Array]:
+    """By how much the variances of d and g grow in dt, m^2/s^2."""
+    return drift_psd * dt, (1 - exp(-2 * dt / GUST_TIME)) * gust**2
+
+
+def wandered(steady: Array, gusty: Array, dt: float) -> Array:
+    """By how much the variance of the place grows meanwhile, m^2, beyond what the motion does."""
+    return (steady + gusty) * (dt**2 / 3) + POSITION_PSD * dt
 
 
 def update(
@@ -132,25 +155,10 @@ def update(
     return Hypotheses(x, P, log_weight - log_weight.max(axis=0)), Innovation(nis, taken)
 
 
-def _axes(theta: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+def axes(theta: Array, xp: Any = np) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
     """Unit vectors along and across (left of) the line from the target."""
-    c, s = np.cos(theta), np.sin(theta)
+    c, s = xp.cos(theta), xp.sin(theta)
     return (c, s), (-s, c)
-
-
-def _moved(x: Array, n: Any, t: Any, dt: Array, chord: Array) -> tuple[Array, Array]:
-    """Range after the step, and the angle that p has turned."""
-    step = x[KAPPA] * chord[0] + (x[DX] + x[GX]) * dt, x[KAPPA] * chord[1] + (x[DY] + x[GY]) * dt
-    along, across = x[R] + n[0] * step[0] + n[1] * step[1], t[0] * step[0] + t[1] * step[1]
-    return np.maximum(np.hypot(along, across), CLOSEST), np.arctan2(across, along)
-
-
-def _rows(P: Array) -> Any:
-    return lambda i: P[i]
-
-
-def _columns(P: Array) -> Any:
-    return lambda i: P[:, i]
 
 
 def mixture(h: Hypotheses) -> tuple[Array, Array]:

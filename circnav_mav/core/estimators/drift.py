@@ -5,21 +5,12 @@ from math import sqrt
 
 import numpy as np
 
-from circnav_mav.core.estimators.bank import (
-    KAPPA,
-    THETA,
-    Array,
-    Hypotheses,
-    Noise,
-    R,
-    drift,
-    position,
-    predict,
-)
+from circnav_mav.core.estimators.bank import KAPPA, Array, drift
 from circnav_mav.core.estimators.drift_bank import BankSettings, DriftBank, Stage
 from circnav_mav.core.estimators.interface import EstimatorSettings, Fused
 from circnav_mav.core.estimators.kalman import KalmanRangeRate
 from circnav_mav.core.estimators.own_path import Knot, OwnPath
+from circnav_mav.core.estimators.prediction import Belief, Prediction, predict_one
 from circnav_mav.core.estimators.window import Prior
 from circnav_mav.core.values import OwnMotion, RangeEstimate, RangeSample, RelativeMotion
 
@@ -45,6 +36,7 @@ class DriftEstimator:
     def reset(self) -> None:
         """Forget everything."""
         self.bank = DriftBank(BankSettings(self._settings.speed, gate=self._settings.gate))
+        self._note_belief()
         self._path = OwnPath()
         self._used: Knot | None = None
         self._sigma = 1.0
@@ -55,7 +47,7 @@ class DriftEstimator:
     @property
     def ready(self) -> bool:
         """Whether the bank may be trusted."""
-        return bool(self.bank.trusted[0])
+        return self._ready
 
     @property
     def nis(self) -> float | None:
@@ -84,6 +76,7 @@ class DriftEstimator:
         was = self.bank.stage[0]
         self.bank.step(dt, _chord(before or knot, knot), *_arrays(sample))
         self._used, self._sigma, self._astray = knot, sample.sigma, False
+        self._note_belief()
         self._remember(sample.time)
         if was == Stage.TRACK and self.bank.stage[0] != Stage.TRACK:
             return Fused.RESTARTED
@@ -94,47 +87,40 @@ class DriftEstimator:
         knot = self._path.at(time)
         if knot is None or self._used is None or knot.piece != self._used.piece or self.bank.stage[0] == Stage.EMPTY:
             return None
-        x, P = self._predicted(knot)
-        u = np.array([np.cos(knot.motion.heading), np.sin(knot.motion.heading)])
-        p, d, V = position(x), drift(x), float(x[KAPPA]) * knot.motion.airspeed
-        r_dot = float(p @ (V * u + d)) / max(float(x[R]), 1.0)
-        tracks = self.bank.stage[0] == Stage.TRACK
+        then, belief, tracks = self._used, self._belief, self.bank.stage[0] == Stage.TRACK
+        dt = max(knot.motion.time - then.motion.time, 0.0)
+        at = predict_one(belief, dt, (knot.x - then.x, knot.y - then.y) if dt else (0.0, 0.0), knot.motion)
         relative = RelativeMotion(
-            x=float(p[0]),
-            y=float(p[1]),
-            sigma=sqrt(P[R, R] + x[R] ** 2 * P[THETA, THETA]) if tracks else float(x[R]),
-            drift_x=float(d[0]),
-            drift_y=float(d[1]),
+            x=at.x,
+            y=at.y,
+            sigma=sqrt(at.r_variance + at.r**2 * at.direction_variance) if tracks else at.r,
+            drift_x=at.drift[0],
+            drift_y=at.drift[1],
             heading=knot.motion.heading,
             turn_rate=knot.motion.turn_rate,
-            airspeed=V,
-            scale=float(x[KAPPA]),
-            trusted=self.ready and self._still_trusted(x, P),
+            airspeed=at.airspeed,
+            scale=belief.mean[KAPPA],
+            trusted=self.ready and self._still_trusted(at),
             trial=None if tracks else int(self.bank.favourite[0]),
             drift_remembered=self.bank.remembers,
         )
-        spread = _rate_sigma(x, P, V * u + d, u * knot.motion.airspeed) if tracks else self._settings.speed
         return RangeEstimate(
-            time, float(x[R]), r_dot, sqrt(P[R, R]) if tracks else self._sigma, spread,
-            eta=relative.eta, relative=relative, missed=float(self.bank.missed[0]),
+            time, at.r, at.r_dot,
+            sqrt(at.r_variance) if tracks else self._sigma,
+            sqrt(max(at.r_dot_variance, 0.0)) if tracks else self._settings.speed,
+            eta=relative.eta, relative=relative, missed=self._missed,
         )  # fmt: skip
 
-    def _still_trusted(self, x: Array, P: Array) -> bool:
+    def _still_trusted(self, at: Prediction) -> bool:
         """Whether the prediction may steer, for without ranges it gets worse."""
-        return bool(P[R, R] / x[R] ** 2 + P[THETA, THETA] < self.bank.settings.trusted**2)
+        return at.r_variance / at.r**2 + at.direction_variance < self.bank.settings.trusted**2
 
-    def _predicted(self, knot: Knot) -> tuple[Array, Array]:
-        """Mean (8,) and covariance (8, 8) carried on from the newest range."""
-        assert self._used is not None
-        dt = max(knot.motion.time - self._used.motion.time, 0.0)
-        path = _chord(self._used, knot) if dt else np.zeros((2, 1))
-        mean, covariance = self.bank.mean[:, None], self.bank.covariance[:, :, None]
-        h = predict(Hypotheses(mean, covariance, np.zeros((1, 1))), self._noise(), dt, path, np.array([self._sigma]))
-        return h.x[:, 0, 0], h.P[:, :, 0, 0]
-
-    def _noise(self) -> Noise:
-        """What the hypotheses assume on average."""
-        return self.bank.likely_noise
+    def _note_belief(self) -> None:
+        """What the bank believes now, as plain numbers."""
+        bank, noise = self.bank, self.bank.likely_noise
+        mean, covariance = tuple(bank.mean[:, 0].tolist()), bank.covariance[:, :, 0]
+        self._belief = Belief(mean, covariance, float(noise.drift_psd[0, 0]), float(noise.gust[0, 0]))
+        self._ready, self._missed = bool(bank.trusted[0]), float(bank.missed[0])
 
     def _restart(self, now: float) -> None:
         """Search anew. The wind, and the way of the target, are likely still what they were; as far as the bank has not
@@ -145,6 +131,7 @@ class DriftEstimator:
             known = replace(known, drift=max(known.drift, float(np.hypot(dx - known.dx, dy - known.dy))))
         self._lately = self._before
         self.bank = DriftBank(self.bank.settings, known=known)
+        self._note_belief()
 
     def _remember(self, now: float) -> None:
         if self.ready and (self._lately is None or now - self._lately.time > MEMORY):
@@ -205,11 +192,12 @@ class AutoEstimator:
 
     def at(self, time: float) -> RangeEstimate | None:
         """The estimate predicted to a moment; with the relative motion, trusted or on trial, wherever there is one."""
-        by_drift, by_range = self.drift.at(time), self.kalman.at(time)
-        if by_drift is None or by_range is None or by_drift.relative is None:
-            return by_range
-        if by_drift.relative.trusted:
+        by_drift = self.drift.at(time)
+        if by_drift is not None and by_drift.relative is not None and by_drift.relative.trusted:
             return by_drift
+        by_range = self.kalman.at(time)
+        if by_drift is None or by_range is None:
+            return by_range
         return RangeEstimate(
             time, by_range.r, by_range.r_dot, by_range.r_sigma, by_range.r_dot_sigma,
             relative=by_drift.relative, missed=by_drift.missed,
@@ -222,10 +210,3 @@ def _chord(before: Knot, after: Knot) -> Array:
 
 def _arrays(sample: RangeSample) -> tuple[Array, Array, Array]:
     return np.array([sample.r]), np.array([sample.sigma]), np.array([True])
-
-
-def _rate_sigma(x: Array, P: Array, v: Array, air: Array) -> float:
-    """Standard deviation of r' = n.(kappa V u + d + g): its gradient through the covariance."""
-    n = np.array([np.cos(x[THETA]), np.sin(x[THETA])])
-    gradient = np.array([0.0, float(v @ np.array([-n[1], n[0]])), n[0], n[1], float(n @ air), 0.0, n[0], n[1]])
-    return sqrt(max(float(gradient @ P @ gradient), 0.0))
