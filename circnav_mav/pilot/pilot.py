@@ -2,8 +2,8 @@
 
     pilot.receive(data, now); link.send(pilot.step(now))
 
-A fresh range is answered by the very next step; without one a steady tick coasts on the prediction for a short time,
-then holds the orbit's own turn rate, then gives up. The operator always wins: see `_watch_vehicle`.
+A fresh range is answered by the very next step; a tick after the last one without another, the next coasts on the
+prediction, for a short time, then holds the orbit's own turn rate, then gives up. The operator always wins: see `_watch_vehicle`.
 """
 
 from collections import Counter
@@ -82,7 +82,6 @@ class Pilot:
         self._stepped: float | None = None
         self._next_tick = float("-inf")
         self._next_hello = float("-inf")
-        self._setpoint_at = float("-inf")
         self._phase_since = 0.0
         self._lost_at: float | None = None
         self._consent = True
@@ -196,10 +195,9 @@ class Pilot:
         if self._stalled(now):
             self._fresh, self._heartbeats_before = False, self.session.heartbeats
         self._stepped = now
-        fresh, due = self._fresh, now >= self._next_tick
-        if self.done or not (fresh or due):
+        if self.done or not (self._fresh or now >= self._next_tick):
             return b""
-        self._fresh = False
+        self._fresh, self._next_tick = False, now + self.settings.timing.tick
         self._started = now if self._started is None else self._started
         self._watch_link(now)
         self._watch_takeover(now)
@@ -210,8 +208,7 @@ class Pilot:
         self._watch_engagement(now)
         command = self.helm.command(self.phase, estimate, self.session.round_trip.worst)
         self._tell_law(command)
-        quiet = now - self._setpoint_at < self.settings.timing.tick / 2 and self.phase is not Phase.LEAVING
-        messages, sent = ([], None) if quiet and not fresh else self._setpoint(command, now)
+        messages, sent = self._setpoint(command, now)
         self._records.append(
             tick_record(
                 now, self.phase, self.session, estimate, command, sent,
@@ -219,9 +216,7 @@ class Pilot:
                 law=self.settings.law.name, accepted=self.samples_accepted, rejected=self.ranging.rejected.total(),
             )
         )  # fmt: skip
-        if due or self.done:  # the rest can wait for the tick: a fresh range is answered at once
-            self._next_tick = now + self.settings.timing.tick
-            messages += self._housekeeping(estimate, command, now)
+        messages += self._housekeeping(estimate, command, now)
         return b"".join(map(self.session.encode, messages))
 
     def last_words(self, now: float) -> bytes:
@@ -407,7 +402,7 @@ class Pilot:
         except UnsafeSetpointError as error:
             self._finish(Ending.ABORTED, f"internal error, unsafe setpoint held back: {error}", now)
             return [], None
-        self._count_setpoint(now)
+        self.setpoints_sent += 1
         return [message], yaw_rate
 
     def _leave(self, now: float, *, silent: bool) -> list[Message]:
@@ -426,7 +421,7 @@ class Pilot:
             self.outcome = Outcome(self.outcome.ending, f"{self.outcome.reason}; exit action {action} {failure}")
         if failure is not None or (action is None and self._safe_left <= 0):
             self._event(Event.SAFE_SENT, now)
-        self._count_setpoint(now)
+        self.setpoints_sent += 1
         return [self.helm.safe_setpoint(self.session, now)]
 
     def _exit_action(self) -> str | None:
@@ -440,12 +435,8 @@ class Pilot:
             return []
         if not self._link_quick(now) and not self.session.in_our_mode:  # then let PX4 refuse the mode
             return []
-        self._count_setpoint(now)
-        return [self.helm.safe_setpoint(self.session, now, engaged=False)]
-
-    def _count_setpoint(self, now: float) -> None:
         self.setpoints_sent += 1
-        self._setpoint_at = now
+        return [self.helm.safe_setpoint(self.session, now, engaged=False)]
 
     # --- what is told -------------------------------------------------------------------------------------------------
 

@@ -81,7 +81,9 @@ class Display:
         """Leave a status to be drawn when one is due, in the place of one that is still waiting."""
         if newest is None or (now < self._due and not (self._last and self._pilot.done)):
             return
-        self._due = now + self._period
+        self._due += self._period  # whole periods, however late this status came
+        if self._due <= now:
+            self._due = now + self._period
         self._waiting.append(self._watch.status(newest, now, problem))
         self._wake.set()
 
