@@ -2,8 +2,8 @@
 
     pilot.receive(data, now); link.send(pilot.step(now))
 
-A fresh range is answered by the very next step; a tick after the last one without another, the next coasts on the
-prediction, for a short time, then holds the orbit's own turn rate, then gives up. The operator always wins: see `_watch_vehicle`.
+A fresh range is answered by the very next step. A tick after it the prediction steers, for a short time; without more
+ranges the orbit's own turn rate is held, then given up. The operator always wins: see `_watch_takeover`.
 """
 
 from collections import Counter

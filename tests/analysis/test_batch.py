@@ -53,7 +53,7 @@ class InTheAir:
 
 
 def test_the_stack_in_the_air_flies_the_same_numbers_as_the_batch():
-    """To the last place of the tracks, which are single precision: in the air sines are the C library's, not numpy's."""
+    """To the last place of single precision, which tracks are kept in: in the air sines are the C library's."""
     air, batch = fly(WINDY, InTheAir, 2, seed=3), fly(WINDY, Auto, 2, seed=3)
     assert np.abs(air.r - batch.r).max() < 1e-6
     assert (np.abs(air.command - batch.command) <= np.spacing(np.abs(batch.command))).all()

@@ -1,4 +1,4 @@
-"""How the stream of setpoints flows: every range answered at once, a tick between, and the rest of our talk beside it."""
+"""How setpoints flow: every range is answered at once, a tick follows, and the rest of our talk goes beside them."""
 
 import itertools
 
