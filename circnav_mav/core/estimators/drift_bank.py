@@ -64,8 +64,9 @@ FORGOTTEN, REVIVED = -12.0, -6.0
 class DriftBank:
     """The banks of B flights that are stepped together. `step` is the only way in; the attributes are what is believed.
 
-    mean (8, B), covariance (8, 8, B), stage, nis, missed, refused (B,): nis of the heaviest hypothesis, share of
-    recent misses, whether the last sample was refused.
+    mean (8, B), covariance (8, 8, B), stage, nis, missed, refused, spread (B,): nis of the heaviest hypothesis, share
+    of recent misses, whether the last sample was refused, standard deviation of the position over the range (infinite
+    before it is known where the target is).
     """
 
     def __init__(self, settings: BankSettings, flights: int = 1, known: Prior | None = None) -> None:
@@ -78,16 +79,11 @@ class DriftBank:
         self.nis = np.full(flights, np.nan)
         self.missed = np.zeros(flights)
         self.refused = np.zeros(flights, bool)
+        self.spread = np.full(flights, np.inf)
         self._since = np.zeros(flights)
         self._search = RingSearch(settings.search or SearchSettings(settings.speed), flights, known)
         self._tracking = np.zeros(0, int)
         self._tracks = _copies(self.mean[:, :0], self.covariance[..., :0], len(self.noise.white))
-
-    @property
-    def spread(self) -> Array:
-        """Standard deviation of the position over the range, (B,); infinite before it is known where the target is."""
-        variance = self.covariance[R, R] / np.maximum(self.mean[R], 1.0) ** 2 + self.covariance[THETA, THETA]
-        return np.where(self.stage == Stage.TRACK, np.sqrt(np.maximum(variance, 0.0)), np.inf)
 
     @property
     def trusted(self) -> Array:
@@ -112,8 +108,7 @@ class DriftBank:
         n = self.noise
         weight = np.full((len(n.white), self.stage.size), 1 / len(n.white))
         weight[:, self._tracking] = self._tracks.weight
-        parts = (n.drift_psd, n.gust, n.white, n.drifting)
-        return Noise(*((part * weight).sum(axis=0, keepdims=True) for part in parts))
+        return Noise(*(part.T @ weight for part in (n.drift_psd, n.gust, n.white, n.drifting)))
 
     def step(self, dt: float, chord: Array, z: Array, sigma: Array, valid: Array) -> None:
         """Carry all flights on by dt along chord (2, B), and take in their ranges z, sigma where valid (B,)."""
@@ -136,8 +131,14 @@ class DriftBank:
             h, said = bank.update(h, self.noise, z[at], sigma[at], valid[at], self.settings.gate)
             heaviest = (h.log_weight.argmax(axis=0), np.arange(at.size))
             self._count(at, said.nis[heaviest], said.taken[heaviest], valid[at])
-        self.mean[:, at], self.covariance[:, :, at] = mean, covariance = bank.mixture(h)
+        mean, covariance = bank.mixture(h)
+        self._believe(at, mean, covariance)
         self._tracks = _revive(h, mean, covariance)
+
+    def _believe(self, at: Array, mean: Array, covariance: Array) -> None:
+        self.mean[:, at], self.covariance[:, :, at] = mean, covariance
+        variance = covariance[R, R] / np.maximum(mean[R], 1.0) ** 2 + covariance[THETA, THETA]
+        self.spread[at] = np.sqrt(np.maximum(variance, 0.0))
 
     def _count(self, at: Array, nis: Array, taken: Array, valid: Array) -> None:
         """Keep the share of recent samples that were refused."""
@@ -158,7 +159,7 @@ class DriftBank:
             h = self._tracks
             self._tracks = Hypotheses(h.x[..., stay], h.P[..., stay], h.log_weight[..., stay])
             self._tracking = self._tracking[stay]
-            self.stage[lost] = Stage.EMPTY
+            self.stage[lost], self.spread[lost] = Stage.EMPTY, np.inf
             self._search.forget()
         begin = np.flatnonzero(valid & (self.stage == Stage.EMPTY))
         if begin.size:
@@ -188,7 +189,7 @@ class DriftBank:
             np.concatenate([old.log_weight, new.log_weight], axis=-1),
         )
         self._tracking = np.concatenate([self._tracking, at])
-        self.mean[:, at], self.covariance[:, :, at] = mean, covariance
+        self._believe(at, mean, covariance)
         self.stage[at], self.missed[at] = Stage.TRACK, 0.0
 
 
