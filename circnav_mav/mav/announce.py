@@ -7,6 +7,8 @@ from circnav_mav.mav.codec import Message
 TEXT_INTERVAL = 2.0
 PLOT_INTERVAL = 0.25
 LONGEST_TEXT = 50
+MOST_PLOTTED = 1e38
+"""More does not fit into single precision, and is no number to look at."""
 
 
 class Announcer:
@@ -38,7 +40,8 @@ class Announcer:
             return []
         self._last_plot = now
         stamp = int(now * 1000) & 0xFFFFFFFF
-        return [dialect.MAVLink_named_value_float_message(stamp, n.encode(), v) for n, v in values.items()]
+        plotted = {name: value for name, value in values.items() if abs(value) < MOST_PLOTTED}
+        return [dialect.MAVLink_named_value_float_message(stamp, n.encode(), v) for n, v in plotted.items()]
 
 
 def _fit(text: str) -> bytes:

@@ -5,7 +5,7 @@ is None; who needs it says so.
 """
 
 from dataclasses import dataclass
-from math import cos, isfinite, sin
+from math import cos, pi, sin
 
 from circnav_mav.core.values import OwnMotion
 from circnav_mav.mav.codec import Message
@@ -20,6 +20,8 @@ that was set anew never takes the heading away."""
 OVERTAKEN = 0.5
 """An attitude whose stamp is older than the newest by up to this, s, was overtaken; by more, the vehicle's clock may
 have been set anew (its 32-bit milliseconds do so every 49.7 days), which the next one proves."""
+MOST_ANGLE, MOST_RATE, MOST_AIRSPEED, MOST_ALTITUDE = 2 * pi, 50.0, 200.0, 1e5
+"""Magnitudes, rad, rad/s, m/s and m, beyond which a value is no measurement of a vehicle that we steer, but rubbish."""
 REPEATED = 0.2
 """The same stamp again within this time, s, is the same attitude again; later, it is a clock that stands still."""
 
@@ -67,14 +69,17 @@ class MotionSensor:
         """Take one message of the pinned vehicle in; tells whether it was a usable ATTITUDE, newer than all before."""
         if message.get_type() == "VFR_HUD":
             self._air = Motion(
-                airspeed=_real(message.airspeed, above=0.0), altitude=_real(message.alt), climb=_real(message.climb)
+                airspeed=_real(message.airspeed, MOST_AIRSPEED, above=0.0),
+                altitude=_real(message.alt, MOST_ALTITUDE),
+                climb=_real(message.climb, MOST_AIRSPEED),
             )
             self._air_at = now
             return False
         if message.get_type() != "ATTITUDE":
             return False
         values = (message.roll, message.pitch, message.yaw, message.pitchspeed, message.yawspeed)
-        if not all(map(isfinite, values)):
+        bounds = (MOST_ANGLE, MOST_ANGLE, MOST_ANGLE, MOST_RATE, MOST_RATE)
+        if not all(abs(value) <= bound for value, bound in zip(values, bounds, strict=True)):  # NaN is not, either
             return False
         measured = self._measured(message.time_boot_ms, now)
         if measured is None:
@@ -126,6 +131,6 @@ def _later(stamp_ms: int, before_ms: int) -> float:
     return ((stamp_ms - before_ms + 2**31) % 2**32 - 2**31) / 1000
 
 
-def _real(value: float, above: float = float("-inf")) -> float | None:
-    """A finite value above a bound, else None: PX4 sends NaN airspeed on a copter, ArduPilot 0 before take-off."""
-    return value if isfinite(value) and value > above else None
+def _real(value: float, most: float, above: float = float("-inf")) -> float | None:
+    """A value that can be, above a bound, else None: PX4's copter sends NaN airspeed, ArduPilot 0 before take-off."""
+    return value if abs(value) <= most and value > above else None

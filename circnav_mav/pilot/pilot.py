@@ -21,6 +21,7 @@ from circnav_mav.mav.gate import UnsafeSetpointError
 from circnav_mav.mav.ranging import RANGING_MESSAGES, RangeReader, Reject
 from circnav_mav.mav.session import HANDLED, HEARTBEAT_PERIOD, LOST_AFTER, Session
 from circnav_mav.mav.signing import Signing
+from circnav_mav.pilot.beat import Beat
 from circnav_mav.pilot.handover import ModeRequest
 from circnav_mav.pilot.helm import Helm
 from circnav_mav.pilot.listening import decoders
@@ -80,7 +81,7 @@ class Pilot:
         self._fresh = False
         self._started: float | None = None
         self._stepped: float | None = None
-        self._next_tick = float("-inf")
+        self._beat = Beat(settings.timing.tick)
         self._next_hello = float("-inf")
         self._phase_since = 0.0
         self._lost_at: float | None = None
@@ -111,7 +112,7 @@ class Pilot:
     def interrupt(self, now: float, reason: str) -> None:
         """End the flight now: the next step sends the safe setpoint."""
         self._finish(Ending.INTERRUPTED, reason, now)
-        self._next_tick = float("-inf")
+        self._beat.at_once()
 
     def _take_range(self, message: Message, now: float) -> None:
         sample = self.ranging.read(message, now)
@@ -128,6 +129,7 @@ class Pilot:
             return
         self.samples_accepted += 1
         self._newest, self._fresh = sample, True
+        self._beat.heard(now)
 
     def _take_motion(self, message: Message, now: float) -> None:
         """Own motion teaches the turn-rate gain, and estimators that know where the vehicle is heading."""
@@ -158,7 +160,7 @@ class Pilot:
     @property
     def next_tick(self) -> float:
         """When the next step is due if nothing arrives before."""
-        return self._next_tick
+        return self._beat.due
 
     @property
     def reply_to(self) -> Hashable:
@@ -195,9 +197,13 @@ class Pilot:
         if self._stalled(now):
             self._fresh, self._heartbeats_before = False, self.session.heartbeats
         self._stepped = now
-        if self.done or not (self._fresh or now >= self._next_tick):
+        answers = (
+            self._fresh and self.phase is not Phase.LEAVING
+        )  # the last words are a tick apart, however many ranges
+        if self.done or not (answers or now >= self._beat.due):
             return b""
-        self._fresh, self._next_tick = False, now + self.settings.timing.tick
+        self._fresh = False
+        self._beat.stepped(now)
         self._started = now if self._started is None else self._started
         self._watch_link(now)
         self._watch_takeover(now)

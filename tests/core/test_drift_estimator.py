@@ -8,7 +8,7 @@ import pytest
 
 from circnav_mav.core.air_path import chord
 from circnav_mav.core.estimators.drift import AutoEstimator, DriftEstimator
-from circnav_mav.core.estimators.drift_bank import BankSettings, DriftBank
+from circnav_mav.core.estimators.drift_bank import BankSettings, DriftBank, Stage
 from circnav_mav.core.estimators.interface import EstimatorSettings, Fused
 from circnav_mav.core.estimators.unicycle import UnicycleEstimator
 from circnav_mav.core.values import OwnMotion, RangeSample
@@ -295,3 +295,35 @@ def test_a_jump_of_the_sensors_clock_leaves_the_target_where_it_was():
         assert estimator.drift.ready
         assert error(estimator, world, float(t)) < 5.0
     assert estimator.kalman.ready
+
+
+def test_a_reset_forgets_that_the_bank_was_trusted():
+    estimator, world = AutoEstimator(SETTINGS), Circling()
+    listen(estimator, world, 0.0, 60.0)
+    assert estimator.drift.ready
+    estimator.reset()
+    assert (estimator.ready, estimator.at(60.0), estimator.nis) == (False, None, None)
+
+
+def test_a_trusted_bank_answers_though_the_range_filter_has_just_started_anew():
+    """After a jump of the sensor's clock: `kalman` goes by it, the bank does not."""
+    estimator, world = AutoEstimator(SETTINGS), Circling()
+    listen(estimator, world, 0.0, 60.0)
+    estimator.restamp()
+    assert estimator.kalman.at(60.0) is None
+    assert estimator.ready
+    assert estimator.at(60.0).relative.trusted
+    assert error(estimator, world, 60.0) < 2.0
+
+
+def test_the_spread_is_that_of_the_place_over_the_range_from_the_first_step_of_a_track_on():
+    bank, world = DriftBank(BankSettings(V)), Circling()
+    tracked = 0
+    for t in np.arange(0.0, 40.0, 0.1):
+        path = chord(V, world.heading(t - 0.1), 0.1 * OMEGA, 0.1 if t else 0.0)
+        bank.step(0.1 if t else 0.0, path[:, None], np.array([world.range(t).r]), np.array([0.5]), np.array([True]))
+        tracks = bank.stage[0] == Stage.TRACK
+        tracked += tracks
+        x, P = bank.mean[:, 0], bank.covariance[..., 0]
+        assert bank.spread[0] == pytest.approx(np.sqrt(P[0, 0] / x[0] ** 2 + P[1, 1]) if tracks else np.inf)
+    assert tracked > 200

@@ -74,3 +74,8 @@ def test_numbers_carry_their_names_and_our_clock(announcer):
 def test_nothing_to_plot_is_nothing_sent_and_delays_nothing(announcer):
     assert announcer.plots({}, 0.0) == []
     assert announcer.plots({"CN_RNG": 1.0}, 0.01) != []
+
+
+def test_a_number_too_big_for_single_precision_is_left_out_and_stops_nothing(announcer):
+    told = announcer.plots({"CN_RNG": 3.5e38, "CN_RRATE": 1.0, "CN_ERR": float("nan"), "CN_YRATE": float("inf")}, 0.0)
+    assert [message.name for message in told] == ["CN_RRATE"]

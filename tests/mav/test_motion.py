@@ -122,3 +122,20 @@ def test_one_frame_that_comes_seconds_late_by_another_way_is_refused():
     assert not sensor.receive(attitude(11_000, yaw=3.0), 5.0)
     assert sensor.receive(attitude(15_000, yaw=0.5), 5.01)
     assert sensor.at(5.01).yaw == 0.5
+
+
+@pytest.mark.parametrize("rubbish", [{"airspeed": 3.4e38}, {"airspeed": 201.0}, {"alt": -2e5}, {"climb": 1e12}])
+def test_rubbish_from_an_air_data_computer_is_not_known(rubbish):
+    sensor = MotionSensor()
+    sensor.receive(hud(**rubbish), 0.0)
+    name = {"alt": "altitude"}.get(*rubbish, *rubbish)
+    told = {"airspeed": 15.0, "altitude": 50.0, "climb": 0.1}
+    known = {key: getattr(sensor.at(0.1), key) for key in told}
+    assert known == pytest.approx({**told, name: None})
+
+
+@pytest.mark.parametrize("rubbish", [{"yaw": 7.0}, {"roll": -1e30}, {"pitchspeed": 51.0}, {"yawspeed": -3e38}])
+def test_an_attitude_that_cannot_be_is_none(rubbish):
+    sensor = MotionSensor()
+    assert not sensor.receive(attitude(0, **rubbish), 0.0)
+    assert sensor.own(0.1, 15.0) is None

@@ -2,6 +2,7 @@
 
 import io
 import threading
+from dataclasses import replace
 
 import pytest
 from rich.console import Console
@@ -144,3 +145,23 @@ def test_plain_lines_come_once_a_second_and_none_between():
     assert len(lines) == 1 + int(flown.now)
     assert "engaged" in lines[5]
     assert "mode GUIDED" in lines[-1]
+
+
+def test_a_status_that_comes_late_does_not_delay_the_next_drawing():
+    drawn = []
+
+    class Screen:
+        def draw(self, status):
+            drawn.append(status.tick.time)
+
+        def close(self):
+            pass
+
+    flown = flight("quickstart").fly(5.0)
+    display = Display(Screen(), flown.pilot, 1.0, last=False)
+    for now in (0.0, 0.97, 1.04, 1.99, 2.03, 2.9, 7.0, 7.5, 8.0):
+        display.show(replace(flown.ticks[-1], time=now), now)
+        while display._waiting:
+            pass
+    display.close()
+    assert drawn == [0.0, 1.04, 2.03, 7.0, 8.0]

@@ -93,7 +93,7 @@ class DriftEstimator:
         relative = RelativeMotion(
             x=at.x,
             y=at.y,
-            sigma=sqrt(at.r_variance + at.r**2 * at.direction_variance) if tracks else at.r,
+            sigma=sqrt(max(at.r_variance + at.r**2 * at.direction_variance, 0.0)) if tracks else at.r,
             drift_x=at.drift[0],
             drift_y=at.drift[1],
             heading=knot.motion.heading,
@@ -106,7 +106,7 @@ class DriftEstimator:
         )
         return RangeEstimate(
             time, at.r, at.r_dot,
-            sqrt(at.r_variance) if tracks else self._sigma,
+            sqrt(max(at.r_variance, 0.0)) if tracks else self._sigma,
             sqrt(max(at.r_dot_variance, 0.0)) if tracks else self._settings.speed,
             eta=relative.eta, relative=relative, missed=self._missed,
         )  # fmt: skip
@@ -131,7 +131,6 @@ class DriftEstimator:
             known = replace(known, drift=max(known.drift, float(np.hypot(dx - known.dx, dy - known.dy))))
         self._lately = self._before
         self.bank = DriftBank(self.bank.settings, known=known)
-        self._note_belief()
 
     def _remember(self, now: float) -> None:
         if self.ready and (self._lately is None or now - self._lately.time > MEMORY):

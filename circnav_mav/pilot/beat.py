@@ -1,0 +1,43 @@
+"""When the pilot steps without a fresh range: a tick after its last step, but not just before a range."""
+
+from collections import deque
+from statistics import median
+
+WAIT = 0.25
+"""Share of a tick for which a range that is expected about then is waited for. A radio of 9.98 Hz would else come just
+after the second tick since its last range, always, and its every range be answered twice."""
+AT_ONCE = 1e-5
+"""A range expected within this time, s, of the tick would be here by now, or is lost."""
+REMEMBERED = 9
+
+
+class Beat:
+    """Keeps when the next step is due, from the steps taken and the ranges heard."""
+
+    def __init__(self, tick: float) -> None:
+        """tick: s."""
+        self._tick = tick
+        self._gaps: deque[float] = deque(maxlen=REMEMBERED)
+        self._heard_at: float | None = None
+        self.due = float("-inf")
+
+    def heard(self, now: float) -> None:
+        """A range came in."""
+        if self._heard_at is not None:
+            self._gaps.append(now - self._heard_at)
+        self._heard_at = now
+
+    def stepped(self, now: float) -> None:
+        """The pilot took a step."""
+        due = now + self._tick
+        wait = WAIT * self._tick
+        expected = self._expected(due)
+        self.due = expected + wait if AT_ONCE < abs(due - expected) <= wait else due
+
+    def at_once(self) -> None:
+        """Something happened that cannot wait for a tick."""
+        self.due = float("-inf")
+
+    def _expected(self, otherwise: float) -> float:
+        """When the next range should come, by the usual time between two."""
+        return otherwise if self._heard_at is None or not self._gaps else self._heard_at + median(self._gaps)
