@@ -49,6 +49,8 @@ DEAF = 1 / 3
 """Fraction of the commanded turn below which a vehicle does not fly what it is told (the gain's own bound is .6)."""
 LEAST_COMMAND = 0.02
 """Commanded turn rate, rad/s, below which noise would hide whether it is followed."""
+SAME_TIME = 1e-6
+"""Times are told to the microsecond, s; less apart is rounding."""
 LONGEST_STEP = 0.5
 """Gap between two headings, s, after which the low-pass starts anew."""
 
@@ -73,7 +75,9 @@ def learn(state: TurnGain, settings: TurnGainSettings, *, time: float, heading: 
     )  # fmt: skip
     if not moved.followed:
         return replace(moved, age=0.0)
-    if moved.age < 4 * settings.smoothing:  # the low-pass has not yet forgotten its start, or what was not followed
+    if (
+        moved.age < 4 * settings.smoothing - SAME_TIME
+    ):  # the low-pass has not yet forgotten its start, or what was not followed
         return moved
     forget = exp(-step / settings.memory)
     square = state.square * forget + smooth_command**2 * step

@@ -13,6 +13,7 @@ from circnav_mav.core.bounds import breach
 from circnav_mav.core.estimators.interface import Fused
 from circnav_mav.core.estimators.table import ESTIMATORS
 from circnav_mav.core.phases import STEERING, Event, Phase, advance
+from circnav_mav.core.turn_gain import SAME_TIME
 from circnav_mav.core.values import RangeEstimate, RangeSample, TurnCommand
 from circnav_mav.mav.autopilots.table import adapters
 from circnav_mav.mav.codec import LinkCounts, Message
@@ -335,7 +336,7 @@ class Pilot:
 
     def _watch_ranging(self, estimate: RangeEstimate | None, now: float) -> None:
         age = self._range_age(now)
-        fresh = age is not None and age <= self.settings.timing.stale
+        fresh = age is not None and age <= self.settings.timing.stale + SAME_TIME
         good = self.estimator.ready and estimate is not None and fresh
         if self.phase is Phase.WAIT_RANGING and self._missing(now):
             return

@@ -19,23 +19,20 @@ from sim.world import Air, TargetMotion
 
 SHORT = '"limits.duration_s" = [60.0]\n'
 WORLDS = {
-    "calm": ('"sim.wind.speed_mps" = [0.0]', 0.005, 0.02),
-    "wind": ('"sim.wind.speed_mps" = [4.0]\n"sim.wind.from_deg" = {uniform = [0, 360]}', 0.02, 0.05),
+    "calm": '"sim.wind.speed_mps" = [0.0]',
+    "wind": '"sim.wind.speed_mps" = [4.0]\n"sim.wind.from_deg" = {uniform = [0, 360]}',
     "gusts and a moving target": (
-        '"sim.wind.gust_rms_mps" = [1.0]\n"sim.target.velocity_east_mps" = [1.5]\n"sim.target.turn_rate_deg_s" = [2.0]',
-        0.02,
-        0.05,
+        '"sim.wind.gust_rms_mps" = [1.0]\n"sim.target.velocity_east_mps" = [1.5]\n"sim.target.turn_rate_deg_s" = [2.0]'
     ),
     "other lags, radii, speeds": (
         '"sim.vehicle.turn_lag_s" = {uniform = [0.2, 0.8]}\n"orbit.radius_m" = {uniform = [80, 140]}\n'
-        '"vehicle.speed_mps" = {uniform = [10, 18]}\n"orbit.direction" = {choice = ["clockwise", "counterclockwise"]}',
-        0.02,
-        0.05,
+        '"vehicle.speed_mps" = {uniform = [10, 18]}\n"orbit.direction" = {choice = ["clockwise", "counterclockwise"]}'
+    ),
+    "a slow radio that loses half": (
+        '"ranging.rate_hz" = [5.0]\n"sim.ranging.rate_hz" = [5.0]\n"sim.ranging.dropout_fraction" = [0.5]'
     ),
     "a radio that fails": (
-        '"sim.ranging.preset" = ["lora"]\n"sim.ranging.dropout_fraction" = [0.3]\n"ranging.sigma_m" = [2.0]',
-        0.1,
-        0.3,
+        '"sim.ranging.preset" = ["lora"]\n"sim.ranging.dropout_fraction" = [0.3]\n"ranging.sigma_m" = [2.0]'
     ),
 }
 
@@ -51,16 +48,15 @@ def both(path, number, runs):
 @pytest.mark.parametrize("law", ["smooth", "bounded", "relay", "pd", "pi", "feedforward"])
 @pytest.mark.parametrize("world", WORLDS)
 def test_batch_and_lockstep_give_the_same_figures_for_the_same_seed(write, world, law):
-    vary, rms, closest = WORLDS[world]
-    path = write(f'{SHORT}{vary}\n"guidance.law" = ["{law}"]')
+    path = write(f'{SHORT}{WORLDS[world]}\n"guidance.law" = ["{law}"]')
     batch, real = both(path, sum(map(ord, law + world)) % 5, 5)
     assert batch["engine"] == "batch"
     assert real["engine"] == "lockstep"
-    assert batch["rms_m"] == pytest.approx(real["rms_m"], rel=0.01, abs=rms)
-    assert batch["closest_m"] == pytest.approx(real["closest_m"], abs=closest)
+    assert batch["rms_m"] == pytest.approx(real["rms_m"], abs=0.001)
+    assert batch["closest_m"] == pytest.approx(real["closest_m"], abs=0.002)
     assert (batch["settled_s"] is None) == (real["settled_s"] is None)
     if real["settled_s"] is not None:
-        assert batch["settled_s"] == pytest.approx(real["settled_s"], abs=0.5)
+        assert batch["settled_s"] == pytest.approx(real["settled_s"], abs=0.06)
     same = ("outcome", "engaged_s", "kept", "sense", "start_range_m", "start_bearing_deg", "start_heading_deg")
     assert {name: batch[name] for name in same} == pytest.approx({name: real[name] for name in same})
 

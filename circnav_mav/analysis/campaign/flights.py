@@ -13,11 +13,14 @@ from circnav_mav.analysis.campaign.steering import Steering
 from circnav_mav.analysis.campaign.surroundings import GUST_EVERY, Targets, Vehicles, Winds
 from circnav_mav.analysis.campaign.track import Track
 from circnav_mav.analysis.campaign.turn_gains import TurnGains
+from circnav_mav.core.turn_gain import SAME_TIME
 
 Array = Any
 NEVER = 1 << 40
 ATTITUDE_EVERY = 0.05
 """Time, s, from one ATTITUDE to the next, as asked for."""
+GUIDED = "GUIDED"
+"""The mode that the copter is flown in."""
 MODE_SHOWN_EVERY = 0.25
 """Time, s, between the heartbeats in which the vehicle shows its mode."""
 
@@ -36,6 +39,8 @@ class Batch:
         self._patience = round(file.link.wait_s / self.dt)
         self._first, self._heard = (round(time / self.dt) for time in (begins.steered, begins.heard))
         self._shown_every = max(1, round(MODE_SHOWN_EVERY / self.dt))
+        self._asks = runs[0].vehicle.start.mode != GUIDED
+        self._shown = np.full(len(runs), NEVER)
         self._vehicles, self._targets, self._winds = Vehicles(runs, self.dt), Targets(runs), Winds(runs)
         self._radio, self._steering = Radio(runs), Steering(runs)
         self._attitude_every = max(1, round(ATTITUDE_EVERY / self.dt))
@@ -65,7 +70,7 @@ class Batch:
         else:
             arrived = np.zeros(len(self._held), bool)
         steering.see(now, self.dt if step else 0.0, self._z, self._sigma, arrived & (step >= self._heard))
-        holding = ~steering.ready | (now - steering.sure_at > self._stale)
+        holding = ~steering.ready | (now - steering.sure_at > self._stale + SAME_TIME)
         self._engage(step, holding)
         flies = (self.engaged <= step) & (step < self.ended)
         self._held = np.where(holding & flies, self._held + 1, 0)
@@ -77,16 +82,19 @@ class Batch:
         ours = self.engaged <= step
         if step % self._attitude_every == 0:
             self._gains.feel(self._vehicles.psi, self._told, self.engaged < step)
-        wanted = steering.through_gain(steering.turn(self.dt, holding, self.engaged < step), self._gains.now)
+        wanted = steering.through_gain(steering.turn(now, holding, ours), self._gains.now)
         self._told = np.where(ours, wanted, 0.0)
         speed, wind = np.where(ours, steering.speed, 0.0), np.where(ours, self._winds.velocity, 0.0)
         self._vehicles.step(speed, self._told, wind)
 
     def _engage(self, step: int, holding: Array) -> None:
-        """The vehicle becomes ours when it shows the mode that we asked for, once there is a range to steer by."""
-        since = step - self._first
-        if since >= 0 and since % self._shown_every == 0:
-            self.engaged = np.where((self.engaged == NEVER) & ~holding & (self.ended == NEVER), step, self.engaged)
+        """The vehicle becomes ours when there is a range to steer by and it shows the mode; it is asked for the mode as
+        soon as there first is one."""
+        next_heartbeat = step + 1 + (self._first - step - 1) % self._shown_every
+        asked = ~holding & (self._shown == NEVER)
+        self._shown = np.where(asked, max(next_heartbeat, self._first) if self._asks else self._first, self._shown)
+        ours = ~holding & (step >= self._shown)
+        self.engaged = np.where((self.engaged == NEVER) & ours & (self.ended == NEVER), step, self.engaged)
         if step >= self._patience:
             self.ended = np.where((self.engaged == NEVER) & (self.ended == NEVER), step, self.ended)
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from circnav_mav.analysis.batch.filters import BatchKalman
 from circnav_mav.analysis.campaign.plan import Run
-from circnav_mav.core.guidance import LawChoice
+from circnav_mav.core.guidance import LONGEST_STEP, LawChoice
 from circnav_mav.core.laws import LAWS, Kind, Law, pi
 from circnav_mav.core.values import Orbit
 
@@ -31,6 +31,7 @@ class Steering:
         self._needed = np.array([s.min_samples for s in settings])
         self._kalman = BatchKalman(self._V, self._limit, len(runs), gate=np.array([s.gate for s in settings]))
         self._memory = np.zeros(len(runs))
+        self._steered_at = np.full(len(runs), np.nan)
         self.sure_at = np.full(len(runs), -np.inf)
 
     @property
@@ -49,26 +50,27 @@ class Steering:
         self._kalman.step(dt, z, sigma, arrived)
         self.sure_at = np.where(arrived & (self._kalman.accepted != before), now, self.sure_at)
 
-    def turn(self, dt: float, holding: Array, steered: Array) -> Array:
-        """The turn rates wanted, within the limit; those that hold fly the circle's own.
+    def turn(self, now: float, holding: Array, ours: Array) -> Array:
+        """The turn rates wanted at a time, s, within the limit; those that hold fly the circle's own.
 
-        steered: whether the law steered over the dt before; only then does a law with a memory remember.
+        ours: whom the law steers unless they hold; only then does a law with a memory remember.
         """
-        wanted = np.empty_like(self._V)
+        wanted, steers = np.empty_like(self._V), ours & ~holding
+        since = np.where(steers & ~np.isnan(self._steered_at), np.minimum(now - self._steered_at, LONGEST_STEP), 0.0)
+        self._steered_at = np.where(steers, now, self._steered_at)
         for law, mine in self._laws:
-            wanted[mine] = self._by(law, mine, dt, steered & ~holding)
+            wanted[mine] = self._by(law, mine, since)
         wanted = np.where(holding, self._V / self._r_d, wanted)
         return self._sense * np.clip(wanted, -self._limit, self._limit)
 
-    def _by(self, law: Law, mine: Array, dt: float, remembers: Array) -> Array:
+    def _by(self, law: Law, mine: Array, since: Array) -> Array:
         """A law for the flights that fly it, by their numbers. k < 0 is counter-clockwise: that sense, mirrored by the
-        caller."""
+        caller. since: time that a memory goes on by, s."""
         r, r_dot, V, k = self._kalman.r[mine], self._kalman.r_dot[mine], self._V[mine], -self._k[mine]
         if law.kind is not Kind.MEMORY:
             return law.function(r, r_dot, V=V, r_d=self._fed[mine], k=k)
         before = self._memory[mine]
-        step: Array = np.where(remembers[mine], dt, 0.0)
-        turn, self._memory[mine] = pi(r, r_dot, before, step, V=V, r_d=self._r_d[mine], k=k)
+        turn, self._memory[mine] = pi(r, r_dot, before, since[mine], V=V, r_d=self._r_d[mine], k=k)
         return turn
 
     def through_gain(self, turn: Array, gain: Array) -> Array:

@@ -7,7 +7,7 @@ import numpy as np
 
 from circnav_mav.analysis.campaign.plan import Run
 from circnav_mav.core.air_path import wrap
-from circnav_mav.core.turn_gain import DEAF, LEAST_COMMAND, TurnGainSettings
+from circnav_mav.core.turn_gain import DEAF, LEAST_COMMAND, SAME_TIME, TurnGainSettings
 
 Array = Any
 
@@ -48,7 +48,7 @@ class TurnGains:
         size = np.abs(self._command)
         followed = (size < LEAST_COMMAND) | (self._rate * np.sign(self._command) > DEAF * size)
         self._age = np.where(more & ~followed, 0.0, self._age)
-        learns = more & followed & (self._age >= 4 * cfg.smoothing - 1e-9)
+        learns = more & followed & (self._age >= 4 * cfg.smoothing - SAME_TIME)
         square = self._square * self._forget + self._command**2 * step
         product = self._product * self._forget + self._command * self._rate * step
         self._square, self._product = np.where(learns, square, self._square), np.where(learns, product, self._product)
