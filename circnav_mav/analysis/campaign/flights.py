@@ -46,10 +46,12 @@ class Batch:
         self._attitude_every = max(1, round(ATTITUDE_EVERY / self.dt))
         self._gains = TurnGains(runs, self._attitude_every * self.dt)
         self._told = np.zeros(len(runs))
+        self._tick = round(1 / file.limits.tick_hz / self.dt)
+        self._due = np.zeros(len(runs), int)
         self.headings = np.pi / 2 - self._vehicles.psi
         self._z = self._sigma = np.zeros(len(runs))
         self.engaged, self.ended = np.full(len(runs), NEVER), np.full(len(runs), NEVER)
-        self._held = np.zeros(len(runs), int)
+        self._holds_since = np.full(len(runs), NEVER)
         self.stopped = np.zeros(len(runs), bool)
         self.path: list[Array] = []
 
@@ -68,13 +70,16 @@ class Batch:
         if step % self._every == 0:
             self._z, self._sigma, arrived = self._radio.measure(self._vehicles.slant(target), now)
         else:
-            arrived = np.zeros(len(self._held), bool)
+            arrived = np.zeros(len(self._due), bool)
         steering.see(now, self.dt if step else 0.0, self._z, self._sigma, arrived & (step >= self._heard))
+        acts = (steering.sure_at == now) | (step >= self._due)  # a fresh range, or a tick after the last step
+        self._due = np.where(acts, step + self._tick, self._due)
         holding = ~steering.ready | (now - steering.sure_at > self._stale + SAME_TIME)
-        self._engage(step, holding)
-        flies = (self.engaged <= step) & (step < self.ended)
-        self._held = np.where(holding & flies, self._held + 1, 0)
-        lost = flies & (self._held * self.dt > self._hold)
+        self._engage(step, acts, holding)
+        flies = acts & (self.engaged <= step) & (step < self.ended)
+        begins = flies & holding & (self._holds_since == NEVER)
+        self._holds_since = np.where(begins, step, np.where(flies & ~holding, NEVER, self._holds_since))
+        lost = flies & ((step - self._holds_since) * self.dt > self._hold + SAME_TIME)
         over = flies & (step - self.engaged >= self._length)
         self.stopped |= lost & ~over
         self.ended = np.where(lost | over, step, self.ended)
@@ -82,18 +87,18 @@ class Batch:
         ours = self.engaged <= step
         if step % self._attitude_every == 0:
             self._gains.feel(self._vehicles.psi, self._told, self.engaged < step)
-        wanted = steering.through_gain(steering.turn(now, holding, ours), self._gains.now)
-        self._told = np.where(ours, wanted, 0.0)
+        wanted = steering.through_gain(steering.turn(now, holding, ours & acts), self._gains.now)
+        self._told = np.where(ours & acts, wanted, self._told)
         speed, wind = np.where(ours, steering.speed, 0.0), np.where(ours, self._winds.velocity, 0.0)
         self._vehicles.step(speed, self._told, wind)
 
-    def _engage(self, step: int, holding: Array) -> None:
+    def _engage(self, step: int, acts: Array, holding: Array) -> None:
         """The vehicle becomes ours when there is a range to steer by and it shows the mode; it is asked for the mode as
         soon as there first is one."""
         next_heartbeat = step + 1 + (self._first - step - 1) % self._shown_every
-        asked = ~holding & (self._shown == NEVER)
+        asked = acts & ~holding & (self._shown == NEVER)
         self._shown = np.where(asked, max(next_heartbeat, self._first) if self._asks else self._first, self._shown)
-        ours = ~holding & (step >= self._shown)
+        ours = acts & ~holding & (step >= self._shown)
         self.engaged = np.where((self.engaged == NEVER) & ours & (self.ended == NEVER), step, self.engaged)
         if step >= self._patience:
             self.ended = np.where((self.engaged == NEVER) & (self.ended == NEVER), step, self.ended)
