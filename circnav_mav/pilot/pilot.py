@@ -12,6 +12,7 @@ from collections.abc import Hashable
 from circnav_mav.core.bounds import breach
 from circnav_mav.core.estimators.interface import Fused
 from circnav_mav.core.estimators.table import ESTIMATORS
+from circnav_mav.core.noise_check import NoiseCheck
 from circnav_mav.core.phases import STEERING, Event, Phase, advance
 from circnav_mav.core.turn_gain import SAME_TIME
 from circnav_mav.core.values import RangeEstimate, RangeSample, TurnCommand
@@ -76,6 +77,8 @@ class Pilot:
         self.samples_accepted = 0
         self._decoders = decoders(settings, HANDLED | {message.id}, signing)
         self._ranging_link = RANGING if settings.ranging_apart else VEHICLE
+        self._noise = NoiseCheck(settings.orbit.speed, settings.orbit.max_turn_rate)
+        self._noise_told = False
         self._records: list[TickRecord] = []
         self._frames: list[bytes] = []
         self._newest: RangeSample | None = None
@@ -124,6 +127,7 @@ class Pilot:
         if self._stalled(now):
             self.ranging.reject(Reject.STALLED)
             return
+        sample = self._honest(sample)
         fused = self.estimator.observe(sample)
         if fused is Fused.GATED:
             self.ranging.reject(Reject.GATED)
@@ -131,6 +135,14 @@ class Pilot:
         self.samples_accepted += 1
         self._newest, self._fresh = sample, True
         self._beat.heard(now)
+
+    def _honest(self, sample: RangeSample) -> RangeSample:
+        """The sample with a standard deviation that its scatter bears out; who says too little is told of, once."""
+        believed = self._noise.believed(sample)
+        if believed is not sample and not self._noise_told:
+            self._noise_told = True
+            self._say("noise", f"ranges scatter {believed.sigma:.2g} m, not {sample.sigma:.2g} as told")
+        return believed
 
     def _take_motion(self, message: Message, now: float) -> None:
         """Own motion teaches the turn-rate gain, and estimators that know where the vehicle is heading."""

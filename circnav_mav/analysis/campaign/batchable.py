@@ -7,6 +7,9 @@ from typing import Any
 from circnav_mav.analysis.campaign.plan import Run
 from circnav_mav.analysis.campaign.surroundings import GUST_EVERY
 from circnav_mav.core.laws import LAWS, Kind
+from circnav_mav.core.noise_check import TOO_MUCH
+from sim.config import Ranging
+from sim.sensor import CHARACTERS
 
 OWN = frozenset({
     "name", "vehicle.speed_mps", "vehicle.max_turn_rate_deg_s", "vehicle.max_bank_deg", "vehicle.turn_lag_s",
@@ -20,6 +23,10 @@ OWN = frozenset({
 })  # fmt: skip
 OWN_TABLES = ("sim.start.random.", "sim.target.", "sim.wind.")
 """What each flight of a batch has of its own; flights of one batch share everything else."""
+
+
+SOON_FOUND_OUT = TOO_MUCH / 2
+"""Scatter over what is said of it from which on the pilot may notice; batches do not look."""
 
 
 def obstacle(run: Run) -> str | None:
@@ -56,11 +63,18 @@ def _obstacles(run: Run) -> Iterator[tuple[bool, str]]:
     yield ranging.latency_s > 0, "sim.ranging.latency_s is not 0"
     yield ranging.via == "autopilot", 'sim.ranging.via = "autopilot" repeats ranges'
     yield ranging.message != file.ranging.message, "sim.ranging.message is not the mission's"
+    yield _scatter(ranging) > SOON_FOUND_OUT * file.ranging.sigma_m, "ranges scatter more than ranging.sigma_m says"
     yield file.ranging.resent or file.ranging.stamp == "arrival", "[ranging] resent or stamp is not the default"
     yield file.vehicle.max_turn_acceleration_deg_s2 is not None, "vehicle.max_turn_acceleration_deg_s2 is set"
     yield file.guidance.radius_trim_per_s > 0, "guidance.radius_trim_per_s is not 0"
     yield file.bounds != type(file.bounds)(), "[bounds] are set"
     yield file.engage.on_takeover != "end", "engage.on_takeover is not the default"
+
+
+def _scatter(ranging: Ranging) -> float:
+    """Standard deviation of the white noise of the emulator's ranges, m."""
+    white = CHARACTERS[ranging.preset].white
+    return ranging.noise_m if white is None else white
 
 
 def _on_grid(rate: float, ticks: float) -> bool:
