@@ -99,8 +99,9 @@ def _gain(mission: Mission) -> Iterator[Check]:
     bound = law.gain_bound(orbit.speed, orbit.radius)
     grade = Grade.PASS if gain > bound else Grade.FAIL
     whose = "given" if mission.file.guidance.gain else "default"
+    worth = f" = {bound:.4g}" if bound else ""
     yield Check(
-        grade, "gain", f"{law.name}: k = {gain:.4g} {law.gain_unit} ({whose}), needs {law.gain_condition} = {bound:.4g}"
+        grade, "gain", f"{law.name}: k = {gain:.4g} {law.gain_unit} ({whose}), needs {law.gain_condition}{worth}"
     )
 
 
