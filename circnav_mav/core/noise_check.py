@@ -6,10 +6,7 @@ each of which spoils three bends.
 """
 
 from collections import deque
-from dataclasses import replace
 from math import sqrt
-
-from circnav_mav.core.values import RangeSample
 
 KEPT, ENOUGH = 60, 20
 """Bends that are remembered, and how many it takes at least."""
@@ -23,29 +20,35 @@ QUARTILE_OF_NORMAL = 0.3186
 
 
 class NoiseCheck:
-    """Corrects what samples say of their noise, upwards only. One for each flight."""
+    """Corrects what ranges say of their noise, upwards only. One for each flight."""
 
     def __init__(self, speed: float, max_turn_rate: float) -> None:
         """speed: V, m/s. max_turn_rate: rad/s."""
         self._speed, self._max_turn_rate = speed, max_turn_rate
-        self._before: deque[RangeSample] = deque(maxlen=2)
+        self._before: deque[tuple[float, float]] = deque(maxlen=2)
         self._bends: deque[float] = deque(maxlen=KEPT)
+        self.found: tuple[float, float] | None = None
+        """The standard deviations said and measured, m, of the first range that said too little."""
 
-    def believed(self, sample: RangeSample) -> RangeSample:
-        """The sample, with the standard deviation measured where it says less than a third of that."""
-        self._bend(sample)
+    def believed(self, stamp: float, r: float, sigma: float) -> float:
+        """Standard deviation (m) of a range r (m), measured at stamp (s), that says sigma (m): what was measured, where it
+        says less than a third of that."""
+        self._bend(stamp, r)
         if len(self._bends) < ENOUGH:
-            return sample
+            return sigma
         measured = sorted(self._bends)[len(self._bends) // 4] / (QUARTILE_OF_NORMAL * sqrt(6))
-        return replace(sample, sigma=measured) if measured > TOO_MUCH * sample.sigma else sample
+        if measured <= TOO_MUCH * sigma:
+            return sigma
+        self.found = self.found or (sigma, measured)
+        return measured
 
-    def _bend(self, newest: RangeSample) -> None:
-        """Note the bend of the newest three samples beyond what motion can do."""
+    def _bend(self, stamp: float, r: float) -> None:
+        """Note the bend of the newest three ranges beyond what motion can do."""
         if len(self._before) == 2:
-            oldest, middle = self._before
-            last, first = newest.stamp - middle.stamp, middle.stamp - oldest.stamp
+            (oldest, r_oldest), (middle, r_middle) = self._before
+            last, first = stamp - middle, middle - oldest
             if abs(last - first) < EVEN * first:
-                acceleration = self._speed**2 / max(middle.r, self._speed / self._max_turn_rate)
+                acceleration = self._speed**2 / max(r_middle, self._speed / self._max_turn_rate)
                 motion = (acceleration + self._speed * self._max_turn_rate) * last * first
-                self._bends.append(max(abs(newest.r - 2 * middle.r + oldest.r) - motion, 0.0))
-        self._before.append(newest)
+                self._bends.append(max(abs(r - 2 * r_middle + r_oldest) - motion, 0.0))
+        self._before.append((stamp, r))

@@ -8,7 +8,7 @@ exponential forgetting; both pass the same low-pass, so that the vehicle's lag d
 from dataclasses import dataclass, replace
 from math import exp, pi, remainder
 
-from circnav_mav.core.values import TurnRate
+from circnav_mav.core.values import SAME_TIME, TurnRate
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,8 +49,6 @@ DEAF = 1 / 3
 """Fraction of the commanded turn below which a vehicle does not fly what it is told (the gain's own bound is .6)."""
 LEAST_COMMAND = 0.02
 """Commanded turn rate, rad/s, below which noise would hide whether it is followed."""
-SAME_TIME = 1e-6
-"""Times are told to the microsecond, s; less apart is rounding."""
 LONGEST_STEP = 0.5
 """Gap between two headings, s, after which the low-pass starts anew."""
 
@@ -75,10 +73,8 @@ def learn(state: TurnGain, settings: TurnGainSettings, *, time: float, heading: 
     )  # fmt: skip
     if not moved.followed:
         return replace(moved, age=0.0)
-    if (
-        moved.age < 4 * settings.smoothing - SAME_TIME
-    ):  # the low-pass has not yet forgotten its start, or what was not followed
-        return moved
+    if moved.age < 4 * settings.smoothing - SAME_TIME:
+        return moved  # the low-pass has not yet forgotten its start, or what was not followed
     forget = exp(-step / settings.memory)
     square = state.square * forget + smooth_command**2 * step
     product = state.product * forget + smooth_command * smooth_rate * step

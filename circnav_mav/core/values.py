@@ -5,6 +5,8 @@ from enum import Enum
 from math import atan2, hypot, pi
 from typing import NewType
 
+SAME_TIME = 1e-6
+"""Times are told to the microsecond, s; less apart is rounding."""
 TurnRate = NewType("TurnRate", float)
 """Turn rate in rad/s, counter-clockwise positive seen from above (the paper's frame)."""
 

@@ -5,7 +5,7 @@ is None; who needs it says so.
 """
 
 from dataclasses import dataclass
-from math import cos, pi, sin
+from math import cos, sin
 
 from circnav_mav.core.values import OwnMotion
 from circnav_mav.mav.codec import Message
@@ -20,7 +20,7 @@ that was set anew never takes the heading away."""
 OVERTAKEN = 0.5
 """An attitude whose stamp is older than the newest by up to this, s, was overtaken; by more, the vehicle's clock may
 have been set anew (its 32-bit milliseconds do so every 49.7 days), which the next one proves."""
-MOST_ANGLE, MOST_RATE, MOST_AIRSPEED, MOST_ALTITUDE = 2 * pi, 50.0, 200.0, 1e5
+MOST_ANGLE, MOST_RATE, MOST_AIRSPEED, MOST_ALTITUDE = 6.3, 50.0, 200.0, 1e5
 """Magnitudes, rad, rad/s, m/s and m, beyond which a value is no measurement of a vehicle that we steer, but rubbish."""
 REPEATED = 0.2
 """The same stamp again within this time, s, is the same attitude again; later, it is a clock that stands still."""

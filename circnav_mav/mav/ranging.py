@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from enum import Enum
 from math import isfinite
 
+from circnav_mav.core.noise_check import NoiseCheck
 from circnav_mav.core.slant import horizontal
 from circnav_mav.core.values import RangeSample
 from circnav_mav.mav.codec import Message
@@ -158,8 +159,10 @@ RANGING_MESSAGES: Mapping[str, RangingMessage] = {
 class RangeReader:
     """Turns messages into samples, each measurement at most once and in the order of the sensor's clock."""
 
-    def __init__(self, settings: RangingSettings) -> None:
+    def __init__(self, settings: RangingSettings, noise: NoiseCheck | None = None) -> None:
+        """noise: whether ranges scatter as they say; None: they are believed."""
         self._settings = settings
+        self._noise = noise
         self._kind = RANGING_MESSAGES[settings.message]
         self._clock = SensorClock()
         self._source: tuple[int, int] | None = None
@@ -216,7 +219,8 @@ class RangeReader:
         time = self._clock.local(stamp, now)
         if now - time > settings.max_age:
             return Reject.TOO_OLD
-        flat = (reading.slant, reading.sigma or settings.sigma)
+        sigma = reading.sigma or settings.sigma
+        flat = (reading.slant, sigma if self._noise is None else self._noise.believed(stamp, reading.slant, sigma))
         if settings.height:
             answer = horizontal(*flat, settings.height)
             if answer is None:

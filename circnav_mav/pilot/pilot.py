@@ -14,8 +14,7 @@ from circnav_mav.core.estimators.interface import Fused
 from circnav_mav.core.estimators.table import ESTIMATORS
 from circnav_mav.core.noise_check import NoiseCheck
 from circnav_mav.core.phases import STEERING, Event, Phase, advance
-from circnav_mav.core.turn_gain import SAME_TIME
-from circnav_mav.core.values import RangeEstimate, RangeSample, TurnCommand
+from circnav_mav.core.values import SAME_TIME, RangeEstimate, RangeSample, TurnCommand
 from circnav_mav.mav.autopilots.table import adapters
 from circnav_mav.mav.codec import LinkCounts, Message
 from circnav_mav.mav.frames import YawRate
@@ -65,7 +64,8 @@ class Pilot:
             {message.id: settings.ranging.rate} if from_autopilot else None,
             signing,
         )
-        self.ranging = RangeReader(settings.ranging)
+        self._noise = NoiseCheck(settings.orbit.speed, settings.orbit.max_turn_rate)
+        self.ranging = RangeReader(settings.ranging, self._noise)
         self.estimator = ESTIMATORS[settings.estimator](settings.estimation)
         self.helm = Helm(settings)
         self.phase = Phase.WAIT_LINK
@@ -77,7 +77,6 @@ class Pilot:
         self.samples_accepted = 0
         self._decoders = decoders(settings, HANDLED | {message.id}, signing)
         self._ranging_link = RANGING if settings.ranging_apart else VEHICLE
-        self._noise = NoiseCheck(settings.orbit.speed, settings.orbit.max_turn_rate)
         self._noise_told = False
         self._records: list[TickRecord] = []
         self._frames: list[bytes] = []
@@ -127,7 +126,7 @@ class Pilot:
         if self._stalled(now):
             self.ranging.reject(Reject.STALLED)
             return
-        sample = self._honest(sample)
+        self._tell_noise()
         fused = self.estimator.observe(sample)
         if fused is Fused.GATED:
             self.ranging.reject(Reject.GATED)
@@ -135,14 +134,6 @@ class Pilot:
         self.samples_accepted += 1
         self._newest, self._fresh = sample, True
         self._beat.heard(now)
-
-    def _honest(self, sample: RangeSample) -> RangeSample:
-        """The sample with a standard deviation that its scatter bears out; who says too little is told of, once."""
-        believed = self._noise.believed(sample)
-        if believed is not sample and not self._noise_told:
-            self._noise_told = True
-            self._say("noise", f"ranges scatter {believed.sigma:.2g} m, not {sample.sigma:.2g} as told")
-        return believed
 
     def _take_motion(self, message: Message, now: float) -> None:
         """Own motion teaches the turn-rate gain, and estimators that know where the vehicle is heading."""
@@ -210,9 +201,8 @@ class Pilot:
         if self._stalled(now):
             self._fresh, self._heartbeats_before = False, self.session.heartbeats
         self._stepped = now
-        answers = (
-            self._fresh and self.phase is not Phase.LEAVING
-        )  # the last words are a tick apart, however many ranges
+        # the last words are a tick apart, however many ranges come
+        answers = self._fresh and self.phase is not Phase.LEAVING
         if self.done or not (answers or now >= self._beat.due):
             return b""
         self._fresh = False
@@ -498,6 +488,12 @@ class Pilot:
 
     def _say(self, kind: str, text: str) -> None:
         self.session.announcer.say(kind, text)
+
+    def _tell_noise(self) -> None:
+        """Say, once, that ranges scatter more than they say."""
+        if self._noise.found is not None and not self._noise_told:
+            self._noise_told = True
+            self._say("noise", "ranges scatter {1:.2g} m, not {0:.2g} as told".format(*self._noise.found))
 
     def _tell_law(self, command: TurnCommand | None) -> None:
         """Say when another law takes over, and why."""

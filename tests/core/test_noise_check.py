@@ -26,7 +26,7 @@ def ranges(told: float, sigma: float, *, hz: float = 10.0, seconds: float = 20.0
 
 def believed(samples) -> list[float]:
     check = NoiseCheck(V, LIMIT)
-    return [check.believed(sample).sigma for sample in samples]
+    return [check.believed(sample.stamp, sample.r, sample.sigma) for sample in samples]
 
 
 @pytest.mark.parametrize("hz", [2.0, 5.0, 10.0, 50.0])
@@ -59,7 +59,11 @@ def test_lost_ranges_and_outliers_do_not_confuse_it():
         assert set(believed(samples)) == {0.5}
 
 
-def test_only_the_standard_deviation_is_touched():
-    check, samples = NoiseCheck(V, LIMIT), list(ranges(0.01, 0.5))
-    after = [check.believed(sample) for sample in samples]
-    assert [(s.stamp, s.time, s.r) for s in after] == [(s.stamp, s.time, s.r) for s in samples]
+def test_what_was_found_first_is_kept_for_telling():
+    check = NoiseCheck(V, LIMIT)
+    for sample in ranges(0.5, 0.5):
+        check.believed(sample.stamp, sample.r, sample.sigma)
+    assert check.found is None
+    for sample in ranges(0.01, 0.5):
+        check.believed(sample.stamp + 100, sample.r, sample.sigma)
+    assert check.found == pytest.approx((0.01, 0.5), rel=0.6)

@@ -13,7 +13,7 @@ from circnav_mav.analysis.campaign.steering import Steering
 from circnav_mav.analysis.campaign.surroundings import GUST_EVERY, Targets, Vehicles, Winds
 from circnav_mav.analysis.campaign.track import Track
 from circnav_mav.analysis.campaign.turn_gains import TurnGains
-from circnav_mav.core.turn_gain import SAME_TIME
+from circnav_mav.core.values import SAME_TIME
 
 Array = Any
 NEVER = 1 << 40

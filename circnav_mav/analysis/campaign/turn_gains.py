@@ -7,7 +7,8 @@ import numpy as np
 
 from circnav_mav.analysis.campaign.plan import Run
 from circnav_mav.core.air_path import wrap
-from circnav_mav.core.turn_gain import DEAF, LEAST_COMMAND, SAME_TIME, TurnGainSettings
+from circnav_mav.core.turn_gain import DEAF, LEAST_COMMAND, TurnGainSettings
+from circnav_mav.core.values import SAME_TIME
 
 Array = Any
 
