@@ -31,8 +31,8 @@ class NoiseCheck:
         """The standard deviations said and measured, m, of the first range that said too little."""
 
     def believed(self, stamp: float, r: float, sigma: float) -> float:
-        """Standard deviation (m) of a range r (m), measured at stamp (s), that says sigma (m): what was measured, where it
-        says less than a third of that."""
+        """Standard deviation, m, of a range r (m; measured at stamp, s) that says sigma (m): as measured, where it says
+        less than a third of that."""
         self._bend(stamp, r)
         if len(self._bends) < ENOUGH:
             return sigma
