@@ -16,6 +16,8 @@ from circnav_mav.core.values import RangeSample
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.sensor_clock import SensorClock
 
+MISSED = 2.5
+"""Ranges of the usual rate that must have failed to come by the old clock before a new one is believed."""
 EPOCH_JUMP = 1.0
 """Disagreement of sensor and local clock between two samples, s, above which the sensor's clock has jumped."""
 SOURCE_SILENT = 5.0
@@ -262,9 +264,12 @@ class RangeReader:
         return None
 
     def _jump(self, stamp: float, now: float) -> Reject | None:
-        """A stamp far off the local clock: believed when the next one agrees with it; a glitch must not reset us."""
+        """A stamp far off the local clock: believed when the next one agrees with it, a glitch must not reset us; and
+        when no range came by the old clock meanwhile, which a looped route does not silence."""
         before, self._jumped = self._jumped, (stamp, now)
         if before is None or abs((stamp - before[0]) - (now - before[1])) > EPOCH_JUMP or stamp <= before[0]:
+            return Reject.STAMP_JUMP
+        if now - self._arrival < MISSED / self._settings.rate:
             return Reject.STAMP_JUMP
         self._clock.reset()
         self._jumped, self._sequence, self.restarted = None, None, True

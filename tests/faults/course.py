@@ -236,16 +236,24 @@ class Course:
 
     def _judge_holding(self, record: TickRecord) -> None:
         """Without a range it is the circle's own turn rate, which depends on none: V/r_d, and in a drift that is known
-        what the circle asks for somewhere, give or take a tenth for the airspeed as measured."""
+        what the circle asks for somewhere, give or take a tenth for the airspeed as measured. V: as told, and where the
+        vehicle is known to drift, as it really flies, too (PX4's copter loses 8 % of its speed in the turn)."""
         V, drift, slack = self.allowed.speed, 0.0, 1e-6
+        slow = fast = V
         if self._drift is not None:
             drift, slack = self._drift, 0.1 * V / self.radius
-        least, most = ((V + w) ** 2 / (V * self.radius) for w in (-drift, drift))
+            slow, fast = sorted((V, self._true_speed()))
+        least, most = (slow - drift) ** 2 / (slow * self.radius), (fast + drift) ** 2 / (fast * self.radius)
         asked = self.pilot.settings.orbit.direction.turn_sign * (nan if record.demanded is None else record.demanded)
         if not min(least, self.allowed.yaw_rate) - slack <= asked <= min(most, self.allowed.yaw_rate) + slack:
             self.broken.append(
                 f"{self.now:.2f} s: {record.phase.value} steers {asked}, not {least:.6f} .. {most:.6f} rad/s"
             )
+
+    def _true_speed(self) -> float:
+        """Over the ground, m/s, from the simulator's track."""
+        a, b = self.truths[-2:]
+        return hypot(b.north - a.north, b.east - a.east) / (b.time - a.time)
 
     def _look(self) -> None:
         if self.now >= self._next_truth:

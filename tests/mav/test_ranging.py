@@ -324,20 +324,33 @@ def test_the_wrap_of_the_boot_time_after_49_days_is_no_jump(ear):
 
 
 @pytest.mark.parametrize("jump_ms", [-600_000, 3_600_000, -1_500])
-def test_a_jump_of_the_sensors_clock_is_believed_when_the_next_stamp_confirms_it(ear, jump_ms):
-    """A rebooted sensor: one sample is lost, no more, and the estimator is told."""
+def test_a_jump_of_the_sensors_clock_is_believed_when_stamps_confirm_it_and_the_old_clock_is_silent(ear, jump_ms):
+    """A rebooted sensor: two samples are lost, no more, and the estimator is told."""
     heard = ear()
     for i in range(5):
         heard.distance(stamp=700_000 + 100 * i, now=1 + 0.1 * i)
     assert heard.distance(stamp=700_500 + jump_ms, now=1.5) is None
+    assert heard.distance(stamp=700_600 + jump_ms, now=1.6) is None
     assert not heard.reader.restarted
-    sample = heard.distance(stamp=700_600 + jump_ms, now=1.6)
+    sample = heard.distance(stamp=700_700 + jump_ms, now=1.7)
     assert sample is not None
     assert heard.reader.restarted
-    assert sample.time == pytest.approx(1.6)
-    assert heard.distance(stamp=700_700 + jump_ms, now=1.7) is not None
+    assert sample.time == pytest.approx(1.7)
+    assert heard.distance(stamp=700_800 + jump_ms, now=1.8) is not None
     assert not heard.reader.restarted
-    assert heard.rejected == {"stamp_jump": 1}
+    assert heard.rejected == {"stamp_jump": 2}
+
+
+def test_ranges_that_are_heard_again_are_not_believed_though_two_come_in_a_row(ear):
+    """A looped route: the old clock does not fall silent for it."""
+    heard = ear()
+    for i in range(60):
+        now = 10 + 0.1 * i
+        for late in (0.05, 0.02) if i % 5 == 1 else ():
+            again = 700_000 + round(1000 * (now - 5 - late))
+            assert heard.distance(stamp=again, now=now - late) is None
+        assert heard.distance(stamp=700_000 + round(1000 * now), now=now) is not None
+    assert not heard.reader.restarted
 
 
 @pytest.mark.parametrize("jump_ms", [-600_000, 3_600_000])
