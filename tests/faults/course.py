@@ -242,7 +242,7 @@ class Course:
         slow = fast = V
         if self._drift is not None:
             drift, slack = self._drift, 0.1 * V / self.radius
-            slow, fast = sorted((V, self._true_speed()))
+            slow, fast = sorted((V, max(self._true_speed(), 0.5 * V)))
         least, most = (slow - drift) ** 2 / (slow * self.radius), (fast + drift) ** 2 / (fast * self.radius)
         asked = self.pilot.settings.orbit.direction.turn_sign * (nan if record.demanded is None else record.demanded)
         if not min(least, self.allowed.yaw_rate) - slack <= asked <= min(most, self.allowed.yaw_rate) + slack:
