@@ -38,7 +38,7 @@ class Flies(IntEnum):
 
 
 _WHY = {
-    Flies.FEEDFORWARD: "feedforward: where the target is, is not known yet",
+    Flies.FEEDFORWARD: "feedforward: the target is not found yet",
     Flies.TRIAL: "trying the likeliest place of the target",
     Flies.DRIFT: "drift: target and drift are known",
 }

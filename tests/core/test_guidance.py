@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from circnav_mav.core.auto import Flies
 from circnav_mav.core.guidance import LawChoice, limit, steering, through_gain
 from circnav_mav.core.values import Direction, Orbit, RangeEstimate, TurnRate
 
@@ -88,3 +89,8 @@ def test_the_vehicles_limit_is_applied_after_the_law():
 @pytest.mark.parametrize(("direction", "sign"), [(Direction.CLOCKWISE, -1), (Direction.COUNTERCLOCKWISE, 1)])
 def test_the_steady_turn_rate_is_v_over_r_in_the_missions_sense(direction, sign):
     assert Orbit(100.0, direction, 15.0, 0.35).steady_turn_rate == pytest.approx(sign * 0.15)
+
+
+@pytest.mark.parametrize("flies", Flies)
+def test_who_flies_is_told_in_a_line_that_a_ground_station_shows_whole(flies):
+    assert len(f"circnav: {flies.why}") <= 50
