@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 from pymavlink.dialects.v20 import all as mavlink
 
+from circnav_mav.pilot.beat import Beat
 from sim.config import load_vehicle
 from sim.faults.frames import frames, message_id, write
 from sim.vehicle import Vehicle
@@ -97,16 +98,17 @@ def _resident_mb(pid: int) -> float:
 
 
 def lateness(ticks: Path) -> list[float]:
-    """How late each tick of a run was, s: a tick is due one period after the last one that was."""
-    due, late = None, []
+    """How late each tick of a run was that no range had called for, s."""
+    beat, accepted, late = Beat(TICK), 0, []
     with ticks.open(newline="", encoding="utf-8") as file:
         for row in csv.DictReader(file):
             at = float(row["time"])
-            if due is not None and at < due:
-                continue  # a range came between two ticks
-            if due is not None and row["phase"] == "engaged":
-                late.append(at - due)
-            due = at + TICK
+            if int(row["accepted"]) > accepted:
+                beat.heard(at)
+            elif row["phase"] == "engaged":
+                late.append(at - beat.due)
+            accepted = int(row["accepted"])
+            beat.stepped(at)
     return late
 
 
