@@ -42,9 +42,10 @@ def _bank_step(count: int) -> Callable[[], object]:
     h = Hypotheses(x, np.repeat(np.eye(STATES)[..., None, None], count, axis=2), np.zeros((count, 1)))
     noise = Noise(*(np.full((count, 1), value) for value in (1e-2, 1.5, 0.7, 0.7)))
     path, z, sigma, valid = np.ones((2, 1)), np.array([100.0]), np.array([0.5]), np.array([True])
+    dt = np.array([0.05])
 
     def step() -> object:
-        return mixture(update(predict(h, noise, 0.05, path, sigma), noise, z, sigma, valid, 5.0)[0])
+        return mixture(update(predict(h, noise, dt, path, sigma), noise, z, sigma, valid, 5.0)[0])
 
     return step
 

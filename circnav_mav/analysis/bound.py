@@ -56,7 +56,8 @@ class AlongsideBound:
         x[R, 0], x[THETA, 0] = np.hypot(before.p[0], before.p[1]), np.arctan2(before.p[1], before.p[0])
         x[DX : DX + 2, 0], x[KAPPA] = before.d, 1.0
         path = chord(self._circle.speed, before.psi, wrap(true.psi - before.psi), seen.dt)
-        P = predict(Hypotheses(x, self._P, np.zeros((1, true.psi.size))), self._noise, seen.dt, path, seen.sigma).P
+        h, dt = Hypotheses(x, self._P, np.zeros((1, true.psi.size))), np.full(true.psi.size, seen.dt)
+        P = predict(h, self._noise, dt, path, seen.sigma).P
         PH = P[:, R]
         gain = np.where(seen.arrived, PH / (PH[R] + seen.sigma**2), 0.0)
         self._P = P - gain[:, None] * PH[None]

@@ -262,7 +262,7 @@ def test_a_bank_in_the_mirror_believes_the_mirror_image():
         psi, p = psi + turn, p + path + 0.05 * np.array([2.0, -3.0])
         z = np.array([hypot(*p) + rng.normal(0, 0.5)])
         for bank, flip in zip(banks, (1.0, -1.0), strict=True):
-            bank.step(0.05, path[:, None] * [[1.0], [flip]], z, np.array([0.5]), np.array([True]))
+            bank.step(np.array([0.05]), path[:, None] * [[1.0], [flip]], z, np.array([0.5]), np.array([True]))
     one, other = (bank.mean[:, 0] for bank in banks)
     assert banks[0].trusted[0] and banks[1].trusted[0]
     assert other == pytest.approx(one * [1, -1, 1, -1, 1, 1, 1, -1], abs=1e-3)
@@ -320,10 +320,36 @@ def test_the_spread_is_that_of_the_place_over_the_range_from_the_first_step_of_a
     bank, world = DriftBank(BankSettings(V)), Circling()
     tracked = 0
     for t in np.arange(0.0, 40.0, 0.1):
-        path = chord(V, world.heading(t - 0.1), 0.1 * OMEGA, 0.1 if t else 0.0)
-        bank.step(0.1 if t else 0.0, path[:, None], np.array([world.range(t).r]), np.array([0.5]), np.array([True]))
+        dt, z = np.array([0.1 if t else 0.0]), np.array([world.range(t).r])
+        path = chord(V, world.heading(t - 0.1), 0.1 * OMEGA, dt)
+        bank.step(dt, path, z, np.array([0.5]), np.array([True]))
         tracks = bank.stage[0] == Stage.TRACK
         tracked += tracks
         x, P = bank.mean[:, 0], bank.covariance[..., 0]
         assert bank.spread[0] == pytest.approx(np.sqrt(P[0, 0] / x[0] ** 2 + P[1, 1]) if tracks else np.inf)
     assert tracked > 200
+
+
+def test_flights_that_hear_at_their_own_times_are_what_each_is_alone():
+    """One starts late, one loses half of its ranges; a search has bins and a track has filters of its own time."""
+    worlds, rng = [Circling(rng=np.random.default_rng(n)) for n in range(3)], np.random.default_rng(1)
+    together, alone = DriftBank(BankSettings(V), 3), [DriftBank(BankSettings(V)) for _ in worlds]
+    heard = np.full(3, np.nan)
+    stages = []
+    for t in np.arange(0.0, 30.0, 0.1):
+        valid = np.array([True, t > 3.33, rng.random() < 0.5])
+        before = np.where(np.isnan(heard), t, heard)
+        dt = np.where(valid, t - before, 0.0)
+        path = chord(V, OMEGA * before, OMEGA * dt, dt)
+        z, sigma = np.array([world.range(t).r for world in worlds]), np.full(3, 0.5)
+        together.step(dt, path, z, sigma, valid)
+        heard = np.where(valid, t, heard)
+        for n in np.flatnonzero(valid):
+            alone[n].step(dt[[n]], path[:, [n]], z[[n]], sigma[[n]], valid[[n]])
+        assert together.stage == pytest.approx([bank.stage[0] for bank in alone])
+        for n, bank in enumerate(alone):
+            assert together.mean[:, n] == pytest.approx(bank.mean[:, 0], rel=1e-4, abs=1e-4)
+            assert together.spread[n] == pytest.approx(bank.spread[0], rel=1e-3)
+        stages.append(tuple(together.stage))
+    assert stages[-1] == (Stage.TRACK,) * 3
+    assert len(set(stages)) > 3  # each found its target at its own time

@@ -36,7 +36,7 @@ def test_one_flight_is_predicted_as_the_bank_predicts_it(seed, dt, heading, airs
     P, chord, psd, gust = root @ root.T, rng.normal(size=2) * 10 * dt, 0.02, 1.3
     noise = Noise(*(np.array([[value]]) for value in (psd, gust, 0.7, 0.5)))
     h = Hypotheses(mean[:, None, None], P[:, :, None, None], np.zeros((1, 1)))
-    after = predict(h, noise, dt, chord[:, None], np.array([0.5]))
+    after = predict(h, noise, np.array([dt]), chord[:, None], np.array([0.5]))
     x, Q = after.x[:, 0, 0], after.P[:, :, 0, 0]
 
     belief = Belief(tuple(mean.tolist()), P, psd, gust)

@@ -17,10 +17,10 @@ class Banks:
         self._slices = [slice(first, min(first + BLOCK, flights)) for first in range(0, flights, BLOCK)]
         self._banks = [DriftBank(settings, part.stop - part.start) for part in self._slices]
 
-    def step(self, dt: float, chord: Array, z: Array, sigma: Array, valid: Array) -> None:
+    def step(self, dt: Array, chord: Array, z: Array, sigma: Array, valid: Array) -> None:
         """See `DriftBank.step`."""
         for part, bank in zip(self._slices, self._banks, strict=True):
-            bank.step(dt, chord[:, part], z[part], sigma[part], valid[part])
+            bank.step(dt[part], chord[:, part], z[part], sigma[part], valid[part])
 
     @property
     def mean(self) -> Array:

@@ -105,7 +105,7 @@ class Auto:
         before, dt = (seen.psi, 0.0) if self._psi is None else (self._psi, seen.dt)
         path = chord(seen.airspeed, before, wrap(seen.psi - before), dt)
         self._psi = seen.psi
-        self.bank.step(dt, path, seen.z, seen.sigma, seen.arrived)
+        self.bank.step(np.full(s.size, dt), path, seen.z, seen.sigma, seen.arrived)
         x, trusted = self.bank.mean, self.bank.trusted
         V, p, d = x[KAPPA] * seen.airspeed, position(x), drift_of(x)
         here = mirrored(p, d, seen.psi, seen.turn_rate, s)

@@ -15,7 +15,6 @@ coordinates, as Aidala and Hammel, "Utilization of modified polar coordinates fo
 """
 
 from dataclasses import dataclass
-from math import exp
 from typing import Any
 
 import numpy as np
@@ -79,9 +78,9 @@ class Innovation:
     taken: Array
 
 
-def predict(h: Hypotheses, noise: Noise, dt: float, chord: Array, sigma: Array) -> Hypotheses:
-    """Carry on by dt (s) along an air path whose chord is (2, B), in m at the measured airspeed."""
-    x, keep = h.x.copy(), kept(dt)[:, None, None]
+def predict(h: Hypotheses, noise: Noise, dt: Array, chord: Array, sigma: Array) -> Hypotheses:
+    """Carry on by dt (B,), in s, along air paths whose chords are (2, B), in m at the measured airspeed."""
+    x, keep = h.x.copy(), kept(dt)[:, None]
     x[R], x[THETA], rows = motion(h.x, dt, chord)
     x[B:] *= keep[B:]
     F: Array = np.array(rows)
@@ -100,10 +99,10 @@ def predict(h: Hypotheses, noise: Noise, dt: float, chord: Array, sigma: Array) 
     drifting = (1 - keep[B] ** 2) * (noise.drifting * sigma) ** 2
     for i, q in ((DX, steady), (DY, steady), (GX, gusty), (GY, gusty), (KAPPA, KAPPA_PSD * dt), (B, drifting)):
         P[i, i] += q
-    return Hypotheses(x, P, h.log_weight * exp(-dt / WEIGHT_MEMORY))
+    return Hypotheses(x, P, h.log_weight * np.exp(-dt / WEIGHT_MEMORY))
 
 
-def motion(x: Any, dt: float, chord: Any, xp: Any = np) -> tuple[Array, Array, tuple[Row, Row]]:
+def motion(x: Any, dt: Array, chord: Any, xp: Any = np) -> tuple[Array, Array, tuple[Row, Row]]:
     """Range and direction after dt along a chord, and their rows of the Jacobian: what an error of each state does.
 
     The other states are multiplied by `kept`. x: by state, arrays or floats. xp: numpy, or `floats` for one flight.
@@ -120,18 +119,18 @@ def motion(x: Any, dt: float, chord: Any, xp: Any = np) -> tuple[Array, Array, t
     return r, theta, (out, tuple(entry / r for entry in left))
 
 
-def kept(dt: float) -> Array:
-    """What is left of each state but range and direction after dt, (8,): the range error and gusts fade."""
-    fade, calm = exp(-dt / BIAS_TIME), exp(-dt / GUST_TIME)
-    return np.array([1.0, 1.0, 1.0, 1.0, 1.0, fade, calm, calm])
+def kept(dt: Array) -> Array:
+    """What is left of each state but range and direction after dt (B,), (8, B): the range error and gusts fade."""
+    fade, calm, all_ = np.exp(-dt / BIAS_TIME), np.exp(-dt / GUST_TIME), np.ones_like(dt)
+    return np.array([all_, all_, all_, all_, all_, fade, calm, calm])
 
 
-def steps(drift_psd: Array, gust: Array, dt: float) -> tuple[Array, Array]:
+def steps(drift_psd: Array, gust: Array, dt: Array, xp: Any = np) -> tuple[Array, Array]:
     """By how much the variances of d and g grow in dt, m^2/s^2."""
-    return drift_psd * dt, (1 - exp(-2 * dt / GUST_TIME)) * gust**2
+    return drift_psd * dt, (1 - xp.exp(-2 * dt / GUST_TIME)) * gust**2
 
 
-def wandered(steady: Array, gusty: Array, dt: float) -> Array:
+def wandered(steady: Array, gusty: Array, dt: Array) -> Array:
     """By how much the variance of the place grows meanwhile, m^2, beyond what the motion does."""
     return (steady + gusty) * (dt**2 / 3) + POSITION_PSD * dt
 

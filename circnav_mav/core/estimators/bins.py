@@ -1,4 +1,5 @@
-"""The last seconds of ranges, averaged in short bins, and how rough they are. The last axis B is over flights."""
+"""The last seconds of ranges, averaged in short bins, and how rough they are. The last axis B is over flights, each
+with a clock of its own."""
 
 from typing import Any
 
@@ -24,26 +25,26 @@ class RangeWindow:
     def __init__(self, flights: int, speed: float, model_psd: float) -> None:
         self._speed, self._model_psd = speed, model_psd
         self._open = np.full((4, SLOTS, flights), np.nan)
-        self._filled, self._opened = 0, 0.0
+        self._filled, self._opened = np.zeros(flights, int), np.zeros(flights)
         self._bins = np.zeros((5, COUNT, flights))
         self._bins[4] = np.inf
-        self._closed = 0
+        self._closed = np.zeros(flights, int)
         self._bends = np.full((ROUGH, flights), np.nan)
         self._before = np.full((4, flights), np.nan)
         self._seen = np.zeros(flights, int)
-        self.now, self.path = 0.0, np.zeros((2, flights))
+        self.now, self.path = np.zeros(flights), np.zeros((2, flights))
 
-    def add(self, dt: float, chord: Array, z: Array, sigma: Array, valid: Array) -> bool:
-        """Time and path (2, B) go on, ranges come in where valid; tells whether a bin was closed."""
-        self.now += dt
+    def add(self, dt: Array, chord: Array, z: Array, sigma: Array, valid: Array) -> Array:
+        """Time (B,) and path (2, B) go on, ranges come in where valid; tells whose bin was closed, (B,)."""
+        self.now = self.now + dt
         self.path = self.path + chord
         due = self.now - self._opened >= WIDTH - 1e-9
-        if due:
-            self._close(sigma)
+        if due.any():
+            self._close(np.flatnonzero(due), sigma)
         if valid.any():
-            slot = self._filled % SLOTS
-            self._open[:, slot] = np.where(valid, np.stack([np.full_like(z, self.now), *self.path, z]), np.nan)
-            self._filled += 1
+            at = np.flatnonzero(valid)
+            self._open[:, self._filled[at] % SLOTS, at] = np.array([self.now, *self.path, z])[:, at]
+            self._filled[at] += 1
             self._roughen(z, valid)
         return due
 
@@ -61,10 +62,11 @@ class RangeWindow:
 
     def bins(self, at: Array, sigma: Array) -> Bins:
         """The bins of some flights, oldest first, with their variances as of now."""
-        used = min(self._closed, COUNT)
-        order = (self._closed - used + np.arange(used)) % COUNT
-        t, x, y, z, n = self._bins[:, order][..., at]
-        age = self.now - t
+        closed = self._closed[at]
+        used = min(closed.max(initial=0), COUNT)
+        order = (closed - used + np.arange(used)[:, None]) % COUNT  # of those with fewer, some that are empty
+        t, x, y, z, n = self._bins[:, order, at]
+        age = self.now[at] - t
         white = self.white(sigma)[at]
         drifting = np.maximum(sigma[at] ** 2 - 2 * white**2, 0.0)
         variance = white**2 * n + drifting * 2 * BIAS_TIME / WIDTH + self._model_psd * age**3 / 3
@@ -83,23 +85,24 @@ class RangeWindow:
         of = np.flatnonzero(even)
         self._bends[self._seen[of] % ROUGH, of] = np.abs(z - 2 * z1 + z2)[of]
         self._seen[of] += 1
-        now = np.stack([t1, z1, np.full_like(z, self.now), z])
+        now = np.array([t1, z1, self.now, z])
         self._before = np.where(valid, now, self._before)
 
-    def _close(self, sigma: Array) -> None:
-        """Average the open bin without what is far from its median."""
-        z = self._open[3]
+    def _close(self, at: Array, sigma: Array) -> None:
+        """Average the open bins of some flights without what is far from their medians."""
+        open_ = self._open[..., at]
+        z = open_[3]
         any_in = np.isfinite(z).any(axis=0)
         middle = _median(np.where(any_in, z, 0.0))
-        good = np.abs(z - middle) <= self._speed * WIDTH + 4 * sigma
+        good = np.abs(z - middle) <= self._speed * WIDTH + 4 * sigma[at]
         count = good.sum(axis=0)
-        slot = self._closed % COUNT
+        slot = self._closed[at] % COUNT
         with np.errstate(invalid="ignore", divide="ignore"):
-            self._bins[:4, slot] = np.where(count > 0, np.where(good, self._open, 0.0).sum(axis=1) / count, 0.0)
-            self._bins[4, slot] = np.where(count > 0, 1.0 / count, np.inf)
-        self._closed += 1
-        self._open[:] = np.nan
-        self._filled, self._opened = 0, self.now
+            self._bins[:4, slot, at] = np.where(count > 0, np.where(good, open_, 0.0).sum(axis=1) / count, 0.0)
+            self._bins[4, slot, at] = np.where(count > 0, 1.0 / count, np.inf)
+        self._closed[at] += 1
+        self._open[..., at] = np.nan
+        self._filled[at], self._opened[at] = 0, self.now[at]
 
 
 def _median(values: Array) -> Array:

@@ -74,7 +74,7 @@ class DriftEstimator:
         if before is not None and dt <= 0:
             return Fused.GATED
         was = self.bank.stage[0]
-        self.bank.step(dt, _chord(before or knot, knot), *_arrays(sample))
+        self.bank.step(np.array([dt]), _chord(before or knot, knot), *_arrays(sample))
         self._used, self._sigma, self._astray = knot, sample.sigma, False
         self._note_belief()
         self._remember(sample.time)

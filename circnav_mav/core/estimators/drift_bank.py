@@ -110,23 +110,24 @@ class DriftBank:
         weight[:, self._tracking] = self._tracks.weight
         return Noise(*(part.T @ weight for part in (n.drift_psd, n.gust, n.white, n.drifting)))
 
-    def step(self, dt: float, chord: Array, z: Array, sigma: Array, valid: Array) -> None:
-        """Carry all flights on by dt along chord (2, B), and take in their ranges z, sigma where valid (B,)."""
+    def step(self, dt: Array, chord: Array, z: Array, sigma: Array, valid: Array) -> None:
+        """Carry flights on by dt (B,) along chord (2, B), and take in their ranges z, sigma where valid (B,). Nothing
+        happens to those whose dt and chord are 0 and whose range is not valid."""
         self._since += dt
         due = self._search.hear(dt, chord, z, sigma, valid)
         self._track(dt, chord, z, sigma, valid)
         self._lose(z, valid)
-        found = self._search.go_on(sigma) if due else None
+        found = self._search.go_on(due, sigma) if due.any() else None
         if found is not None:
             self._start(found, sigma)
         self._tell_favourites()
         self._since[valid] = 0.0
 
-    def _track(self, dt: float, chord: Array, z: Array, sigma: Array, valid: Array) -> None:
+    def _track(self, dt: Array, chord: Array, z: Array, sigma: Array, valid: Array) -> None:
         at = self._tracking
         if not at.size:
             return
-        h = bank.predict(self._tracks, self.noise, dt, chord[:, at], sigma[at])
+        h = bank.predict(self._tracks, self.noise, dt[at], chord[:, at], sigma[at])
         if valid[at].any():
             h, said = bank.update(h, self.noise, z[at], sigma[at], valid[at], self.settings.gate)
             heaviest = (h.log_weight.argmax(axis=0), np.arange(at.size))

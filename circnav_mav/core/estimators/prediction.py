@@ -65,7 +65,7 @@ def predict_one(belief: Belief, dt: float, chord: tuple[float, float], own: OwnM
         rate[state] += gradient
     rows = np.array((out, left, rate))
     of_r, of_direction, of_rate = ((rows @ belief.covariance) * rows).sum(axis=1).tolist()
-    steady, gusty = steps(belief.drift_psd, belief.gust, dt)
+    steady, gusty = steps(belief.drift_psd, belief.gust, dt, floats)
     wander = wandered(steady, gusty, dt)
     turned = wander / r**2
     return Prediction(

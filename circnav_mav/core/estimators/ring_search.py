@@ -56,10 +56,10 @@ class RingSearch:
         self.at = np.zeros(0, int)
         self.favourite = np.zeros(0, int)
         self._guesses = all_round(np.zeros(0), settings.hypotheses, self._prior)
-        self._guessed = 0.0, np.zeros((2, flights))
+        self._guessed = np.zeros(flights), np.zeros((2, flights))
 
-    def hear(self, dt: float, chord: Array, z: Array, sigma: Array, valid: Array) -> bool:
-        """Time and path go on, ranges come in where valid; tells whether it is time to go on with the search."""
+    def hear(self, dt: Array, chord: Array, z: Array, sigma: Array, valid: Array) -> Array:
+        """Time and path go on, ranges come in where valid; tells whose search it is time to go on with, (B,)."""
         return self._window.add(dt, chord, z, sigma, valid)
 
     def forget(self) -> None:
@@ -79,18 +79,20 @@ class RingSearch:
             np.concatenate([old.damping, new.damping]),
         )
 
-    def go_on(self, sigma: Array) -> Found | None:
-        """Improve all guesses on the window; the answers that became clear leave the search."""
+    def go_on(self, due: Array, sigma: Array) -> Found | None:
+        """Improve the guesses of flights that are due on the window; the answers that became clear leave the search."""
         self._carry()
-        if not self.at.size:
+        of = np.flatnonzero(due[self.at])
+        if not of.size:
             return None
-        bins, filled = self._window.bins(self.at, sigma), self._window.filled(self.at)
+        at, cfg, flights = self.at[of], self._settings, np.arange(of.size)
+        bins, filled, g = self._window.bins(at, sigma), self._window.filled(at), self._guesses.some(of)
         for _ in range(ITERATIONS):
-            self._guesses = improve(self._guesses, bins, self._prior)
-        g, cfg, flights = self._guesses, self._settings, np.arange(self.at.size)
+            g = improve(g, bins, self._prior)
+        self._guesses.put(of, g)
         best = g.cost.argmin(axis=1)
-        better = g.cost[flights, best] < g.cost[flights, self.favourite] - SWITCH
-        self.favourite = np.where(better, best, self.favourite)
+        better = g.cost[flights, best] < g.cost[flights, self.favourite[of]] - SWITCH
+        self.favourite[of] = np.where(better, best, self.favourite[of])
         x, cost = g.x[flights, best], g.cost[flights, best]
         scale = np.maximum(1.0, 2 * cost / np.maximum(filled - UNKNOWNS + 1, 1))
         P = covariance(x[:, None], bins, self._prior)[:, 0] * scale[:, None, None]
@@ -100,16 +102,15 @@ class RingSearch:
         found = known & flyable & alone & (filled >= cfg.min_bins)
         if not found.any():
             return None
-        answer = Found(self.at[found], x[found].T, np.moveaxis(P[found], 0, -1))
-        self._keep(~found)
-        return answer
+        self._leave(of[found])
+        return Found(at[found], x[found].T, np.moveaxis(P[found], 0, -1))
 
     def favourites(self) -> Array:
         """What each search thinks most of, brought to the present, (5, n): a place to try, not to trust."""
         then, path = self._guessed
         x = self._guesses.x[np.arange(self.at.size), self.favourite].T
         step = (self._window.path - path)[:, self.at]
-        p = x[:2] + x[4] * step + x[2:4] * (self._window.now - then)
+        p = x[:2] + x[4] * step + x[2:4] * (self._window.now - then)[self.at]
         return np.concatenate([p, x[2:]])
 
     def _nothing_known(self) -> Prior:
@@ -118,13 +119,14 @@ class RingSearch:
     def _carry(self) -> None:
         then, path = self._guessed
         step = (self._window.path - path)[:, self.at]
-        self._guesses = carried(self._guesses, self._window.now - then, step)
+        self._guesses = carried(self._guesses, (self._window.now - then)[self.at], step)
         self._guessed = self._window.now, self._window.path
 
-    def _keep(self, which: Array) -> None:
-        g = self._guesses
-        self._guesses = Guesses(g.x[which], g.cost[which], g.damping[which])
-        self.at, self.favourite = self.at[which], self.favourite[which]
+    def _leave(self, of: Array) -> None:
+        """Those of the searching flights search no more."""
+        stay = np.delete(np.arange(self.at.size), of)
+        self._guesses = self._guesses.some(stay)
+        self.at, self.favourite = self.at[stay], self.favourite[stay]
 
 
 def _margin(g: Guesses, x: Array, cost: Array) -> Array:

@@ -39,6 +39,14 @@ class Guesses:
     cost: Array
     damping: Array
 
+    def some(self, of: Array) -> "Guesses":
+        """Those of some flights."""
+        return Guesses(self.x[of], self.cost[of], self.damping[of])
+
+    def put(self, of: Array, new: "Guesses") -> None:
+        """Replace those of some flights."""
+        self.x[of], self.cost[of], self.damping[of] = new.x, new.cost, new.damping
+
 
 @dataclass(frozen=True, slots=True)
 class Prior:
@@ -67,11 +75,11 @@ def all_round(r: Array, count: int, prior: Prior) -> Guesses:
     return Guesses(x, np.full((r.size, count), np.inf), np.ones((r.size, count)))
 
 
-def carried(g: Guesses, dt: float, path: Array) -> Guesses:
-    """The guesses after dt along a path (2, B) more: what they say of the past stays the same."""
+def carried(g: Guesses, dt: Array, path: Array) -> Guesses:
+    """The guesses after dt (B,) along a path (2, B) more: what they say of the past stays the same."""
     x = g.x.copy()
-    x[..., 0] += x[..., 4] * path[0][:, None] + x[..., 2] * dt
-    x[..., 1] += x[..., 4] * path[1][:, None] + x[..., 3] * dt
+    x[..., 0] += x[..., 4] * path[0][:, None] + x[..., 2] * dt[:, None]
+    x[..., 1] += x[..., 4] * path[1][:, None] + x[..., 3] * dt[:, None]
     return Guesses(x, g.cost, g.damping)
 
 
