@@ -7,11 +7,13 @@ approach weaves. Whatever steers, every change is bumpless: the difference to th
 For the counter-clockwise orbit. Arrays of shape (B,) over flights; of the one in the air, plain numbers.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import IntEnum
 from typing import Any
 
 import numpy as np
+
+from circnav_mav.core.values import SAME_TIME
 
 Array = Any
 FIRST_GUESS = 1.0
@@ -67,7 +69,7 @@ ONE_AT_START = Handover(-1, -1, 0.0, 0.0, 0.0)
 
 
 def hand_over(
-    before: Handover, dt: Array, *, trusted: Array, favourite: Array, by_range: Array, by_bank: Array, limit: float,
+    before: Handover, dt: Array, *, trusted: Array, favourite: Array, by_range: Array, by_bank: Array, limit: Array,
     xp: Any = np,
 ) -> Handover:  # fmt: skip
     """The command of this step. favourite (B,): number of the bank's guess while it searches, else -1.
@@ -76,12 +78,18 @@ def hand_over(
     xp: numpy, or `floats` for one flight.
     """
     untrusted = xp.where(trusted, 0.0, before.untrusted + dt)
-    trial = xp.logical_not(trusted) & (favourite >= 0) & (untrusted >= FIRST_GUESS)
+    trial = xp.logical_not(trusted) & (favourite >= 0) & (untrusted >= FIRST_GUESS - SAME_TIME)
     flies = xp.where(trusted, Flies.DRIFT, xp.where(trial, Flies.TRIAL, Flies.FEEDFORWARD))
     on_trial = xp.where(trial, favourite, -1)
     weave = WEAVE_SHARE * limit * xp.sin(2 * np.pi * untrusted / WEAVE_PERIOD)
-    by_bank = by_bank + xp.where(trial & (untrusted > PATIENCE), weave, 0.0)
+    by_bank = by_bank + xp.where(trial & (untrusted > PATIENCE + SAME_TIME), weave, 0.0)
     wanted = xp.clip(xp.where(flies == Flies.FEEDFORWARD, by_range, by_bank), -limit, limit)
     changed = (before.flies >= 0) & ((flies != before.flies) | (on_trial != before.favourite))
     offset = xp.where(changed, before.command - wanted, before.offset * xp.exp(-dt / FADE))
     return Handover(flies, on_trial, xp.clip(wanted + offset, -limit, limit), offset, untrusted)
+
+
+def merged(which: Array, after: Handover, before: Handover) -> Handover:
+    """Of B flights, the handovers after a step for some (mask) and those before it for the others."""
+    names = (field.name for field in fields(Handover))
+    return Handover(*(np.where(which, getattr(after, name), getattr(before, name)) for name in names))

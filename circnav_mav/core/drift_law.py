@@ -32,15 +32,15 @@ class DriftGains:
     lag, s, by which the feedforward looks ahead. delay: for which these gains were made, s.
     """
 
-    heading: float
-    radial: float
-    lead: float
-    ahead: float
-    delay: float = 0.0
+    heading: Array
+    radial: Array
+    lead: Array
+    ahead: Array
+    delay: Array = 0.0
 
 
 def drift_gains(V: float, r_d: float, lag: float, lead: float = 1.0, delay: float = 0.0) -> DriftGains:
-    """Gains by rule: heading loop with a damping of .7 against what lead leaves of the lag, radius loop at a third.
+    """Gains by rule: heading loop with a damping of .7 against what lead leaves of the lag, radius loop at two fifths.
 
     delay: of the link there and back, s. No lead makes a delay shorter: it is given up as the delay nears what it would
     take off the lag, and the heading loop gets slower by the delay.
@@ -49,10 +49,10 @@ def drift_gains(V: float, r_d: float, lag: float, lead: float = 1.0, delay: floa
     lead = lead * max(1 - delay * (1 + lead) / lag, 0.0)
     left = lag / (1 + lead)
     heading = 0.5 / (left + delay)
-    return DriftGains(heading, heading / (3 * V), lead, left, delay)
+    return DriftGains(heading, heading / (2.5 * V), lead, left, delay)
 
 
-def inward_angle(r: Array, *, r_d: float, k: float, sharpest: Array, xp: Any = np) -> Array:
+def inward_angle(r: Array, *, r_d: Array, k: Array, sharpest: Array, xp: Any = np) -> Array:
     """Angle of the ground course inward of the circle's tangent, rad.
 
     k (r - r_d) near the circle; far outside the straight line that touches the circle, acos(r_d/r); far inside the
@@ -65,7 +65,7 @@ def inward_angle(r: Array, *, r_d: float, k: float, sharpest: Array, xp: Any = n
     return k * e * most / xp.sqrt(most**2 + (k * e) ** 2 + 1e-12)
 
 
-def field_heading(p: Pair, d: Pair, *, V: Array, r_d: float, k: float, max_turn_rate: float, xp: Any = np) -> Array:
+def field_heading(p: Pair, d: Pair, *, V: Array, r_d: Array, k: Array, max_turn_rate: Array, xp: Any = np) -> Array:
     """Heading (rad) whose ground course follows the field at p (2, ...), drift d (2, ...), true airspeed V."""
     r = xp.hypot(p[0], p[1])
     sharpest = max_turn_rate / (V + xp.hypot(d[0], d[1]))
@@ -75,7 +75,7 @@ def field_heading(p: Pair, d: Pair, *, V: Array, r_d: float, k: float, max_turn_
 
 
 def drift(
-    p: Pair, d: Pair, psi: Array, turn_rate: Array, *, V: Array, r_d: float, max_turn_rate: float, gains: DriftGains,
+    p: Pair, d: Pair, psi: Array, turn_rate: Array, *, V: Array, r_d: Array, max_turn_rate: Array, gains: DriftGains,
     xp: Any = np,
 ) -> Array:  # fmt: skip
     """Turn rate (rad/s): the field's rotation along the path ahead, plus the heading error times its gain.
@@ -84,7 +84,7 @@ def drift(
     V: true airspeed, m/s. Condition: r_d >= (V + W)^2/(V max_turn_rate) and W < V.
     """
 
-    def wanted(ahead: float) -> Array:
+    def wanted(ahead: Array) -> Array:
         x, y = chord_parts(V, psi, turn_rate * ahead, ahead, xp)
         there = p[0] + d[0] * ahead + x, p[1] + d[1] * ahead + y
         return field_heading(there, d, V=V, r_d=r_d, k=gains.radial, max_turn_rate=max_turn_rate, xp=xp)
@@ -94,7 +94,7 @@ def drift(
     return aimed + gains.lead * (aimed - turn_rate)
 
 
-def orbit_turn_rate(d: Pair, psi: Array, *, V: Array, r_d: float, xp: Any = np) -> Array:
+def orbit_turn_rate(d: Pair, psi: Array, *, V: Array, r_d: Array, xp: Any = np) -> Array:
     """Turn rate (rad/s) that stays on the counter-clockwise circle in drift d (2, ...), m/s, at heading psi, rad.
 
     The heading alone tells where on the circle a vehicle is: no range is used. chi' = v_g/r_d for the ground course,

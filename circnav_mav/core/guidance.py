@@ -7,7 +7,7 @@ from circnav_mav.core import floats
 from circnav_mav.core.auto import ONE_AT_START, Flies, hand_over
 from circnav_mav.core.drift_law import drift, drift_gains, mirrored, orbit_turn_rate
 from circnav_mav.core.laws import LAWS, Kind, pi
-from circnav_mav.core.values import Orbit, RangeEstimate, RelativeMotion, TurnCommand, TurnRate
+from circnav_mav.core.values import SAME_TIME, Orbit, RangeEstimate, RelativeMotion, TurnCommand, TurnRate
 
 LONGEST_STEP = 0.5
 """A longer time between two commands counts as this, s: nothing may build up over a gap."""
@@ -46,10 +46,10 @@ def steering(orbit: Orbit, choice: LawChoice) -> Steering:
     Some laws remember: give every flight its own. Raises ValueError when the radius correction does not exist for
     this gain.
     """
-    kind = LAWS[choice.name].kind
-    if kind is Kind.MEMORY:
+    law = LAWS[choice.name]
+    if law.kind is Kind.MEMORY:
         return _Integrating(orbit, choice)
-    if kind in (Kind.RELATIVE, Kind.AUTO):
+    if law.flies_relative_motion:
         return _HandingOver(orbit, choice)
     return _by_range(orbit, choice)
 
@@ -151,7 +151,7 @@ class _HandingOver:
         if not self._tries or motion is None or motion.trial is None:
             return -1
         circling = abs(estimate.r - orbit.radius) < NEAR * orbit.radius and abs(estimate.r_dot) < ALONG * orbit.speed
-        patient = self._handover.untrusted < CIRCLING_PATIENCE
+        patient = self._handover.untrusted < CIRCLING_PATIENCE - SAME_TIME
         return -1 if motion.drift_remembered and circling and patient else motion.trial
 
     def _by_bank(self, motion: RelativeMotion, trim: float) -> float:

@@ -73,6 +73,11 @@ class Law:
     switches: bool = False
     kind: Kind = Kind.RANGE
 
+    @property
+    def flies_relative_motion(self) -> bool:
+        """Whether it goes by where the target is, and not only by how far, once that is known."""
+        return self.kind in (Kind.RELATIVE, Kind.AUTO)
+
 
 def bounded(r: Array, r_dot: Array, *, V: float, r_d: float, k: float) -> Array:
     """`range_laws.bounded` with the sense in the sign of k. |k| > 1/r_d."""

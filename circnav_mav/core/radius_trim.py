@@ -5,13 +5,15 @@ above the indicated one flies 2 m outside a circle of 150 m. The trim is added t
 """
 
 NEAR = 0.2
-"""The integral runs only within this fraction of the radius, where the law is linear, and while nothing saturates."""
+"""The integral grows only within this fraction of the radius, where the law is linear, and while nothing saturates;
+farther off it only unwinds, for what it holds may be what keeps the vehicle there."""
 MOST = 0.15
 """Bound of the trim, as a fraction of the radius."""
 
 
 def next_trim(trim: float, *, rate: float, r: float, r_d: float, step: float, saturated: bool) -> float:
     """The trim (m) after `step` seconds at range r, growing against the error with `rate` (1/s)."""
-    if saturated or abs(r - r_d) > NEAR * r_d:
+    change = -rate * (r - r_d) * step
+    if saturated or (abs(r - r_d) > NEAR * r_d and trim * change >= 0):
         return trim
-    return min(max(trim - rate * (r - r_d) * step, -MOST * r_d), MOST * r_d)
+    return min(max(trim + change, -MOST * r_d), MOST * r_d)

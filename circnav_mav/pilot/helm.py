@@ -4,7 +4,7 @@ from circnav_mav.core.guidance import holding, steering, through_gain
 from circnav_mav.core.phases import Phase
 from circnav_mav.core.radius_trim import next_trim
 from circnav_mav.core.turn_gain import TurnGain, TurnGainSettings, learn
-from circnav_mav.core.values import OwnMotion, RangeEstimate, TurnCommand, TurnRate
+from circnav_mav.core.values import SAME_TIME, OwnMotion, RangeEstimate, TurnCommand, TurnRate
 from circnav_mav.mav.autopilots.interface import VehicleState
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.frames import YawRate, yaw_rate_from_turn_rate
@@ -64,7 +64,7 @@ class Helm:
     def at_speed(self) -> bool:
         """Whether the vehicle has flown what it is told for long enough to have the speed that it is told."""
         felt = self._learnt.time
-        return self._learnt.followed and felt is not None and felt - self._slow_at >= SPEED_UP
+        return self._learnt.followed and felt is not None and felt - self._slow_at >= SPEED_UP - SAME_TIME
 
     def feel(self, own: OwnMotion) -> None:
         """Learn the turn-rate gain from the vehicle's heading, and whether it is flying what we tell it."""
@@ -111,8 +111,8 @@ class Helm:
         self._told, self._height, self._steered_at = None, None, None
 
     def _delay(self, round_trip: float | None) -> float:
-        """What the link adds to our own tick, s."""
-        return 0.0 if round_trip is None else min(max(round_trip - self._settings.timing.tick, 0.0), LONGEST_DELAY)
+        """From what the vehicle tells of itself to what it hears of our answer, s."""
+        return min(self._settings.timing.tick if round_trip is None else round_trip, LONGEST_DELAY)
 
     def _trim_radius(self, estimate: RangeEstimate, command: TurnCommand) -> None:
         """Let the slow integral run over the time since the last steered step, while the vehicle follows."""

@@ -264,9 +264,9 @@ def test_the_command_flies_sums_up_and_draws(write, tmp_path):
 
 
 def test_a_mission_that_no_batch_flies_is_refused_where_a_batch_is_asked_for(write):
-    ran = circnav(write('"guidance.law" = ["auto"]', 'runs = 2\nengine = "batch"'), "--out", "never")
+    ran = circnav(write('"guidance.law" = ["switching"]', 'runs = 2\nengine = "batch"'), "--out", "never")
     assert ran.returncode == 2
-    assert 'engine: "batch" cannot fly this: guidance.law = "auto" needs own motion' in ran.stderr
+    assert 'engine: "batch" cannot fly this: guidance.law = "switching" switches' in ran.stderr
 
 
 def test_the_campaign_that_ships_is_flown_in_batches():

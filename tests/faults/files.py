@@ -130,7 +130,7 @@ def good_campaign(folder: Path) -> tuple[str, bytes]:
     """A campaign file, and the table of a short campaign, to damage; the folder holds what it was flown with."""
     mission = CONFIG / "campaign_mission.toml"
     text = CAMPAIGN.read_text(encoding="utf-8").replace('"../campaign_mission.toml"', f'"{mission}"')
-    (folder / "good.toml").write_text(text.replace("runs = 600", "runs = 4"), encoding="utf-8")
+    (folder / "good.toml").write_text(text.replace("runs = 750", "runs = 4"), encoding="utf-8")
     campaign = load_campaign(folder / "good.toml")
     store = Store(folder / "out", campaign)
     store.add(fly_chunk(campaign, range(4)))

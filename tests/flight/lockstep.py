@@ -9,6 +9,7 @@ from pathlib import Path
 from circnav_mav.mission.load import load_mission
 from circnav_mav.pilot import RANGING, VEHICLE, Pilot, TickRecord
 from sim.config import parse_vehicle
+from sim.faults.pipe import Pipe
 from sim.vehicle import Truth, Vehicle
 
 CONFIG = Path(__file__).parents[2] / "config"
@@ -18,7 +19,8 @@ SETPOINT_IDS = {84, 82}  # SET_POSITION_TARGET_LOCAL_NED, SET_ATTITUDE_TARGET
 
 @dataclass
 class Flight:
-    """A flight under way, with what was seen of it."""
+    """A flight under way, with what was seen of it. down, up: what the link does to what we hear and say; None:
+    nothing, at once."""
 
     pilot: Pilot
     vehicle: Vehicle
@@ -26,13 +28,16 @@ class Flight:
     ticks: list[TickRecord] = field(default_factory=list)
     sent: list[tuple[float, bytes]] = field(default_factory=list)
     hears: Callable[[bytes, float], bool] = lambda frame, now: True
+    down: Pipe | None = None
+    up: Pipe | None = None
     now: float = 0.0
     next_truth: float = 0.0
 
     def fly(self, until: float, watch: Callable[["Flight"], None] | None = None) -> "Flight":
         """Run both to a time, stepping from event to event; `watch` is called after each step."""
         while self.now < until and not self.pilot.done:
-            self._step(min(self.vehicle.next_event, max(self.pilot.next_tick, self.now), until))
+            arrivals = [pipe.next_due for pipe in (self.down, self.up) if pipe is not None]
+            self._step(min(self.vehicle.next_event, max(self.pilot.next_tick, self.now), until, *arrivals))
             if watch is not None:
                 watch(self)
         return self
@@ -43,12 +48,13 @@ class Flight:
         vehicle.advance(self.now)
         links = LINKS if pilot.settings.ranging_apart else {"main": VEHICLE}
         for sim_link, link in links.items():
-            for frame in vehicle.outgoing(sim_link):
+            for frame in through(self.down, vehicle.outgoing(sim_link), self.now):
                 if self.hears(frame, self.now):
                     pilot.receive(frame, self.now, "sim", link)
         out = pilot.step(self.now)
+        for data in through(self.up, [out] if out else [], self.now):
+            vehicle.receive(data)
         if out:
-            vehicle.receive(out)
             self.sent.append((self.now, out))
         self.ticks += pilot.take_records()
         pilot.take_frames()
@@ -60,6 +66,15 @@ class Flight:
     def setpoint_times(self) -> list[float]:
         """When setpoints were sent."""
         return [time for time, data in self.sent if any(id in SETPOINT_IDS for id in message_ids(data))]
+
+
+def through(pipe: Pipe | None, data: list[bytes], now: float) -> list[bytes]:
+    """What comes out of a pipe by now, after some more has gone in."""
+    if pipe is None:
+        return data
+    for datagram in data:
+        pipe.push(datagram, now)
+    return pipe.take(now)
 
 
 def flight(mission: str, *overrides: str, law: str | None = None) -> Flight:

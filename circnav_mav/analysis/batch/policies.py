@@ -1,6 +1,5 @@
 """Estimator and law together, for B flights: what the benchmark flies. The equations are those of the flight."""
 
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -9,7 +8,7 @@ from circnav_mav.analysis.batch.banks import Banks
 from circnav_mav.analysis.batch.filters import BatchKalman
 from circnav_mav.analysis.batch.flight import Circle, Make, Seen, Truth
 from circnav_mav.core.air_path import chord, wrap
-from circnav_mav.core.auto import Handover, at_start, hand_over
+from circnav_mav.core.auto import at_start, hand_over, merged
 from circnav_mav.core.drift_law import drift, drift_gains, mirrored, orbit_turn_rate
 from circnav_mav.core.estimators.bank import KAPPA, R, position
 from circnav_mav.core.estimators.bank import drift as drift_of
@@ -120,7 +119,7 @@ class Auto:
             limit=cfg.max_turn_rate,
         )  # fmt: skip
         ready = (ready | trusted) & self._freshness.step(seen)
-        self.handover = _merged(ready, after, self.handover)
+        self.handover = merged(ready, after, self.handover)  # nothing is handed over before a first command
         self._unsteered[ready] = 0.0
         v = V * np.stack([np.cos(seen.psi), np.sin(seen.psi)]) + d
         by_drift = (p * v).sum(axis=0) / np.maximum(x[R], 1.0)
@@ -131,12 +130,6 @@ class Auto:
         ahead = here[2] + cfg.lag * here[3]
         hold = np.where(known, orbit_turn_rate(here[1], ahead, V=safe, r_d=cfg.radius), cfg.speed / cfg.radius)
         return s * np.where(ready, self.handover.command, hold)
-
-
-def _merged(ready: Array, after: Handover, before: Handover) -> Handover:
-    """The handover of flights that steer goes on; nothing is handed over before a first command."""
-    names = (field.name for field in fields(Handover))
-    return Handover(*(np.where(ready, getattr(after, name), getattr(before, name)) for name in names))
 
 
 class _Kalman:

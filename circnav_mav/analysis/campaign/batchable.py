@@ -6,7 +6,8 @@ from typing import Any
 
 from circnav_mav.analysis.campaign.plan import Run
 from circnav_mav.analysis.campaign.surroundings import GUST_EVERY
-from circnav_mav.core.laws import LAWS, Kind
+from circnav_mav.analysis.campaign.turn_gains import ATTITUDE_EVERY
+from circnav_mav.core.laws import LAWS
 from circnav_mav.core.noise_check import TOO_MUCH
 from sim.config import Ranging
 from sim.sensor import CHARACTERS
@@ -38,16 +39,25 @@ def group(run: Run) -> tuple[tuple[str, str], ...]:
     """What must be the same in all flights of a batch."""
     values = _flat(run.mission.file.model_dump(exclude={"sim"})) | _flat(asdict(run.vehicle), "sim.")
     shared = (key for key in values if key not in OWN and not key.startswith(OWN_TABLES))
-    return tuple((key, repr(values[key])) for key in sorted(shared))
+    relative = LAWS[run.mission.file.guidance.law].flies_relative_motion
+    return (("flies relative motion", repr(relative)), *((key, repr(values[key])) for key in sorted(shared)))
 
 
 def _obstacles(run: Run) -> Iterator[tuple[bool, str]]:
     file, sim = run.mission.file, run.vehicle
     airframe, start, ranging, limits = sim.vehicle, sim.start, sim.ranging, file.limits
     law = LAWS[file.guidance.law]
-    yield law.kind not in (Kind.RANGE, Kind.MEMORY), f'guidance.law = "{law.name}" needs own motion'
     yield law.switches, f'guidance.law = "{law.name}" switches: the last digit of a message decides which way'
-    yield run.mission.estimator != "kalman", f'guidance.estimator = "{run.mission.estimator}" needs own motion'
+    relative, estimator = law.flies_relative_motion, run.mission.estimator
+    yield (
+        estimator != ("auto" if relative else "kalman"),
+        f'guidance.estimator = "{estimator}" with guidance.law = "{law.name}"',
+    )
+    yield (
+        relative and not _with_attitudes(ranging.rate_hz, limits.tick_hz),
+        "ranges or ticks do not fall on the 20 Hz of attitudes",
+    )
+    yield relative and sim.sensors != type(sim.sensors)(), "sim.sensors bend heading or turn rate"
     yield run.mission.vehicle_key != ("ardupilot", "copter"), "[vehicle] is not the plain ArduPilot copter"
     ideal = airframe.profile == "arducopter" and airframe.dynamics != "realistic"
     yield not ideal, "sim.vehicle is not the ideal copter (profile arducopter, dynamics unicycle or airborne)"
@@ -81,6 +91,11 @@ def _on_grid(rate: float, ticks: float) -> bool:
     """Whether ranges and ticks fall together, and the emulator's clock of microseconds can keep both."""
     more, less = max(rate, ticks), min(rate, ticks)
     return _whole(more / less) and _whole(1e6 / more)
+
+
+def _with_attitudes(rate: float, ticks: float) -> bool:
+    """Whether ranges and ticks fall on the times of attitudes, those of a slower one always."""
+    return all(_whole(1 / ATTITUDE_EVERY / hz) for hz in (rate, ticks))
 
 
 def _whole(number: float) -> bool:

@@ -9,16 +9,17 @@ from circnav_mav.analysis.campaign.engage import Opening, opening
 from circnav_mav.analysis.campaign.lockstep import COMPLETED
 from circnav_mav.analysis.campaign.plan import Run
 from circnav_mav.analysis.campaign.radio import Radio
+from circnav_mav.analysis.campaign.relative import RelativeSteering
 from circnav_mav.analysis.campaign.steering import Steering
 from circnav_mav.analysis.campaign.surroundings import GUST_EVERY, Targets, Vehicles, Winds
 from circnav_mav.analysis.campaign.track import Track
-from circnav_mav.analysis.campaign.turn_gains import TurnGains
+from circnav_mav.analysis.campaign.turn_gains import ATTITUDE_EVERY, TurnGains
+from circnav_mav.core.air_path import wrap
+from circnav_mav.core.laws import LAWS
 from circnav_mav.core.values import SAME_TIME
 
 Array = Any
 NEVER = 1 << 40
-ATTITUDE_EVERY = 0.05
-"""Time, s, from one ATTITUDE to the next, as asked for."""
 GUIDED = "GUIDED"
 """The mode that the copter is flown in."""
 MODE_SHOWN_EVERY = 0.25
@@ -31,7 +32,8 @@ class Batch:
     def __init__(self, runs: Sequence[Run], begins: Opening) -> None:
         file = runs[0].mission.file
         rate = runs[0].vehicle.ranging.rate_hz
-        self.dt = 1 / max(rate, file.limits.tick_hz)
+        relative = LAWS[file.guidance.law].flies_relative_motion
+        self.dt = 1 / max(rate, file.limits.tick_hz, 1 / ATTITUDE_EVERY if relative else 0.0)
         self._every = round(1 / rate / self.dt)
         self._gust_every = round(GUST_EVERY / self.dt)
         self._stale, self._hold = file.limits.stale_s, file.limits.hold_s
@@ -42,7 +44,8 @@ class Batch:
         self._asks = runs[0].vehicle.start.mode != GUIDED
         self._shown = np.full(len(runs), NEVER)
         self._vehicles, self._targets, self._winds = Vehicles(runs, self.dt), Targets(runs), Winds(runs)
-        self._radio, self._steering = Radio(runs), Steering(runs)
+        self._radio = Radio(runs)
+        self._steering = RelativeSteering(runs) if relative else Steering(runs)
         self._attitude_every = max(1, round(ATTITUDE_EVERY / self.dt))
         self._gains = TurnGains(runs, self._attitude_every * self.dt)
         self._told = np.zeros(len(runs))
@@ -54,6 +57,11 @@ class Batch:
         self._holds_since = np.full(len(runs), NEVER)
         self.stopped = np.zeros(len(runs), bool)
         self.path: list[Array] = []
+
+    @property
+    def beyond(self) -> Array:
+        """Flights in which something happened that no batch follows, (B,)."""
+        return self._steering.beyond
 
     def fly(self) -> None:
         """All flights to their ends."""
@@ -71,7 +79,8 @@ class Batch:
             self._z, self._sigma, arrived = self._radio.measure(self._vehicles.slant(target), now)
         else:
             arrived = np.zeros(len(self._due), bool)
-        steering.see(now, self.dt if step else 0.0, self._z, self._sigma, arrived & (step >= self._heard))
+        arrived &= (step >= self._heard) & (step < self.ended)
+        steering.see(now, self.dt if step else 0.0, self._z, self._sigma, arrived)
         acts = (steering.sure_at == now) | (step >= self._due)  # a fresh range, or a tick after the last step
         self._due = np.where(acts, step + self._tick, self._due)
         holding = ~steering.ready | (now - steering.sure_at > self._stale + SAME_TIME)
@@ -84,13 +93,16 @@ class Batch:
         self.stopped |= lost & ~over
         self.ended = np.where(lost | over, step, self.ended)
         self.path.append((self._vehicles.position - target).astype(np.float32))
-        ours = self.engaged <= step
+        ours, alive = self.engaged <= step, step < self.ended
         if step % self._attitude_every == 0:
-            self._gains.feel(self._vehicles.psi, self._told, self.engaged < step)
-        wanted = steering.through_gain(steering.turn(now, holding, ours & acts), self._gains.now)
+            flown = (self.engaged < step) & alive
+            heading = _reported(self._vehicles.psi)
+            self._gains.feel(now, heading, self._told, flown)
+            steering.move(now, heading, self._vehicles.turn_rate, flown & self._gains.at_speed)
+        wanted = steering.through_gain(steering.turn(now, holding, ours & acts & alive), self._gains.now)
         self._told = np.where(ours & acts, wanted, self._told)
         speed, wind = np.where(ours, steering.speed, 0.0), np.where(ours, self._winds.velocity, 0.0)
-        self._vehicles.step(speed, self._told, wind)
+        self._vehicles.step(_single(speed), _single(self._told), wind)
 
     def _engage(self, step: int, acts: Array, holding: Array) -> None:
         """The vehicle becomes ours when there is a range to steer by and it shows the mode; it is asked for the mode as
@@ -104,15 +116,29 @@ class Batch:
             self.ended = np.where((self.engaged == NEVER) & (self.ended == NEVER), step, self.ended)
 
 
-def fly_batch(runs: Sequence[Run]) -> list[Track] | None:
-    """Fly runs of one group; tracks in their order. None where a real flight shows that they would not be engaged."""
+def fly_batch(runs: Sequence[Run]) -> list[Track | None] | None:
+    """Fly runs of one group; tracks in their order, None for those that must be flown alone. None at all where a real
+    flight shows that they would not be engaged."""
     begins = opening(runs[0])
     if begins is None:
         return None
     batch = Batch(runs, begins)
     batch.fly()
     path = np.stack(batch.path)
-    return [_track(batch, path[:, :, flight], flight, run) for flight, run in enumerate(runs)]
+    alone = batch.beyond
+    return [
+        None if alone[flight] else _track(batch, path[:, :, flight], flight, run) for flight, run in enumerate(runs)
+    ]
+
+
+def _single(value: Array) -> Array:
+    """What the single precision of a message leaves of a number."""
+    return value.astype(np.float32).astype(float)
+
+
+def _reported(psi: Array) -> Array:
+    """A heading, rad, as an ATTITUDE has it: north is zero there."""
+    return np.pi / 2 - _single(wrap(np.pi / 2 - psi))
 
 
 def _track(batch: Batch, path: Array, flight: int, run: Run) -> Track:

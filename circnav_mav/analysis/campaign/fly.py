@@ -75,7 +75,10 @@ def _fly_together(runs: list[Run], alone: list[Run]) -> Iterator[tuple[int, Row]
         alone += runs
         return
     for run, track in zip(runs, tracks, strict=True):
-        yield run.number, row(run, track)
+        if track is None:
+            alone.append(run)
+        else:
+            yield run.number, row(run, track)
 
 
 def _fly_alone(run: Run) -> Row:

@@ -16,6 +16,8 @@ COUNT = 64
 """Bins kept: 16 s, more than a turn needs to tell all directions apart."""
 ROUGH, ROUGH_ENOUGH = 40, 16
 """Second differences kept to measure the white part of the noise, and how many it takes at least."""
+EVEN = 0.19
+"""Share by which equal steps may differ; no ratio that lost samples make, or rounding would decide."""
 BIAS_TIME = 2.0
 
 
@@ -81,7 +83,7 @@ class RangeWindow:
         """|z0 - 2 z1 + z2| of equally spaced samples: the motion hardly shows in it, the white noise does."""
         t2, z2, t1, z1 = self._before
         steps = self.now - t1, t1 - t2
-        even = valid & (np.abs(steps[0] - steps[1]) < 0.2 * steps[0])
+        even = valid & (np.abs(steps[0] - steps[1]) < EVEN * steps[0])
         of = np.flatnonzero(even)
         self._bends[self._seen[of] % ROUGH, of] = np.abs(z - 2 * z1 + z2)[of]
         self._seen[of] += 1

@@ -10,7 +10,7 @@ from circnav_mav.core.estimators.drift_bank import BankSettings, DriftBank, Stag
 from circnav_mav.core.estimators.interface import EstimatorSettings, Fused
 from circnav_mav.core.estimators.kalman import KalmanRangeRate
 from circnav_mav.core.estimators.own_path import Knot, OwnPath
-from circnav_mav.core.estimators.prediction import Belief, Prediction, predict_one
+from circnav_mav.core.estimators.prediction import Belief, Prediction, predict_belief
 from circnav_mav.core.estimators.window import Prior
 from circnav_mav.core.values import OwnMotion, RangeEstimate, RangeSample, RelativeMotion
 
@@ -89,7 +89,8 @@ class DriftEstimator:
             return None
         then, belief, tracks = self._used, self._belief, self.bank.stage[0] == Stage.TRACK
         dt = max(knot.motion.time - then.motion.time, 0.0)
-        at = predict_one(belief, dt, (knot.x - then.x, knot.y - then.y) if dt else (0.0, 0.0), knot.motion)
+        chord, own = (knot.x - then.x, knot.y - then.y), knot.motion
+        at = predict_belief(belief, dt, chord, heading=own.heading, airspeed=own.airspeed)
         relative = RelativeMotion(
             x=at.x,
             y=at.y,
@@ -113,7 +114,7 @@ class DriftEstimator:
 
     def _still_trusted(self, at: Prediction) -> bool:
         """Whether the prediction may steer, for without ranges it gets worse."""
-        return at.r_variance / at.r**2 + at.direction_variance < self.bank.settings.trusted**2
+        return bool(at.r_variance / at.r**2 + at.direction_variance < self.bank.settings.trusted**2)
 
     def _note_belief(self) -> None:
         """What the bank believes now, as plain numbers."""

@@ -1,0 +1,43 @@
+"""A circle is flown with a quiet stick: what the radius error does not show, the servos feel."""
+
+import numpy as np
+import pytest
+
+from sim.faults.impairment import Impairment
+from sim.faults.pipe import Pipe
+from tests.flight.lockstep import flight, last_third, rms_error
+
+SECONDS = 120.0
+UNREST = {
+    "quickstart": 1.5,
+    "arduplane": 1.5,
+    "ardurover": 4.0,
+    "arducopter": 2.0,
+    "px4_copter": 3.0,
+    "px4_plane": 2.5,
+    "px4_plane_attitude": 2.5,
+}
+"""Standard deviation of the commanded turn rate on the circle, deg/s, that each mission may have under `auto`; the turn
+itself is 5 .. 13 deg/s."""
+
+
+def unrest(flown):
+    """Of the commanded turn rate over the last third, deg/s."""
+    turns = [tick.turn_rate for tick in flown.ticks if tick.time > flown.now * 2 / 3 and tick.turn_rate is not None]
+    return float(np.degrees(np.std(turns)))
+
+
+@pytest.mark.parametrize("mission", UNREST)
+def test_the_turn_is_steady_on_the_circle(mission):
+    flown = flight(mission, f"limits.duration_s={SECONDS}", law="auto").fly(SECONDS)
+    assert unrest(flown) < UNREST[mission]
+
+
+@pytest.mark.parametrize("mission", ["arduplane", "ardurover"])
+def test_a_link_that_takes_a_while_does_not_make_the_turn_swing(mission):
+    """A tenth of a second each way, more or less: what a companion on a loaded machine or a quick radio has."""
+    flown = flight(mission, f"limits.duration_s={SECONDS}", law="auto")
+    flown.down, flown.up = (Pipe(Impairment(delay=0.05, jitter=0.1, in_order=True), seed) for seed in (1, 2))
+    flown.fly(SECONDS)
+    assert unrest(flown) < UNREST[mission]
+    assert rms_error(last_third(flown), flown.pilot.settings.orbit.radius) < 0.5
