@@ -13,12 +13,12 @@ from circnav_mav import __version__
 from circnav_mav.analysis.plots import plot_flight
 from circnav_mav.analysis.run_folder import NO_TICKS, read_ticks, read_truth
 from circnav_mav.analysis.summary import FlightFacts, summarise, write_summary
-from circnav_mav.cli.check import read_mission, show_checks
+from circnav_mav.cli.check import all_checks, read_mission, show_checks
 from circnav_mav.cli.connect import open_links, open_page, open_signing, run_speed, start_clock, start_vehicle
 from circnav_mav.cli.exits import Exit, Refused
 from circnav_mav.cli.report import report_of_flight
 from circnav_mav.cli.verdict import verdict
-from circnav_mav.mission.checks import Grade, check_mission
+from circnav_mav.mission.checks import Grade
 from circnav_mav.mission.load import Mission
 from circnav_mav.pilot import VEHICLE, Ending, Outcome, Pilot, TickRecord, Voice
 from circnav_mav.runtime.clock import RunClock, local_time_name
@@ -64,7 +64,7 @@ def fly_mission(options: FlyOptions) -> int:
     """Fly, and return the exit code. Raises Refused before anything has flown."""
     stop = StopRequest()  # from here on a signal ends the flight, not the process
     mission = read_mission(options.mission, _overrides(options))
-    lines = check_mission(mission)
+    lines = all_checks(mission)
     if any(line.grade is Grade.FAIL for line in lines):
         show_checks(lines)
         raise Refused(f"{options.mission}: refused by its checks, see FAIL above")

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import click
 
-from circnav_mav.cli.check import read_mission, show_checks
+from circnav_mav.cli.check import all_checks, read_mission, show_checks
 from circnav_mav.cli.connect import open_links, open_signing, start_clock, start_vehicle
 from circnav_mav.cli.exits import Exit, Refused
-from circnav_mav.mission.checks import Check, Grade, check_mission
+from circnav_mav.mission.checks import Check, Grade
 from circnav_mav.mission.load import Mission
 from circnav_mav.mission.param_rules import names_for
 from circnav_mav.mission.preflight import judge
@@ -25,7 +25,7 @@ def preflight_file(path: str, endpoint: str | None, overrides: tuple[str, ...], 
     if not 1 <= seconds <= 600:
         raise Refused(f"--seconds: must be at least 1 and at most 600, not {seconds:g}")
     mission = read_mission(path, overrides if endpoint is None else (*overrides, f'link.endpoint="{endpoint}"'))
-    lines = check_mission(mission)
+    lines = all_checks(mission)
     show_checks(lines)
     if _failures(lines):
         raise Refused(f"{path}: refused by its checks, see FAIL above")

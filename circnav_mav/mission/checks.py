@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum
-from math import degrees, sqrt
+from math import degrees, hypot, inf, sqrt
 
 from circnav_mav.core.laws import LAWS
 from circnav_mav.core.slant import MAX_SIGMA_GROWTH
@@ -19,6 +19,8 @@ PLANE_GAIN = 0.72
 DRIFT_LAWS = frozenset({"auto", "drift"})
 REACH = 0.8
 """Fraction of the farthest range that the circle may use."""
+ROOM = 0.1
+"""Fraction of the radius that should lie between the circle and the bounds of the range."""
 
 
 class Grade(Enum):
@@ -49,7 +51,8 @@ def check_mission(mission: Mission) -> list[Check]:
             _radius,
             _turn_rate,
             _reach,
-            _orientation,
+            _bounds,
+            _radio,
             _sampling,
             _noise,
             _slant,
@@ -91,6 +94,13 @@ def _vehicle(mission: Mission) -> Iterator[Check]:
             "exit",
             "PX4 goes back to OFFBOARD by itself when setpoints resume: exit.action must command a mode, "
             'and engage.on_takeover must be "end"',
+        )
+    elif exits == "stop" and kind.startswith("plane"):
+        yield Check(
+            Grade.FAIL,
+            "exit",
+            "a plane left in its mode loiters 3 s later, banking hard at once: exit.action must command a mode, "
+            f"choose {', '.join(adapters_allowed[0].exits)}",
         )
 
 
@@ -144,22 +154,70 @@ def _expected_gain(mission: Mission) -> float:
 
 
 def _reach(mission: Mission) -> Iterator[Check]:
-    radius, height, farthest = mission.orbit.radius, mission.file.orbit.height_above_target_m or 0.0, mission.max_range
-    slant = sqrt(radius**2 + height**2)
+    slant, farthest = _slant_range(mission, mission.orbit.radius), mission.max_range
     yield Check(
         _grade(slant / farthest, warn_above=REACH / 2, fail_above=REACH),
         "reach",
-        f"range on the circle {slant:.1f} m of the {farthest:.1f} m that {mission.file.ranging.message} carries "
+        f"range on the circle {slant:.1f} m of the {_length(farthest)} that {_what_ends_ranges(mission)} "
         f"({100 * slant / farthest:.0f} %, at most {100 * REACH:.0f} %)",
     )
 
 
-def _orientation(mission: Mission) -> Iterator[Check]:
-    if mission.file.ranging.orientation == DOWNWARD:
+def _slant_range(mission: Mission, horizontal: float) -> float:
+    """What the radio measures, m, at a horizontal range."""
+    return hypot(horizontal, mission.file.orbit.height_above_target_m or 0.0)
+
+
+def _what_ends_ranges(mission: Mission) -> str:
+    table = mission.file.ranging
+    return "ranging.max_range_m allows" if mission.max_range == table.max_range_m else f"{table.message} carries"
+
+
+def _length(metres: float) -> str:
+    return f"{metres:.1f} m" if metres < 1e4 else f"{metres / 1000:.0f} km"
+
+
+def _bounds(mission: Mission) -> Iterator[Check]:
+    """The circle must lie between the bounds of the range, with some room for the way it swings."""
+    nearest, farthest, radius = mission.file.bounds.min_range_m, mission.file.bounds.max_range_m, mission.orbit.radius
+    if nearest is None and farthest is None:
+        return
+    grade = _grade(
+        max((nearest or 0.0) / radius, radius / (farthest or inf)), warn_above=1 / (1 + ROOM), fail_above=1.0
+    )
+    given = [
+        f"{words} bounds.{key} = {value:g} m"
+        for words, key, value in (("above", "min_range_m", nearest), ("below", "max_range_m", farthest))
+        if value is not None
+    ]
+    yield Check(
+        grade,
+        "bounds",
+        f"the circle of {radius:g} m must be {' and '.join(given)} (horizontal ranges), by {100 * ROOM:.0f} %",
+    )
+    if farthest is not None and _slant_range(mission, farthest) > mission.max_range:
+        yield Check(
+            Grade.WARN,
+            "bounds",
+            f"bounds.max_range_m = {farthest:g} m never acts: ranges end at the {_length(mission.max_range)} that "
+            f"{_what_ends_ranges(mission)}, and the flight with them",
+        )
+
+
+def _radio(mission: Mission) -> Iterator[Check]:
+    table = mission.file.ranging
+    if table.orientation == DOWNWARD:
         yield Check(
             Grade.FAIL,
             "ranging",
             f"orientation {DOWNWARD} is downward, a height sensor: it is never taken, choose 24 (up)",
+        )
+    if table.message == "ranging_beacon" and table.endpoint is None:
+        yield Check(
+            Grade.WARN,
+            "ranging",
+            "ArduPilot and PX4 do not forward RANGING_BEACON: unless the radio itself speaks on link.endpoint, give it "
+            "its own (ranging.endpoint)",
         )
 
 
@@ -220,10 +278,16 @@ def _slant(mission: Mission) -> Iterator[Check]:
     )
 
 
+def drift_allowed(mission: Mission) -> float:
+    """Wind less target motion, m/s, in which the circle can be held; not positive if not even in still air."""
+    orbit = mission.orbit
+    return tolerated_drift(orbit.speed, orbit.radius, orbit.max_turn_rate, _expected_gain(mission))
+
+
 def _drift(mission: Mission) -> Iterator[Check]:
     """What the circle itself allows in wind or round a moving target, and how long the way to it may take."""
     orbit, gain = mission.orbit, _expected_gain(mission)
-    tolerated = tolerated_drift(orbit.speed, orbit.radius, orbit.max_turn_rate, gain)
+    tolerated = drift_allowed(mission)
     if tolerated > 0:
         share = 100 * tolerated / orbit.speed
         rest = "" if mission.file.guidance.law in DRIFT_LAWS else f"; the law {mission.law.name} itself knows no drift"

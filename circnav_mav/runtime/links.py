@@ -67,10 +67,13 @@ def parse_endpoint(text: str) -> Endpoint:
     if not sign or kind not in ("udpin", "udpout", "tcp", "serial"):
         raise LinkError(
             f"endpoint {text!r}: write udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:PATH:BAUD"
+            " (udp: is udpin:)"
         )
     host, sign, port = rest.replace(",", ":").rpartition(":")
     if not sign or not host or not port.isdecimal():
-        raise LinkError(f"endpoint {text!r}: {'baud rate' if kind == 'serial' else 'port'} is missing or not a number")
+        missing, form = ("baud rate", "PATH:BAUD") if kind == "serial" else ("port", "HOST:PORT")
+        wrong = "host is missing" if rest.isdecimal() else f"{missing} is missing or not a number"
+        raise LinkError(f"endpoint {text!r}: {wrong}, write {kind}:{form}")
     lowest = 0 if kind == "udpin" else 1
     if kind != "serial" and not lowest <= int(port) <= 65535:
         raise LinkError(f"endpoint {text!r}: port must be {lowest} to 65535")

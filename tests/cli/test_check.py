@@ -62,3 +62,38 @@ def test_a_mistake_in_the_bundled_vehicles_table_is_one_line_too(circnav, config
 
 def test_colours_stay_out_of_a_pipe(circnav, mission):
     assert "\x1b" not in circnav("check", mission, "--set", "guidance.gain=1e-5").out
+
+
+@pytest.mark.parametrize("endpoint", ["/dev/ttyACM0", "udpin:14550", "serial:/dev/ttyACM0"])
+@pytest.mark.parametrize("key", ["link.endpoint", "ranging.endpoint"])
+def test_an_endpoint_that_a_flight_would_refuse_is_refused(circnav, mission, key, endpoint):
+    ran = circnav("check", mission, "--set", f"{key}={endpoint}")
+    assert ran.code == 2
+    assert ran.line.startswith(f"circnav: {mission}: endpoint {endpoint!r}: ")
+
+
+@pytest.mark.parametrize(
+    ("name", "override", "grade", "says"),
+    [
+        ("arduplane", "sim.vehicle.profile=arducopter", "FAIL", "arducopter is no ardupilot plane"),
+        ("px4_copter", "sim.vehicle.profile=arducopter", "FAIL", "arducopter is no px4 copter"),
+        ("arduplane", "sim.wind.speed_mps=30", "WARN", "is 30.0 m/s, more than the"),
+        ("arducopter", "sim.target.velocity_east_mps=30", "WARN", "is 30.0 m/s, more than the"),
+        ("arduplane", "vehicle.speed_mps=18", "WARN", "the bundled plane cruises at 22 m/s"),
+    ],
+)
+def test_a_bundled_vehicle_that_does_not_fit_the_mission_is_told(circnav, config, name, override, grade, says):
+    ran = circnav("check", config / f"{name}.toml", "--set", override)
+    (line,) = [line for line in ran.out.splitlines() if line[6:].startswith("sim ")]
+    assert line.startswith(grade)
+    assert says in line
+
+
+def test_wind_does_not_carry_a_copter_that_holds_its_speed_over_the_ground(circnav, config):
+    ran = circnav("check", config / "arducopter.toml", "--set", "sim.wind.speed_mps=30")
+    assert not [line for line in ran.out.splitlines() if line[6:].startswith("sim ")]
+
+
+def test_a_bundled_vehicle_that_is_not_flown_is_not_judged(circnav, config):
+    overrides = ["--set", "sim.vehicle.profile=arducopter", "--set", "link.endpoint=udpin:0.0.0.0:14550"]
+    assert circnav("check", config / "arduplane.toml", *overrides).code == 0

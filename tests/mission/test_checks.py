@@ -156,3 +156,54 @@ def test_a_height_that_drowns_the_range_in_noise_is_told(mission, height, expect
     """Growth sqrt(1 + (h/r)^2): 1.5 at 111.8 m, 5 at 489.9 m."""
     overrides = [f"orbit.height_above_target_m={height}", "ranging.message=ranging_beacon"]
     assert grade(mission, "height", *overrides) is expected
+
+
+@pytest.mark.parametrize(
+    ("bound", "expected"),
+    [
+        ("max_range_m=99", FAIL),
+        ("max_range_m=109", WARN),
+        ("max_range_m=111", PASS),
+        ("min_range_m=101", FAIL),
+        ("min_range_m=92", WARN),
+        ("min_range_m=90", PASS),
+    ],
+)
+def test_bounds_of_the_range_leave_the_circle_room(mission, bound, expected):
+    """The circle is 100 m; a tenth of it is the room that it should have."""
+    assert grade(mission, "bounds", f"bounds.{bound}") is expected
+
+
+def test_bounds_are_said_to_be_of_the_horizontal_range(mission):
+    (line,) = lines(mission, "bounds", "bounds.max_range_m=640")
+    assert "below bounds.max_range_m = 640 m (horizontal ranges)" in line.says
+
+
+@pytest.mark.parametrize(("bound", "height", "told"), [(650, 0, False), (660, 0, True), (650, 100, True)])
+def test_a_bound_beyond_the_farthest_range_is_told(mission, bound, height, told):
+    """DISTANCE_SENSOR ends at a slant range of 655.34 m; 650 m and 100 m up are 657.6 m."""
+    found = lines(mission, "bounds", f"bounds.max_range_m={bound}", f"orbit.height_above_target_m={height}")
+    assert [line.grade for line in found] == [PASS, WARN][: 1 + told]
+
+
+def test_a_beacon_without_an_endpoint_of_its_own_is_told(mission):
+    (line,) = lines(mission, "ranging", "ranging.message=ranging_beacon")
+    assert line.grade is WARN
+    assert "do not forward RANGING_BEACON" in line.says
+    assert lines(mission, "ranging", "ranging.message=ranging_beacon", "ranging.endpoint=udpin:0.0.0.0:14560") == []
+
+
+def test_far_ends_of_ranges_are_told_in_kilometres_and_by_what_sets_them(mission):
+    (line,) = lines(mission, "reach", "ranging.message=ranging_beacon")
+    assert line.says.startswith("range on the circle 100.0 m of the 4295 km that ranging_beacon carries")
+    (line,) = lines(mission, "reach", "ranging.max_range_m=600")
+    assert line.says.startswith("range on the circle 100.0 m of the 600.0 m that ranging.max_range_m allows")
+
+
+def test_a_plane_is_not_left_in_its_mode(mission):
+    """It loiters after 3 s, banking hard; a copter brakes."""
+    plane = ["vehicle.kind=plane", "vehicle.max_bank_deg=45", "exit.action=stop"]
+    (line,) = lines(mission, "exit", *plane)
+    assert line.grade is FAIL
+    assert "choose loiter, rtl, hold" in line.says
+    assert lines(mission, "exit", "exit.action=stop") == []
