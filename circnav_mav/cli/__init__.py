@@ -81,8 +81,9 @@ def emulate(vehicle: str | None, endpoint: str, ranging_endpoint: str | None, sp
     VEHICLE.toml is a vehicle file, or a mission file with a [sim] table; without it a copter stands by.
 
     \b
-    Example:
-        circnav emulate config/quickstart.toml --endpoint udpin:0.0.0.0:14550
+    Example, in two terminals (at --speed 8 the flight needs --set 'link.clock="autopilot"', too):
+        circnav emulate config/quickstart.toml --endpoint udpout:127.0.0.1:14550
+        circnav fly config/quickstart.toml --endpoint udpin:0.0.0.0:14550
     """
     from circnav_mav.cli.emulate import run_emulator
 

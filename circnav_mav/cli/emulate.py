@@ -29,10 +29,18 @@ def run_emulator(vehicle: str | None, endpoint: str, ranging_endpoint: str | Non
         signal.signal(number, lambda received, _frame: stopped.append(received))
     try:
         config = load_vehicle(vehicle) if vehicle else parse_vehicle({}, "sim")
-        serve(config, endpoint, ranging_endpoint, speed=speed, ready=click.echo, stopped=lambda: bool(stopped))
+        serve(
+            config, endpoint, ranging_endpoint, speed=speed,
+            ready=lambda line: click.echo(line + _how_to_fly(speed)), stopped=lambda: bool(stopped),
+        )  # fmt: skip
     except (ConfigError, EndpointError) as error:
         raise Refused(str(error)) from None
     return Exit.DONE
+
+
+def _how_to_fly(speed: float) -> str:
+    """What a flight must be told of a vehicle that is not in real time."""
+    return "" if speed == 1 else f"""\n{speed:g} times real time: fly it with --set 'link.clock="autopilot"'"""
 
 
 class EmulatedVehicle:

@@ -11,6 +11,7 @@ from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mav.announce import Announcer
 from circnav_mav.mav.autopilots.interface import Autopilot
+from circnav_mav.mav.boot_clock import BootClock
 from circnav_mav.mav.codec import Encoder, Message
 from circnav_mav.mav.commands import Command, CommandResult, CommandSender
 from circnav_mav.mav.motion import MotionSensor
@@ -78,6 +79,7 @@ class Session:
         self.streams = StreamRequests({})
         self.motion = MotionSensor()
         self.round_trip = RoundTrip()
+        self.boot_clock = BootClock()
         self.battery: float | None = None
         self.on_ground: bool | None = None
         self.pinned_at = 0.0
@@ -276,6 +278,7 @@ class Session:
         newest = message.time_boot_ms
         if self._boot_ms is None or _later(newest, self._boot_ms) >= -1000 * REBOOT_STEP:
             self._boot_ms, self._doubtful_ms = newest, None
+            self.boot_clock.heard(newest / 1000, now)
         elif self._doubtful_ms is None or _later(newest, self._doubtful_ms) <= 0:
             self._doubtful_ms = newest  # one frame that came late by another way is no reboot; the next one tells
         else:

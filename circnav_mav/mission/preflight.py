@@ -44,7 +44,7 @@ def judge(mission: Mission, seen: Observations, clock_speed: float = 1.0) -> lis
         *_motion(vehicle),
         *_battery(mission, vehicle),
         *_clock(mission, vehicle, clock_speed),
-        *_ranging(mission, seen),
+        *_ranging(mission, seen, vehicle),
     ]
     lines += judge_parameters(vehicle.adapter, Context(mission, vehicle.system, vehicle.parameters))
     return lines + [Check(WARN, "says", f'"{text}"') for text in vehicle.texts if _troubled(text)]
@@ -203,8 +203,7 @@ def _clock(mission: Mission, vehicle: VehicleSeen, clock_speed: float) -> Iterat
             grade, "clock", "no boot time of the autopilot (SYSTEM_TIME, ATTITUDE): its reboot would not be seen"
         )
     else:
-        (began, boot), (ended, boot_now) = vehicle.boot
-        speed = (boot_now - boot) / (ended - began) * clock_speed
+        speed = _boot_speed(vehicle.boot) * clock_speed
         words = f"the autopilot's runs at {speed:.2f} of ours"
         if speed < SPEED_OFF:
             yield Check(FAIL, "clock", f"{words}: it stands still")
@@ -223,10 +222,16 @@ def _clock(mission: Mission, vehicle: VehicleSeen, clock_speed: float) -> Iterat
         yield Check(WARN, "round trip", "no answer to TIMESYNC: the delay of the link is not known")
 
 
+def _boot_speed(boot: tuple[tuple[float, float], tuple[float, float]]) -> float:
+    """Seconds of the autopilot per second of the run."""
+    (began, at_first), (ended, at_last) = boot
+    return (at_last - at_first) / (ended - began) if ended > began else 1.0
+
+
 # --- ranging ----------------------------------------------------------------------------------------------------------
 
 
-def _ranging(mission: Mission, seen: Observations) -> Iterator[Check]:
+def _ranging(mission: Mission, seen: Observations, vehicle: VehicleSeen) -> Iterator[Check]:
     yield _heard(mission, seen)
     yield _rejected(mission, seen)
     ranges = seen.ranges
@@ -234,7 +239,7 @@ def _ranging(mission: Mission, seen: Observations) -> Iterator[Check]:
         yield from _noise(mission, ranges)
     if ranges:
         yield _age(mission, seen)
-        yield _stamps(mission, ranges)
+        yield from _stamps(mission, ranges, vehicle)
         yield _height(mission, ranges)
 
 
@@ -317,21 +322,25 @@ def _age(mission: Mission, seen: Observations) -> Check:
     )
 
 
-def _stamps(mission: Mission, ranges: Sequence[RangeHeard]) -> Check:
+def _stamps(mission: Mission, ranges: Sequence[RangeHeard], vehicle: VehicleSeen) -> Iterator[Check]:
+    """Whether the messages' own times are of use; nothing where the autopilot's clock says why they are not."""
     if mission.file.ranging.stamp == "arrival":
-        return Check(PASS, "stamps", "arrival times, as the mission says")
+        yield Check(PASS, "stamps", "arrival times, as the mission says")
+        return
     if all(one.stamp == one.arrival for one in ranges):
-        return Check(
-            WARN, "stamps", 'the messages carry no time: arrival counts, delay and all (ranging.stamp = "arrival")'
-        )
+        words = 'the messages carry no time: arrival counts, delay and all (ranging.stamp = "arrival")'
+        yield Check(WARN, "stamps", words)
+        return
     first, last = ranges[0], ranges[-1]
     if last.arrival - first.arrival < 1.0:
-        return Check(WARN, "stamps", "too few to tell whether the sensor's clock is usable")
+        yield Check(WARN, "stamps", "too few to tell whether the sensor's clock is usable")
+        return
     speed = (last.stamp - first.stamp) / (last.arrival - first.arrival)
     words = f"the sensor's clock runs at {speed:.3f} of ours"
-    if abs(speed - 1) > SPEED_OFF:
-        return Check(FAIL, "stamps", f'{words}: its stamps are of no use, set ranging.stamp = "arrival"')
-    return Check(PASS, "stamps", words)
+    if abs(speed - 1) <= SPEED_OFF:
+        yield Check(PASS, "stamps", words)
+    elif vehicle.boot is None or abs(speed / (_boot_speed(vehicle.boot) or 1.0) - 1) > SPEED_OFF:
+        yield Check(FAIL, "stamps", f'{words}: its stamps are of no use, set ranging.stamp = "arrival"')
 
 
 def _height(mission: Mission, ranges: Sequence[RangeHeard]) -> Check:

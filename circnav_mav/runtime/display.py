@@ -6,6 +6,7 @@ A thread of its own draws: a terminal that is stopped (Ctrl-S) or gone, or a slo
 import threading
 from collections import deque
 from contextlib import suppress
+from itertools import takewhile
 from math import degrees
 from typing import Protocol
 
@@ -34,17 +35,26 @@ class Screen(Protocol):
 
 
 class PlainScreen:
-    """One line each time."""
+    """One line each time, and one for each alarm that is new."""
 
     def __init__(self, console: Console, radius: float) -> None:
         self._console, self._radius = console, radius
+        self._alarms: set[str] = set()
 
     def draw(self, status: Status) -> None:
-        """Print the line."""
-        self._console.print(one_line(status.tick, self._radius), highlight=False, soft_wrap=True)
+        """Print the lines."""
+        self._print(one_line(status.tick, self._radius))
+        kinds = {_kind(alarm): alarm for alarm in status.alarms}
+        for kind, alarm in kinds.items():
+            if kind not in self._alarms:
+                self._print(f"  ALARM    {alarm}")
+        self._alarms = set(kinds)
 
     def close(self) -> None:
         """Nothing to put back."""
+
+    def _print(self, text: str) -> None:
+        self._console.print(text, highlight=False, markup=False, soft_wrap=True)
 
 
 class LiveScreen:
@@ -123,6 +133,11 @@ def one_line(tick: TickRecord, radius: float) -> str:
         f"rate {rate:>10}  turn {turn:>11}  range age {_told(tick.range_age, 's')}  "
         f"link age {_told(tick.link_age, 's')}  mode {tick.mode}"
     )
+
+
+def _kind(alarm: str) -> str:
+    """What an alarm is about: its words without its numbers, which change all the time."""
+    return "".join(takewhile(lambda letter: not letter.isdecimal(), alarm))
 
 
 def _told(value: float | None, unit: str) -> str:

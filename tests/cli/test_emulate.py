@@ -32,6 +32,14 @@ def test_a_port_in_use(circnav, busy_port):
     assert str(busy_port) in ran.line
 
 
+def test_at_another_speed_it_says_how_to_be_flown(circnav, busy_port, monkeypatch):
+    monkeypatch.setattr("sim.server._fly", lambda *_arguments: None)
+    ran = circnav("emulate", "--endpoint", f"udpout:127.0.0.1:{busy_port}", "--speed", "8")
+    assert ran.out.splitlines()[1] == """8 times real time: fly it with --set 'link.clock="autopilot"'"""
+    ran = circnav("emulate", "--endpoint", f"udpout:127.0.0.1:{busy_port}")
+    assert len(ran.out.splitlines()) == 1
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_it_ends_when_asked(number, busy_port):
     """It speaks to a port that somebody has, once its own are open it says so in a line."""

@@ -1,4 +1,4 @@
-"""A vehicle that runs five times as fast as real time, flown by its own clock: what a user of a fast simulator does."""
+"""A vehicle that runs faster than real time, flown by its own clock, and what is said when it is not."""
 
 import json
 import os
@@ -8,6 +8,10 @@ import time
 from pathlib import Path
 
 import pytest
+from pymavlink.dialects.v20 import all as mavlink
+
+from circnav_mav.runtime.status import Watch
+from tests.flight.lockstep import flight
 
 ROOT = Path(__file__).parents[2]
 SPEED = 5
@@ -45,3 +49,23 @@ def test_a_simulator_five_times_as_fast_is_flown_in_its_own_seconds(tmp_path: Pa
     assert summary["samples_accepted"] == pytest.approx(10 * 40, rel=0.1)  # the radio's 10 Hz, in the run's seconds
     assert summary["setpoints_sent"] == pytest.approx(20 * 40, rel=0.2)  # a tick after each range
     assert elapsed < 40.0 / 2
+
+
+@pytest.mark.parametrize(("speed", "told"), [(1.0, 0), (1.05, 0), (0.5, 1), (8.0, 1)])
+def test_a_vehicle_whose_time_runs_at_another_speed_is_told_of_once(speed: float, told: int) -> None:
+    flown, said = flight("arducopter"), mavlink.MAVLink(None)
+    pilot, vehicle, texts, ticks = flown.pilot, flown.vehicle, [], []
+    for step in range(1, 2501):
+        now = 0.01 * step
+        vehicle.advance(now * speed)
+        for frame in vehicle.outgoing("main"):
+            pilot.receive(frame, now, "sim")
+        out = pilot.step(now)
+        vehicle.receive(out)
+        ticks += pilot.take_records()
+        messages = said.parse_buffer(bytearray(out)) or []
+        texts += [message.text for message in messages if message.get_type() == "STATUSTEXT"]
+    assert texts.count(f"circnav: autopilot's time runs at {speed:g} of ours") == told
+    alarms = [one for one in Watch(pilot).status(ticks[-1], 25.0).alarms if one.startswith("CLOCK")]
+    assert len(alarms) == told
+    assert all('link.clock = "autopilot"' in one for one in alarms)

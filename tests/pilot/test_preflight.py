@@ -259,10 +259,12 @@ def test_the_battery_is_held_against_the_missions_bound(percent: float, grade: G
 def test_a_simulator_five_times_as_fast_needs_the_autopilots_clock() -> None:
     bench = Bench("arducopter")
     bench.speed = 5.0
-    line = one(bench.lines(), "clock")
+    lines = bench.lines()
+    line = one(lines, "clock")
     assert line.grade is FAIL
     assert "5.0" in line.says
     assert 'link.clock = "autopilot"' in line.says
+    assert of(lines, "stamps") == []  # the same cause needs no second cure
 
 
 def test_a_run_that_follows_the_autopilot_says_at_what_speed() -> None:

@@ -165,3 +165,11 @@ def test_a_status_that_comes_late_does_not_delay_the_next_drawing():
             pass
     display.close()
     assert drawn == [0.0, 1.04, 2.03, 7.0, 8.0]
+
+
+def test_plain_output_tells_each_new_alarm_once(statuses):
+    console = Console(width=80, file=io.StringIO(), color_system=None)
+    screen = PlainScreen(console, 100.0)
+    for status in statuses(9.0, events=[{"at_s": 6.0, "action": "mute_ranging"}]):
+        screen.draw(status)
+    assert console.file.getvalue().count("  ALARM    RANGE STALE, ") == 1
