@@ -12,7 +12,9 @@ from circnav_mav.analysis.metrics import TOLERANCE
 from circnav_mav.analysis.run import Run
 from circnav_mav.analysis.run_folder import Column, Ticks, Truth
 from circnav_mav.analysis.svg import Chart, Line
+from circnav_mav.core.phases import Phase
 from circnav_mav.core.values import Orbit
+from circnav_mav.pilot import Voice, phase_name
 
 ESTIMATE, MEASURED, TRUE, DESIRED, LIMIT, REJECTED = "#1f5fa8", "#9fb3cc", "#c8501e", "#2e7d32", "#777", "#c62828"
 PHASES = {
@@ -39,8 +41,15 @@ def report(run: Run, facts: ReportFacts) -> str:
     """The page of a run with at least two ticks. Raises RunError, OSError."""
     ticks, truth = run.ticks, run.truth
     span = (float(ticks.time[0]), float(ticks.time[-1]))
+    names = _phase_names(run)
     charts = [
-        svg.spans_chart("phase", ticks.time, ticks.phases, PHASES, span),
+        svg.spans_chart(
+            "phase",
+            ticks.time,
+            [names.get(phase, phase) for phase in ticks.phases],
+            {names.get(phase, phase): colour for phase, colour in PHASES.items()},
+            span,
+        ),
         *(chart.draw(span) for chart in _charts(ticks, truth, facts)),
         svg.bars_chart("ranges", "1/s", _samples(ticks), span),
         svg.spans_chart("vehicle mode", ticks.time, ticks.modes, _colours(ticks.modes), span),
@@ -134,12 +143,19 @@ def _track(ticks: Ticks, truth: Truth | None, orbit: Orbit) -> str:
     return '<p class="none">Range alone does not tell where it flew, and there is no truth: see range over time.</p>'
 
 
+def _phase_names(run: Run) -> dict[str, str]:
+    """The phases as they are called where nothing was sent, too."""
+    voice = next((voice for voice in Voice if voice.value == run.voice), Voice.FLY)
+    return {phase.value: phase_name(phase, voice) for phase in Phase}
+
+
 def _events(run: Run) -> str:
     """What happened, refused ranges left to their chart."""
+    names = _phase_names(run)
     told = [event for event in events(run) if event.kind not in ("rejected", "law")]
+    shown = [(event.time, event.kind, names.get(event.text, event.text)) for event in told[:MOST_EVENTS]]
     rows = [
-        f"<tr><td>{event.time:.1f} s</td><td>{escape(event.kind)}</td><td>{escape(event.text)}</td></tr>"
-        for event in told[:MOST_EVENTS]
+        f"<tr><td>{time:.1f} s</td><td>{escape(kind)}</td><td>{escape(text)}</td></tr>" for time, kind, text in shown
     ]
     if len(told) > MOST_EVENTS:
         rows.append(f"<tr><td></td><td></td><td>and {len(told) - MOST_EVENTS} more</td></tr>")

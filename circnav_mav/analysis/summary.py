@@ -9,6 +9,7 @@ import numpy as np
 
 from circnav_mav.analysis import metrics
 from circnav_mav.analysis.run_folder import Ticks, Truth
+from circnav_mav.core.phases import Phase
 from circnav_mav.core.values import Direction, Orbit
 
 
@@ -28,17 +29,21 @@ class FlightFacts:
     epoch_us: int
     recording_problem: str | None
     frames_refused: dict[str, int] = field(default_factory=dict)
+    voice: str = "fly"
 
 
 def summarise(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str, Any]:
-    """The summary as plain values. Without an engagement the figures of the circle are null."""
+    """The summary as plain values. Without an engagement the figures of the circle are null; they are those of the
+    ticks that steered by a fresh range, for a prediction that goes on through an outage is no measurement."""
     orbit = facts.orbit
     start = ticks.engaged_at
     flown = ticks.time >= (np.inf if start is None else start)
-    known = flown & ~np.isnan(ticks.numbers["r"])
+    steered = np.array([phase == Phase.ENGAGED.value for phase in ticks.phases], bool)
+    known = flown & steered & ~np.isnan(ticks.numbers["r"])
     turned = np.nansum(ticks.numbers["turn_rate"])
     return {
         "mission": facts.mission,
+        "voice": facts.voice,
         "outcome": facts.outcome,
         "reason": facts.reason,
         "desired_radius_m": orbit.radius,

@@ -201,6 +201,7 @@ def _finish(pilot: Pilot, recorder: Recorder, mission: Mission, clock: RunClock)
         version=__version__,
         epoch_us=clock.epoch_us,
         recording_problem=recorder.problem,
+        voice=pilot.settings.voice.value,
     )
     summary = summarise(facts, ticks, truth)
     try:

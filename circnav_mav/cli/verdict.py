@@ -3,15 +3,22 @@
 from pathlib import Path
 from typing import Any
 
+from circnav_mav.mav.ranging import Reject
+
+OTHERS = Reject.WRONG_SOURCE.value
+
 
 def verdict(summary: dict[str, Any], folder: Path) -> str:
     """What a person wants to know, in a few lines."""
     lines = [f"{summary['outcome'].upper()}: {summary['reason']}"]
-    if summary["engaged_s"] is not None:
+    silenced = summary.get("voice", "fly") != "fly"
+    if silenced:
+        lines.append(
+            f"  {summary['voice'].upper():<9}  no setpoint sent, would have steered for {summary['flown_s']:.0f} s"
+        )
+    elif summary["engaged_s"] is not None:
         lines += _circle(summary)
-    rejected = summary["samples_rejected"]
-    why = ", ".join(f"{count} {reason}" for reason, count in sorted(rejected.items())) or "none"
-    lines.append(f"  ranges     {summary['samples_accepted']} taken, {sum(rejected.values())} rejected ({why})")
+    lines.append(f"  ranges     {summary['samples_accepted']} taken, {_refused(summary['samples_rejected'])}")
     if refused := summary.get("frames_refused"):
         why = ", ".join(f"{count} {reason}" for reason, count in sorted(refused.items()))
         lines.append(f"  frames     refused for their signature: {why}")
@@ -22,6 +29,14 @@ def verdict(summary: dict[str, Any], folder: Path) -> str:
     return "\n".join(lines)
 
 
+def _refused(rejected: dict[str, int]) -> str:
+    """Ranges that did not count; those of other senders, which do no harm, apart."""
+    own = {reason: count for reason, count in sorted(rejected.items()) if reason != OTHERS}
+    why = ", ".join(f"{count} {reason}" for reason, count in own.items()) or "none"
+    others = rejected.get(OTHERS, 0)
+    return f"{sum(own.values())} rejected ({why})" + (f"; {others} of other senders ignored" if others else "")
+
+
 def _circle(summary: dict[str, Any]) -> list[str]:
     """Settling and radius, by our own estimate and by the simulator's truth."""
     desired = summary["desired_radius_m"]
@@ -30,11 +45,9 @@ def _circle(summary: dict[str, Any]) -> list[str]:
     truth = summary["truth"]
     if truth is not None:
         lines.append(f"  truth      {_figures(truth, desired)}")
-        rotation = truth["direction"] or "not yet round"
-        right = "as wanted" if rotation == summary["direction"] else "NOT AS WANTED"
-        lines.append(
-            f"             rotation {rotation} ({right}), closest approach {truth['closest_approach_m']:.1f} m"
-        )
+        right = "as wanted" if truth["direction"] == summary["direction"] else "NOT AS WANTED"
+        rotation = f"{truth['direction']} ({right})" if truth["direction"] else "not yet to be told"
+        lines.append(f"             rotation {rotation}, closest approach {truth['closest_approach_m']:.1f} m")
     else:
         lines.append(f"  rotation   {summary['direction_commanded'] or 'none'} commanded; range alone cannot see it")
     return lines

@@ -1,6 +1,6 @@
 """How fast the autopilot's time runs, seen from ours: a simulator at another speed looks like a vehicle at another."""
 
-WINDOW = 5.0
+WINDOW = 3.0
 """Time, s, over which a speed is taken."""
 OFF = 0.1
 """Fraction by which a speed must differ; a link that becomes a second slower shows less than twice in a row."""

@@ -176,6 +176,11 @@ class RangeReader:
         self.restarted = False
         self.rejected: Counter[str] = Counter()
 
+    @property
+    def refused(self) -> int:
+        """Ranges of our sensor that did not become samples; those of other senders do no harm."""
+        return self.rejected.total() - self.rejected[Reject.WRONG_SOURCE.value]
+
     def read(self, message: Message, now: float) -> RangeSample | None:
         """The sample that a message carries, or None; a refusal is counted in `rejected`.
 

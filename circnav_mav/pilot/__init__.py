@@ -11,6 +11,7 @@ from circnav_mav.pilot.settings import (
     TickRecord,
     Timing,
     Voice,
+    phase_name,
 )
 
 __all__ = [
@@ -24,4 +25,5 @@ __all__ = [
     "TickRecord",
     "Timing",
     "Voice",
+    "phase_name",
 ]

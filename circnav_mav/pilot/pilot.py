@@ -224,7 +224,8 @@ class Pilot:
             tick_record(
                 now, self.phase, self.session, estimate, command, sent,
                 newest=self._newest, nis=self.estimator.nis, turn_gain=self.helm.turn_gain,
-                law=self.settings.law.name, accepted=self.samples_accepted, rejected=self.ranging.rejected.total(),
+                law=self.settings.law.name, accepted=self.samples_accepted,
+                rejected=self.ranging.refused,
             )
         )  # fmt: skip
         messages += self._housekeeping(estimate, command, now)
@@ -295,9 +296,14 @@ class Pilot:
         self.helm.let_go()
         if self.outcome is not None:  # we were leaving: this is the exit action taking effect
             return
-        reason = "vehicle disarmed" if not outside else f"operator took over, mode {session.mode_name}"
-        reason = "autopilot rebooted" if rebooted else reason
-        self._say("yield", reason)
+        what = "vehicle disarmed"
+        reason = what
+        if rebooted:
+            what = reason = "autopilot rebooted"
+        elif outside:
+            what = f"{session.adapter.mode_names[session.adapter.guided_mode]} left for {session.mode_name}"
+            reason = f"{what}: operator or failsafe"
+        self._say("yield", what)
         if self.settings.end_on_takeover:
             self._finish(Ending.ABORTED, reason, now)
 
@@ -324,9 +330,10 @@ class Pilot:
         waited = now - self._phase_since
         if self.engaged_at is not None and now - self.engaged_at >= timing.duration:
             if self.phase in STEERING:
-                self._finish(Ending.COMPLETED, "flown to its end", now)
+                flown = "flown" if self.settings.voice is Voice.FLY else "dry run"
+                self._finish(Ending.COMPLETED, f"{flown} to its end", now)
             else:
-                self._finish(Ending.ABORTED, f"time ran out while {self.phase.value}", now)
+                self._finish(Ending.ABORTED, f"time ran out while {self.phase.value}{self._what_is_gone(now)}", now)
         elif self.phase is Phase.HOLDING and waited > timing.hold:
             self._finish(Ending.ABORTED, f"no range for {waited:.1f} s", now)
         elif self._lost_at is not None and now - self._lost_at > timing.outage:
@@ -337,6 +344,13 @@ class Pilot:
             self._finish(Ending.NOTHING_HEARD, f"no vehicle: {why_no_vehicle(self.session, self.counts())}", now)
         elif self.phase is Phase.WAIT_RANGING and waited > timing.wait_ranging:
             self._finish(Ending.NOTHING_HEARD, self._why_not_ready(now), now)
+
+    def _what_is_gone(self, now: float) -> str:
+        """Which silence a flight that runs out of time waits in."""
+        if self.phase is Phase.WAIT_LINK:
+            return f", no heartbeat for {self.session.heartbeat_age(now):.0f} s"
+        age = self._range_age(now) if self.phase is Phase.WAIT_RANGING else None
+        return "" if age is None else f", no range for {age:.0f} s"
 
     def _watch_ranging(self, estimate: RangeEstimate | None, now: float) -> None:
         age = self._range_age(now)

@@ -24,6 +24,14 @@ class Voice(Enum):
     SHADOW = "shadow"
 
 
+def phase_name(phase: Phase, voice: Voice) -> str:
+    """The phase for people: one that sends no setpoints would only steer."""
+    return phase.value if voice is Voice.FLY else _WOULD.get(phase, phase.value)
+
+
+_WOULD = {Phase.ENGAGED: "would steer", Phase.HOLDING: "would hold"}
+
+
 class Ending(Enum):
     """How a flight ended."""
 

@@ -43,7 +43,7 @@ class PlainScreen:
 
     def draw(self, status: Status) -> None:
         """Print the lines."""
-        self._print(one_line(status.tick, self._radius))
+        self._print(one_line(status, self._radius))
         kinds = {_kind(alarm): alarm for alarm in status.alarms}
         for kind, alarm in kinds.items():
             if kind not in self._alarms:
@@ -123,13 +123,14 @@ def display_for(console: Console, pilot: Pilot, title: str, speed: float) -> Dis
     return Display(PlainScreen(console, pilot.settings.orbit.radius), pilot, speed, last=False)
 
 
-def one_line(tick: TickRecord, radius: float) -> str:
-    """A tick as a line of text."""
+def one_line(status: Status, radius: float) -> str:
+    """A status as a line of text."""
+    tick = status.tick
     rate = "-" if tick.r_dot is None else f"{tick.r_dot:+6.2f} m/s"
     error = "-" if tick.r is None else f"{tick.r - radius:+.2f} m"
     turn = "-" if tick.turn_rate is None else f"{degrees(tick.turn_rate):+.1f} deg/s"
     return (
-        f"{tick.time:7.1f} s  {tick.phase.value:<20}  range {_told(tick.r, 'm'):>9}  error {error:>9}  "
+        f"{tick.time:7.1f} s  {status.phase:<20}  range {_told(tick.r, 'm'):>9}  error {error:>9}  "
         f"rate {rate:>10}  turn {turn:>11}  range age {_told(tick.range_age, 's')}  "
         f"link age {_told(tick.link_age, 's')}  mode {tick.mode}"
     )

@@ -71,7 +71,7 @@ class Picture:
     def _state(self, status: Status) -> list[Row]:
         """Phase, law and what is waited for."""
         tick, settings = status.tick, self._settings
-        badge = (f" {tick.phase.value.upper()} ", f"bold reverse {_style(status)}")
+        badge = (f" {status.phase.upper()} ", f"bold reverse {_style(status)}")
         duration = f" of {settings.timing.duration:.0f} s" if isfinite(settings.timing.duration) else ""
         flown = "" if status.flown is None else f"   flown {status.flown:.0f} s{duration}"
         rows: list[Row] = [("phase", Text.assemble(badge, f"  mode {tick.mode}{flown}"))]
@@ -135,10 +135,11 @@ def _traffic(status: Status, settings: PilotSettings) -> list[Row]:
     reasons = [f"{count} {reason}" for reason, count in list(status.rejected.items())[:MOST_REASONS]]
     more = ", ..." if len(status.rejected) > MOST_REASONS else ""
     why = f": {', '.join(reasons)}{more}" if reasons else ""
+    others = f"; {status.others} of other senders" if status.others else ""
     stale = f"stale at {settings.timing.stale:.2f} s"
     return [
         ("ranging", f"{_rate(rates and rates.taken)} taken, newest {_seconds(tick.range_age)} old, {stale}"),
-        ("rejected", f"{refused} of {refused + tick.accepted}{why}"),
+        ("rejected", f"{refused} of {refused + tick.accepted}{why}{others}"),
         ("link", f"{_rate(rates and rates.frames)} frames, heartbeat {_seconds(tick.link_age)} old"),
         ("setpoints", f"{_rate(rates and rates.setpoints)}, {status.setpoints} in all"),
     ]

@@ -1,13 +1,14 @@
 """What there is to tell of a flight at one moment, the same for the terminal and the live page."""
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import degrees, hypot
 from typing import NamedTuple
 
 from circnav_mav.core.phases import Phase
 from circnav_mav.mav.frames import compass_from_vector
-from circnav_mav.pilot import Ending, Outcome, Pilot, TickRecord, Voice
+from circnav_mav.mav.ranging import Reject
+from circnav_mav.pilot import Ending, Outcome, Pilot, TickRecord, Voice, phase_name
 
 RATE_SPAN = 3.0
 """Time, s, over which rates are taken."""
@@ -15,6 +16,7 @@ SILENT = 1.5
 """Age of the vehicle's newest heartbeat, s, that is worth a warning; it says one a second at the least."""
 MOST_REJECTED = 0.5
 """Share of the ranges that may be refused before it is worth a warning."""
+OTHERS = Reject.WRONG_SOURCE.value
 SILENCED = {
     Voice.DRY_RUN: "DRY RUN: no setpoint, no mode is sent",
     Voice.SHADOW: "SHADOW: no setpoint, no mode is sent",
@@ -32,19 +34,21 @@ class Rates(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """A tick and what stands round it. time: of the run, s. flown: s since engaging, None before. waits: what the
-    vehicle is not steered for, why: why this law flies, target: where it is and what drifts, alarms: what is wrong, all
-    for people. rejected: ranges refused
-    by reason."""
+    """A tick and what stands round it. time: of the run, s. flown: s since engaging, None before. phase: in words,
+    waits: what the vehicle is not steered for, why: why this law flies, target: where it is and what drifts, alarms:
+    what is wrong, all for people. rejected: ranges refused, by reason; others: those of other senders, harmless. A
+    range too old to hold is none."""
 
     time: float
     tick: TickRecord
     flown: float | None
+    phase: str
     waits: str
     why: str
     target: str
     alarms: tuple[str, ...]
     rejected: dict[str, int]
+    others: int
     rates: Rates | None
     setpoints: int
     outcome: Outcome | None
@@ -63,23 +67,28 @@ class Watch:
         rates = self._rates(now)
         return Status(
             time=now,
-            tick=tick,
+            tick=tick if self._believed(tick) else replace(tick, r=None, r_dot=None, r_sigma=None, r_dot_sigma=None),
             flown=None if pilot.engaged_at is None else now - pilot.engaged_at,
+            phase=phase_name(tick.phase, pilot.settings.voice),
             waits=pilot.waits_for(now),
             why=pilot.why if tick.law else "",
             target=_target(tick),
             alarms=tuple(_alarms(pilot, tick, now, rates, problem)),
-            rejected=dict(pilot.ranging.rejected.most_common()),
+            rejected={why: count for why, count in pilot.ranging.rejected.most_common() if why != OTHERS},
+            others=pilot.ranging.rejected[OTHERS],
             rates=rates,
             setpoints=pilot.setpoints_sent,
             outcome=pilot.outcome,
         )
 
+    def _believed(self, tick: TickRecord) -> bool:
+        """Whether the prediction still stands for a range: not when it would no longer hold the turn either."""
+        timing = self._pilot.settings.timing
+        return tick.range_age is None or tick.range_age <= timing.stale + timing.hold
+
     def _rates(self, now: float) -> Rates | None:
         pilot, seen = self._pilot, self._seen
-        counts = Rates(
-            pilot.counts().frames, pilot.samples_accepted, pilot.ranging.rejected.total(), pilot.setpoints_sent
-        )
+        counts = Rates(pilot.counts().frames, pilot.samples_accepted, pilot.ranging.refused, pilot.setpoints_sent)
         seen.append((now, counts))
         while len(seen) > 2 and now - seen[1][0] >= RATE_SPAN:
             seen.popleft()

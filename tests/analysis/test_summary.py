@@ -80,3 +80,17 @@ def test_the_file_is_json_that_comes_back(summary, tmp_path):
     made = summary()
     write_summary(tmp_path, made)
     assert json.loads((tmp_path / "summary.json").read_text(encoding="utf-8")) == made
+
+
+def test_a_prediction_that_goes_on_through_an_outage_is_not_scored(run_folder, epoch_us):
+    """From second 200 on there was no link, and the ticks held what was extrapolated."""
+    folder = run_folder()
+    rows = (folder / "ticks.csv").read_text().splitlines()
+    for at, row in enumerate(rows[1:], 1):
+        if float(row.split(",")[0]) >= 200:
+            cells = row.split(",")
+            rows[at] = ",".join([cells[0], "waiting for the link", cells[2], "20.0", *cells[4:]])
+    (folder / "ticks.csv").write_text("\n".join(rows) + "\n")
+    made = summarise(facts(epoch_us), read_ticks(folder), None)
+    assert made["radius_mean_m"] == pytest.approx(101.0)
+    assert made["settled_s"] == 90.0

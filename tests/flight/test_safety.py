@@ -73,7 +73,7 @@ def test_takeover_ends_the_mission_when_the_file_says_end() -> None:
     assert flown.pilot.done
     assert flown.pilot.outcome is not None
     assert flown.pilot.outcome.ending is Ending.ABORTED
-    assert "operator took over, mode LOITER" in flown.pilot.outcome.reason
+    assert "GUIDED left for LOITER: operator or failsafe" in flown.pilot.outcome.reason
 
 
 def test_disarming_ends_the_stream_and_arming_again_does_not_give_the_vehicle_back() -> None:

@@ -92,7 +92,9 @@ def test_an_autopilot_that_reboots_is_believed_again_and_ends_the_mission(tmp_pa
     flown.vehicle._happen(Event(action="reboot", value=2.0))
     flown.fly(60)
     assert flown.pilot.outcome is not None
-    assert flown.pilot.outcome.reason == "operator took over, mode STABILIZE", "in which it finds itself then"
+    assert flown.pilot.outcome.reason == "GUIDED left for STABILIZE: operator or failsafe", (
+        "in which it finds itself then"
+    )
     assert flown.now < 35
     assert flown.pilot.frames_refused() == {}
 
@@ -127,7 +129,7 @@ def test_the_operator_with_the_key_takes_over_as_ever(tmp_path: Path) -> None:
     flown.vehicle.receive(bytes(MODE_LOITER.pack(operator)), "gcs")
     flown.fly(40)
     assert flown.pilot.outcome is not None
-    assert "operator took over" in flown.pilot.outcome.reason
+    assert "operator or failsafe" in flown.pilot.outcome.reason
 
 
 # --- over sockets ---

@@ -55,7 +55,7 @@ def test_a_takeover_ends_the_mission_and_says_so(rig):
     rig.run(1.0)
     assert rig.pilot.done
     assert rig.pilot.outcome.ending is Ending.ABORTED
-    assert rig.pilot.outcome.reason == "operator took over, mode LOITER"
+    assert rig.pilot.outcome.reason == "GUIDED left for LOITER: operator or failsafe"
     rig.mode = GUIDED
     since = rig.now
     rig.run(5.0)
@@ -472,7 +472,7 @@ def test_engaging_and_yielding_are_told_to_every_ground_station(make_rig):
     assert "circnav: engaged, 100 m clockwise" in rig.texts()
     rig.mode = LOITER
     rig.run(3.0)
-    assert "circnav: operator took over, mode LOITER" in rig.texts()
+    assert "circnav: GUIDED left for LOITER" in rig.texts()
 
 
 def test_the_end_and_its_reason_are_told_before_the_silence(rig):
@@ -610,7 +610,7 @@ def test_a_vehicle_whose_heartbeats_get_lost_stays_ours_while_it_tells_its_mode_
     since = rig.now
     rig.run(2.0)
     assert rig.setpoints(since) == []
-    assert rig.pilot.outcome.reason == "operator took over, mode LOITER"
+    assert rig.pilot.outcome.reason == "GUIDED left for LOITER: operator or failsafe"
 
 
 def test_a_vehicle_that_does_not_turn_as_told_teaches_the_estimator_no_motion(make_rig):

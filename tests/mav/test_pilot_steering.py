@@ -368,6 +368,19 @@ def test_a_link_that_stays_away_ends_the_mission_after_a_minute(rig):
     assert rig.pilot.outcome.reason == "vehicle or ranging gone for 60 s"
 
 
+@pytest.mark.parametrize(("comes_back", "what"), [(False, "heartbeat"), (True, "range")])
+def test_time_that_runs_out_in_a_silence_says_in_which_and_for_how_long(make_rig, say, comes_back, what):
+    rig = make_rig(timing=replace(say.mission.timing, duration=10.0)).engage()
+    silent_since = rig.now
+    rig.speaks = rig.ranges = False
+    rig.run(4.0)
+    rig.speaks = comes_back
+    while not rig.pilot.done:
+        rig.run(0.05)
+    assert rig.pilot.outcome.ending is Ending.ABORTED
+    assert rig.pilot.outcome.reason.endswith(f", no {what} for {rig.now - silent_since:.0f} s")
+
+
 # --- the end ---
 
 

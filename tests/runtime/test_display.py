@@ -29,7 +29,7 @@ def drawn(status, *, ascii_only=False, settings=None):
         (9.0, (), [{"at_s": 6.0, "action": "mute_ranging"}], (" HOLDING ", "ALARM       RANGE STALE, ", "gives up at")),
         (9.0, ('engage.on_takeover="wait"',), [{"at_s": 6.0, "action": "mode", "mode": "LOITER"}],
          (" YIELDED ", "ALARM       OPERATOR HAS THE VEHICLE, mode LOITER", "GUIDED entered again")),
-        (9.0, (), [{"at_s": 6.0, "action": "mode", "mode": "LOITER"}], (" ENDED ", "ABORTED: operator took over")),
+        (9.0, (), [{"at_s": 6.0, "action": "mode", "mode": "LOITER"}], (" ENDED ", "ABORTED: GUIDED left for LOITER")),
         (8.0, ("ranging.max_range_m=50.0",), [], ("above_max", "MOST RANGES REJECTED")),
     ],
     ids=["waiting", "ready", "engaged", "holding", "yielded", "ended", "rejecting"],

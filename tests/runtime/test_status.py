@@ -48,7 +48,7 @@ def test_a_takeover_is_an_alarm_and_says_how_to_hand_over_again(statuses):
 
 def test_a_flight_that_was_ended_says_why(statuses):
     ended = statuses(12.0, events=TAKEOVER)[-1]
-    assert ended.alarms == ("ABORTED: operator took over, mode LOITER",)
+    assert ended.alarms == ("ABORTED: GUIDED left for LOITER: operator or failsafe",)
 
 
 def test_ranges_that_are_refused_are_counted_by_reason_and_become_an_alarm(statuses):
@@ -67,5 +67,24 @@ def test_recording_that_stopped_is_an_alarm():
     assert Watch(flown.pilot).status(flown.ticks[-1], 6.0, "disk full").alarms == ("NOT RECORDING: disk full",)
 
 
-def test_a_dry_run_engages_without_the_mode(statuses):
-    assert statuses(6.0, voice=Voice.DRY_RUN)[-1].setpoints == 0
+def test_a_dry_run_would_steer_without_the_mode(statuses):
+    dry = statuses(6.0, voice=Voice.DRY_RUN)[-1]
+    assert (dry.phase, dry.setpoints) == ("would steer", 0)
+    assert statuses(6.0)[-1].phase == "engaged"
+
+
+def test_a_vehicle_that_is_gone_leaves_no_range_that_counts_down(statuses):
+    gone = [{"at_s": 6.0, "action": "mute_autopilot"}, {"at_s": 6.0, "action": "mute_ranging"}]
+    flown = statuses(30.0, "limits.hold_s=2.0", events=gone)
+    old = [status.tick for status in flown if (status.tick.range_age or 0.0) > 2.6]
+    assert old
+    assert {(tick.r, tick.r_dot) for tick in old} == {(None, None)}
+
+
+def test_ranges_of_other_senders_are_counted_apart_and_raise_no_alarm():
+    """PX4 repeats what the radio says under its own id."""
+    flown = flight("px4_copter").fly(12.0)
+    status = Watch(flown.pilot).status(flown.ticks[-1], 12.0)
+    assert status.others > 50
+    assert "wrong_source" not in status.rejected
+    assert flown.ticks[-1].rejected == sum(status.rejected.values())

@@ -148,11 +148,13 @@ def _told(status: Status) -> dict[str, Any]:
     return tick | {
         "now": status.time,
         "flown": _plain(status.flown),
+        "state": status.phase,
         "waits": status.waits[:LONGEST_TEXT],
         "why": status.why,
         "target": status.target,
         "alarms": [alarm[:LONGEST_TEXT] for alarm in status.alarms],
         "reasons": status.rejected,
+        "others": status.others,
         "rates": rates,
         "setpoints": status.setpoints,
     }

@@ -1,0 +1,52 @@
+"""The verdict's words: what a dry run, a short flight and a busy link are told of."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from circnav_mav.cli.verdict import verdict
+
+FIGURES = {"settled_s": 20.0, "radius_mean_m": 100.5, "radius_rms_error_m": 0.7}
+SUMMARY: dict[str, Any] = {
+    "voice": "fly", "outcome": "completed", "reason": "flown to its end", "desired_radius_m": 100.0,
+    "direction": "clockwise", "direction_commanded": "clockwise", "engaged_s": 2.0, "flown_s": 60.0, **FIGURES,
+    "samples_accepted": 600, "samples_rejected": {"gated": 3}, "frames_refused": {}, "setpoints_sent": 1200,
+    "truth": {**FIGURES, "direction": "clockwise", "closest_approach_m": 97.0}, "recording_problem": None,
+}  # fmt: skip
+
+
+def told(**changes: Any) -> str:
+    return verdict({**SUMMARY, **changes}, Path("run"))
+
+
+@pytest.mark.parametrize(
+    ("flown", "words"),
+    [
+        ("clockwise", "rotation clockwise (as wanted)"),
+        ("counterclockwise", "rotation counterclockwise (NOT AS WANTED)"),
+        (None, "rotation not yet to be told, closest"),
+    ],
+)
+def test_only_a_wrong_sense_of_rotation_is_called_wrong(flown: str | None, words: str) -> None:
+    assert words in told(truth={**SUMMARY["truth"], "direction": flown})
+    assert ("NOT AS WANTED" in words) == ("NOT AS WANTED" in told(truth={**SUMMARY["truth"], "direction": flown}))
+
+
+@pytest.mark.parametrize("voice", ["dry run", "shadow"])
+def test_a_flight_that_sent_nothing_says_so_and_is_given_no_marks(voice: str) -> None:
+    words = told(voice=voice, reason="dry run to its end", setpoints_sent=0)
+    assert f"{voice.upper()}" in words.splitlines()[1]
+    assert "no setpoint sent, would have steered for 60 s" in words
+    assert not any(mark in words for mark in ("settled", "RMS", "rotation"))
+
+
+def test_ranges_of_other_senders_are_told_apart() -> None:
+    """PX4 repeats each range of the radio under its own id."""
+    assert "600 taken, 0 rejected (none); 599 of other senders ignored" in told(samples_rejected={"wrong_source": 599})
+    assert "600 taken, 3 rejected (3 gated)\n" in told()
+
+
+def test_a_summary_of_before_there_were_voices_is_of_a_flight() -> None:
+    older = {name: value for name, value in SUMMARY.items() if name != "voice"}
+    assert "settled after 20 s" in verdict(older, Path("run"))
