@@ -131,7 +131,7 @@ class Ranging:
     component_id: int = key(192, low=1, high=255)
     beacon_id: int = key(1, low=0, high=65535)
     sensor_id: int = key(0, low=0, high=255)
-    orientation: int = key(0, low=0, high=255)
+    orientation: int = key(24, low=0, high=255)
     name: str = key("RANGE", longest=10)
     report_accuracy: bool = False
 

@@ -1,12 +1,16 @@
 """A run folder read back, also one that was cut off."""
 
+import re
 import struct
+from dataclasses import fields
+from pathlib import Path
 
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.analysis.run_folder import read_ticks, read_tlog, read_truth
+from circnav_mav.pilot import TickRecord
 
 
 def test_ticks_are_columns_and_an_empty_cell_is_no_number(run_folder):
@@ -76,3 +80,10 @@ def test_a_log_that_is_none_ends_at_once(tmp_path):
     assert list(read_tlog(tmp_path / "x.tlog")) == []
     (tmp_path / "x.tlog").write_bytes(b"")
     assert list(read_tlog(tmp_path / "x.tlog")) == []
+
+
+def test_every_column_of_the_ticks_is_described():
+    text = (Path(__file__).parents[2] / "docs" / "logs.md").read_text(encoding="utf-8")
+    rows = [row for row in text.split("## ticks.csv")[1].split("## MCAP")[0].splitlines() if row.startswith("| `")]
+    described = [name for row in rows for name in re.findall(r"`(\w+)`", row.split("|")[1])]
+    assert sorted(described) == sorted(field.name for field in fields(TickRecord))

@@ -30,6 +30,13 @@ def test_distance_sensor_is_the_slant_range_in_whole_centimetres(build: Build, s
     assert {(m.id, m.orientation, m.covariance) for m in heard} == {(7, 24, 255)}
 
 
+def test_a_radio_that_nobody_described_looks_up_as_the_templates_want_it(build: Build, station: Stations) -> None:
+    companion = station(ranging(build))
+    companion.heartbeat()
+    companion.vehicle.advance(0.25)
+    assert {message.orientation for message in companion.listen("DISTANCE_SENSOR", source=RADIO)} == {24}
+
+
 def test_distance_sensor_saturates_at_65535(build: Build, station: Stations) -> None:
     vehicle = build(start={"north_m": -900.0}, ranging={"noise_m": 0.0})
     companion = station(vehicle)
