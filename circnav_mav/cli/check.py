@@ -28,9 +28,7 @@ def read_mission(path: str, overrides: tuple[str, ...]) -> Mission:
             read_key(Path(mission.file.signing.key_file))
     except KeyFileError as error:
         raise Refused(f"{path}: signing.key_file: {error}") from None
-    except LinkError as error:
-        raise Refused(f"{path}: {error}") from None
-    except (MissionError, ConfigError) as error:
+    except (MissionError, ConfigError, LinkError) as error:
         raise Refused(str(error)) from None
     return mission
 

@@ -30,6 +30,8 @@ DEFAULT_LOOP = 0.35
 """What 2 k r_d V (turn lag + filter lag) is for a default gain; from about .45 on, vehicles limit-cycle."""
 LEAST_GAIN = 1.2
 """Default gains stay this many times above the paper's bound."""
+MOST_PROBLEMS = 8
+"""Problems of a file told in one line."""
 SIM = "sim"
 """The endpoint that stands for the bundled vehicle."""
 
@@ -244,10 +246,12 @@ def parse_mission(text: str, where: str, overrides: Iterable[str] = (), folder: 
 def mission_of(table: Mapping[str, Any], where: str, text: str = "") -> Mission:
     """Validate the parsed table of a mission file; `text` is the file as flown, where anybody keeps it. Raises
     MissionError."""
+    if "mission" in table and "vary" in table:
+        raise MissionError(f"{where}: is a campaign file, fly it with: circnav campaign {where}")
     try:
         file = MissionFile.model_validate(table)
     except ValidationError as error:
-        raise MissionError(f"{where}: {_first_problem(error)}") from None
+        raise MissionError(f"{where}: {_problems(error)}") from None
     if file.link.endpoint == SIM and file.sim is None:
         raise MissionError(f'{where}: link.endpoint: is "{SIM}", which needs a [sim] table describing the vehicle')
     if file.ranging.endpoint == SIM and file.link.endpoint != SIM:
@@ -312,23 +316,29 @@ def _make_absolute(table: Any, folder: Path) -> None:
             signing["key_file"] = str((folder / Path(name).expanduser()).absolute())  # type: ignore[index]
 
 
-def _first_problem(error: ValidationError) -> str:
-    """The first problem in words; unknown keys first, for a misspelt key is also a missing one."""
+def _problems(error: ValidationError) -> str:
+    """The problems in words; unknown keys first, for a misspelt key is also a missing one."""
     problems = sorted(error.errors(), key=lambda problem: problem["type"] != "extra_forbidden")
-    more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
-    return _in_words(problems[0]) + more
+    missing = [_key(problem) for problem in problems if problem["type"] == "missing"]
+    told = [_in_words(problem) for problem in problems if problem["type"] != "missing"]
+    if missing:
+        told.append(f"{', '.join(missing)}: missing, add {'it' if len(missing) == 1 else 'them'}")
+    more = f"; and {len(told) - MOST_PROBLEMS} more" if len(told) > MOST_PROBLEMS else ""
+    return "; ".join(told[:MOST_PROBLEMS]) + more
+
+
+def _key(problem: ErrorDetails) -> str:
+    return ".".join(str(part) for part in problem["loc"])
 
 
 def _in_words(problem: ErrorDetails) -> str:
     place = [str(part) for part in problem["loc"]]
-    key, kind, context = ".".join(place), problem["type"], problem.get("ctx", {})
+    key, kind, context = _key(problem), problem["type"], problem.get("ctx", {})
     given = problem.get("input")
     if kind == "extra_forbidden":
         known = _known_keys(place[:-1])
         near = get_close_matches(place[-1], known, n=1)
         return f"{key}: unknown key, " + (f"did you mean {near[0]}?" if near else f"known here: {', '.join(known)}")
-    if kind == "missing":
-        return f"{key}: missing, add it"
     if kind == "literal_error":
         return f"{key}: {given!r} is not one of {context['expected']}"
     if kind == "model_type":
@@ -336,7 +346,17 @@ def _in_words(problem: ErrorDetails) -> str:
     bound = next((f"{words} {context[name]:g}" for name, words in _BOUNDS.items() if name in context), None)
     if bound is not None and isinstance(given, int | float):
         return f"{key}: must be {bound}, not {given:g}"
-    return f"{key}: {problem['msg'].lower().removeprefix('input ')}, not {given!r}"
+    return f"{key}: {problem['msg'].lower().removeprefix('input ')}, not {given!r}{_number_meant(kind, given)}"
+
+
+def _number_meant(kind: str, given: Any) -> str:
+    """The remedy for a number that TOML does not know as one: .5, 1. or one in quotes."""
+    if kind not in ("float_type", "int_type") or not isinstance(given, str):
+        return ""
+    try:
+        return f": write {float(given)!r}"
+    except ValueError:
+        return ""
 
 
 _BOUNDS = {"gt": "above", "ge": "at least", "lt": "below", "le": "at most"}

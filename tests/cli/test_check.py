@@ -69,7 +69,7 @@ def test_colours_stay_out_of_a_pipe(circnav, mission):
 def test_an_endpoint_that_a_flight_would_refuse_is_refused(circnav, mission, key, endpoint):
     ran = circnav("check", mission, "--set", f"{key}={endpoint}")
     assert ran.code == 2
-    assert ran.line.startswith(f"circnav: {mission}: endpoint {endpoint!r}: ")
+    assert ran.line.startswith(f"circnav: endpoint {endpoint!r}: ")
 
 
 @pytest.mark.parametrize(
