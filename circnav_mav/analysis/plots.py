@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from circnav_mav.analysis.metrics import TOLERANCE
-from circnav_mav.analysis.run_folder import Ticks, Truth
+from circnav_mav.analysis.run_folder import Column, Ticks, Truth
 from circnav_mav.core.values import Orbit
 
 ESTIMATE, MEASURED, TRUE, DESIRED, LIMIT = "#1f5fa8", "#b9c6d6", "#c8501e", "#2e7d32", "#8a8a8a"
@@ -29,6 +29,7 @@ def plot_flight(path: Path, ticks: Ticks, truth: Truth | None, orbit: Orbit, tit
         _turn_rate(axes[2], ticks, orbit)
         for axis in axes:
             _mark_holding(axis, ticks)
+            _legend_above(axis)
             axis.set_xlim(float(ticks.time[0]), float(ticks.time[-1]))
         axes[-1].set_xlabel("time, s")
         figure.savefig(path, dpi=110)
@@ -50,7 +51,7 @@ def plot_replay(path: Path, was: Ticks | None, would: Ticks, orbit: Orbit, title
             axis.plot(would.time, scale * would.numbers[column], color=ESTIMATE, lw=1, label="replayed")
             axis.set_ylabel(label)
         figure.axes[0].axhline(orbit.radius, ls="--", color=DESIRED, lw=1, label="desired")
-        figure.axes[0].legend(loc="upper right", ncols=3, fontsize=8)
+        _legend_above(figure.axes[0])
         figure.axes[-1].set_xlabel("time, s")
         figure.savefig(path, dpi=110)
 
@@ -71,24 +72,31 @@ def plot_estimates(path: Path, ticks: Ticks, gate: float, title: str) -> None:
         innovation.plot(time, np.sqrt(numbers["nis"]), ".", ms=2, color=ESTIMATE, label="innovation")
         innovation.axhline(gate, ls="--", color=TRUE, lw=1, label="gate")
         innovation.set_ylabel("standard deviations")
-        samples.plot(time, numbers["accepted"], color=ESTIMATE, lw=1, label="taken")
-        samples.plot(time, numbers["rejected"], color=TRUE, lw=1, label="rejected")
-        samples.set_ylabel("ranges")
+        samples.stairs(*_per_second(time, numbers["accepted"]), fill=True, color=MEASURED, label="taken")
+        samples.stairs(*_per_second(time, numbers["rejected"]), fill=True, color=TRUE, label="rejected")
+        samples.set_ylabel("ranges, 1/s")
         samples.set_xlabel("time, s")
         for axis in (rate, innovation, samples):
-            axis.legend(loc="upper right", ncols=2, fontsize=8)
+            _legend_above(axis)
         figure.savefig(path, dpi=110)
+
+
+def _per_second(time: Column, counted: Column) -> tuple[Column, Column]:
+    """How much a count grew in each second, and the edges of these seconds."""
+    edges = np.arange(time[0], time[-1] + 1.0)
+    before = np.searchsorted(time, edges, side="right") - 1
+    return np.diff(counted[before]), edges
 
 
 def _track(axis: Any, truth: Truth, orbit: Orbit) -> None:
     east, north = truth.east - truth.target_east, truth.north - truth.target_north
     angle = np.linspace(0, 2 * np.pi, 361)
-    axis.plot(orbit.radius * np.cos(angle), orbit.radius * np.sin(angle), "--", color=DESIRED, lw=1.5, label="desired")
+    circle = orbit.radius * np.cos(angle), orbit.radius * np.sin(angle)
+    axis.plot(*circle, "--", color=DESIRED, lw=1.5, label="desired", zorder=3)  # on the track, not under it
     axis.plot(east, north, color=TRUE, lw=1.0, label="flown (truth)")
     axis.plot(east[0], north[0], "^", color="red", ms=9, label="start")
     axis.plot(0, 0, "k+", ms=12, mew=2, label="target")
-    for share in (0.15, 0.4, 0.65, 0.9):
-        at = int(share * (len(east) - 2))
+    for at in _arrow_places(east, north):
         if np.hypot(east[at + 1] - east[at], north[at + 1] - north[at]) > 0:
             axis.annotate(
                 "",
@@ -102,6 +110,20 @@ def _track(axis: Any, truth: Truth, orbit: Orbit) -> None:
     axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.08), ncols=4)
 
 
+def _arrow_places(east: Column, north: Column) -> list[int]:
+    """Where arrows show the sense of flight: on the way to the circle, and last in each quarter of it."""
+    late = len(east) // 2
+    bearing = np.arctan2(north, east)[late:-1]
+    quarters = (np.angle(np.exp(1j * (bearing - quarter * np.pi / 2))) for quarter in range(4))
+    found = [late + int(np.flatnonzero(np.abs(off) <= np.abs(off).min() + 0.1)[-1]) for off in quarters if len(off)]
+    return [int(0.05 * (len(east) - 2)), *found]
+
+
+def _legend_above(axis: Any) -> None:
+    """The legend outside the axis, where it covers nothing."""
+    axis.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=6, fontsize=8, frameon=False, borderaxespad=0.1)
+
+
 def _range(axis: Any, ticks: Ticks, truth: Truth | None, orbit: Orbit) -> None:
     axis.plot(ticks.time, ticks.numbers["measured"], ".", ms=2, color=MEASURED, label="measured")
     axis.plot(ticks.time, ticks.numbers["r"], color=ESTIMATE, lw=1, label="estimated")
@@ -109,7 +131,6 @@ def _range(axis: Any, ticks: Ticks, truth: Truth | None, orbit: Orbit) -> None:
         axis.plot(truth.time, truth.radius, color=TRUE, lw=0.8, label="true")
     axis.axhline(orbit.radius, ls="--", color=DESIRED, lw=1, label="desired")
     axis.set_ylabel("range, m")
-    axis.legend(loc="upper right", ncols=4, fontsize=8)
 
 
 def _error(axis: Any, ticks: Ticks, truth: Truth | None, orbit: Orbit) -> None:
@@ -120,7 +141,6 @@ def _error(axis: Any, ticks: Ticks, truth: Truth | None, orbit: Orbit) -> None:
         axis.plot(truth.time, truth.radius - orbit.radius, color=TRUE, lw=0.8, label="true")
     axis.set_ylim(-3 * band, 3 * band)
     axis.set_ylabel("range - radius, m")
-    axis.legend(loc="upper right", ncols=3, fontsize=8)
 
 
 def _turn_rate(axis: Any, ticks: Ticks, orbit: Orbit) -> None:
@@ -130,7 +150,6 @@ def _turn_rate(axis: Any, ticks: Ticks, orbit: Orbit) -> None:
     for sign in (-1, 1):
         axis.axhline(sign * limit, ls=":", color=LIMIT, lw=1, label="limit" if sign > 0 else None)
     axis.set_ylabel("turn rate, deg/s\n(left positive)")
-    axis.legend(loc="upper right", ncols=3, fontsize=8)
 
 
 def _mark_holding(axis: Any, ticks: Ticks) -> None:
@@ -138,5 +157,7 @@ def _mark_holding(axis: Any, ticks: Ticks) -> None:
     holding = np.array([phase == "holding" for phase in ticks.phases])
     if holding.any():
         low, high = axis.get_ylim()
-        axis.fill_between(ticks.time, low, high, where=holding, color=HOLD_BAND, alpha=0.7, lw=0)
+        axis.fill_between(
+            ticks.time, low, high, where=holding, color=HOLD_BAND, alpha=0.7, lw=0, label="no range, holding"
+        )
         axis.set_ylim(low, high)

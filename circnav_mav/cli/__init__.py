@@ -235,7 +235,9 @@ def campaign(
 @circnav.command()
 @click.argument("run", type=click.Path())
 def report(run: str) -> int:
-    """Write report.html (one page, opens offline, prints) and PNGs into RUN, a run folder; `fly` does so by itself.
+    """Write report.html (one page, opens offline, prints), flight.png and estimates.png into RUN, a run folder.
+
+    `fly` makes the first two by itself.
 
     \b
     Example:

@@ -1,8 +1,10 @@
-"""flight.png: drawn for every kind of run."""
+"""flight.png and estimates.png: drawn for every kind of run, with nothing covered."""
 
+import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
-from circnav_mav.analysis.plots import plot_flight
+from circnav_mav.analysis.plots import plot_estimates, plot_flight
 from circnav_mav.analysis.run_folder import read_ticks, read_truth
 from circnav_mav.core.values import Direction, Orbit
 
@@ -16,6 +18,56 @@ def test_every_run_has_its_picture(run_folder, epoch_us, tmp_path, kind):
     picture = (tmp_path / "flight.png").read_bytes()
     assert picture.startswith(b"\x89PNG\r\n\x1a\n")
     assert len(picture) > 10_000
+
+
+@pytest.fixture
+def drawn(monkeypatch):
+    """The figure instead of its file."""
+    figures = []
+    monkeypatch.setattr(Figure, "savefig", lambda figure, *_arguments, **_keywords: figures.append(figure))
+
+    def draw(plot, *arguments):
+        plot("nowhere.png", *arguments, "by hand")
+        figures[-1].draw_without_rendering()
+        return figures.pop()
+
+    return draw
+
+
+def test_no_legend_covers_a_line(run_folder, epoch_us, drawn):
+    folder = run_folder()
+    ticks = read_ticks(folder)
+    figure = drawn(plot_flight, ticks, read_truth(folder, epoch_us), ORBIT)
+    for axis in [*figure.axes, *drawn(plot_estimates, ticks, 5.0).axes]:
+        legend, inside = axis.get_legend().get_window_extent(), axis.get_window_extent()
+        assert legend.y0 >= inside.y1 - 1 or legend.y1 <= inside.y0
+
+
+def test_a_time_without_ranges_is_named_in_the_legends(run_folder, drawn):
+    folder = run_folder()
+    text = (folder / "ticks.csv").read_text()
+    holding = "\n".join(row.replace("engaged", "holding") if row.startswith("12") else row for row in text.split("\n"))
+    (folder / "ticks.csv").write_text(holding)
+    for axis in drawn(plot_flight, read_ticks(folder), None, ORBIT).axes:
+        assert "no range, holding" in [entry.get_text() for entry in axis.get_legend().get_texts()]
+
+
+def test_arrows_stand_all_round_the_circle_and_the_desired_one_on_top(run_folder, epoch_us, drawn):
+    folder = run_folder()
+    track, *_ = drawn(plot_flight, read_ticks(folder), read_truth(folder, epoch_us), ORBIT).axes
+    _, *arrows = [text.xy for text in track.texts]
+    bearings = np.sort(np.arctan2([north for _, north in arrows], [east for east, _ in arrows]))
+    assert np.diff(bearings) == pytest.approx(np.pi / 2, abs=0.3)
+    lines = {line.get_label(): line.get_zorder() for line in track.lines}
+    assert lines["desired"] > lines["flown (truth)"]
+
+
+def test_ranges_are_counted_by_the_second(run_folder, drawn):
+    """By hand: one is taken each second, none is refused."""
+    *_, samples = drawn(plot_estimates, read_ticks(run_folder()), 5.0).axes
+    taken, rejected = (np.asarray(steps.get_data().values) for steps in samples.patches)
+    assert set(taken[:-1]) == {1.0}
+    assert set(rejected) == {0.0}
 
 
 def test_a_picture_that_cannot_be_written_is_an_error_of_the_system(run_folder, epoch_us, tmp_path):
