@@ -21,7 +21,14 @@ PHASES = {
     "waiting for the link": "#b0bec5", "waiting for ranging": "#90a4ae", "ready": "#ffe082", "engaged": "#66bb6a",
     "holding": "#ffa726", "yielded": "#ba68c8", "leaving": "#4fc3f7", "ended": "#455a64",
 }  # fmt: skip
-WORDS = ("#64b5f6", "#81c784", "#ffd54f", "#e57373", "#9575cd", "#4db6ac")
+GOOD = "#81c784"
+LAWS = {"feedforward": "#64b5f6", "trial": "#ffd54f", "drift": GOOD}
+MODES = {
+    "GUIDED": GOOD, "OFFBOARD": GOOD, "LOITER": "#64b5f6", "AUTO.LOITER": "#64b5f6", "RTL": "#9575cd",
+    "AUTO.RTL": "#9575cd", "LAND": "#4db6ac", "AUTO.LAND": "#4db6ac", "ALTCTL": "#aed581", "unknown": "#b0bec5",
+}  # fmt: skip
+OTHERS = ("#ffd54f", "#f48fb1", "#a1887f", "#4fc3f7", "#dce775", "#7986cb")
+"""Of modes and laws that have no colour of their own, in the order in which they come; none is the red of refusals."""
 MOST_EVENTS = 60
 PAGE = Path(__file__).with_name("report.template.html")
 
@@ -52,15 +59,15 @@ def report(run: Run, facts: ReportFacts) -> str:
         ),
         *(chart.draw(span) for chart in _charts(ticks, truth, facts)),
         svg.bars_chart("ranges", "1/s", _samples(ticks), span),
-        svg.spans_chart("vehicle mode", ticks.time, ticks.modes, _colours(ticks.modes), span),
+        svg.spans_chart("vehicle mode", ticks.time, ticks.modes, _colours(ticks.modes, MODES), span),
     ]
     laws = ticks.words.get("law", [])
     if len(set(laws) - {""}) > 1:
-        charts.append(svg.spans_chart("law", ticks.time, laws, _colours(laws), span))
+        charts.append(svg.spans_chart("law", ticks.time, laws, _colours(laws, LAWS), span))
     parts = {
         "TITLE": escape(run.name),
         "SUBTITLE": escape(_circle(facts.orbit)),
-        "VERDICT": escape(facts.verdict),
+        "VERDICT": "".join(f"<div>{escape(line)}</div>" for line in facts.verdict.splitlines()),
         "TRACK": _track(ticks, truth, facts.orbit),
         "CHARTS": "".join(charts),
         "EVENTS": _events(run),
@@ -176,8 +183,10 @@ def _rows(values: dict[str, str]) -> str:
     return "".join(f"<tr><td>{escape(name)}</td><td>{escape(value)}</td></tr>" for name, value in values.items())
 
 
-def _colours(words: list[str]) -> dict[str, str]:
-    return {word: WORDS[at % len(WORDS)] if word else "#eee" for at, word in enumerate(dict.fromkeys(words))}
+def _colours(words: list[str], own: dict[str, str]) -> dict[str, str]:
+    """A colour for each word, the same in every report for those that have one of their own."""
+    rest = [word for word in dict.fromkeys(words) if word and word not in own]
+    return own | {word: OTHERS[at % len(OTHERS)] for at, word in enumerate(rest)} | {"": "#eee"}
 
 
 def _circle(orbit: Orbit) -> str:

@@ -51,6 +51,36 @@ def test_a_run_without_truth_tells_ranges_and_no_track(circnav, tmp_path):
     assert "differenced over 1 s" in page
 
 
+def colour(page: str, word: str) -> str:
+    (found,) = set(re.findall(rf'background:(#\w+)"></i>{re.escape(word)}<', page))
+    return found
+
+
+def test_a_mode_and_a_law_have_the_same_colour_in_every_report(circnav, flown, tmp_path):
+    """Whatever modes came before; and what is well is not the red of refusals."""
+    folder = copy_of(flown, tmp_path / "run")
+    rows = (folder / "ticks.csv").read_text().splitlines()
+    early = [row.replace("LOITER", ("ACRO", "STABILIZE")[at % 2]) for at, row in enumerate(rows)]
+    (folder / "ticks.csv").write_text("\n".join(early) + "\n")
+    pages = []
+    for run in (flown, folder):
+        assert circnav("report", run).code == 0
+        pages.append((run / "report.html").read_text())
+    assert "ACRO" in pages[1]
+    for word in ("GUIDED", "drift"):
+        assert colour(pages[0], word) == colour(pages[1], word) != colour(pages[0], "rejected")
+
+
+def test_a_dry_run_would_steer_and_never_is_engaged(circnav, flown, tmp_path):
+    folder = copy_of(flown, tmp_path / "run")
+    manifest = json.loads((folder / "manifest.json").read_text())
+    (folder / "manifest.json").write_text(json.dumps(manifest | {"voice": "dry run"}))
+    assert circnav("report", folder).code == 0
+    page = (folder / "report.html").read_text()
+    assert "</i>would steer<" in page
+    assert "</i>engaged<" not in page
+
+
 def test_a_mission_name_is_no_markup_and_no_placeholder(circnav, flown, tmp_path):
     folder = copy_of(flown, tmp_path / "run")
     manifest = json.loads((folder / "manifest.json").read_text())
