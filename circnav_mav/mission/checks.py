@@ -136,7 +136,8 @@ def _turn_rate(mission: Mission) -> Iterator[Check]:
         _grade(share, warn_above=0.7, fail_above=1.0),
         "turn rate",
         f"the circle needs {degrees(needed):.2f} deg/s of the vehicle's {degrees(able):.2f} deg/s "
-        f"({100 * share:.0f} %, must stay below 100 %)" + ("" if gain == 1 else f", turn-rate gain {gain:g} counted"),
+        f"({100 * share:.0f} %, must stay below 100 %)"
+        + ("" if gain == 1 else f": {gain:g} of the {degrees(orbit.max_turn_rate):.2f} deg/s that it may be told"),
     )
     if mission.law.name == "switching" and mission.law.gain > orbit.max_turn_rate:
         yield Check(

@@ -88,14 +88,14 @@ class Picture:
         at_limit = "   AT ITS LIMIT" if tick.saturated else ""
         share = None if tick.r is None else tick.r / orbit.radius - 1
         to_right = None if turn is None else yaw_rate_from_turn_rate(TurnRate(turn)) / limit
-        wanted = f"   wanted {orbit.radius:.1f} m"
+        wanted = f" horizontal   wanted {orbit.radius:.1f} m"
         rate, gain = _with_sigma(tick.r_dot, tick.r_dot_sigma, "+.2f", "m/s", signs), tick.turn_gain
         return [
             ("range", _with_sigma(tick.r, tick.r_sigma, ".2f", "m", signs) + wanted),
             ("", f"0 {self._bar(share)} {2 * orbit.radius:.0f} m"),
             ("error", self._error(tick)),
             ("range rate", rate),
-            ("turn rate", f"{_turn(turn)} of +-{degrees(limit):.1f} deg/s{at_limit}   gain {gain:.2f} realised"),
+            ("turn rate", f"{_turn(turn)} of +-{degrees(limit):.1f} deg/s told{at_limit}   turns at {gain:.2f} of it"),
             ("", f"left {self._bar(to_right)} right"),
             ("target", target),
         ]

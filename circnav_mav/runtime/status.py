@@ -123,10 +123,10 @@ def _alarms(pilot: Pilot, tick: TickRecord, now: float, rates: Rates | None, pro
 
 
 def _target(tick: TickRecord) -> str:
-    """Bearing to the target and drift, clockwise from north, where they are known."""
+    """Where the target is, seen from the vehicle, and the drift: clockwise from north, where they are known."""
     if tick.x is None or tick.y is None or tick.drift_x is None or tick.drift_y is None:
         return "direction not known"
     bearing = degrees(compass_from_vector(-tick.x, -tick.y))
     towards = degrees(compass_from_vector(tick.drift_x, tick.drift_y))
     drift = hypot(tick.drift_x, tick.drift_y)
-    return f"bearing {bearing:03.0f} deg, drift {drift:.1f} m/s towards {towards:03.0f} deg"
+    return f"{bearing:03.0f} deg from the vehicle, drift {drift:.1f} m/s towards {towards:03.0f} deg"

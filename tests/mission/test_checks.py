@@ -82,6 +82,15 @@ def test_the_circle_must_leave_the_vehicle_some_turn_rate(mission, share, expect
     assert grade(mission, "turn rate", f"vehicle.max_turn_rate_deg_s={limit}") is expected
 
 
+def test_a_plane_that_slips_is_given_both_its_limits(mission):
+    """9.80665 tan(45 deg)/15 = 37.46 deg/s may be told, of which it reaches .72."""
+    (line,) = lines(
+        mission, "turn rate", "vehicle.kind=plane", "vehicle.max_bank_deg=45", "vehicle.max_turn_rate_deg_s=90"
+    )
+    assert "of the vehicle's 26.97 deg/s" in line.says
+    assert line.says.endswith("0.72 of the 37.46 deg/s that it may be told")
+
+
 def test_a_switching_law_beyond_the_vehicles_limit_is_told(mission):
     first, second = lines(mission, "turn rate", "guidance.law=switching", "guidance.gain=0.4")
     assert (first.grade, second.grade) == (PASS, WARN)

@@ -173,3 +173,16 @@ def test_plain_output_tells_each_new_alarm_once(statuses):
     for status in statuses(9.0, events=[{"at_s": 6.0, "action": "mute_ranging"}]):
         screen.draw(status)
     assert console.file.getvalue().count("  ALARM    RANGE STALE, ") == 1
+
+
+def test_numbers_say_what_they_are_of(statuses):
+    """Which range, what is turned how far, whose bearing."""
+    status = statuses(12.0)[-1]
+    tick = replace(status.tick, turn_gain=0.72)
+    lines = "\n".join(
+        drawn(replace(status, tick=tick, target="237 deg from the vehicle, drift 0.1 m/s towards 322 deg"))
+    )
+    assert " m horizontal   wanted 100.0 m" in lines
+    assert "of +-20.0 deg/s told" in lines
+    assert "turns at 0.72 of it" in lines
+    assert "target      237 deg from the vehicle, drift 0.1 m/s towards 322 deg" in lines

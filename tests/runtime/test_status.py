@@ -1,5 +1,7 @@
 """What is told of a flight: why it waits, what is wrong, how much comes in."""
 
+from dataclasses import replace
+
 from circnav_mav.pilot import Voice
 from circnav_mav.runtime.status import Watch
 from tests.flight.lockstep import flight
@@ -88,3 +90,10 @@ def test_ranges_of_other_senders_are_counted_apart_and_raise_no_alarm():
     assert status.others > 50
     assert "wrong_source" not in status.rejected
     assert flown.ticks[-1].rejected == sum(status.rejected.values())
+
+
+def test_the_target_is_told_as_seen_from_the_vehicle_and_drift_by_where_it_goes():
+    """Vehicle 30 m east and 40 m south of the target, carried north: by hand."""
+    flown = flight("quickstart").fly(6.0)
+    tick = replace(flown.ticks[-1], x=30.0, y=-40.0, drift_x=0.0, drift_y=2.0)
+    assert Watch(flown.pilot).status(tick, 6.0).target == "323 deg from the vehicle, drift 2.0 m/s towards 000 deg"
