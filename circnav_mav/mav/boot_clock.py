@@ -3,7 +3,7 @@
 WINDOW = 3.0
 """Time, s, over which a speed is taken."""
 OFF = 0.1
-"""Fraction by which a speed must differ; a link that becomes a second slower shows less than twice in a row."""
+"""Fraction by which a speed must differ; a link that becomes a second slower shows in one window only."""
 
 
 class BootClock:

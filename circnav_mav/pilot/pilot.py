@@ -296,11 +296,8 @@ class Pilot:
         self.helm.let_go()
         if self.outcome is not None:  # we were leaving: this is the exit action taking effect
             return
-        what = "vehicle disarmed"
-        reason = what
-        if rebooted:
-            what = reason = "autopilot rebooted"
-        elif outside:
+        what = reason = "autopilot rebooted" if rebooted else "vehicle disarmed"
+        if outside and not rebooted:
             what = f"{session.adapter.mode_names[session.adapter.guided_mode]} left for {session.mode_name}"
             reason = f"{what}: operator or failsafe"
         self._say("yield", what)

@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.core.phases import Phase
 from circnav_mav.core.values import Direction, TurnCommand, TurnRate
-from circnav_mav.pilot import Ending
+from circnav_mav.pilot import Ending, Voice
 
 LOITER = 5
 STEADY = 15.0 / 100.0
@@ -382,6 +382,12 @@ def test_time_that_runs_out_in_a_silence_says_in_which_and_for_how_long(make_rig
 
 
 # --- the end ---
+
+
+def test_a_dry_run_is_not_flown_to_its_end(make_rig, say):
+    rig = make_rig(timing=replace(say.mission.timing, duration=2.0), voice=Voice.DRY_RUN).run(5.0)
+    assert (rig.pilot.outcome.ending, rig.pilot.outcome.reason) == (Ending.COMPLETED, "dry run to its end")
+    assert rig.setpoints() == []
 
 
 def test_a_mission_ends_after_its_duration_with_the_safe_setpoint_three_times(make_rig, say):
