@@ -15,7 +15,7 @@ from circnav_mav.core.values import Direction, Orbit
 
 @dataclass(frozen=True, slots=True)
 class FlightFacts:
-    """What the flight itself knows at its end."""
+    """What the flight itself knows at its end. clock_speed: of the autopilot's time, where it was not ours."""
 
     mission: str
     outcome: str
@@ -30,6 +30,7 @@ class FlightFacts:
     recording_problem: str | None
     frames_refused: dict[str, int] = field(default_factory=dict)
     voice: str = "fly"
+    clock_speed: float | None = None
 
 
 def summarise(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str, Any]:
@@ -60,6 +61,7 @@ def summarise(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str
         "firmware": facts.firmware,
         "version": facts.version,
         "epoch_us": facts.epoch_us,
+        "clock_speed": facts.clock_speed,
         "recording_problem": facts.recording_problem,
     }
 

@@ -202,6 +202,7 @@ def _finish(pilot: Pilot, recorder: Recorder, mission: Mission, clock: RunClock)
         epoch_us=clock.epoch_us,
         recording_problem=recorder.problem,
         voice=pilot.settings.voice.value,
+        clock_speed=pilot.session.boot_clock.noticed,
     )
     summary = summarise(facts, ticks, truth)
     try:

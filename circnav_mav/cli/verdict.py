@@ -23,6 +23,9 @@ def verdict(summary: dict[str, Any], folder: Path) -> str:
         why = ", ".join(f"{count} {reason}" for reason, count in sorted(refused.items()))
         lines.append(f"  frames     refused for their signature: {why}")
     lines.append(f"  setpoints  {summary['setpoints_sent']} sent")
+    if summary.get("clock_speed") is not None:
+        cure = 'a simulator at this speed is flown with link.clock = "autopilot"'
+        lines.append(f"  WARNING    the autopilot's time ran at {summary['clock_speed']:.2g} of ours: {cure}")
     if summary["recording_problem"]:
         lines.append(f"  WARNING    {summary['recording_problem']}")
     lines.append(f"  run folder {folder}")

@@ -14,6 +14,8 @@ class BootClock:
         self._before = 1.0
         self.found: float | None = None
         """Seconds of the autopilot's per second of ours, None while they go along."""
+        self.noticed: float | None = None
+        """The first that was found."""
 
     def heard(self, boot: float, now: float) -> None:
         """A time since boot, s, that came now."""
@@ -25,4 +27,5 @@ class BootClock:
         speed = (boot - at_first) / (now - began)
         agree = min(abs(speed - 1), abs(self._before - 1)) > OFF and (speed > 1) == (self._before > 1)
         self.found = speed if agree else None
+        self.noticed = self.found if self.noticed is None else self.noticed
         self._began, self._before = (now, boot), speed

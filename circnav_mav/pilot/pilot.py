@@ -78,7 +78,6 @@ class Pilot:
         self._decoders = decoders(settings, HANDLED | {message.id}, signing)
         self._ranging_link = RANGING if settings.ranging_apart else VEHICLE
         self._noise_told = False
-        self._clock_told = False
         self._records: list[TickRecord] = []
         self._frames: list[bytes] = []
         self._newest: RangeSample | None = None
@@ -218,7 +217,6 @@ class Pilot:
         self._watch_engagement(now)
         command = self.helm.command(self.phase, estimate, self.session.round_trip.worst)
         self._tell_law(command)
-        self._tell_clock()
         messages, sent = self._setpoint(command, now)
         self._records.append(
             tick_record(
@@ -507,13 +505,6 @@ class Pilot:
         if self._noise.found is not None and not self._noise_told:
             self._noise_told = True
             self._say("noise", "ranges scatter {1:.2g} m, not {0:.2g} as told".format(*self._noise.found))
-
-    def _tell_clock(self) -> None:
-        """Say, once, that the autopilot's time runs at another speed than ours."""
-        speed = self.session.boot_clock.found
-        if speed is not None and not self._clock_told:
-            self._clock_told = True
-            self._say("clock", f"autopilot's time runs at {speed:.2g} of ours")
 
     def _tell_law(self, command: TurnCommand | None) -> None:
         """Say when another law takes over, and why."""

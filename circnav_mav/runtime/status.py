@@ -115,8 +115,8 @@ def _alarms(pilot: Pilot, tick: TickRecord, now: float, rates: Rates | None, pro
         if rates is not None and rates.refused > MOST_REJECTED * (rates.taken + rates.refused):
             found.append(f"MOST RANGES REJECTED, {rates.refused:.1f} of {rates.taken + rates.refused:.1f} a second")
         if (speed := pilot.session.boot_clock.found) is not None:
-            cure = 'fly a simulator at this speed with link.clock = "autopilot"'
-            found.append(f"CLOCK: the autopilot's time runs at {speed:.2g} of ours, {cure}")
+            cure = 'a simulator at this speed is flown with link.clock = "autopilot"'
+            found.append(f"CLOCK: the autopilot's time runs at {speed:.2g} of ours: {cure}")
     if problem is not None:
         found.append(f"NOT RECORDING: {problem}")
     return found

@@ -50,3 +50,8 @@ def test_ranges_of_other_senders_are_told_apart() -> None:
 def test_a_summary_of_before_there_were_voices_is_of_a_flight() -> None:
     older = {name: value for name, value in SUMMARY.items() if name != "voice"}
     assert "settled after 20 s" in verdict(older, Path("run"))
+
+
+def test_time_that_ran_at_another_speed_is_warned_of() -> None:
+    assert 'ran at 8 of ours: a simulator at this speed is flown with link.clock = "autopilot"' in told(clock_speed=8.0)
+    assert "WARNING" not in told(clock_speed=None)
