@@ -54,6 +54,11 @@ def _tangent_rate(r: Array, V: float, r_d: float) -> Array:
     return V * np.cos(np.pi - np.arcsin(np.minimum(r_d / np.maximum(r, 1e-9), 1.0)))
 
 
+def _as_asked(V: float, r_d: float, k: float) -> float:
+    """A law that flies the radius that it is fed."""
+    return r_d
+
+
 @dataclass(frozen=True, slots=True)
 class Law:
     """A law with what a mission and its check need to know of it.
@@ -68,8 +73,8 @@ class Law:
     gain_condition: str
     gain_bound: Callable[[float, float], float]
     default_gain: Callable[[float, float], float]
-    reached_radius: Callable[[float, float, float], float]
-    fed_radius: Callable[[float, float, float], float]
+    reached_radius: Callable[[float, float, float], float] = _as_asked
+    fed_radius: Callable[[float, float, float], float] = _as_asked
     switches: bool = False
     kind: Kind = Kind.RANGE
 
@@ -140,60 +145,44 @@ LAWS: dict[str, Law] = {
             "switching", switching, "rad/s", "k > V/r_d",
             gain_bound=lambda V, r_d: theory.switching_gain_bound(V, r_d),
             default_gain=lambda V, r_d: 1.2 * theory.switching_gain_bound(V, r_d),
-            reached_radius=lambda V, r_d, k: r_d,
-            fed_radius=lambda V, r_d, k: r_d,
             switches=True,
         ),
         Law(
             "bounded", bounded, "1/m", "k > 1/r_d",
             gain_bound=lambda V, r_d: 1 / r_d,
             default_gain=lambda V, r_d: max(0.5 * _damped(V, r_d), 1.5 / r_d),  # its slope in r is k^2 V, so half
-            reached_radius=lambda V, r_d, k: r_d,
-            fed_radius=lambda V, r_d, k: r_d,
         ),
         Law(
             "relay", relay, "rad/s", "k > V/r_d",
             gain_bound=lambda V, r_d: V / r_d,
             default_gain=lambda V, r_d: 1.33 * V / r_d,
-            reached_radius=lambda V, r_d, k: r_d,
-            fed_radius=lambda V, r_d, k: r_d,
         ),
         Law(
             "pd", pd, "rad/m", "k > 0",
             gain_bound=lambda V, r_d: 0.0,
             default_gain=_damped,
-            reached_radius=lambda V, r_d, k: r_d,
-            fed_radius=lambda V, r_d, k: r_d,
         ),
         Law(
             "pi", feedforward, "rad/m", "k > 0",
             gain_bound=lambda V, r_d: 0.0,
             default_gain=_damped,
-            reached_radius=lambda V, r_d, k: r_d,
-            fed_radius=lambda V, r_d, k: r_d,
             kind=Kind.MEMORY,
         ),
         Law(
             "feedforward", feedforward, "rad/m", "k > 0",
             gain_bound=lambda V, r_d: 0.0,
             default_gain=_damped,
-            reached_radius=lambda V, r_d, k: r_d,
-            fed_radius=lambda V, r_d, k: r_d,
         ),
         Law(
             "drift", feedforward, "rad/m", "k > 0",
             gain_bound=lambda V, r_d: 0.0,
             default_gain=_damped,
-            reached_radius=lambda V, r_d, k: r_d,
-            fed_radius=lambda V, r_d, k: r_d,
             kind=Kind.RELATIVE,
         ),
         Law(
             "auto", feedforward, "rad/m", "k > 0",
             gain_bound=lambda V, r_d: 0.0,
             default_gain=_damped,
-            reached_radius=lambda V, r_d, k: r_d,
-            fed_radius=lambda V, r_d, k: r_d,
             kind=Kind.AUTO,
         ),
     )
