@@ -14,6 +14,7 @@ import numpy as np
 from circnav_mav.analysis.events import Event, events
 from circnav_mav.analysis.run import Run
 from circnav_mav.analysis.run_folder import Ticks, Truth
+from circnav_mav.analysis.whole_file import whole_file
 
 Row = tuple[float, dict[str, Any]]
 TRUTH_COLUMNS = ("time", "north", "east", "target_north", "target_east", "radius", "turn_rate")
@@ -33,7 +34,8 @@ LOG_INFO, LOG_WARNING = 2, 3
 
 
 def export_mcap(run: Run, path: Path) -> dict[str, int]:
-    """Write the file; returns the messages per topic. Raises ImportError without mcap, RunError, OSError."""
+    """Write the file, whole or not at all; returns the messages per topic. Raises ImportError without mcap, RunError,
+    OSError."""
     from mcap.writer import Writer
 
     topics: list[tuple[str, str, dict[str, Any], Iterator[Row]]] = [
@@ -43,7 +45,7 @@ def export_mcap(run: Run, path: Path) -> dict[str, int]:
     if run.truth is not None:
         topics.append(("/truth", "circnav.Truth", _schema(TRUTH_COLUMNS, ()), _truth_rows(run.truth)))
     counts = {}
-    with path.open("wb") as file:
+    with whole_file(path.resolve()) as fresh, fresh.open("wb") as file:
         writer = Writer(file)
         writer.start(profile="", library=f"circnav {run.manifest.get('versions', {}).get('circnav', '')}".strip())
         for topic, name, schema, rows in topics:

@@ -10,7 +10,7 @@ from circnav_mav.analysis.batch.policies import POLICIES
 from circnav_mav.analysis.batch.situations import SITUATIONS
 from circnav_mav.analysis.bench import run
 from circnav_mav.analysis.bench_cost import tell_costs
-from circnav_mav.cli.exits import Exit, Refused
+from circnav_mav.cli.exits import Exit, Refused, cannot
 
 
 def fly_bench(
@@ -29,7 +29,7 @@ def fly_bench(
     try:
         run(cells, flights, seed, Path(out) if out else None, tell=click.echo, cores=os.cpu_count() or 1)
     except OSError as error:
-        raise Refused(f"{error.filename or out}: {error.strerror or error}") from None
+        raise cannot(out or "bench", error) from None
     return Exit.DONE
 
 

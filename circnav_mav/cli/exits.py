@@ -1,6 +1,7 @@
 """Exit codes, and the one way to refuse."""
 
 from enum import IntEnum
+from pathlib import Path
 
 
 class Exit(IntEnum):
@@ -20,3 +21,11 @@ class Refused(Exception):  # noqa: N818 - a refusal is not our error
     def __init__(self, text: str, exit: Exit = Exit.USAGE) -> None:
         super().__init__(text)
         self.exit = exit
+
+
+def cannot(place: str | Path, error: OSError) -> Exception:
+    """A file that cannot be read or written as the line to raise, named by the error or else by `place`. A reader of
+    our output that went away (`| head`) is no file of ours: click ends the process quietly for it."""
+    if isinstance(error, BrokenPipeError):
+        return error
+    return Refused(f"{error.filename or place}: {error.strerror or error}")

@@ -6,13 +6,17 @@ import click
 
 from circnav_mav.analysis.export_mcap import export_mcap
 from circnav_mav.analysis.run import RunError, open_run
-from circnav_mav.cli.exits import Exit, Refused
+from circnav_mav.cli.exits import Exit, Refused, cannot
+
+MAGIC = b"\x89MCAP0\r\n"
+"""How an MCAP file begins."""
 
 
 def export_run(folder: str, out: str | None) -> int:
     """Write the MCAP file and say what is in it. Raises Refused."""
     path = Path(out) if out else Path(folder) / "flight.mcap"
     try:
+        _check_place(path)
         run = open_run(Path(folder))
         if not len(run.ticks.time):
             raise Refused(f"{folder}: an empty run, nothing was recorded", Exit.NOTHING_HEARD)
@@ -22,6 +26,17 @@ def export_run(folder: str, out: str | None) -> int:
     except RunError as error:
         raise Refused(str(error)) from None
     except OSError as error:
-        raise Refused(f"{error.filename or path}: {error.strerror or error}") from None
+        raise cannot(path, error) from None
     click.echo(f"{path}: " + ", ".join(f"{count} messages on {topic}" for topic, count in counts.items()))
     return Exit.DONE
+
+
+def _check_place(path: Path) -> None:
+    """Only an earlier export is written over. Raises Refused, OSError."""
+    if path.is_file():
+        with path.open("rb") as file:
+            begin = file.read(len(MAGIC))
+        if begin not in (MAGIC, b""):
+            raise Refused(f"--mcap {path}: is there and no MCAP file, name another")
+    elif path.exists():
+        raise Refused(f"--mcap {path}: is there and no file, name another")

@@ -3,6 +3,7 @@
 import traceback
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
+from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from circnav_mav.analysis.run_folder import NO_TICKS, read_ticks, read_truth
 from circnav_mav.analysis.summary import FlightFacts, summarise, write_summary
 from circnav_mav.cli.check import all_checks, read_mission, show_checks
 from circnav_mav.cli.connect import open_links, open_page, open_signing, run_speed, start_clock, start_vehicle
-from circnav_mav.cli.exits import Exit, Refused
+from circnav_mav.cli.exits import Exit, Refused, cannot
 from circnav_mav.cli.report import report_of_flight
 from circnav_mav.cli.verdict import verdict
 from circnav_mav.mission.checks import Grade
@@ -36,6 +37,8 @@ EXITS = {
     Ending.ABORTED: Exit.ABORTED,
     Ending.INTERRUPTED: Exit.INTERRUPTED,
 }
+RECORDED = ("flight.tlog", "turns.csv", "ticks.csv", "summary.json", "manifest.json")
+"""What shows that a folder holds a flight."""
 OUTCOMES = {Ending.COMPLETED: "completed", Ending.INTERRUPTED: "interrupted"}
 """The outcome in summary.json; every other ending is "aborted"."""
 
@@ -69,7 +72,7 @@ def fly_mission(options: FlyOptions) -> int:
         show_checks(lines)
         raise Refused(f"{options.mission}: refused by its checks, see FAIL above")
     show_checks([line for line in lines if line.grade is Grade.WARN])
-    folder = Path(options.out) if options.out else Path("runs") / f"{local_time_name()}-{mission.file.name}"
+    folder = _run_folder(options.out, mission)
     with ExitStack() as page_open:
         with ExitStack() as open_things:
             signing, signing_time = open_signing(mission, open_things)
@@ -92,6 +95,25 @@ def fly_mission(options: FlyOptions) -> int:
     if crash is not None:
         raise Refused(f"internal error, see {crash}", Exit.INTERNAL)
     return code
+
+
+def _run_folder(out: str | None, mission: Mission) -> Path:
+    """Where the flight is recorded: never over another one, nor over somebody's own mission.toml. Raises Refused."""
+    if out is None:
+        base = f"{local_time_name()}-{mission.file.name}"
+        names = chain((base,), (f"{base}-{number}" for number in count(2)))
+        return next(folder for name in names if not (folder := Path("runs") / name).exists())
+    folder = Path(out)
+    for name in RECORDED:
+        if (folder / name).exists():
+            raise Refused(f"--out {out}: holds {name} already, name another folder")
+    own = folder / "mission.toml"
+    try:
+        if own.exists() and own.read_bytes() != mission.text.encode():
+            raise Refused(f"--out {out}: holds a mission.toml that is not as flown, name another folder")
+    except OSError as error:
+        raise cannot(own, error) from None
+    return folder
 
 
 def _overrides(options: FlyOptions) -> tuple[str, ...]:

@@ -6,7 +6,7 @@ import click
 
 from circnav_mav.analysis.ideal import random_starts
 from circnav_mav.analysis.paper import EXAMPLES, draw, study, table
-from circnav_mav.cli.exits import Exit, Refused
+from circnav_mav.cli.exits import Exit, Refused, cannot
 
 SHOWN = 2
 """The start that the figures show."""
@@ -27,6 +27,6 @@ def reproduce(out: str, starts: int, seed: int) -> int:
                 click.echo(path)
         (folder / "table.md").write_text(table(found) + "\n", encoding="utf-8")
     except OSError as error:
-        raise Refused(f"{error.filename or folder}: {error.strerror or error}") from None
+        raise cannot(folder, error) from None
     click.echo(f"{folder / 'table.md'}\n\n{table(found)}")
     return Exit.DONE

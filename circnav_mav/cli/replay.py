@@ -11,13 +11,15 @@ from circnav_mav.analysis.replay import Replayed, as_ticks, differences, patient
 from circnav_mav.analysis.run import Run, RunError, open_run
 from circnav_mav.analysis.run_folder import Ticks
 from circnav_mav.analysis.turns import plain_turns, recorded_turns
-from circnav_mav.cli.exits import Exit, Refused
+from circnav_mav.cli.exits import Exit, Refused, cannot
 from circnav_mav.mission.load import Mission, MissionError, load_mission, parse_mission
 from circnav_mav.pilot import Pilot, Voice
 from circnav_mav.runtime.recorder import write_ticks
 
 UNITS = {"r": ("range", "m"), "r_dot": ("range rate", "m/s"), "demanded": ("law's turn rate", "rad/s"),
          "turn_rate": ("turn rate", "rad/s")}  # fmt: skip
+TICKS, PICTURE = "ticks.csv", "replay.png"
+"""What a replay leaves behind."""
 LAST_DIGIT = 1e-6
 """ticks.csv holds six decimals."""
 
@@ -38,13 +40,14 @@ def replay_log(options: ReplayOptions) -> int:
     """Replay, print what came of it, and return the exit code. Raises Refused."""
     path = Path(options.log)
     try:
+        _check_out(options.out)
         if path.is_file() and path.name != "flight.tlog":
             return _replay_plain(path, options)
         return _replay_run(open_run(path.parent if path.is_file() else path), options)
     except (RunError, MissionError) as error:
         raise Refused(str(error)) from None
     except OSError as error:
-        raise Refused(f"{error.filename or path}: {error.strerror or error}") from None
+        raise cannot(path, error) from None
 
 
 def _replay_run(run: Run, options: ReplayOptions) -> int:
@@ -149,11 +152,21 @@ def _say_ticks(done: Replayed, pilot: Pilot, was: Ticks | None) -> None:
 
 
 def _write(options: ReplayOptions, done: Replayed, was: Ticks | None, mission: Mission) -> None:
-    """The replay's own ticks and picture, where they are asked for."""
+    """The replay's own picture and ticks, where they are asked for. The picture comes first: it tells the ticks for
+    those of a replay."""
     if options.out is None:
         return
     folder = Path(options.out)
     folder.mkdir(parents=True, exist_ok=True)
-    write_ticks(folder / "ticks.csv", done.ticks)
-    plot_replay(folder / "replay.png", was, as_ticks(done.ticks), mission.orbit, f"{options.log}, replayed")
-    click.echo(f"  written    {folder}/ticks.csv, {folder}/replay.png")
+    plot_replay(folder / PICTURE, was, as_ticks(done.ticks), mission.orbit, f"{options.log}, replayed")
+    write_ticks(folder / TICKS, done.ticks)
+    click.echo(f"  written    {folder}/{TICKS}, {folder}/{PICTURE}")
+
+
+def _check_out(out: str | None) -> None:
+    """What was recorded is never written over, only what an earlier replay wrote. Raises Refused."""
+    folder = Path(out or "")
+    if out is None or not folder.is_dir():
+        return
+    if (folder / "flight.tlog").exists() or ((folder / TICKS).exists() and not (folder / PICTURE).exists()):
+        raise Refused(f"--out {out}: holds a recorded flight, name another folder for the replay")

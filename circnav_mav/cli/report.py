@@ -11,7 +11,7 @@ from circnav_mav.analysis.plots import plot_estimates, plot_flight
 from circnav_mav.analysis.report import ReportFacts, write_report
 from circnav_mav.analysis.run import Run, RunError, open_run
 from circnav_mav.analysis.summary import FlightFacts, summarise
-from circnav_mav.cli.exits import Exit, Refused
+from circnav_mav.cli.exits import Exit, Refused, cannot
 from circnav_mav.cli.verdict import verdict
 from circnav_mav.mission.load import Mission, MissionError, parse_mission
 
@@ -31,7 +31,7 @@ def report_run(folder: str) -> int:
     except (RunError, MissionError) as error:
         raise Refused(str(error)) from None
     except OSError as error:
-        raise Refused(f"{error.filename or folder}: {error.strerror or error}") from None
+        raise cannot(folder, error) from None
     return Exit.DONE
 
 

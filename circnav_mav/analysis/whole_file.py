@@ -1,0 +1,24 @@
+"""Files that are there whole or not at all, whatever fails in between."""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """Where to write a file: it takes the place of the one at `path` when all of it is there. Raises OSError."""
+    fresh = path.with_name(f"{path.name}.tmp")
+    try:
+        yield fresh
+        os.replace(fresh, path)
+    except BaseException:
+        fresh.unlink(missing_ok=True)
+        raise
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write a text as a whole file. Raises OSError."""
+    with whole_file(path) as fresh:
+        fresh.write_text(text, encoding="utf-8")
