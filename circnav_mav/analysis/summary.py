@@ -9,13 +9,18 @@ import numpy as np
 
 from circnav_mav.analysis import metrics
 from circnav_mav.analysis.run_folder import Ticks, Truth
+from circnav_mav.analysis.whole_file import write_whole
 from circnav_mav.core.phases import Phase
 from circnav_mav.core.values import Direction, Orbit
+
+UNRECORDED = 1.0
+"""Time, s, at the end of a flight from which on it is worth telling that nothing was recorded."""
 
 
 @dataclass(frozen=True, slots=True)
 class FlightFacts:
-    """What the flight itself knows at its end. clock_speed: of the autopilot's time, where it was not ours."""
+    """What the flight itself knows at its end. engaged_s, until_s: run time of the engagement and of the last tick,
+    recorded or not; None: as the recorded ticks say. clock_speed: of the autopilot's time, where it was not ours."""
 
     mission: str
     outcome: str
@@ -31,13 +36,17 @@ class FlightFacts:
     frames_refused: dict[str, int] = field(default_factory=dict)
     voice: str = "fly"
     clock_speed: float | None = None
+    engaged_s: float | None = None
+    until_s: float | None = None
 
 
 def summarise(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str, Any]:
-    """The summary as plain values. Without an engagement the figures of the circle are null; they are those of the
-    ticks that steered by a fresh range, for a prediction that goes on through an outage is no measurement."""
+    """The summary as plain values. Without an engagement the figures of the circle are null; else they are of what was
+    recorded, and `recording_problem` tells where that is not all; and of the ticks that steered by a fresh range, for a
+    prediction that goes on through an outage is no measurement."""
     orbit = facts.orbit
-    start = ticks.engaged_at
+    start = ticks.engaged_at if facts.engaged_s is None else facts.engaged_s
+    end = float(ticks.time[-1]) if facts.until_s is None and len(ticks.time) else facts.until_s or 0.0
     flown = ticks.time >= (np.inf if start is None else start)
     steered = np.array([phase == Phase.ENGAGED.value for phase in ticks.phases], bool)
     known = flown & steered & ~np.isnan(ticks.numbers["r"])
@@ -51,24 +60,35 @@ def summarise(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str
         "direction": orbit.direction.value,
         "direction_commanded": _commanded(float(turned)),
         "engaged_s": start,
-        "flown_s": float(ticks.time[flown][-1] - start) if start is not None else 0.0,
+        "flown_s": end - start if start is not None else 0.0,
         **_circle(ticks.time[known], ticks.numbers["r"][known], orbit.radius),
         "samples_accepted": facts.samples_accepted,
         "samples_rejected": facts.samples_rejected,
         "frames_refused": facts.frames_refused,
         "setpoints_sent": facts.setpoints_sent,
-        "truth": None if truth is None or start is None else _truth(truth, start, float(ticks.time[-1]), orbit),
+        "truth": None if truth is None or start is None else _truth(truth, start, end, orbit),
         "firmware": facts.firmware,
         "version": facts.version,
         "epoch_us": facts.epoch_us,
         "clock_speed": facts.clock_speed,
-        "recording_problem": facts.recording_problem,
+        "recording_problem": _problem(facts.recording_problem, ticks, truth, end),
     }
 
 
 def write_summary(folder: Path, summary: dict[str, Any]) -> None:
-    """Write summary.json. Raises OSError."""
-    (folder / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+    """Write summary.json, whole or not at all. Raises OSError."""
+    write_whole(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
+
+
+def _problem(problem: str | None, ticks: Ticks, truth: Truth | None, end: float) -> str | None:
+    """What the recorder said, and up to where the figures go if not to the end of the flight. Truth that ends early
+    without a word of the recorder was not heard."""
+    ends = {"estimates": float(ticks.time[-1]) if len(ticks.time) else 0.0}
+    if truth is not None and problem is not None:
+        ends["truth"] = float(truth.time[-1])
+    short = [f"{what} up to {until:.0f} s" for what, until in ends.items() if end - until > UNRECORDED]
+    said = [problem] if problem else []
+    return "; ".join(said + ([f"figures are of {', '.join(short)} of {end:.0f} s"] if short else [])) or None
 
 
 def _circle(time: metrics.Column, radius: metrics.Column, desired: float) -> dict[str, float | None]:

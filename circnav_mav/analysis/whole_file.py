@@ -19,6 +19,7 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 
 def write_whole(path: Path, text: str) -> None:
-    """Write a text as a whole file. Raises OSError."""
+    """Write a text as a whole file; what UTF-8 cannot hold, as in some names of folders, becomes a question mark.
+    Raises OSError."""
     with whole_file(path) as fresh:
-        fresh.write_text(text, encoding="utf-8")
+        fresh.write_text(text, encoding="utf-8", errors="replace")

@@ -166,7 +166,12 @@ def _complete(manifest: Manifest, pilot: Pilot, summary: dict[str, Any], code: E
     try:
         manifest.complete(autopilot=autopilot, outcome=summary["outcome"], reason=summary["reason"], exit=int(code))
     except OSError as error:
-        summary["recording_problem"] = f"{error.filename}: cannot be written: {error.strerror or error}"
+        _note(summary, f"manifest.json cannot be written: {error.strerror or error}")
+
+
+def _note(summary: dict[str, Any], problem: str) -> None:
+    """Keep the first problem: later ones follow from it."""
+    summary["recording_problem"] = summary["recording_problem"] or problem
 
 
 def _loop(
@@ -225,6 +230,8 @@ def _finish(pilot: Pilot, recorder: Recorder, mission: Mission, clock: RunClock)
         recording_problem=recorder.problem,
         voice=pilot.settings.voice.value,
         clock_speed=pilot.session.boot_clock.noticed,
+        engaged_s=pilot.engaged_at,
+        until_s=recorder.until,
     )
     summary = summarise(facts, ticks, truth)
     try:
@@ -232,7 +239,7 @@ def _finish(pilot: Pilot, recorder: Recorder, mission: Mission, clock: RunClock)
         if len(ticks.time) > 1:
             plot_flight(folder / "flight.png", ticks, truth, mission.orbit, _title(mission))
     except OSError as error:
-        summary["recording_problem"] = f"{folder}: cannot be written: {error.strerror or error}"
+        _note(summary, f"{folder}: cannot be written: {error.strerror or error}")
     return summary
 
 

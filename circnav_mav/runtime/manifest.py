@@ -51,5 +51,9 @@ class Manifest:
     def _write(self) -> None:
         """In one move, so that there is a whole file at every moment."""
         fresh = self._path.with_suffix(".tmp")
-        fresh.write_text(json.dumps(self._facts, indent=2) + "\n", encoding="utf-8")
-        os.replace(fresh, self._path)
+        try:
+            fresh.write_text(json.dumps(self._facts, indent=2) + "\n", encoding="utf-8")
+            os.replace(fresh, self._path)
+        except OSError:
+            fresh.unlink(missing_ok=True)
+            raise

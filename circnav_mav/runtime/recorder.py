@@ -63,6 +63,8 @@ class Recorder:
         """max_mb: bound of all three files together. Raises RecorderError."""
         self.folder = folder
         self.problem: str | None = None
+        self.until: float | None = None
+        """Run time of the newest tick that was given, written or not."""
         self._most = max_mb * 1e6
         self._written = 0
         self._broken = False
@@ -95,6 +97,7 @@ class Recorder:
     def ticks(self, records: list[TickRecord]) -> None:
         """Record ticks."""
         for record in records:
+            self.until = record.time
             self._put(record)
 
     def close(self) -> None:

@@ -1,10 +1,12 @@
 """summary.json: keys that users' scripts read, and figures worked out by hand."""
 
+import dataclasses
 import json
+from pathlib import Path
 
 import pytest
 
-from circnav_mav.analysis.run_folder import read_ticks, read_truth
+from circnav_mav.analysis.run_folder import NO_TICKS, read_ticks, read_truth
 from circnav_mav.analysis.summary import FlightFacts, summarise, write_summary
 from circnav_mav.core.values import Direction, Orbit
 
@@ -41,6 +43,8 @@ def test_the_figures_are_those_of_the_flight_after_engaging(summary):
     assert made["engaged_s"] == 10.0
     assert made["flown_s"] == 290.0
     assert made["settled_s"] == 90.0
+
+
     assert made["radius_mean_m"] == pytest.approx(101.0)
     assert made["radius_rms_error_m"] == pytest.approx(1.0)
     assert made["direction"] == made["direction_commanded"] == "clockwise"
@@ -94,3 +98,33 @@ def test_a_prediction_that_goes_on_through_an_outage_is_not_scored(run_folder, e
     made = summarise(facts(epoch_us), read_ticks(folder), None)
     assert made["radius_mean_m"] == pytest.approx(101.0)
     assert made["settled_s"] == 90.0
+
+
+def test_a_flight_is_as_long_as_it_was_flown_and_not_as_it_was_recorded(run_folder, epoch_us):
+    """Recorded are 300 s; it went on to second 500."""
+    folder = run_folder()
+    flown = dataclasses.replace(facts(epoch_us), engaged_s=10.0, until_s=500.0, recording_problem="full")
+    made = summarise(flown, read_ticks(folder), read_truth(folder, epoch_us))
+    assert made["flown_s"] == 490.0
+    assert made["recording_problem"] == ("full; figures are of estimates up to 300 s, truth up to 300 s of 500 s")
+
+
+def test_a_flight_of_which_nothing_was_recorded_is_summed_up_all_the_same(epoch_us):
+    made = summarise(dataclasses.replace(facts(epoch_us), engaged_s=10.0, until_s=50.0), NO_TICKS, None)
+    assert (made["engaged_s"], made["flown_s"], made["radius_mean_m"]) == (10.0, 40.0, None)
+    assert made["recording_problem"] == "figures are of estimates up to 0 s of 50 s"
+
+
+def test_a_summary_that_finds_no_room_leaves_nothing_half_written(tmp_path, monkeypatch):
+    write_summary(tmp_path, {"outcome": "completed"})
+
+    def full(path, *arguments, **options):
+        path.write_bytes(b"")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_text", full)
+    with pytest.raises(OSError, match="No space left"):
+        write_summary(tmp_path, {"outcome": "aborted"})
+    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [
+        ("summary.json", '{\n  "outcome": "completed"\n}\n')
+    ]
