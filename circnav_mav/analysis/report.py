@@ -1,5 +1,6 @@
 """report.html: one page that tells a flight, without network, that prints."""
 
+import re
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
@@ -12,6 +13,7 @@ from circnav_mav.analysis.metrics import TOLERANCE
 from circnav_mav.analysis.run import Run
 from circnav_mav.analysis.run_folder import Column, Ticks, Truth
 from circnav_mav.analysis.svg import Chart, Line
+from circnav_mav.analysis.whole_file import write_whole
 from circnav_mav.core.phases import Phase
 from circnav_mav.core.values import Orbit
 from circnav_mav.pilot import Voice, phase_name
@@ -75,15 +77,13 @@ def report(run: Run, facts: ReportFacts) -> str:
         "VERSIONS": _rows(_versions(run)),
     }
     page = PAGE.read_text(encoding="utf-8")
-    for name, part in parts.items():
-        page = page.replace(f"@{name}@", part)
-    return page
+    return re.sub(f"@({'|'.join(parts)})@", lambda place: parts[place[1]], page)  # at once: parts may look like places
 
 
 def write_report(run: Run, facts: ReportFacts) -> Path:
-    """Write report.html into the run folder. Raises RunError, OSError."""
+    """Write report.html into the run folder, whole or not at all. Raises RunError, OSError."""
     path = run.folder / "report.html"
-    path.write_text(report(run, facts), encoding="utf-8")
+    write_whole(path, report(run, facts))
     return path
 
 

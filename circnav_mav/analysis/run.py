@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from circnav_mav.analysis.run_folder import Ticks, Truth, read_ticks, read_truth
+from circnav_mav.analysis.run_shapes import known_manifest, known_summary
 
 
 class RunError(Exception):
@@ -15,12 +16,13 @@ class RunError(Exception):
 
 @dataclass(frozen=True)
 class Run:
-    """A run folder. summary: None when the run did not live to write it."""
+    """A run folder. manifest, summary: what they say that can be believed; empty when the run did not live to write
+    them, or they are damaged."""
 
     folder: Path
     mission_text: str
     manifest: dict[str, Any]
-    summary: dict[str, Any] | None
+    summary: dict[str, Any]
     epoch_us: int
 
     @property
@@ -31,7 +33,7 @@ class Run:
     @property
     def name(self) -> str:
         """The mission's name."""
-        return str(self.manifest.get("mission") or (self.summary or {}).get("mission") or self.folder.name)
+        return str(self.manifest.get("mission") or self.summary.get("mission") or self.folder.name)
 
     @cached_property
     def ticks(self) -> Ticks:
@@ -39,7 +41,7 @@ class Run:
         try:
             return read_ticks(self.folder)
         except (OSError, ValueError) as error:
-            raise RunError(f"{self.folder}: ticks.csv: {_said(error)}") from None
+            raise RunError(f"{self.folder / 'ticks.csv'}: {_said(error)}") from None
 
     @cached_property
     def truth(self) -> Truth | None:
@@ -47,7 +49,7 @@ class Run:
         try:
             return read_truth(self.folder, self.epoch_us)
         except OSError as error:
-            raise RunError(f"{self.folder}: flight.tlog: {_said(error)}") from None
+            raise RunError(f"{self.folder / 'flight.tlog'}: {_said(error)}") from None
 
 
 def open_run(folder: Path) -> Run:
@@ -56,26 +58,31 @@ def open_run(folder: Path) -> Run:
         raise RunError(f"{folder}: no such run folder")
     if not folder.is_dir() or not (folder / "flight.tlog").is_file() or not (folder / "mission.toml").is_file():
         raise RunError(f"{folder}: is not a run folder: flight.tlog or mission.toml is missing")
-    manifest, summary = _json(folder / "manifest.json"), _json(folder / "summary.json")
-    epoch = (manifest or {}).get("epoch_us") or (summary or {}).get("epoch_us")
-    if not isinstance(epoch, int):
+    manifest = known_manifest(_json(folder / "manifest.json"))
+    try:
+        summary = known_summary(_json(folder / "summary.json"))
+    except RunError:  # a full disk may have left half of it; its figures can be made anew
+        summary = {}
+    epoch = manifest.get("epoch_us") or summary.get("epoch_us")
+    if epoch is None:
         raise RunError(f"{folder}: neither manifest.json nor summary.json tells when the run began (epoch_us)")
     try:
         text = (folder / "mission.toml").read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise RunError(f"{folder}: mission.toml: {_said(error)}") from None
-    return Run(folder, text, manifest or {}, summary, epoch)
+    return Run(folder, text, manifest, summary, epoch)
 
 
-def _json(path: Path) -> dict[str, Any] | None:
-    """A JSON table; None if there is none. Raises RunError."""
+def _json(path: Path) -> Any:
+    """What a JSON file holds; None if there is none. Raises RunError."""
     try:
-        table = json.loads(path.read_text(encoding="utf-8"))
+        return json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         return None
+    except RecursionError:
+        raise RunError(f"{path}: is nested too deeply") from None
     except (OSError, ValueError) as error:
         raise RunError(f"{path}: {_said(error)}") from None
-    return table if isinstance(table, dict) else None
 
 
 def _said(error: Exception) -> str:

@@ -20,6 +20,10 @@ Column = NDArray[np.float64]
 
 WORDS = frozenset(field.name for field in fields(TickRecord) if field.type in (str, Phase))
 """The columns of ticks.csv that hold words."""
+LONGEST = 1e9
+"""Time, s, that no run takes."""
+MOST = 1e30
+"""No number of a tick is as large."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,29 +78,55 @@ class Truth:
 
 
 def read_ticks(folder: Path) -> Ticks:
-    """ticks.csv of a run folder; a last line that was cut off is left out, a column that is not there is empty. Raises
-    OSError, ValueError."""
+    """ticks.csv of a run folder; a last line that was cut off is left out, a column that is not there is empty, and so
+    is a cell that is no number of a flight. Raises OSError, and ValueError that names the line for a cell that is no
+    number at all and for a time that does not go on."""
     with (folder / "ticks.csv").open(newline="", encoding="utf-8") as file:
         reader = _rows(file)
         header = next(reader, [])
         words: dict[str, list[str]] = {name: [] for name in header if name in WORDS}
         numbers = {name: array("d") for name in header if name not in WORDS}
-        for row in reader:  # line by line: the text of a long flight is ten times what it says
+        if "time" not in numbers or len(words) + len(numbers) < len(header):
+            raise ValueError("has no header")
+        times = numbers["time"]
+        for line, row in enumerate(reader, 2):  # one by one: the text of a long flight is ten times what it says
             if len(row) == len(header):
                 for name, cell in zip(header, row, strict=True):
                     if name in words:
                         words[name].append(intern(cell))
                     else:
-                        numbers[name].append(float(cell) if cell else nan)
-    if "time" not in numbers or len(words) + len(numbers) < len(header):
-        raise ValueError(f"{folder / 'ticks.csv'}: has no header")
-    count = len(numbers["time"])
+                        numbers[name].append(_number(cell, name, line))
+                _check_time(times, line)
+    count = len(times)
+    if count > 1 and times[0] == times[-1]:
+        raise ValueError("line 3: time: stands still to the end")
     for name in (field.name for field in fields(TickRecord) if field.name not in header):
         if name in WORDS:
             words[name] = [""] * count
         else:
             numbers[name] = array("d", [nan]) * count
-    return Ticks({name: np.array(cells) for name, cells in numbers.items()}, words)
+    return Ticks({name: _believable(np.array(cells)) for name, cells in numbers.items()}, words)
+
+
+def _number(cell: str, name: str, line: int) -> float:
+    """A cell as a number, NaN if it is empty. Raises ValueError."""
+    try:
+        return float(cell) if cell else nan
+    except ValueError:
+        raise ValueError(f"line {line}: {name}: {cell[:40]!r} is not a number") from None
+
+
+def _check_time(times: "array[float]", line: int) -> None:
+    """The newest time lies within a run and is not before the last. Raises ValueError."""
+    newest = times[-1]
+    if not 0 <= newest < LONGEST:
+        raise ValueError(f"line {line}: time: must be seconds of the run, not {newest:g}")
+    if len(times) > 1 and newest < times[-2]:
+        raise ValueError(f"line {line}: time: {newest:.6f} comes after {times[-2]:.6f}")
+
+
+def _believable(numbers: Column) -> Column:
+    return np.where(np.abs(numbers) < MOST, numbers, nan)
 
 
 def _rows(file: IO[str]) -> Iterator[list[str]]:

@@ -10,6 +10,7 @@ from circnav_mav import __version__
 from circnav_mav.analysis.plots import plot_estimates, plot_flight
 from circnav_mav.analysis.report import ReportFacts, write_report
 from circnav_mav.analysis.run import Run, RunError, open_run
+from circnav_mav.analysis.run_folder import Column
 from circnav_mav.analysis.summary import FlightFacts, summarise
 from circnav_mav.cli.exits import Exit, Refused, cannot
 from circnav_mav.cli.verdict import verdict
@@ -20,10 +21,12 @@ def report_run(folder: str) -> int:
     """Write report.html and the pictures into a run folder. Raises Refused."""
     try:
         run = open_run(Path(folder))
-        if len(run.ticks.time) < 2:
+        if not len(run.ticks.time):
             raise Refused(f"{folder}: an empty run, nothing was recorded", Exit.NOTHING_HEARD)
+        if len(run.ticks.time) == 1:
+            raise Refused(f"{folder}: a single tick was recorded, too little for a report", Exit.NOTHING_HEARD)
         mission = parse_mission(run.mission_text, str(run.folder / "mission.toml"))
-        click.echo(write_report(run, report_facts(run, mission, run.summary or _unfinished(run, mission))))
+        click.echo(write_report(run, report_facts(run, mission, _unfinished(run, mission) | run.summary)))
         title = f"{run.name}: {mission.orbit.radius:g} m {mission.orbit.direction.value}"
         plot_flight(run.folder / "flight.png", run.ticks, run.truth, mission.orbit, title)
         plot_estimates(run.folder / "estimates.png", run.ticks, mission.file.guidance.gate_sigma, title)
@@ -62,22 +65,28 @@ def _settings(mission: Mission) -> dict[str, str]:
 
 
 def _unfinished(run: Run, mission: Mission) -> dict[str, Any]:
-    """A summary for a run that did not live to write its own."""
-    numbers = run.ticks.numbers
+    """A summary for a run that did not live to write its own, or the parts of it that are missing."""
+    manifest, accepted, rejected = run.manifest, *(_last(run.ticks.numbers[name]) for name in ("accepted", "rejected"))
     return summarise(
         FlightFacts(
             mission=run.name,
-            outcome="unfinished",
-            reason="the process ended before the flight did",
+            outcome=manifest.get("outcome") or "unfinished",
+            reason=manifest.get("reason") or "the process ended before the flight did",
             orbit=mission.orbit,
-            samples_accepted=int(numbers["accepted"][-1]),
-            samples_rejected={"in all": int(numbers["rejected"][-1])} if numbers["rejected"][-1] else {},
-            setpoints_sent=int(np.isfinite(numbers["yaw_rate_sent"]).sum()),
+            samples_accepted=accepted,
+            samples_rejected={"in all": rejected} if rejected else {},
+            setpoints_sent=int(np.isfinite(run.ticks.numbers["yaw_rate_sent"]).sum()),
             firmware=None,
-            version=str(run.manifest.get("versions", {}).get("circnav", __version__)),
+            version=str(manifest.get("versions", {}).get("circnav", __version__)),
             epoch_us=run.epoch_us,
-            recording_problem=None,
+            recording_problem="no whole summary.json: the figures are of what was recorded",
         ),
         run.ticks,
         run.truth,
     )
+
+
+def _last(counts: Column) -> int:
+    """The last known number of a column that counts up."""
+    known = counts[np.isfinite(counts)]
+    return int(known[-1]) if len(known) else 0

@@ -1,0 +1,158 @@
+"""Run folders that were damaged in every way: report, export and replay tell what there is, or refuse in one line."""
+
+import json
+import shutil
+
+import pytest
+
+from tests.flight.recorded import recorded_flight
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory):
+    """10 s of the quickstart, unfinished."""
+    folder = tmp_path_factory.mktemp("flown")
+    recorded_flight(folder, "quickstart", "limits.duration_s=5").fly(12).recorder.close()
+    return folder
+
+
+@pytest.fixture
+def run(flown, tmp_path):
+    shutil.copytree(flown, tmp_path / "run")
+    return tmp_path / "run"
+
+
+def rows(run):
+    return [line.split(",") for line in (run / "ticks.csv").read_text().splitlines()]
+
+
+def with_cell(run, line, name, cell):
+    """ticks.csv with one cell changed; lines as an editor counts them, from the end if below 0."""
+    changed = rows(run)
+    changed[line if line < 0 else line - 1][changed[0].index(name)] = cell
+    write(run, changed)
+
+
+def write(run, lines):
+    (run / "ticks.csv").write_text("".join(",".join(line) + "\n" for line in lines))
+
+
+def with_times(run, time_of):
+    header, *ticks = rows(run)
+    write(run, [header, *([time_of(at, tick[0]), *tick[1:]] for at, tick in enumerate(ticks))])
+
+
+@pytest.mark.parametrize("command", [("report",), ("export", "--mcap"), ("replay",)], ids=lambda words: words[0])
+@pytest.mark.parametrize(
+    ("spoil", "says"),
+    [
+        (lambda run: with_cell(run, 2, "time", ""), "line 2: time: must be seconds of the run, not nan"),
+        (lambda run: with_cell(run, 5, "time", "nan"), "line 5: time: must be seconds of the run, not nan"),
+        (lambda run: with_cell(run, 5, "time", "inf"), "line 5: time: must be seconds of the run, not inf"),
+        (lambda run: with_cell(run, 5, "time", "1e308"), "line 5: time: must be seconds of the run, not 1e+308"),
+        (lambda run: with_cell(run, 2, "time", "-1"), "line 2: time: must be seconds of the run, not -1"),
+        (lambda run: with_cell(run, -1, "time", "0.0"), "time: 0.000000 comes after "),
+        (lambda run: write(run, [rows(run)[0], *rows(run)[:0:-1]]), "line 3: time: "),
+        (lambda run: with_times(run, lambda at, time: "1.0"), "line 3: time: stands still to the end"),
+        (lambda run: with_cell(run, 7, "r", "far"), "line 7: r: 'far' is not a number"),
+    ],
+    ids=["empty first", "nan", "inf", "1e308", "negative", "last at 0", "reversed", "all equal", "a word"],
+)
+def test_ticks_whose_times_make_no_sense_are_refused_with_their_line(circnav, run, command, spoil, says):
+    spoil(run)
+    ran = circnav(command[0], run, *command[1:])
+    assert ran.code == 2
+    assert ran.line.startswith(f"circnav: {run / 'ticks.csv'}: ")
+    assert says in ran.line
+
+
+@pytest.mark.parametrize("name", ["accepted", "rejected", "r", "measured", "nis", "turn_rate"])
+@pytest.mark.parametrize("cell", ["", "nan", "inf", "1e308"])
+def test_a_number_that_no_flight_has_is_unknown(circnav, run, name, cell):
+    with_cell(run, -1, name, cell)
+    ran = circnav("report", run)
+    assert (ran.code, ran.err) == (0, "")
+
+
+def test_a_run_of_a_single_tick_is_called_that(circnav, run):
+    write(run, rows(run)[:2])
+    ran = circnav("report", run)
+    assert (ran.code, ran.line) == (3, f"circnav: {run}: a single tick was recorded, too little for a report")
+
+
+WHOLE = {
+    "mission": "quickstart", "outcome": "completed", "reason": "flown to its end", "desired_radius_m": 100.0,
+    "direction": "clockwise", "direction_commanded": "clockwise", "engaged_s": 1.0, "flown_s": 5.0, "settled_s": None,
+    "radius_mean_m": 99.0, "radius_rms_error_m": 1.0, "samples_accepted": 7777, "samples_rejected": {"gated": 3},
+    "frames_refused": {}, "setpoints_sent": 20, "truth": None, "firmware": None, "version": "0", "epoch_us": 5,
+    "recording_problem": None,
+}  # fmt: skip
+
+
+def verdict_of(circnav, run, summary):
+    (run / "summary.json").write_text(summary if isinstance(summary, str) else json.dumps(summary))
+    ran = circnav("report", run)
+    assert (ran.code, ran.err) == (0, "")
+    return (run / "report.html").read_text().partition("<pre>")[2].partition("</pre>")[0]
+
+
+@pytest.mark.parametrize("missing", WHOLE)
+def test_a_summary_without_one_of_its_values_is_told_with_what_was_recorded(circnav, run, missing):
+    told = verdict_of(circnav, run, {key: value for key, value in WHOLE.items() if key != missing})
+    assert ("7777 taken" in told) == (missing != "samples_accepted")
+    assert ("COMPLETED" in told) == (missing != "outcome")
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"outcome": 5}, {"samples_rejected": [1]}, {"samples_rejected": {"gated": "many"}}, {"engaged_s": "soon"},
+        {"truth": {}}, {"truth": [1]}, {"desired_radius_m": 0}, {"flown_s": float("nan")}, {"radius_mean_m": None},
+        {"setpoints_sent": 10**400}, {"recording_problem": {"a": 1}}, {"reason": None}, {"frames_refused": "none"},
+    ],
+    ids=str,
+)  # fmt: skip
+def test_a_summary_with_a_value_of_another_kind_is_told_with_what_was_recorded(circnav, run, changed):
+    assert "setpoints" in verdict_of(circnav, run, WHOLE | changed)
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", "{}", "[" * 100_000, "null"], ids=range(6))
+def test_a_summary_that_a_full_disk_left_half_written_is_no_obstacle(circnav, run, text):
+    told = verdict_of(circnav, run, text)
+    assert "no whole summary.json: the figures are of what was recorded" in told
+    assert circnav("replay", run).code == 0
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [{"autopilot": "x"}, {"seeds": [1]}, {"versions": None}, {"versions": []}, {"exit": "y"}, {"mission": 5},
+     {"outcome": 5}, {"reason": []}],
+    ids=str,
+)  # fmt: skip
+def test_a_manifest_with_a_value_of_another_kind_is_unknown_there(circnav, run, changed):
+    manifest = json.loads((run / "manifest.json").read_text())
+    (run / "manifest.json").write_text(json.dumps(manifest | changed))
+    for command in ("report", run), ("export", run, "--mcap"), ("replay", run):
+        ran = circnav(*command)
+        assert (ran.code, ran.err) == (0, "")
+
+
+@pytest.mark.parametrize("epoch", [-1, 2**63, 10**30, 0, "now", None, 1.5, True])
+def test_a_beginning_that_is_no_moment_is_refused(circnav, run, epoch):
+    manifest = json.loads((run / "manifest.json").read_text())
+    (run / "manifest.json").write_text(json.dumps(manifest | {"epoch_us": epoch}))
+    for command in ("report", run), ("export", run, "--mcap"):
+        assert "tells when the run began (epoch_us)" in circnav(*command).line
+
+
+def test_a_manifest_without_end_is_refused(circnav, run):
+    (run / "manifest.json").write_text("[" * 100_000)
+    for command in ("report", run), ("export", run, "--mcap"), ("replay", run):
+        assert circnav(*command).line == f"circnav: {run / 'manifest.json'}: is nested too deeply"
+
+
+def test_a_folder_named_like_a_part_of_the_page_is_only_named(circnav, run, tmp_path):
+    odd = tmp_path / "@EVENTS@"
+    run.rename(odd)
+    assert circnav("report", odd).code == 0
+    assert "run folder " + str(odd) in (odd / "report.html").read_text()
