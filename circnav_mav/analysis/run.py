@@ -6,7 +6,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from circnav_mav.analysis.run_folder import Ticks, Truth, read_ticks, read_truth
+from circnav_mav.analysis.run_folder import Ticks, Truth, find_damage, read_ticks, read_truth
 from circnav_mav.analysis.run_shapes import known_manifest, known_summary
 
 
@@ -50,6 +50,23 @@ class Run:
             return read_truth(self.folder, self.epoch_us)
         except OSError as error:
             raise RunError(f"{self.folder / 'flight.tlog'}: {_said(error)}") from None
+
+    @cached_property
+    def damage(self) -> str | None:
+        """Where flight.tlog can no longer be read, and what that is of the flight; None if it can to its end. Raises
+        RunError."""
+        path = self.folder / "flight.tlog"
+        try:
+            found = find_damage(path)
+        except OSError as error:
+            raise RunError(f"{path}: {_said(error)}") from None
+        if found is None:
+            return None
+        until, end = (
+            max(found.newest - self.epoch_us, 0) / 1e6,
+            float(self.ticks.time[-1]) if len(self.ticks.time) else 0.0,
+        )
+        return f"{path.name}: {found} ({until:.1f} s of {max(until, end):.1f} s)"
 
 
 def open_run(folder: Path) -> Run:

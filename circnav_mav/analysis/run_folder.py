@@ -12,6 +12,7 @@ from typing import IO
 import numpy as np
 from numpy.typing import NDArray
 
+from circnav_mav.analysis.run_shapes import YEAR_2100_US
 from circnav_mav.core.phases import Phase
 from circnav_mav.mav.truth import read_truth_frame
 from circnav_mav.pilot import TickRecord
@@ -77,6 +78,19 @@ class Truth:
         return np.hypot(self.north - self.target_north, self.east - self.target_east)
 
 
+@dataclass(frozen=True, slots=True)
+class Damage:
+    """A tlog that can be read up to a byte, of so many. newest: its newest moment, microseconds since 1970, 0 if there
+    is none."""
+
+    byte: int
+    size: int
+    newest: int
+
+    def __str__(self) -> str:
+        return f"cut off or damaged at byte {self.byte} of {self.size}"
+
+
 def read_ticks(folder: Path) -> Ticks:
     """ticks.csv of a run folder; a last line that was cut off is left out, a column that is not there is empty, and so
     is a cell that is no number of a flight. Raises OSError, and ValueError that names the line for a cell that is no
@@ -138,16 +152,26 @@ def _rows(file: IO[str]) -> Iterator[list[str]]:
 
 
 def read_tlog(path: Path) -> Iterator[tuple[int, bytes]]:
-    """The (microseconds since 1970, frame) pairs of a tlog; ends where the file was cut off. Raises OSError."""
+    """The (microseconds since 1970, frame) pairs of a tlog; ends where the file was cut off, or where
+    no frame begins or no moment stands. Raises OSError."""
     with path.open("rb") as file:
         while len(head := file.read(8 + 3)) == 8 + 3:
-            length = _length(head, 8)
-            if length is None:
+            stamp, length = int.from_bytes(head[:8], "big"), _length(head, 8)
+            if length is None or stamp > YEAR_2100_US:
                 return
             frame = head[8:] + file.read(length - 3)
             if len(frame) < length:
                 return
-            yield int.from_bytes(head[:8], "big"), frame
+            yield stamp, frame
+
+
+def find_damage(path: Path) -> Damage | None:
+    """Where a tlog can no longer be read; None if it can to its end. Raises OSError."""
+    byte, newest = 0, 0
+    for stamp, frame in read_tlog(path):
+        byte, newest = byte + 8 + len(frame), max(newest, stamp)
+    size = path.stat().st_size
+    return None if byte == size else Damage(byte, size, newest)
 
 
 def read_truth(folder: Path, epoch_us: int) -> Truth | None:

@@ -27,6 +27,8 @@ def export_run(folder: str, out: str | None) -> int:
         raise Refused(str(error)) from None
     except OSError as error:
         raise cannot(path, error) from None
+    if run.damage is not None:
+        click.echo(f"  WARNING    {run.damage}")
     click.echo(f"{path}: " + ", ".join(f"{count} messages on {topic}" for topic, count in counts.items()))
     return Exit.DONE
 

@@ -9,7 +9,8 @@ import click
 from circnav_mav.analysis.plots import plot_replay
 from circnav_mav.analysis.replay import Replayed, as_ticks, differences, patient, replay
 from circnav_mav.analysis.run import Run, RunError, open_run
-from circnav_mav.analysis.run_folder import Ticks
+from circnav_mav.analysis.run_folder import Ticks, find_damage
+from circnav_mav.analysis.summary import UNRECORDED
 from circnav_mav.analysis.turns import plain_turns, recorded_turns
 from circnav_mav.cli.exits import Exit, Refused, cannot
 from circnav_mav.mission.load import Mission, MissionError, load_mission, parse_mission
@@ -66,7 +67,8 @@ def _replay_run(run: Run, options: ReplayOptions) -> int:
     if not done.turns:
         raise Refused(f"{run.folder}: an empty run, nothing was recorded", Exit.NOTHING_HEARD)
     _say_size(str(run.folder), done, took)
-    _say_setpoints(done)
+    whole = _say_damage(run, done, pilot)
+    _say_setpoints(done, whole)
     _say_ticks(done, pilot, run.ticks)
     _write(options, done, run.ticks, mission)
     return Exit.DONE
@@ -84,6 +86,9 @@ def _replay_plain(path: Path, options: ReplayOptions) -> int:
     if not done.turns:
         raise Refused(f"{path}: no MAVLink frame in it: not a tlog, or an empty one", Exit.NOTHING_HEARD)
     _say_size(str(path), done, took)
+    damage = find_damage(path)
+    if damage is not None:
+        click.echo(f"  WARNING    {path.name}: {damage}: replayed up to {done.until:.1f} s")
     if pilot.engaged_at is None:
         raise Refused(f"{path}: nothing to steer by: {_what_is_missing(pilot)}", Exit.NOTHING_HEARD)
     _say_ticks(done, pilot, None)
@@ -122,11 +127,27 @@ def _say_size(name: str, done: Replayed, took: float) -> None:
     click.echo(f"{name}: {done.until:.1f} s, {done.frames} frames in, replayed in {took:.2f} s")
 
 
-def _say_setpoints(done: Replayed) -> None:
+def _say_damage(run: Run, done: Replayed, pilot: Pilot) -> bool:
+    """A warning where not all of the flight is in the log as it was; tells whether all is."""
+    end = float(run.ticks.time[-1]) if len(run.ticks.time) else 0.0
+    short = end - done.until > UNRECORDED
+    spoilt = pilot.counts().bad
+    problems = [run.damage] if run.damage else []
+    if short and not problems:
+        problems.append(f"replayed up to {done.until:.1f} s of {end:.1f} s, where flight.tlog or turns.csv ends")
+    if spoilt:
+        problems.append(f"flight.tlog: left out as damaged: {spoilt} of the frames that came in")
+    for problem in problems:
+        click.echo(f"  WARNING    {problem}")
+    return not (short or spoilt)
+
+
+def _say_setpoints(done: Replayed, whole: bool) -> None:
     """What was sent against what would have been."""
     was, would = done.was_setpoints, done.setpoints
     if done.identical:
-        click.echo(f"  setpoints  {len(was)} as flown, byte for byte the same, and so is all else that was sent")
+        until = "" if whole else f" up to {done.until:.1f} s"
+        click.echo(f"  setpoints  {len(was)} as flown, byte for byte the same{until}, and so is all else that was sent")
         return
     same = len(set(was) & set(would))
     click.echo(f"  setpoints  {len(was)} as flown, {len(would)} in the replay, {same} of them the same")

@@ -26,7 +26,11 @@ def report_run(folder: str) -> int:
         if len(run.ticks.time) == 1:
             raise Refused(f"{folder}: a single tick was recorded, too little for a report", Exit.NOTHING_HEARD)
         mission = parse_mission(run.mission_text, str(run.folder / "mission.toml"))
-        click.echo(write_report(run, report_facts(run, mission, _unfinished(run, mission) | run.summary)))
+        summary = _unfinished(run, mission) | run.summary
+        if run.damage is not None:
+            click.echo(f"  WARNING    {run.damage}")
+            summary["recording_problem"] = "; ".join(filter(None, (summary["recording_problem"], run.damage)))
+        click.echo(write_report(run, report_facts(run, mission, summary)))
         title = f"{run.name}: {mission.orbit.radius:g} m {mission.orbit.direction.value}"
         plot_flight(run.folder / "flight.png", run.ticks, run.truth, mission.orbit, title)
         plot_estimates(run.folder / "estimates.png", run.ticks, mission.file.guidance.gate_sigma, title)

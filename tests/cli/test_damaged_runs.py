@@ -1,10 +1,12 @@
 """Run folders that were damaged in every way: report, export and replay tell what there is, or refuse in one line."""
 
 import json
+import re
 import shutil
 
 import pytest
 
+from circnav_mav.analysis.run_folder import read_tlog
 from tests.flight.recorded import recorded_flight
 
 
@@ -156,3 +158,77 @@ def test_a_folder_named_like_a_part_of_the_page_is_only_named(circnav, run, tmp_
     run.rename(odd)
     assert circnav("report", odd).code == 0
     assert "run folder " + str(odd) in (odd / "report.html").read_text()
+
+
+# --- a log that is damaged: read as far as it goes, and said so ---
+
+
+def records(run):
+    """Where each record of the tlog begins."""
+    at, found = 0, []
+    for _, frame in read_tlog(run / "flight.tlog"):
+        found.append(at)
+        at += 8 + len(frame)
+    return found
+
+
+def spoil(path, at, data):
+    whole = bytearray(path.read_bytes())
+    whole[at : at + len(data)] = data
+    path.write_bytes(whole)
+
+
+def test_a_log_that_was_cut_is_compared_up_to_there_and_called_cut(circnav, run):
+    log = run / "flight.tlog"
+    size, third = log.stat().st_size, records(run)[len(records(run)) // 3]
+    log.write_bytes(log.read_bytes()[: third + 10])
+    ran = circnav("replay", run)
+    assert (ran.code, ran.err) == (0, "")
+    assert f"WARNING    flight.tlog: cut off or damaged at byte {third} of {third + 10} (" in ran.out
+    assert size > 3 * third
+    assert re.search(r"byte for byte the same up to \d\.\d s, and", ran.out)
+    assert "cut off or damaged at byte" in circnav("report", run).out
+    assert "cut off or damaged at byte" in (run / "report.html").read_text()
+    assert "cut off or damaged at byte" in circnav("export", run, "--mcap").out
+
+
+def test_a_log_that_ends_between_two_frames_is_not_called_the_same_to_the_end(circnav, run):
+    log = run / "flight.tlog"
+    log.write_bytes(log.read_bytes()[: records(run)[len(records(run)) // 2]])
+    ran = circnav("replay", run)
+    assert re.search(r"WARNING    replayed up to \d\.\d s of \d\.\d s, where flight\.tlog or turns\.csv ends", ran.out)
+    assert "byte for byte the same up to" in ran.out
+
+
+def test_zeros_in_the_middle_of_a_log_are_told_with_their_place(circnav, run):
+    middle = records(run)[len(records(run)) // 2]
+    spoil(run / "flight.tlog", middle, bytes(64))
+    assert f"cut off or damaged at byte {middle} of " in circnav("replay", run).out
+
+
+def test_a_frame_whose_check_fails_is_told(circnav, run):
+    frames = list(read_tlog(run / "flight.tlog"))
+    heard = next(n for n, (_, frame) in enumerate(frames) if n > 100 and frame[5] != 255)
+    spoil(run / "flight.tlog", records(run)[heard] + 8 + 10, b"\xaa\x55")
+    ran = circnav("replay", run)
+    assert "flight.tlog: left out as damaged: 1 of the frames that came in" in ran.out
+
+
+@pytest.mark.parametrize(
+    ("offset", "data"), [(8, b"\x00"), (0, b"\xff" * 8)], ids=["no frame begins", "a stamp of the far future"]
+)
+def test_a_plain_log_is_replayed_up_to_its_damage_and_said_so(circnav, run, tmp_path, config, offset, data):
+    log = tmp_path / "yesterday.tlog"
+    log.write_bytes((run / "flight.tlog").read_bytes())
+    middle = records(run)[len(records(run)) // 2]
+    spoil(log, middle + offset, data)
+    ran = circnav("replay", log, "--mission", config / "quickstart.toml")
+    assert (ran.code, ran.err) == (0, "")
+    assert f"WARNING    yesterday.tlog: cut off or damaged at byte {middle} of {log.stat().st_size}" in ran.out
+
+
+def test_a_log_of_which_every_stamp_is_wild_is_none(circnav, run, tmp_path, config):
+    log = tmp_path / "yesterday.tlog"
+    log.write_bytes(b"".join(b"\xff" * 8 + frame for _, frame in read_tlog(run / "flight.tlog")))
+    ran = circnav("replay", log, "--mission", config / "quickstart.toml")
+    assert (ran.code, "no MAVLink frame in it" in ran.line) == (3, True)
