@@ -1,6 +1,8 @@
 """`circnav campaign`: thousands of flights, a table, a summary and pictures."""
 
+import signal
 import time
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
@@ -24,6 +26,8 @@ from circnav_mav.mission.load import MissionError
 from circnav_mav.runtime.clock import local_time_name
 from sim.config import ConfigError
 
+MOST_JUDGED = 200
+"""Flights of which it is found out beforehand which engine they need."""
 TELL_EVERY = 10.0
 """Time, s, between two lines of progress where there is no terminal."""
 
@@ -51,26 +55,31 @@ def fly_campaign(options: CampaignOptions) -> int:
             raise Refused("--resume: name the folder to go on with: --out DIR")
         name = Path(options.file).stem
         folder = Path(options.out) if options.out else Path("campaigns") / f"{local_time_name()}-{name}"
-        _say_engine(campaign)
-        store = Store(folder, campaign, resume=options.resume)
-        with closing(store):
+        engines = _engines(campaign)
+        signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: what was flown is kept, and said
+        with closing(Store(folder, campaign, resume=options.resume)) as store:
+            click.echo(engines)
             interrupted = _fly(campaign, store, options)
-        return _finish(campaign, store, name, interrupted)
+            return _finish(campaign, store, name, interrupted)
     except (CampaignError, StoreError, ExecutionError) as error:
         raise Refused(str(error)) from None
 
 
-def _say_engine(campaign: Campaign) -> None:
-    """Which engine flies, judged by the first points of the grid. Raises Refused."""
+def _engines(campaign: Campaign) -> str:
+    """Which engine flies how many of the flights, judged by the first of them, in words. Raises Refused."""
     if campaign.engine == "lockstep":
-        click.echo(f"{campaign.where}: {campaign.runs} flights in lockstep")
-        return
-    reasons = dict.fromkeys(filter(None, (_obstacle(campaign, n) for n in range(min(campaign.cells, 64)))))
+        return f"{campaign.where}: {campaign.runs} flights in lockstep"
+    judged = min(campaign.runs, MOST_JUDGED)
+    reasons = Counter(filter(None, (_obstacle(campaign, number) for number in range(judged))))
     if reasons and campaign.engine == "batch":
         raise Refused(f'{campaign.where}: engine: "batch" cannot fly this: {next(iter(reasons))}')
-    click.echo(f"{campaign.where}: {campaign.runs} flights in batches")
-    for reason in reasons:
-        click.echo(f"  in lockstep, one by one, where {reason}")
+    slow = sum(reasons.values())
+    counted = f"{judged - slow} in batches, {slow} in lockstep"
+    flights = (
+        f"{campaign.runs} flights" if judged == campaign.runs else f"{campaign.runs} flights, of the first {judged}"
+    )
+    each = [f"  in lockstep, one by one: {count} where {reason}" for reason, count in reasons.items()]
+    return "\n".join([f"{campaign.where}: {flights}: {counted}", *each])
 
 
 def _obstacle(campaign: Campaign, number: int) -> str | None:
@@ -82,7 +91,7 @@ def _obstacle(campaign: Campaign, number: int) -> str | None:
 
 def _fly(campaign: Campaign, store: Store, options: CampaignOptions) -> bool:
     """Fly the missing runs; tells whether somebody interrupted. Raises StoreError, ExecutionError."""
-    missing = [chunk for chunk in chunks(campaign) if not store.done.issuperset(chunk)]
+    missing = [left for chunk in chunks(campaign) if (left := [run for run in chunk if run not in store.done])]
     if options.scheduler is not None:
         results = on_scheduler(campaign, missing, options.scheduler)
     else:

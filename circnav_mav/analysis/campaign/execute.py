@@ -4,16 +4,22 @@ import logging
 import multiprocessing
 import os
 import signal
+import socket
+import threading
+from collections import deque
 from collections.abc import Generator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from queue import SimpleQueue
 from typing import Any
 
-from circnav_mav.analysis.campaign.fly import Row, fly_chunk
+from circnav_mav.analysis.campaign.fly import Row, fly_part
 from circnav_mav.analysis.campaign.plan import Campaign
 
 Chunks = Sequence[Sequence[int]]
 Rows = Generator[list[Row], None, None]
+Part = tuple[list[Row], list[int]]
+MOST_PORT = 65535
 PATIENCE = 5.0
 """Time, s, that a scheduler is given to answer."""
 
@@ -30,14 +36,22 @@ def cores() -> int:
 def on_cores(campaign: Campaign, chunks: Chunks, processes: int) -> Rows:
     """The rows of the chunks as they finish, in any order. Raises ExecutionError."""
     if processes == 1 or len(chunks) == 1:
-        yield from (fly_chunk(campaign, chunk) for chunk in chunks)
+        yield from _in_turn(campaign, chunks)
         return
     spawn = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(min(processes, len(chunks)), mp_context=spawn, initializer=_leave_signals_to_parent)
-    finished = False
+    pool = ProcessPoolExecutor(min(processes, len(chunks)), mp_context=spawn, initializer=_follow_parent)
+    ready: SimpleQueue[Future[Part]] = SimpleQueue()
+    flying, finished = 0, False
     try:
-        for future in as_completed([pool.submit(fly_chunk, campaign, chunk) for chunk in chunks]):
-            yield future.result()
+        for chunk in chunks:
+            pool.submit(fly_part, campaign, chunk).add_done_callback(ready.put)
+            flying += 1
+        while flying:
+            rows, alone = ready.get().result()
+            for number in alone:
+                pool.submit(fly_part, campaign, [number]).add_done_callback(ready.put)
+            flying += len(alone) - 1
+            yield rows
         finished = True
     except BrokenProcessPool:
         raise ExecutionError("a worker process died (out of memory?): --resume flies what is missing") from None
@@ -48,29 +62,60 @@ def on_cores(campaign: Campaign, chunks: Chunks, processes: int) -> Rows:
         pool.shutdown(wait=finished, cancel_futures=True)
 
 
+def _in_turn(campaign: Campaign, chunks: Chunks) -> Rows:
+    """The same one after the other, in this process."""
+    waiting = deque(chunks)
+    while waiting:
+        rows, alone = fly_part(campaign, waiting.popleft())
+        waiting.extendleft([number] for number in reversed(alone))
+        yield rows
+
+
 def on_scheduler(campaign: Campaign, chunks: Chunks, address: str) -> Rows:
     """The same on the workers of a Dask scheduler. Raises ExecutionError."""
     try:
         import distributed
     except ImportError:
         raise ExecutionError("--scheduler needs Dask: pip install 'circnav-mav[cluster]'") from None
+    _knock(address)
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     try:
         client: Any = distributed.Client(address, timeout=PATIENCE, set_as_default=False)  # type: ignore[no-untyped-call]
-    except (OSError, ValueError, TimeoutError) as error:
+    except Exception as error:  # Dask raises many: no scheduler is there, or it wants certificates
         said = str(error).splitlines()[0] if str(error) else "no answer"
-        raise ExecutionError(f"--scheduler {address}: nobody answers: {said}") from None
+        raise ExecutionError(f"--scheduler {address}: no Dask scheduler answers: {said}") from None
     with client:
         if not client.scheduler_info()["workers"]:
             raise ExecutionError(f"--scheduler {address}: has no workers: start some with: dask worker {address}")
         yield from _gathered(distributed, client, campaign, chunks, address)
 
 
+def _knock(address: str) -> None:
+    """Whether anybody listens there; Dask itself would try for long, and leave threads that complain. Raises
+    ExecutionError."""
+    scheme, _, place = address.rpartition("://")
+    host, _, port = place.rpartition(":")
+    if scheme not in ("", "tcp", "tls") or not host or not port.isdecimal() or int(port) > MOST_PORT:
+        raise ExecutionError(f"--scheduler {address}: write it as tcp://HOST:PORT")
+    try:
+        socket.create_connection((host.strip("[]"), int(port)), PATIENCE).close()
+    except (OSError, UnicodeError) as error:
+        raise ExecutionError(
+            f"--scheduler {address}: nobody answers: {getattr(error, 'strerror', None) or error}"
+        ) from None
+
+
 def _gathered(distributed: Any, client: Any, campaign: Campaign, chunks: Chunks, address: str) -> Rows:
     try:
         shared = client.scatter(campaign, broadcast=True, hash=False)
-        futures = [client.submit(fly_chunk, shared, list(chunk), pure=False) for chunk in chunks]
-        for _, rows in distributed.as_completed(futures, loop=client.loop, with_results=True):
+        futures = [client.submit(fly_part, shared, list(chunk), pure=False) for chunk in chunks]
+        ready = distributed.as_completed(futures, loop=client.loop, with_results=True)
+        for _, part in ready:
+            if isinstance(part, BaseException):  # a scheduler that died in between
+                raise part
+            rows, alone = part
+            for number in alone:
+                ready.add(client.submit(fly_part, shared, [number], pure=False))
             yield rows
     except GeneratorExit:
         raise
@@ -81,5 +126,14 @@ def _gathered(distributed: Any, client: Any, campaign: Campaign, chunks: Chunks,
         ) from None
 
 
-def _leave_signals_to_parent() -> None:
+def _follow_parent() -> None:
+    """In a worker: a signal from the terminal is the parent's to answer, and the parent's end is ours, too."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, name="end with parent", daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

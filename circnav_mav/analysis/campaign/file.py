@@ -1,14 +1,14 @@
 """Reads a campaign file: which mission, how often, and what varies. Whatever is wrong becomes one line."""
 
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from circnav_mav.analysis.campaign.plan import Campaign
+from circnav_mav.analysis.campaign.plan import START, Campaign
 from circnav_mav.analysis.campaign.spec import DRAWS, Spec, SpecError, read_spec
 from circnav_mav.mission.load import MissionError, load_mission
 
@@ -37,6 +37,8 @@ def load_campaign(path: str | Path, runs: int | None = None) -> Campaign:
         table = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise CampaignError(f"{path}: not valid TOML: {error}") from None
+    except RecursionError:
+        raise CampaignError(f"{path}: not valid TOML: nested too deeply") from None
     try:
         file = CampaignFile.model_validate(table if runs is None else table | {"runs": runs})
     except ValidationError as error:
@@ -73,6 +75,7 @@ def _specs(vary: Mapping[str, Any], where: str) -> dict[str, Spec]:
     """The specs by dotted key, whether the file wrote the key in quotes or as nested tables."""
     specs: dict[str, Spec] = {}
     for key, value in _flat(vary):
+        _check_alone(key, specs, where)
         try:
             specs[key] = read_spec(value)
         except SpecError as error:
@@ -80,6 +83,17 @@ def _specs(vary: Mapping[str, Any], where: str) -> dict[str, Spec]:
     if not specs:
         raise CampaignError(f'{where}: vary: is empty, name what varies: "sim.wind.speed_mps" = [0.0, 5.0]')
     return specs
+
+
+def _check_alone(key: str, others: Iterable[str], where: str) -> None:
+    """No other key sets what this one does, or a part of it. Raises CampaignError."""
+    sets = f"{START.get(key, key)}."
+    for other in others:
+        if other == key:
+            raise CampaignError(f"{where}: vary: {key} is there twice, in two spellings: keep one")
+        taken = f"{START.get(other, other)}."
+        if sets.startswith(taken) or taken.startswith(sets):
+            raise CampaignError(f"{where}: vary: {other} and {key} set the same key: keep one")
 
 
 def _flat(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:

@@ -1,7 +1,7 @@
-"""The one function that every way of running a campaign runs: run numbers in, rows out."""
+"""What every way of running a campaign runs: run numbers in, rows out."""
 
 import traceback
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 from circnav_mav.analysis.campaign.batchable import group, obstacle
@@ -17,6 +17,8 @@ BATCH_STEPS = 8_000_000
 """Steps times flights of a chunk: what is kept of a step and flight takes 8 bytes."""
 MOST_IN_CHUNK = 1000
 """Flights in a chunk: with more, numpy's own cost of a step does not matter any more."""
+MOST_LOOKED_AT = 64
+"""Flights among which one is looked for that a batch flies."""
 LEAST_CHUNKS = 4
 """A small campaign is still cut into so many chunks, for that many processes."""
 
@@ -27,21 +29,43 @@ class NotBatchableError(Exception):
 
 def chunks(campaign: Campaign) -> list[range]:
     """The runs, cut up in a way that depends on the campaign alone: a row never depends on who flies it with whom."""
-    try:
-        run = prepare(campaign, 0)
-        limits, rate = run.mission.file.limits, run.vehicle.ranging.rate_hz
-        steps = int(limits.duration_s * max(limits.tick_hz, rate)) + 1
-        batch = campaign.engine != "lockstep" and obstacle(run) is None
-    except (MissionError, ConfigError):
-        steps, batch = 1, False
-    size = min(MOST_IN_CHUNK, max(1, BATCH_STEPS // steps)) if batch else 1
-    size = max(1, min(size, -(-campaign.runs // LEAST_CHUNKS)))
+    size = max(1, min(_most_together(campaign), -(-campaign.runs // LEAST_CHUNKS)))
     return [range(first, min(first + size, campaign.runs)) for first in range(0, campaign.runs, size)]
 
 
+def _most_together(campaign: Campaign) -> int:
+    """How many flights make a chunk: as many as memory holds of the first that a batch flies, one where none does."""
+    for number in range(min(campaign.runs, MOST_LOOKED_AT) if campaign.engine != "lockstep" else 0):
+        try:
+            run = prepare(campaign, number)
+        except (MissionError, ConfigError):
+            continue
+        if obstacle(run) is None:
+            limits, rate = run.mission.file.limits, run.vehicle.ranging.rate_hz
+            steps = int(limits.duration_s * max(limits.tick_hz, rate)) + 1
+            return min(MOST_IN_CHUNK, max(1, BATCH_STEPS // steps))
+    return 1
+
+
 def fly_chunk(campaign: Campaign, numbers: Iterable[int]) -> list[Row]:
-    """Fly some runs and return their rows in order. Nothing that a run does keeps the others from being flown."""
-    rows: dict[int, Row] = {}
+    """Fly some runs to their ends and return their rows in order."""
+    rows, alone = _fly_batches(campaign, numbers)
+    return sorted(rows + [_fly_alone(run) for run in alone], key=lambda done: int(done["run"]))
+
+
+def fly_part(campaign: Campaign, numbers: Sequence[int]) -> tuple[list[Row], list[int]]:
+    """The rows of the runs that can be flown together, and the numbers of those that are left and take a flight each:
+    their rows need not wait for one another. A single run is always flown."""
+    if len(numbers) == 1:
+        return fly_chunk(campaign, numbers), []
+    rows, alone = _fly_batches(campaign, numbers)
+    return rows, [run.number for run in alone]
+
+
+def _fly_batches(campaign: Campaign, numbers: Iterable[int]) -> tuple[list[Row], list[Run]]:
+    """The rows of all but the runs that must be flown alone, and these. Nothing that a run does keeps the others from
+    being flown."""
+    rows: list[Row] = []
     alone: list[Run] = []
     together: dict[tuple[tuple[str, str], ...], list[Run]] = {}
     for number in numbers:
@@ -51,21 +75,18 @@ def fly_chunk(campaign: Campaign, numbers: Iterable[int]) -> list[Row]:
             if reason is not None and campaign.engine == "batch":
                 raise NotBatchableError(f"no batch flies this mission: {reason}")
         except (MissionError, ConfigError, NotBatchableError) as error:
-            rows[number] = failed_row(number, campaign.values(number), str(error))
+            rows.append(failed_row(number, campaign.values(number), str(error)))
             continue
         if reason is None:
             together.setdefault(group(run), []).append(run)
         else:
             alone.append(run)
     for runs in together.values():
-        for number, done in _fly_together(runs, alone):
-            rows[number] = done
-    for run in alone:
-        rows[run.number] = _fly_alone(run)
-    return [rows[number] for number in sorted(rows)]
+        rows += _fly_together(runs, alone)
+    return rows, alone
 
 
-def _fly_together(runs: list[Run], alone: list[Run]) -> Iterator[tuple[int, Row]]:
+def _fly_together(runs: list[Run], alone: list[Run]) -> Iterator[Row]:
     """The rows of a batch; flights that it cannot fly are handed on to be flown alone."""
     try:
         tracks = fly_batch(runs)
@@ -78,7 +99,7 @@ def _fly_together(runs: list[Run], alone: list[Run]) -> Iterator[tuple[int, Row]
         if track is None:
             alone.append(run)
         else:
-            yield run.number, row(run, track)
+            yield row(run, track)
 
 
 def _fly_alone(run: Run) -> Row:

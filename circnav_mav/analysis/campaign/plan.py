@@ -16,6 +16,8 @@ from sim.config import ConfigError, VehicleConfig, parse_vehicle
 START = {f"start.{name}": f"sim.start.random.{name}" for name in ("range_m", "bearing_deg", "heading_deg")}
 """The start as seen from the target, which the vehicle file only knows as bounds to draw from."""
 SEED = "sim.seed"
+TRIES, SCATTER = 32, 7919
+"""Runs tried with a value before it is refused, and a prime that scatters them over the grid."""
 
 
 @dataclass(frozen=True)
@@ -72,31 +74,44 @@ def prepare(campaign: Campaign, number: int) -> Run:
     """The mission of a run through the loaders that every mission passes. Raises MissionError, ConfigError."""
     values = campaign.values(number)
     table = copy.deepcopy(campaign.mission)
+    where = f"{campaign.where}: vary"
     for key, value in values.items():
-        _put(table, START.get(key, key), [value, value] if key in START else value)
-    mission = mission_of(table, f"{campaign.where}: vary")
+        _put(table, START.get(key, key), [value, value] if key in START else value, where)
+    mission = mission_of(table, where)
     if mission.file.sim is None or not mission.flies_sim:
-        raise MissionError(f'{campaign.where}: vary: link.endpoint: must stay "sim"')
-    return Run(number, values, mission, parse_vehicle(mission.file.sim, f"{campaign.where}: vary: sim"))
+        raise MissionError(f'{where}: link.endpoint: must stay "sim"')
+    return Run(number, values, mission, parse_vehicle(mission.file.sim, f"{where}: sim"))
 
 
 def hopeless(campaign: Campaign) -> str | None:
-    """Why none of the first runs, one for each point of the grid, can be flown; None if any can."""
+    """Why a listed value, or all that is drawn, can never be flown; None if each can, with some other values."""
+    stride, points = 1, [(1, 1, 0)]
+    for values in campaign.swept.values():
+        points += [(stride, len(values), which) for which in range(len(values))]
+        stride *= len(values)
+    return next(filter(None, (_why_not(campaign, *point) for point in points)), None)
+
+
+def _why_not(campaign: Campaign, stride: int, values: int, which: int) -> str | None:
+    """Why no run can be flown that has value number `which` of a key of so many; None if any of a few can, which lie
+    here and there in the grid and among the draws. stride: of the key in the numbers of the grid's points."""
     first = None
-    for number in range(min(campaign.runs, max(8, campaign.cells), 256)):
+    for world in range(TRIES):
+        cell = world * SCATTER % campaign.cells
+        cell += stride * (which - cell // stride % values)
         try:
-            prepare(campaign, number)
+            prepare(campaign, world * campaign.cells + cell)
             return None
         except (MissionError, ConfigError) as error:
             first = first or str(error)
     return first
 
 
-def _put(table: dict[str, Any], key: str, value: Any) -> None:
+def _put(table: dict[str, Any], key: str, value: Any, where: str) -> None:
     *above, last = key.split(".")
     for part in above:
         inner = table.setdefault(part, {})
         if not isinstance(inner, Mapping):
-            raise MissionError(f"vary.{key}: {part} is a value, not a table")
+            raise MissionError(f"{where}: {key}: {part} is a value, not a table")
         table = inner  # type: ignore[assignment]
     table[last] = value

@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from difflib import get_close_matches
-from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -39,6 +38,8 @@ DRAWS: dict[str, Callable[..., Any]] = {
     "log_uniform": lambda rng, low, high: float(np.exp(rng.uniform(np.log(low), np.log(high)))),
     "choice": lambda rng, *values: values[rng.integers(len(values))],
 }
+MOST = 1e300
+"""Largest bound of a draw: sums of two such numbers are numbers still."""
 FORMS = "a list, {uniform=[low, high]}, {log_uniform=[low, high]}, {normal=[mean, sigma]} or {choice=[...]}"
 
 
@@ -62,10 +63,13 @@ def read_spec(value: Any) -> Spec:
     return Drawn(kind, tuple(numbers))
 
 
+def _is_plain(number: Any) -> bool:
+    return isinstance(number, int | float) and not isinstance(number, bool) and abs(number) <= MOST
+
+
 def _check_numbers(kind: str, numbers: list[Any]) -> None:
-    plain = all(isinstance(n, int | float) and not isinstance(n, bool) and isfinite(n) for n in numbers)
-    if not plain or len(numbers) != 2:
-        raise SpecError(f"{kind}: must be two finite numbers, not {numbers!r}")
+    if len(numbers) != 2 or not all(map(_is_plain, numbers)):
+        raise SpecError(f"{kind}: must be two numbers, neither of them above {MOST:g}, not {numbers!r:.80}")
     first, second = numbers
     if kind == "normal" and second < 0:
         raise SpecError(f"normal: the standard deviation must be at least 0, not {second:g}")

@@ -3,15 +3,18 @@
 import csv
 import io
 import json
-import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
 from circnav_mav.analysis.campaign.figures import FIGURES, NUMBERS, columns
 from circnav_mav.analysis.campaign.plan import Campaign
+from circnav_mav.analysis.whole_file import whole_file
 
 TABLE = "runs.csv"
+SOURCE = "campaign.toml"
+"""The campaign file as it is flown; whoever flies it holds it locked."""
 
 
 class StoreError(Exception):
@@ -19,25 +22,34 @@ class StoreError(Exception):
 
 
 class Store:
-    """The table of a campaign. What was written stays readable and can be resumed, whatever happens afterwards."""
+    """The table of a campaign. What was written stays readable and can be resumed, whatever happens afterwards. One
+    process at a time has the folder; nothing in it that is not this campaign's is written over."""
 
     def __init__(self, folder: Path, campaign: Campaign, *, resume: bool = False) -> None:
         """Make the folder, or open that of an earlier run of the same campaign. Raises StoreError."""
         self.folder, self.done = folder, set[int]()
         self._columns, self._runs = columns(campaign), campaign.runs
         self._path = folder / TABLE
-        sources = {"campaign.toml": campaign.text, "mission.toml": campaign.mission_text}
-        try:
-            if self._begun():
-                self._reopen(sources, resume)
-            else:
+        sources = {SOURCE: campaign.text, "mission.toml": campaign.mission_text}
+        with ExitStack() as held:
+            try:
+                if folder.exists() and not (folder / SOURCE).is_file():
+                    if resume and self._begun():
+                        raise StoreError(f"{folder}: cannot resume: {SOURCE} is missing; name another --out")
+                    self._refuse_foreign({})
                 folder.mkdir(parents=True, exist_ok=True)
-                for name, text in sources.items():
-                    (folder / name).write_text(text, encoding="utf-8")
-                self._path.write_bytes(_line(self._columns))
-            self._file = self._path.open("ab", buffering=0)
-        except OSError as error:
-            raise _cannot(self._path, error) from None
+                held.enter_context(_lock(folder))
+                if self._begun():
+                    self._reopen(sources, resume)
+                else:
+                    self._refuse_foreign(sources)
+                    for name, text in sources.items():
+                        (folder / name).write_text(text, encoding="utf-8")
+                    self._path.write_bytes(_line(self._columns))
+                self._file = held.enter_context(self._path.open("ab", buffering=0))
+            except OSError as error:
+                raise StoreError(f"{error.filename or folder}: cannot be used: {error.strerror or error}") from None
+            self._held = held.pop_all()
 
     def add(self, rows: Iterable[dict[str, Any]]) -> None:
         """Append the rows that are not there yet, each of them at once. Raises StoreError."""
@@ -49,23 +61,24 @@ class Store:
                 if self._file.write(line) != len(line):
                     raise OSError(28, "No space left on device")
             except OSError as error:
-                raise _cannot(self._path, error) from None
+                raise StoreError(
+                    f"{self._path}: cannot be written: {error.strerror or error}; what is there can be resumed"
+                ) from None
             self.done.add(row["run"])
 
     def close(self) -> None:
-        """No more rows."""
-        self._file.close()
+        """No more rows; the folder is free for others."""
+        self._held.close()
 
     def sort(self) -> None:
-        """Put the rows in the order of their runs: equal campaigns give equal files. Raises StoreError."""
-        header, *lines = self._path.read_bytes().splitlines(keepends=True) or [b""]
-        fresh = self._path.with_suffix(".sorted")
+        """Put the rows in the order of their runs, after the last of them: equal campaigns give equal files. Raises
+        StoreError."""
         try:
-            fresh.write_bytes(header + b"".join(sorted(lines, key=_number)))
-            os.replace(fresh, self._path)
+            header, *lines = self._path.read_bytes().splitlines(keepends=True) or [b""]
+            with whole_file(self._path) as fresh:
+                fresh.write_bytes(header + b"".join(sorted(lines, key=_number)))
         except OSError as error:
-            fresh.unlink(missing_ok=True)
-            raise _cannot(fresh, error) from None
+            raise _cannot(self._path, error) from None
 
     def read(self) -> list[dict[str, str]]:
         """The rows as text. Raises StoreError."""
@@ -79,13 +92,22 @@ class Store:
         """Whether a row was written there; a header alone is of a campaign that nobody flew."""
         return self._path.exists() and self._path.read_bytes().count(b"\n") > 1
 
+    def _refuse_foreign(self, sources: dict[str, str]) -> None:
+        """Only a campaign that nobody flew yet may be there, with these sources or none. Raises StoreError, OSError."""
+        for path in sorted(self.folder.iterdir()):
+            own = {b"", sources.get(path.name, "").encode()} if path.name in sources else {_line(self._columns)}
+            if path.name not in (*sources, TABLE) or path.read_bytes() not in own:
+                raise StoreError(f"{self.folder}: holds {path.name}, which is not of this campaign: name another --out")
+
     def _reopen(self, sources: dict[str, str], resume: bool) -> None:
         """Take up where it stopped; a last line that was torn is dropped. Raises StoreError, OSError."""
         if not resume:
             raise StoreError(f"{self.folder}: holds a campaign already: --resume it, or name another --out")
         for name, text in sources.items():
-            if (self.folder / name).read_bytes() != text.encode():
-                raise StoreError(f"{self.folder}: cannot resume: {name} has changed since; name another --out")
+            there = (self.folder / name).read_bytes() if (self.folder / name).is_file() else b""
+            if there != text.encode():
+                what = "has changed since" if there else "is missing"
+                raise StoreError(f"{self.folder}: cannot resume: {name} {what}; name another --out")
         data = self._path.read_bytes()
         whole = data[: data.rfind(b"\n") + 1]
         header, *lines = whole.splitlines(keepends=True) or [_line(self._columns)]
@@ -98,6 +120,11 @@ class Store:
             if run is None or run in self.done:
                 raise StoreError(f"{self._path}: line {number} is damaged: delete it, and its run is flown again")
             self.done.add(run)
+        beyond = [run for run in self.done if run >= self._runs]
+        if beyond:
+            raise StoreError(
+                f"{self._path}: holds run {min(beyond)} and more: ask for at least {max(beyond) + 1} --runs"
+            )
 
     def _whole(self, line: bytes) -> int | None:
         """The number of the run that a line tells of; None for a line that nobody wrote like this."""
@@ -106,13 +133,29 @@ class Store:
             for name, cell in zip(self._columns[1:], cells, strict=True):
                 if name in NUMBERS and cell:
                     float(cell)
-            return int(run) if run.isdecimal() and int(run) < self._runs else None
+            return int(run) if run.isdecimal() else None
         except (ValueError, csv.Error):
             return None
 
 
+@contextmanager
+def _lock(folder: Path) -> Iterator[None]:
+    """Keeps other processes out of the folder until it is closed or the process ends, however it does. A file system or
+    a machine without locks is taken as it is. Raises StoreError, OSError."""
+    with (folder / SOURCE).open("ab") as file:
+        try:
+            import fcntl
+
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise StoreError(f"{folder}: another process flies a campaign there: wait, or name another --out") from None
+        except (ImportError, OSError):
+            pass
+        yield
+
+
 def _cannot(path: Path, error: OSError) -> StoreError:
-    return StoreError(f"{path}: cannot be written: {error.strerror or error}; what is there can be resumed")
+    return StoreError(f"{path}: cannot be read or written: {error.strerror or error}")
 
 
 def _number(line: Any) -> int:

@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from circnav_mav.analysis.whole_file import write_whole
+
 Z = 1.959964
 """Both intervals are of 95 %."""
 Interval = tuple[float | None, float | None]
@@ -64,8 +66,8 @@ def summarise(rows: Sequence[dict[str, str]], swept: Sequence[str]) -> dict[str,
 
 
 def write_summary(folder: Path, summary: dict[str, Any]) -> None:
-    """Write summary.json. Raises OSError."""
-    (folder / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+    """Write summary.json, whole or not at all. Raises OSError."""
+    write_whole(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
 
 
 def wilson(hits: int, of: int) -> Interval:
