@@ -144,7 +144,7 @@ def _finish(campaign: Campaign, store: Store, name: str, interrupted: bool) -> i
     """Sort the table, write and print the summary, draw. Raises StoreError, Refused."""
     store.sort()
     rows = store.read()
-    summary = summarise(rows, list(campaign.swept))
+    summary = summarise(rows, campaign.swept)
     try:
         write_summary(store.folder, summary)
         pictures = plot_campaign(store.folder, rows, list(campaign.specs), list(campaign.swept), name) if rows else []
@@ -170,7 +170,8 @@ def _say(what: str, figures: dict[str, Any]) -> None:
     line = f"  {what:<34} kept {figures['kept']} of {figures['flights']}{share}"
     if figures["rms_median"] is not None:
         low, high = figures["rms_interval"]
-        line += f"  RMS {figures['rms_median']:.3g} m ({low:.3g} .. {high:.3g}), 95 %: {figures['rms_p95']:.3g} m"
+        sure = "" if low is None else f" ({low:.3g} .. {high:.3g})"
+        line += f"  RMS {figures['rms_median']:.3g} m{sure}, 95 %: {figures['rms_p95']:.3g} m"
         line += f"  settled {_seconds(figures['settled_median'])}, 95 %: {_seconds(figures['settled_p95'])}"
     for name in ("wrong_way", "failed"):
         line += f"  {name.replace('_', ' ')}: {figures[name]}" if figures[name] else ""

@@ -17,7 +17,7 @@ from circnav_mav.analysis.campaign.fly import chunks, fly_chunk
 from circnav_mav.analysis.campaign.plan import hopeless, prepare
 from circnav_mav.analysis.campaign.steering import Steering
 from circnav_mav.analysis.campaign.store import Store, StoreError
-from circnav_mav.analysis.campaign.summary import median_interval, summarise, wilson
+from circnav_mav.analysis.campaign.summary import summarise
 
 SHORT = '"limits.duration_s" = [20.0]\n"guidance.law" = ["smooth", "pi"]\n'
 
@@ -230,17 +230,19 @@ def test_a_full_disk_is_one_line_and_what_is_there_can_be_resumed(write, tmp_pat
     assert (tmp_path / "out" / "runs.csv").read_bytes() == flown(campaign, tmp_path / "whole")
 
 
-def test_intervals_are_those_of_the_textbook():
-    """Wilson (1927) for 8 of 10; ranks 40 and 61 of 100 hold the median with 95 % (binomial)."""
-    assert wilson(8, 10) == pytest.approx((0.4902, 0.9433), abs=1e-4)
-    assert median_interval(list(range(1, 101))) == (40.0, 61.0)
-
-
 def test_summary_counts_every_value_of_the_grid():
-    row = {"outcome": "completed", "kept": "true", "rms_m": "1", "settled_s": "", "closest_m": "3", "right_way": "true"}
+    row = {
+        "run": "0",
+        "outcome": "completed",
+        "kept": "true",
+        "rms_m": "1",
+        "settled_s": "",
+        "closest_m": "3",
+        "right_way": "true",
+    }
     lost = row | {"kept": "false", "rms_m": "9", "right_way": "false"}
-    failed = dict.fromkeys(row, "") | {"outcome": "error", "kept": "false"}
-    summary = summarise([row | {"k": "1"}, lost | {"k": "2"}, failed | {"k": "2"}], ["k"])
+    failed = dict.fromkeys(row, "") | {"run": "3", "outcome": "error", "kept": "false"}
+    summary = summarise([row | {"k": "1"}, lost | {"k": "2"}, failed | {"k": "2"}], {"k": (1, 2)})
     assert (summary["all"]["flights"], summary["all"]["kept"], summary["all"]["failed"]) == (3, 1, 1)
     assert summary["by"]["k"]["2"]["wrong_way"] == 1
     assert summary["all"]["settled_median"] is None

@@ -117,6 +117,16 @@ def test_an_address_where_nobody_listens_is_refused_before_dask_is_asked(write, 
             list(on_scheduler(load_campaign(write(SHORT)), [[0]], address))
 
 
+def test_somebody_who_listens_and_is_no_scheduler_is_told_apart(write, monkeypatch):
+    distributed = pytest.importorskip("distributed", reason="needs the extra [cluster]")
+    monkeypatch.setattr(distributed, "Client", None)
+    monkeypatch.setattr(execute, "PATIENCE", 0.2)
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        address = f"tcp://127.0.0.1:{other.getsockname()[1]}"
+        with pytest.raises(ExecutionError, match="nobody answers: timed out"):
+            list(on_scheduler(load_campaign(write(SHORT)), [[0]], address))
+
+
 def test_a_scheduler_that_dies_in_between_is_one_line_that_says_how_to_go_on(write):
     distributed = pytest.importorskip("distributed", reason="needs the extra [cluster]")
 

@@ -66,6 +66,9 @@ def test_an_empty_folder_and_one_of_the_same_campaign_before_its_first_row_are_t
     (tmp_path / "out").mkdir()
     for _ in range(2):
         Store(tmp_path / "out", campaign).close()
+    (tmp_path / "out" / "summary.json").write_text("of no flights: it was interrupted before the first row")
+    for resume in (True, False):
+        Store(tmp_path / "out", campaign, resume=resume).close()
 
 
 @pytest.mark.parametrize("place", ["/proc/circnav", "/dev/null", "/dev/null/out"])

@@ -122,7 +122,7 @@ def read_campaign(folder: Path, text: str, table: bytes | None) -> None:
         (out / TABLE).write_bytes(table)
         store = Store(out, campaign, resume=True)
         store.sort()
-        summarise(store.read(), list(campaign.swept))
+        summarise(store.read(), campaign.swept)
         store.close()
 
 

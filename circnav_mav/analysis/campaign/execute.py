@@ -78,7 +78,11 @@ def on_scheduler(campaign: Campaign, chunks: Chunks, address: str) -> Rows:
     except ImportError:
         raise ExecutionError("--scheduler needs Dask: pip install 'circnav-mav[cluster]'") from None
     _knock(address)
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    safe = distributed.Security().get_connection_args("client").get("ssl_context")  # type: ignore[no-untyped-call]
+    if address.startswith("tls:") and safe is None:
+        raise ExecutionError(f"--scheduler {address}: tls needs the certificates named in Dask's configuration")
+    for name in ("distributed", "distributed.client"):  # Dask gives the second a level of its own
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
         client: Any = distributed.Client(address, timeout=PATIENCE, set_as_default=False)  # type: ignore[no-untyped-call]
     except Exception as error:  # Dask raises many: no scheduler is there, or it wants certificates
@@ -91,18 +95,21 @@ def on_scheduler(campaign: Campaign, chunks: Chunks, address: str) -> Rows:
 
 
 def _knock(address: str) -> None:
-    """Whether anybody listens there; Dask itself would try for long, and leave threads that complain. Raises
-    ExecutionError."""
+    """Whether anybody listens there, and greets as a scheduler does; Dask itself would try for long, and leave threads
+    that complain. Raises ExecutionError."""
     scheme, _, place = address.rpartition("://")
     host, _, port = place.rpartition(":")
     if scheme not in ("", "tcp", "tls") or not host or not port.isdecimal() or int(port) > MOST_PORT:
         raise ExecutionError(f"--scheduler {address}: write it as tcp://HOST:PORT")
     try:
-        socket.create_connection((host.strip("[]"), int(port)), PATIENCE).close()
+        with socket.create_connection((host.strip("[]"), int(port)), PATIENCE) as there:
+            greeted = scheme == "tls" or there.recv(1)
     except (OSError, UnicodeError) as error:
         raise ExecutionError(
             f"--scheduler {address}: nobody answers: {getattr(error, 'strerror', None) or error}"
         ) from None
+    if not greeted:
+        raise ExecutionError(f"--scheduler {address}: whoever answers there is no Dask scheduler")
 
 
 def _gathered(distributed: Any, client: Any, campaign: Campaign, chunks: Chunks, address: str) -> Rows:

@@ -9,8 +9,10 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from circnav_mav.analysis.campaign.plan import START
+from circnav_mav.analysis.campaign.summary import percentile
 
 Rows = Sequence[dict[str, str]]
 LOST, LINE = "#c8501e", "#1f5fa8"
@@ -80,8 +82,10 @@ def _distributions(rows: Rows, title: str) -> Figure:
     rms, settled = np.maximum(_numbers(rows, "rms_m"), 1e-6), _numbers(rows, "settled_s")
     error.hist(rms, bins=np.geomspace(rms.min(), max(rms.max(), rms.min() * 1.1), 40).tolist(), color=LINE)
     error.set_xscale("log")
+    _label_decades(error.xaxis, rms)
     error.set_xlabel("RMS radius error of the last third, m")
-    error.axvline(float(np.median(rms)), color=LOST, lw=1, label=f"median {np.median(rms):.3g} m")
+    median = percentile(rms, 50) or 0.0
+    error.axvline(median, color=LOST, lw=1, label=f"median {median:.3g} m")
     error.legend()
     never = int(np.isnan(settled).sum())
     if never < len(rows):
@@ -91,7 +95,17 @@ def _distributions(rows: Rows, title: str) -> Figure:
     nearest.hist(_numbers(rows, "closest_m"), bins=40, color=LINE)
     nearest.set_xlabel("closest approach, m")
     error.set_ylabel("flights")
+    for axis in (error, settling, nearest):
+        axis.yaxis.set_major_locator(MaxNLocator(integer=True))
     return figure
+
+
+def _label_decades(axis: Any, values: Any) -> None:
+    """Numbers on a logarithmic axis that do not run into one another, and are some within a single decade, too."""
+    few = values.max() / values.min() < 30
+    axis.set_major_locator(LogLocator(subs=(1, 2, 3, 5) if few else (1,), numticks=12))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def _against(rows: Rows, key: str, swept: Sequence[str], title: str) -> Figure:
@@ -112,7 +126,7 @@ def _against(rows: Rows, key: str, swept: Sequence[str], title: str) -> Figure:
         mine = lines == label
         colour = f"C{number}" if len(labels) > 1 else LINE
         spots, parts = _binned(x[mine], key in swept)
-        middle, low, high = (np.array([np.percentile(rms[mine][part], q) for part in parts]) for q in (50, 5, 95))
+        middle, low, high = (np.array([percentile(rms[mine][part], q) for part in parts]) for q in (50, 5, 95))
         shift = 0.0 if numeric else 0.06 * (number - (len(labels) - 1) / 2)
         style: dict[str, Any] = {"color": colour, "marker": "o", "ms": 4, "lw": 1.5 if numeric else 0}
         error.errorbar(spots + shift, middle, [middle - low, high - middle], capsize=2, elinewidth=0.7,
@@ -125,7 +139,9 @@ def _against(rows: Rows, key: str, swept: Sequence[str], title: str) -> Figure:
     error.legend(title=others[0] if len(labels) > 1 else None, fontsize=8)
     share.set_ylim(-5, 105)
     share.set_ylabel("kept, %")
-    share.set_xlabel(key)
+    drawn = len(np.unique(x))
+    bins = "" if key in swept or drawn <= BINS else f" ({drawn} drawn values, in {BINS} bins of equally many flights)"
+    share.set_xlabel(key + bins)
     return figure
 
 

@@ -93,10 +93,16 @@ class Store:
         return self._path.exists() and self._path.read_bytes().count(b"\n") > 1
 
     def _refuse_foreign(self, sources: dict[str, str]) -> None:
-        """Only a campaign that nobody flew yet may be there, with these sources or none. Raises StoreError, OSError."""
+        """Only this very campaign may be there, without a row as yet, or the beginnings of it. Raises StoreError,
+        OSError."""
+        whole = {name: text.encode() for name, text in sources.items()} | {TABLE: _line(self._columns)}
+        if all(
+            (self.folder / name).is_file() and (self.folder / name).read_bytes() == there
+            for name, there in whole.items()
+        ):
+            return
         for path in sorted(self.folder.iterdir()):
-            own = {b"", sources.get(path.name, "").encode()} if path.name in sources else {_line(self._columns)}
-            if path.name not in (*sources, TABLE) or path.read_bytes() not in own:
+            if path.name not in whole or path.read_bytes() not in (b"", whole[path.name]):
                 raise StoreError(f"{self.folder}: holds {path.name}, which is not of this campaign: name another --out")
 
     def _reopen(self, sources: dict[str, str], resume: bool) -> None:

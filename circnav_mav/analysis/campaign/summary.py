@@ -1,9 +1,9 @@
 """The figures of a table with their confidence intervals, over all flights and for every value that was swept."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence, Sized
 from dataclasses import asdict, dataclass
-from math import ceil, floor, isfinite, sqrt
+from math import ceil, floor, isfinite, prod, sqrt
 from pathlib import Path
 from typing import Any
 
@@ -13,15 +13,19 @@ from circnav_mav.analysis.whole_file import write_whole
 
 Z = 1.959964
 """Both intervals are of 95 %."""
+LEAST_WORLDS = 6
 Interval = tuple[float | None, float | None]
 
 
 @dataclass(frozen=True, slots=True)
 class Figures:
     """failed: could not be flown. wrong_way: went round in the wrong sense. rms_*: m, radius error of the last third.
-    settled_*: s from the engagement until within 5 % for good, None where that is never. closest: m, of all flights."""
+    settled_*: s from the engagement until within 5 % for good, None where that is never. closest: m, of all flights.
+    worlds: flights that share their draws and their noise at several points of the grid count as one in the
+    intervals."""
 
     flights: int
+    worlds: int
     failed: int
     kept: int
     kept_share: float
@@ -35,34 +39,37 @@ class Figures:
     closest: float | None
 
 
-def figures(rows: Sequence[dict[str, str]]) -> Figures:
-    """The figures of some rows of the table."""
+def figures(rows: Sequence[dict[str, str]], points: int = 1) -> Figures:
+    """The figures of some rows of the table. points: of the grid, which all share the draws of a round."""
+    worlds = len({int(row["run"]) // points for row in rows})
     kept = sum(row["kept"] == "true" for row in rows)
     rms = np.sort([float(row["rms_m"]) for row in rows if row["rms_m"]])
     settled = np.sort([float(row["settled_s"] or "inf") for row in rows if row["rms_m"]])
     return Figures(
         flights=len(rows),
+        worlds=worlds,
         failed=sum(row["outcome"] == "error" for row in rows),
         kept=kept,
         kept_share=kept / len(rows) if rows else 0.0,
-        kept_interval=wilson(kept, len(rows)),
+        kept_interval=wilson(kept / len(rows) if rows else 0.0, worlds),
         wrong_way=sum(row["right_way"] == "false" for row in rows),
-        rms_median=_percentile(rms, 50),
-        rms_interval=median_interval(rms),
-        rms_p95=_percentile(rms, 95),
-        settled_median=_percentile(settled, 50),
-        settled_p95=_percentile(settled, 95),
+        rms_median=percentile(rms, 50),
+        rms_interval=median_interval(rms, len({int(row["run"]) // points for row in rows if row["rms_m"]})),
+        rms_p95=percentile(rms, 95),
+        settled_median=percentile(settled, 50),
+        settled_p95=percentile(settled, 95),
         closest=min((float(row["closest_m"]) for row in rows if row["closest_m"]), default=None),
     )
 
 
-def summarise(rows: Sequence[dict[str, str]], swept: Sequence[str]) -> dict[str, Any]:
-    """summary.json: "all", and "by" swept key and value."""
+def summarise(rows: Sequence[dict[str, str]], swept: Mapping[str, Sized]) -> dict[str, Any]:
+    """summary.json: "all", and "by" swept key and value. swept: the values of the grid by key."""
+    points = prod(len(values) for values in swept.values())
     by: dict[str, dict[str, Any]] = {}
     for key in swept:
         values = dict.fromkeys(row[key] for row in rows)
-        by[key] = {value: asdict(figures([row for row in rows if row[key] == value])) for value in values}
-    return {"all": asdict(figures(rows)), "by": by}
+        by[key] = {value: asdict(figures([row for row in rows if row[key] == value], points)) for value in values}
+    return {"all": asdict(figures(rows, points)), "by": by}
 
 
 def write_summary(folder: Path, summary: dict[str, Any]) -> None:
@@ -70,26 +77,30 @@ def write_summary(folder: Path, summary: dict[str, Any]) -> None:
     write_whole(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
 
 
-def wilson(hits: int, of: int) -> Interval:
-    """Wilson's score interval of a share."""
-    if of == 0:
+def wilson(share: float, worlds: int) -> Interval:
+    """Wilson's score interval of a share, over so many worlds that are independent of one another. Flights in one world
+    may all fare alike, so that they tell no more than one of them; where they do not, the interval is wider than need
+    be."""
+    if worlds == 0:
         return None, None
-    share, spread = hits / of, Z**2 / of
+    spread = Z**2 / worlds
     middle = (share + spread / 2) / (1 + spread)
-    half = Z / (1 + spread) * sqrt(share * (1 - share) / of + spread / (4 * of))
-    return max(0.0, middle - half), min(1.0, middle + half)
+    half = Z / (1 + spread) * sqrt(share * (1 - share) / worlds + spread / (4 * worlds))
+    return 0.0 if share == 0 else middle - half, 1.0 if share == 1 else middle + half
 
 
-def median_interval(ordered: Any) -> Interval:
-    """Order statistics that hold the median: ranks n/2 -+ z sqrt(n)/2, rounded outwards; whatever the distribution."""
+def median_interval(ordered: Any, worlds: int) -> Interval:
+    """Order statistics that hold the median whatever the distribution: ranks n/2 -+ z n / (2 sqrt(worlds)), rounded
+    outwards. Of fewer than six worlds even the least and the largest hold it in less than 95 % of all cases: none."""
     n = len(ordered)
-    if n == 0:
+    if worlds < LEAST_WORLDS:
         return None, None
-    low, high = floor(n / 2 - Z * sqrt(n) / 2), ceil(n / 2 + Z * sqrt(n) / 2)
+    half = Z * n / (2 * sqrt(worlds))
+    low, high = floor(n / 2 - half), ceil(n / 2 + half)
     return float(ordered[max(low - 1, 0)]), float(ordered[min(high, n - 1)])
 
 
-def _percentile(ordered: Any, q: float) -> float | None:
-    """The larger neighbour, for there is no mean of a number and never."""
+def percentile(ordered: Any, q: float) -> float | None:
+    """The larger neighbour, for there is no mean of a number and never; None of nothing, and for never."""
     value = float(np.percentile(ordered, q, method="higher")) if len(ordered) else float("inf")
     return value if isfinite(value) else None

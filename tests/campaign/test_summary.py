@@ -1,0 +1,87 @@
+"""Intervals that hold what they say, against the textbook and against chance itself."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from circnav_mav.analysis.campaign.plots import _against, _distributions
+from circnav_mav.analysis.campaign.summary import figures, median_interval, percentile, summarise, wilson
+
+
+def rows_of(kept, rms, points=1):
+    """Rows in the order of their runs, at so many points of a grid with the key k."""
+    return [
+        {"run": str(run), "k": str(run % points), "outcome": "completed", "kept": "true" if good else "false",
+         "rms_m": f"{error:.6g}", "settled_s": "5", "closest_m": "3", "right_way": "true", "wind": f"{error:.4g}"}
+        for run, (good, error) in enumerate(zip(kept, rms, strict=True))
+    ]  # fmt: skip
+
+
+def test_intervals_are_those_of_the_textbook():
+    """Wilson (1927) for 8 of 10; ranks 40 and 61 of 100 hold the median with 95 % (binomial)."""
+    assert wilson(0.8, 10) == pytest.approx((0.4902, 0.9433), abs=1e-4)
+    assert median_interval(list(range(1, 101)), 100) == (40.0, 61.0)
+
+
+@pytest.mark.parametrize("worlds", [1, 7, 30, 1000])
+def test_all_and_none_kept_reach_the_ends_exactly(worlds):
+    assert wilson(1.0, worlds)[1] == 1.0
+    assert wilson(0.0, worlds)[0] == 0.0
+
+
+@pytest.mark.parametrize("n", range(6))
+def test_five_flights_and_fewer_hold_no_median_with_95_percent(n):
+    """The least and the largest of n hold it in 1 - 2 (1/2)^n of all cases: 93.75 % for 5, 96.9 % for 6."""
+    assert median_interval(list(range(n)), n) == (None, None)
+    assert median_interval(list(range(6)), 6) == (0.0, 5.0)
+
+
+def test_intervals_of_flights_that_share_their_worlds_hold_the_truth_in_95_percent():
+    """Four points of a grid that fare alike in each of 25 worlds: the worlds decide, not the hundred rows. The share
+    kept is truly 0.7, the median 0."""
+    chance, shares, medians = np.random.default_rng(5), 0, 0
+    for _ in range(400):
+        world = chance.normal(size=25)
+        rms = np.repeat(world, 4) + 1e-6 * chance.normal(size=100)
+        found = figures(rows_of(np.repeat(chance.random(25) < 0.7, 4), rms, 4), 4)
+        shares += found.kept_interval[0] <= 0.7 <= found.kept_interval[1]
+        medians += found.rms_interval[0] <= 0 <= found.rms_interval[1]
+    assert found.worlds == 25
+    assert shares / 400 > 0.9  # 92 % by the binomial law; with every row for itself 62 %
+    assert medians / 400 > 0.93
+
+
+def test_one_value_of_the_only_swept_key_has_a_world_to_each_flight():
+    rows = rows_of([True] * 40, np.arange(1.0, 41.0), 4)
+    summary = summarise(rows, {"k": (0, 1, 2, 3)})
+    assert (summary["all"]["flights"], summary["all"]["worlds"]) == (40, 10)
+    assert [figures["worlds"] for figures in summary["by"]["k"].values()] == [10, 10, 10, 10]
+
+
+# --- pictures ---
+
+
+def test_the_median_on_the_picture_is_that_of_the_summary():
+    rows = rows_of([True] * 4, [1.0, 2.0, 4.0, 8.0])
+    (legend,) = (axis.get_legend() for axis in _distributions(rows, "x").axes if axis.get_legend())
+    assert [text.get_text() for text in legend.get_texts()] == [f"median {figures(rows).rms_median:.3g} m"]
+    assert figures(rows).rms_median == percentile([1.0, 2.0, 4.0, 8.0], 50) == 4.0
+
+
+def test_errors_within_a_decade_have_labels_that_do_not_overlap_and_counts_are_whole():
+    figure = _distributions(rows_of([True] * 30, np.geomspace(0.12, 0.95, 30)), "x")
+    figure.canvas.draw()
+    error = figure.axes[0]
+    boxes = [label.get_window_extent() for label in error.get_xticklabels(which="both") if label.get_text()]
+    low, high = error.get_window_extent().x0, error.get_window_extent().x1
+    shown = sorted((box.x0, box.x1) for box in boxes if low <= (box.x0 + box.x1) / 2 <= high)
+    assert len(shown) >= 3
+    assert all(left[1] < right[0] for left, right in pairwise(shown))
+    assert all(float(tick).is_integer() for axis in figure.axes for tick in axis.get_yticks())
+
+
+def test_drawn_values_that_are_binned_are_called_so():
+    rows = rows_of([True] * 25, np.geomspace(0.1, 9, 25))
+    assert "25 drawn values, in 12 bins" in _against(rows, "wind", [], "x").axes[1].get_xlabel()
+    assert _against(rows[:12], "wind", [], "x").axes[1].get_xlabel() == "wind"
