@@ -33,7 +33,7 @@ class Run:
     @property
     def name(self) -> str:
         """The mission's name."""
-        return str(self.manifest.get("mission") or self.summary.get("mission") or self.folder.name)
+        return printable(self.manifest.get("mission") or self.summary.get("mission") or self.folder.name)
 
     @cached_property
     def ticks(self) -> Ticks:
@@ -88,6 +88,11 @@ def open_run(folder: Path) -> Run:
     except (OSError, UnicodeDecodeError) as error:
         raise RunError(f"{folder}: mission.toml: {_said(error)}") from None
     return Run(folder, text, manifest, summary, epoch)
+
+
+def printable(name: str) -> str:
+    """A name as text: what of it UTF-8 cannot hold becomes a question mark."""
+    return name.encode("utf-8", "replace").decode()
 
 
 def _json(path: Path) -> Any:

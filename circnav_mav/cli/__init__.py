@@ -3,7 +3,9 @@
 Imports of the rooms stand inside the commands, so that `circnav --help` does not wait for numpy and filterpy.
 """
 
+import io
 import sys
+import warnings
 
 import click
 
@@ -248,8 +250,17 @@ def report(run: str) -> int:
     return report_run(run)
 
 
+def _bear_every_name() -> None:
+    """Files and folders may have names that the terminal, UTF-8 or the font of the pictures cannot show."""
+    warnings.filterwarnings("ignore", message="Glyph .* missing from")
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+
+
 def main() -> None:
     """Entry point of the `circnav` command."""
+    _bear_every_name()
     try:
         result = circnav.main(standalone_mode=False)
     except click.ClickException as error:

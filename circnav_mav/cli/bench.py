@@ -19,15 +19,21 @@ def fly_bench(
     """Fly the cells asked for, all by default, and print a line for each. Raises Refused."""
     if flights < 1:
         raise Refused(f"--flights: must be at least 1, not {flights}")
+    if seed < 0:
+        raise Refused(f"--seed: must be at least 0, not {seed}")
     _known("--law", laws, POLICIES)
     _known("--situation", situations, SITUATIONS)
-    if cost or not (laws or situations):
-        click.echo(tell_costs())
-    if cost:
-        return Exit.DONE
-    cells = [(situation, law) for situation in situations or SITUATIONS for law in laws or POLICIES]
+    folder = Path(out) if out else None
     try:
-        run(cells, flights, seed, Path(out) if out else None, tell=click.echo, cores=os.cpu_count() or 1)
+        if folder is not None:
+            folder.mkdir(parents=True, exist_ok=True)
+            (folder / "table.csv").open("ab").close()  # better now than after hours of flight
+        if cost or not (laws or situations):
+            click.echo(tell_costs())
+        if cost:
+            return Exit.DONE
+        cells = [(situation, law) for situation in situations or SITUATIONS for law in laws or POLICIES]
+        run(cells, flights, seed, folder, tell=click.echo, cores=os.cpu_count() or 1)
     except OSError as error:
         raise cannot(out or "bench", error) from None
     return Exit.DONE

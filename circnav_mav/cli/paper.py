@@ -16,6 +16,8 @@ def reproduce(out: str, starts: int, seed: int) -> int:
     """Fly the examples, draw, print. Raises Refused."""
     if starts <= SHOWN:
         raise Refused(f"--starts: must be above {SHOWN}, not {starts}")
+    if seed < 0:
+        raise Refused(f"--seed: must be at least 0, not {seed}")
     folder = Path(out)
     found = []
     try:

@@ -8,7 +8,7 @@ import click
 
 from circnav_mav.analysis.plots import plot_replay
 from circnav_mav.analysis.replay import Replayed, as_ticks, differences, patient, replay
-from circnav_mav.analysis.run import Run, RunError, open_run
+from circnav_mav.analysis.run import Run, RunError, open_run, printable
 from circnav_mav.analysis.run_folder import Ticks, find_damage
 from circnav_mav.analysis.summary import UNRECORDED
 from circnav_mav.analysis.turns import plain_turns, recorded_turns
@@ -179,7 +179,7 @@ def _write(options: ReplayOptions, done: Replayed, was: Ticks | None, mission: M
         return
     folder = Path(options.out)
     folder.mkdir(parents=True, exist_ok=True)
-    plot_replay(folder / PICTURE, was, as_ticks(done.ticks), mission.orbit, f"{options.log}, replayed")
+    plot_replay(folder / PICTURE, was, as_ticks(done.ticks), mission.orbit, f"{printable(options.log)}, replayed")
     write_ticks(folder / TICKS, done.ticks)
     click.echo(f"  written    {folder}/{TICKS}, {folder}/{PICTURE}")
 

@@ -1,8 +1,12 @@
 """Run folders that were damaged in every way: report, export and replay tell what there is, or refuse in one line."""
 
 import json
+import os
 import re
 import shutil
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
@@ -232,3 +236,23 @@ def test_a_log_of_which_every_stamp_is_wild_is_none(circnav, run, tmp_path, conf
     log.write_bytes(b"".join(b"\xff" * 8 + frame for _, frame in read_tlog(run / "flight.tlog")))
     ran = circnav("replay", log, "--mission", config / "quickstart.toml")
     assert (ran.code, "no MAVLink frame in it" in ran.line) == (3, True)
+
+
+def test_a_folder_whose_name_is_no_utf_8_is_told_of_all_the_same(run, tmp_path):
+    """In a process of its own: pytest's own streams bear every name."""
+    odd = Path(os.fsdecode(os.fsencode(tmp_path) + b"/bad\xff\xfename"))
+    run.rename(odd)
+    (odd / "manifest.json").write_text(json.dumps(json.loads((odd / "manifest.json").read_text()) | {"mission": ""}))
+    for command in (["report", odd], ["replay", odd, "--out", odd / "what-if"], ["export", odd, "--mcap"]):
+        ran = subprocess.run(
+            [sys.executable, "-m", "circnav_mav", *command], capture_output=True, text=True, check=False,
+            env={"PYTHONPATH": str(Path(__file__).parents[2]), "PATH": "/bin", "PYTHONIOENCODING": "utf-8:strict"},
+        )  # fmt: skip
+        assert (ran.returncode, ran.stderr) == (0, "")
+
+
+def test_a_name_that_no_font_of_the_pictures_has_is_no_noise(circnav, run, tmp_path, recwarn):
+    other = tmp_path / "飛行"
+    run.rename(other)
+    assert circnav("replay", other, "--out", tmp_path / "what-if").err == ""
+    assert not [warning for warning in recwarn if "Glyph" in str(warning.message)]

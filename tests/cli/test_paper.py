@@ -13,3 +13,8 @@ def test_what_cannot_be_done_is_one_line(circnav, tmp_path):
     (tmp_path / "file").write_text("")
     assert "File exists" in circnav("paper", "--out", tmp_path / "file").line
     assert "--starts" in circnav("paper", "--starts", "1").line
+
+
+def test_a_seed_below_0_is_one_line(circnav):
+    ran = circnav("paper", "--starts", "3", "--seed", "-1")
+    assert (ran.code, ran.line) == (2, "circnav: --seed: must be at least 0, not -1")

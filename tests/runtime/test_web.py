@@ -12,6 +12,7 @@ import pytest
 
 from circnav_mav.runtime.recorder import Turn
 from circnav_mav.runtime.web import feed
+from circnav_mav.runtime.web.__main__ import MOST_BROWSERS
 from circnav_mav.runtime.web.feed import LivePage, WebError
 from circnav_mav.runtime.web.history import COLUMNS, MOST_POINTS, NEWEST, History
 from tests.flight.lockstep import flight
@@ -251,3 +252,22 @@ def test_without_the_packages_the_command_that_brings_them_is_named(flown, monke
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == "uvicorn" else find(name))
     with pytest.raises(WebError, match=r"--web needs the package uvicorn: pip install 'circnav-mav\[web\]'"):
         open_page(flown.pilot)
+
+
+def test_connections_that_ask_for_nothing_keep_nobody_from_the_page(page):
+    port = int(page.url.rstrip("/").rpartition(":")[2])
+    idle = [socket.create_connection(("127.0.0.1", port)) for _ in range(60)]
+    try:
+        assert ask(page, "GET", "/").status == 200
+        assert Stream(page).response.status == 200
+    finally:
+        for connection in idle:
+            connection.close()
+
+
+def test_more_browsers_than_the_flight_can_spare_time_for_are_refused(page):
+    streams = [Stream(page) for _ in range(MOST_BROWSERS)]
+    for stream in streams:
+        stream.next()
+    assert ask(page, "GET", "/events").status == 503
+    assert ask(page, "GET", "/").status == 200

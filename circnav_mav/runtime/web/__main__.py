@@ -25,6 +25,8 @@ POLL = 0.1
 GRACE = 0.5
 """Time, s, for the last event to reach the browsers."""
 MOST_BROWSERS = 40
+MOST_CONNECTIONS = 500
+"""Those count, too, that were opened and ask for nothing."""
 NICENESS = 10
 """The flight comes first where there is too little of the processor."""
 LONGEST_LINE = 1 << 16
@@ -44,8 +46,21 @@ def application(history: History) -> Starlette:
     async def page(request: Request) -> Response:
         return HTMLResponse(PAGE.read_text(encoding="utf-8"), headers=HEADERS)
 
+    streams = 0
+
+    async def stream() -> AsyncIterator[str]:
+        nonlocal streams
+        streams += 1
+        try:
+            async for event in _events(history):
+                yield event
+        finally:
+            streams -= 1
+
     async def events(request: Request) -> Response:
-        return StreamingResponse(_events(history), media_type="text/event-stream", headers=HEADERS)
+        if streams >= MOST_BROWSERS:
+            return Response("too many browsers are watching", status_code=503)
+        return StreamingResponse(stream(), media_type="text/event-stream", headers=HEADERS)
 
     hosts = Middleware(TrustedHostMiddleware, allowed_hosts=["127.0.0.1", "localhost"])
     return Starlette(routes=[Route("/", page), Route("/events", events)], middleware=[hosts])
@@ -72,7 +87,7 @@ async def serve(listener: socket.socket) -> None:
     await asyncio.get_running_loop().connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin)
     config = uvicorn.Config(
         application(history), log_config=None, access_log=False, lifespan="off", ws="none",
-        limit_concurrency=MOST_BROWSERS, timeout_graceful_shutdown=1,
+        limit_concurrency=MOST_CONNECTIONS, timeout_graceful_shutdown=1,
     )  # fmt: skip
     server = uvicorn.Server(config)
     serving = asyncio.create_task(server.serve(sockets=[listener]))
