@@ -21,6 +21,7 @@ from circnav_mav.analysis.campaign.plan import Campaign, hopeless, prepare
 from circnav_mav.analysis.campaign.plots import plot_campaign
 from circnav_mav.analysis.campaign.store import TABLE, Store, StoreError
 from circnav_mav.analysis.campaign.summary import summarise, write_summary
+from circnav_mav.analysis.run import printable
 from circnav_mav.cli.exits import Exit, Refused
 from circnav_mav.mission.load import MissionError
 from circnav_mav.runtime.clock import local_time_name
@@ -60,7 +61,7 @@ def fly_campaign(options: CampaignOptions) -> int:
         with closing(Store(folder, campaign, resume=options.resume)) as store:
             click.echo(engines)
             interrupted = _fly(campaign, store, options)
-            return _finish(campaign, store, name, interrupted)
+            return _finish(campaign, store, printable(name), interrupted)
     except (CampaignError, StoreError, ExecutionError) as error:
         raise Refused(str(error)) from None
 

@@ -59,6 +59,8 @@ def on_cores(campaign: Campaign, chunks: Chunks, processes: int) -> Rows:
         if not finished:
             for child in multiprocessing.active_children():
                 child.terminate()
+            # one that dies while it writes leaves half a message: were our own end open, the pool would wait for more
+            pool._result_queue._writer.close()  # type: ignore[attr-defined]
         pool.shutdown(wait=finished, cancel_futures=True)
 
 
