@@ -44,7 +44,6 @@ def test_the_figures_are_those_of_the_flight_after_engaging(summary):
     assert made["flown_s"] == 290.0
     assert made["settled_s"] == 90.0
 
-
     assert made["radius_mean_m"] == pytest.approx(101.0)
     assert made["radius_rms_error_m"] == pytest.approx(1.0)
     assert made["direction"] == made["direction_commanded"] == "clockwise"
