@@ -229,6 +229,8 @@ def load_vehicle(path: str | Path) -> VehicleConfig:
             table = tomllib.load(file)
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except RecursionError:
+        raise ConfigError(f"{path}: not a TOML file: nested too deeply") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: not a TOML file: {error}") from error
     where = f"{path}: sim" if "sim" in table else str(path)

@@ -81,6 +81,7 @@ CIRCLE: dict[str, Shape] = FIGURES | {
 }
 SUMMARY: dict[str, Shape] = {
     "mission": _text,
+    "voice": _text,
     "outcome": _text,
     "reason": _text,
     "samples_accepted": _count,
@@ -90,6 +91,9 @@ SUMMARY: dict[str, Shape] = {
     "firmware": _or_none(_text),
     "version": _text,
     "epoch_us": _epoch,
+    "turn_std_deg_s": _or_none(_number),
+    "turn_at_limit": _or_none(_number),
+    "clock_speed": _or_none(_number),
     "recording_problem": _or_none(_text),
 }
 MANIFEST: dict[str, Shape] = {

@@ -62,6 +62,7 @@ def summarise(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str
         "engaged_s": start,
         "flown_s": end - start if start is not None else 0.0,
         **_circle(ticks.time[known], ticks.numbers["r"][known], orbit.radius),
+        **_turn(*(ticks.numbers[name][flown & steered] for name in ("time", "turn_rate", "saturated"))),
         "samples_accepted": facts.samples_accepted,
         "samples_rejected": facts.samples_rejected,
         "frames_refused": facts.frames_refused,
@@ -97,6 +98,18 @@ def _circle(time: metrics.Column, radius: metrics.Column, desired: float) -> dic
         "settled_s": metrics.settling_time(time, radius, desired),
         "radius_mean_m": metrics.mean(last),
         "radius_rms_error_m": metrics.rms_error(last, desired),
+    }
+
+
+def _turn(time: metrics.Column, turn: metrics.Column, saturated: metrics.Column) -> dict[str, float | None]:
+    """How quiet the stick was in the last third of what was steered, which the radius does not show."""
+    turn, saturated = metrics.last_part(time, turn), metrics.last_part(time, saturated)
+    told = ~np.isnan(turn)
+    if not told.any():
+        return {"turn_std_deg_s": None, "turn_at_limit": None}
+    return {
+        "turn_std_deg_s": float(np.degrees(np.std(turn[told]))),
+        "turn_at_limit": float(np.mean(saturated[told] > 0)),
     }
 
 

@@ -1,10 +1,12 @@
 """`circnav report`, and the report that `fly` makes at its end."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
+import tomlkit
 
 from circnav_mav import __version__
 from circnav_mav.analysis.plots import plot_estimates, plot_flight
@@ -62,10 +64,17 @@ def report_facts(run: Run, mission: Mission, summary: dict[str, Any]) -> ReportF
 
 def _settings(mission: Mission) -> dict[str, str]:
     """Every value of the mission with its key, defaults filled in; the bundled vehicle's are left to its file."""
-    values = {"name": mission.file.name}
-    for table, keys in mission.file.model_dump(exclude={"name", "sim"}, exclude_none=True).items():
-        values |= {f"{table}.{key}": f"{value}" for key, value in keys.items()}
+    values = dict(_flat(mission.file.model_dump(exclude={"sim"}, exclude_none=True)))
     return values | {"law as flown": f"{mission.law.name}, k = {mission.law.gain:.4g}"}
+
+
+def _flat(table: dict[str, Any], before: str = "") -> Iterator[tuple[str, str]]:
+    """The keys of a table and its tables with their values as a mission file has them, words without their quotes."""
+    for key, value in table.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f"{before}{key}.")
+        else:
+            yield before + key, value if isinstance(value, str) else tomlkit.item(value).as_string()
 
 
 def _unfinished(run: Run, mission: Mission) -> dict[str, Any]:
@@ -74,6 +83,7 @@ def _unfinished(run: Run, mission: Mission) -> dict[str, Any]:
     return summarise(
         FlightFacts(
             mission=run.name,
+            voice=manifest.get("voice") or "fly",
             outcome=manifest.get("outcome") or "unfinished",
             reason=manifest.get("reason") or "the process ended before the flight did",
             orbit=mission.orbit,

@@ -53,6 +53,9 @@ def _circle(summary: dict[str, Any]) -> list[str]:
         lines.append(f"             rotation {rotation}, closest approach {truth['closest_approach_m']:.1f} m")
     else:
         lines.append(f"  rotation   {summary['direction_commanded'] or 'none'} commanded; range alone cannot see it")
+    if summary.get("turn_std_deg_s") is not None:
+        limit = f"at its limit {100 * summary['turn_at_limit']:.0f} % of the time"
+        lines.append(f"  turn       commanded to +-{summary['turn_std_deg_s']:.1f} deg/s, {limit} in the last third")
     return lines
 
 

@@ -232,6 +232,8 @@ def parse_mission(text: str, where: str, overrides: Iterable[str] = (), folder: 
         table = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise MissionError(f"{where}: not valid TOML: {error}") from None
+    except RecursionError:
+        raise MissionError(f"{where}: not valid TOML: nested too deeply") from None
     document = tomlkit.parse(text)
     for override in overrides:
         keys, value = _override(override)
@@ -295,7 +297,7 @@ def _override(text: str) -> tuple[list[str], Any]:
         raise MissionError(f"--set {text}: write it as table.key=value")
     try:
         parsed = tomllib.loads(f"value = {value.strip()}")["value"]
-    except tomllib.TOMLDecodeError:
+    except (tomllib.TOMLDecodeError, RecursionError):
         parsed = value.strip()
     return key.strip().split("."), parsed
 

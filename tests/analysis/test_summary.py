@@ -43,7 +43,6 @@ def test_the_figures_are_those_of_the_flight_after_engaging(summary):
     assert made["engaged_s"] == 10.0
     assert made["flown_s"] == 290.0
     assert made["settled_s"] == 90.0
-
     assert made["radius_mean_m"] == pytest.approx(101.0)
     assert made["radius_rms_error_m"] == pytest.approx(1.0)
     assert made["direction"] == made["direction_commanded"] == "clockwise"
@@ -127,3 +126,25 @@ def test_a_summary_that_finds_no_room_leaves_nothing_half_written(tmp_path, monk
     assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [
         ("summary.json", '{\n  "outcome": "completed"\n}\n')
     ]
+
+
+def test_how_quiet_the_stick_was_is_that_of_the_last_third_of_what_was_steered(run_folder, epoch_us):
+    """The turn swings by 0.1 rad/s, one tick in four at the limit, from second 200 on; before, and out of the phase
+    that steers, nothing of that counts."""
+    folder = run_folder()
+    header, *rows = ((line.split(",")) for line in (folder / "ticks.csv").read_text().splitlines())
+    turn, limit, phase = (header.index(name) for name in ("turn_rate", "saturated", "phase"))
+    for at, row in enumerate(rows):
+        swings = float(row[0]) >= 200
+        row[turn], row[limit] = str(0.1 * (-1) ** at if swings else 3.0), str(int(swings and at % 4 == 0))
+        if float(row[0]) > 295:
+            row[phase], row[turn] = "holding", "9.0"
+    (folder / "ticks.csv").write_text("\n".join(",".join(row) for row in (header, *rows)) + "\n")
+    made = summarise(facts(epoch_us), read_ticks(folder), None)
+    assert made["turn_std_deg_s"] == pytest.approx(5.73, abs=0.01)
+    assert made["turn_at_limit"] == pytest.approx(0.25, abs=0.01)
+
+
+def test_a_flight_that_never_steered_has_no_unrest(epoch_us):
+    made = summarise(facts(epoch_us), NO_TICKS, None)
+    assert (made["turn_std_deg_s"], made["turn_at_limit"]) == (None, None)

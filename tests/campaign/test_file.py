@@ -4,6 +4,7 @@ import pytest
 
 from circnav_mav.analysis.campaign.file import CampaignError, load_campaign
 from circnav_mav.analysis.campaign.plan import hopeless
+from tests.campaign.conftest import CONFIG
 
 
 def refusal(path):
@@ -84,3 +85,8 @@ def test_a_file_without_end_is_not_valid(write):
     path = write("")
     path.write_text("a = " + "[" * 100_000)
     assert refusal(path).endswith("not valid TOML: nested too deeply")
+
+
+def test_a_mission_file_is_known_as_one():
+    path = CONFIG / "campaign_mission.toml"
+    assert refusal(path) == f"{path}: is a mission file, fly it with: circnav fly {path}"

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from circnav_mav.mission.load import load_mission
+from tests.flight.lockstep import CONFIG
 from tests.flight.recorded import recorded_flight
 
 cli_report = importlib.import_module("circnav_mav.cli.report")  # the package's `report` is the command
@@ -155,3 +157,10 @@ def test_a_browser_draws_it_and_logs_no_error(circnav, flown, tmp_path):
     assert (tmp_path / "page.png").stat().st_size > 50_000
     dumped = subprocess.run([*show, "--dump-dom", page], capture_output=True, text=True, timeout=60, check=False).stdout
     assert dumped.count("<figure>") >= len(CHARTS)
+
+
+def test_the_settings_of_the_report_stand_as_in_a_mission_file():
+    settings = cli_report._settings(load_mission(CONFIG / "px4_plane_attitude.toml"))
+    assert settings["vehicle.loops.trim_thrust"] == "0.63"
+    assert settings["guidance.correct_radius"] == "true"
+    assert settings["vehicle.kind"] == "plane"

@@ -55,3 +55,8 @@ def test_a_summary_of_before_there_were_voices_is_of_a_flight() -> None:
 def test_time_that_ran_at_another_speed_is_warned_of() -> None:
     assert 'ran at 8 of ours: a simulator at this speed is flown with link.clock = "autopilot"' in told(clock_speed=8.0)
     assert "WARNING" not in told(clock_speed=None)
+
+
+def test_an_unquiet_stick_is_told_of() -> None:
+    assert "commanded to +-7.3 deg/s, at its limit 11 % of the time" in told(turn_std_deg_s=7.31, turn_at_limit=0.112)
+    assert "at its limit" not in told(turn_std_deg_s=None, turn_at_limit=None)

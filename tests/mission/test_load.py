@@ -292,3 +292,8 @@ def test_a_campaign_file_is_known_as_one(config):
     path = config / "campaigns" / "wind.toml"
     with pytest.raises(MissionError, match=rf"is a campaign file, fly it with: circnav campaign {path}$"):
         load_mission(path)
+
+
+def test_a_file_nested_without_end_is_no_mission():
+    with pytest.raises(MissionError, match=r"m\.toml: not valid TOML: nested too deeply"):
+        parse_mission("x = " + "[" * 100_000, "m.toml")

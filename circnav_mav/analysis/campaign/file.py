@@ -39,6 +39,8 @@ def load_campaign(path: str | Path, runs: int | None = None) -> Campaign:
         raise CampaignError(f"{path}: not valid TOML: {error}") from None
     except RecursionError:
         raise CampaignError(f"{path}: not valid TOML: nested too deeply") from None
+    if "vehicle" in table and "vary" not in table:
+        raise CampaignError(f"{path}: is a mission file, fly it with: circnav fly {path}")
     try:
         file = CampaignFile.model_validate(table if runs is None else table | {"runs": runs})
     except ValidationError as error:
