@@ -60,7 +60,7 @@ def test_a_killed_flight_loses_at_most_its_last_second_and_still_opens(tmp_path:
     process.send_signal(signal.SIGKILL)
     process.communicate(timeout=20)
     run = open_run(tmp_path)
-    assert (run.summary, run.manifest["exit"]) == (None, None)
+    assert (run.summary, run.manifest["exit"]) == ({}, None)
     assert run.ticks.time[-1] > shown - 1.0
     done = again(tmp_path)
     assert done.identical
