@@ -4,8 +4,8 @@ through a plain loop, one flight after the other. Prints.
     python -m tests.bench.bench_campaign [FLIGHTS]
 
 The loop is what one would write without a batch: the emulator's sensor and airframe, the estimator and the law that
-fly, one flight at a time, without MAVLink. It flies a sample of the flights, and its time is scaled up. Times are CPU
-times of one process.
+fly, one flight at a time, without MAVLink. It flies a sample of the flights, and its time is scaled up. And `auto`, a
+tenth of the flights with ranges at 10 Hz, beside the same flights in lockstep. Times are CPU times of one process.
 """
 
 import math
@@ -19,6 +19,7 @@ import numpy as np
 
 from circnav_mav.analysis.campaign.file import load_campaign
 from circnav_mav.analysis.campaign.fly import chunks, fly_chunk
+from circnav_mav.analysis.campaign.lockstep import fly_lockstep
 from circnav_mav.analysis.campaign.plan import Campaign, Run, prepare
 from circnav_mav.core.estimators.kalman import KalmanRangeRate
 from circnav_mav.core.guidance import steering
@@ -38,9 +39,9 @@ vary."start.range_m" = {{uniform = [20, 500]}}
 vary."start.bearing_deg" = {{uniform = [0, 360]}}
 vary."start.heading_deg" = {{uniform = [0, 360]}}
 vary."limits.duration_s" = [400.0]
-vary."guidance.law" = ["smooth"]
-vary."ranging.rate_hz" = [20.0]
-vary."sim.ranging.rate_hz" = [20.0]
+vary."guidance.law" = ["{law}"]
+vary."ranging.rate_hz" = [{rate}]
+vary."sim.ranging.rate_hz" = [{rate}]
 vary."sim.wind.speed_mps" = [0.0]
 """
 
@@ -76,11 +77,7 @@ def batch(campaign: Campaign) -> tuple[float, list[dict[str, object]]]:
 def main() -> None:
     """Measure, print."""
     flights = int(sys.argv[1]) if len(sys.argv) > 1 else 10_000
-    mission = Path(__file__).parents[2] / "config" / "campaign_mission.toml"
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "bench.toml"
-        path.write_text(FILE.format(mission=mission, runs=flights), encoding="utf-8")
-        campaigns = [load_campaign(path, runs) for runs in (flights // 4, flights // 2, flights)]
+    campaigns = [campaign_of("smooth", 20.0, runs) for runs in (flights // 4, flights // 2, flights)]
     began = time.process_time()
     alone = [plain_loop(prepare(campaigns[0], number)) for number in range(SAMPLE)]
     per_flight = (time.process_time() - began) / SAMPLE
@@ -101,6 +98,34 @@ def main() -> None:
               f"{row['closest_m']:.1f} m")  # fmt: skip
     kept = np.mean([row["kept"] is True for row in rows])
     print(f"kept {100 * kept:.1f} %")
+    measure_auto(max(flights // 10, SAMPLE))
+
+
+def campaign_of(law: str, rate: float, runs: int) -> Campaign:
+    """Flights of one law with ranges at a rate, Hz."""
+    mission = Path(__file__).parents[2] / "config" / "campaign_mission.toml"
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "bench.toml"
+        path.write_text(FILE.format(mission=mission, runs=runs, law=law, rate=rate), encoding="utf-8")
+        return load_campaign(path)
+
+
+def measure_auto(flights: int) -> None:
+    """Measure `auto` in a batch and in lockstep, print."""
+    campaign = campaign_of("auto", 10.0, flights)
+    began = time.process_time()
+    for number in range(SAMPLE // 2):
+        fly_lockstep(prepare(campaign, number))
+    per_flight = 2 * (time.process_time() - began) / SAMPLE
+    seconds, rows = batch(campaign)
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    assert {row["engine"] for row in rows} == {"batch"}
+    kept = np.mean([row["kept"] is True for row in rows])
+    print(
+        f"law auto, ranges at 10 Hz: batch of {flights}: {seconds:.1f} s, {flights / seconds:.1f} flights/s a core, "
+        f"peak memory {peak:.0f} MB; {per_flight:.1f} s a flight in lockstep: {per_flight * flights / seconds:.0f} times "
+        f"faster; kept {100 * kept:.1f} %"
+    )
 
 
 if __name__ == "__main__":
