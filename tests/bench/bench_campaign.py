@@ -123,8 +123,8 @@ def measure_auto(flights: int) -> None:
     kept = np.mean([row["kept"] is True for row in rows])
     print(
         f"law auto, ranges at 10 Hz: batch of {flights}: {seconds:.1f} s, {flights / seconds:.1f} flights/s a core, "
-        f"peak memory {peak:.0f} MB; {per_flight:.1f} s a flight in lockstep: {per_flight * flights / seconds:.0f} times "
-        f"faster; kept {100 * kept:.1f} %"
+        f"peak memory {peak:.0f} MB; {per_flight:.1f} s a flight in lockstep: {per_flight * flights / seconds:.0f} "
+        f"times faster; kept {100 * kept:.1f} %"
     )
 
 
