@@ -27,7 +27,7 @@ from circnav_mav.runtime.display import display_for
 from circnav_mav.runtime.keys import SigningTime
 from circnav_mav.runtime.links import Link
 from circnav_mav.runtime.manifest import Manifest
-from circnav_mav.runtime.recorder import Recorder, RecorderError, Turn
+from circnav_mav.runtime.recorder import Recorder, RecorderError, TakenError, Turn
 from circnav_mav.runtime.runner import StopRequest, run
 from circnav_mav.runtime.web.feed import LivePage
 
@@ -72,14 +72,15 @@ def fly_mission(options: FlyOptions) -> int:
         show_checks(lines)
         raise Refused(f"{options.mission}: refused by its checks, see FAIL above")
     show_checks([line for line in lines if line.grade is Grade.WARN])
-    folder = _run_folder(options.out, mission)
+    _run_folder(options.out, mission)  # refused before anything is opened
     with ExitStack() as page_open:
         with ExitStack() as open_things:
             signing, signing_time = open_signing(mission, open_things)
             links = open_links(mission, open_things)
             pilot = Pilot(mission.pilot_settings(options.voice), signing)
             page = open_page(options.web, pilot, mission, page_open)
-            clock, recorder = _start(mission, pilot, links, folder, open_things)
+            clock, recorder = _start(options, mission, pilot, links, open_things)
+            folder = recorder.folder
             manifest = _manifest(mission, options, folder, clock)
             crash = _loop(pilot, links, clock, recorder, mission, page, stop, signing_time)
         summary = _finish(pilot, recorder, mission, clock)
@@ -129,18 +130,31 @@ def _overrides(options: FlyOptions) -> tuple[str, ...]:
 
 
 def _start(
-    mission: Mission, pilot: Pilot, links: dict[str, Link], folder: Path, open_things: ExitStack
+    options: FlyOptions, mission: Mission, pilot: Pilot, links: dict[str, Link], open_things: ExitStack
 ) -> tuple[RunClock, Recorder]:
     """The recorder, the bundled vehicle if it is flown, and last the clock, which starts the run. Raises Refused."""
-    try:
-        recorder = Recorder(folder, mission.text, mission.file.log.max_mb)
-    except RecorderError as error:
-        raise Refused(str(error)) from None
+    recorder = _recorder(options, mission)
     open_things.callback(recorder.close)
-    start_vehicle(mission, folder / "mission.toml", links, open_things)
-    clock = start_clock(mission, pilot.session)
+    try:
+        start_vehicle(mission, recorder.folder / "mission.toml", links, open_things)
+        clock = start_clock(mission, pilot.session)
+    except Refused:
+        recorder.discard()
+        raise
     recorder.start(clock.epoch_us)
     return clock, recorder
+
+
+def _recorder(options: FlyOptions, mission: Mission) -> Recorder:
+    """In a folder of its own, also when two flights begin at once. Raises Refused."""
+    while True:
+        try:
+            return Recorder(_run_folder(options.out, mission), mission.text, mission.file.log.max_mb)
+        except TakenError as error:
+            if options.out is not None:
+                raise Refused(f"--out {error}") from None
+        except RecorderError as error:
+            raise Refused(str(error)) from None
 
 
 def _manifest(mission: Mission, options: FlyOptions, folder: Path, clock: RunClock) -> Manifest:
@@ -210,11 +224,13 @@ def _finish(pilot: Pilot, recorder: Recorder, mission: Mission, clock: RunClock)
     """summary.json and flight.png."""
     folder, outcome = recorder.folder, pilot.outcome
     assert outcome is not None
+    ticks, truth = NO_TICKS, None
     try:
-        ticks, truth = read_ticks(folder), read_truth(folder, clock.epoch_us)
+        ticks = read_ticks(folder)
     except (OSError, ValueError) as error:  # a disk that filled up before the first line was written
-        ticks, truth = NO_TICKS, None
-        recorder.problem = recorder.problem or str(error)
+        recorder.problem = recorder.problem or f"ticks.csv: {error}"
+    with suppress(OSError):
+        truth = read_truth(folder, clock.epoch_us)
     facts = FlightFacts(
         mission=mission.file.name,
         outcome=OUTCOMES.get(outcome.ending, "aborted"),

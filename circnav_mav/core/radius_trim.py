@@ -13,7 +13,10 @@ MOST = 0.15
 
 def next_trim(trim: float, *, rate: float, r: float, r_d: float, step: float, saturated: bool) -> float:
     """The trim (m) after `step` seconds at range r, growing against the error with `rate` (1/s)."""
-    change = -rate * (r - r_d) * step
-    if saturated or (abs(r - r_d) > NEAR * r_d and trim * change >= 0):
+    after = trim - rate * (r - r_d) * step
+    if saturated:
         return trim
-    return min(max(trim + change, -MOST * r_d), MOST * r_d)
+    if abs(r - r_d) > NEAR * r_d:
+        unwound = after if trim * after > 0 else 0.0
+        return unwound if abs(unwound) < abs(trim) else trim
+    return min(max(after, -MOST * r_d), MOST * r_d)

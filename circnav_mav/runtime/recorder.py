@@ -15,6 +15,7 @@ import queue
 import struct
 import threading
 from collections.abc import Hashable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass, field, fields
 from enum import Enum
 from math import inf
@@ -44,6 +45,10 @@ class RecorderError(Exception):
     """A run folder that cannot be written, in one line."""
 
 
+class TakenError(RecorderError):
+    """Somebody records there."""
+
+
 @dataclass(slots=True)
 class Turn:
     """One turn of the loop. heard: (link, source, whole frames) of each datagram. said: frames to the vehicle. hello:
@@ -71,8 +76,10 @@ class Recorder:
         self._epoch_us = 0
         try:
             folder.mkdir(parents=True, exist_ok=True)
+            self._tlog = _claimed(folder / "flight.tlog")
+            self._made = ["flight.tlog", "ticks.csv", "turns.csv"]
+            self._made += [] if (folder / "mission.toml").exists() else ["mission.toml"]
             (folder / "mission.toml").write_text(mission_text, encoding="utf-8")
-            self._tlog: IO[bytes] = (folder / "flight.tlog").open("wb")
             self._ticks: IO[str] = (folder / "ticks.csv").open("w", newline="", encoding="utf-8")
             self._turns: IO[str] = (folder / "turns.csv").open("w", newline="", encoding="utf-8")
         except OSError as error:
@@ -105,6 +112,16 @@ class Recorder:
         self._queue.put(None)
         if self._thread.is_alive():
             self._thread.join(CLOSE_PATIENCE)
+
+    def discard(self) -> None:
+        """Take the files away again: nothing was recorded, for the flight never began."""
+        self.close()
+        for file in (self._tlog, self._ticks, self._turns):
+            file.close()
+        for name in self._made:
+            (self.folder / name).unlink(missing_ok=True)
+        with suppress(OSError):
+            self.folder.rmdir()
 
     def _put(self, item: Turn | TickRecord) -> None:
         if self._queue.qsize() < MOST_WAITING:
@@ -196,3 +213,11 @@ def _plain(value: Any) -> Any:
     if isinstance(value, bool):
         return int(value)
     return f"{value:.6f}" if isinstance(value, float) else value
+
+
+def _claimed(path: Path) -> IO[bytes]:
+    """A file that nobody else has made: whoever makes it has the folder. Raises TakenError, OSError."""
+    try:
+        return path.open("xb")
+    except FileExistsError:
+        raise TakenError(f"{path.parent}: holds {path.name} already, name another folder") from None

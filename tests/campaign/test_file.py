@@ -76,8 +76,19 @@ def test_a_listed_value_that_can_never_be_flown_is_refused_before_the_first_flig
 
 
 def test_a_listed_value_that_can_be_flown_with_some_of_the_others_is_no_mistake(write):
-    """A copter of 100 m/s turns no circle of 10 m, and one of 2 m/s does."""
+    """Drawn radii below 0 and listed ones: neither is the fault of the wind's."""
     vary = '"sim.wind.speed_mps" = [0.0, 1.0]\n"orbit.radius_m" = {uniform = [-50, 200]}'
+    assert hopeless(load_campaign(write(vary))) is None
+
+
+def test_a_listed_value_that_fits_one_of_many_others_only_is_no_mistake(write):
+    """Of the messages only one can be sent again by the autopilot, in a grid of 240 points."""
+    vary = (
+        '"guidance.law" = ["smooth", "pi", "pd", "relay", "bounded", "feedforward", "auto", "switching"]\n'
+        '"sim.wind.speed_mps" = [0.0, 1.0, 2.0, 3.0, 4.0]\n'
+        '"sim.ranging.message" = ["named_value_float", "distance_sensor", "ranging_beacon"]\n'
+        '"sim.ranging.via" = ["direct", "autopilot"]'
+    )
     assert hopeless(load_campaign(write(vary))) is None
 
 

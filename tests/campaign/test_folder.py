@@ -30,7 +30,23 @@ def contents(folder):
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
-@pytest.mark.parametrize("name", ["mission.toml", "campaign.toml", "summary.json", "runs.csv", "flight.tlog", "notes"])
+@pytest.mark.parametrize("name", ["log.txt", "slurm-17.out", ".DS_Store"])
+def test_a_file_that_no_campaign_writes_is_in_nobodys_way(campaign, tmp_path, name):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / name).write_text("mine\n")
+    Store(tmp_path / "out", campaign).close()
+    assert (tmp_path / "out" / name).read_text() == "mine\n"
+
+
+def test_what_a_full_disk_left_of_our_own_files_is_begun_anew(campaign, tmp_path):
+    Store(tmp_path / "whole", campaign).close()
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "mission.toml").write_bytes((tmp_path / "whole" / "mission.toml").read_bytes()[:100])
+    Store(tmp_path / "out", campaign).close()
+    assert contents(tmp_path / "out") == contents(tmp_path / "whole")
+
+
+@pytest.mark.parametrize("name", ["mission.toml", "campaign.toml", "summary.json", "runs.csv", "flight.png"])
 @pytest.mark.parametrize("resume", [False, True])
 def test_a_folder_with_a_file_of_somebody_elses_is_refused_untouched(campaign, tmp_path, name, resume):
     folder = tmp_path / "out"

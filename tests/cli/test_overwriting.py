@@ -4,6 +4,8 @@ import json
 
 import pytest
 
+from circnav_mav.cli.exits import Refused
+from circnav_mav.runtime.recorder import Recorder, TakenError
 from tests.flight.recorded import recorded_flight
 
 
@@ -90,6 +92,26 @@ def test_a_mission_file_of_the_persons_own_is_not_rewritten_by_its_flight(circna
         f"circnav: --out {mission.parent}: holds a mission.toml that is not as flown, name another folder",
     )
     assert mission.read_bytes() == before
+    assert contents(mission.parent) == {"mission.toml": before}
+
+
+def test_of_two_flights_that_begin_at_once_one_has_the_folder(tmp_path):
+    """Both have looked and found nothing there."""
+    Recorder(tmp_path / "run", "name = 'x'\n")
+    with pytest.raises(TakenError, match=r"holds flight\.tlog already"):
+        Recorder(tmp_path / "run", "name = 'y'\n")
+    assert (tmp_path / "run" / "mission.toml").read_text() == "name = 'x'\n"
+
+
+def test_a_flight_that_never_began_leaves_the_folder_free(circnav, mission, tmp_path, monkeypatch):
+    def refuses(*arguments):
+        raise Refused("no vehicle today")
+
+    monkeypatch.setattr("circnav_mav.cli.fly.start_vehicle", refuses)
+    assert circnav("fly", mission, "--out", tmp_path / "day").line == "circnav: no vehicle today"
+    assert not (tmp_path / "day").exists()
+    before = mission.read_bytes()
+    assert circnav("fly", mission, "--out", mission.parent).code == 2
     assert contents(mission.parent) == {"mission.toml": before}
 
 

@@ -33,7 +33,7 @@ class Batch:
         file = runs[0].mission.file
         rate = runs[0].vehicle.ranging.rate_hz
         relative = LAWS[file.guidance.law].flies_relative_motion
-        self.dt = 1 / max(rate, file.limits.tick_hz, 1 / ATTITUDE_EVERY if relative else 0.0)
+        self.dt = time_step(runs[0])
         self._every = round(1 / rate / self.dt)
         self._gust_every = round(GUST_EVERY / self.dt)
         self._stale, self._hold = file.limits.stale_s, file.limits.hold_s
@@ -114,6 +114,15 @@ class Batch:
         self.engaged = np.where((self.engaged == NEVER) & ours & (self.ended == NEVER), step, self.engaged)
         if step >= self._patience:
             self.ended = np.where((self.engaged == NEVER) & (self.ended == NEVER), step, self.ended)
+
+
+def time_step(run: Run) -> float:
+    """Of the batch that a run is flown in, s: from range to range, tick to tick, and where own motion is used from
+    attitude to attitude."""
+    relative = LAWS[run.mission.file.guidance.law].flies_relative_motion
+    return 1 / max(
+        run.vehicle.ranging.rate_hz, run.mission.file.limits.tick_hz, 1 / ATTITUDE_EVERY if relative else 0.0
+    )
 
 
 def fly_batch(runs: Sequence[Run]) -> list[Track | None] | None:

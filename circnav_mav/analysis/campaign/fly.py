@@ -6,7 +6,7 @@ from typing import Any
 
 from circnav_mav.analysis.campaign.batchable import group, obstacle
 from circnav_mav.analysis.campaign.figures import failed_row, row
-from circnav_mav.analysis.campaign.flights import fly_batch
+from circnav_mav.analysis.campaign.flights import fly_batch, time_step
 from circnav_mav.analysis.campaign.lockstep import fly_lockstep
 from circnav_mav.analysis.campaign.plan import Campaign, Run, prepare
 from circnav_mav.mission.load import MissionError
@@ -41,8 +41,7 @@ def _most_together(campaign: Campaign) -> int:
         except (MissionError, ConfigError):
             continue
         if obstacle(run) is None:
-            limits, rate = run.mission.file.limits, run.vehicle.ranging.rate_hz
-            steps = int(limits.duration_s * max(limits.tick_hz, rate)) + 1
+            steps = int(run.mission.file.limits.duration_s / time_step(run)) + 1
             return min(MOST_IN_CHUNK, max(1, BATCH_STEPS // steps))
     return 1
 

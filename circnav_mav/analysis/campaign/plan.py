@@ -16,8 +16,8 @@ from sim.config import ConfigError, VehicleConfig, parse_vehicle
 START = {f"start.{name}": f"sim.start.random.{name}" for name in ("range_m", "bearing_deg", "heading_deg")}
 """The start as seen from the target, which the vehicle file only knows as bounds to draw from."""
 SEED = "sim.seed"
-TRIES, SCATTER = 32, 7919
-"""Runs tried with a value before it is refused, and a prime that scatters them over the grid."""
+LEAST_TRIED, MOST_TRIED = 32, 256
+"""Runs tried with a value before it is refused: with all the other values of the grid, or so many drawn of them."""
 
 
 @dataclass(frozen=True)
@@ -95,10 +95,12 @@ def hopeless(campaign: Campaign) -> str | None:
 def _why_not(campaign: Campaign, stride: int, values: int, which: int) -> str | None:
     """Why no run can be flown that has value number `which` of a key of so many; None if any of a few can, which lie
     here and there in the grid and among the draws. stride: of the key in the numbers of the grid's points."""
-    first = None
-    for world in range(TRIES):
-        cell = world * SCATTER % campaign.cells
-        cell += stride * (which - cell // stride % values)
+    first, others = None, campaign.cells // values
+    rng = np.random.default_rng([campaign.seed, which])
+    for world in range(min(max(others, LEAST_TRIED), MOST_TRIED)):
+        other = world % others if others <= MOST_TRIED else int(rng.random() * others)
+        above, below = divmod(other, stride)
+        cell = (above * values + which) * stride + below
         try:
             prepare(campaign, world * campaign.cells + cell)
             return None

@@ -36,7 +36,7 @@ class Store:
                 if folder.exists() and not (folder / SOURCE).is_file():
                     if resume and self._begun():
                         raise StoreError(f"{folder}: cannot resume: {SOURCE} is missing; name another --out")
-                    self._refuse_foreign({})
+                    self._refuse_foreign(sources)
                 folder.mkdir(parents=True, exist_ok=True)
                 held.enter_context(_lock(folder))
                 if self._begun():
@@ -93,7 +93,7 @@ class Store:
         return self._path.exists() and self._path.read_bytes().count(b"\n") > 1
 
     def _refuse_foreign(self, sources: dict[str, str]) -> None:
-        """Only this very campaign may be there, without a row as yet, or the beginnings of it. Raises StoreError,
+        """Nothing that a campaign writes over may be there but the beginnings of this very one. Raises StoreError,
         OSError."""
         whole = {name: text.encode() for name, text in sources.items()} | {TABLE: _line(self._columns)}
         if all(
@@ -102,7 +102,8 @@ class Store:
         ):
             return
         for path in sorted(self.folder.iterdir()):
-            if path.name not in whole or path.read_bytes() not in (b"", whole[path.name]):
+            of_ours = path.name in whole and whole[path.name].startswith(path.read_bytes())
+            if not of_ours and (path.name in {*whole, "summary.json"} or path.suffix == ".png"):
                 raise StoreError(f"{self.folder}: holds {path.name}, which is not of this campaign: name another --out")
 
     def _reopen(self, sources: dict[str, str], resume: bool) -> None:
