@@ -123,7 +123,7 @@ def test_a_disk_that_fills_up_in_flight_is_noted_and_the_flight_goes_on(tmp_path
     recorder = Recorder(tmp_path, "")
     if victim == "flight.tlog":  # which must not be there before
         recorder._tlog.close()
-        recorder._tlog = Path("/dev/full").open("wb")
+        recorder._tlog = Path("/dev/full").open("wb")  # noqa: SIM115
     recorder.start(EPOCH_US)
     for i in range(200):
         recorder.turn(Turn(0.05 * i, said=frames(5)))
