@@ -25,7 +25,8 @@ def turn_rate_from_yaw_rate(yaw_rate: YawRate) -> TurnRate:
 
 
 def course_from_yaw(yaw: float) -> float:
-    """NED heading (clockwise from north) to the paper's psi (counter-clockwise from east), rad in (-pi, pi]."""
+    """NED heading (clockwise from north) to the paper's psi (counter-clockwise from east), rad in (-pi, pi]; of arrays,
+    too."""
     return pi - (pi / 2 + yaw) % (2 * pi)
 
 

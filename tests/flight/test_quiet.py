@@ -5,7 +5,7 @@ import pytest
 
 from sim.faults.impairment import Impairment
 from sim.faults.pipe import Pipe
-from tests.flight.lockstep import flight, last_third, rms_error
+from tests.flight.lockstep import clockwise_turns, flight, last_third, rms_error
 
 SECONDS = 120.0
 UNREST = {
@@ -27,10 +27,16 @@ def unrest(flown):
     return float(np.degrees(np.std(turns)))
 
 
+def sense(flown):
+    """+1 for clockwise, as the mission asks."""
+    return -flown.pilot.settings.orbit.direction.turn_sign
+
+
 @pytest.mark.parametrize("mission", UNREST)
 def test_the_turn_is_steady_on_the_circle(mission):
     flown = flight(mission, f"limits.duration_s={SECONDS}", law="auto").fly(SECONDS)
     assert unrest(flown) < UNREST[mission]
+    assert clockwise_turns(last_third(flown)) * sense(flown) > 0.2
 
 
 @pytest.mark.parametrize("mission", ["arduplane", "ardurover"])
@@ -41,3 +47,4 @@ def test_a_link_that_takes_a_while_does_not_make_the_turn_swing(mission):
     flown.fly(SECONDS)
     assert unrest(flown) < UNREST[mission]
     assert rms_error(last_third(flown), flown.pilot.settings.orbit.radius) < 0.5
+    assert clockwise_turns(last_third(flown)) * sense(flown) > 0.2

@@ -14,9 +14,9 @@ from circnav_mav.analysis.campaign.steering import Steering
 from circnav_mav.analysis.campaign.surroundings import GUST_EVERY, Targets, Vehicles, Winds
 from circnav_mav.analysis.campaign.track import Track
 from circnav_mav.analysis.campaign.turn_gains import ATTITUDE_EVERY, TurnGains
-from circnav_mav.core.air_path import wrap
 from circnav_mav.core.laws import LAWS
 from circnav_mav.core.values import SAME_TIME
+from circnav_mav.mav.frames import course_from_yaw
 
 Array = Any
 NEVER = 1 << 40
@@ -51,7 +51,7 @@ class Batch:
         self._told = np.zeros(len(runs))
         self._tick = round(1 / file.limits.tick_hz / self.dt)
         self._due = np.zeros(len(runs), int)
-        self.headings = np.pi / 2 - self._vehicles.psi
+        self.headings = self._vehicles.yaw
         self._z = self._sigma = np.zeros(len(runs))
         self.engaged, self.ended = np.full(len(runs), NEVER), np.full(len(runs), NEVER)
         self._holds_since = np.full(len(runs), NEVER)
@@ -96,7 +96,7 @@ class Batch:
         ours, alive = self.engaged <= step, step < self.ended
         if step % self._attitude_every == 0:
             flown = (self.engaged < step) & alive
-            heading = _reported(self._vehicles.psi)
+            heading = course_from_yaw(_single(self._vehicles.yaw))  # as an ATTITUDE tells it
             self._gains.feel(now, heading, self._told, flown)
             steering.move(now, heading, self._vehicles.turn_rate, flown & self._gains.at_speed)
         wanted = steering.through_gain(steering.turn(now, holding, ours & acts & alive), self._gains.now)
@@ -143,11 +143,6 @@ def fly_batch(runs: Sequence[Run]) -> list[Track | None] | None:
 def _single(value: Array) -> Array:
     """What the single precision of a message leaves of a number."""
     return value.astype(np.float32).astype(float)
-
-
-def _reported(psi: Array) -> Array:
-    """A heading, rad, as an ATTITUDE has it: north is zero there."""
-    return np.pi / 2 - _single(wrap(np.pi / 2 - psi))
 
 
 def _track(batch: Batch, path: Array, flight: int, run: Run) -> Track:

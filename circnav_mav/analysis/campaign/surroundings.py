@@ -8,6 +8,8 @@ import numpy as np
 from circnav_mav.analysis.batch.world import GAUSS_AT, GAUSS_WEIGHT
 from circnav_mav.analysis.campaign.draws import Uniforms, gauss
 from circnav_mav.analysis.campaign.plan import Run
+from circnav_mav.core.air_path import wrap
+from circnav_mav.mav.frames import course_from_yaw
 from sim.starting import starting_body
 
 Array = Any
@@ -73,7 +75,8 @@ class Vehicles:
     def __init__(self, runs: Sequence[Run], dt: float) -> None:
         starts = [starting_body(run.vehicle, (0.0, 0.0)) for run in runs]
         self.position = np.array([[s.east, s.north] for s in starts]).T
-        self.psi = np.pi / 2 - np.array([s.heading for s in starts])
+        yaw: Array = np.array([s.heading for s in starts])
+        self.psi: Array = course_from_yaw(yaw)
         self.turn_rate = np.zeros(len(runs))
         heights = [-s.down - run.vehicle.target.altitude_m for s, run in zip(starts, runs, strict=True)]
         self._height = np.array(heights)
@@ -83,6 +86,11 @@ class Vehicles:
         self._times = (*(float(share) * dt for share in GAUSS_AT), dt)
         late = np.maximum(self._lag, 1e-9)
         self._late = [late * -np.expm1(-t / late) for t in self._times]
+
+    @property
+    def yaw(self) -> Array:
+        """Heading as the emulator and MAVLink have it, clockwise from north, rad in [-pi, pi)."""
+        return wrap(np.pi / 2 - self.psi)
 
     def slant(self, target: Array) -> Array:
         """Range to a target at (2, B) that keeps its height, m."""
