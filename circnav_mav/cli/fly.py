@@ -21,7 +21,7 @@ from circnav_mav.cli.report import report_of_flight
 from circnav_mav.cli.verdict import verdict
 from circnav_mav.mission.checks import Grade
 from circnav_mav.mission.load import Mission
-from circnav_mav.pilot import VEHICLE, Ending, Outcome, Pilot, TickRecord, Voice
+from circnav_mav.pilot import VEHICLE, Ending, Pilot, TickRecord, Voice
 from circnav_mav.runtime.clock import RunClock, local_time_name
 from circnav_mav.runtime.display import display_for
 from circnav_mav.runtime.keys import SigningTime
@@ -210,7 +210,7 @@ def _loop(
         run(pilot, links, clock, recorder, show, stop, signing_time)
     except Exception as error:
         links[VEHICLE].send(pilot.last_words(clock.now()), pilot.reply_to)  # first of all, whatever the disk does
-        pilot.outcome = Outcome(Ending.ABORTED, f"internal error: {error}")
+        pilot.abandon(f"internal error: {error}")
         report = recorder.folder / "error.txt"
         with suppress(OSError):
             report.write_text(traceback.format_exc(), encoding="utf-8")
@@ -236,8 +236,8 @@ def _finish(pilot: Pilot, recorder: Recorder, mission: Mission, clock: RunClock)
         outcome=OUTCOMES.get(outcome.ending, "aborted"),
         reason=outcome.reason,
         orbit=mission.orbit,
-        samples_accepted=pilot.samples_accepted,
-        samples_rejected=dict(pilot.ranging.rejected),
+        samples_accepted=pilot.target.accepted,
+        samples_rejected=dict(pilot.target.ranging.rejected),
         frames_refused=dict(pilot.frames_refused()),
         setpoints_sent=pilot.setpoints_sent,
         firmware=pilot.session.firmware,

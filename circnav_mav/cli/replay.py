@@ -119,8 +119,8 @@ def _what_is_missing(pilot: Pilot) -> str:
     if not pilot.session.up:
         misfits = "; ".join(pilot.session.misfits.values())
         return f"no vehicle: {misfits or pilot.counts().describe()}"
-    refused = ", ".join(f"{count} {reason}" for reason, count in pilot.ranging.rejected.items()) or "none"
-    return f"{pilot.samples_accepted} ranges of {pilot.settings.ranging.message} taken, rejected: {refused}"
+    refused = ", ".join(f"{count} {reason}" for reason, count in pilot.target.ranging.rejected.items()) or "none"
+    return f"{pilot.target.accepted} ranges of {pilot.settings.ranging.message} taken, rejected: {refused}"
 
 
 def _say_size(name: str, done: Replayed, took: float) -> None:
@@ -166,8 +166,10 @@ def _say_ticks(done: Replayed, pilot: Pilot, was: Ticks | None) -> None:
     steered = sum(phase == "engaged" for phase in would.phases)
     saturated = sum(record.saturated for record in done.ticks)
     click.echo(f"  ticks      {len(done.ticks)}, {steered} of them steering, {saturated} at the turn-rate limit")
-    refused = ", ".join(f"{count} {reason}" for reason, count in sorted(pilot.ranging.rejected.items())) or "none"
-    click.echo(f"  ranges     {pilot.samples_accepted} taken, rejected: {refused}")
+    refused = (
+        ", ".join(f"{count} {reason}" for reason, count in sorted(pilot.target.ranging.rejected.items())) or "none"
+    )
+    click.echo(f"  ranges     {pilot.target.accepted} taken, rejected: {refused}")
     if pilot.outcome is not None:
         click.echo(f"  outcome    {pilot.outcome.ending.value}: {pilot.outcome.reason}")
 

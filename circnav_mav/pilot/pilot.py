@@ -3,30 +3,29 @@
     pilot.receive(data, now); link.send(pilot.step(now))
 
 A fresh range is answered by the very next step. A tick after it the prediction steers, for a short time; without more
-ranges the orbit's own turn rate is held, then given up. The operator always wins: see `_watch_takeover`.
+ranges the orbit's own turn rate is held, then given up. The operator always wins: see `authority`.
 """
 
 from collections import Counter
 from collections.abc import Hashable
 
 from circnav_mav.core.bounds import breach
-from circnav_mav.core.estimators.interface import Fused
-from circnav_mav.core.estimators.table import ESTIMATORS
-from circnav_mav.core.noise_check import NoiseCheck
-from circnav_mav.core.phases import STEERING, Event, Phase, advance
-from circnav_mav.core.values import SAME_TIME, RangeEstimate, RangeSample, TurnCommand
+from circnav_mav.core.phases import Event, Phase
+from circnav_mav.core.values import RangeEstimate, TurnCommand
 from circnav_mav.mav.autopilots.table import adapters
 from circnav_mav.mav.codec import LinkCounts, Message
 from circnav_mav.mav.frames import YawRate
 from circnav_mav.mav.gate import UnsafeSetpointError
-from circnav_mav.mav.ranging import RANGING_MESSAGES, RangeReader, Reject
+from circnav_mav.mav.ranging import RANGING_MESSAGES
 from circnav_mav.mav.session import HANDLED, HEARTBEAT_PERIOD, LOST_AFTER, Session
 from circnav_mav.mav.signing import Signing
+from circnav_mav.pilot.authority import Authority
 from circnav_mav.pilot.beat import Beat
-from circnav_mav.pilot.handover import ModeRequest
+from circnav_mav.pilot.engagement import Engagement
 from circnav_mav.pilot.helm import Helm
+from circnav_mav.pilot.leaving import Leaving
 from circnav_mav.pilot.listening import decoders
-from circnav_mav.pilot.reasons import why_no_vehicle, why_not_guided, why_not_ready, why_slow, why_withheld
+from circnav_mav.pilot.progress import Progress
 from circnav_mav.pilot.record import plot_values, tick_record
 from circnav_mav.pilot.settings import (
     RANGING,
@@ -37,17 +36,14 @@ from circnav_mav.pilot.settings import (
     TickRecord,
     Voice,
 )
+from circnav_mav.pilot.target import Target
+from circnav_mav.pilot.waiting import Waiting
 
 STALL = 0.5
 """Gap between two steps, s, after which everything that came in during it counts as stale."""
-SAFE_SETPOINTS = 3
-"""Times that the safe setpoint is sent before silence: a datagram can be lost."""
-LEAVING_PATIENCE = 12.0
-"""Time, s, that the exit action may take before we fall silent without it."""
-LANDED_PATIENCE = 1.5
-"""Time, s, that a vehicle is given to tell whether it flies before the first engagement."""
 AUTOPILOT_COMPONENT = 1
-STOP_SENDING = "stop"
+MOST_TWINS = 3
+"""Frames in our name that are not ours, above which another companion speaks."""
 
 
 class Pilot:
@@ -64,38 +60,26 @@ class Pilot:
             {message.id: settings.ranging.rate} if from_autopilot else None,
             signing,
         )
-        self._noise = NoiseCheck(settings.orbit.speed, settings.orbit.max_turn_rate)
-        self.ranging = RangeReader(settings.ranging, self._noise)
-        self.estimator = ESTIMATORS[settings.estimator](settings.estimation)
+        self._say = self.session.announcer.say
+        self.target = Target(settings, self._say)
         self.helm = Helm(settings)
-        self.phase = Phase.WAIT_LINK
-        self.outcome: Outcome | None = None
-        self.engaged_at: float | None = None
         self.why = ""
         """Why the law flies that flies, for people."""
         self.setpoints_sent = 0
-        self.samples_accepted = 0
+        self._progress = Progress(self._say)
+        self._authority = Authority()
+        self._engagement = Engagement(settings, self.session, self._authority, self._progress)
+        self._leaving = Leaving(settings.exit)
+        self._beat = Beat(settings.timing.tick)
         self._decoders = decoders(settings, HANDLED | {message.id}, signing)
+        self._waiting = Waiting(settings, self.session, self.target, self._progress, self._decoders)
         self._ranging_link = RANGING if settings.ranging_apart else VEHICLE
-        self._noise_told = False
         self._records: list[TickRecord] = []
         self._frames: list[bytes] = []
-        self._newest: RangeSample | None = None
-        self._fresh = False
-        self._started: float | None = None
         self._stepped: float | None = None
-        self._beat = Beat(settings.timing.tick)
         self._next_hello = float("-inf")
-        self._phase_since = 0.0
-        self._lost_at: float | None = None
-        self._consent = True
-        self._left_mode = False
         self._reboots = 0
-        self._twins = 0
         self._heartbeats_before: int | None = None
-        self._engaging = ModeRequest()
-        self._leaving = ModeRequest()
-        self._safe_left = SAFE_SETPOINTS
         self._law = ""
 
     # --- in -------------------------------------------------------------------------------------------------------
@@ -106,34 +90,20 @@ class Pilot:
         for message in decoder.decode(data):
             if link == VEHICLE and self.session.receive(message, now, source):
                 self._take_motion(message, now)
-            if link == self._ranging_link:
-                self._take_range(message, now)
+            if link == self._ranging_link and self.target.hear(message, now, stalled=self._stalled(now)):
+                self._beat.heard(now)
         self._frames += decoder.frames
         if link == VEHICLE and decoder.behind:
             self.session.greet(source)
 
     def interrupt(self, now: float, reason: str) -> None:
         """End the flight now: the next step sends the safe setpoint."""
-        self._finish(Ending.INTERRUPTED, reason, now)
+        self._progress.finish(Ending.INTERRUPTED, reason, now)
         self._beat.at_once()
 
-    def _take_range(self, message: Message, now: float) -> None:
-        sample = self.ranging.read(message, now)
-        if self.ranging.restarted:
-            self.estimator.restamp()
-        if sample is None:
-            return
-        if self._stalled(now):
-            self.ranging.reject(Reject.STALLED)
-            return
-        self._tell_noise()
-        fused = self.estimator.observe(sample)
-        if fused is Fused.GATED:
-            self.ranging.reject(Reject.GATED)
-            return
-        self.samples_accepted += 1
-        self._newest, self._fresh = sample, True
-        self._beat.heard(now)
+    def abandon(self, reason: str) -> None:
+        """An error of ours has ended the flight, whatever it had come to."""
+        self._progress.outcome = Outcome(Ending.ABORTED, reason)
 
     def _take_motion(self, message: Message, now: float) -> None:
         """Own motion teaches the turn-rate gain, and estimators that know where the vehicle is heading."""
@@ -142,8 +112,8 @@ class Pilot:
         own = self.session.motion.own(now, self._airspeed(now))
         if own is not None:
             self.helm.feel(own)
-            if self.session.adapter.measures_airspeed or (self.phase in STEERING and self._flies_as_told()):
-                self.estimator.move(own)
+            if self.session.adapter.measures_airspeed or (self._progress.steering and self._flies_as_told()):
+                self.target.move(own)
 
     def _flies_as_told(self) -> bool:
         """Whether the vehicle has the speed that it is told; whose setpoints are another's is believed to have it."""
@@ -154,12 +124,30 @@ class Pilot:
         measured = self.session.motion.at(now).airspeed if self.session.adapter.measures_airspeed else None
         return self.settings.orbit.speed if measured is None else measured
 
-    # --- out ------------------------------------------------------------------------------------------------------
+    def _stalled(self, now: float) -> bool:
+        return self._stepped is not None and now - self._stepped > STALL
+
+    # --- what is known of it ----------------------------------------------------------------------------------------
+
+    @property
+    def phase(self) -> Phase:
+        """Where the mission stands."""
+        return self._progress.phase
+
+    @property
+    def outcome(self) -> Outcome | None:
+        """How the mission ended; None while it goes on."""
+        return self._progress.outcome
+
+    @property
+    def engaged_at(self) -> float | None:
+        """The first engagement, s."""
+        return self._progress.engaged_at
 
     @property
     def done(self) -> bool:
         """Whether the mission is over and nothing more will be sent."""
-        return self.phase is Phase.ENDED
+        return self._progress.phase is Phase.ENDED
 
     @property
     def next_tick(self) -> float:
@@ -189,6 +177,16 @@ class Pilot:
         frames, self._frames = self._frames, []
         return frames
 
+    def waits_for(self, now: float) -> str:
+        """What the vehicle is not steered for now, for people; empty where nothing is missing."""
+        if self.phase is Phase.WAIT_LINK:
+            return self._waiting.why_no_vehicle()
+        if self.phase is Phase.WAIT_RANGING:
+            return self._waiting.why_not_ready(now)
+        return self._engagement.why_not(now) if self.phase in (Phase.READY, Phase.YIELDED) else ""
+
+    # --- out ------------------------------------------------------------------------------------------------------
+
     def hello(self, now: float) -> bytes:
         """What goes out on a separate ranging link: a heartbeat, for routers forward only to those who have spoken."""
         if self.done or now < self._next_hello:
@@ -199,19 +197,19 @@ class Pilot:
     def step(self, now: float) -> bytes:
         """Decide and answer. Acts when a fresh range is waiting or a tick is due; else returns nothing at once."""
         if self._stalled(now):
-            self._fresh, self._heartbeats_before = False, self.session.heartbeats
+            self.target.fresh, self._heartbeats_before = False, self.session.heartbeats
         self._stepped = now
         # the last words are a tick apart, however many ranges come
-        answers = self._fresh and self.phase is not Phase.LEAVING
+        answers = self.target.fresh and self.phase is not Phase.LEAVING
         if self.done or not (answers or now >= self._beat.due):
             return b""
-        self._fresh = False
+        self.target.fresh = False
         self._beat.stepped(now)
-        self._started = now if self._started is None else self._started
+        self._progress.step(now)
         self._watch_link(now)
         self._watch_takeover(now)
-        self._watch_time(now)
-        estimate = self.estimator.at(now)
+        self._waiting.watch(now)
+        estimate = self.target.at(now)
         self._watch_bounds(estimate, now)
         self._watch_ranging(estimate, now)
         self._watch_engagement(now)
@@ -221,9 +219,9 @@ class Pilot:
         self._records.append(
             tick_record(
                 now, self.phase, self.session, estimate, command, sent,
-                newest=self._newest, nis=self.estimator.nis, turn_gain=self.helm.turn_gain,
-                law=self.settings.law.name, accepted=self.samples_accepted,
-                rejected=self.ranging.refused,
+                newest=self.target.newest, nis=self.target.estimator.nis, turn_gain=self.helm.turn_gain,
+                law=self.settings.law.name, accepted=self.target.accepted,
+                rejected=self.target.ranging.refused,
             )
         )  # fmt: skip
         messages += self._housekeeping(estimate, command, now)
@@ -231,7 +229,7 @@ class Pilot:
 
     def last_words(self, now: float) -> bytes:
         """The safe setpoint alone, for the shell to send when the pilot itself has failed; empty if not ours to fly."""
-        if self.settings.voice is not Voice.FLY or self.phase not in STEERING or not self.session.in_our_mode:
+        if self.settings.voice is not Voice.FLY or not self._progress.steering or not self.session.in_our_mode:
             return b""
         return self.session.encode(self.helm.safe_setpoint(self.session, now))
 
@@ -244,162 +242,74 @@ class Pilot:
 
     # --- what moves the phases --------------------------------------------------------------------------------------
 
-    def _event(self, event: Event, now: float) -> bool:
-        """Apply an event; tells whether it changed the phase."""
-        before, self.phase = self.phase, advance(self.phase, event)
-        if self.phase is before:
-            return False
-        self._phase_since = now
-        return True
-
-    def _finish(self, ending: Ending, reason: str, now: float) -> None:
-        if self.outcome is None:
-            self.outcome = Outcome(ending, reason)
-            self._say("end", f"ended, {reason}")
-        self._event(Event.FINISH, now)
-
     def _watch_link(self, now: float) -> None:
         session = self.session
         if session.up and session.heartbeat_age(now) > LOST_AFTER:
             session.lose()
-            if self.phase in STEERING:
-                self._lost_at = now
-            self._event(Event.LINK_LOST, now)
+            self._progress.lose(now)
         elif session.up:
-            self._event(Event.LINK_UP, now)
+            self._progress.happened(Event.LINK_UP, now)
 
     def _watch_takeover(self, now: float) -> None:
-        """The operator always wins: a mode that is not ours, disarming or a reboot ends the stream in this very step.
-
-        The vehicle is ours again only after it was seen outside the guided mode and then in it.
-        """
-        session = self.session
+        """The operator's word ends the stream in this very step."""
+        session, progress = self.session, self._progress
         rebooted, self._reboots = session.reboots > self._reboots, session.reboots
         if rebooted:
-            self.estimator.reset()
-        outside = session.up and session.mode is not None and session.mode != session.adapter.guided_mode
-        if outside:
-            self._left_mode = True
-        if self._left_mode and session.in_our_mode:
-            self._consent, self._left_mode = True, False
-        resuming = self.engaged_at is not None and self.phase in (Phase.WAIT_RANGING, Phase.READY)
-        ours = self.phase in STEERING or self.phase is Phase.LEAVING or resuming
-        if not ours or self.settings.voice is not Voice.FLY or not session.up:
+            self.target.estimator.reset()
+        ours = progress.steering or progress.resuming or progress.phase is Phase.LEAVING
+        takeover = self._authority.watch(session, ours=ours and self.settings.voice is Voice.FLY, rebooted=rebooted)
+        if takeover is None:
             return
-        if session.in_our_mode and not rebooted:
-            return
-        self._consent, self._left_mode = False, outside
-        self._event(Event.MODE_LEFT, now)
-        self.session.drop_mode_requests()
+        progress.happened(Event.MODE_LEFT, now)
+        session.drop_mode_requests()
         self.helm.let_go()
-        if self.outcome is not None:  # we were leaving: this is the exit action taking effect
+        if progress.outcome is not None:  # we were leaving: this is the exit action taking effect
             return
-        what = reason = "autopilot rebooted" if rebooted else "vehicle disarmed"
-        if outside and not rebooted:
-            what = f"{session.adapter.mode_names[session.adapter.guided_mode]} left for {session.mode_name}"
-            reason = f"{what}: operator or failsafe"
-        self._say("yield", what)
+        self._say("yield", takeover.what)
         if self.settings.end_on_takeover:
-            self._finish(Ending.ABORTED, reason, now)
+            progress.finish(Ending.ABORTED, takeover.reason, now)
 
     def _watch_bounds(self, estimate: RangeEstimate | None, now: float) -> None:
         """The mission's own limits while the vehicle is ours, and a twin of ours at any time."""
-        session = self.session
-        twins, self._twins = session.ignored["twin"], session.ignored["twin"]
-        if twins > 3:
+        session, progress = self.session, self._progress
+        if session.ignored["twin"] > MOST_TWINS:
             ids = f"{session.encoder.system}/{self.settings.link.component_id}"
-            self._finish(Ending.ABORTED, f"another companion sends as {ids}: give one of us another component_id", now)
-        if self.phase not in STEERING:
+            reason = f"another companion sends as {ids}: give one of us another component_id"
+            progress.finish(Ending.ABORTED, reason, now)
+        if not progress.steering:
             return
         broken = breach(
             self.settings.bounds,
-            r=estimate.r if estimate and self.phase is Phase.ENGAGED else None,
+            r=estimate.r if estimate and progress.phase is Phase.ENGAGED else None,
             altitude=session.motion.at(now).altitude,
             battery=session.battery,
         )
         if broken is not None:
-            self._finish(Ending.ABORTED, broken, now)
-
-    def _watch_time(self, now: float) -> None:
-        timing = self.settings.timing
-        waited = now - self._phase_since
-        if self.engaged_at is not None and now - self.engaged_at >= timing.duration:
-            if self.phase in STEERING:
-                flown = "flown" if self.settings.voice is Voice.FLY else "dry run"
-                self._finish(Ending.COMPLETED, f"{flown} to its end", now)
-            else:
-                self._finish(Ending.ABORTED, f"time ran out while {self.phase.value}{self._what_is_gone(now)}", now)
-        elif self.phase is Phase.HOLDING and waited > timing.hold:
-            self._finish(Ending.ABORTED, f"no range for {waited:.1f} s", now)
-        elif self._lost_at is not None and now - self._lost_at > timing.outage:
-            self._finish(Ending.ABORTED, f"vehicle or ranging gone for {timing.outage:.0f} s", now)
-        elif self.engaged_at is not None or self._started is None:
-            return
-        elif self.phase is Phase.WAIT_LINK and now - self._started > timing.wait_link:
-            self._finish(Ending.NOTHING_HEARD, f"no vehicle: {why_no_vehicle(self.session, self.counts())}", now)
-        elif self.phase is Phase.WAIT_RANGING and waited > timing.wait_ranging:
-            self._finish(Ending.NOTHING_HEARD, self._why_not_ready(now), now)
-
-    def _what_is_gone(self, now: float) -> str:
-        """Which silence a flight that runs out of time waits in."""
-        if self.phase is Phase.WAIT_LINK:
-            return f", no heartbeat for {self.session.heartbeat_age(now):.0f} s"
-        age = self._range_age(now) if self.phase is Phase.WAIT_RANGING else None
-        return "" if age is None else f", no range for {age:.0f} s"
+            progress.finish(Ending.ABORTED, broken, now)
 
     def _watch_ranging(self, estimate: RangeEstimate | None, now: float) -> None:
-        age = self._range_age(now)
-        fresh = age is not None and age <= self.settings.timing.stale + SAME_TIME
-        good = self.estimator.ready and estimate is not None and fresh
-        if self.phase is Phase.WAIT_RANGING and self._missing(now):
+        progress, good = self._progress, self.target.good(estimate, now)
+        if progress.phase is Phase.WAIT_RANGING and self._waiting.missing(now):
             return
-        before = self.phase
-        if self._event(Event.RANGE_GOOD if good else Event.RANGE_LOST, now) and before in STEERING:
+        steering = progress.steering
+        if progress.happened(Event.RANGE_GOOD if good else Event.RANGE_LOST, now) and steering:
             self._say("range", "range is back" if good else "range lost, holding")
 
     def _watch_engagement(self, now: float) -> None:
-        flying = self.settings.voice is Voice.FLY
-        grounded = self._may_be_on_ground(now)
-        quick = self._link_quick(now)
-        allowed = not flying or (self._consent and self.session.in_our_mode and not grounded and quick)
-        if allowed and self.phase is Phase.YIELDED:
-            self._event(Event.MODE_OURS, now)
-        elif allowed and self.phase is Phase.READY:
+        progress, engagement = self._progress, self._engagement
+        allowed = engagement.allowed(now)
+        if allowed and progress.phase is Phase.YIELDED:
+            progress.happened(Event.MODE_OURS, now)
+        elif allowed and progress.phase is Phase.READY:
             self._engage(now)
-        elif self.phase is Phase.READY and quick and self._may_request_mode(grounded):
-            adapter = self.session.adapter
-            failure = self._engaging.ask(self.session, adapter.guided_mode, now)
+        elif progress.phase is Phase.READY:
+            failure = engagement.request(now)
             if failure is not None:
-                name = adapter.mode_names[adapter.guided_mode]
-                self._finish(Ending.ABORTED, f"mode {name} {failure}", now)
-
-    def _may_be_on_ground(self, now: float) -> bool:
-        """An aircraft is not steered before it flies; one that does not say whether it does is given a moment to."""
-        session = self.session
-        if not session.adapter.flies or self.engaged_at is not None:
-            return False
-        if session.on_ground is None:
-            return now - session.pinned_at < LANDED_PATIENCE
-        return session.on_ground
-
-    def _link_quick(self, now: float) -> bool:
-        """Whether question and answer are within the mission's bound; asked before the first engagement only."""
-        trip = self.session.round_trip
-        if self.engaged_at is not None:
-            return True
-        return trip.settled(now) and (trip.typical or 0.0) <= self.settings.timing.round_trip
-
-    def _may_request_mode(self, grounded: bool) -> bool:
-        """Only where the mission says so, in the air, and never again once the flight has begun."""
-        return (
-            self.settings.request_mode and self.settings.voice is Voice.FLY and self.engaged_at is None and not grounded
-        )
+                progress.finish(Ending.ABORTED, failure, now)
 
     def _engage(self, now: float) -> None:
-        self._event(Event.MODE_OURS, now)
+        self._progress.engage(now)
         self.session.drop_mode_requests()
-        self._lost_at = None
-        self.engaged_at = now if self.engaged_at is None else self.engaged_at
         orbit = self.settings.orbit
         doing = "engaged" if self.settings.voice is Voice.FLY else "dry run"
         self._say("engage", f"{doing}, {orbit.radius:g} m {orbit.direction.value}")
@@ -411,100 +321,36 @@ class Pilot:
         if self._heartbeats_before is not None and self.session.heartbeats > self._heartbeats_before:
             self._heartbeats_before = None
         silent = self.settings.voice is not Voice.FLY or self._heartbeats_before is not None
+        yaw_rate = None
         try:
             if self.phase is Phase.LEAVING:
-                return self._leave(now, silent=silent), None
-            if silent:
-                return [], None
-            if command is None:
-                return self._stream_before_engaging(now), None
-            message, yaw_rate = self.helm.setpoint(command, self.session, now)
+                message = self._leave(now, silent=silent)
+            elif silent:
+                message = None
+            elif command is not None:
+                message, yaw_rate = self.helm.setpoint(command, self.session, now)
+            elif self._engagement.streams_first(now):
+                message = self.helm.safe_setpoint(self.session, now, engaged=False)
+            else:
+                message = None
         except UnsafeSetpointError as error:
-            self._finish(Ending.ABORTED, f"internal error, unsafe setpoint held back: {error}", now)
+            self._progress.finish(Ending.ABORTED, f"internal error, unsafe setpoint held back: {error}", now)
+            return [], None
+        if message is None:
             return [], None
         self.setpoints_sent += 1
         return [message], yaw_rate
 
-    def _leave(self, now: float, *, silent: bool) -> list[Message]:
+    def _leave(self, now: float, *, silent: bool) -> Message | None:
         """The safe setpoint until the exit action shows in the vehicle's mode, or some times over; then silence."""
-        action = self._exit_action()
-        failure = None
+        progress = self._progress
+        if silent or self._leaving.go_on(self.session, progress.since, now):
+            progress.happened(Event.SAFE_SENT, now)
         if silent:
-            self._event(Event.SAFE_SENT, now)
-            return []
-        if action is not None:
-            failure = self._leaving.ask(self.session, self.session.adapter.exits[action], now)
-            if failure is None and now - self._phase_since > LEAVING_PATIENCE:
-                failure = "without effect"
-        self._safe_left -= 1
-        if failure is not None and self.outcome is not None:
-            self.outcome = Outcome(self.outcome.ending, f"{self.outcome.reason}; exit action {action} {failure}")
-        if failure is not None or (action is None and self._safe_left <= 0):
-            self._event(Event.SAFE_SENT, now)
-        self.setpoints_sent += 1
-        return [self.helm.safe_setpoint(self.session, now)]
-
-    def _exit_action(self) -> str | None:
-        """The mission's exit action, or the autopilot's default; None: stop sending."""
-        action = self.settings.exit or self.session.adapter.default_exit
-        return None if action == STOP_SENDING else action
-
-    def _stream_before_engaging(self, now: float) -> list[Message]:
-        """PX4 enters OFFBOARD only while setpoints flow; before that it does not fly them. Never after a takeover."""
-        if self.phase is not Phase.READY or not self.session.adapter.needs_setpoints_first or not self._consent:
-            return []
-        if not self._link_quick(now) and not self.session.in_our_mode:  # then let PX4 refuse the mode
-            return []
-        self.setpoints_sent += 1
-        return [self.helm.safe_setpoint(self.session, now, engaged=False)]
-
-    # --- what is told -------------------------------------------------------------------------------------------------
-
-    def waits_for(self, now: float) -> str:
-        """What the vehicle is not steered for now, for people; empty where nothing is missing."""
-        if self.phase is Phase.WAIT_LINK:
-            return why_no_vehicle(self.session, self.counts())
-        if self.phase is Phase.WAIT_RANGING:
-            return self._why_not_ready(now)
-        return self._why_not_engaged(now) if self.phase in (Phase.READY, Phase.YIELDED) else ""
-
-    def _why_not_ready(self, now: float) -> str:
-        missing = self._missing(now) if self.estimator.ready else []
-        return why_not_ready(
-            self.session, RANGING_MESSAGES[self.settings.ranging.message], self.ranging.rejected,
-            missing=missing, counts=self.counts(self._ranging_link),
-        )  # fmt: skip
-
-    def _why_not_engaged(self, now: float) -> str:
-        if not self._consent:
-            return why_withheld(self.session, left_mode=self._left_mode)
-        if not self._link_quick(now):
-            return why_slow(self.session.round_trip.typical, self.settings.timing.round_trip)
-        if self._may_be_on_ground(now):
-            return (
-                "the vehicle is on the ground" if self.session.on_ground else "whether the vehicle flies is not known"
-            )
-        return why_not_guided(self.session, request_mode=self.settings.request_mode)
-
-    def _missing(self, now: float) -> list[str]:
-        """What the vehicle must tell before it can be flown, and does not."""
-        motion = self.session.motion.at(now)
-        return sorted(name for name in self.session.adapter.needs if getattr(motion, name) is None)
-
-    def _stalled(self, now: float) -> bool:
-        return self._stepped is not None and now - self._stepped > STALL
-
-    def _range_age(self, now: float) -> float | None:
-        return None if self._newest is None else now - self._newest.time
-
-    def _say(self, kind: str, text: str) -> None:
-        self.session.announcer.say(kind, text)
-
-    def _tell_noise(self) -> None:
-        """Say, once, that ranges scatter more than they say."""
-        if self._noise.found is not None and not self._noise_told:
-            self._noise_told = True
-            self._say("noise", "ranges scatter {1:.2g} m, not {0:.2g} as told".format(*self._noise.found))
+            return None
+        if self._leaving.failure is not None and progress.outcome is not None:
+            progress.outcome = Outcome(progress.outcome.ending, f"{progress.outcome.reason}; {self._leaving.failure}")
+        return self.helm.safe_setpoint(self.session, now)
 
     def _tell_law(self, command: TurnCommand | None) -> None:
         """Say when another law takes over, and why."""

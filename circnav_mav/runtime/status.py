@@ -74,8 +74,8 @@ class Watch:
             why=pilot.why if tick.law else "",
             target=_target(tick),
             alarms=tuple(_alarms(pilot, tick, now, rates, problem)),
-            rejected={why: count for why, count in pilot.ranging.rejected.most_common() if why != OTHERS},
-            others=pilot.ranging.rejected[OTHERS],
+            rejected={why: count for why, count in pilot.target.ranging.rejected.most_common() if why != OTHERS},
+            others=pilot.target.ranging.rejected[OTHERS],
             rates=rates,
             setpoints=pilot.setpoints_sent,
             outcome=pilot.outcome,
@@ -88,7 +88,7 @@ class Watch:
 
     def _rates(self, now: float) -> Rates | None:
         pilot, seen = self._pilot, self._seen
-        counts = Rates(pilot.counts().frames, pilot.samples_accepted, pilot.ranging.refused, pilot.setpoints_sent)
+        counts = Rates(pilot.counts().frames, pilot.target.accepted, pilot.target.ranging.refused, pilot.setpoints_sent)
         seen.append((now, counts))
         while len(seen) > 2 and now - seen[1][0] >= RATE_SPAN:
             seen.popleft()

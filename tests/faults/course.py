@@ -91,8 +91,8 @@ class Course:
         self.vehicle_wall: float | None = UNIX
         self.allowed = Allowed.of(settings)
         self.link = FaultLink()
-        self.spy = Spy(self.pilot.estimator)
-        self.pilot.estimator = self.spy  # type: ignore[assignment]
+        self.spy = Spy(self.pilot.target.estimator)
+        self.pilot.target.estimator = self.spy  # type: ignore[assignment]
         self.witness = Witness(profile, keys[0])
         self.source = SOURCE
         self.way_home = 0.0

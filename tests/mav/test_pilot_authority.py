@@ -617,7 +617,7 @@ def test_a_vehicle_that_does_not_turn_as_told_teaches_the_estimator_no_motion(ma
     """A copter that no longer hears us stands still: at the speed it was told, it would be somewhere else."""
     rig = make_rig().engage()
     heard = []
-    rig.pilot.estimator.move = heard.append
+    rig.pilot.target.estimator.move = heard.append
     heading = 0.0
     for turns in (True, False):
         heard.clear()

@@ -269,7 +269,7 @@ def test_a_range_that_is_none_is_not_a_fresh_one(rig, cm):
         rig.run(0.05)
         rig.hear(rig_range(rig, cm, stamp_ms=1_000_000 + round(rig.now * 1000)))
     assert rig.pilot.phase is Phase.HOLDING
-    assert rig.pilot.ranging.rejected["no_range"] == 20
+    assert rig.pilot.target.ranging.rejected["no_range"] == 20
 
 
 def test_an_outlier_is_counted_and_moves_nothing(make_rig):
@@ -279,8 +279,8 @@ def test_an_outlier_is_counted_and_moves_nothing(make_rig):
     disturbed.hear(rig_range(disturbed, 40000, stamp_ms=1_000_000 + round(disturbed.now * 1000)))
     steady.run(0.3)
     disturbed.run(0.3)
-    assert disturbed.pilot.ranging.rejected["gated"] == 1
-    assert disturbed.pilot.samples_accepted == steady.pilot.samples_accepted
+    assert disturbed.pilot.target.ranging.rejected["gated"] == 1
+    assert disturbed.pilot.target.accepted == steady.pilot.target.accepted
     rates = [[m.yaw_rate for m in rig.setpoints(3.02)] for rig in (steady, disturbed)]
     assert rates[0] == pytest.approx(rates[1], abs=2e-3)
 
@@ -291,7 +291,7 @@ def test_a_jump_of_the_sensors_clock_starts_the_estimate_anew(rig):
     for i in range(30):
         rig.run(0.1)
         rig.hear(rig_range(rig, 15000, stamp_ms=5_000 + 100 * i))
-    assert rig.pilot.ranging.rejected["stamp_jump"] == 2
+    assert rig.pilot.target.ranging.rejected["stamp_jump"] == 2
     assert rig.pilot.phase is Phase.ENGAGED
 
 
@@ -307,7 +307,7 @@ def test_after_a_stall_nothing_is_commanded_until_the_vehicle_is_heard_anew(rig)
     before = rig.now - 0.01
     rig.step()
     assert rig.setpoints(before) == []
-    assert rig.pilot.ranging.rejected["stalled"] == 1
+    assert rig.pilot.target.ranging.rejected["stalled"] == 1
     rig.speaks = False
     rig.run(0.5)
     assert rig.setpoints(before) == []
@@ -480,7 +480,7 @@ def test_a_law_that_fails_is_held_back_and_ends_the_flight_safely(rig, monkeypat
 def test_ranging_of_another_link_is_taken_from_there_and_from_nowhere_else(make_rig):
     rig = make_rig(ranging_apart=True)
     rig.run(3.0)
-    assert rig.pilot.samples_accepted == 0, "ranges on the vehicle's link are not the mission's"
+    assert rig.pilot.target.accepted == 0, "ranges on the vehicle's link are not the mission's"
     rig.ranges = False
     for _ in range(30):
         rig.run(0.1)

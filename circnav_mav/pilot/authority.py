@@ -1,0 +1,40 @@
+"""Whose the vehicle is: the operator always wins."""
+
+from dataclasses import dataclass
+
+from circnav_mav.mav.session import Session
+
+
+@dataclass(frozen=True, slots=True)
+class Takeover:
+    """The vehicle was taken from us. what: for the air, as STATUSTEXT. reason: for the record."""
+
+    what: str
+    reason: str
+
+
+class Authority:
+    """A mode that is not ours, disarming or a reboot takes the vehicle from us; it is ours again only after it was seen
+    outside the guided mode and then in it."""
+
+    def __init__(self) -> None:
+        self.consent = True
+        """Whether the guided mode means that we may steer."""
+        self.left_mode = False
+        """Whether the guided mode has been left since."""
+
+    def watch(self, session: Session, *, ours: bool, rebooted: bool) -> Takeover | None:
+        """What took the vehicle from us, if it was ours until now."""
+        outside = session.up and session.mode is not None and session.mode != session.adapter.guided_mode
+        if outside:
+            self.left_mode = True
+        if self.left_mode and session.in_our_mode:
+            self.consent, self.left_mode = True, False
+        if not ours or not session.up or (session.in_our_mode and not rebooted):
+            return None
+        self.consent, self.left_mode = False, outside
+        if rebooted or not outside:
+            what = "autopilot rebooted" if rebooted else "vehicle disarmed"
+            return Takeover(what, what)
+        what = f"{session.adapter.mode_names[session.adapter.guided_mode]} left for {session.mode_name}"
+        return Takeover(what, f"{what}: operator or failsafe")

@@ -1,0 +1,78 @@
+"""Whether the vehicle may be steered from now on, and asking for its guided mode where the mission says so."""
+
+from circnav_mav.core.phases import Phase
+from circnav_mav.mav.session import Session
+from circnav_mav.pilot.authority import Authority
+from circnav_mav.pilot.handover import ModeRequest
+from circnav_mav.pilot.progress import Progress
+from circnav_mav.pilot.reasons import why_not_guided, why_slow, why_withheld
+from circnav_mav.pilot.settings import PilotSettings, Voice
+
+LANDED_PATIENCE = 1.5
+"""Time, s, that a vehicle is given to tell whether it flies before the first engagement."""
+
+
+class Engagement:
+    """What must hold before the first setpoint that steers. Once engaged, a slow link or a landing stops nothing."""
+
+    def __init__(self, settings: PilotSettings, session: Session, authority: Authority, progress: Progress) -> None:
+        self._settings = settings
+        self._session = session
+        self._authority = authority
+        self._progress = progress
+        self._request = ModeRequest()
+
+    def allowed(self, now: float) -> bool:
+        """Whether the vehicle may be steered; a pilot that sends no setpoints needs nobody's leave."""
+        if self._settings.voice is not Voice.FLY:
+            return True
+        if not self._authority.consent or not self._session.in_our_mode:
+            return False
+        return not self._may_be_on_ground(now) and self.link_quick(now)
+
+    def link_quick(self, now: float) -> bool:
+        """Whether question and answer are within the mission's bound; asked before the first engagement only."""
+        trip = self._session.round_trip
+        if self._progress.engaged_at is not None:
+            return True
+        return trip.settled(now) and (trip.typical or 0.0) <= self._settings.timing.round_trip
+
+    def streams_first(self, now: float) -> bool:
+        """Whether setpoints go out before the engagement: PX4 enters OFFBOARD only while they flow, and does not fly
+        them until then. Never after a takeover; over a slow link, it shall refuse the mode."""
+        session = self._session
+        if self._progress.phase is not Phase.READY or not session.adapter.needs_setpoints_first:
+            return False
+        return self._authority.consent and (self.link_quick(now) or session.in_our_mode)
+
+    def request(self, now: float) -> str | None:
+        """Ask for the guided mode, only where the mission says so, in the air, and never again once the flight has
+        begun. Answers with the reason why it is of no use."""
+        settings, session = self._settings, self._session
+        if not settings.request_mode or settings.voice is not Voice.FLY or self._progress.engaged_at is not None:
+            return None
+        if self._may_be_on_ground(now) or not self.link_quick(now):
+            return None
+        adapter = session.adapter
+        failure = self._request.ask(session, adapter.guided_mode, now)
+        return None if failure is None else f"mode {adapter.mode_names[adapter.guided_mode]} {failure}"
+
+    def why_not(self, now: float) -> str:
+        """What the engagement waits for, for people."""
+        session, authority = self._session, self._authority
+        if not authority.consent:
+            return why_withheld(session, left_mode=authority.left_mode)
+        if not self.link_quick(now):
+            return why_slow(session.round_trip.typical, self._settings.timing.round_trip)
+        if self._may_be_on_ground(now):
+            return "the vehicle is on the ground" if session.on_ground else "whether the vehicle flies is not known"
+        return why_not_guided(session, request_mode=self._settings.request_mode)
+
+    def _may_be_on_ground(self, now: float) -> bool:
+        """An aircraft is not steered before it flies; one that does not say whether it does is given a moment to."""
+        session = self._session
+        if not session.adapter.flies or self._progress.engaged_at is not None:
+            return False
+        if session.on_ground is None:
+            return now - session.pinned_at < LANDED_PATIENCE
+        return session.on_ground

@@ -1,0 +1,67 @@
+"""What is known of the target: ranges in, an estimate out."""
+
+from circnav_mav.core.estimators.interface import Fused
+from circnav_mav.core.estimators.table import ESTIMATORS
+from circnav_mav.core.noise_check import NoiseCheck
+from circnav_mav.core.values import SAME_TIME, OwnMotion, RangeEstimate, RangeSample
+from circnav_mav.mav.codec import Message
+from circnav_mav.mav.ranging import RangeReader, Reject
+from circnav_mav.pilot.progress import Say
+from circnav_mav.pilot.settings import PilotSettings
+
+
+class Target:
+    """Reads ranges and keeps the estimator. `fresh`: a range came in that no step has answered yet."""
+
+    def __init__(self, settings: PilotSettings, say: Say) -> None:
+        self._say = say
+        self._stale = settings.timing.stale
+        self._noise = NoiseCheck(settings.orbit.speed, settings.orbit.max_turn_rate)
+        self._noise_told = False
+        self.ranging = RangeReader(settings.ranging, self._noise)
+        self.estimator = ESTIMATORS[settings.estimator](settings.estimation)
+        self.newest: RangeSample | None = None
+        self.fresh = False
+        self.accepted = 0
+
+    def hear(self, message: Message, now: float, *, stalled: bool) -> bool:
+        """Take in what may be a range; tells whether the estimator took it. stalled: we slept, its age is not known."""
+        sample = self.ranging.read(message, now)
+        if self.ranging.restarted:
+            self.estimator.restamp()
+        if sample is None:
+            return False
+        if stalled:
+            self.ranging.reject(Reject.STALLED)
+            return False
+        self._tell_noise()
+        if self.estimator.observe(sample) is Fused.GATED:
+            self.ranging.reject(Reject.GATED)
+            return False
+        self.accepted += 1
+        self.newest, self.fresh = sample, True
+        return True
+
+    def move(self, own: OwnMotion) -> None:
+        """The vehicle's own motion, where it is as it is told."""
+        self.estimator.move(own)
+
+    def at(self, now: float) -> RangeEstimate | None:
+        """The estimate of this moment."""
+        return self.estimator.at(now)
+
+    def good(self, estimate: RangeEstimate | None, now: float) -> bool:
+        """Whether an estimate of now may steer: ready, and of a range that is not stale."""
+        age = self.age(now)
+        fresh = age is not None and age <= self._stale + SAME_TIME
+        return self.estimator.ready and estimate is not None and fresh
+
+    def age(self, now: float) -> float | None:
+        """Seconds since the newest range was measured."""
+        return None if self.newest is None else now - self.newest.time
+
+    def _tell_noise(self) -> None:
+        """Say, once, that ranges scatter more than they say."""
+        if self._noise.found is not None and not self._noise_told:
+            self._noise_told = True
+            self._say("noise", "ranges scatter {1:.2g} m, not {0:.2g} as told".format(*self._noise.found))
