@@ -9,7 +9,7 @@ import numpy as np
 from circnav_mav.analysis.run_folder import WORDS, Column, Ticks
 from circnav_mav.analysis.turns import Turn
 from circnav_mav.core.phases import Phase
-from circnav_mav.mav.codec import split_frames
+from circnav_mav.mav.framing import split_frames
 from circnav_mav.pilot import Pilot, PilotSettings, TickRecord, Timing
 
 SETPOINT_IDS = frozenset({69, 82, 84})

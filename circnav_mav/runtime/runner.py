@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from types import FrameType
 
-from circnav_mav.mav.codec import split_frames
+from circnav_mav.mav.framing import split_frames
 from circnav_mav.pilot import RANGING, VEHICLE, Pilot, TickRecord
 from circnav_mav.runtime.clock import RunClock
 from circnav_mav.runtime.keys import SigningTime

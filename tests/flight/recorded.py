@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from circnav_mav.mav.codec import split_frames
+from circnav_mav.mav.framing import split_frames
 from circnav_mav.mission.load import load_mission
 from circnav_mav.pilot import RANGING, VEHICLE, Pilot, Voice
 from circnav_mav.runtime.manifest import Manifest

@@ -12,7 +12,7 @@ from pymavlink import mavutil
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.core.phases import Phase
-from circnav_mav.mav.codec import split_frames
+from circnav_mav.mav.framing import split_frames
 from circnav_mav.mav.signing import Refusal, is_signed
 from circnav_mav.pilot import Ending
 from sim.config import Event

@@ -8,7 +8,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.mav.codec import Decoder, Encoder, split_frames
+from circnav_mav.mav.codec import Decoder, Encoder
+from circnav_mav.mav.framing import split_frames
 
 UNKNOWN_ID = 54321
 """An id that no dialect of pymavlink 2.4.50 has."""

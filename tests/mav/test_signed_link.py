@@ -5,7 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.mav.codec import Decoder, split_frames
+from circnav_mav.mav.codec import Decoder
+from circnav_mav.mav.framing import split_frames
 from circnav_mav.mav.signing import MINUTE, Signing, is_signed, without_signature
 from circnav_mav.pilot import RANGING, Pilot
 from tests.mav.conftest import MISSION, heartbeat
