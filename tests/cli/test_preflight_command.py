@@ -1,32 +1,16 @@
 """`circnav preflight` as a process: what it prints and how it ends."""
 
-import os
 import signal
 import socket
-import subprocess
-import sys
 import time
-from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
-COPTER = str(ROOT / "config" / "arducopter.toml")
-
-
-def start(*arguments: str) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [sys.executable, "-m", "circnav_mav", *arguments],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        cwd=ROOT,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )
+from tests.process import COPTER, circnav
 
 
 def preflight(*arguments: str) -> tuple[int, str, str]:
-    process = start("preflight", *arguments)
+    process = circnav("preflight", *arguments)
     printed, errors = process.communicate(timeout=60)
     return process.returncode, printed, errors
 
@@ -73,7 +57,7 @@ def test_too_short_a_time_to_listen_is_refused() -> None:
 
 
 def test_a_signal_ends_it_with_130(port: int) -> None:
-    process = start("preflight", COPTER, "--endpoint", f"udpin:127.0.0.1:{port}")
+    process = circnav("preflight", COPTER, "--endpoint", f"udpin:127.0.0.1:{port}")
     assert process.stdout is not None
     for line in process.stdout:
         if "listening" in line:
@@ -85,7 +69,7 @@ def test_a_signal_ends_it_with_130(port: int) -> None:
 
 
 def test_a_fast_simulator_passes_by_its_own_clock(port: int) -> None:
-    vehicle = start("emulate", COPTER, "--endpoint", f"udpin:127.0.0.1:{port}", "--speed", "5")
+    vehicle = circnav("emulate", COPTER, "--endpoint", f"udpin:127.0.0.1:{port}", "--speed", "5")
     try:
         assert vehicle.stdout is not None
         vehicle.stdout.readline()

@@ -2,8 +2,6 @@
 
 import json
 import os
-import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -11,32 +9,20 @@ import pytest
 
 from circnav_mav.runtime.status import Watch
 from tests.flight.lockstep import flight
+from tests.process import COPTER, circnav
 
-ROOT = Path(__file__).parents[2]
 SPEED = 5
-
-
-def circnav(*arguments: str) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [sys.executable, "-m", "circnav_mav", *arguments],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        cwd=ROOT,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )
 
 
 def test_a_simulator_five_times_as_fast_is_flown_in_its_own_seconds(tmp_path: Path) -> None:
     endpoint = f"127.0.0.1:{22000 + os.getpid() % 8000}"
-    mission = str(ROOT / "config" / "arducopter.toml")
-    vehicle = circnav("emulate", mission, "--endpoint", f"udpin:{endpoint}", "--speed", str(SPEED))
+    vehicle = circnav("emulate", COPTER, "--endpoint", f"udpin:{endpoint}", "--speed", str(SPEED))
     try:
         assert vehicle.stdout is not None
         vehicle.stdout.readline()
         overrides = ("--set", 'link.clock="autopilot"', "--duration", "40", "--out", str(tmp_path / "run"))
         began = time.monotonic()
-        flight = circnav("fly", mission, "--endpoint", f"udpout:{endpoint}", *overrides)
+        flight = circnav("fly", COPTER, "--endpoint", f"udpout:{endpoint}", *overrides)
         printed, errors = flight.communicate(timeout=60)
         elapsed = time.monotonic() - began
     finally:

@@ -4,28 +4,13 @@ import csv
 import json
 import os
 import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 
 import pytest
 from pymavlink import mavutil
 
-ROOT = Path(__file__).parents[2]
-QUICKSTART = str(ROOT / "config" / "quickstart.toml")
-
-
-def circnav(*arguments: str) -> subprocess.Popen[str]:
-    """The command as a process of its own."""
-    return subprocess.Popen(
-        [sys.executable, "-m", "circnav_mav", *arguments],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        cwd=ROOT,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )
+from tests.process import QUICKSTART, circnav
 
 
 @pytest.fixture(scope="module")

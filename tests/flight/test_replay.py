@@ -13,7 +13,7 @@ from circnav_mav.analysis.run import open_run
 from circnav_mav.analysis.turns import recorded_turns
 from circnav_mav.mission.load import parse_mission
 from circnav_mav.pilot import Pilot
-from tests.flight.test_process import QUICKSTART, circnav
+from tests.process import QUICKSTART, circnav
 
 
 def again(folder: Path):

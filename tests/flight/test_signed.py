@@ -18,8 +18,8 @@ from circnav_mav.pilot import Ending
 from sim.config import Event
 from tests.flight.lockstep import clockwise_turns, last_third, rms_error
 from tests.flight.signed import KEY, OTHER, UNIX, key_file, signed_flight
-from tests.flight.test_process import QUICKSTART, circnav
 from tests.mav.test_signing import peer
+from tests.process import QUICKSTART, circnav
 
 MODE_LOITER = mavlink.MAVLink_command_long_message(1, 1, 176, 0, 1, 5, 0, 0, 0, 0, 0)
 EPOCH = 1_420_070_400

@@ -1,0 +1,22 @@
+"""The command line as a process of its own."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+QUICKSTART = str(ROOT / "config" / "quickstart.toml")
+COPTER = str(ROOT / "config" / "arducopter.toml")
+
+
+def circnav(*arguments: str) -> subprocess.Popen[str]:
+    """Start it; what it prints and its errors can be read."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "circnav_mav", *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
