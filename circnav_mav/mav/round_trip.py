@@ -15,6 +15,9 @@ KEPT = 5
 """Newest answers that count, and answers after which is asked less often."""
 EVERY, LATER_EVERY = 0.5, 1.0
 """Time between two questions, s."""
+AGAIN = 0.2
+"""Time after which a question is asked again, s, that should have been answered by now: it was lost, or the link has
+become slow, and to learn either is urgent."""
 OUTSTANDING = 32
 """Questions that may wait for an answer; it mirrors our stamp, so nobody else's answer is taken for ours."""
 PATIENCE = 10.0
@@ -27,6 +30,7 @@ class RoundTrip:
     def __init__(self) -> None:
         self._asked: deque[tuple[int, float]] = deque(maxlen=OUTSTANDING)
         self._next = float("-inf")
+        self._waiting_since: float | None = None
         self._began: float | None = None
         self.trips: deque[float] = deque(maxlen=KEPT)
         """The newest, s."""
@@ -47,12 +51,13 @@ class RoundTrip:
 
     def poll(self, now: float) -> list[Message]:
         """A question, when due."""
-        if now < self._next:
+        if now < self._next and not self._overdue(now):
             return []
         self._began = now if self._began is None else self._began
         self._next = now + (LATER_EVERY if len(self.trips) == KEPT else EVERY)
         stamp = max(int(now * 1e9), 0) + 1
         self._asked.append((stamp, now))
+        self._waiting_since = now
         return [dialect.MAVLink_timesync_message(0, stamp)]
 
     def heard(self, stamp: int, now: float) -> None:
@@ -60,6 +65,14 @@ class RoundTrip:
         for asked in self._asked:
             if asked[0] == stamp:
                 self._asked.remove(asked)
+                if asked[1] == self._waiting_since:
+                    self._waiting_since = None
                 if now - asked[1] <= PATIENCE:
                     self.trips.append(now - asked[1])
                 return
+
+    def _overdue(self, now: float) -> bool:
+        """Whether the newest question should have been answered by now."""
+        if self._waiting_since is None or not self.trips:
+            return False
+        return now - self._waiting_since > max(max(self.trips), AGAIN)

@@ -366,6 +366,25 @@ def test_an_answer_that_is_minutes_late_is_no_round_trip(line):
     assert here.session.round_trip.worst is None
 
 
+def test_a_question_that_should_have_been_answered_is_asked_again_at_once(line):
+    here = line()
+    here.beat()
+    ask_and_answer(here, 5.0, [0.1] * 20)
+    _, (question,) = timesync(here, 26.0)
+    asked = [now / 20 for now in range(26 * 20 + 1, 28 * 20) if timesync(here, now / 20)[1]]
+    assert asked == pytest.approx([26.25 + i / 4 for i in range(7)])
+    here.hear(mavlink.MAVLink_timesync_message(10**12, question.ts1), 28.0)
+    assert here.session.round_trip.worst == pytest.approx(2.0)
+
+
+def test_a_link_that_is_slow_but_answers_is_not_asked_more_often(line):
+    here = line()
+    here.beat()
+    ask_and_answer(here, 5.0, [0.8] * 20)
+    _, (question,) = timesync(here, 26.0)
+    assert not any(timesync(here, 26.0 + i / 20)[1] for i in range(1, 16))
+
+
 def test_a_vehicle_is_asked_the_time_twice_a_second_and_later_once(line):
     here = line()
     here.beat()
