@@ -46,8 +46,8 @@ class RangeHeard:
 @dataclass(frozen=True, slots=True)
 class VehicleSeen:
     """The pinned vehicle as it was at the end. streams: message id -> (wanted, measured) in Hz. airspeed_told: as in
-    VFR_HUD, NaN included, None without VFR_HUD. boot: (our time, boot time) of the first and last that were measured.
-    """
+    VFR_HUD, NaN included, None without VFR_HUD. boot: (our time, boot time) of an early and a late one, those that came
+    with the least delay."""
 
     system: int
     component: int
@@ -124,7 +124,7 @@ class Survey:
         self._kind = ""
         self._airspeed: float | None = None
         self._counted: Counter[int] = Counter()
-        self._boot: tuple[tuple[float, float], tuple[float, float]] | None = None
+        self._boots: list[tuple[float, float]] = []
         self._reboots = 0
         self._ranges: list[RangeHeard] = []
         self._carriers: Counter[str] = Counter()
@@ -207,7 +207,7 @@ class Survey:
             motion=session.motion.at(self._end),
             airspeed_told=self._airspeed,
             battery=session.battery,
-            boot=self._boot,
+            boot=self._boot_span(),
             reboots=session.reboots,
             round_trip=session.round_trip.typical,
             parameters=dict(self._reader.values) if self._reader else {},
@@ -257,9 +257,21 @@ class Survey:
                 self._take_boot_time((now, session.boot_time))
 
     def _take_boot_time(self, heard: tuple[float, float]) -> None:
-        """The first and last since the vehicle last booted."""
+        """All since the vehicle last booted."""
         rebooted, self._reboots = self.session.reboots > self._reboots, self.session.reboots
-        self._boot = (heard, heard) if self._boot is None or rebooted else (self._boot[0], heard)
+        if rebooted:
+            self._boots.clear()
+        self._boots.append(heard)
+
+    def _boot_span(self) -> tuple[tuple[float, float], tuple[float, float]] | None:
+        """Of the first third and of the last the one with the least delay, which is none of the vehicle's clock."""
+        third = (len(self._boots) + 2) // 3
+        if not third:
+            return None
+        first, last = (
+            min(part, key=lambda one: one[0] - one[1]) for part in (self._boots[:third], self._boots[-third:])
+        )
+        return first, last
 
     def _take_range(self, message: Message, now: float) -> None:
         if message.get_type() != self._ranging_type:
