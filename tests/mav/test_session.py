@@ -381,7 +381,7 @@ def test_a_link_that_is_slow_but_answers_is_not_asked_more_often(line):
     here = line()
     here.beat()
     ask_and_answer(here, 5.0, [0.8] * 20)
-    _, (question,) = timesync(here, 26.0)
+    assert timesync(here, 26.0)[1]
     assert not any(timesync(here, 26.0 + i / 20)[1] for i in range(1, 16))
 
 

@@ -129,14 +129,8 @@ SIGNING = [
             ("0.001 corrupt per byte", Impairment(corrupt=1e-3)),
         )
     ),
-    # who is overtaken counts as repeated, so many frames are lost: a copter with law auto may leave its circle
-    signed(
-        "signed, 200 ms jitter",
-        up=Impairment(jitter=0.2),
-        down=Impairment(jitter=0.2),
-        check=None,
-        on={"arducopter": Want.REGAIN},
-    ),
+    # who is overtaken counts as repeated, so many frames are lost
+    signed("signed, 200 ms jitter", up=Impairment(jitter=0.2), down=Impairment(jitter=0.2), check=None),
 ]
 
 
