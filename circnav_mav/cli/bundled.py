@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from math import cos, hypot, radians, sin
 
 from circnav_mav.mission.checks import Check, Grade, drift_allowed
-from circnav_mav.mission.load import Mission
+from circnav_mav.mission.mission import Mission
 from sim.config import VehicleConfig
 from sim.starting import CRUISE_MPS
 

@@ -7,7 +7,8 @@ import click
 from circnav_mav.cli.bundled import check_bundled
 from circnav_mav.cli.exits import Exit, Refused
 from circnav_mav.mission.checks import Check, Grade, check_mission
-from circnav_mav.mission.load import SIM, Mission, MissionError, load_mission
+from circnav_mav.mission.load import MissionError, load_mission
+from circnav_mav.mission.mission import SIM, Mission
 from circnav_mav.runtime.keys import KeyFileError, read_key
 from circnav_mav.runtime.links import LinkError, parse_endpoint
 from sim.config import ConfigError, parse_vehicle

@@ -20,7 +20,7 @@ from circnav_mav.cli.exits import Exit, Refused, cannot
 from circnav_mav.cli.report import report_of_flight
 from circnav_mav.cli.verdict import verdict
 from circnav_mav.mission.checks import Grade
-from circnav_mav.mission.load import Mission
+from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import VEHICLE, Ending, Pilot, TickRecord, Voice
 from circnav_mav.runtime.clock import RunClock, local_time_name
 from circnav_mav.runtime.display import display_for

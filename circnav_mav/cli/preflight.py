@@ -11,7 +11,7 @@ from circnav_mav.cli.check import all_checks, read_mission, show_checks
 from circnav_mav.cli.connect import open_links, open_signing, start_clock, start_vehicle
 from circnav_mav.cli.exits import Exit, Refused
 from circnav_mav.mission.checks import Check, Grade
-from circnav_mav.mission.load import Mission
+from circnav_mav.mission.mission import Mission
 from circnav_mav.mission.param_rules import names_for
 from circnav_mav.mission.preflight import judge
 from circnav_mav.pilot.survey import Observations, Survey

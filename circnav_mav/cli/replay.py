@@ -13,7 +13,8 @@ from circnav_mav.analysis.run_folder import Ticks, find_damage
 from circnav_mav.analysis.summary import UNRECORDED
 from circnav_mav.analysis.turns import plain_turns, recorded_turns
 from circnav_mav.cli.exits import Exit, Refused, cannot
-from circnav_mav.mission.load import Mission, MissionError, load_mission, parse_mission
+from circnav_mav.mission.load import MissionError, load_mission, parse_mission
+from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import Pilot, Voice
 from circnav_mav.runtime.recorder import write_ticks
 

@@ -16,7 +16,8 @@ from circnav_mav.analysis.run_folder import Column
 from circnav_mav.analysis.summary import FlightFacts, summarise
 from circnav_mav.cli.exits import Exit, Refused, cannot
 from circnav_mav.cli.verdict import verdict
-from circnav_mav.mission.load import Mission, MissionError, parse_mission
+from circnav_mav.mission.load import MissionError, parse_mission
+from circnav_mav.mission.mission import Mission
 
 
 def report_run(folder: str) -> int:

@@ -10,7 +10,7 @@ from circnav_mav.core.slant import MAX_SIGMA_GROWTH
 from circnav_mav.core.theory import settling_time, tolerated_drift
 from circnav_mav.mav.autopilots.table import AUTOPILOTS, REFUSED, adapters
 from circnav_mav.mav.ranging import DOWNWARD
-from circnav_mav.mission.load import Mission
+from circnav_mav.mission.mission import Mission
 
 LOOP_BOUND = 0.4
 """Bound on V |d omega/d r'| (turn lag + filter lag): from about .45 on the laws limit-cycle."""

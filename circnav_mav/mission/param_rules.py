@@ -8,7 +8,7 @@ from circnav_mav.mav.autopilots.ardupilot import ArduCopter, ArduPlane, ArduRove
 from circnav_mav.mav.autopilots.interface import Autopilot
 from circnav_mav.mav.autopilots.px4 import PX4Copter, PX4PlaneAttitude, PX4PlaneStick
 from circnav_mav.mission.checks import Check, Grade
-from circnav_mav.mission.load import Mission
+from circnav_mav.mission.mission import Mission
 
 PASS, WARN, FAIL = Grade.PASS, Grade.WARN, Grade.FAIL
 SHORT_TIMEOUT, LONG_TIMEOUT = 0.5, 5.0

@@ -8,7 +8,7 @@ from statistics import median
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mission.checks import Check, Grade
-from circnav_mav.mission.load import Mission
+from circnav_mav.mission.mission import Mission
 from circnav_mav.mission.param_rules import Context, judge_parameters
 from circnav_mav.pilot import RANGING, VEHICLE
 from circnav_mav.pilot.survey import Observations, RangeHeard, VehicleSeen

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from circnav_mav.mission.load import Mission, parse_mission
+from circnav_mav.mission.load import parse_mission
+from circnav_mav.mission.mission import Mission
 from tests.small_mission import TEXT
 
 

@@ -1,0 +1,66 @@
+"""What is wrong with a mission file, in words for the person who wrote it."""
+
+from difflib import get_close_matches
+from typing import Any, get_args
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+
+from circnav_mav.mission.schema import MissionFile
+
+MOST_PROBLEMS = 8
+"""Problems of a file told in one line."""
+_BOUNDS = {"gt": "above", "ge": "at least", "lt": "below", "le": "at most"}
+
+
+def in_words(error: ValidationError) -> str:
+    """The problems in words; unknown keys first, for a misspelt key is also a missing one."""
+    problems = sorted(error.errors(), key=lambda problem: problem["type"] != "extra_forbidden")
+    missing = [_key(problem) for problem in problems if problem["type"] == "missing"]
+    told = [_one_in_words(problem) for problem in problems if problem["type"] != "missing"]
+    if missing:
+        told.append(f"{', '.join(missing)}: missing, add {'it' if len(missing) == 1 else 'them'}")
+    more = f"; and {len(told) - MOST_PROBLEMS} more" if len(told) > MOST_PROBLEMS else ""
+    return "; ".join(told[:MOST_PROBLEMS]) + more
+
+
+def _key(problem: ErrorDetails) -> str:
+    return ".".join(str(part) for part in problem["loc"])
+
+
+def _one_in_words(problem: ErrorDetails) -> str:
+    place = [str(part) for part in problem["loc"]]
+    key, kind, context = _key(problem), problem["type"], problem.get("ctx", {})
+    given = problem.get("input")
+    if kind == "extra_forbidden":
+        known = _known_keys(place[:-1])
+        near = get_close_matches(place[-1], known, n=1)
+        return f"{key}: unknown key, " + (f"did you mean {near[0]}?" if near else f"known here: {', '.join(known)}")
+    if kind == "literal_error":
+        return f"{key}: {given!r} is not one of {context['expected']}"
+    if kind == "model_type":
+        return f"{key}: must be a table, not {given!r}"
+    bound = next((f"{words} {context[name]:g}" for name, words in _BOUNDS.items() if name in context), None)
+    if bound is not None and isinstance(given, int | float):
+        return f"{key}: must be {bound}, not {given:g}"
+    return f"{key}: {problem['msg'].lower().removeprefix('input ')}, not {given!r}{_number_meant(kind, given)}"
+
+
+def _number_meant(kind: str, given: Any) -> str:
+    """The remedy for a number that TOML does not know as one: .5, 1. or one in quotes."""
+    if kind not in ("float_type", "int_type") or not isinstance(given, str):
+        return ""
+    try:
+        return f": write {float(given)!r}"
+    except ValueError:
+        return ""
+
+
+def _known_keys(place: list[str]) -> list[str]:
+    """The keys that a table of the schema knows."""
+    model: type[BaseModel] = MissionFile
+    for part in place:
+        annotation = model.model_fields[part].annotation
+        candidates = (annotation, *get_args(annotation))
+        model = next(item for item in candidates if isinstance(item, type) and issubclass(item, BaseModel))
+    return list(model.model_fields)
