@@ -6,7 +6,7 @@ all. It sends what a flight needs in order to hear the same (our heartbeat, stre
 """
 
 from collections import Counter
-from collections.abc import Callable, Hashable, Iterable, Mapping
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from pymavlink.dialects.v20 import all as dialect
@@ -30,6 +30,27 @@ PARAMETER_PATIENCE = 10.0
 AUTOPILOT_COMPONENT = 1
 _MARKS = {"DISTANCE_SENSOR": ("id", "orientation"), "RANGING_BEACON": ("beacon_id",), "NAMED_VALUE_FLOAT": ("name",)}
 """The fields by which a mission picks the sensor."""
+
+
+Moment = tuple[float, float]
+"""(our time, the other clock's time), s."""
+Span = tuple[Moment, Moment]
+
+
+def quick_span(moments: Sequence[Moment]) -> Span | None:
+    """Of the first third and of the last the moment that came with the least delay, which is none of the clock's; None
+    of none."""
+    third = (len(moments) + 2) // 3
+    if not third:
+        return None
+    first, last = (min(part, key=lambda one: one[0] - one[1]) for part in (moments[:third], moments[-third:]))
+    return first, last
+
+
+def span_speed(span: Span) -> float:
+    """Seconds of the other clock per second of ours."""
+    (began, at_first), (ended, at_last) = span
+    return (at_last - at_first) / (ended - began) if ended > began else 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +83,7 @@ class VehicleSeen:
     motion: Motion
     airspeed_told: float | None
     battery: float | None
-    boot: tuple[tuple[float, float], tuple[float, float]] | None
+    boot: Span | None
     reboots: int
     round_trip: float | None
     parameters: Mapping[str, float]
@@ -124,7 +145,7 @@ class Survey:
         self._kind = ""
         self._airspeed: float | None = None
         self._counted: Counter[int] = Counter()
-        self._boots: list[tuple[float, float]] = []
+        self._boots: list[Moment] = []
         self._reboots = 0
         self._ranges: list[RangeHeard] = []
         self._carriers: Counter[str] = Counter()
@@ -207,7 +228,7 @@ class Survey:
             motion=session.motion.at(self._end),
             airspeed_told=self._airspeed,
             battery=session.battery,
-            boot=self._boot_span(),
+            boot=quick_span(self._boots),
             reboots=session.reboots,
             round_trip=session.round_trip.typical,
             parameters=dict(self._reader.values) if self._reader else {},
@@ -256,22 +277,12 @@ class Survey:
             if type_ in ("ATTITUDE", "SYSTEM_TIME") and session.boot_time is not None:
                 self._take_boot_time((now, session.boot_time))
 
-    def _take_boot_time(self, heard: tuple[float, float]) -> None:
+    def _take_boot_time(self, heard: Moment) -> None:
         """All since the vehicle last booted."""
         rebooted, self._reboots = self.session.reboots > self._reboots, self.session.reboots
         if rebooted:
             self._boots.clear()
         self._boots.append(heard)
-
-    def _boot_span(self) -> tuple[tuple[float, float], tuple[float, float]] | None:
-        """Of the first third and of the last the one with the least delay, which is none of the vehicle's clock."""
-        third = (len(self._boots) + 2) // 3
-        if not third:
-            return None
-        first, last = (
-            min(part, key=lambda one: one[0] - one[1]) for part in (self._boots[:third], self._boots[-third:])
-        )
-        return first, last
 
     def _take_range(self, message: Message, now: float) -> None:
         if message.get_type() != self._ranging_type:
