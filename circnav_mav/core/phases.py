@@ -26,6 +26,7 @@ class Event(Enum):
     MODE_OURS = "guided mode entered"
     MODE_LEFT = "guided mode left"
     FINISH = "finish"
+    FINISH_OURS = "finish with a vehicle that still is in our mode"
     SAFE_SENT = "safe setpoint sent"
 
 
@@ -36,11 +37,13 @@ TRANSITIONS: dict[tuple[Phase, Event], Phase] = {
     (Phase.WAIT_RANGING, Event.RANGE_GOOD): Phase.READY,
     (Phase.WAIT_RANGING, Event.MODE_LEFT): Phase.YIELDED,
     (Phase.WAIT_RANGING, Event.FINISH): Phase.ENDED,
+    (Phase.WAIT_RANGING, Event.FINISH_OURS): Phase.LEAVING,
     (Phase.READY, Event.LINK_LOST): Phase.WAIT_LINK,
     (Phase.READY, Event.RANGE_LOST): Phase.WAIT_RANGING,
     (Phase.READY, Event.MODE_LEFT): Phase.YIELDED,
     (Phase.READY, Event.MODE_OURS): Phase.ENGAGED,
     (Phase.READY, Event.FINISH): Phase.ENDED,
+    (Phase.READY, Event.FINISH_OURS): Phase.LEAVING,
     (Phase.ENGAGED, Event.RANGE_LOST): Phase.HOLDING,
     (Phase.ENGAGED, Event.LINK_LOST): Phase.WAIT_LINK,
     (Phase.ENGAGED, Event.MODE_LEFT): Phase.YIELDED,

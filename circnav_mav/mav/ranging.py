@@ -5,7 +5,7 @@ is source, id, finite, "no range" codes, limits, quality, stamp; the innovation 
 """
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from math import isfinite
@@ -174,6 +174,8 @@ class RangeReader:
         self._slant = 0.0
         self._jumped: tuple[float, float] | None = None
         self.restarted = False
+        self.sender_stays = False
+        """Whether nobody may stand in for a sender that falls silent: the vehicle is being steered by it."""
         self.rejected: Counter[str] = Counter()
 
     @property
@@ -181,15 +183,16 @@ class RangeReader:
         """Ranges of our sensor that did not become samples; those of other senders do no harm."""
         return self.rejected.total() - self.rejected[Reject.WRONG_SOURCE.value]
 
-    def read(self, message: Message, now: float) -> RangeSample | None:
+    def read(self, message: Message, now: float, strangers: Collection[int] = ()) -> RangeSample | None:
         """The sample that a message carries, or None; a refusal is counted in `rejected`.
 
+        strangers: systems of other vehicles, whose ranges are theirs unless the mission names one of them.
         `restarted` tells whether the sensor's clock was found to have jumped with this sample.
         """
         self.restarted = False
         if message.get_type() != self._kind.type:
             return None
-        answer = self._judge(message, now)
+        answer = self._judge(message, now, strangers)
         if isinstance(answer, Reject):
             self.reject(answer)
             return None
@@ -199,12 +202,12 @@ class RangeReader:
         """Count a refusal, also one decided further on (gate, stall)."""
         self.rejected[reason.value] += 1
 
-    def _judge(self, message: Message, now: float) -> RangeSample | Reject | None:
+    def _judge(self, message: Message, now: float, strangers: Collection[int]) -> RangeSample | Reject | None:
         reading = self._kind.read(message, self._settings)
         if reading is None:
             return None
         source = (message.get_srcSystem(), message.get_srcComponent())
-        if not self._from_our_sensor(source, now):
+        if not self._from_our_sensor(source, now, strangers):
             return Reject.WRONG_SOURCE
         if isinstance(reading, Reject):
             return reading
@@ -235,12 +238,16 @@ class RangeReader:
             flat = answer
         return RangeSample(stamp, time, *flat, source=self._kind.type)
 
-    def _from_our_sensor(self, source: tuple[int, int], now: float) -> bool:
-        """One sensor only: the configured ids, else the first heard, until it falls silent."""
+    def _from_our_sensor(self, source: tuple[int, int], now: float, strangers: Collection[int]) -> bool:
+        """One sensor only, of the configured ids: the first heard, until it falls silent."""
         settings = self._settings
-        if self._source is not None and settings.system is None and settings.component is None:
-            return source == self._source or now - self._arrival > SOURCE_SILENT
-        return settings.system in (None, source[0]) and settings.component in (None, source[1])
+        if settings.system not in (None, source[0]) or settings.component not in (None, source[1]):
+            return False
+        if settings.system is None and source[0] in strangers:
+            return False
+        if self._source is None or source == self._source:
+            return True
+        return not self.sender_stays and now - self._arrival > SOURCE_SILENT
 
     def _unwrapped(self, stamp: float | None, now: float) -> float:
         """The stamp on a line that does not wrap; the arrival time when there is none or it is not to be used."""

@@ -18,8 +18,9 @@ EVERY, LATER_EVERY = 0.5, 1.0
 AGAIN = 0.2
 """Time after which a question is asked again, s, that should have been answered by now: it was lost, or the link has
 become slow, and to learn either is urgent."""
-OUTSTANDING = 32
-"""Questions that may wait for an answer; it mirrors our stamp, so nobody else's answer is taken for ours."""
+OUTSTANDING = 64
+"""Questions that may wait for an answer, more than are asked within PATIENCE; it mirrors our stamp, so nobody else's
+answer is taken for ours."""
 PATIENCE = 10.0
 """Time, s, after which a vehicle that has answered nothing counts as one that never does, and a question as lost."""
 

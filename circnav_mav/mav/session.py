@@ -4,7 +4,7 @@ The peer is pinned to the sender of the first HEARTBEAT that fits the mission; a
 """
 
 from collections import Counter, deque
-from collections.abc import Hashable, Mapping
+from collections.abc import Collection, Hashable, Mapping
 from dataclasses import dataclass
 
 from pymavlink.dialects.v20 import all as dialect
@@ -25,6 +25,9 @@ LOST_AFTER = 3.0
 REBOOT_STEP = 1.0
 """Backward step of the vehicle's boot time, s, that proves a reboot."""
 V2_MAGIC = 0xFD
+SENT_KEPT = 1024
+"""Frames of ours that are remembered: twenty seconds of them, by which an echo is known."""
+MOST_VEHICLES = 32
 NOT_FLYING = (
     dialect.MAV_LANDED_STATE_ON_GROUND,
     dialect.MAV_LANDED_STATE_TAKEOFF,
@@ -91,11 +94,17 @@ class Session:
         self.heard_at = float("-inf")
         self.heartbeats = 0
         self.reboots = 0
+        self.departures = 0
+        """Times that the guided mode was left, or the vehicle disarmed in it: also between two looks at it."""
+        self.left_for: str | None = None
+        """The mode of the newest departure, None where the vehicle was disarmed."""
         self.ignored: Counter[str] = Counter()
+        self.vehicles: set[int] = set()
+        """Systems that have told of an autopilot."""
         self.misfits: dict[tuple[int, int], str] = {}
         self._mode_results: deque[CommandResult] = deque(maxlen=8)
         self._first: tuple[int, int] | None = None
-        self._sent: deque[bytes] = deque(maxlen=256)
+        self._sent: deque[bytes] = deque(maxlen=SENT_KEPT)
         self.texts: deque[str] = deque(maxlen=8)
         self.firmware: str | None = None
 
@@ -119,6 +128,11 @@ class Session:
         """The vehicle's newest time since boot, s, None before it was heard."""
         return None if self._boot_ms is None else self._boot_ms / 1000
 
+    def missing(self, now: float) -> list[str]:
+        """What the vehicle must tell before it can be flown, and does not."""
+        motion = self.motion.at(now)
+        return sorted(name for name in self.adapter.needs if getattr(motion, name) is None)
+
     def heartbeat_age(self, now: float) -> float:
         """Seconds since the vehicle last told its mode."""
         return now - self.heard_at
@@ -130,6 +144,8 @@ class Session:
             self.ignored["echo" if bytes(message.get_msgbuf()) in self._sent else "twin"] += 1
             return False
         kind = message.get_type()
+        if kind == "HEARTBEAT" and message.autopilot != dialect.MAV_AUTOPILOT_INVALID:
+            self._note_vehicle(ids[0])
         if kind == "HEARTBEAT" and (self.peer is None or self._moved(ids, now)):
             self._consider(message, ids, source, now)
         if self.peer is None or ids != self.peer.ids or source != self.peer.source:
@@ -141,6 +157,15 @@ class Session:
         if handle is not None:
             handle(self, message, now)
         return True
+
+    @property
+    def strangers(self) -> Collection[int]:
+        """Systems of other vehicles; nobody is known to be one before ours is found."""
+        return () if self._first is None else self.vehicles - {self._first[0]}
+
+    def _note_vehicle(self, system: int) -> None:
+        if len(self.vehicles) < MOST_VEHICLES:
+            self.vehicles.add(system)
 
     def greet(self, source: Hashable) -> None:
         """Speak to somebody who signs as we do, by a clock far behind ours (an autopilot without GPS has none): he
@@ -258,14 +283,22 @@ class Session:
                 self.streams.denied(result.command)
 
     def _on_heartbeat(self, message: Message, now: float) -> None:
-        self.heard_at, self.mode = now, message.custom_mode
-        self.armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
+        armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
+        self._tells_mode(message.custom_mode, armed, now)
         self.heartbeats += 1
 
     def _on_current_mode(self, message: Message, now: float) -> None:
         """Proves the mode and the link as a heartbeat does: PX4 sends those once a second only, and some are lost."""
         if message.custom_mode:
-            self.heard_at, self.mode = now, message.custom_mode
+            self._tells_mode(message.custom_mode, self.armed, now)
+
+    def _tells_mode(self, mode: int, armed: bool, now: float) -> None:
+        """The vehicle's mode, and whether that takes it out of our hands."""
+        was_ours = self.in_our_mode
+        self.heard_at, self.mode, self.armed = now, mode, armed
+        if was_ours and not self.in_our_mode:
+            self.departures += 1
+            self.left_for = None if mode == self.adapter.guided_mode else self.mode_name
 
     def _on_battery(self, message: Message, now: float) -> None:
         self.battery = float(message.battery_remaining) if message.battery_remaining >= 0 else None

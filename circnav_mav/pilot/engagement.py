@@ -5,7 +5,7 @@ from circnav_mav.mav.session import Session
 from circnav_mav.pilot.authority import Authority
 from circnav_mav.pilot.handover import ModeRequest
 from circnav_mav.pilot.progress import Progress
-from circnav_mav.pilot.reasons import why_not_guided, why_slow, why_withheld
+from circnav_mav.pilot.reasons import why_not_guided, why_not_told, why_slow, why_withheld
 from circnav_mav.pilot.settings import PilotSettings, Voice
 
 LANDED_PATIENCE = 1.5
@@ -26,7 +26,7 @@ class Engagement:
         """Whether the vehicle may be steered; a pilot that sends no setpoints needs nobody's leave."""
         if self._settings.voice is not Voice.FLY:
             return True
-        if not self._authority.consent or not self._session.in_our_mode:
+        if not self._authority.consent or not self._session.in_our_mode or self._session.missing(now):
             return False
         return not self._may_be_on_ground(now) and self.link_quick(now)
 
@@ -38,12 +38,14 @@ class Engagement:
         return trip.settled(now) and (trip.typical or 0.0) <= self._settings.timing.round_trip
 
     def streams_first(self, now: float) -> bool:
-        """Whether setpoints go out before the engagement: PX4 enters OFFBOARD only while they flow, and does not fly
-        them until then. Never after a takeover; over a slow link, it shall refuse the mode."""
+        """Whether setpoints go out before the engagement: PX4 enters our mode only while they flow, and does not fly
+        them until then. Never after a takeover, nor on the ground; over a slow link, it shall refuse the mode."""
         session = self._session
-        if self._progress.phase is not Phase.READY or not session.adapter.needs_setpoints_first:
+        if self._progress.phase is not Phase.READY or not session.adapter.wants_setpoints_in(session.mode):
             return False
-        return self._authority.consent and (self.link_quick(now) or session.in_our_mode)
+        if not self._authority.consent or self._may_be_on_ground(now):
+            return False
+        return self.link_quick(now) or session.in_our_mode
 
     def request(self, now: float) -> str | None:
         """Ask for the guided mode, only where the mission says so, in the air, and never again once the flight has
@@ -64,15 +66,18 @@ class Engagement:
             return why_withheld(session, left_mode=authority.left_mode)
         if not self.link_quick(now):
             return why_slow(session.round_trip.typical, self._settings.timing.round_trip)
+        if session.missing(now):
+            return why_not_told(session, session.missing(now))
         if self._may_be_on_ground(now):
             return "the vehicle is on the ground" if session.on_ground else "whether the vehicle flies is not known"
         return why_not_guided(session, request_mode=self._settings.request_mode)
 
     def _may_be_on_ground(self, now: float) -> bool:
-        """An aircraft is not steered before it flies; one that does not say whether it does is given a moment to."""
+        """An aircraft is not steered before it flies, for the first time or again; one that does not say whether it
+        does is given a moment to, unless it was ours until the link was lost."""
         session = self._session
-        if not session.adapter.flies or self._progress.engaged_at is not None:
+        if not session.adapter.flies:
             return False
         if session.on_ground is None:
-            return now - session.pinned_at < LANDED_PATIENCE
+            return not self._progress.resuming and now - session.pinned_at < LANDED_PATIENCE
         return session.on_ground

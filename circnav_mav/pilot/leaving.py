@@ -1,5 +1,7 @@
 """The last words of a mission: the safe setpoint, and the exit action until the vehicle's own mode shows it."""
 
+from circnav_mav.mav.codec import Message
+from circnav_mav.mav.commands import CommandSender
 from circnav_mav.mav.session import Session
 from circnav_mav.pilot.handover import ModeRequest
 
@@ -23,7 +25,7 @@ class Leaving:
 
     def go_on(self, session: Session, since: float, now: float) -> bool:
         """Ask for the exit action, leaving since so long (s); tells whether the safe setpoint now sent is the last."""
-        action = self._action or session.adapter.default_exit
+        action = self._named(session)
         self._safe_left -= 1
         if action == STOP_SENDING:
             return self._safe_left <= 0
@@ -33,3 +35,15 @@ class Leaving:
         if failure is not None:
             self.failure = f"exit action {action} {failure}"
         return failure is not None
+
+    def at_once(self, session: Session) -> list[Message]:
+        """The exit action asked for once, by somebody who will not hear the answer."""
+        action = self._named(session)
+        if action == STOP_SENDING:
+            return []
+        sender = CommandSender()
+        sender.send(session.adapter.request_mode(session.adapter.exits[action]))
+        return sender.poll(session.vehicle_ids, 0.0)
+
+    def _named(self, session: Session) -> str:
+        return self._action or session.adapter.default_exit

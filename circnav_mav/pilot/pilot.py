@@ -66,7 +66,7 @@ class Pilot:
         self.why = ""
         """Why the law flies that flies, for people."""
         self.setpoints_sent = 0
-        self._progress = Progress(self._say)
+        self._progress = Progress(self._say, self._in_our_hands)
         self._authority = Authority()
         self._engagement = Engagement(settings, self.session, self._authority, self._progress)
         self._leaving = Leaving(settings.exit)
@@ -90,8 +90,8 @@ class Pilot:
         for message in decoder.decode(data):
             if link == VEHICLE and self.session.receive(message, now, source):
                 self._take_motion(message, now)
-            if link == self._ranging_link and self.target.hear(message, now, stalled=self._stalled(now)):
-                self._beat.heard(now)
+            if link == self._ranging_link:
+                self._take_range(message, now)
         self._frames += decoder.frames
         if link == VEHICLE and decoder.behind:
             self.session.greet(source)
@@ -104,6 +104,10 @@ class Pilot:
     def abandon(self, reason: str) -> None:
         """An error of ours has ended the flight, whatever it had come to."""
         self._progress.outcome = Outcome(Ending.ABORTED, reason)
+
+    def _take_range(self, message: Message, now: float) -> None:
+        if self.target.hear(message, now, stalled=self._stalled(now), strangers=self.session.strangers):
+            self._beat.heard(now)
 
     def _take_motion(self, message: Message, now: float) -> None:
         """Own motion teaches the turn-rate gain, and estimators that know where the vehicle is heading."""
@@ -192,7 +196,7 @@ class Pilot:
         if self.done or now < self._next_hello:
             return b""
         self._next_hello = now + HEARTBEAT_PERIOD
-        return self.session.encoder.encode(self.session.heartbeat())
+        return self.session.encode(self.session.heartbeat())
 
     def step(self, now: float) -> bytes:
         """Decide and answer. Acts when a fresh range is waiting or a tick is due; else returns nothing at once."""
@@ -228,10 +232,16 @@ class Pilot:
         return b"".join(map(self.session.encode, messages))
 
     def last_words(self, now: float) -> bytes:
-        """The safe setpoint alone, for the shell to send when the pilot itself has failed; empty if not ours to fly."""
-        if self.settings.voice is not Voice.FLY or not self._progress.steering or not self.session.in_our_mode:
+        """The safe setpoint, and the exit action asked for once, for the shell to send when the pilot itself has
+        failed; empty if not ours to fly."""
+        if not self._progress.steering or not self._in_our_hands():
             return b""
-        return self.session.encode(self.helm.safe_setpoint(self.session, now))
+        safe = self.session.encode(self.helm.safe_setpoint(self.session, now))
+        return safe + b"".join(map(self.session.encode, self._leaving.at_once(self.session)))
+
+    def _in_our_hands(self) -> bool:
+        """Whether the vehicle obeys us, and may."""
+        return self.settings.voice is Voice.FLY and self._authority.consent and self.session.in_our_mode
 
     def _housekeeping(self, estimate: RangeEstimate | None, command: TurnCommand | None, now: float) -> list[Message]:
         """Heartbeat, commands, streams, texts and plot values; the farewell at the end."""
@@ -260,7 +270,7 @@ class Pilot:
         takeover = self._authority.watch(session, ours=ours and self.settings.voice is Voice.FLY, rebooted=rebooted)
         if takeover is None:
             return
-        progress.happened(Event.MODE_LEFT, now)
+        progress.yield_to_operator(now)
         session.drop_mode_requests()
         self.helm.let_go()
         if progress.outcome is not None:  # we were leaving: this is the exit action taking effect
@@ -289,7 +299,7 @@ class Pilot:
 
     def _watch_ranging(self, estimate: RangeEstimate | None, now: float) -> None:
         progress, good = self._progress, self.target.good(estimate, now)
-        if progress.phase is Phase.WAIT_RANGING and self._waiting.missing(now):
+        if progress.phase is Phase.WAIT_RANGING and self.session.missing(now):
             return
         steering = progress.steering
         if progress.happened(Event.RANGE_GOOD if good else Event.RANGE_LOST, now) and steering:
@@ -309,6 +319,7 @@ class Pilot:
 
     def _engage(self, now: float) -> None:
         self._progress.engage(now)
+        self.target.ranging.sender_stays = self.settings.voice is Voice.FLY
         self.session.drop_mode_requests()
         orbit = self.settings.orbit
         doing = "engaged" if self.settings.voice is Voice.FLY else "dry run"
@@ -344,10 +355,13 @@ class Pilot:
     def _leave(self, now: float, *, silent: bool) -> Message | None:
         """The safe setpoint until the exit action shows in the vehicle's mode, or some times over; then silence."""
         progress = self._progress
-        if silent or self._leaving.go_on(self.session, progress.since, now):
+        if self.settings.voice is not Voice.FLY:
             progress.happened(Event.SAFE_SENT, now)
-        if silent:
             return None
+        if silent:  # after a stall, until a heartbeat has told the mode
+            return None
+        if self._leaving.go_on(self.session, progress.since, now):
+            progress.happened(Event.SAFE_SENT, now)
         if self._leaving.failure is not None and progress.outcome is not None:
             progress.outcome = Outcome(progress.outcome.ending, f"{progress.outcome.reason}; {self._leaving.failure}")
         return self.helm.safe_setpoint(self.session, now)

@@ -12,8 +12,10 @@ Say = Callable[[str, str], None]
 class Progress:
     """Moves through the phases, by events and in no other way."""
 
-    def __init__(self, say: Say) -> None:
+    def __init__(self, say: Say, in_our_hands: Callable[[], bool]) -> None:
+        """in_our_hands: whether the vehicle obeys us, also where we do not steer it."""
         self._say = say
+        self._in_our_hands = in_our_hands
         self.phase = Phase.WAIT_LINK
         self.since = 0.0
         """When the phase began, s."""
@@ -59,9 +61,15 @@ class Progress:
             self.lost_at = now
         self.happened(Event.LINK_LOST, now)
 
+    def yield_to_operator(self, now: float) -> None:
+        """The vehicle was taken from us; what was lost before is not waited for any more."""
+        self.lost_at = None
+        self.happened(Event.MODE_LEFT, now)
+
     def finish(self, ending: Ending, reason: str, now: float) -> None:
         """The mission ends; the first reason counts."""
         if self.outcome is None:
             self.outcome = Outcome(ending, reason)
             self._say("end", f"ended, {reason}")
-        self.happened(Event.FINISH, now)
+        ours = self.resuming and self._in_our_hands()
+        self.happened(Event.FINISH_OURS if ours else Event.FINISH, now)

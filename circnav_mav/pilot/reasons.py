@@ -18,13 +18,16 @@ def why_not_ready(
     session: Session, message: RangingMessage, rejected: Counter[str], *, missing: list[str], counts: LinkCounts
 ) -> str:
     """Ranging, or something that the vehicle must tell (`missing`), does not come. counts: of the ranging's link."""
-    denied = session.streams.refused
-    deaf = f"; the vehicle denied the streams {', '.join(denied)}" if denied else ""
     if missing:
-        name = session.adapter.name
-        return f"no {' and no '.join(missing)} in VFR_HUD, which a {name} cannot be flown without{deaf}"
+        return why_not_told(session, missing)
     refused = ", ".join(f"{count} {reason}" for reason, count in rejected.items()) or "none"
-    return f"no ranging: no usable {message.type}, samples rejected: {refused}; {counts.describe()}{deaf}"
+    return f"no ranging: no usable {message.type}, samples rejected: {refused}; {counts.describe()}{_denied(session)}"
+
+
+def why_not_told(session: Session, missing: list[str]) -> str:
+    """The vehicle does not tell what it must."""
+    name = session.adapter.name
+    return f"no {' and no '.join(missing)} in VFR_HUD, which a {name} cannot be flown without{_denied(session)}"
 
 
 def why_withheld(session: Session, *, left_mode: bool) -> str:
@@ -47,6 +50,11 @@ def why_not_guided(session: Session, *, request_mode: bool) -> str:
     return (
         f"mode {_guided(session)}, asked for" if request_mode else f"mode {_guided(session)}, the operator's to enter"
     )
+
+
+def _denied(session: Session) -> str:
+    denied = session.streams.refused
+    return f"; the vehicle denied the streams {', '.join(denied)}" if denied else ""
 
 
 def _guided(session: Session) -> str:

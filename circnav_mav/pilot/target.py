@@ -1,5 +1,7 @@
 """What is known of the target: ranges in, an estimate out."""
 
+from collections.abc import Collection
+
 from circnav_mav.core.estimators.interface import Fused
 from circnav_mav.core.estimators.table import ESTIMATORS
 from circnav_mav.core.noise_check import NoiseCheck
@@ -24,9 +26,10 @@ class Target:
         self.fresh = False
         self.accepted = 0
 
-    def hear(self, message: Message, now: float, *, stalled: bool) -> bool:
-        """Take in what may be a range; tells whether the estimator took it. stalled: we slept, its age is not known."""
-        sample = self.ranging.read(message, now)
+    def hear(self, message: Message, now: float, *, stalled: bool, strangers: Collection[int]) -> bool:
+        """Take in what may be a range; tells whether the estimator took it. stalled: we slept, its age is not known.
+        strangers: systems of other vehicles."""
+        sample = self.ranging.read(message, now, strangers)
         if self.ranging.restarted:
             self.estimator.restamp()
         if sample is None:

@@ -53,11 +53,6 @@ class Waiting:
         elif progress.phase is Phase.WAIT_RANGING and waited > timing.wait_ranging:
             progress.finish(Ending.NOTHING_HEARD, self.why_not_ready(now), now)
 
-    def missing(self, now: float) -> list[str]:
-        """What the vehicle must tell before it can be flown, and does not."""
-        motion = self._session.motion.at(now)
-        return sorted(name for name in self._session.adapter.needs if getattr(motion, name) is None)
-
     def why_no_vehicle(self) -> str:
         """Why nobody is there to be steered."""
         return why_no_vehicle(self._session, self._vehicle_link)
@@ -68,7 +63,7 @@ class Waiting:
             self._session,
             RANGING_MESSAGES[self._settings.ranging.message],
             self._target.ranging.rejected,
-            missing=self.missing(now) if self._target.estimator.ready else [],
+            missing=self._session.missing(now) if self._target.estimator.ready else [],
             counts=self._ranging_link,
         )
 

@@ -215,7 +215,7 @@ class Course:
 
     def _judge_time(self) -> None:
         pilot = self.pilot
-        before = pilot.phase is Phase.READY and pilot.session.adapter.needs_setpoints_first
+        before = pilot.phase is Phase.READY and pilot.session.adapter.wants_setpoints_in(pilot.session.mode)
         if not pilot.session.in_our_mode and not before:
             self.broken.append(f"{self.now:.2f} s: setpoint while {pilot.session.mode_name}, {pilot.phase.value}")
         if self.witness.taken or self.witness.unproved:

@@ -46,8 +46,8 @@ class DriftEstimator:
 
     @property
     def ready(self) -> bool:
-        """Whether the bank may be trusted."""
-        return self._ready
+        """Whether the bank may be trusted, and has had the newest range."""
+        return self._ready and not self._astray
 
     @property
     def nis(self) -> float | None:

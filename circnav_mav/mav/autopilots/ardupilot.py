@@ -42,7 +42,6 @@ class _ArduPilot:
 
     autopilot = dialect.MAV_AUTOPILOT_ARDUPILOTMEGA
     streams = STREAMS
-    needs_setpoints_first = False
     default_exit = "stop"
     measures_airspeed = False
     flies = True
@@ -50,6 +49,10 @@ class _ArduPilot:
 
     def __init__(self, facts: VehicleFacts) -> None:
         self._facts = facts
+
+    def wants_setpoints_in(self, mode: int | None) -> bool:
+        """GUIDED can be entered without."""
+        return False
 
     def request_mode(self, mode: int) -> Command:
         """MAV_CMD_DO_SET_MODE: p1 custom mode enabled, p2 the mode number."""

@@ -107,9 +107,8 @@ class Autopilot(Protocol):
         """Message id -> Hz to ask for."""
         ...
 
-    @property
-    def needs_setpoints_first(self) -> bool:
-        """Whether the guided mode can be entered only while setpoints flow."""
+    def wants_setpoints_in(self, mode: int | None) -> bool:
+        """Whether the guided mode is entered from this one only while setpoints flow, which it does not fly yet."""
         ...
 
     @property

@@ -74,6 +74,10 @@ class _PX4:
     def __init__(self, facts: VehicleFacts) -> None:
         self._facts = facts
 
+    def wants_setpoints_in(self, mode: int | None) -> bool:
+        """OFFBOARD is refused without; every other mode ignores them."""
+        return True
+
     def request_mode(self, mode: int) -> Command:
         """MAV_CMD_DO_SET_MODE: p1 custom mode enabled, p2 main mode, p3 sub mode."""
         return custom_mode_request(mode >> 16 & 0xFF, mode >> 24 & 0xFF)
@@ -93,7 +97,6 @@ class PX4Copter(_PX4):
     vehicle_types = COPTER_TYPES
     guided_mode = custom_mode(OFFBOARD)
     shapes: frozenset[tuple[str, int | None]] = frozenset({("SET_POSITION_TARGET_LOCAL_NED", MASK)})
-    needs_setpoints_first = True
     needs = frozenset({"altitude"})
     measures_airspeed = False
 
@@ -129,9 +132,12 @@ class PX4PlaneStick(_PX4):
     vehicle_types = frozenset((dialect.MAV_TYPE_FIXED_WING,))
     guided_mode = custom_mode(ALTCTL)
     shapes: frozenset[tuple[str, int | None]] = frozenset({("MANUAL_CONTROL", None)})
-    needs_setpoints_first = True
     needs = frozenset({"airspeed"})
     exits = MappingProxyType({name: mode for name, mode in EXITS.items() if name != "hold"})
+
+    def wants_setpoints_in(self, mode: int | None) -> bool:
+        """ALTCTL is refused without a stick; the AUTO modes do not heed it, those flown by stick would."""
+        return mode is not None and mode >> 16 & 0xFF == AUTO
 
     def setpoint(self, steer: Steer, state: VehicleState, now: float) -> Message:
         """The stick that holds the bank of the coordinated turn."""
@@ -160,7 +166,6 @@ class PX4PlaneAttitude(_PX4):
     vehicle_types = frozenset((dialect.MAV_TYPE_FIXED_WING,))
     guided_mode = custom_mode(OFFBOARD)
     shapes: frozenset[tuple[str, int | None]] = frozenset({("SET_ATTITUDE_TARGET", MASK)})
-    needs_setpoints_first = True
     needs = frozenset({"airspeed", "altitude", "climb"})
 
     def setpoint(self, steer: Steer, state: VehicleState, now: float) -> Message:
