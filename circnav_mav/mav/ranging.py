@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from enum import Enum
-from math import isfinite
+from math import inf, isfinite
 
 from circnav_mav.core.noise_check import NoiseCheck
 from circnav_mav.core.slant import horizontal
@@ -18,6 +18,9 @@ from circnav_mav.mav.sensor_clock import SensorClock
 
 MISSED = 2.5
 """Ranges of the usual rate that must have failed to come by the old clock before a new one is believed."""
+LATE_PATIENCE = 3.0
+"""Time, s, for which stamps must be behind before their clock counts as set back: a link that has turned slow looks the
+same, and the answers to TIMESYNC tell of that meanwhile."""
 EPOCH_JUMP = 1.0
 """Disagreement of sensor and local clock between two samples, s, above which the sensor's clock has jumped."""
 SOURCE_SILENT = 5.0
@@ -40,6 +43,7 @@ class Reject(Enum):
     OLDER = "older"
     STAMP_JUMP = "stamp_jump"
     TOO_OLD = "too_old"
+    TOO_NOISY = "too_noisy"
     OVERHEAD = "overhead"
     GATED = "gated"
     STALLED = "stalled"
@@ -53,7 +57,8 @@ class RangingSettings:
     sender, None for the first that fits. sigma: standard deviation to assume, m, when the message carries none.
     min_range, max_range: slant range believed, m. max_age: oldest sample taken, s. height: above the target, m, when
     known. sensor_stamps: whether the message's own time is used. rate: how often the sensor measures, Hz. resent: the
-    sender is known to repeat values faster than that.
+    sender is known to repeat values faster than that. max_sigma: standard deviation, said or measured, m, above which
+    a range is of no use.
     """
 
     message: str = "distance_sensor"
@@ -71,6 +76,7 @@ class RangingSettings:
     sensor_stamps: bool = True
     rate: float = 10.0
     resent: bool = False
+    max_sigma: float = inf
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,6 +179,7 @@ class RangeReader:
         self._arrival = 0.0
         self._slant = 0.0
         self._jumped: tuple[float, float] | None = None
+        self._behind_since: float | None = None
         self.restarted = False
         self.sender_stays = False
         """Whether nobody may stand in for a sender that falls silent: the vehicle is being steered by it."""
@@ -183,16 +190,21 @@ class RangeReader:
         """Ranges of our sensor that did not become samples; those of other senders do no harm."""
         return self.rejected.total() - self.rejected[Reject.WRONG_SOURCE.value]
 
-    def read(self, message: Message, now: float, strangers: Collection[int] = ()) -> RangeSample | None:
+    def read(
+        self, message: Message, now: float, *, strangers: Collection[int] = (), one_way: float = 0.0
+    ) -> RangeSample | None:
         """The sample that a message carries, or None; a refusal is counted in `rejected`.
 
-        strangers: systems of other vehicles, whose ranges are theirs unless the mission names one of them.
+        strangers: systems of other vehicles, whose ranges are theirs unless the mission names one of them. one_way: how
+        long messages of this link are under way at least, s, as far as anybody can tell: stamps alone cannot.
         `restarted` tells whether the sensor's clock was found to have jumped with this sample.
         """
         self.restarted = False
         if message.get_type() != self._kind.type:
             return None
         answer = self._judge(message, now, strangers)
+        if isinstance(answer, RangeSample) and one_way > self._settings.max_age:
+            answer = Reject.TOO_OLD
         if isinstance(answer, Reject):
             self.reject(answer)
             return None
@@ -231,6 +243,8 @@ class RangeReader:
             return Reject.TOO_OLD
         sigma = reading.sigma or settings.sigma
         flat = (reading.slant, sigma if self._noise is None else self._noise.believed(stamp, reading.slant, sigma))
+        if flat[1] > settings.max_sigma:
+            return Reject.TOO_NOISY
         if settings.height:
             answer = horizontal(*flat, settings.height)
             if answer is None:
@@ -264,8 +278,8 @@ class RangeReader:
             return None
         step, waited = stamp - self._stamp, now - self._arrival
         if abs(step - waited) > EPOCH_JUMP and not -EPOCH_JUMP < step <= 0:
-            return self._jump(stamp, now)
-        self._jumped = None
+            return self._jump(stamp, now, behind=0 < step < waited)
+        self._jumped = self._behind_since = None
         if step < 0:
             return Reject.OLDER
         if step == 0 or (reading.sequence is not None and reading.sequence == self._sequence and waited < 10):
@@ -275,14 +289,18 @@ class RangeReader:
             return Reject.REPEAT
         return None
 
-    def _jump(self, stamp: float, now: float) -> Reject | None:
-        """A stamp far off the local clock: believed when the next one agrees with it, a glitch must not reset us; and
-        when no range came by the old clock meanwhile, which a looped route does not silence."""
+    def _jump(self, stamp: float, now: float, *, behind: bool) -> Reject | None:
+        """A stamp far off the local clock: believed when the next one agrees with it, a glitch must not reset us; when
+        no range came by the old clock meanwhile, which a looped route does not silence; and, where the old clock would
+        only have come late, when it stays so."""
+        self._behind_since = (self._behind_since or now) if behind else None
         before, self._jumped = self._jumped, (stamp, now)
         if before is None or abs((stamp - before[0]) - (now - before[1])) > EPOCH_JUMP or stamp <= before[0]:
             return Reject.STAMP_JUMP
         if now - self._arrival < MISSED / self._settings.rate:
             return Reject.STAMP_JUMP
+        if self._behind_since is not None and now - self._behind_since < LATE_PATIENCE:
+            return Reject.STAMP_JUMP
         self._clock.reset()
-        self._jumped, self._sequence, self.restarted = None, None, True
+        self._jumped, self._behind_since, self._sequence, self.restarted = None, None, None, True
         return None

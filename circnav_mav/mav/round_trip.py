@@ -46,6 +46,12 @@ class RoundTrip:
         """Of the newest, s; None before any answer."""
         return max(self.trips, default=None)
 
+    @property
+    def one_way(self) -> float:
+        """The least that a frame of the vehicle has been under way of late, s: half of the quickest answer. 0 where no
+        answer tells."""
+        return min(self.trips, default=0.0) / 2
+
     def settled(self, now: float) -> bool:
         """Whether the round trip is known, or never will be."""
         return bool(self.trips) or (self._began is not None and now - self._began > PATIENCE)

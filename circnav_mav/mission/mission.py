@@ -20,6 +20,8 @@ DEFAULT_LOOP = 0.35
 """What 2 k r_d V (turn lag + filter lag) is for a default gain; from about .45 on, vehicles limit-cycle."""
 LEAST_GAIN = 1.2
 """Default gains stay this many times above the paper's bound."""
+MOST_NOISE = 0.5
+"""Standard deviation of a range, of the radius, above which it is of no use for the circle."""
 SIM = "sim"
 """The endpoint that stands for the bundled vehicle."""
 
@@ -158,6 +160,7 @@ class Mission:
             sensor_stamps=table.stamp == "sensor",
             rate=table.rate_hz,
             resent=table.resent,
+            max_sigma=max(MOST_NOISE * self.file.orbit.radius_m, 3 * table.sigma_m),
         )
 
     def _max_turn_rate(self) -> float:

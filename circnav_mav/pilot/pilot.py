@@ -106,8 +106,19 @@ class Pilot:
         self._progress.outcome = Outcome(Ending.ABORTED, reason)
 
     def _take_range(self, message: Message, now: float) -> None:
-        if self.target.hear(message, now, stalled=self._stalled(now), strangers=self.session.strangers):
+        heard = self.target.hear(
+            message, now, stalled=self._stalled(now), strangers=self.session.strangers,
+            one_way=self._one_way(),
+        )  # fmt: skip
+        if heard:
             self._beat.heard(now)
+
+    def _one_way(self) -> float:
+        """Least delay of the ranges, s, as far as the vehicle's answers tell; before the engagement a slow link has its
+        own bound, and is waited for."""
+        if self.settings.ranging_apart or self.engaged_at is None:
+            return 0.0
+        return self.session.round_trip.one_way
 
     def _take_motion(self, message: Message, now: float) -> None:
         """Own motion teaches the turn-rate gain, and estimators that know where the vehicle is heading."""

@@ -26,10 +26,10 @@ class Target:
         self.fresh = False
         self.accepted = 0
 
-    def hear(self, message: Message, now: float, *, stalled: bool, strangers: Collection[int]) -> bool:
+    def hear(self, message: Message, now: float, *, stalled: bool, strangers: Collection[int], one_way: float) -> bool:
         """Take in what may be a range; tells whether the estimator took it. stalled: we slept, its age is not known.
-        strangers: systems of other vehicles."""
-        sample = self.ranging.read(message, now, strangers)
+        strangers: systems of other vehicles. one_way: least delay of the link that it came on, s."""
+        sample = self.ranging.read(message, now, strangers=strangers, one_way=one_way)
         if self.ranging.restarted:
             self.estimator.restamp()
         if sample is None:

@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.core.phases import Phase
 from circnav_mav.core.values import Direction, TurnCommand, TurnRate
-from circnav_mav.pilot import Ending, Voice
+from circnav_mav.pilot import RANGING, Ending, Voice
 
 LOITER = 5
 STEADY = 15.0 / 100.0
@@ -81,12 +81,35 @@ def test_a_very_slow_link_is_not_taken_for_one_without_answers(rig, trip):
     assert rig.pilot.phase is Phase.READY and rig.setpoints() == []
 
 
-def test_a_link_that_gets_slow_in_flight_is_no_reason_to_let_the_vehicle_go(rig):
-    rig.engage()
+def test_a_link_that_gets_slower_in_flight_than_ranges_may_be_old_is_a_lost_range(make_rig):
+    """Stamps cannot show a constant delay; answers to TIMESYNC do."""
+    rig = make_rig(exit="rtl").engage()
+    rig.round_trip = 2.0
+    rig.run(6.0)
+    assert rig.pilot.session.round_trip.typical == pytest.approx(2.0)
+    assert rig.pilot.phase is Phase.HOLDING
+    rig.run(10.0)
+    assert rig.pilot.outcome.reason.startswith("no range for")
+
+
+def test_a_link_that_gets_slow_within_what_ranges_may_be_old_is_no_reason_to_let_the_vehicle_go(make_rig, say):
+    ranging = replace(say.mission.ranging, max_age=1.5)
+    rig = make_rig(ranging=ranging, timing=replace(say.mission.timing, stale=1.5)).engage()
     rig.round_trip = 2.0
     rig.run(20.0)
     assert rig.pilot.phase is Phase.ENGAGED
+
+
+def test_the_delay_of_the_vehicles_link_is_not_that_of_a_radio_with_a_link_of_its_own(make_rig, say):
+    rig = make_rig(ranging_apart=True)
+    rig.ranges = False
+    for _ in range(400):
+        rig.run(0.05)
+        if rig.tick % 2 == 0:
+            rig.hear(say.distance(15000, 1_000_000 + round(rig.now * 1000)), link=RANGING)
+        rig.round_trip = 2.0 if rig.pilot.engaged_at is not None else 0.0
     assert rig.pilot.session.round_trip.typical == pytest.approx(2.0)
+    assert rig.pilot.phase is Phase.ENGAGED
 
 
 def test_a_vehicle_that_does_not_answer_is_engaged_after_a_while(rig):

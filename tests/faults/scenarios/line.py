@@ -41,6 +41,16 @@ DELAY = [
     *(both("F3", f"{ms} ms", Impairment(delay=ms / 1000), quick=ms == 250) for ms in (20, 100, 250)),
     both("F3", "500 ms", Impairment(delay=0.5), want=Want.REGAIN),
     both("F3", "1000 ms", Impairment(delay=1.0), want=Want.REGAIN, on={"px4_copter": Want.SAFE}),
+    *(
+        both(
+            "F3",
+            f"{ms} ms, stale_s 1.5",
+            Impairment(delay=ms / 1000),
+            overrides=("limits.stale_s=1.5",),
+            want=Want.REGAIN,
+        )
+        for ms in (500, 1000)
+    ),
     both("F3", "250 ms from the start", Impairment(delay=0.25), want=Want.ENGAGE, fresh=True, after=0.0),
     *(
         both(
