@@ -1,6 +1,7 @@
 """From an estimate to a turn rate: the law, then the vehicle's limit."""
 
 from dataclasses import dataclass, replace
+from math import isfinite
 from typing import Protocol
 
 from circnav_mav.core import floats
@@ -55,17 +56,23 @@ def steering(orbit: Orbit, choice: LawChoice) -> Steering:
 
 
 def holding(orbit: Orbit, motion: RelativeMotion | None, lag: float) -> TurnCommand:
-    """The circle's own turn, which no range enters: V/r_d; where the drift is known, what drift and heading ask for.
+    """The circle's own turn, which no range enters: V/r_d; where the drift is trusted, what drift and heading ask for.
 
     lag: of the vehicle's turn, s, by which the heading is looked ahead.
     """
-    if motion is None or motion.trial is not None:
+    if motion is None or not motion.trusted or not _finite(motion):
         return limit(orbit.steady_turn_rate, orbit.max_turn_rate)
     s = orbit.direction.turn_sign
     d, V = (motion.drift_x, s * motion.drift_y), max(motion.airspeed, 0.1 * orbit.speed)
     heading = s * (motion.heading + lag * motion.turn_rate)
     turn = s * orbit_turn_rate(d, heading, V=V, r_d=orbit.radius, xp=floats)
     return limit(TurnRate(turn), orbit.max_turn_rate)
+
+
+def _finite(motion: RelativeMotion) -> bool:
+    """Whether all is a number that tells how the vehicle is carried."""
+    carried = motion.drift_x, motion.drift_y, motion.heading, motion.turn_rate, motion.airspeed
+    return all(map(isfinite, carried))
 
 
 def limit(demanded: TurnRate, max_turn_rate: float) -> TurnCommand:

@@ -7,8 +7,6 @@ process that does nothing but compute for each core. Prints; asserts nothing.
 import argparse
 import csv
 import os
-import select
-import socket
 import subprocess
 import sys
 import tempfile
@@ -20,15 +18,13 @@ import numpy as np
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.pilot.beat import Beat
-from sim.config import load_vehicle
 from sim.faults.frames import frames, message_id, write
-from sim.vehicle import Vehicle
+from tests.bench.on_port import ROOT, SETPOINT, VehicleOnPort
 from tests.flight.lockstep import true_radius
 
-ROOT = Path(__file__).parents[2]
 MISSION = ROOT / "config" / "arducopter.toml"
 RADIUS, TICK = 30.0, 0.05
-GCS, SETPOINT, RANGE = (255, 190), 84, 132
+GCS, RANGE = (255, 190), 132
 EXTRA = {31: 50, 32: 50, 33: 50, 24: 10, 85: 10}
 """Message id -> Hz of what is sent besides the streams that the application asks for (31 a second)."""
 SETTLING = 90.0
@@ -36,16 +32,12 @@ PAGE_MB = 4096 / 1e6
 
 
 class Bench:
-    """The vehicle in real time on a UDP port, and what is heard there, with the moments of this process."""
+    """The vehicle, and what is heard of the application, with the moments of this process."""
 
     def __init__(self) -> None:
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.bind(("127.0.0.1", 0))
-        self._socket.setblocking(False)
-        self._vehicle = Vehicle(load_vehicle(MISSION))
-        self._peer: tuple[str, int] | None = None
+        self._link = VehicleOnPort(MISSION)
         self._range_at: float | None = None
-        self.port = self._socket.getsockname()[1]
+        self.port = self._link.port
         self.sent = 0
         self.setpoints: list[float] = []
         self.latencies: list[float] = []
@@ -56,40 +48,37 @@ class Bench:
         started = time.monotonic()
         memory: list[tuple[float, float]] = []
         while (now := time.monotonic() - started) < seconds and process.poll() is None:
-            self._vehicle.advance(now)
-            self._speak()
-            wait = min(self._vehicle.next_event - now, 0.05)
-            if select.select([self._socket], [], [], max(wait, 0.0))[0]:
-                self._hear(now)
+            self._speak(now)
+            self._hear(now)
             if now >= len(memory):
                 memory.append((now, _resident_mb(process.pid)))
-                self.errors.append(true_radius(self._vehicle.truth) - RADIUS)
+                self.errors.append(true_radius(self._link.vehicle.truth) - RADIUS)
         return memory
 
-    def _speak(self) -> None:
-        for frame in self._vehicle.outgoing():
-            if self._peer is not None:
-                self._socket.sendto(frame, self._peer)
-                self.sent += 1
-                if message_id(frame) == RANGE:
-                    self._range_at = time.perf_counter()
+    def _speak(self, now: float) -> None:
+        for frame in self._link.fly(now):
+            self.sent += 1
+            if message_id(frame) == RANGE:
+                self._range_at = time.perf_counter()
 
     def _hear(self, now: float) -> None:
-        first = self._peer is None
-        data, self._peer = self._socket.recvfrom(65535)
+        first = not self._link.heard
+        data = self._link.listen(now)
+        if data is None:
+            return
         if any(message_id(frame) == SETPOINT for frame in frames(data)):
             self.setpoints.append(now)
             if self._range_at is not None:
                 self.latencies.append(time.perf_counter() - self._range_at)
                 self._range_at = None
-        self._vehicle.receive(data)
+        self._link.vehicle.receive(data)
         if first:
             for number, rate in EXTRA.items():
                 ask = mavlink.MAVLink_command_long_message(1, 1, 511, 0, number, 1e6 / rate, 0, 0, 0, 0, 0)
-                self._vehicle.receive(write(ask, *GCS))
+                self._link.vehicle.receive(write(ask, *GCS))
 
     def close(self) -> None:
-        self._socket.close()
+        self._link.close()
 
 
 def _resident_mb(pid: int) -> float:

@@ -5,53 +5,40 @@ notes when the first safe setpoint (no speed, no turn) arrives after the signal.
 """
 
 import argparse
-import select
 import signal
-import socket
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
-from pathlib import Path
 
-from sim.config import load_vehicle
 from sim.faults.frames import frames, message_id, read
-from sim.vehicle import Vehicle
+from tests.bench.on_port import ROOT, SETPOINT, VehicleOnPort
 
-ROOT = Path(__file__).parents[2]
 MISSION = ROOT / "config" / "quickstart.toml"
-SETPOINT = 84
 PATIENCE = 60.0
 FLY_FOR = 1.0
 
 
 class Bench:
-    """A vehicle in real time on a UDP port, and what is heard there."""
+    """The vehicle, and when the application steers it and leaves it safe."""
 
     def __init__(self) -> None:
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.bind(("127.0.0.1", 0))
-        self._socket.setblocking(False)
-        self._vehicle = Vehicle(load_vehicle(MISSION))
+        self._link = VehicleOnPort(MISSION)
         self._started = time.monotonic()
-        self.port = self._socket.getsockname()[1]
-        self._peer: tuple[str, int] | None = None
+        self.port = self._link.port
         self.steering_since: float | None = None
         self.safe_at: float | None = None
 
     def run(self, until: float) -> None:
         """Fly and listen until a moment of the monotonic clock, or a safe setpoint after steering ones."""
         while (now := time.monotonic()) < until and self.safe_at is None:
-            self._vehicle.advance(now - self._started)
-            for frame in self._vehicle.outgoing():
-                if self._peer is not None:
-                    self._socket.sendto(frame, self._peer)
-            left = min(self._vehicle.next_event - (now - self._started), until - now)
-            if select.select([self._socket], [], [], max(0.0, min(left, 0.05)))[0]:
-                data, self._peer = self._socket.recvfrom(65535)
+            for _ in self._link.fly(now - self._started):
+                pass
+            data = self._link.listen(now - self._started, at_most=until - now)
+            if data is not None:
                 self._note(data, time.monotonic())
-                self._vehicle.receive(data)
+                self._link.vehicle.receive(data)
 
     def _note(self, data: bytes, now: float) -> None:
         for frame in frames(data):
@@ -63,7 +50,7 @@ class Bench:
                     self.safe_at = now
 
     def close(self) -> None:
-        self._socket.close()
+        self._link.close()
 
 
 def once(number: int) -> float:

@@ -1,7 +1,7 @@
 """The law on relative motion, and who steers under `auto`."""
 
 from dataclasses import replace
-from math import pi
+from math import inf, nan, pi
 
 import numpy as np
 import pytest
@@ -221,3 +221,19 @@ def test_holding_without_a_known_drift_turns_at_v_over_r():
     orbit = Orbit(R_D, Direction.CLOCKWISE, V, LIMIT)
     guess = RelativeMotion(0.0, 0.0, 100.0, 0.0, 6.0, 0.0, 0.0, V, 1.0, trusted=False, trial=3)
     assert holding(orbit, None, 0.4).turn_rate == holding(orbit, guess, 0.4).turn_rate == -V / R_D
+
+
+@pytest.mark.parametrize("direction", Direction)
+def test_holding_on_a_track_that_is_not_trusted_turns_at_v_over_r_in_the_missions_sense(direction):
+    orbit = Orbit(R_D, direction, V, LIMIT)
+    track = RelativeMotion(R_D, 0.0, 40.0, 0.0, 6.0, pi / 2, 0.1, V, 1.0, trusted=True)
+    assert holding(orbit, track, 0.4).turn_rate != orbit.steady_turn_rate
+    assert holding(orbit, replace(track, trusted=False), 0.4).turn_rate == direction.turn_sign * V / R_D
+
+
+@pytest.mark.parametrize("field", ["drift_x", "drift_y", "heading", "turn_rate", "airspeed"])
+@pytest.mark.parametrize("number", [nan, inf, -inf])
+def test_holding_on_a_motion_that_is_no_number_turns_at_v_over_r(field, number):
+    orbit = Orbit(R_D, Direction.CLOCKWISE, V, LIMIT)
+    known = RelativeMotion(R_D, 0.0, 1.0, 0.0, 6.0, pi / 2, 0.1, V, 1.0, trusted=True)
+    assert holding(orbit, replace(known, **{field: number}), 0.4).turn_rate == -V / R_D

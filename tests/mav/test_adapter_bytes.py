@@ -2,7 +2,8 @@
 definitions: wire order by field size, trailing zeros cut, CRC-16/MCRF4XX with the message's extra byte."""
 
 import struct
-from math import atan, cos, sin
+from dataclasses import replace
+from math import atan, cos, nan, sin
 
 import pytest
 
@@ -61,13 +62,17 @@ def stick_frame(y: int) -> bytes:
     return frame(69, 243, struct.pack("<4hHB", 0, y, 500, 0, 0, 7))
 
 
-def sent(key: tuple[str, str], turn_rate: float | None) -> bytes:
+def sent(key: tuple[str, str], turn_rate: float | None, state: VehicleState = STATE) -> bytes:
     """The bytes of an adapter for a turn rate in the paper's frame, or of its safe setpoint."""
     adapter = AUTOPILOTS[key](FACTS)
     if turn_rate is None:
-        return Encoder(*US).encode(adapter.safe_setpoint(STATE, AT))
+        return Encoder(*US).encode(adapter.safe_setpoint(state, AT))
     steer = Steer(yaw_rate_from_turn_rate(TurnRate(turn_rate)), SPEED)
-    return Encoder(*US).encode(adapter.setpoint(steer, STATE, AT))
+    return Encoder(*US).encode(adapter.setpoint(steer, state, AT))
+
+
+def at_airspeed(airspeed: float | None) -> VehicleState:
+    return replace(STATE, motion=replace(LEVEL, airspeed=airspeed))
 
 
 @pytest.mark.parametrize("side", SIDES)
@@ -134,3 +139,28 @@ def test_bank_and_stick_stay_within_the_mission_s_limit(key: tuple[str, str]) ->
 def floats_of(data: bytes) -> tuple[float, ...]:
     """The eight floats of a SET_ATTITUDE_TARGET frame: q, rates, thrust."""
     return struct.unpack_from("<8f", data, 14)
+
+
+PLANES = [("ardupilot", "plane"), ("px4", "plane"), ("px4", "plane attitude")]
+LIES = [None, 0.1, 1.0, 4.99, 16.01, 150.0, nan]
+"""Airspeeds that are none of a plane told to fly 10 m/s."""
+TRUE = [5.01, 9.0, 12.0, 15.99]
+
+
+@pytest.mark.parametrize("airspeed", LIES)
+@pytest.mark.parametrize("key", PLANES)
+def test_an_airspeed_that_cannot_be_is_not_believed(key: tuple[str, str], airspeed: float | None) -> None:
+    """The commanded one stands in, for the bank and for the thrust."""
+    assert sent(key, TURN, at_airspeed(airspeed)) == sent(key, TURN)
+    assert sent(key, None, at_airspeed(airspeed)) == sent(key, None)
+
+
+@pytest.mark.parametrize("airspeed", TRUE)
+def test_an_airspeed_that_can_be_makes_the_bank_of_its_own_coordinated_turn(airspeed: float) -> None:
+    bank, state = atan(TURN * airspeed / 9.80665), at_airspeed(airspeed)
+    plane = floats_of(attitude_frame(0xC6, roll=-bank, pitch=0.0, thrust=0.0))
+    assert floats_of(sent(("ardupilot", "plane"), TURN, state)) == pytest.approx(plane, abs=1e-7)
+    assert sent(("px4", "plane"), TURN, state) == stick_frame(-round(1000 * bank / 0.8))
+    thrust = 0.63 + 0.25 * (1 / cos(bank) - 1) + 0.08 * (SPEED - airspeed)
+    attitude = floats_of(attitude_frame(0x07, roll=-bank, pitch=-0.04, thrust=min(thrust, 1.0)))
+    assert floats_of(sent(("px4", "plane attitude"), TURN, state)) == pytest.approx(attitude, abs=1e-6)

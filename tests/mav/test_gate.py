@@ -7,8 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.mav.autopilots.interface import VehicleState
-from circnav_mav.mav.frames import YawRate
+from circnav_mav.mav.autopilots.interface import VehicleFacts, VehicleState
+from circnav_mav.mav.autopilots.table import AUTOPILOTS
+from circnav_mav.mav.frames import YawRate, quaternion_from_euler
 from circnav_mav.mav.gate import Limits, SetpointGate, Steer, UnsafeSetpointError
 from circnav_mav.mav.motion import Motion
 
@@ -108,3 +109,77 @@ def test_no_sequence_leaves_the_limits_or_the_slew(wanted):
         assert abs(out) <= 0.35
         assert before is None or abs(out - before) <= 0.5 * wait + 1e-9
         before = out
+
+
+# --- what each kind of message may ask for ---
+
+ALL = Limits(max_yaw_rate=0.35, max_speed=15.0, max_bank=0.7, max_pitch=0.26, max_climb=1.0)
+VELOCITY = [("ardupilot", "copter"), ("ardupilot", "rover"), ("px4", "copter")]
+ATTITUDE = [("ardupilot", "plane"), ("px4", "plane attitude")]
+STICK = [("px4", "plane")]
+
+
+def passes(key, **fields):
+    """Whether an adapter's own message passes with some fields changed; only the limits may stop it."""
+    adapter = AUTOPILOTS[key](VehicleFacts(speed=15.0))
+    message = adapter.setpoint(steer(), VehicleState(1, 1, Motion(airspeed=15.0), None), 1.0)
+    for name, value in fields.items():
+        setattr(message, name, value)
+    try:
+        return SetpointGate(ALL).check_message(message, adapter.shapes) is message
+    except UnsafeSetpointError as error:
+        assert "outside the limits" in str(error)
+        return False
+
+
+def test_the_messages_of_every_adapter_are_judged_here():
+    assert {*VELOCITY, *ATTITUDE, *STICK} == {*AUTOPILOTS}
+    assert all(passes(key) for key in AUTOPILOTS)
+
+
+@pytest.mark.parametrize(
+    ("field", "inside", "outside"),
+    [
+        ("vx", [15.0, -15.0, 0.0], [15.001, -15.001]),
+        ("vy", [0.0, -0.0], [0.001, -0.001]),
+        ("vz", [1.0, -1.0, 0.0], [1.001, -1.001]),
+        ("yaw_rate", [0.35, -0.35, 0.0], [0.3501, -0.3501]),
+    ],
+)
+@pytest.mark.parametrize("key", VELOCITY)
+def test_each_velocity_of_a_setpoint_has_its_own_bound(key, field, inside, outside):
+    assert [passes(key, **{field: value}) for value in inside] == [True] * len(inside)
+    assert [passes(key, **{field: value}) for value in outside] == [False] * len(outside)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize(("angle", "most"), [("roll", 0.7), ("pitch", 0.26)])
+@pytest.mark.parametrize("key", ATTITUDE)
+def test_bank_and_pitch_of_a_setpoint_have_a_bound_each(key, angle, most, sign):
+    def tilted(by):
+        angles = {"roll": 0.0, "pitch": 0.0, angle: sign * by}
+        return passes(key, q=quaternion_from_euler(**angles, yaw=0.5))
+
+    assert tilted(most)
+    assert not tilted(most + 1e-4)
+
+
+@pytest.mark.parametrize(("thrust", "may"), [(0.0, True), (1.0, True), (-0.001, False), (1.001, False)])
+@pytest.mark.parametrize("key", ATTITUDE)
+def test_thrust_is_a_share(key, thrust, may):
+    assert passes(key, thrust=thrust) == may
+
+
+@pytest.mark.parametrize(
+    ("field", "inside", "outside"),
+    [
+        ("x", [0], [1, -1]),  # height is the autopilot's business
+        ("y", [1000, -1000], [1001, -1001]),
+        ("z", [0, 1000], [-1, 1001]),
+        ("r", [0], [1, -1]),
+    ],
+)
+@pytest.mark.parametrize("key", STICK)
+def test_each_stick_has_its_own_bound(key, field, inside, outside):
+    assert [passes(key, **{field: value}) for value in inside] == [True] * len(inside)
+    assert [passes(key, **{field: value}) for value in outside] == [False] * len(outside)

@@ -627,3 +627,50 @@ def test_a_vehicle_that_does_not_turn_as_told_teaches_the_estimator_no_motion(ma
             rig.run(0.05)
         late = [own for own in heard if own.time > rig.now - 5.0]
         assert len(late) == (99 if turns else 0)
+
+
+# --- what is left of a flight when the vehicle is taken, lost or started anew ---
+
+
+def test_a_command_that_waits_when_the_link_is_lost_is_not_sent_to_whoever_comes_back(make_rig):
+    """A mode request still unanswered: the vehicle that comes back may be in the operator's hands."""
+    rig = make_rig(request_mode=True)
+    rig.mode, rig.ranges = LOITER, False
+    rig.run(3.0)
+    rig.speaks = False
+    rig.run(1.8)
+    rig.ranges = True
+    rig.run(1.5)
+    assert rig.pilot.phase is Phase.WAIT_LINK
+    assert 1 <= len(rig.commands(SET_MODE)) <= 3, "asked for, and not yet given up"
+    rig.speaks, rig.ranges = True, False
+    since = rig.now
+    rig.run(5.0)
+    assert rig.commands(SET_MODE, since) == []
+
+
+def test_a_reboot_of_the_autopilot_makes_the_estimate_forget_what_came_before(make_rig):
+    rig = make_rig(end_on_takeover=False).engage()
+    rig.hear(mavlink.MAVLink_system_time_message(0, 900_000))
+    rig.run(0.5)
+    rig.ranges = False
+    assert rig.pilot.take_records()[-1].r == pytest.approx(150.0, abs=0.5)
+    for boot_ms in (2_000, 2_050):
+        rig.hear(mavlink.MAVLink_system_time_message(0, boot_ms))
+    rig.run(0.05)
+    assert [record.r for record in rig.pilot.take_records()] == [None]
+    assert not rig.pilot.target.estimator.ready
+
+
+def test_a_current_mode_of_zero_is_no_mode(rig):
+    """Nothing was filled in: neither another mode nor a proof that the vehicle is there."""
+    rig.engage()
+    for _ in range(10):
+        rig.hear(mavlink.MAVLink_current_mode_message(0, 0, 0))
+        rig.run(0.05)
+    assert (rig.pilot.phase, rig.pilot.session.mode) == (Phase.ENGAGED, GUIDED)
+    rig.speaks = False
+    for _ in range(80):
+        rig.hear(mavlink.MAVLink_current_mode_message(0, 0, 0))
+        rig.run(0.05)
+    assert rig.pilot.phase is Phase.WAIT_LINK

@@ -557,3 +557,20 @@ def test_a_vehicle_that_does_not_fit_is_the_reason_given(make_rig, say):
     rig.hear(say.heartbeat(autopilot=12))
     rig.run(3.0)
     assert rig.pilot.outcome.reason == ("no vehicle: system 1 is px4 quadrotor, the mission is for ardupilot copter")
+
+
+# --- a new engagement is a new stream ---
+
+
+def test_the_first_setpoint_after_a_takeover_is_not_slewed_from_the_last_one_before_it(make_rig):
+    """0.05 rad/s^2 over the 2 s that the operator had it would leave 0.25 rad/s of the turn that was flown before."""
+    rig = make_rig(end_on_takeover=False, max_yaw_acceleration=0.05)
+    rig.range_cm = 59000
+    rig.engage()
+    assert rig.setpoints()[-1].yaw_rate == pytest.approx(0.35)
+    rig.mode, rig.range_cm = LOITER, 5000
+    rig.run(2.0)
+    since = rig.now
+    rig.mode = 4
+    rig.run(0.5)
+    assert rig.setpoints(since)[0].yaw_rate == 0.0, "inside the circle it is straight on"

@@ -126,9 +126,8 @@ class Auto:
         P = self.bank.covariance
         self.belief = np.where(trusted, x[:2], np.nan), P[:2, :2]
         self.estimate = np.where(trusted, x[R], r), np.where(trusted, by_drift, r_dot)
-        known = self.bank.stage == Stage.TRACK
         ahead = here[2] + cfg.lag * here[3]
-        hold = np.where(known, orbit_turn_rate(here[1], ahead, V=safe, r_d=cfg.radius), cfg.speed / cfg.radius)
+        hold = np.where(trusted, orbit_turn_rate(here[1], ahead, V=safe, r_d=cfg.radius), cfg.speed / cfg.radius)
         return s * np.where(ready, self.handover.command, hold)
 
 

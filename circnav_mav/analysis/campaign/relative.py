@@ -98,7 +98,7 @@ class RelativeSteering:
         )  # fmt: skip
         self._handover = merged(steers, after, self._handover)
         round_it = orbit_turn_rate(d, psi + self._lag * rate, V=V, r_d=c.r_d)
-        hold = np.where(tracks, round_it, c.V / c.r_d)
+        hold = np.where(found & trusted, round_it, c.V / c.r_d)
         return c.sense * np.clip(np.where(holding, hold, self._handover.command), -c.limit, c.limit)
 
     def through_gain(self, turn: Array, gain: Array) -> Array:

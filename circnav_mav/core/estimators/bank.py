@@ -86,6 +86,7 @@ def predict(h: Hypotheses, noise: Noise, dt: Array, chord: Array, sigma: Array) 
     F: Array = np.array(rows)
     moved = np.einsum("ik...,kj...->ij...", F, h.P)
     place = np.einsum("ik...,jk...->ij...", moved, F)
+    place[1, 0] = place[0, 1]
     steady, gusty = steps(noise.drift_psd, noise.gust, dt)
     moved *= keep
     moved[:, DX:KAPPA] += F[:, DX:KAPPA] * (steady / 2)
@@ -140,15 +141,16 @@ def update(
 ) -> tuple[Hypotheses, Innovation]:
     """Take in one range per flight, z and sigma (B,), where valid (B,); per hypothesis refuse it outside the gate."""
     PH = h.P[:, R] + h.P[:, B]
-    S = PH[R] + PH[B] + (noise.white * sigma) ** 2
+    S = np.maximum(PH[R] + PH[B], 0.0) + (noise.white * sigma) ** 2
     nu = z - h.x[R] - h.x[B]
     nis = nu**2 / S
     taken = valid & (nis < gate**2)
-    K = PH * (taken / S)
-    x = h.x + K * nu
+    share = taken / S
+    x = h.x + PH * (share * nu)
     np.maximum(x[R], CLOSEST, out=x[R])
     np.clip(x[KAPPA], *KAPPA_RANGE, out=x[KAPPA])
-    P = h.P - K[:, None] * PH[None, :]
+    learnt = PH * np.sqrt(share)  # K S K' as a product with itself: what is symmetric stays so, to the last bit
+    P = h.P - learnt[:, None] * learnt[None, :]
     fits = (1 - OUTLIER_SHARE) * np.exp(-0.5 * np.minimum(nis, 1e3)) / np.sqrt(2 * np.pi * S)
     log_weight = h.log_weight + np.where(valid, np.log(fits + OUTLIER_SHARE / OUTLIER_SPREAD), 0.0)
     return Hypotheses(x, P, log_weight - log_weight.max(axis=0)), Innovation(nis, taken)
@@ -181,7 +183,8 @@ def polar(p: Array, P: Array) -> tuple[Array, Array]:
     T[0, 0], T[0, 1], T[1, 0], T[1, 1] = n[0], n[1], -n[1] / r, n[0] / r
     x = p.copy()
     x[R], x[THETA] = r, np.arctan2(p[1], p[0])
-    return x, np.einsum("ij...,jk...,lk...->il...", T, P, T)
+    turned = np.einsum("ij...,jk...,lk...->il...", T, P, T)
+    return x, (turned + np.swapaxes(turned, 0, 1)) / 2
 
 
 def position(x: Array) -> Array:

@@ -57,6 +57,9 @@ class BankSettings:
         return Noise(*models.T[..., None])
 
 
+LEAST_SIGMA, MOST_SIGMA = 1e-3, 1e3
+"""What the standard deviation of a range counts as at least and at most, m: none is known better than the motion in
+between, worse ones tell nothing, and variances that are farther apart cancel to nothing in a covariance."""
 FORGOTTEN, REVIVED = -12.0, -6.0
 """A model whose log weight falls below the first starts again from the mixture with the second."""
 
@@ -113,6 +116,7 @@ class DriftBank:
     def step(self, dt: Array, chord: Array, z: Array, sigma: Array, valid: Array) -> None:
         """Carry flights on by dt (B,) along chord (2, B), and take in their ranges z, sigma where valid (B,). Nothing
         happens to those whose dt and chord are 0 and whose range is not valid."""
+        sigma = np.minimum(np.maximum(sigma, LEAST_SIGMA), MOST_SIGMA)
         self._since += dt
         due = self._search.hear(dt, chord, z, sigma, valid)
         self._track(dt, chord, z, sigma, valid)
@@ -154,13 +158,15 @@ class DriftBank:
         cfg = self.settings
         drift = np.hypot(*bank.drift(self.mean))
         astray = (self.missed > cfg.missed) | (self.spread > cfg.lost) | (drift > cfg.drift_most * cfg.speed)
-        lost = (self.stage == Stage.TRACK) & astray
+        sound = np.isfinite(self.mean.sum(axis=0) + self.covariance.sum(axis=(0, 1)))
+        lost = (self.stage == Stage.TRACK) & (astray | ~sound)
         if lost.any():
             stay = ~lost[self._tracking]
             h = self._tracks
             self._tracks = Hypotheses(h.x[..., stay], h.P[..., stay], h.log_weight[..., stay])
             self._tracking = self._tracking[stay]
             self.stage[lost], self.spread[lost] = Stage.EMPTY, np.inf
+            self.mean[:, ~sound], self.covariance[:, :, ~sound] = 0.0, 0.0
             self._search.forget()
         begin = np.flatnonzero(valid & (self.stage == Stage.EMPTY))
         if begin.size:

@@ -10,6 +10,9 @@ from circnav_mav.mav.gate import Steer
 from circnav_mav.mav.motion import Motion
 
 GRAVITY = 9.80665
+PLAUSIBLE_AIRSPEED = (0.5, 1.6)
+"""Shares of the commanded airspeed between which a vehicle can fly at all: outside of them it is the sensor that lies
+(a blocked pitot tube), and a bank or a thrust made from it would be believed for the whole flight."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +60,12 @@ class VehicleState:
     target_component: int
     motion: Motion
     height: float | None
+
+
+def believed_airspeed(measured: float | None, commanded: float) -> float:
+    """The airspeed to reckon with, m/s: the measured one, or the commanded one where that is missing or cannot be."""
+    least, most = (share * commanded for share in PLAUSIBLE_AIRSPEED)
+    return measured if measured is not None and least <= measured <= most else commanded
 
 
 class Autopilot(Protocol):
