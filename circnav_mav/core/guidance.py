@@ -13,6 +13,8 @@ from circnav_mav.core.values import SAME_TIME, Orbit, RangeEstimate, RelativeMot
 LONGEST_STEP = 0.5
 """A longer time between two commands counts as this, s: nothing may build up over a gap."""
 DEFAULT_LAG = 0.4
+AT_LIMIT = 0.99
+"""Share of the limit from which a command counts as cut: while laws hand over, the limit is only approached."""
 NEAR, ALONG = 0.3, 0.4
 """Radius error in units of the radius, and range rate in V, below which the vehicle is on its circle already."""
 CIRCLING_PATIENCE = 10.0
@@ -146,7 +148,7 @@ class _HandingOver:
         )  # fmt: skip
         flies, command = self._handover.flies, self._handover.command
         demanded = by_range if flies is Flies.FEEDFORWARD else by_bank
-        saturated = abs(command) >= self._orbit.max_turn_rate
+        saturated = abs(command) >= AT_LIMIT * self._orbit.max_turn_rate
         return TurnCommand(
             TurnRate(s * command), TurnRate(s * demanded), saturated, flies=flies.name.lower(), why=flies.why
         )

@@ -12,6 +12,7 @@ from collections.abc import Hashable
 from circnav_mav.core.bounds import breach
 from circnav_mav.core.phases import Event, Phase
 from circnav_mav.core.values import RangeEstimate, TurnCommand
+from circnav_mav.mav.autopilots.interface import believed_airspeed
 from circnav_mav.mav.autopilots.table import adapters
 from circnav_mav.mav.codec import LinkCounts, Message
 from circnav_mav.mav.frames import YawRate
@@ -135,9 +136,10 @@ class Pilot:
         return self.helm.at_speed if self.settings.voice is Voice.FLY else self.helm.followed
 
     def _airspeed(self, now: float) -> float:
-        """As measured; else the speed that the vehicle is told to hold, as it does while it is ours and hears us."""
+        """As measured, where that can be; else the speed that the vehicle is told to hold, as it does while it is ours
+        and hears us."""
         measured = self.session.motion.at(now).airspeed if self.session.adapter.measures_airspeed else None
-        return self.settings.orbit.speed if measured is None else measured
+        return believed_airspeed(measured, self.settings.orbit.speed)
 
     def _stalled(self, now: float) -> bool:
         return self._stepped is not None and now - self._stepped > STALL

@@ -24,6 +24,12 @@ def why_not_ready(
     return f"no ranging: no usable {message.type}, samples rejected: {refused}; {counts.describe()}{_denied(session)}"
 
 
+def why_not_sure(estimator: str, accepted: int) -> str:
+    """Ranges come, but do not tell enough."""
+    needs = "" if estimator == "kalman" else "; before that it must see the vehicle's own motion (auto need not)"
+    return f"{accepted} ranges taken, the estimator {estimator} is not sure of the range rate yet{needs}"
+
+
 def why_not_told(session: Session, missing: list[str]) -> str:
     """The vehicle does not tell what it must."""
     name = session.adapter.name

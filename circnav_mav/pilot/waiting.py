@@ -7,7 +7,7 @@ from circnav_mav.mav.codec import Decoder
 from circnav_mav.mav.ranging import RANGING_MESSAGES
 from circnav_mav.mav.session import Session
 from circnav_mav.pilot.progress import Progress
-from circnav_mav.pilot.reasons import why_no_vehicle, why_not_ready
+from circnav_mav.pilot.reasons import why_no_vehicle, why_not_ready, why_not_sure
 from circnav_mav.pilot.settings import RANGING, VEHICLE, Ending, PilotSettings, Voice
 from circnav_mav.pilot.target import Target
 
@@ -59,11 +59,15 @@ class Waiting:
 
     def why_not_ready(self, now: float) -> str:
         """What is missing of ranging, or of what the vehicle must tell."""
+        target, missing = self._target, self._session.missing(now)
+        age = target.age(now)
+        if not target.estimator.ready and age is not None and age <= self._settings.timing.stale and not missing:
+            return why_not_sure(self._settings.estimator, target.accepted)
         return why_not_ready(
             self._session,
             RANGING_MESSAGES[self._settings.ranging.message],
-            self._target.ranging.rejected,
-            missing=self._session.missing(now) if self._target.estimator.ready else [],
+            target.ranging.rejected,
+            missing=missing if target.estimator.ready else [],
             counts=self._ranging_link,
         )
 

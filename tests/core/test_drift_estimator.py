@@ -353,3 +353,26 @@ def test_flights_that_hear_at_their_own_times_are_what_each_is_alone():
         stages.append(tuple(together.stage))
     assert stages[-1] == (Stage.TRACK,) * 3
     assert len(set(stages)) > 3  # each found its target at its own time
+
+
+def test_ranges_that_the_bank_did_not_take_in_are_judged_by_the_range_filter():
+    """Without own motion the bank takes nothing in, and must not vouch for what it has not seen."""
+    world, estimator = Circling(), AutoEstimator(SETTINGS)
+    listen(estimator, world, 0.0, 30.0)
+    assert estimator.drift.ready
+    said = [estimator.observe(world.range(t)) for t in np.arange(30.0, 32.0, 0.05)]
+    assert not estimator.drift.ready
+    rng = np.random.default_rng(5)
+    nonsense = [RangeSample(t, t, rng.uniform(30, 600), 0.5) for t in np.arange(32.0, 34.0, 0.05)]
+    said = [estimator.observe(sample) for sample in nonsense]
+    assert said.count(Fused.GATED) > 0.8 * len(said)
+
+
+def test_the_bank_is_ready_again_once_it_takes_ranges_in():
+    world, estimator = Circling(), DriftEstimator(SETTINGS)
+    listen(estimator, world, 0.0, 30.0)
+    for t in np.arange(30.0, 31.0, 0.05):
+        estimator.observe(world.range(t))
+    assert not estimator.ready
+    listen(estimator, world, 31.0, 32.0)
+    assert estimator.ready

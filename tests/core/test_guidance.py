@@ -1,6 +1,6 @@
 """From an estimate to a limited turn: direction, correction, saturation."""
 
-from math import inf
+from math import inf, pi
 
 import pytest
 from hypothesis import given
@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 
 from circnav_mav.core.auto import Flies
 from circnav_mav.core.guidance import LawChoice, limit, steering, through_gain
-from circnav_mav.core.values import Direction, Orbit, RangeEstimate, TurnRate
+from circnav_mav.core.laws import LAWS
+from circnav_mav.core.values import Direction, Orbit, RangeEstimate, RelativeMotion, TurnRate
 
 PAPER = Orbit(radius=10.0, direction=Direction.CLOCKWISE, speed=1.0, max_turn_rate=10.0)
 
@@ -94,3 +95,27 @@ def test_the_steady_turn_rate_is_v_over_r_in_the_missions_sense(direction, sign)
 @pytest.mark.parametrize("flies", Flies)
 def test_who_flies_is_told_in_a_line_that_a_ground_station_shows_whole(flies):
     assert len(f"circnav: {flies.why}") <= 50
+
+
+def test_a_command_just_below_the_limit_counts_as_cut_by_it():
+    """Handing over, the offset between two laws fades and is never quite nothing."""
+    orbit = Orbit(100.0, Direction.CLOCKWISE, 15.0, 0.35)
+    steer = steering(orbit, LawChoice("auto", LAWS["auto"].default_gain(15.0, 100.0)))
+    far = [steer(RangeEstimate(0.05 * i, 100.0, 0.0, 0.5, 0.1)) for i in range(5)]
+    assert not any(command.saturated for command in far)
+    close = RelativeMotion(
+        x=20.0,
+        y=0.0,
+        sigma=1.0,
+        drift_x=0.0,
+        drift_y=0.0,
+        heading=pi,
+        turn_rate=0.0,
+        airspeed=15.0,
+        scale=1.0,
+        trusted=True,
+    )
+    commands = [steer(RangeEstimate(0.25 + 0.05 * i, 20.0, -15.0, 0.5, 0.1, relative=close)) for i in range(60)]
+    assert abs(commands[-1].demanded) > 0.35
+    assert abs(commands[-1].turn_rate) >= 0.99 * 0.35
+    assert commands[-1].saturated

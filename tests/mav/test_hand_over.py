@@ -1,6 +1,7 @@
 """Whose the vehicle is: between two steps, on the ground, blind, after an outage, beside other vehicles."""
 
 from dataclasses import replace
+from random import Random
 
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
@@ -11,6 +12,7 @@ from circnav_mav.pilot import RANGING, Voice
 GUIDED, LOITER, LAND, RTL = 4, 5, 9, 6
 ON_GROUND, IN_AIR = 1, 2
 SET_MODE = 176
+SETPOINT = "SET_POSITION_TARGET_LOCAL_NED"
 PX4_OFFBOARD, PX4_LOITER, PX4_MANUAL, PX4_ALTCTL = 6 << 16, 4 << 16 | 3 << 24, 1 << 16, 2 << 16
 
 
@@ -289,3 +291,22 @@ def test_a_clock_that_falls_behind_is_believed_once_the_answers_had_time_to_tell
         if behind is None and rig.pilot.target.newest.time > since + 0.1:
             behind = rig.now - since
     assert behind == pytest.approx(5.2, abs=0.2)
+
+
+def test_ranges_that_scatter_over_half_the_radius_are_lost_ranges(make_rig, say):
+    """The measured scatter is no standard deviation to fly by."""
+    rng = Random(3)
+    rig = make_rig(ranging=replace(say.mission.ranging, max_sigma=50.0), exit="rtl").engage()
+    rig.ranges, since = False, rig.now
+    for _ in range(600):
+        rig.run(0.05)
+        if rig.tick % 2 == 0:
+            rig.range(cm=rng.randrange(3000, 60000))
+    steered = [time for time, _ in rig.sent if time > since + 1.0 and _.get_type() == SETPOINT and _.vx > 0]
+    assert rig.pilot.outcome is not None and rig.pilot.outcome.reason.startswith("no range for")
+    assert steered and steered[-1] - since < 15.0
+
+
+def test_ranges_without_an_estimate_name_the_estimator(make_rig):
+    rig = make_rig(estimator="drift").run(10.0)
+    assert "the estimator drift is not sure" in rig.pilot.waits_for(rig.now)
