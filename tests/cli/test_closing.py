@@ -1,11 +1,15 @@
-"""The end of a flight: what is kept of it, whatever cannot be made or worked out."""
+"""The end of a flight: what is kept of it, whatever cannot be made or worked out, and whoever has gone."""
 
 import json
+import os
+import pty
+import sys
 from importlib import import_module
 
 import pytest
 
-from tests.process import QUICKSTART
+from circnav_mav.core.phases import Phase
+from tests.process import QUICKSTART, ROOT
 
 SHORT = ("--speed", 8, "--duration", 4)
 
@@ -61,3 +65,26 @@ def test_truth_or_ticks_that_cannot_be_understood_cost_their_figures_alone(circn
     assert "list index out of range" in summary["recording_problem"]
     assert (summary["truth"] is None) == (what != "read_ticks")
     assert strict(tmp_path / "run" / "manifest.json")["exit"] == 0
+
+
+@pytest.mark.parametrize("term", ["xterm", "dumb"], ids=["picture", "lines"])
+def test_a_flight_outlives_its_terminal(tmp_path, term):
+    """A real terminal, closed while the circle is flown: the kernel sends its signal to the session, and whatever is
+    written from then on is an error."""
+    folder, engaged = tmp_path / "run", Phase.ENGAGED.value.encode()
+    process, terminal = pty.fork()
+    if process == 0:
+        os.environ.update(TERM=term, PYTHONPATH=str(ROOT))
+        arguments = ["fly", QUICKSTART, "--speed", "8", "--duration", "24", "--out", str(folder)]
+        os.execv(sys.executable, [sys.executable, "-m", "circnav_mav", *arguments])
+    shown = b""
+    while engaged not in shown.lower():
+        shown += os.read(terminal, 65536)
+    os.close(terminal)
+    assert os.waitstatus_to_exitcode(os.waitpid(process, 0)[1]) == 0
+    summary = strict(folder / "summary.json")
+    assert (summary["outcome"], summary["recording_problem"]) == ("completed", None)
+    assert summary["flown_s"] == pytest.approx(24.0, abs=0.5)
+    assert summary["truth"]["radius_mean_m"] is not None
+    assert strict(folder / "manifest.json")["exit"] == 0
+    assert (folder / "report.html").stat().st_size > 10_000
