@@ -80,9 +80,9 @@ def fly_mission(options: FlyOptions) -> int:
             folder = recorder.folder
             manifest = _manifest(mission, options, folder, clock)
             display = display_for(Console(), pilot, mission.file.name, run_speed(mission))
+            open_things.callback(display.close)
             onlookers = _onlookers(display, page, recorder)
             crash = _loop(pilot, links, clock, recorder, onlookers, stop, signing_time)
-            display.close()
         assert pilot.outcome is not None
         code = Exit.INTERNAL if crash is not None else EXITS[pilot.outcome.ending]
         summary = summary_of_flight(pilot, recorder, mission, clock)
