@@ -4,7 +4,7 @@ import csv
 from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
-from math import nan
+from math import isfinite, nan
 from pathlib import Path
 from sys import intern
 from typing import IO
@@ -175,11 +175,12 @@ def find_damage(path: Path) -> Damage | None:
 
 
 def read_truth(folder: Path, epoch_us: int) -> Truth | None:
-    """The simulator's truth of a run whose clock began at `epoch_us`, None when there was none."""
+    """The simulator's truth of a run whose clock began at `epoch_us`, None when there was none. A frame with a number
+    that is none is left out: anybody may have sent it."""
     rows = array("d")
     for stamp, frame in read_tlog(folder / "flight.tlog"):
         numbers = read_truth_frame(frame)
-        if numbers is not None:
+        if numbers is not None and all(map(isfinite, numbers)):
             rows.extend(((stamp - epoch_us) / 1e6, *numbers))
     if not rows:
         return None

@@ -1,6 +1,5 @@
 """summary.json of a run: stable keys that later work and users' scripts read."""
 
-import json
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -9,7 +8,7 @@ import numpy as np
 
 from circnav_mav.analysis import metrics
 from circnav_mav.analysis.run_folder import Ticks, Truth
-from circnav_mav.analysis.whole_file import write_whole
+from circnav_mav.analysis.whole_file import write_json
 from circnav_mav.core.phases import Phase
 from circnav_mav.core.values import Direction, Orbit
 
@@ -78,7 +77,7 @@ def summarise(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str
 
 def write_summary(folder: Path, summary: dict[str, Any]) -> None:
     """Write summary.json, whole or not at all. Raises OSError."""
-    write_whole(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
+    write_json(folder / "summary.json", summary)
 
 
 def _problem(problem: str | None, ticks: Ticks, truth: Truth | None, end: float) -> str | None:

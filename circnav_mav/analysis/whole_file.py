@@ -1,9 +1,12 @@
 """Files that are there whole or not at all, whatever fails in between."""
 
+import json
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from math import isfinite
 from pathlib import Path
+from typing import Any
 
 
 @contextmanager
@@ -23,3 +26,17 @@ def write_whole(path: Path, text: str) -> None:
     Raises OSError."""
     with whole_file(path) as fresh:
         fresh.write_text(text, encoding="utf-8", errors="replace")
+
+
+def write_json(path: Path, what: Any) -> None:
+    """Write plain values as a whole JSON file; a number that JSON does not know, NaN or an infinity, becomes null.
+    Raises OSError."""
+    write_whole(path, json.dumps(_known_to_json(what), indent=2, allow_nan=False) + "\n")
+
+
+def _known_to_json(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _known_to_json(part) for key, part in value.items()}
+    if isinstance(value, list | tuple):
+        return [_known_to_json(part) for part in value]
+    return None if isinstance(value, float) and not isfinite(value) else value

@@ -61,7 +61,12 @@ def open_page(port: str | None, pilot: Pilot, mission: Mission, open_things: Exi
     orbit = mission.orbit
     try:
         page = LivePage(
-            pilot, int(port), name=mission.file.name, tolerance=TOLERANCE * orbit.radius, speed=run_speed(mission)
+            pilot,
+            int(port),
+            name=mission.file.name,
+            tolerance=TOLERANCE * orbit.radius,
+            speed=run_speed(mission),
+            truth=mission.flies_sim,
         )
     except WebError as error:
         raise Refused(str(error)) from None

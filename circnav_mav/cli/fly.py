@@ -5,29 +5,27 @@ from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from itertools import chain, count
 from pathlib import Path
-from typing import Any
 
 import click
 from rich.console import Console
 
-from circnav_mav import __version__
-from circnav_mav.analysis.plots import plot_flight
-from circnav_mav.analysis.run_folder import NO_TICKS, read_ticks, read_truth
-from circnav_mav.analysis.summary import FlightFacts, summarise, write_summary
 from circnav_mav.cli.check import all_checks, read_mission, show_checks
+from circnav_mav.cli.closing import complete, summary_of_flight
 from circnav_mav.cli.connect import open_links, open_page, open_signing, run_speed, start_clock, start_vehicle
 from circnav_mav.cli.exits import Exit, Refused, cannot
-from circnav_mav.cli.report import report_of_flight
+from circnav_mav.cli.report import pictures_of_flight
+from circnav_mav.cli.terminal import outlive_terminal
 from circnav_mav.cli.verdict import verdict
 from circnav_mav.mission.checks import Grade
 from circnav_mav.mission.mission import Mission
-from circnav_mav.pilot import VEHICLE, Ending, Pilot, TickRecord, Voice
+from circnav_mav.pilot import VEHICLE, Ending, Pilot, Voice
 from circnav_mav.runtime.clock import RunClock, local_time_name
-from circnav_mav.runtime.display import display_for
+from circnav_mav.runtime.display import Display, display_for
 from circnav_mav.runtime.keys import SigningTime
 from circnav_mav.runtime.links import Link
 from circnav_mav.runtime.manifest import Manifest
-from circnav_mav.runtime.recorder import Recorder, RecorderError, TakenError, Turn
+from circnav_mav.runtime.onlookers import Onlookers, Show
+from circnav_mav.runtime.recorder import Recorder, RecorderError, TakenError
 from circnav_mav.runtime.runner import StopRequest, run
 from circnav_mav.runtime.web.feed import LivePage
 
@@ -39,8 +37,6 @@ EXITS = {
 }
 RECORDED = ("flight.tlog", "turns.csv", "ticks.csv", "summary.json", "manifest.json")
 """What shows that a folder holds a flight."""
-OUTCOMES = {Ending.COMPLETED: "completed", Ending.INTERRUPTED: "interrupted"}
-"""The outcome in summary.json; every other ending is "aborted"."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +61,7 @@ class FlyOptions:
 
 def fly_mission(options: FlyOptions) -> int:
     """Fly, and return the exit code. Raises Refused before anything has flown."""
+    outlive_terminal()
     stop = StopRequest()  # from here on a signal ends the flight, not the process
     mission = read_mission(options.mission, _overrides(options))
     lines = all_checks(mission)
@@ -82,17 +79,21 @@ def fly_mission(options: FlyOptions) -> int:
             clock, recorder = _start(options, mission, pilot, links, open_things)
             folder = recorder.folder
             manifest = _manifest(mission, options, folder, clock)
-            crash = _loop(pilot, links, clock, recorder, mission, page, stop, signing_time)
-        summary = _finish(pilot, recorder, mission, clock)
+            display = display_for(Console(), pilot, mission.file.name, run_speed(mission))
+            open_things.callback(display.close)
+            onlookers = _onlookers(display, page, recorder)
+            crash = _loop(pilot, links, clock, recorder, onlookers, stop, signing_time)
+        assert pilot.outcome is not None
+        code = Exit.INTERNAL if crash is not None else EXITS[pilot.outcome.ending]
+        summary = summary_of_flight(pilot, recorder, mission, clock)
+        complete(manifest, pilot, summary, code)
+        words = verdict(summary, folder)
         if page is not None:
-            page.finish(verdict(summary, folder))
-    assert pilot.outcome is not None
-    code = Exit.INTERNAL if crash is not None else EXITS[pilot.outcome.ending]
-    _complete(manifest, pilot, summary, code)
-    click.echo(verdict(summary, folder))
-    for problem in (report_of_flight(folder, mission, summary), signing_time.problem if signing_time else None):
-        if problem is not None:
-            click.echo(f"  WARNING    {problem}")
+            page.finish(words)
+    click.echo(words)
+    problems = [*onlookers.problems, display.problem, signing_time.problem if signing_time else None]
+    for problem in filter(None, (*problems, *pictures_of_flight(folder, mission, summary))):
+        click.echo(f"  WARNING    {problem}")
     if crash is not None:
         raise Refused(f"internal error, see {crash}", Exit.INTERNAL)
     return code
@@ -172,20 +173,12 @@ def _manifest(mission: Mission, options: FlyOptions, folder: Path, clock: RunClo
         raise Refused(f"{folder}: cannot be written: {error.strerror or error}") from None
 
 
-def _complete(manifest: Manifest, pilot: Pilot, summary: dict[str, Any], code: Exit) -> None:
-    """The rest of manifest.json; a disk that is full by now changes nothing."""
-    system, component = pilot.session.vehicle_ids
-    known = {"system": system, "component": component, "name": pilot.session.adapter.name}
-    autopilot = known | {"firmware": pilot.session.firmware} if pilot.session.up else None
-    try:
-        manifest.complete(autopilot=autopilot, outcome=summary["outcome"], reason=summary["reason"], exit=int(code))
-    except OSError as error:
-        _note(summary, f"manifest.json cannot be written: {error.strerror or error}")
-
-
-def _note(summary: dict[str, Any], problem: str) -> None:
-    """Keep the first problem: later ones follow from it."""
-    summary["recording_problem"] = summary["recording_problem"] or problem
+def _onlookers(display: Display, page: LivePage | None, recorder: Recorder) -> Onlookers:
+    """Who is shown the flight."""
+    shows: dict[str, Show] = {"display": lambda newest, turn: display.show(newest, turn.time, recorder.problem)}
+    if page is not None:
+        shows["live page"] = lambda newest, turn: page.show(newest, turn, recorder.problem)
+    return Onlookers(shows)
 
 
 def _loop(
@@ -193,21 +186,13 @@ def _loop(
     links: dict[str, Link],
     clock: RunClock,
     recorder: Recorder,
-    mission: Mission,
-    page: LivePage | None,
+    onlookers: Onlookers,
     stop: StopRequest,
     signing_time: SigningTime | None,
 ) -> Path | None:
     """Run to the end. An exception of ours still leaves a safe setpoint behind; returns where it is written down."""
-    display = display_for(Console(), pilot, mission.file.name, run_speed(mission))
-
-    def show(newest: TickRecord | None, turn: Turn) -> None:
-        display.show(newest, turn.time, recorder.problem)
-        if page is not None:
-            page.show(newest, turn, recorder.problem)
-
     try:
-        run(pilot, links, clock, recorder, show, stop, signing_time)
+        run(pilot, links, clock, recorder, onlookers.show, stop, signing_time)
     except Exception as error:
         links[VEHICLE].send(pilot.last_words(clock.now()), pilot.reply_to)  # first of all, whatever the disk does
         pilot.abandon(f"internal error: {error}")
@@ -215,51 +200,4 @@ def _loop(
         with suppress(OSError):
             report.write_text(traceback.format_exc(), encoding="utf-8")
         return report
-    finally:
-        display.close()
     return None
-
-
-def _finish(pilot: Pilot, recorder: Recorder, mission: Mission, clock: RunClock) -> dict[str, Any]:
-    """summary.json and flight.png."""
-    folder, outcome = recorder.folder, pilot.outcome
-    assert outcome is not None
-    ticks, truth = NO_TICKS, None
-    try:
-        ticks = read_ticks(folder)
-    except (OSError, ValueError) as error:  # a disk that filled up before the first line was written
-        recorder.problem = recorder.problem or f"ticks.csv: {error}"
-    with suppress(OSError):
-        truth = read_truth(folder, clock.epoch_us)
-    facts = FlightFacts(
-        mission=mission.file.name,
-        outcome=OUTCOMES.get(outcome.ending, "aborted"),
-        reason=outcome.reason,
-        orbit=mission.orbit,
-        samples_accepted=pilot.target.accepted,
-        samples_rejected=dict(pilot.target.ranging.rejected),
-        frames_refused=dict(pilot.frames_refused()),
-        setpoints_sent=pilot.setpoints_sent,
-        firmware=pilot.session.firmware,
-        version=__version__,
-        epoch_us=clock.epoch_us,
-        recording_problem=recorder.problem,
-        voice=pilot.settings.voice.value,
-        clock_speed=pilot.session.boot_clock.noticed,
-        engaged_s=pilot.engaged_at,
-        until_s=recorder.until,
-    )
-    summary = summarise(facts, ticks, truth)
-    try:
-        write_summary(folder, summary)
-        if len(ticks.time) > 1:
-            plot_flight(folder / "flight.png", ticks, truth, mission.orbit, _title(mission))
-    except OSError as error:
-        _note(summary, f"{folder}: cannot be written: {error.strerror or error}")
-    return summary
-
-
-def _title(mission: Mission) -> str:
-    orbit = mission.orbit
-    circle = f"{orbit.radius:g} m {orbit.direction.value} at {orbit.speed:g} m/s"
-    return f"{mission.file.name}: {circle}, law {mission.law.name}"

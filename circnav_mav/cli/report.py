@@ -45,15 +45,29 @@ def report_run(folder: str) -> int:
     return Exit.DONE
 
 
-def report_of_flight(folder: Path, mission: Mission, summary: dict[str, Any]) -> str | None:
-    """The report at the end of a flight: whatever goes wrong with it is told in a line, and changes nothing else."""
-    try:
-        run = open_run(folder)
-        if len(run.ticks.time) > 1:
-            write_report(run, report_facts(run, mission, summary))
-    except Exception as error:
-        return f"{folder / 'report.html'}: could not be made: {error}"
-    return None
+def pictures_of_flight(folder: Path, mission: Mission, summary: dict[str, Any]) -> list[str]:
+    """flight.png and report.html at the end of a flight. Whatever goes wrong with one of them is told in a line, and
+    changes nothing else."""
+    problems = []
+    for name, make in (("flight.png", _picture), ("report.html", _page)):
+        try:
+            run = open_run(folder)
+            if len(run.ticks.time) > 1:
+                make(run, mission, summary)
+        except Exception as error:
+            problems.append(f"{folder / name}: could not be made: {error}")
+    return problems
+
+
+def _picture(run: Run, mission: Mission, summary: dict[str, Any]) -> None:
+    orbit = mission.orbit
+    circle = f"{orbit.radius:g} m {orbit.direction.value} at {orbit.speed:g} m/s"
+    title = f"{mission.file.name}: {circle}, law {mission.law.name}"
+    plot_flight(run.folder / "flight.png", run.ticks, run.truth, orbit, title)
+
+
+def _page(run: Run, mission: Mission, summary: dict[str, Any]) -> None:
+    write_report(run, report_facts(run, mission, summary))
 
 
 def report_facts(run: Run, mission: Mission, summary: dict[str, Any]) -> ReportFacts:

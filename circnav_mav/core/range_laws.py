@@ -24,8 +24,9 @@ def bounded(r: Array, r_dot: Array, *, V: float, r_d: float, k: float) -> Array:
 
     k > 1/r_d, in 1/m; exact radius, |omega| <= 2 k V. Source: Cao, "UAV circumnavigating an unknown target under a
     GPS-denied environment with range-only measurements", Automatica 55 (2015); inside in its two-sided form.
+    A smaller r_d, as a trim can make it, counts as 1/k, the smallest circle that this k flies (r_s = 0).
     """
-    r_s = np.sqrt(r_d**2 - 1 / k**2)
+    r_s = np.sqrt(np.maximum(r_d**2 - 1 / k**2, 1e-12))  # not 0, by which the inside divides
     outside = V * np.sqrt(np.maximum(1 - (r_s / np.maximum(r, 1e-6)) ** 2, 0.0))
     inside = V * np.sqrt(np.maximum(1 - (r / r_s) ** 2, 0.0))
     return k * (r_dot + np.where(r >= r_s, outside, -inside))

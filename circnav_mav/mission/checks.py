@@ -6,6 +6,7 @@ from enum import Enum
 from math import degrees, hypot, inf, sqrt
 
 from circnav_mav.core.laws import LAWS
+from circnav_mav.core.radius_trim import MOST
 from circnav_mav.core.slant import MAX_SIGMA_GROWTH
 from circnav_mav.core.theory import settling_time, tolerated_drift
 from circnav_mav.mav.autopilots.table import AUTOPILOTS, REFUSED, adapters
@@ -48,6 +49,7 @@ def check_mission(mission: Mission) -> list[Check]:
             _keys,
             _vehicle,
             _gain,
+            _trim,
             _radius,
             _turn_rate,
             _reach,
@@ -113,6 +115,21 @@ def _gain(mission: Mission) -> Iterator[Check]:
     yield Check(
         grade, "gain", f"{law.name}: k = {gain:.4g} {law.gain_unit} ({whose}), needs {law.gain_condition}{worth}"
     )
+
+
+def _trim(mission: Mission) -> Iterator[Check]:
+    """A trim feeds the law a smaller radius than the mission's, for which its gain must do as well."""
+    law, gain, orbit = LAWS[mission.law.name], mission.law.gain, mission.orbit
+    least = (1 - MOST) * orbit.radius
+    bound = law.gain_bound(orbit.speed, least)
+    if mission.file.guidance.radius_trim_per_s > 0 and law.gain_bound(orbit.speed, orbit.radius) < gain <= bound:
+        yield Check(
+            Grade.WARN,
+            "trim",
+            f"guidance.radius_trim_per_s may feed the law a radius down to {least:g} m, which needs "
+            f"{law.gain_condition} = {bound:.4g}: k = {gain:.4g} flies no circle that small; raise "
+            "guidance.gain",
+        )
 
 
 def _radius(mission: Mission) -> Iterator[Check]:

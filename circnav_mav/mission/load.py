@@ -68,6 +68,7 @@ def mission_of(table: Mapping[str, Any], where: str, text: str = "") -> Mission:
     if file.signing and file.signing.accept_unsigned == "ranging" and file.ranging.endpoint is None:
         raise MissionError(f'{where}: signing.accept_unsigned: is "ranging", which needs a ranging.endpoint of its own')
     _check_turning(file, where)
+    _check_order(file, where)
     mission = Mission(file, text)
     _check_numbers(mission, where)
     return mission
@@ -80,6 +81,17 @@ def _check_turning(file: MissionFile, where: str) -> None:
         raise MissionError(f"{where}: vehicle.max_bank_deg: missing, a plane turns by banking: add its limit")
     if vehicle.max_bank_deg is None and vehicle.max_turn_rate_deg_s is None:
         raise MissionError(f"{where}: vehicle.max_turn_rate_deg_s: missing, add it")
+
+
+def _check_order(file: MissionFile, where: str) -> None:
+    """A lower bound below its upper one: else a flight ends as it begins, or no range counts. Raises MissionError."""
+    for table, quantity in (("bounds", "range_m"), ("bounds", "altitude_m"), ("ranging", "range_m")):
+        low, high = (getattr(getattr(file, table), f"{side}_{quantity}") for side in ("min", "max"))
+        if low is not None and high is not None and low >= high:
+            raise MissionError(
+                f"{where}: {table}.min_{quantity}: {low:g} is not below {table}.max_{quantity} = {high:g}: "
+                "lower it, or raise the other"
+            )
 
 
 def _check_numbers(mission: Mission, where: str) -> None:

@@ -40,6 +40,9 @@ def _one_in_words(problem: ErrorDetails) -> str:
         return f"{key}: {given!r} is not one of {context['expected']}"
     if kind == "model_type":
         return f"{key}: must be a table, not {given!r}"
+    if kind == "finite_number":
+        remedy = ": leave it out for none" if _may_be_left_out(place) else ""
+        return f"{key}: must be a finite number, not {given}{remedy}"
     bound = next((f"{words} {context[name]:g}" for name, words in _BOUNDS.items() if name in context), None)
     if bound is not None and isinstance(given, int | float):
         return f"{key}: must be {bound}, not {given:g}"
@@ -56,11 +59,25 @@ def _number_meant(kind: str, given: Any) -> str:
         return ""
 
 
+def _may_be_left_out(place: list[str]) -> bool:
+    """Whether a key of the schema stands for none where it is left out."""
+    field = _table(place[:-1]).model_fields.get(place[-1])
+    return field is not None and not field.is_required() and field.default is None
+
+
 def _known_keys(place: list[str]) -> list[str]:
     """The keys that a table of the schema knows."""
+    return list(_table(place).model_fields)
+
+
+def _table(place: list[str]) -> type[BaseModel]:
+    """The table of the schema at a place; where part of it is none, the table around that part."""
     model: type[BaseModel] = MissionFile
     for part in place:
         annotation = model.model_fields[part].annotation
         candidates = (annotation, *get_args(annotation))
-        model = next(item for item in candidates if isinstance(item, type) and issubclass(item, BaseModel))
-    return list(model.model_fields)
+        inner = next((item for item in candidates if isinstance(item, type) and issubclass(item, BaseModel)), None)
+        if inner is None:
+            break
+        model = inner
+    return model

@@ -6,17 +6,19 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from circnav_mav.core.laws import LAWS
 
-Positive = Annotated[float, Field(gt=0, le=1e9, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0, le=1e9, allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, le=1e9)]
+NotNegative = Annotated[float, Field(ge=0, le=1e9)]
+Height = Annotated[float, Field(ge=-1e9, le=1e9)]
 SystemId = Annotated[int, Field(ge=1, le=255)]
 ComponentId = Annotated[int, Field(ge=0, le=255)]
 Name = Annotated[str, Field(min_length=1)]
 
 
 class Table(BaseModel):
-    """A table that knows all its keys and converts nothing silently."""
+    """A table that knows all its keys, converts nothing silently and takes no NaN or infinity, which TOML has: a bound
+    that is one never acts, or always."""
 
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
 
 class LoopsTable(Table):
@@ -135,8 +137,8 @@ class BoundsTable(Table):
 
     min_range_m: Positive | None = None
     max_range_m: Positive | None = None
-    min_altitude_m: float | None = None
-    max_altitude_m: float | None = None
+    min_altitude_m: Height | None = None
+    max_altitude_m: Height | None = None
     min_battery_percent: Annotated[float, Field(ge=0, le=100)] | None = None
 
 

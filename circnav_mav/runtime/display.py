@@ -58,15 +58,16 @@ class PlainScreen:
 
 
 class LiveScreen:
-    """A picture drawn anew in its place."""
+    """A picture drawn anew in its place. Nothing is written before the first one."""
 
     def __init__(self, console: Console, picture: Picture) -> None:
         self._picture = picture
         self._live = Live(console=console, auto_refresh=False)
-        self._live.start()
 
     def draw(self, status: Status) -> None:
         """Draw the picture."""
+        if not self._live.is_started:
+            self._live.start()
         self._live.update(self._picture.draw(status), refresh=True)
 
     def close(self) -> None:
@@ -82,6 +83,8 @@ class Display:
         self._screen, self._pilot, self._period, self._last = screen, pilot, period, last
         self._watch = Watch(pilot)
         self._due = 0.0
+        self.problem: str | None = None
+        """Why nothing more was drawn, unless it is that nobody looks."""
         self._waiting: deque[Status] = deque(maxlen=1)
         self._wake, self._closing = threading.Event(), False
         self._thread = threading.Thread(target=self._run, name="display", daemon=True)
@@ -104,15 +107,24 @@ class Display:
         self._thread.join(PATIENCE)
 
     def _run(self) -> None:
-        closing = False
-        with suppress(OSError):  # nobody looks any more: the flight goes on
-            while not closing:
-                self._wake.wait()
-                self._wake.clear()
-                closing = self._closing
-                if self._waiting:
-                    self._screen.draw(self._waiting.pop())
+        try:
+            self._draw_all()
+        except OSError:
+            pass  # nobody looks any more: the flight goes on
+        except Exception as error:
+            self.problem = f"display: stopped: {error!r}"
+        with suppress(Exception):
             self._screen.close()
+
+    def _draw_all(self) -> None:
+        """Draw what is waiting, until closed."""
+        closing = False
+        while not closing:
+            self._wake.wait()
+            self._wake.clear()
+            closing = self._closing
+            if self._waiting:
+                self._screen.draw(self._waiting.pop())
 
 
 def display_for(console: Console, pilot: Pilot, title: str, speed: float) -> Display:

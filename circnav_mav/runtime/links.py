@@ -6,17 +6,26 @@ A link never raises while it is open: an unreachable network or a vanished devic
 import errno
 import os
 import socket
+import termios
 from collections.abc import Hashable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 MOST_DATAGRAMS = 512
 """Datagrams taken in one call, so that a flood cannot keep the loop from its tick."""
+MOST_BYTES = 1 << 15
+"""Bytes taken in one call, up to the end of a datagram: what is left stays in the socket for the next turn of the loop,
+which follows at once. A radio brings a hundredth of that in 50 ms, a simulator at twenty times real time some 20 kB; to
+decode it takes 5 ms, and 0.1 s of frames that somebody made up to take long, where 0.5 s without a step is a stall."""
 LOCAL_PORT = 14691
 """Our local port for `udpout`: PX4 latches onto the first client port it hears, so a restart must use the same."""
 RETRY = 1.0
 HALF_OPEN = 3.0
 """Time, s, without acknowledgement after which a TCP connection counts as gone."""
+LOST = (OSError, ValueError, termios.error)
+"""What a serial device raises that is vanishing. pyserial's own error is an OSError; it passes on that of the terminal,
+which is none, where the device goes while it is being opened."""
 CONNECT_PATIENCE = 5.0
 
 
@@ -121,14 +130,17 @@ class UdpLink:
     def receive(self, now: float) -> list[tuple[bytes, Hashable]]:
         """The datagrams that have come in, each with its sender."""
         datagrams: list[tuple[bytes, Hashable]] = []
-        while len(datagrams) < MOST_DATAGRAMS:
+        room = MOST_BYTES
+        while len(datagrams) < MOST_DATAGRAMS and room > 0:
             try:
-                datagrams.append(self._socket.recvfrom(65536))
+                data, source = self._socket.recvfrom(65536)
             except BlockingIOError:
                 break
             except OSError:
                 self.errors += 1
                 break
+            datagrams.append((data, source))
+            room -= len(data)
         return datagrams
 
     def send(self, data: bytes, to: Hashable) -> None:
@@ -176,7 +188,7 @@ class TcpLink:
             self._reconnect(now)
             return []
         try:
-            data = self._socket.recv(65536)
+            data = self._socket.recv(MOST_BYTES)
         except (BlockingIOError, InterruptedError):
             return []
         except OSError:
@@ -231,7 +243,7 @@ class SerialLink:
         self._serial = serial
         try:
             self._port: Any = self._open()
-        except (serial.SerialException, OSError, ValueError) as error:
+        except LOST as error:
             raise LinkError(f"endpoint {text}: {_explain(error)}") from None
 
     def fileno(self) -> int | None:
@@ -244,8 +256,8 @@ class SerialLink:
             self._reopen(now)
             return []
         try:
-            data = self._port.read(65536)
-        except (self._serial.SerialException, OSError):
+            data = self._port.read(MOST_BYTES)
+        except LOST:
             self.errors += 1
             self.close()
             self._port, self._retry_at = None, now + RETRY
@@ -258,13 +270,14 @@ class SerialLink:
             return
         try:
             os.write(self._port.fileno(), data)
-        except (self._serial.SerialException, OSError):
+        except LOST:
             self.errors += 1
 
     def close(self) -> None:
-        """Close the device."""
+        """Close the device; one that has vanished may refuse that, too."""
         if self._port is not None:
-            self._port.close()
+            with suppress(*LOST):
+                self._port.close()
 
     def _open(self) -> Any:
         return self._serial.Serial(self._endpoint.host, self._endpoint.port, timeout=0, write_timeout=0)
@@ -275,7 +288,7 @@ class SerialLink:
         self._retry_at = now + RETRY
         try:
             self._port = self._open()
-        except (self._serial.SerialException, OSError):
+        except LOST:
             self._port = None
 
 
@@ -290,7 +303,7 @@ def _prepare(connection: socket.socket) -> None:
 
 def _explain(error: Exception) -> str:
     """An OS error with what to do about it."""
-    code = getattr(error, "errno", None)
+    code = error.args[0] if isinstance(error, termios.error) else getattr(error, "errno", None)
     if code == errno.EADDRINUSE:
         return "port is in use by another program: close it, or choose another port"
     if code == errno.ECONNREFUSED:
@@ -299,4 +312,5 @@ def _explain(error: Exception) -> str:
         return "no such device"
     if isinstance(error, socket.gaierror):
         return "host name is not known"
-    return str(getattr(error, "strerror", None) or error).lower()
+    said = error.args[-1] if isinstance(error, termios.error) else getattr(error, "strerror", None)
+    return str(said or error).lower()

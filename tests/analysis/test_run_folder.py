@@ -1,5 +1,6 @@
 """A run folder read back, also one that was cut off."""
 
+import math
 import re
 import struct
 from dataclasses import fields
@@ -54,6 +55,19 @@ def test_a_log_of_a_real_vehicle_has_no_truth(run_folder, epoch_us, tmp_path):
     beat = bytes(mavlink.MAVLink_heartbeat_message(2, 3, 0, 0, 4, 3).pack(mavlink.MAVLink(None, srcSystem=1)))
     (folder / "flight.tlog").write_bytes(struct.pack(">Q", epoch_us) + beat)
     assert read_truth(folder, epoch_us) is None
+
+
+@pytest.mark.parametrize("spoilt", [0, 9, 15])
+def test_truth_that_is_no_number_is_left_out(tmp_path, epoch_us, spoilt):
+    """Whoever reaches our port can send it."""
+    numbers = [10.0 * at for at in range(16)]
+    frames = [numbers, [math.nan if at == spoilt else number for at, number in enumerate(numbers)], numbers]
+    log = b""
+    for moment, told in enumerate(frames, epoch_us):
+        message = mavlink.MAVLink_debug_float_array_message(0, b"SIM_TRUTH", 0, told + [0.0] * 42)
+        log += struct.pack(">Q", moment) + bytes(message.pack(mavlink.MAVLink(None, srcSystem=1)))
+    (tmp_path / "flight.tlog").write_bytes(log)
+    assert read_truth(tmp_path, epoch_us).time == pytest.approx([0.0, 2e-6])
 
 
 def test_a_log_is_read_to_where_it_was_cut_off(run_folder):

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import math
 from pathlib import Path
 
 import pytest
@@ -148,3 +149,9 @@ def test_how_quiet_the_stick_was_is_that_of_the_last_third_of_what_was_steered(r
 def test_a_flight_that_never_steered_has_no_unrest(epoch_us):
     made = summarise(facts(epoch_us), NO_TICKS, None)
     assert (made["turn_std_deg_s"], made["turn_at_limit"]) == (None, None)
+
+
+def test_a_number_that_json_does_not_know_is_unknown(tmp_path):
+    write_summary(tmp_path, {"a": math.nan, "b": {"c": [math.inf, 1.5]}, "d": (-math.inf, True), "e": None})
+    told = {"a": None, "b": {"c": [None, 1.5]}, "d": [None, True], "e": None}
+    assert json.loads((tmp_path / "summary.json").read_text(), parse_constant=pytest.fail) == told

@@ -98,10 +98,33 @@ def test_batch_and_lockstep_end_in_the_same_way(write, vary, says):
         ('"sim.ranging.rate_hz" = [7.0]', "multiples"),
         ('"bounds.max_range_m" = [400.0]', "bounds"),
         ('"guidance.radius_trim_per_s" = [0.05]', "trim"),
+        ('"sim.ranging.outlier_fraction" = [0.15]', "outliers for noise"),
+        ('"sim.ranging.outlier_fraction" = [0.25]', "outliers for noise"),
+        ('"sim.ranging.outlier_fraction" = [1.0]', "outliers for noise"),
     ],
 )
 def test_what_a_batch_cannot_fly_has_a_reason(write, vary, reason):
     assert reason in obstacle(prepare(load_campaign(write(vary)), 0))
+
+
+@pytest.mark.parametrize(
+    "vary",
+    [
+        '"sim.ranging.outlier_fraction" = [0.1]',
+        '"sim.ranging.outlier_fraction" = [0.3]\n"ranging.sigma_m" = [2.0]',
+        '"sim.ranging.outlier_fraction" = [0.3]\n"sim.ranging.outlier_m" = [0.3]',
+    ],
+)
+def test_outliers_that_the_pilot_takes_for_what_they_are_fly_in_a_batch(write, vary):
+    assert obstacle(prepare(load_campaign(write(vary)), 0)) is None
+
+
+@pytest.mark.parametrize("law", ["smooth", "auto"])
+def test_flights_with_as_many_outliers_as_a_batch_may_have_agree(write, law):
+    """Of 30 m, at the share from which on they fly in lockstep."""
+    world = '"sim.ranging.outlier_fraction" = [0.1]\n"sim.ranging.outlier_m" = [30.0]'
+    batch, real = both(write(f'{SHORT}{world}\n"guidance.law" = ["{law}"]'), 1, 3)
+    assert batch["rms_m"] == pytest.approx(real["rms_m"], rel=0.02)
 
 
 @pytest.mark.parametrize(

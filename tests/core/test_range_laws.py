@@ -1,6 +1,6 @@
 """The laws on range and range rate: what they hold, what they never ask for, and their mirror images."""
 
-from math import pi, sqrt
+from math import isfinite, pi, sqrt
 
 import numpy as np
 import pytest
@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from circnav_mav.core import range_laws, theory
 from circnav_mav.core.laws import LAWS, Kind
 from circnav_mav.core.laws import pi as pi_law
+from circnav_mav.core.radius_trim import MOST
 
 V, R_D = 15.0, 100.0
 STATELESS = [law for law in LAWS.values() if law.kind is Kind.RANGE]
@@ -55,6 +56,20 @@ def test_bounded_holds_the_exact_radius():
     r_s = sqrt(R_D**2 - 1 / k**2)
     assert range_laws.bounded(R_D, 0.0, V=V, r_d=R_D, k=k) == pytest.approx(k * V * sqrt(1 - (r_s / R_D) ** 2))
     assert range_laws.bounded(R_D, 0.0, V=V, r_d=R_D, k=k) == pytest.approx(V / R_D)
+
+
+@pytest.mark.parametrize("law", STATELESS, ids=lambda law: law.name)
+@given(share=st.floats(1 - MOST, 1 + MOST), over=st.floats(1.001, 3), r=st.floats(0, 2000), r_dot=st.floats(-15, 15))
+def test_every_law_stays_finite_for_every_trim_of_its_radius_and_gain_that_is_allowed(law, share, over, r, r_dot):
+    k = over * (law.gain_bound(V, R_D) or 0.5 * gain(law))
+    assert isfinite(law.function(r, r_dot, V=V, r_d=share * R_D, k=k))
+
+
+@pytest.mark.parametrize("fed", [85.0, 90.0, 100 / 1.1])
+def test_bounded_fed_less_than_its_gain_can_fly_holds_the_smallest_circle_that_it_can(fed):
+    """Its turn there is V k at r' = 0, the circle of radius 1/k."""
+    k = 1.1 / R_D
+    assert range_laws.bounded(1 / k, 0.0, V=V, r_d=fed, k=k) == pytest.approx(V * k)
 
 
 def test_relay_changes_over_within_its_boundary_layer_and_not_at_once():

@@ -54,6 +54,15 @@ def test_a_gain_must_be_above_the_bound_of_its_law(mission, law, gain, expected)
     assert grade(mission, "gain", f"guidance.law={law}", f"guidance.gain={gain}") is expected
 
 
+@pytest.mark.parametrize(
+    ("gain", "trim", "told"), [(0.0117, 0.05, [WARN]), (0.0118, 0.05, []), (0.0117, 0.0, []), (0.0099, 0.05, [])]
+)
+def test_a_gain_that_does_not_do_for_the_whole_trim_of_the_radius_is_told(mission, gain, trim, told):
+    """A trim of 15 % leaves 85 m: 1/r_d = 0.01176. One that does not do for 100 m is told as that."""
+    overrides = ("guidance.law=bounded", f"guidance.gain={gain}", f"guidance.radius_trim_per_s={trim}")
+    assert [line.grade for line in lines(mission, "trim", *overrides)] == told
+
+
 def test_the_gain_line_shows_the_number_and_its_bound(mission):
     (line,) = lines(mission, "gain", "guidance.gain=2e-4")
     assert line.says == "smooth: k = 0.0002 1/m^2 (given), needs k > 1/(2 r_d^2) = 5e-05"

@@ -3,12 +3,15 @@
 import tomllib
 from math import pi, radians
 from pathlib import Path
+from typing import get_args
 
 import pytest
+from pydantic import BaseModel
 
 from circnav_mav.core.values import Direction
 from circnav_mav.mission.checks import Grade, check_mission
 from circnav_mav.mission.load import MissionError, load_mission, parse_mission
+from circnav_mav.mission.schema import MissionFile
 from circnav_mav.pilot import Voice
 
 CONFIG = sorted((Path(__file__).parents[2] / "config").glob("*.toml"))
@@ -225,8 +228,8 @@ SPOILED = [
     ("radius_m = 100.0\n", "", "m.toml: orbit.radius_m: missing, add it"),
     ("radius_m = 100.0", "radius_m = 0.0", "m.toml: orbit.radius_m: must be above 0, not 0"),
     ("radius_m = 100.0", "radius_m = -5", "m.toml: orbit.radius_m: must be above 0, not -5"),
-    ("radius_m = 100.0", "radius_m = nan", "m.toml: orbit.radius_m: "),
-    ("radius_m = 100.0", "radius_m = inf", "m.toml: orbit.radius_m: "),
+    ("radius_m = 100.0", "radius_m = nan", "m.toml: orbit.radius_m: must be a finite number, not nan"),
+    ("radius_m = 100.0", "radius_m = inf", "m.toml: orbit.radius_m: must be a finite number, not inf"),
     ("radius_m = 100.0", 'radius_m = "100"', "m.toml: orbit.radius_m: should be a valid number, not '100'"),
     ("radius_m = 100.0", "radius_m = true", "m.toml: orbit.radius_m: should be a valid number, not True"),
     ("speed_mps = 15.0", "speed_mps = 0", "m.toml: vehicle.speed_mps: must be above 0, not 0"),
@@ -256,6 +259,47 @@ SPOILED = [
 def test_a_mistake_is_told_in_one_line_that_names_file_and_key(text, right, wrong, line):
     assert text.count(right) == 1
     assert refusal(text.replace(right, wrong)).startswith(line)
+
+
+def numbers(model=MissionFile, before=""):
+    """The keys of the schema that take numbers with a fraction."""
+    for name, field in model.model_fields.items():
+        kinds = [kind for kind in (field.annotation, *get_args(field.annotation)) if isinstance(kind, type)]
+        tables = [kind for kind in kinds if issubclass(kind, BaseModel)]
+        if tables:
+            yield from numbers(tables[0], f"{before}{name}.")
+        elif "float" in str(field.annotation):
+            yield before + name
+
+
+@pytest.mark.parametrize("value", ["nan", "inf", "-inf"])
+@pytest.mark.parametrize("key", list(numbers()))
+def test_no_number_of_a_mission_may_be_nan_or_infinite(text, key, value):
+    assert refusal(text, f"{key}={value}").startswith(f"m.toml: {key}")
+
+
+@pytest.mark.parametrize("value", ["nan", "inf"])
+def test_a_bound_that_would_never_act_or_always_is_refused_with_what_to_do(text, value):
+    line = f"m.toml: bounds.min_altitude_m: must be a finite number, not {value}: leave it out for none"
+    assert refusal(text, f"bounds.min_altitude_m={value}") == line
+
+
+@pytest.mark.parametrize(
+    ("table", "quantity", "low", "high"),
+    [("bounds", "range_m", 300, 200), ("bounds", "altitude_m", 50, -5), ("bounds", "altitude_m", 50, 50),
+     ("ranging", "range_m", 300, 200)],
+)  # fmt: skip
+def test_a_lower_bound_must_be_below_its_upper_one(text, table, quantity, low, high):
+    line = refusal(text, f"{table}.min_{quantity}={low}", f"{table}.max_{quantity}={high}")
+    assert line == (
+        f"m.toml: {table}.min_{quantity}: {low} is not below {table}.max_{quantity} = {high}: "
+        "lower it, or raise the other"
+    )
+
+
+def test_bounds_in_their_order_are_taken_below_zero_too(mission):
+    bounds = mission("bounds.min_altitude_m=-20", "bounds.max_altitude_m=-5.5").pilot_settings().bounds
+    assert (bounds.lowest, bounds.highest) == (-20.0, -5.5)
 
 
 def test_the_bundled_vehicle_needs_its_table(text):

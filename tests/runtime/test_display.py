@@ -115,6 +115,30 @@ def test_a_terminal_that_has_gone_ends_no_flight():
     assert flown.pilot.outcome is None
 
 
+def test_a_screen_that_fails_ends_no_flight_and_is_told_of():
+    class BrokenScreen(StuckScreen):
+        def draw(self, status):
+            raise ZeroDivisionError("whatever")
+
+    flown, screen = flight("quickstart"), BrokenScreen()
+    display = Display(screen, flown.pilot, 0.0, last=True)
+    flown.fly(5.0, lambda now: display.show(now.ticks[-1] if now.ticks else None, now.now))
+    display.close()
+    assert flown.pilot.outcome is None
+    assert screen.closed
+    assert display.problem == "display: stopped: ZeroDivisionError('whatever')"
+
+
+def test_a_terminal_that_takes_nothing_does_not_keep_a_flight_from_its_start(statuses):
+    """The first that is written to it, which may wait for ever, is written by the display's own thread."""
+    console = Console(width=80, file=io.StringIO(), force_terminal=True)
+    screen = LiveScreen(console, Picture(flight("quickstart").pilot.settings, "small", ascii_only=False))
+    assert console.file.getvalue() == ""
+    screen.draw(statuses(12.0)[-1])
+    screen.close()
+    assert "ENGAGED" in console.file.getvalue()
+
+
 @pytest.mark.parametrize(
     ("term", "terminal", "screen"),
     [("xterm", True, LiveScreen), ("dumb", True, PlainScreen), ("xterm", False, PlainScreen)],

@@ -4,11 +4,12 @@ import os
 import pty
 import select
 import socket
+import termios
 from contextlib import closing
 
 import pytest
 
-from circnav_mav.runtime.links import MOST_DATAGRAMS, LinkError, open_link
+from circnav_mav.runtime.links import MOST_BYTES, MOST_DATAGRAMS, LinkError, open_link
 
 
 def receive(link, now=0.0, patience=2.0):
@@ -68,6 +69,19 @@ def test_a_flood_is_taken_in_portions(udp):
             udp.sendto(b"x", ("127.0.0.1", link.port))
         assert len(receive(link)) == MOST_DATAGRAMS
         assert len(link.receive(0.0)) == 100
+
+
+def test_a_flood_of_long_datagrams_is_taken_in_portions_and_none_is_lost(udp):
+    with closing(open_link("udpin:127.0.0.1:0")) as link:
+        sent = [bytes([i]) * 1400 for i in range(100)]
+        for data in sent:
+            udp.sendto(data, ("127.0.0.1", link.port))
+        portions = []
+        while portion := link.receive(0.0):
+            portions.append([data for data, _ in portion])
+        assert [data for portion in portions for data in portion] == sent
+        assert max(sum(map(len, portion)) for portion in portions) < MOST_BYTES + 1400
+        assert len(portions) == 5
 
 
 def test_udpout_speaks_first_and_to_its_own_address_only(udp):
@@ -260,11 +274,14 @@ def test_a_serial_line_carries_bytes_both_ways(line):
         assert link.receive(0.0) == []
 
 
-def test_a_serial_device_that_vanishes_is_silence_until_it_is_back():
+def test_a_serial_device_that_vanishes_is_silence_until_it_is_back(tmp_path):
+    """Under a name of its own: its number goes to the next who asks for a terminal, another test for one."""
     pytest.importorskip("serial")
     master, slave = pty.openpty()
-    name = os.ttyname(slave)
+    name = tmp_path / "tty"
+    name.symlink_to(os.ttyname(slave))
     with closing(open_link(f"serial:{name}:57600")) as link:
+        name.unlink()
         os.close(slave)
         os.close(master)
         for i in range(30):
@@ -307,3 +324,51 @@ def test_a_serial_device_that_is_plugged_in_again_and_again_is_back_each_time_wi
         assert len(os.listdir("/proc/self/fd")) == before
     os.close(slave)
     os.close(master)
+
+
+@pytest.mark.parametrize(
+    "error", [termios.error(5, "Input/output error"), ValueError("not a baud rate"), OSError(5, "")]
+)
+def test_a_serial_device_that_vanishes_while_it_is_opened_again_is_tried_on(line, monkeypatch, error):
+    """The last that pyserial does with a device that it opens is to flush it, and what that raises it passes on."""
+    master, name = line
+    with closing(open_link(f"serial:{name}:57600")) as link:
+        link._port.close()
+        assert link.receive(0.0) == []
+        with monkeypatch.context() as vanishing:
+            vanishing.setattr(termios, "tcflush", raising(error))
+            for now in (1.0, 2.0, 3.0):
+                assert link.receive(now) == []
+                assert link.fileno() is None
+                link.send(b"lost", None)
+        link.receive(4.0)
+        os.write(master, b"back")
+        assert [data for data, _ in receive(link, 4.0)] == [b"back"]
+
+
+def test_a_serial_device_that_vanishes_while_it_is_first_opened_is_refused_in_one_line(line, monkeypatch):
+    monkeypatch.setattr(termios, "tcflush", raising(termios.error(5, "Input/output error")))
+    with pytest.raises(LinkError, match=rf"^endpoint serial:{line[1]}:57600: input/output error$"):
+        open_link(f"serial:{line[1]}:57600")
+
+
+@pytest.mark.parametrize("error", [termios.error(5, "Input/output error"), OSError(5, ""), ValueError("no descriptor")])
+def test_a_serial_device_may_fail_in_every_way_while_it_is_read_written_and_closed(line, monkeypatch, error):
+    _, name = line
+    with closing(open_link(f"serial:{name}:57600")) as link:
+        with monkeypatch.context() as failing:
+            for action in ("read", "close", "fileno"):
+                failing.setattr(link._port, action, raising(error))
+            link.send(b"lost", None)
+            assert link.receive(0.0) == []
+        assert link.errors == 2
+        assert link.fileno() is None
+
+
+def raising(error):
+    """A function that fails."""
+
+    def fail(*arguments):
+        raise error
+
+    return fail

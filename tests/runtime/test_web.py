@@ -7,8 +7,10 @@ import os
 import select
 import signal
 import socket
+from math import inf, nan
 
 import pytest
+from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.runtime.recorder import Turn
 from circnav_mav.runtime.web import feed
@@ -20,8 +22,8 @@ from tests.flight.lockstep import flight
 VERDICT = "COMPLETED: flown to its end"
 
 
-def open_page(pilot, port=0):
-    return LivePage(pilot, port, name="small", tolerance=5.0, speed=0.0)  # every tick is told
+def open_page(pilot, port=0, *, truth=False):
+    return LivePage(pilot, port, name="small", tolerance=5.0, speed=0.0, truth=truth)  # every tick is told
 
 
 def telling(page):
@@ -206,6 +208,40 @@ def test_a_browser_that_never_reads_holds_up_nobody(flown, page):
 def test_a_number_that_json_does_not_know_is_told_as_unknown(flown):
     assert feed._plain(float("nan")) is None
     assert feed._plain(float("inf")) is None
+
+
+# --- frames that anybody may send ---
+
+
+def truth_frame(north, east):
+    """The vehicle so far from the target, as the bundled vehicle tells its truth."""
+    numbers = [north, east] + [0.0] * 56
+    message = mavlink.MAVLink_debug_float_array_message(0, b"SIM_TRUTH", 0, numbers)
+    return bytes(message.pack(mavlink.MAVLink(None, srcSystem=7)))
+
+
+def places(page, flown, monkeypatch, *frames):
+    """East and north as they are told after each of these frames."""
+    told = []
+    monkeypatch.setattr(page, "_tell", told.append)
+    flown.fly(8.0)
+    for frame in frames:
+        page.show(flown.ticks[-1], Turn(flown.now, heard=[("main", "anybody", [frame])]))
+    return [(what["east"], what["north"]) for what in told]
+
+
+@pytest.mark.parametrize("wrong", [nan, inf, -inf])
+def test_a_truth_that_is_no_number_is_passed_over(flown, monkeypatch, wrong):
+    page = open_page(flown.pilot, truth=True)
+    try:
+        frames = [truth_frame(wrong, 2.0), truth_frame(30.0, 4.0), truth_frame(1.0, wrong)]
+        assert places(page, flown, monkeypatch, *frames) == [(None, None), (4.0, 30.0), (4.0, 30.0)]
+    finally:
+        page.close()
+
+
+def test_nobody_can_tell_the_truth_of_a_vehicle_that_is_not_the_bundled_one(flown, page, monkeypatch):
+    assert places(page, flown, monkeypatch, truth_frame(30.0, 4.0)) == [(None, None)]
 
 
 # --- bounded ---

@@ -1,6 +1,5 @@
 """The figures of a table with their confidence intervals, over all flights and for every value that was swept."""
 
-import json
 from collections.abc import Mapping, Sequence, Sized
 from dataclasses import asdict, dataclass
 from math import ceil, floor, isfinite, prod, sqrt
@@ -9,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from circnav_mav.analysis.whole_file import write_whole
+from circnav_mav.analysis.whole_file import write_json
 
 Z = 1.959964
 """Both intervals are of 95 %."""
@@ -74,7 +73,7 @@ def summarise(rows: Sequence[dict[str, str]], swept: Mapping[str, Sized]) -> dic
 
 def write_summary(folder: Path, summary: dict[str, Any]) -> None:
     """Write summary.json, whole or not at all. Raises OSError."""
-    write_whole(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
+    write_json(folder / "summary.json", summary)
 
 
 def wilson(share: float, worlds: int) -> Interval:

@@ -38,14 +38,18 @@ class WebError(Exception):
 class LivePage:
     """The server's process, and the pipe to it. `show` never waits."""
 
-    def __init__(self, pilot: Pilot, port: int, *, name: str, tolerance: float, speed: float) -> None:
+    def __init__(
+        self, pilot: Pilot, port: int, *, name: str, tolerance: float, speed: float, truth: bool = False
+    ) -> None:
         """port: 0 for any free one. tolerance: half width of the band round the radius, m. speed: run seconds per real
-        second. Raises WebError."""
+        second. truth: whether frames that tell the truth count, as the bundled vehicle's do: with any other, they are
+        somebody's who made them up. Raises WebError."""
         missing = [package for package in NEEDED if importlib.util.find_spec(package) is None]
         if missing:
             raise WebError(f"--web needs the package {' and '.join(missing)}: pip install 'circnav-mav[web]'")
         self._watch, self._period, self._due = Watch(pilot), speed / LINES_A_SECOND, 0.0
-        self._truth: bytes | None = None
+        self._hears_truth, self._truth = truth, b""
+        self._place: tuple[float | None, float | None] = (None, None)
         with _listener(port) as listener:
             self.url = f"http://{HOST}:{listener.getsockname()[1]}/"
             self._process = _serve(listener)
@@ -56,14 +60,22 @@ class LivePage:
 
     def show(self, newest: TickRecord | None, turn: Turn, problem: str | None = None) -> None:
         """Tell of the newest tick when it is due."""
-        for _, _, frames in turn.heard:
-            self._truth = next(filter(is_truth_frame, frames), self._truth)
+        if self._hears_truth:
+            for _, _, frames in turn.heard:
+                self._truth = next(filter(is_truth_frame, frames), self._truth)
         if newest is None or (turn.time < self._due and newest.phase is not Phase.ENDED):
             return
         self._due = turn.time + self._period
         status = self._watch.status(newest, turn.time, problem)
-        east, north = (self._truth and relative_truth(self._truth)) or (None, None)
+        self._look()
+        east, north = map(_plain, self._place)
         self._tell({"kind": "tick", **_told(status), "east": east, "north": north})
+
+    def _look(self) -> None:
+        """The place that the newest frame tells, if it tells one: anybody may send a frame that holds no numbers."""
+        place = relative_truth(self._truth) if self._truth else None
+        if place is not None and all(map(isfinite, place)):
+            self._place = place
 
     def finish(self, verdict: str) -> None:
         """Tell the verdict; the flight is over, and the server is given a moment to take it."""
@@ -88,7 +100,7 @@ class LivePage:
             os.write(self._pipe, line)
         except BlockingIOError:
             return
-        except BrokenPipeError:
+        except OSError:
             self._pipe = None
 
 

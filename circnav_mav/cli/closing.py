@@ -1,0 +1,90 @@
+"""What is kept of a flight at its end. Nothing of it can be lost because something else cannot be made."""
+
+from dataclasses import replace
+from typing import Any
+
+from circnav_mav import __version__
+from circnav_mav.analysis.run_folder import NO_TICKS, Ticks, Truth, read_ticks, read_truth
+from circnav_mav.analysis.summary import FlightFacts, summarise, write_summary
+from circnav_mav.cli.exits import Exit
+from circnav_mav.mission.mission import Mission
+from circnav_mav.pilot import Ending, Pilot
+from circnav_mav.runtime.clock import RunClock
+from circnav_mav.runtime.manifest import Manifest
+from circnav_mav.runtime.recorder import Recorder
+
+OUTCOMES = {Ending.COMPLETED: "completed", Ending.INTERRUPTED: "interrupted"}
+"""The outcome in summary.json; every other ending is "aborted"."""
+
+
+def summary_of_flight(pilot: Pilot, recorder: Recorder, mission: Mission, clock: RunClock) -> dict[str, Any]:
+    """The summary, written as summary.json if the disk takes it."""
+    outcome = pilot.outcome
+    assert outcome is not None
+    ticks, truth = _recorded(recorder, clock.epoch_us)
+    facts = FlightFacts(
+        mission=mission.file.name,
+        outcome=OUTCOMES.get(outcome.ending, "aborted"),
+        reason=outcome.reason,
+        orbit=mission.orbit,
+        samples_accepted=pilot.target.accepted,
+        samples_rejected=dict(pilot.target.ranging.rejected),
+        frames_refused=dict(pilot.frames_refused()),
+        setpoints_sent=pilot.setpoints_sent,
+        firmware=pilot.session.firmware,
+        version=__version__,
+        epoch_us=clock.epoch_us,
+        recording_problem=recorder.problem,
+        voice=pilot.settings.voice.value,
+        clock_speed=pilot.session.boot_clock.noticed,
+        engaged_s=pilot.engaged_at,
+        until_s=recorder.until,
+    )
+    summary = _summarised(facts, ticks, truth)
+    try:
+        write_summary(recorder.folder, summary)
+    except OSError as error:
+        _note(summary, f"{recorder.folder}: cannot be written: {error.strerror or error}")
+    return summary
+
+
+def complete(manifest: Manifest, pilot: Pilot, summary: dict[str, Any], code: Exit) -> None:
+    """The rest of manifest.json; a disk that is full by now changes nothing."""
+    system, component = pilot.session.vehicle_ids
+    known = {"system": system, "component": component, "name": pilot.session.adapter.name}
+    autopilot = known | {"firmware": pilot.session.firmware} if pilot.session.up else None
+    try:
+        manifest.complete(autopilot=autopilot, outcome=summary["outcome"], reason=summary["reason"], exit=int(code))
+    except OSError as error:
+        _note(summary, f"manifest.json cannot be written: {error.strerror or error}")
+
+
+def _recorded(recorder: Recorder, epoch_us: int) -> tuple[Ticks, Truth | None]:
+    """Ticks and truth as far as they can be read: a disk that filled up before the first line was written leaves
+    none."""
+    ticks, truth = NO_TICKS, None
+    try:
+        ticks = read_ticks(recorder.folder)
+    except Exception as error:
+        recorder.problem = recorder.problem or f"ticks.csv: {error}"
+    try:
+        truth = read_truth(recorder.folder, epoch_us)
+    except Exception as error:
+        recorder.problem = recorder.problem or f"flight.tlog: {error}"
+    return ticks, truth
+
+
+def _summarised(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str, Any]:
+    """A summary with the figures that can be worked out; the rest is unknown."""
+    for known in ((ticks, truth), (ticks, None)):
+        try:
+            return summarise(facts, *known)
+        except Exception as error:
+            problem = f"not all figures could be worked out: {error}"
+            facts = replace(facts, recording_problem=facts.recording_problem or problem)
+    return summarise(facts, NO_TICKS, None)
+
+
+def _note(summary: dict[str, Any], problem: str) -> None:
+    """Keep the first problem: later ones follow from it."""
+    summary["recording_problem"] = summary["recording_problem"] or problem
