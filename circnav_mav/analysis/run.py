@@ -47,7 +47,7 @@ class Run:
     def truth(self) -> Truth | None:
         """The simulator's truth, None when there was none. Raises RunError."""
         try:
-            return read_truth(self.folder, self.epoch_us)
+            return read_truth(self.folder, self.epoch_us, (self.manifest.get("autopilot") or {}).get("system"))
         except OSError as error:
             raise RunError(f"{self.folder / 'flight.tlog'}: {_said(error)}") from None
 

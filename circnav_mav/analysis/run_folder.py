@@ -174,13 +174,19 @@ def find_damage(path: Path) -> Damage | None:
     return None if byte == size else Damage(byte, size, newest)
 
 
-def read_truth(folder: Path, epoch_us: int) -> Truth | None:
+def read_truth(folder: Path, epoch_us: int, system: int | None = None) -> Truth | None:
     """The simulator's truth of a run whose clock began at `epoch_us`, None when there was none. A frame with a number
-    that is none is left out: anybody may have sent it."""
+    that is none is left out: anybody may have sent it.
+
+    system: of the vehicle that was flown; None: of the first that tells.
+    """
     rows = array("d")
     for stamp, frame in read_tlog(folder / "flight.tlog"):
         numbers = read_truth_frame(frame)
-        if numbers is not None and all(map(isfinite, numbers)):
+        if numbers is None or not all(map(isfinite, numbers)):
+            continue
+        system = frame[5] if system is None else system  # MAVLink 2, or it would hold no truth
+        if frame[5] == system:
             rows.extend(((stamp - epoch_us) / 1e6, *numbers))
     if not rows:
         return None

@@ -21,7 +21,7 @@ def summary_of_flight(pilot: Pilot, recorder: Recorder, mission: Mission, clock:
     """The summary, written as summary.json if the disk takes it."""
     outcome = pilot.outcome
     assert outcome is not None
-    ticks, truth = _recorded(recorder, clock.epoch_us)
+    ticks, truth = _recorded(recorder, clock.epoch_us, pilot.session.vehicle_ids[0] or None)
     facts = FlightFacts(
         mission=mission.file.name,
         outcome=OUTCOMES.get(outcome.ending, "aborted"),
@@ -59,7 +59,7 @@ def complete(manifest: Manifest, pilot: Pilot, summary: dict[str, Any], code: Ex
         _note(summary, f"manifest.json cannot be written: {error.strerror or error}")
 
 
-def _recorded(recorder: Recorder, epoch_us: int) -> tuple[Ticks, Truth | None]:
+def _recorded(recorder: Recorder, epoch_us: int, system: int | None) -> tuple[Ticks, Truth | None]:
     """Ticks and truth as far as they can be read: a disk that filled up before the first line was written leaves
     none."""
     ticks, truth = NO_TICKS, None
@@ -68,7 +68,7 @@ def _recorded(recorder: Recorder, epoch_us: int) -> tuple[Ticks, Truth | None]:
     except Exception as error:
         recorder.problem = recorder.problem or f"ticks.csv: {error}"
     try:
-        truth = read_truth(recorder.folder, epoch_us)
+        truth = read_truth(recorder.folder, epoch_us, system)
     except Exception as error:
         recorder.problem = recorder.problem or f"flight.tlog: {error}"
     return ticks, truth

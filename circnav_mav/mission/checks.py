@@ -17,6 +17,7 @@ LOOP_BOUND = 0.4
 """Bound on V |d omega/d r'| (turn lag + filter lag): from about .45 on the laws limit-cycle."""
 PLANE_GAIN = 0.72
 """Realised over coordinated turn rate of a plane that slips in its turns (flown: .70 .. .75)."""
+NEED_MOTION = frozenset({"drift", "unicycle"})
 DRIFT_LAWS = frozenset({"auto", "drift"})
 REACH = 0.8
 """Fraction of the farthest range that the circle may use."""
@@ -48,6 +49,7 @@ def check_mission(mission: Mission) -> list[Check]:
         for part in (
             _keys,
             _vehicle,
+            _estimator,
             _gain,
             _trim,
             _radius,
@@ -56,6 +58,7 @@ def check_mission(mission: Mission) -> list[Check]:
             _bounds,
             _radio,
             _sampling,
+            _delay,
             _noise,
             _slant,
             _drift,
@@ -103,6 +106,21 @@ def _vehicle(mission: Mission) -> Iterator[Check]:
             "exit",
             "a plane left in its mode loiters 3 s later, banking hard at once: exit.action must command a mode, "
             f"choose {', '.join(adapters_allowed[0].exits)}",
+        )
+
+
+def _estimator(mission: Mission) -> Iterator[Check]:
+    """An estimator that lives on own motion alone must see some before the vehicle is ours."""
+    autopilot, kind = mission.vehicle_key
+    if mission.estimator not in NEED_MOTION:
+        return
+    allowed = adapters(autopilot, kind, mission.pilot_settings().facts)
+    if allowed and not any(one.measures_airspeed for one in allowed):
+        yield Check(
+            Grade.FAIL,
+            "estimator",
+            f"{mission.estimator} must see the vehicle's motion before it can be engaged, and a {kind} measures no "
+            'airspeed: it is known only while we steer. Set guidance.estimator = "auto"',
         )
 
 
@@ -254,6 +272,18 @@ def _sampling(mission: Mission) -> Iterator[Check]:
             "switching",
             f"turns {gain * period:.3f} rad between two samples (above 0.05 it wanders off the circle, "
             "above 0.5 it is lost)",
+        )
+
+
+def _delay(mission: Mission) -> Iterator[Check]:
+    """A link that may be engaged over must not make its ranges stale at once."""
+    limits = mission.file.limits
+    if mission.file.ranging.endpoint is None and limits.round_trip_s / 2 > limits.stale_s:
+        yield Check(
+            Grade.WARN,
+            "delay",
+            f"limits.round_trip_s = {limits.round_trip_s:g} lets a link be flown over whose ranges are "
+            f"{limits.round_trip_s / 2:g} s under way; beyond limits.stale_s = {limits.stale_s:g} they are lost",
         )
 
 

@@ -101,3 +101,13 @@ def test_every_column_of_the_ticks_is_described():
     rows = [row for row in text.split("## ticks.csv")[1].split("## MCAP")[0].splitlines() if row.startswith("| `")]
     described = [name for row in rows for name in re.findall(r"`(\w+)`", row.split("|")[1])]
     assert sorted(described) == sorted(field.name for field in fields(TickRecord))
+
+
+def test_the_truth_of_another_bundled_vehicle_on_the_link_is_left_out(run_folder, epoch_us):
+    folder = run_folder()
+    other = mavlink.MAVLink(None, srcSystem=2)
+    frame = bytes(mavlink.MAVLink_debug_float_array_message(0, b"SIM_TRUTH", 0, [9.0] * 58).pack(other))
+    log = folder / "flight.tlog"
+    log.write_bytes(struct.pack(">Q", epoch_us) + frame + log.read_bytes())
+    assert (read_truth(folder, epoch_us, 1).radius < 121).all()
+    assert len(read_truth(folder, epoch_us).time) == 1, "without a system, the first that tells"

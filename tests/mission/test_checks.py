@@ -225,3 +225,17 @@ def test_a_plane_is_not_left_in_its_mode(mission):
     assert line.grade is FAIL
     assert "choose loiter, rtl, hold" in line.says
     assert lines(mission, "exit", "exit.action=stop") == []
+
+
+@pytest.mark.parametrize("estimator", ["drift", "unicycle"])
+def test_a_copter_cannot_be_engaged_on_an_estimator_that_must_see_it_move_first(mission, estimator):
+    copter = ("vehicle.autopilot='ardupilot'", "vehicle.kind='copter'", f"guidance.estimator='{estimator}'")
+    (line,) = lines(mission, "estimator", *copter)
+    assert line.grade is FAIL and 'guidance.estimator = "auto"' in line.says
+    plane = ("vehicle.autopilot='ardupilot'", "vehicle.kind='plane'", "vehicle.max_bank_deg=30.0")
+    assert lines(mission, "estimator", *plane, f"guidance.estimator='{estimator}'") == []
+
+
+@pytest.mark.parametrize(("round_trip", "told"), [(1.0, 0), (1.1, 1)])
+def test_a_link_may_be_no_slower_than_twice_the_age_of_a_range(mission, round_trip, told):
+    assert len(lines(mission, "delay", "limits.stale_s=0.5", f"limits.round_trip_s={round_trip}")) == told
