@@ -93,6 +93,8 @@ def _obstacle(campaign: Campaign, number: int) -> str | None:
 def _fly(campaign: Campaign, store: Store, options: CampaignOptions) -> bool:
     """Fly the missing runs; tells whether somebody interrupted. Raises StoreError, ExecutionError."""
     missing = [left for chunk in chunks(campaign) if (left := [run for run in chunk if run not in store.done])]
+    if not missing:
+        return False
     if options.scheduler is not None:
         results = on_scheduler(campaign, missing, options.scheduler)
     else:

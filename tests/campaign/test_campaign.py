@@ -265,6 +265,22 @@ def test_the_command_flies_sums_up_and_draws(write, tmp_path):
     assert (out / "runs.csv").read_text().count("\n") == 11
 
 
+@pytest.mark.parametrize("who", [["--processes", "2"], ["--scheduler", "tcp://127.0.0.1:9"]])
+def test_a_finished_campaign_is_resumed_without_a_flight(write, tmp_path, who):
+    """Whoever would have flown it: nobody is asked."""
+    path, out = write(SHORT), tmp_path / "out"
+    assert circnav(path, "--out", out, "--processes", "1").returncode == 0
+    table = (out / "runs.csv").read_bytes()
+    again = circnav(path, "--out", out, "--resume", *who)
+    assert (again.returncode, again.stderr) == (0, "")
+    assert "runs.csv" in again.stdout
+    assert (out / "runs.csv").read_bytes() == table
+
+
+def test_no_chunks_take_no_processes(write):
+    assert list(on_cores(load_campaign(write(SHORT)), [], 2)) == []
+
+
 def test_a_mission_that_no_batch_flies_is_refused_where_a_batch_is_asked_for(write, tmp_path):
     path = write('"guidance.law" = ["switching"]', 'runs = 2\nengine = "batch"')
     ran = circnav(path, "--out", tmp_path / "never")

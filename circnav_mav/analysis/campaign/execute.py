@@ -35,7 +35,7 @@ def cores() -> int:
 
 def on_cores(campaign: Campaign, chunks: Chunks, processes: int) -> Rows:
     """The rows of the chunks as they finish, in any order. Raises ExecutionError."""
-    if processes == 1 or len(chunks) == 1:
+    if processes == 1 or len(chunks) <= 1:
         yield from _in_turn(campaign, chunks)
         return
     spawn = multiprocessing.get_context("spawn")
