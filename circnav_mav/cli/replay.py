@@ -6,13 +6,16 @@ from pathlib import Path
 
 import click
 
+from circnav_mav.analysis.log_clock import LogClock
 from circnav_mav.analysis.plots import plot_replay
 from circnav_mav.analysis.replay import Replayed, as_ticks, differences, patient, replay
 from circnav_mav.analysis.run import Run, RunError, open_run, printable
 from circnav_mav.analysis.run_folder import Ticks, find_damage
+from circnav_mav.analysis.senders import Witness
 from circnav_mav.analysis.summary import UNRECORDED
 from circnav_mav.analysis.turns import plain_turns, recorded_turns
 from circnav_mav.cli.exits import Exit, Refused, cannot
+from circnav_mav.cli.replay_who import say_who
 from circnav_mav.mission.load import MissionError, load_mission, parse_mission
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import Pilot, Voice
@@ -72,6 +75,7 @@ def _replay_run(run: Run, options: ReplayOptions) -> int:
     _say_setpoints(done, whole)
     _say_ticks(done, pilot, run.ticks)
     _write(options, done, run.ticks, mission)
+    _check_steered(str(run.folder), pilot)
     return Exit.DONE
 
 
@@ -82,16 +86,22 @@ def _replay_plain(path: Path, options: ReplayOptions) -> int:
     mission = _mission("", str(path), options)
     pilot = Pilot(patient(mission.pilot_settings(Voice.DRY_RUN)))
     began = time.perf_counter()
-    done = replay(pilot, plain_turns(path, mission.file.link.component_id), ticking=True)
+    clock, witness = LogClock(), Witness(pilot.settings.ranging)
+    turns = witness.watch(plain_turns(path, mission.file.link.component_id, clock), pilot)
+    done = replay(pilot, turns, ticking=True)
     took = time.perf_counter() - began
     if not done.turns:
         raise Refused(f"{path}: no MAVLink frame in it: not a tlog, or an empty one", Exit.NOTHING_HEARD)
+    if done.until == 0:
+        raise Refused(f"{path}: its stamps never go on: there is no time in it to replay it by", Exit.NOTHING_HEARD)
     _say_size(str(path), done, took)
     damage = find_damage(path)
     if damage is not None:
         click.echo(f"  WARNING    {path.name}: {damage}: replayed up to {done.until:.1f} s")
-    if pilot.engaged_at is None:
-        raise Refused(f"{path}: nothing to steer by: {_what_is_missing(pilot)}", Exit.NOTHING_HEARD)
+    if said := str(clock):
+        click.echo(f"  WARNING    {path.name}: {said}")
+    say_who(witness, pilot.session.adapter)
+    _check_steered(str(path), pilot)
     _say_ticks(done, pilot, None)
     _write(options, done, None, mission)
     return Exit.DONE
@@ -113,6 +123,13 @@ def _mission(text: str, where: str, options: ReplayOptions) -> Mission:
             f"give one for {mission.law.name} with --set guidance.gain=..."
         )
     return mission
+
+
+def _check_steered(name: str, pilot: Pilot) -> None:
+    """A replay that never steered says why, and its exit code does. Raises Refused."""
+    if pilot.engaged_at is None:
+        why = pilot.outcome.reason if pilot.outcome else _what_is_missing(pilot)
+        raise Refused(f"{name}: nothing to steer by: {why}", Exit.NOTHING_HEARD)
 
 
 def _what_is_missing(pilot: Pilot) -> str:
@@ -172,7 +189,9 @@ def _say_ticks(done: Replayed, pilot: Pilot, was: Ticks | None) -> None:
     )
     click.echo(f"  ranges     {pilot.target.accepted} taken, rejected: {refused}")
     if pilot.outcome is not None:
-        click.echo(f"  outcome    {pilot.outcome.ending.value}: {pilot.outcome.reason}")
+        early = done.ended is not None and done.until - done.ended > UNRECORDED
+        until = f" (at {done.ended:.1f} s; the log goes on to {done.until:.1f} s)" if early else ""
+        click.echo(f"  outcome    {pilot.outcome.ending.value}: {pilot.outcome.reason}{until}")
 
 
 def _write(options: ReplayOptions, done: Replayed, was: Ticks | None, mission: Mission) -> None:
