@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from circnav_mav.analysis.metrics import TOLERANCE
+from circnav_mav.analysis.plot_text import literal
 from circnav_mav.analysis.run_folder import Column, Ticks, Truth
 from circnav_mav.core.values import Orbit
 
@@ -19,7 +20,7 @@ def plot_flight(path: Path, ticks: Ticks, truth: Truth | None, orbit: Orbit, tit
     """Draw a run and write it as PNG. Raises OSError."""
     with mpl.rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "axes.axisbelow": True}):
         figure = Figure(figsize=(12, 7), layout="constrained")
-        figure.suptitle(title)
+        figure.suptitle(literal(title))
         grid = figure.add_gridspec(3, 2, width_ratios=[1.1, 1] if truth else [0.001, 1])
         if truth is not None:
             _track(figure.add_subplot(grid[:, 0]), truth, orbit)
@@ -44,7 +45,7 @@ def plot_replay(path: Path, was: Ticks | None, would: Ticks, orbit: Orbit, title
     )
     with mpl.rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "axes.axisbelow": True}):
         figure = Figure(figsize=(11, 8), layout="constrained")
-        figure.suptitle(title)
+        figure.suptitle(literal(title))
         for axis, (column, label, scale) in zip(figure.subplots(3, 1, sharex=True), columns, strict=True):
             if was is not None:
                 axis.plot(was.time, scale * was.numbers[column], color=MEASURED, lw=2.5, label="as flown")
@@ -61,7 +62,7 @@ def plot_estimates(path: Path, ticks: Ticks, gate: float, title: str) -> None:
     numbers, time = ticks.numbers, ticks.time
     with mpl.rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "axes.axisbelow": True}):
         figure = Figure(figsize=(11, 8), layout="constrained")
-        figure.suptitle(title)
+        figure.suptitle(literal(title))
         rate, innovation, samples = figure.subplots(3, 1, sharex=True)
         rate.fill_between(
             time, numbers["r_dot"] - numbers["r_dot_sigma"], numbers["r_dot"] + numbers["r_dot_sigma"],

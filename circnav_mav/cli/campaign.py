@@ -20,7 +20,7 @@ from circnav_mav.analysis.campaign.fly import Row, chunks
 from circnav_mav.analysis.campaign.plan import Campaign, hopeless, prepare
 from circnav_mav.analysis.campaign.plots import plot_campaign
 from circnav_mav.analysis.campaign.store import TABLE, Store, StoreError
-from circnav_mav.analysis.campaign.summary import summarise, write_summary
+from circnav_mav.analysis.campaign.summary import SUMMARY, summarise, write_summary
 from circnav_mav.analysis.run import printable
 from circnav_mav.cli.exits import Exit, Refused
 from circnav_mav.mission.load import MissionError
@@ -150,16 +150,19 @@ def _finish(campaign: Campaign, store: Store, name: str, interrupted: bool) -> i
     summary = summarise(rows, campaign.swept)
     try:
         write_summary(store.folder, summary)
-        pictures = plot_campaign(store.folder, rows, list(campaign.specs), list(campaign.swept), name) if rows else []
     except OSError as error:
         raise Refused(f"{store.folder}: cannot be written: {error.strerror or error}; {TABLE} is complete") from None
+    pictures, problems = plot_campaign(store.folder, rows, list(campaign.specs), list(campaign.swept), name)
     _say("all flights", summary["all"])
     for key, values in summary["by"].items():
         for value, figures in values.items():
             _say(f"{key} = {value}", figures)
     for said in dict.fromkeys(row["error"] for row in rows if row["error"]):
         click.echo(f"  ERROR      {said}")
-    click.echo(f"  written    {store.folder}/: {TABLE}, summary.json, {', '.join(path.name for path in pictures)}")
+    for problem in problems:
+        click.echo(f"  WARNING    {problem}")
+    written = [TABLE, SUMMARY, *(path.name for path in pictures)]
+    click.echo(f"  written    {store.folder}/: {', '.join(written)}")
     if interrupted:
         click.echo(f"  stopped after {len(rows)} of {campaign.runs} flights; go on with --out {store.folder} --resume")
         return Exit.INTERRUPTED

@@ -277,6 +277,38 @@ def test_a_finished_campaign_is_resumed_without_a_flight(write, tmp_path, who):
     assert (out / "runs.csv").read_bytes() == table
 
 
+def test_dollars_in_names_and_values_enclose_no_formula(write, tmp_path):
+    path = tmp_path / "cost $_{\\x $.toml"
+    path.write_text(write(SHORT + '"ranging.name" = ["$_a$", "$_{$"]').read_text())
+    ran = circnav(path, "--out", tmp_path / "$_{ $", "--processes", "1")
+    assert (ran.returncode, ran.stderr) == (0, "")
+    assert "WARNING" not in ran.stdout
+    assert "error-ranging-name.png" in ran.stdout
+
+
+def test_a_picture_that_cannot_be_drawn_is_a_warning_and_the_rest_is_kept(write, tmp_path):
+    path, out = write(SHORT), tmp_path / "out"
+    assert circnav(path, "--out", out, "--processes", "1").returncode == 0
+    for name in ("summary.json", "distributions.png", "error-guidance-law.png"):
+        (out / name).unlink()
+    (out / "distributions.png").mkdir()
+    ran = circnav(path, "--out", out, "--resume")
+    assert (ran.returncode, ran.stderr) == (0, "")
+    assert f"WARNING    {out / 'distributions.png'}: could not be drawn: Is a directory" in ran.stdout
+    assert "written" in ran.stdout
+    assert json.loads((out / "summary.json").read_text())["all"]["flights"] == 8
+    assert (out / "error-guidance-law.png").exists()
+    (out / "distributions.png").rmdir()
+    again = circnav(path, "--out", out, "--resume")
+    assert "WARNING" not in again.stdout
+    assert (out / "distributions.png").is_file()
+
+
+def test_a_campaign_without_pictures_ends_its_list_with_what_is_there(write, tmp_path):
+    ran = circnav(write('"limits.duration_s" = [5.0]', "runs = 1"), "--out", tmp_path / "out", "--processes", "1")
+    assert ran.stdout.rstrip().endswith("runs.csv, summary.json")
+
+
 def test_no_chunks_take_no_processes(write):
     assert list(on_cores(load_campaign(write(SHORT)), [], 2)) == []
 

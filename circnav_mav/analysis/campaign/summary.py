@@ -11,6 +11,7 @@ import numpy as np
 
 from circnav_mav.analysis.whole_file import write_whole
 
+SUMMARY = "summary.json"
 Z = 1.959964
 """Both intervals are of 95 %."""
 LEAST_WORLDS = 6
@@ -74,7 +75,7 @@ def summarise(rows: Sequence[dict[str, str]], swept: Mapping[str, Sized]) -> dic
 
 def write_summary(folder: Path, summary: dict[str, Any]) -> None:
     """Write summary.json, whole or not at all. Raises OSError."""
-    write_whole(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
+    write_whole(folder / SUMMARY, json.dumps(summary, indent=2) + "\n")
 
 
 def wilson(share: float, worlds: int) -> Interval:
