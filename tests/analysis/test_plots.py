@@ -70,6 +70,26 @@ def test_ranges_are_counted_by_the_second(run_folder, drawn):
     assert set(rejected) == {0.0}
 
 
+def test_the_picture_of_a_flight_that_sent_nothing_shows_what_it_would_have_commanded(run_folder, drawn):
+    ticks = read_ticks(run_folder())
+    legends = []
+    for _ in range(2):
+        axis = drawn(plot_flight, ticks, None, ORBIT).axes[-1]
+        legends.append([entry.get_text() for entry in axis.get_legend().get_texts()])
+        ticks.numbers["yaw_rate_sent"][:] = np.nan
+    assert [legend[0] for legend in legends] == ["commanded", "would command"]
+
+
+def test_lines_of_the_pictures_break_where_no_tick_was_made(run_folder, drawn):
+    folder = run_folder()
+    rows = (folder / "ticks.csv").read_text().splitlines(keepends=True)
+    (folder / "ticks.csv").write_text("".join(rows[:200] + rows[210:]))
+    ticks = read_ticks(folder)
+    for axis in (drawn(plot_flight, ticks, None, ORBIT).axes[1], *drawn(plot_replay, None, ticks, ORBIT).axes[:2]):
+        values = next(line for line in axis.lines if line.get_label() in ("estimated", "replayed")).get_ydata()
+        assert np.isnan(values).sum() == 1
+
+
 @pytest.mark.parametrize("title", ["a $_{ b$ c", "one $", r"\$ and $_{$"])
 def test_a_title_with_dollars_is_drawn_as_it_is(run_folder, drawn, title):
     ticks = read_ticks(run_folder())
