@@ -92,13 +92,14 @@ def _obstacle(campaign: Campaign, number: int) -> str | None:
 
 def _fly(campaign: Campaign, store: Store, options: CampaignOptions) -> bool:
     """Fly the missing runs; tells whether somebody interrupted. Raises StoreError, ExecutionError."""
-    missing = [left for chunk in chunks(campaign) if (left := [run for run in chunk if run not in store.done])]
-    if not missing:
+    torn = [chunk for chunk in chunks(campaign) if not store.done.issuperset(chunk)]
+    if not torn:
         return False
+    done = frozenset(store.done)
     if options.scheduler is not None:
-        results = on_scheduler(campaign, missing, options.scheduler)
+        results = on_scheduler(campaign, torn, options.scheduler, done)
     else:
-        results = on_cores(campaign, missing, options.processes or cores())
+        results = on_cores(campaign, torn, options.processes or cores(), done)
     try:
         with _progress(len(store.done), campaign.runs) as show, closing(results):
             for rows in results:

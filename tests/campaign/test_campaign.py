@@ -2,10 +2,13 @@
 
 import json
 import os
+import re
 import select
+import shlex
 import signal
 import subprocess
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -14,11 +17,14 @@ from circnav_mav.analysis.campaign.batchable import obstacle
 from circnav_mav.analysis.campaign.execute import ExecutionError, on_cores, on_scheduler
 from circnav_mav.analysis.campaign.file import CampaignError, load_campaign
 from circnav_mav.analysis.campaign.fly import chunks, fly_chunk
-from circnav_mav.analysis.campaign.plan import hopeless, prepare
+from circnav_mav.analysis.campaign.plan import START, hopeless, prepare
 from circnav_mav.analysis.campaign.steering import Steering
 from circnav_mav.analysis.campaign.store import Store, StoreError
 from circnav_mav.analysis.campaign.summary import summarise
+from circnav_mav.mission.load import load_mission
+from sim.config import parse_vehicle
 
+CONFIG = Path(__file__).parents[2] / "config"
 SHORT = '"limits.duration_s" = [20.0]\n"guidance.law" = ["smooth", "pi"]\n'
 
 
@@ -307,6 +313,31 @@ def test_a_picture_that_cannot_be_drawn_is_a_warning_and_the_rest_is_kept(write,
 def test_a_campaign_without_pictures_ends_its_list_with_what_is_there(write, tmp_path):
     ran = circnav(write('"limits.duration_s" = [5.0]', "runs = 1"), "--out", tmp_path / "out", "--processes", "1")
     assert ran.stdout.rstrip().endswith("runs.csv, summary.json")
+
+
+def test_the_documented_way_to_fly_a_row_alone_gives_the_rows_mission():
+    """The example's values where the example's keys stand, and its command as it stands."""
+    page = (CONFIG.parent / "docs" / "campaigns.md").read_text()
+    command = shlex.split(re.search(r"circnav fly .*?\n\n", page, re.DOTALL)[0].replace("\\\n", " "))
+    overrides = [word for before, word in pairwise(command) if before == "--set"]
+    values = dict(override.split("=") for override in overrides)
+    assert set(values) == {"sim.seed", "guidance.law", "sim.wind.speed_mps", "orbit.radius_m",
+                           "sim.start.random.range_m", "sim.start.random.bearing_deg"}  # fmt: skip
+    mission = load_mission(CONFIG.parent / command[2], overrides)
+    low, high = mission.file.sim["start"]["random"]["range_m"]
+    assert low == high == 153.25
+    assert parse_vehicle(mission.file.sim, "sim").seed == int(values["sim.seed"])
+
+
+def test_a_row_flown_alone_as_documented_is_the_run_of_the_campaign(write):
+    campaign = load_campaign(write('"guidance.law" = ["relay"]\n"orbit.radius_m" = {uniform = [80, 120]}'))
+    run = prepare(campaign, 3)
+    overrides = [
+        f"{START[key]}=[{value}, {value}]" if key in START else f"{key}={value}" for key, value in run.values.items()
+    ]
+    alone = load_mission(CONFIG / "campaign_mission.toml", overrides)
+    assert alone.file == run.mission.file
+    assert parse_vehicle(alone.file.sim, "sim") == run.vehicle
 
 
 def test_no_chunks_take_no_processes(write):
