@@ -178,6 +178,7 @@ def test_a_wrong_sense_of_rotation_is_seen_on_the_true_track(write, monkeypatch)
         ('mission = "m.toml"\nruns = 0\n[vary]', "runs: should be greater than or equal to 1, not 0"),
         ('mission = "m.toml"\nruns = 3\n[vary]', "m.toml: cannot be read"),
         ("runs = ", "not valid TOML"),
+        ('mission = "m.toml"\nruns = 3\nseed = "É"\n[vary]', "seed: should be a valid integer, not 'É'"),
         ('{M}\nruns = 3\n[vary]', "vary: is empty"),
         ('{M}\nruns = 3\n[vary]\norbit.radius_m = {{unifrom = [1, 2]}}', "radius_m: unifrom: unknown key, did"),
         ('{M}\nruns = 3\n[vary]\norbit.radius_m = {{uniform = [2, 1]}}', "radius_m: uniform: [2, 1] is empty"),
@@ -338,6 +339,12 @@ def test_a_row_flown_alone_as_documented_is_the_run_of_the_campaign(write):
     alone = load_mission(CONFIG / "campaign_mission.toml", overrides)
     assert alone.file == run.mission.file
     assert parse_vehicle(alone.file.sim, "sim") == run.vehicle
+
+
+def test_an_empty_name_is_no_folder_to_fly_into(write, tmp_path):
+    ran = circnav(write(SHORT), "--out", "", cwd=tmp_path)
+    assert (ran.returncode, ran.stderr) == (2, "circnav: --out: is empty, give it a name\n")
+    assert {path.name for path in tmp_path.iterdir()} == {"campaign.toml"}
 
 
 def test_no_chunks_take_no_processes(write):

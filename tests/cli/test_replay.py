@@ -209,6 +209,11 @@ def test_a_replay_that_ends_before_its_log_says_when(circnav, flown):
     assert "stalled" not in ran.out
 
 
+def test_an_empty_name_is_no_folder_to_write_to(circnav, flown, tmp_path):
+    assert circnav("replay", flown, "--out", "").line == "circnav: --out: is empty, give it a name"
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_gain_of_another_law_is_not_taken_over(circnav, tmp_path, config):
     recorded_flight(tmp_path / "run", "paper_example_1", "limits.duration_s=2").fly(5).recorder.close()
     ran = circnav("replay", tmp_path / "run", "--law", "switching")
