@@ -148,8 +148,8 @@ def _track(ticks: Ticks, truth: Truth | None, orbit: Orbit) -> str:
     time, x, y = broken(ticks.time, ticks.numbers["x"], ticks.numbers["y"])
     known = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
     if len(known) > 1:
-        first = f"{time[known[0]]:.1f} s"
-        words = f"<p>Estimated position relative to the target, where it was known: first believed at {first}.</p>"
+        first = f"first believed at {time[known[0]]:.1f} s (triangle)"
+        words = f"<p>Estimated position relative to the target, where it was known: {first}.</p>"
         return svg.track(x, y, orbit.radius, ESTIMATE, whole=False) + words
     return '<p class="none">Range alone does not tell where it flew, and there is no truth: see range over time.</p>'
 
