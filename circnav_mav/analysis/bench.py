@@ -2,8 +2,8 @@
 
     circnav bench --flights 1000 --out bench
 
-A flight is kept when the RMS radius error of its last 100 s is below 10 m. Every cell has its own seed, so a cell
-prints the same numbers alone and in the whole table.
+A flight is kept when the RMS radius error of its last 100 s is below 10 m and it went round the right way. Every cell
+has its own seed, so a cell prints the same numbers alone and in the whole table.
 """
 
 import csv
@@ -112,6 +112,7 @@ def judged(row: Row, policy: str, tracks: Tracks, seconds: float) -> Cell:
         return np.asarray(judge.last(tracks.time, values, LAST), float)
 
     rms = judge.rms(end(tracks.r) - r_d)
+    right_way = judge.right_way(end(tracks.angle), tracks.sense)
     outside = tracks.r[0] > 1.3 * r_d
     start = tracks.start
     ideal = dubins.tangent_time(
@@ -128,7 +129,7 @@ def judged(row: Row, policy: str, tracks: Tracks, seconds: float) -> Cell:
         situation=row.situation.name,
         policy=policy,
         flights=rms.size,
-        kept=int((rms < KEPT_BELOW).sum()),
+        kept=int(((rms < KEPT_BELOW) & right_way).sum()),
         rms_median=float(np.median(rms)),
         rms_p95=_percentile(rms, 95),
         rms_max=float(rms.max()),
@@ -139,7 +140,7 @@ def judged(row: Row, policy: str, tracks: Tracks, seconds: float) -> Cell:
         settled2_p95=_percentile(two, 95),
         closest_outside=_percentile(judge.closest(tracks.r)[outside], 1),
         overshoot_inside=_percentile(judge.overshoot(tracks.r, r_d)[tracks.r[0] < r_d], 50),
-        wrong_way=int((~judge.right_way(end(tracks.angle), tracks.sense)).sum()),
+        wrong_way=int((~right_way).sum()),
         chatter=float(np.median(judge.chatter(end(tracks.command), end(tracks.time)))),
         saturated=float(judge.saturation(tracks.command, circle.max_turn_rate).mean()),
         range_rmse=float(np.median(judge.rms(range_error))),
@@ -152,13 +153,15 @@ def judged(row: Row, policy: str, tracks: Tracks, seconds: float) -> Cell:
 
 
 def line(cell: Cell) -> str:
-    """A row of the printed table."""
+    """A row of the printed table. Settling is told in times of the shortest way there, median and 95th percentile."""
     need = SITUATIONS[cell.situation].required
     wanted = "" if need is None or cell.policy != "auto" else f" (<= {need:.2f})"
+    wrong = f"wrong way {cell.wrong_way}  " if cell.wrong_way else ""
     return (
-        f"{cell.situation:24s} {cell.policy:22s} kept {cell.kept:4d} of {cell.flights}  "
+        f"{cell.situation:24s} {cell.policy:22s} kept {cell.kept:4d} of {cell.flights}  {wrong}"
         f"RMS {cell.rms_median:7.3f} p95 {cell.rms_p95:8.3f}{wanted}  "
-        f"settled 10 %: {cell.settled10_median:.2f}/{cell.settled10_p95:.2f} 2 %: {cell.settled2_median:.2f}  "
+        f"settled to 10 % in {cell.settled10_median:.2f}/{cell.settled10_p95:.2f} ideal times, "
+        f"to 2 % in {cell.settled2_median:.2f}  "
         f"r' {cell.rate_rmse:.3f}  {cell.seconds:.0f} s"
     )
 

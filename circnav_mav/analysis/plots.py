@@ -7,7 +7,9 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
+from circnav_mav.analysis.lines import broken, fresh
 from circnav_mav.analysis.metrics import TOLERANCE
+from circnav_mav.analysis.plot_text import literal
 from circnav_mav.analysis.run_folder import Column, Ticks, Truth
 from circnav_mav.core.values import Orbit
 
@@ -19,7 +21,7 @@ def plot_flight(path: Path, ticks: Ticks, truth: Truth | None, orbit: Orbit, tit
     """Draw a run and write it as PNG. Raises OSError."""
     with mpl.rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "axes.axisbelow": True}):
         figure = Figure(figsize=(12, 7), layout="constrained")
-        figure.suptitle(title)
+        figure.suptitle(literal(title))
         grid = figure.add_gridspec(3, 2, width_ratios=[1.1, 1] if truth else [0.001, 1])
         if truth is not None:
             _track(figure.add_subplot(grid[:, 0]), truth, orbit)
@@ -44,11 +46,11 @@ def plot_replay(path: Path, was: Ticks | None, would: Ticks, orbit: Orbit, title
     )
     with mpl.rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "axes.axisbelow": True}):
         figure = Figure(figsize=(11, 8), layout="constrained")
-        figure.suptitle(title)
+        figure.suptitle(literal(title))
         for axis, (column, label, scale) in zip(figure.subplots(3, 1, sharex=True), columns, strict=True):
             if was is not None:
-                axis.plot(was.time, scale * was.numbers[column], color=MEASURED, lw=2.5, label="as flown")
-            axis.plot(would.time, scale * would.numbers[column], color=ESTIMATE, lw=1, label="replayed")
+                axis.plot(*broken(was.time, scale * was.numbers[column]), color=MEASURED, lw=2.5, label="as flown")
+            axis.plot(*broken(would.time, scale * would.numbers[column]), color=ESTIMATE, lw=1, label="replayed")
             axis.set_ylabel(label)
         figure.axes[0].axhline(orbit.radius, ls="--", color=DESIRED, lw=1, label="desired")
         _legend_above(figure.axes[0])
@@ -61,15 +63,14 @@ def plot_estimates(path: Path, ticks: Ticks, gate: float, title: str) -> None:
     numbers, time = ticks.numbers, ticks.time
     with mpl.rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "axes.axisbelow": True}):
         figure = Figure(figsize=(11, 8), layout="constrained")
-        figure.suptitle(title)
+        figure.suptitle(literal(title))
         rate, innovation, samples = figure.subplots(3, 1, sharex=True)
-        rate.fill_between(
-            time, numbers["r_dot"] - numbers["r_dot_sigma"], numbers["r_dot"] + numbers["r_dot_sigma"],
-            color=MEASURED, alpha=0.6, lw=0, label="+-1 sigma",
-        )  # fmt: skip
-        rate.plot(time, numbers["r_dot"], color=ESTIMATE, lw=0.8, label="estimated")
+        when, r_dot, sigma = broken(time, numbers["r_dot"], numbers["r_dot_sigma"])
+        rate.fill_between(when, r_dot - sigma, r_dot + sigma, color=MEASURED, alpha=0.6, lw=0, label="+-1 sigma")
+        rate.plot(when, r_dot, color=ESTIMATE, lw=0.8, label="estimated")
         rate.set_ylabel("range rate, m/s")
-        innovation.plot(time, np.sqrt(numbers["nis"]), ".", ms=2, color=ESTIMATE, label="innovation")
+        new = fresh(ticks)
+        innovation.plot(time[new], np.sqrt(numbers["nis"][new]), ".", ms=2, color=ESTIMATE, label="innovation")
         innovation.axhline(gate, ls="--", color=TRUE, lw=1, label="gate")
         innovation.set_ylabel("standard deviations")
         samples.stairs(*_per_second(time, numbers["accepted"]), fill=True, color=MEASURED, label="taken")
@@ -93,7 +94,7 @@ def _track(axis: Any, truth: Truth, orbit: Orbit) -> None:
     angle = np.linspace(0, 2 * np.pi, 361)
     circle = orbit.radius * np.cos(angle), orbit.radius * np.sin(angle)
     axis.plot(*circle, "--", color=DESIRED, lw=1.5, label="desired", zorder=3)  # on the track, not under it
-    axis.plot(east, north, color=TRUE, lw=1.0, label="flown (truth)")
+    axis.plot(*broken(truth.time, east, north)[1:], color=TRUE, lw=1.0, label="flown (truth)")
     axis.plot(east[0], north[0], "^", color="red", ms=9, label="start")
     axis.plot(0, 0, "k+", ms=12, mew=2, label="target")
     for at in _arrow_places(east, north):
@@ -125,10 +126,11 @@ def _legend_above(axis: Any) -> None:
 
 
 def _range(axis: Any, ticks: Ticks, truth: Truth | None, orbit: Orbit) -> None:
-    axis.plot(ticks.time, ticks.numbers["measured"], ".", ms=2, color=MEASURED, label="measured")
-    axis.plot(ticks.time, ticks.numbers["r"], color=ESTIMATE, lw=1, label="estimated")
+    new = fresh(ticks)
+    axis.plot(ticks.time[new], ticks.numbers["measured"][new], ".", ms=2, color=MEASURED, label="measured")
+    axis.plot(*broken(ticks.time, ticks.numbers["r"]), color=ESTIMATE, lw=1, label="estimated")
     if truth is not None:
-        axis.plot(truth.time, truth.radius, color=TRUE, lw=0.8, label="true")
+        axis.plot(*broken(truth.time, truth.radius), color=TRUE, lw=0.8, label="true")
     axis.axhline(orbit.radius, ls="--", color=DESIRED, lw=1, label="desired")
     axis.set_ylabel("range, m")
 
@@ -136,15 +138,16 @@ def _range(axis: Any, ticks: Ticks, truth: Truth | None, orbit: Orbit) -> None:
 def _error(axis: Any, ticks: Ticks, truth: Truth | None, orbit: Orbit) -> None:
     band = TOLERANCE * orbit.radius
     axis.axhspan(-band, band, color=DESIRED, alpha=0.12, label=f"+-{100 * TOLERANCE:.0f} %")
-    axis.plot(ticks.time, ticks.numbers["r"] - orbit.radius, color=ESTIMATE, lw=1, label="estimated")
+    axis.plot(*broken(ticks.time, ticks.numbers["r"] - orbit.radius), color=ESTIMATE, lw=1, label="estimated")
     if truth is not None:
-        axis.plot(truth.time, truth.radius - orbit.radius, color=TRUE, lw=0.8, label="true")
+        axis.plot(*broken(truth.time, truth.radius - orbit.radius), color=TRUE, lw=0.8, label="true")
     axis.set_ylim(-3 * band, 3 * band)
     axis.set_ylabel("range - radius, m")
 
 
 def _turn_rate(axis: Any, ticks: Ticks, orbit: Orbit) -> None:
-    axis.plot(ticks.time, np.degrees(ticks.numbers["turn_rate"]), color=ESTIMATE, lw=0.8, label="commanded")
+    told = "commanded" if np.isfinite(ticks.numbers["yaw_rate_sent"]).any() else "would command"
+    axis.plot(*broken(ticks.time, np.degrees(ticks.numbers["turn_rate"])), color=ESTIMATE, lw=0.8, label=told)
     axis.axhline(np.degrees(orbit.steady_turn_rate), ls="--", color=DESIRED, lw=1, label="steady circle")
     limit = np.degrees(orbit.max_turn_rate)
     for sign in (-1, 1):

@@ -23,7 +23,8 @@ Said = list[tuple[float, bytes]]
 
 @dataclass(slots=True)
 class Replayed:
-    """What came of a replay, beside what the log holds. said, was_said: (time, frame) of ours, in order."""
+    """What came of a replay, beside what the log holds. said, was_said: (time, frame) of ours, in order. until: time of
+    the last turn. ended: when the pilot was done, None while it was not; nothing that came later counts."""
 
     ticks: list[TickRecord] = field(default_factory=list)
     said: Said = field(default_factory=list)
@@ -31,6 +32,7 @@ class Replayed:
     turns: int = 0
     frames: int = 0
     until: float = 0.0
+    ended: float | None = None
 
     @property
     def setpoints(self) -> Said:
@@ -64,18 +66,22 @@ def replay(pilot: Pilot, turns: Iterable[Turn], *, ticking: bool = False) -> Rep
     for turn in turns:
         while ticking and done.turns and pilot.next_tick < min(turn.time, done.until + LONGEST_GAP) and not pilot.done:
             _step(pilot, pilot.next_tick, done)
-        for link, source, frame in turn.heard:
-            pilot.receive(frame, turn.time, source, link)
-        if turn.interrupt and pilot.outcome is None:
-            pilot.interrupt(turn.time, turn.interrupt)
         if not pilot.done:
-            _step(pilot, turn.time, done)
-        pilot.take_frames()
+            _take(pilot, turn, done)
         done.was_said += [(turn.time, frame) for frame in turn.said]
         done.frames += len(turn.heard)
         done.turns += 1
         done.until = turn.time
     return done
+
+
+def _take(pilot: Pilot, turn: Turn, done: Replayed) -> None:
+    for link, source, frame in turn.heard:
+        pilot.receive(frame, turn.time, source, link)
+    if turn.interrupt and pilot.outcome is None:
+        pilot.interrupt(turn.time, turn.interrupt)
+    _step(pilot, turn.time, done)
+    pilot.take_frames()
 
 
 def _step(pilot: Pilot, now: float, done: Replayed) -> None:
@@ -84,6 +90,7 @@ def _step(pilot: Pilot, now: float, done: Replayed) -> None:
         out += pilot.hello(now)
     done.said += [(now, frame) for frame in split_frames(out)]
     done.ticks += pilot.take_records()
+    done.ended = now if pilot.done else None
 
 
 def patient(settings: PilotSettings) -> PilotSettings:

@@ -9,6 +9,7 @@ import numpy as np
 
 from circnav_mav.analysis import svg
 from circnav_mav.analysis.events import events
+from circnav_mav.analysis.lines import broken, fresh
 from circnav_mav.analysis.metrics import TOLERANCE
 from circnav_mav.analysis.run import Run
 from circnav_mav.analysis.run_folder import Column, Ticks, Truth
@@ -50,7 +51,7 @@ def report(run: Run, facts: ReportFacts) -> str:
     """The page of a run with at least two ticks. Raises RunError, OSError."""
     ticks, truth = run.ticks, run.truth
     span = (float(ticks.time[0]), float(ticks.time[-1]))
-    names = _phase_names(run)
+    names, sent = _phase_names(run), run.voice == Voice.FLY.value
     charts = [
         svg.spans_chart(
             "phase",
@@ -59,7 +60,7 @@ def report(run: Run, facts: ReportFacts) -> str:
             {names.get(phase, phase): colour for phase, colour in PHASES.items()},
             span,
         ),
-        *(chart.draw(span) for chart in _charts(ticks, truth, facts)),
+        *(chart.draw(span) for chart in _charts(ticks, truth, facts, "commanded" if sent else "would command")),
         svg.bars_chart("ranges", "1/s", _samples(ticks), span),
         svg.spans_chart("vehicle mode", ticks.time, ticks.modes, _colours(ticks.modes, MODES), span),
     ]
@@ -87,27 +88,29 @@ def write_report(run: Run, facts: ReportFacts) -> Path:
     return path
 
 
-def _charts(ticks: Ticks, truth: Truth | None, facts: ReportFacts) -> list[Chart]:
+def _charts(ticks: Ticks, truth: Truth | None, facts: ReportFacts, commanded: str) -> list[Chart]:
     orbit, numbers, time = facts.orbit, ticks.numbers, ticks.time
     band = TOLERANCE * orbit.radius
     true_range = [Line("true", truth.time, truth.radius, TRUE)] if truth else []
     true_error = [Line("true", truth.time, truth.radius - orbit.radius, TRUE)] if truth else []
     limit = float(np.degrees(orbit.max_turn_rate))
     turned = [Line("true", truth.time, -np.degrees(truth.turn_rate), TRUE)] if truth else []
-    innovation = np.sqrt(numbers["nis"])
+    new = fresh(ticks)
+    measured, innovation = numbers["measured"][new], np.sqrt(numbers["nis"][new])
     return [
-        Chart("range", "m", [Line("measured", time, numbers["measured"], MEASURED, dots=True),
+        Chart("range", "m", [Line("measured", time[new], measured, MEASURED, dots=True),
                              Line("estimated", time, numbers["r"], ESTIMATE), *true_range],
               levels=[("desired", orbit.radius, DESIRED)]),
-        Chart("error, range - radius", f"m, band +-{100 * TOLERANCE:.0f} %",
+        Chart("error, range - radius", f"m, band +-{100 * TOLERANCE:.0f} %, shown up to +-{3 * band:g} m",
               [Line("estimated", time, numbers["r"] - orbit.radius, ESTIMATE), *true_error],
               band=(-band, band), shown=(-3 * band, 3 * band)),
         Chart("range rate", "m/s", [_other_rate(ticks, truth), Line("estimated", time, numbers["r_dot"], ESTIMATE)]),
         Chart("turn rate, left positive", "deg/s",
-              [*turned, Line("commanded", time, np.degrees(numbers["turn_rate"]), ESTIMATE)],
+              [*turned, Line(commanded, time, np.degrees(numbers["turn_rate"]), ESTIMATE)],
               levels=[("limit", limit, LIMIT), ("", -limit, LIMIT),
                       ("steady circle", float(np.degrees(orbit.steady_turn_rate)), DESIRED)]),
-        Chart("innovation", "standard deviations", [Line("of the newest range", time, innovation, ESTIMATE, dots=True)],
+        Chart("innovation", "standard deviations",
+              [Line("of each new range", time[new], innovation, ESTIMATE, dots=True)],
               levels=[("gate", facts.gate, REJECTED)], shown=(0.0, 1.6 * facts.gate), height=130),
     ]  # fmt: skip
 
@@ -140,13 +143,14 @@ def _samples(ticks: Ticks) -> list[tuple[str, Column, str]]:
 def _track(ticks: Ticks, truth: Truth | None, orbit: Orbit) -> str:
     """Where it flew round the target, as far as anybody knows."""
     if truth is not None and len(truth.time) > 1:
-        east, north = truth.east - truth.target_east, truth.north - truth.target_north
+        _, east, north = broken(truth.time, truth.east - truth.target_east, truth.north - truth.target_north)
         return svg.track(east, north, orbit.radius, TRUE) + "<p>The simulator's truth, relative to the target.</p>"
-    x, y = (ticks.numbers.get(name, np.array([])) for name in ("x", "y"))
-    known = np.isfinite(x) & np.isfinite(y)
-    if known.sum() > 1:
-        words = "<p>Estimated position relative to the target.</p>"
-        return svg.track(x[known], y[known], orbit.radius, ESTIMATE) + words
+    time, x, y = broken(ticks.time, ticks.numbers["x"], ticks.numbers["y"])
+    known = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
+    if len(known) > 1:
+        first = f"first believed at {time[known[0]]:.1f} s (triangle)"
+        words = f"<p>Estimated position relative to the target, where it was known: {first}.</p>"
+        return svg.track(x, y, orbit.radius, ESTIMATE, whole=False) + words
     return '<p class="none">Range alone does not tell where it flew, and there is no truth: see range over time.</p>'
 
 
@@ -157,15 +161,18 @@ def _phase_names(run: Run) -> dict[str, str]:
 
 
 def _events(run: Run) -> str:
-    """What happened, refused ranges left to their chart."""
+    """What happened, refused ranges left to their chart; of very much the beginning and the end."""
     names = _phase_names(run)
     told = [event for event in events(run) if event.kind not in ("rejected", "law")]
-    shown = [(event.time, event.kind, names.get(event.text, event.text)) for event in told[:MOST_EVENTS]]
     rows = [
-        f"<tr><td>{time:.1f} s</td><td>{escape(kind)}</td><td>{escape(text)}</td></tr>" for time, kind, text in shown
+        f"<tr><td>{event.time:.1f} s</td><td>{escape(event.kind)}</td>"
+        f"<td>{escape(names.get(event.text, event.text))}</td></tr>"
+        for event in told
     ]
-    if len(told) > MOST_EVENTS:
-        rows.append(f"<tr><td></td><td></td><td>and {len(told) - MOST_EVENTS} more</td></tr>")
+    if len(rows) > MOST_EVENTS:
+        half = MOST_EVENTS // 2
+        left_out = f'<tr><td></td><td></td><td class="none">{len(rows) - MOST_EVENTS} more</td></tr>'
+        rows = [*rows[:half], left_out, *rows[-half:]]
     return "".join(rows)
 
 

@@ -91,6 +91,7 @@ SUMMARY: dict[str, Shape] = {
     "firmware": _or_none(_text),
     "version": _text,
     "epoch_us": _epoch,
+    "steered_s": _number,
     "turn_std_deg_s": _or_none(_number),
     "turn_at_limit": _or_none(_number),
     "clock_speed": _or_none(_number),

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from circnav_mav.analysis import metrics
 from circnav_mav.analysis.run_folder import Ticks, Truth
@@ -12,6 +13,10 @@ from circnav_mav.analysis.whole_file import write_json
 from circnav_mav.core.phases import Phase
 from circnav_mav.core.values import Direction, Orbit
 
+NOT_OURS = frozenset(
+    phase.value for phase in (Phase.WAIT_LINK, Phase.WAIT_RANGING, Phase.READY, Phase.YIELDED, Phase.ENDED)
+)
+"""The phases in which somebody else has the vehicle, or nobody."""
 UNRECORDED = 1.0
 """Time, s, at the end of a flight from which on it is worth telling that nothing was recorded."""
 
@@ -60,6 +65,7 @@ def summarise(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str
         "direction_commanded": _commanded(float(turned)),
         "engaged_s": start,
         "flown_s": end - start if start is not None else 0.0,
+        "steered_s": 0.0 if start is None else max(end - start - _time_without_us(ticks, flown), 0.0),
         **_circle(ticks.time[known], ticks.numbers["r"][known], orbit.radius),
         **_turn(*(ticks.numbers[name][flown & steered] for name in ("time", "turn_rate", "saturated"))),
         "samples_accepted": facts.samples_accepted,
@@ -89,6 +95,13 @@ def _problem(problem: str | None, ticks: Ticks, truth: Truth | None, end: float)
     short = [f"{what} up to {until:.0f} s" for what, until in ends.items() if end - until > UNRECORDED]
     said = [problem] if problem else []
     return "; ".join(said + ([f"figures are of {', '.join(short)} of {end:.0f} s"] if short else [])) or None
+
+
+def _time_without_us(ticks: Ticks, flown: NDArray[np.bool_]) -> float:
+    """Seconds since the engagement in which we did not steer: the operator flew, or the vehicle was not heard. What was
+    not recorded counts as steered."""
+    without = np.array([phase in NOT_OURS for phase in ticks.phases], bool)[:-1]
+    return float(np.diff(ticks.time)[flown[:-1] & without].sum())
 
 
 def _circle(time: metrics.Column, radius: metrics.Column, desired: float) -> dict[str, float | None]:

@@ -1,5 +1,6 @@
 """Strip charts over time and a track, as inline SVG: small, sharp in print, no script needed to see them."""
 
+import re
 from dataclasses import dataclass, field
 from html import escape
 from itertools import pairwise
@@ -7,11 +8,14 @@ from math import floor, log10
 
 import numpy as np
 
+from circnav_mav.analysis.lines import broken
 from circnav_mav.analysis.run_folder import Column
 
 WIDTH, LEFT, RIGHT, TOP, BOTTOM = 960, 64, 12, 8, 22
 COLUMNS = 800
 """Most points of a line are twice this: the least and the largest value of each column of pixels."""
+FAR = 100
+"""Heights of a chart beyond which a line is not followed: browsers lose count of pixels somewhere."""
 MOST_DOTS = 4000
 """Of all dots of a line, about this many are drawn beside the least and the largest of each column."""
 
@@ -51,7 +55,7 @@ class Chart:
             size = f'width="{scale.width}" height="{bottom - top:.1f}"'
             parts.append(f'<rect x="{LEFT}" y="{top:.1f}" {size} class="band"/>')
         parts += [scale.level(value, colour) for _, value, colour in self.levels if low <= value <= high]
-        parts += [scale.line(line) for line in self.lines]
+        parts.append(scale.clipped("".join(map(scale.line, self.lines)), self.title))
         return _figure(self.title, self.unit, self._legend(), self.height, "".join(parts), span)
 
     def _limits(self) -> tuple[float, float]:
@@ -97,19 +101,26 @@ def bars_chart(title: str, unit: str, bars: list[tuple[str, Column, str]], span:
     return _figure(title, unit, [(name, colour) for name, _, colour in bars], 120, "".join(parts), span)
 
 
-def track(x: Column, y: Column, radius: float, colour: str, side: int = 520) -> str:
-    """A track round the target at the origin: desired circle dashed, start, target, arrows in the sense of flight."""
+def track(x: Column, y: Column, radius: float, colour: str, *, side: int = 520, whole: bool = True) -> str:
+    """A track round the target at the origin: desired circle dashed, start, target, arrows in the sense of flight. NaN
+    breaks it. whole: the track begins where the flight did, else its beginning is marked hollow."""
+    known = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
+    stretch = known - np.arange(len(known))  # the same as long as nothing is left out
+    x, y = x[known], y[known]
     reach = max(radius, float(np.max(np.abs(x))), float(np.max(np.abs(y)))) * 1.08
     scale, half = side / (2 * reach), side / 2
     keep = np.linspace(0, len(x) - 1, min(len(x), 3000)).astype(int)
     points = [f"{half + scale * a:.1f},{half - scale * b:.1f}" for a, b in zip(x[keep], y[keep], strict=True)]
+    pens = np.where(np.diff(stretch[keep], prepend=-1) != 0, "M", "L").tolist()
+    path = "".join(pen + point for pen, point in zip(pens, points, strict=True))
+    start = 'fill="red"' if whole else 'fill="none" stroke="red" stroke-width="2"'
     parts = [
         f'<rect width="{side}" height="{side}" class="plot"/>', _rose(reach, side),
         f'<circle cx="{half}" cy="{half}" r="{scale * radius:.1f}" class="desired"/>',
-        f'<polyline points="{" ".join(points)}" fill="none" stroke="{colour}" stroke-width="1.2"/>',
+        f'<path d="{path}" fill="none" stroke="{colour}" stroke-width="1.2"/>',
         *(_arrow(x, y, share, scale, half, colour) for share in (0.08, 0.25, 0.45, 0.65, 0.85, 0.99)),
         f'<path d="M{half - 8},{half}h16M{half},{half - 8}v16" stroke="black" stroke-width="2"/>',
-        f'<path d="M{points[0]}m0,-8l7,13h-14z" fill="red"/>',
+        f'<path d="M{points[0]}m0,-8l7,13h-14z" {start}/>',
     ]  # fmt: skip
     return f'<svg viewBox="0 0 {side} {side}" class="track" role="img" aria-label="track">{"".join(parts)}</svg>'
 
@@ -170,18 +181,21 @@ class _Scale:
     def level(self, value: float, colour: str) -> str:
         return f'<path d="M{LEFT},{self.y(value):.1f}h{self.width}" stroke="{colour}" class="level"/>'
 
+    def clipped(self, drawn: str, title: str) -> str:
+        """What is drawn cut off at the frame. title: of the chart, which no other one on the page has."""
+        name = "frame-" + re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-")
+        size = f'width="{self.width}" height="{self._height - TOP - BOTTOM}"'
+        frame = f'<clipPath id="{name}"><rect x="{LEFT}" y="{TOP}" {size}/></clipPath>'
+        return f'{frame}<g clip-path="url(#{name})">{drawn}</g>'
+
     def line(self, line: Line) -> str:
-        """The least and the largest value of each column of pixels; cut off at the limits. Of dots also every n-th,
-        so that they are dense where most of them are."""
-        whole = np.clip(line.values, *self._limits)
-        time, values = thin(line.time, whole)
+        """The least and the largest value of each column of pixels, broken where nothing is known."""
         if line.dots:
-            step = -(-len(whole) // MOST_DOTS)
-            time, values = np.concatenate([time, line.time[::step]]), np.concatenate([values, whole[::step]])
-            known = np.isfinite(values)
-            pairs = zip(time[known].tolist(), values[known].tolist(), strict=True)
-            dots = "".join(f"M{self.x(t):.1f},{self.y(v):.1f}h0" for t, v in pairs)
-            return f'<path d="{dots}" stroke="{line.colour}" stroke-width="3" stroke-linecap="round"/>'
+            return self._dots(line)
+        low, high = self._limits
+        far = FAR * (high - low)
+        time, values = broken(line.time, np.clip(line.values, low - far, high + far))
+        time, values = thin(time, values)
         parts, pen = [], "M"
         for t, v in zip(time.tolist(), values.tolist(), strict=True):
             if v != v:
@@ -190,6 +204,22 @@ class _Scale:
             parts.append(f"{pen}{self.x(t):.1f},{self.y(v):.1f}")
             pen = "L"
         return f'<path d="{"".join(parts)}" fill="none" stroke="{line.colour}" stroke-width="{line.width}"/>'
+
+    def _dots(self, line: Line) -> str:
+        """As of a line, and every n-th, so that they are dense where most of them are. What lies beyond the frame is a
+        triangle at its edge that points there."""
+        (low, high), every = self._limits, max(1, -(-len(line.values) // MOST_DOTS))
+        time, values = thin(line.time, line.values)
+        time, values = np.concatenate([time, line.time[::every]]), np.concatenate([values, line.values[::every]])
+        dots, beyond = [], []
+        for t, v in zip(time.tolist(), values.tolist(), strict=True):
+            if low <= v <= high:
+                dots.append(f"M{self.x(t):.1f},{self.y(v):.1f}h0")
+            elif v == v:
+                edge, inwards = (high, 5) if v > high else (low, -5)
+                beyond.append(f"M{self.x(t):.1f},{self.y(edge):.1f}l-3,{inwards}h6Z")
+        drawn = f'<path d="{"".join(dots)}" stroke="{line.colour}" stroke-width="3" stroke-linecap="round"/>'
+        return drawn + (f'<path d="{"".join(beyond)}" fill="{line.colour}" class="beyond"/>' if beyond else "")
 
 
 def thin(time: Column, values: Column, columns: int = COLUMNS) -> tuple[Column, Column]:

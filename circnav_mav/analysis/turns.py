@@ -3,9 +3,10 @@
 import csv
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import groupby, islice
+from itertools import chain, groupby, islice, pairwise
 from pathlib import Path
 
+from circnav_mav.analysis.log_clock import LogClock
 from circnav_mav.analysis.run_folder import read_tlog
 
 LINKS = {"v": "vehicle", "r": "ranging"}
@@ -54,20 +55,22 @@ def _turn(row: list[str], frames: Iterator[bytes]) -> Turn | None:
     return Turn(int(time_us) / 1e6, heard, spoken, interrupt)
 
 
-def plain_turns(path: Path, ours: int) -> Iterator[Turn]:
+def plain_turns(path: Path, ours: int, clock: LogClock | None = None) -> Iterator[Turn]:
     """The turns that a plain tlog stands for: frames of one stamp come in together, on one link.
 
-    ours: our own component id, whose frames went out and did not come in. Times count from the first stamp; a stamp
-    that steps back is taken for no time at all. Raises OSError.
+    ours: our own component id, whose frames went out and did not come in. clock: takes down where the stamps' own clock
+    was set. Times count from the first stamp and never go back. Raises OSError.
     """
-    first: int | None = None
-    newest = 0
-    for stamp, group in groupby(read_tlog(path), key=lambda record: record[0]):
-        first = stamp if first is None else first
-        newest = max(newest, stamp - first)
-        heard = tuple(("vehicle", "tlog", frame) for _, frame in group if _component(frame) != ours)
+    clock = LogClock() if clock is None else clock
+    together = groupby(read_tlog(path), key=lambda record: record[0])
+    stamped = ((stamp, [frame for _, frame in group]) for stamp, group in together)
+    end: tuple[int | None, list[bytes]] = (None, [])
+    for (stamp, frames), (following, _) in pairwise(chain(stamped, [end])):
+        assert stamp is not None
+        time = clock.at(stamp, following)
+        heard = tuple(("vehicle", "tlog", frame) for frame in frames if _component(frame) != ours)
         if heard:
-            yield Turn(newest / 1e6, heard)
+            yield Turn(time, heard)
 
 
 def _component(frame: bytes) -> int:

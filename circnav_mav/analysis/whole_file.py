@@ -3,7 +3,7 @@
 import json
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -16,8 +16,11 @@ def whole_file(path: Path) -> Iterator[Path]:
     try:
         yield fresh
         os.replace(fresh, path)
-    except BaseException:
-        fresh.unlink(missing_ok=True)
+    except BaseException as error:
+        with suppress(OSError):
+            fresh.unlink(missing_ok=True)
+        if isinstance(error, OSError) and str(error.filename) == str(fresh):
+            error.filename, error.filename2 = str(path), None  # the name that its reader knows
         raise
 
 

@@ -145,7 +145,8 @@ def replay(
     """Feed a recorded flight through the pilot again: what it would have estimated and commanded, against what was.
 
     RUN_OR_TLOG is a run folder, or a tlog of Mission Planner or MAVProxy with ranging telemetry in it (which needs
-    --mission, and is replayed as a dry run). The vehicle does not answer: its path stays as flown.
+    --mission, and is replayed as a dry run). The vehicle does not answer: its path stays as flown. Exit codes: 0
+    replayed, 2 bad usage, 3 nothing in the log steers.
 
     \b
     Examples:

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import click
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
@@ -20,9 +19,10 @@ from circnav_mav.analysis.campaign.fly import Row, chunks
 from circnav_mav.analysis.campaign.plan import Campaign, hopeless, prepare
 from circnav_mav.analysis.campaign.plots import plot_campaign
 from circnav_mav.analysis.campaign.store import TABLE, Store, StoreError
-from circnav_mav.analysis.campaign.summary import summarise, write_summary
+from circnav_mav.analysis.campaign.summary import SUMMARY, summarise, write_summary
 from circnav_mav.analysis.run import printable
-from circnav_mav.cli.exits import Exit, Refused
+from circnav_mav.cli.exits import Exit, Refused, check_named
+from circnav_mav.cli.telling import tell
 from circnav_mav.mission.load import MissionError
 from circnav_mav.runtime.clock import local_time_name
 from sim.config import ConfigError
@@ -47,6 +47,7 @@ class CampaignOptions:
 
 def fly_campaign(options: CampaignOptions) -> int:
     """Fly what is missing, tell what came of it, and return the exit code. Raises Refused."""
+    check_named("--out", options.out)
     try:
         campaign = load_campaign(options.file, options.runs)
         reason = hopeless(campaign)
@@ -59,7 +60,7 @@ def fly_campaign(options: CampaignOptions) -> int:
         engines = _engines(campaign)
         signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: what was flown is kept, and said
         with closing(Store(folder, campaign, resume=options.resume)) as store:
-            click.echo(engines)
+            tell(engines)
             interrupted = _fly(campaign, store, options)
             return _finish(campaign, store, printable(name), interrupted)
     except (CampaignError, StoreError, ExecutionError) as error:
@@ -92,11 +93,14 @@ def _obstacle(campaign: Campaign, number: int) -> str | None:
 
 def _fly(campaign: Campaign, store: Store, options: CampaignOptions) -> bool:
     """Fly the missing runs; tells whether somebody interrupted. Raises StoreError, ExecutionError."""
-    missing = [left for chunk in chunks(campaign) if (left := [run for run in chunk if run not in store.done])]
+    torn = [chunk for chunk in chunks(campaign) if not store.done.issuperset(chunk)]
+    if not torn:
+        return False
+    done = frozenset(store.done)
     if options.scheduler is not None:
-        results = on_scheduler(campaign, missing, options.scheduler)
+        results = on_scheduler(campaign, torn, options.scheduler, done)
     else:
-        results = on_cores(campaign, missing, options.processes or cores())
+        results = on_cores(campaign, torn, options.processes or cores(), done)
     try:
         with _progress(len(store.done), campaign.runs) as show, closing(results):
             for rows in results:
@@ -136,7 +140,7 @@ def _lines(before: int, total: int) -> Any:
         now = time.monotonic()
         if now - told >= TELL_EVERY:
             told, rate = now, max(done - before, 1) / (now - began)
-            click.echo(f"  {done} of {total} flights, {(total - done) / rate:.0f} s left")
+            tell(f"  {done} of {total} flights, {(total - done) / rate:.0f} s left")
 
     return show
 
@@ -148,18 +152,21 @@ def _finish(campaign: Campaign, store: Store, name: str, interrupted: bool) -> i
     summary = summarise(rows, campaign.swept)
     try:
         write_summary(store.folder, summary)
-        pictures = plot_campaign(store.folder, rows, list(campaign.specs), list(campaign.swept), name) if rows else []
     except OSError as error:
         raise Refused(f"{store.folder}: cannot be written: {error.strerror or error}; {TABLE} is complete") from None
+    pictures, problems = plot_campaign(store.folder, rows, list(campaign.specs), list(campaign.swept), name)
     _say("all flights", summary["all"])
     for key, values in summary["by"].items():
         for value, figures in values.items():
             _say(f"{key} = {value}", figures)
     for said in dict.fromkeys(row["error"] for row in rows if row["error"]):
-        click.echo(f"  ERROR      {said}")
-    click.echo(f"  written    {store.folder}/: {TABLE}, summary.json, {', '.join(path.name for path in pictures)}")
+        tell(f"  ERROR      {said}")
+    for problem in problems:
+        tell(f"  WARNING    {problem}")
+    written = [TABLE, SUMMARY, *(path.name for path in pictures)]
+    tell(f"  written    {store.folder}/: {', '.join(written)}")
     if interrupted:
-        click.echo(f"  stopped after {len(rows)} of {campaign.runs} flights; go on with --out {store.folder} --resume")
+        tell(f"  stopped after {len(rows)} of {campaign.runs} flights; go on with --out {store.folder} --resume")
         return Exit.INTERRUPTED
     return Exit.DONE
 
@@ -176,7 +183,7 @@ def _say(what: str, figures: dict[str, Any]) -> None:
         line += f"  settled {_seconds(figures['settled_median'])}, 95 %: {_seconds(figures['settled_p95'])}"
     for name in ("wrong_way", "failed"):
         line += f"  {name.replace('_', ' ')}: {figures[name]}" if figures[name] else ""
-    click.echo(line)
+    tell(line)
 
 
 def _seconds(value: float | None) -> str:

@@ -23,6 +23,12 @@ class Refused(Exception):  # noqa: N818 - a refusal is not our error
         self.exit = exit
 
 
+def check_named(option: str, value: str | None) -> None:
+    """An empty name, as of a variable of a script that was never set, would mean the current folder. Raises Refused."""
+    if value == "":
+        raise Refused(f"{option}: is empty, give it a name")
+
+
 def cannot(place: str | Path, error: OSError) -> Exception:
     """A file that cannot be read or written as the line to raise, named by the error or else by `place`. A reader of
     our output that went away (`| head`) is no file of ours: click ends the process quietly for it."""

@@ -2,11 +2,10 @@
 
 from pathlib import Path
 
-import click
-
 from circnav_mav.analysis.export_mcap import export_mcap
 from circnav_mav.analysis.run import RunError, open_run
 from circnav_mav.cli.exits import Exit, Refused, cannot
+from circnav_mav.cli.telling import tell
 
 MAGIC = b"\x89MCAP0\r\n"
 """How an MCAP file begins."""
@@ -28,8 +27,8 @@ def export_run(folder: str, out: str | None) -> int:
     except OSError as error:
         raise cannot(path, error) from None
     if run.damage is not None:
-        click.echo(f"  WARNING    {run.damage}")
-    click.echo(f"{path}: " + ", ".join(f"{count} messages on {topic}" for topic, count in counts.items()))
+        tell(f"  WARNING    {run.damage}")
+    tell(f"{path}: " + ", ".join(f"{count} messages on {topic}" for topic, count in counts.items()))
     return Exit.DONE
 
 

@@ -2,20 +2,20 @@
 
 from pathlib import Path
 
-import click
-
 from circnav_mav.analysis.ideal import random_starts
 from circnav_mav.analysis.paper import EXAMPLES, draw, study, table
-from circnav_mav.cli.exits import Exit, Refused, cannot
+from circnav_mav.cli.exits import Exit, Refused, cannot, check_named
+from circnav_mav.cli.telling import tell
 
 SHOWN = 2
-"""The start that the figures show."""
+"""The start that the figures show, where there are as many."""
 
 
 def reproduce(out: str, starts: int, seed: int) -> int:
     """Fly the examples, draw, print. Raises Refused."""
-    if starts <= SHOWN:
-        raise Refused(f"--starts: must be above {SHOWN}, not {starts}")
+    check_named("--out", out)
+    if starts < 1:
+        raise Refused(f"--starts: must be at least 1, not {starts}")
     if seed < 0:
         raise Refused(f"--seed: must be at least 0, not {seed}")
     folder = Path(out)
@@ -25,10 +25,10 @@ def reproduce(out: str, starts: int, seed: int) -> int:
         for example in EXAMPLES:
             findings, tracks = study(example, random_starts(starts, seed))
             found.append(findings)
-            for path in draw(folder, example, tracks, SHOWN):
-                click.echo(path)
+            for path in draw(folder, example, tracks, min(SHOWN, starts - 1)):
+                tell(path)
         (folder / "table.md").write_text(table(found) + "\n", encoding="utf-8")
     except OSError as error:
         raise cannot(folder, error) from None
-    click.echo(f"{folder / 'table.md'}\n\n{table(found)}")
+    tell(f"{folder / 'table.md'}\n\n{table(found)}")
     return Exit.DONE

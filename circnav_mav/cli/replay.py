@@ -4,15 +4,17 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-import click
-
+from circnav_mav.analysis.log_clock import LogClock
 from circnav_mav.analysis.plots import plot_replay
 from circnav_mav.analysis.replay import Replayed, as_ticks, differences, patient, replay
 from circnav_mav.analysis.run import Run, RunError, open_run, printable
 from circnav_mav.analysis.run_folder import Ticks, find_damage
+from circnav_mav.analysis.senders import Witness
 from circnav_mav.analysis.summary import UNRECORDED
 from circnav_mav.analysis.turns import plain_turns, recorded_turns
-from circnav_mav.cli.exits import Exit, Refused, cannot
+from circnav_mav.cli.exits import Exit, Refused, cannot, check_named
+from circnav_mav.cli.replay_who import say_who
+from circnav_mav.cli.telling import tell
 from circnav_mav.mission.load import MissionError, load_mission, parse_mission
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import Pilot, Voice
@@ -41,6 +43,7 @@ class ReplayOptions:
 def replay_log(options: ReplayOptions) -> int:
     """Replay, print what came of it, and return the exit code. Raises Refused."""
     path = Path(options.log)
+    check_named("--out", options.out)
     try:
         _check_out(options.out)
         if path.is_file() and path.name != "flight.tlog":
@@ -72,6 +75,7 @@ def _replay_run(run: Run, options: ReplayOptions) -> int:
     _say_setpoints(done, whole)
     _say_ticks(done, pilot, run.ticks)
     _write(options, done, run.ticks, mission)
+    _check_steered(str(run.folder), pilot)
     return Exit.DONE
 
 
@@ -82,16 +86,22 @@ def _replay_plain(path: Path, options: ReplayOptions) -> int:
     mission = _mission("", str(path), options)
     pilot = Pilot(patient(mission.pilot_settings(Voice.DRY_RUN)))
     began = time.perf_counter()
-    done = replay(pilot, plain_turns(path, mission.file.link.component_id), ticking=True)
+    clock, witness = LogClock(), Witness(pilot.settings.ranging)
+    turns = witness.watch(plain_turns(path, mission.file.link.component_id, clock), pilot)
+    done = replay(pilot, turns, ticking=True)
     took = time.perf_counter() - began
     if not done.turns:
         raise Refused(f"{path}: no MAVLink frame in it: not a tlog, or an empty one", Exit.NOTHING_HEARD)
+    if done.until == 0:
+        raise Refused(f"{path}: its stamps never go on: there is no time in it to replay it by", Exit.NOTHING_HEARD)
     _say_size(str(path), done, took)
     damage = find_damage(path)
     if damage is not None:
-        click.echo(f"  WARNING    {path.name}: {damage}: replayed up to {done.until:.1f} s")
-    if pilot.engaged_at is None:
-        raise Refused(f"{path}: nothing to steer by: {_what_is_missing(pilot)}", Exit.NOTHING_HEARD)
+        tell(f"  WARNING    {path.name}: {damage}: replayed up to {done.until:.1f} s")
+    if said := str(clock):
+        tell(f"  WARNING    {path.name}: {said}")
+    say_who(witness, pilot.session.adapter)
+    _check_steered(str(path), pilot)
     _say_ticks(done, pilot, None)
     _write(options, done, None, mission)
     return Exit.DONE
@@ -115,6 +125,13 @@ def _mission(text: str, where: str, options: ReplayOptions) -> Mission:
     return mission
 
 
+def _check_steered(name: str, pilot: Pilot) -> None:
+    """A replay that never steered says why, and its exit code does. Raises Refused."""
+    if pilot.engaged_at is None:
+        why = pilot.outcome.reason if pilot.outcome else _what_is_missing(pilot)
+        raise Refused(f"{name}: nothing to steer by: {why}", Exit.NOTHING_HEARD)
+
+
 def _what_is_missing(pilot: Pilot) -> str:
     """Why a replay never came to steer."""
     if not pilot.session.up:
@@ -125,7 +142,7 @@ def _what_is_missing(pilot: Pilot) -> str:
 
 
 def _say_size(name: str, done: Replayed, took: float) -> None:
-    click.echo(f"{name}: {done.until:.1f} s, {done.frames} frames in, replayed in {took:.2f} s")
+    tell(f"{name}: {done.until:.1f} s, {done.frames} frames in, replayed in {took:.2f} s")
 
 
 def _say_damage(run: Run, done: Replayed, pilot: Pilot) -> bool:
@@ -139,7 +156,7 @@ def _say_damage(run: Run, done: Replayed, pilot: Pilot) -> bool:
     if spoilt:
         problems.append(f"flight.tlog: left out as damaged: {spoilt} of the frames that came in")
     for problem in problems:
-        click.echo(f"  WARNING    {problem}")
+        tell(f"  WARNING    {problem}")
     return not (short or spoilt)
 
 
@@ -148,11 +165,11 @@ def _say_setpoints(done: Replayed, whole: bool) -> None:
     was, would = done.was_setpoints, done.setpoints
     if done.identical:
         until = "" if whole else f" up to {done.until:.1f} s"
-        click.echo(f"  setpoints  {len(was)} as flown, byte for byte the same{until}, and so is all else that was sent")
+        tell(f"  setpoints  {len(was)} as flown, byte for byte the same{until}, and so is all else that was sent")
         return
     same = len(set(was) & set(would))
-    click.echo(f"  setpoints  {len(was)} as flown, {len(would)} in the replay, {same} of them the same")
-    click.echo(f"             first frame that differs: {done.first_difference:.3f} s")
+    tell(f"  setpoints  {len(was)} as flown, {len(would)} in the replay, {same} of them the same")
+    tell(f"             first frame that differs: {done.first_difference:.3f} s")
 
 
 def _say_ticks(done: Replayed, pilot: Pilot, was: Ticks | None) -> None:
@@ -163,16 +180,18 @@ def _say_ticks(done: Replayed, pilot: Pilot, was: Ticks | None) -> None:
             name, unit = UNITS[gap.column]
             far = f"differs by {gap.rms:.4g} {unit} RMS, {gap.most:.4g} {unit} at most"
             says = far if gap.most > LAST_DIGIT else "the same"
-            click.echo(f"  {name:<16} {says}, in {gap.ticks} ticks")
+            tell(f"  {name:<16} {says}, in {gap.ticks} ticks")
     steered = sum(phase == "engaged" for phase in would.phases)
     saturated = sum(record.saturated for record in done.ticks)
-    click.echo(f"  ticks      {len(done.ticks)}, {steered} of them steering, {saturated} at the turn-rate limit")
+    tell(f"  ticks      {len(done.ticks)}, {steered} of them steering, {saturated} at the turn-rate limit")
     refused = (
         ", ".join(f"{count} {reason}" for reason, count in sorted(pilot.target.ranging.rejected.items())) or "none"
     )
-    click.echo(f"  ranges     {pilot.target.accepted} taken, rejected: {refused}")
+    tell(f"  ranges     {pilot.target.accepted} taken, rejected: {refused}")
     if pilot.outcome is not None:
-        click.echo(f"  outcome    {pilot.outcome.ending.value}: {pilot.outcome.reason}")
+        early = done.ended is not None and done.until - done.ended > UNRECORDED
+        until = f" (at {done.ended:.1f} s; the log goes on to {done.until:.1f} s)" if early else ""
+        tell(f"  outcome    {pilot.outcome.ending.value}: {pilot.outcome.reason}{until}")
 
 
 def _write(options: ReplayOptions, done: Replayed, was: Ticks | None, mission: Mission) -> None:
@@ -184,7 +203,7 @@ def _write(options: ReplayOptions, done: Replayed, was: Ticks | None, mission: M
     folder.mkdir(parents=True, exist_ok=True)
     plot_replay(folder / PICTURE, was, as_ticks(done.ticks), mission.orbit, f"{printable(options.log)}, replayed")
     write_ticks(folder / TICKS, done.ticks)
-    click.echo(f"  written    {folder}/{TICKS}, {folder}/{PICTURE}")
+    tell(f"  written    {folder}/{TICKS}, {folder}/{PICTURE}")
 
 
 def _check_out(out: str | None) -> None:

@@ -6,6 +6,8 @@ from typing import Any
 from circnav_mav.mav.ranging import Reject
 
 OTHERS = Reject.WRONG_SOURCE.value
+NOTABLE = 1.0
+"""Time, s, that somebody else had the vehicle from which on it is told."""
 
 
 def verdict(summary: dict[str, Any], folder: Path) -> str:
@@ -14,7 +16,7 @@ def verdict(summary: dict[str, Any], folder: Path) -> str:
     silenced = summary.get("voice", "fly") != "fly"
     if silenced:
         lines.append(
-            f"  {summary['voice'].upper():<9}  no setpoint sent, would have steered for {summary['flown_s']:.0f} s"
+            f"  {summary['voice'].upper():<9}  no setpoint sent, would have steered for {_steered(summary):.0f} s"
         )
     elif summary["engaged_s"] is not None:
         lines += _circle(summary)
@@ -32,6 +34,11 @@ def verdict(summary: dict[str, Any], folder: Path) -> str:
     return "\n".join(lines)
 
 
+def _steered(summary: dict[str, Any]) -> float:
+    """Seconds in which we steered; older summaries know only how long the flight was."""
+    return float(summary.get("steered_s", summary["flown_s"]))
+
+
 def _refused(rejected: dict[str, int]) -> str:
     """Ranges that did not count; those of other senders, which do no harm, apart."""
     own = {reason: count for reason, count in sorted(rejected.items()) if reason != OTHERS}
@@ -43,7 +50,9 @@ def _refused(rejected: dict[str, int]) -> str:
 def _circle(summary: dict[str, Any]) -> list[str]:
     """Settling and radius, by our own estimate and by the simulator's truth."""
     desired = summary["desired_radius_m"]
-    lines = [f"  wanted     {desired:g} m {summary['direction']}, flown {summary['flown_s']:.0f} s"]
+    flown, steered = summary["flown_s"], _steered(summary)
+    of_these = f", {steered:.0f} s of them steered" if flown - steered > NOTABLE else ""
+    lines = [f"  wanted     {desired:g} m {summary['direction']}, flown {flown:.0f} s{of_these}"]
     lines.append(f"  estimated  {_figures(summary, desired)}")
     truth = summary["truth"]
     if truth is not None:

@@ -46,7 +46,8 @@ def _one_in_words(problem: ErrorDetails) -> str:
     bound = next((f"{words} {context[name]:g}" for name, words in _BOUNDS.items() if name in context), None)
     if bound is not None and isinstance(given, int | float):
         return f"{key}: must be {bound}, not {given:g}"
-    return f"{key}: {problem['msg'].lower().removeprefix('input ')}, not {given!r}{_number_meant(kind, given)}"
+    said = problem["msg"][:1].lower() + problem["msg"][1:]
+    return f"{key}: {said.removeprefix('input ')}, not {given!r}{_number_meant(kind, given)}"
 
 
 def _number_meant(kind: str, given: Any) -> str:

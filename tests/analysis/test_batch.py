@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from circnav_mav.analysis import judge
 from circnav_mav.analysis.batch.filters import BatchKalman
 from circnav_mav.analysis.batch.flight import Circle, Situation, fly
 from circnav_mav.analysis.batch.policies import POLICIES, STALE, Auto
@@ -181,6 +182,14 @@ def test_a_cell_of_the_benchmark_tells_a_law_that_holds_from_one_that_does_not(t
     assert (tmp_path / "table.png").stat().st_size > 10_000
     assert (tmp_path / "table.csv").read_text().count("\n") == 3
     assert "kept   12 of 12" in line(full)
+
+
+def test_a_flight_the_wrong_way_round_is_not_kept_and_told(monkeypatch):
+    """Of six flights on the circle the first two are taken for such."""
+    monkeypatch.setattr(judge, "right_way", lambda angle, sense: np.arange(sense.size) >= 2)
+    cell = fly_cell("calm", "pd", 6, 2)
+    assert (cell.kept, cell.wrong_way) == (4, 2)
+    assert "kept    4 of 6  wrong way 2  RMS" in line(cell)
 
 
 def test_a_cell_prints_the_same_numbers_alone_and_in_a_table():

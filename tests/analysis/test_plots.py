@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from circnav_mav.analysis.plots import plot_estimates, plot_flight
+from circnav_mav.analysis.plots import plot_estimates, plot_flight, plot_replay
 from circnav_mav.analysis.run_folder import read_ticks, read_truth
 from circnav_mav.core.values import Direction, Orbit
 
@@ -26,8 +26,8 @@ def drawn(monkeypatch):
     figures = []
     monkeypatch.setattr(Figure, "savefig", lambda figure, *_arguments, **_keywords: figures.append(figure))
 
-    def draw(plot, *arguments):
-        plot("nowhere.png", *arguments, "by hand")
+    def draw(plot, *arguments, title="by hand"):
+        plot("nowhere.png", *arguments, title)
         figures[-1].draw_without_rendering()
         return figures.pop()
 
@@ -68,6 +68,36 @@ def test_ranges_are_counted_by_the_second(run_folder, drawn):
     taken, rejected = (np.asarray(steps.get_data().values) for steps in samples.patches)
     assert set(taken[:-1]) == {1.0}
     assert set(rejected) == {0.0}
+
+
+def test_the_picture_of_a_flight_that_sent_nothing_shows_what_it_would_have_commanded(run_folder, drawn):
+    ticks = read_ticks(run_folder())
+    legends = []
+    for _ in range(2):
+        axis = drawn(plot_flight, ticks, None, ORBIT).axes[-1]
+        legends.append([entry.get_text() for entry in axis.get_legend().get_texts()])
+        ticks.numbers["yaw_rate_sent"][:] = np.nan
+    assert [legend[0] for legend in legends] == ["commanded", "would command"]
+
+
+def test_lines_of_the_pictures_break_where_no_tick_was_made(run_folder, drawn):
+    folder = run_folder()
+    rows = (folder / "ticks.csv").read_text().splitlines(keepends=True)
+    (folder / "ticks.csv").write_text("".join(rows[:200] + rows[210:]))
+    ticks = read_ticks(folder)
+    for axis in (drawn(plot_flight, ticks, None, ORBIT).axes[1], *drawn(plot_replay, None, ticks, ORBIT).axes[:2]):
+        values = next(line for line in axis.lines if line.get_label() in ("estimated", "replayed")).get_ydata()
+        assert np.isnan(values).sum() == 1
+
+
+@pytest.mark.parametrize("title", ["a $_{ b$ c", "one $", r"\$ and $_{$"])
+def test_a_title_with_dollars_is_drawn_as_it_is(run_folder, drawn, title):
+    ticks = read_ticks(run_folder())
+    for figure in (drawn(plot_flight, ticks, None, ORBIT, title=title), drawn(plot_estimates, ticks, 5.0, title=title),
+                   drawn(plot_replay, None, ticks, ORBIT, title=title)):  # fmt: skip
+        shown, is_formula = figure._suptitle._preprocess_math(figure._suptitle.get_text())
+        assert not is_formula
+        assert shown == title
 
 
 def test_a_picture_that_cannot_be_written_is_an_error_of_the_system(run_folder, epoch_us, tmp_path):

@@ -2,16 +2,19 @@
 
 import dataclasses
 import math
+import struct
 
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
+from circnav_mav.analysis.log_clock import LogClock
 from circnav_mav.analysis.replay import as_ticks, differences, patient, replay
 from circnav_mav.analysis.run import open_run
+from circnav_mav.analysis.run_folder import read_tlog
 from circnav_mav.analysis.turns import plain_turns, recorded_turns
 from circnav_mav.mission.load import parse_mission
 from circnav_mav.pilot import Pilot, Voice
-from tests.flight.recorded import recorded_flight
+from tests.flight.recorded import EPOCH_US, recorded_flight
 
 APART = ('ranging.message="ranging_beacon"', 'ranging.endpoint="sim"', "ranging.beacon_id=9",
          'sim.ranging.message="ranging_beacon"', 'sim.ranging.via="direct"', "sim.ranging.beacon_id=9")  # fmt: skip
@@ -128,8 +131,73 @@ def test_a_gap_in_a_plain_tlog_loses_the_vehicle_and_does_not_tick_for_hours(flo
     assert not math.isclose(pilot.engaged_at, 0)
 
 
-def test_stamps_that_step_back_do_not_turn_time_round(flown, tmp_path):
+def test_what_comes_after_the_pilots_end_is_not_counted(tmp_path):
+    """Replayed for 5 s of the 20 that were flown: the ranges of the other 15 do not count as stalled."""
+    recorded_flight(tmp_path, "quickstart", SHORT).fly(30).recorder.close()
+    pilot = Pilot(settings_of(tmp_path, "limits.duration_s=5"))
+    done = replay(pilot, recorded_turns(tmp_path))
+    assert done.ended < 10 < done.until
+    assert "stalled" not in pilot.target.ranging.rejected
+    assert len(done.was_setpoints) > len(done.setpoints) > 0
+
+
+# --- stamps of a clock that was set ---
+
+HOUR, YEAR = 3600, 31_536_000
+
+
+def restamped(flown, tmp_path, stamp):
+    """A plain tlog of the flight with other stamps: stamp(number of the record, us) -> us; its turns and its clock."""
+    records = enumerate(read_tlog(flown / "flight.tlog"))
+    data = [struct.pack(">Q", round(stamp(number, us))) + frame for number, (us, frame) in records]
+    (tmp_path / "x.tlog").write_bytes(b"".join(data))
+    clock = LogClock()
+    return [turn.time for turn in plain_turns(tmp_path / "x.tlog", 191, clock)], clock
+
+
+@pytest.mark.parametrize(
+    ("stamp", "steps", "lone", "says"),
+    [
+        (lambda at, us: us, [], 0, ""),
+        (lambda at, us: us - (HOUR * 1e6 if at >= 1000 else 0), [-HOUR], 0, "steps 1 time by -3600.0 s"),
+        (lambda at, us: us + (2 * HOUR * 1e6 if at >= 1000 else 0), [2 * HOUR], 0, "steps 1 time by +7200.0 s"),
+        (lambda at, us: us - (1.5e6 if at >= 1000 else 0), [-1.5], 0, "by -1.5 s"),
+        (lambda at, us: us + (YEAR * 1e6 if at == 1000 else 0), [], 1, "1 lone stamp is off by +31536000.0 s"),
+        (lambda at, us: us - (YEAR * 1e6 if at == 1000 else 0), [], 1, "off by -31536000.0 s"),
+        (lambda at, us: us + (HOUR * 5e5 if at == 1000 else 0), [], 1, "off by +1800.0 s"),
+        (lambda at, us: us + (YEAR * 1e6 if at == 0 else 0), [-YEAR], 0, "steps 1 time"),
+        (lambda at, us: us - (EPOCH_US if at < 1000 else 0), [EPOCH_US / 1e6], 0, "steps 1 time"),
+        (lambda at, us: 0 if at < 1000 else us, [EPOCH_US / 1e6], 0, "steps 1 time"),
+        (lambda at, us: us - (at // 500 * HOUR * 1e6), None, 0, "times, at most by -3600.0 s"),
+        (lambda at, us: us - (at % 3 * 2e4), [], 0, ""),
+    ],
+    ids=["as it was", "an hour back", "two hours ahead", "a little back", "one a year ahead", "one a year back",
+         "one half an hour ahead", "the first ahead", "from 1970", "from 0", "again and again", "disorder"],
+)  # fmt: skip
+def test_a_clock_that_was_set_takes_no_time_and_is_told(flown, tmp_path, stamp, steps, lone, says):
+    """The same flight in the same time: what is lost is a turn for each step, what disorder may add is 40 ms."""
+    as_it_was = [turn.time for turn in plain_turns(flown / "flight.tlog", 191)]
+    times, clock = restamped(flown, tmp_path, stamp)
+    assert times == sorted(times)
+    until_zero = stamp(0, EPOCH_US) == stamp(1, EPOCH_US + 1) == 0
+    spent = as_it_was[-1] * (0.3 if until_zero else 1.0)
+    assert spent - 0.5 < times[-1] - times[0] < as_it_was[-1] + 0.05
+    assert says in str(clock)
+    assert bool(says) == bool(str(clock))
+    assert len(clock.lone) == lone
+    if steps is not None:
+        assert [size for _, size in clock.steps] == pytest.approx(steps, abs=5.0, rel=1e-4)
+
+
+def test_a_gap_of_half_an_hour_is_time(flown, tmp_path):
+    times, clock = restamped(flown, tmp_path, lambda at, us: us + (1800e6 if at >= 1000 else 0))
+    assert times[-1] == pytest.approx(1820, abs=3)
+    assert str(clock) == ""
+
+
+def test_a_log_twice_over_is_replayed_twice_in_twice_the_time(flown, tmp_path):
     data = (flown / "flight.tlog").read_bytes()
     (tmp_path / "twice.tlog").write_bytes(data + data)
     times = [turn.time for turn in plain_turns(tmp_path / "twice.tlog", 191)]
     assert times == sorted(times)
+    assert times[-1] == pytest.approx(42, abs=3)

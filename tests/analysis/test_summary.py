@@ -71,7 +71,7 @@ def test_a_flight_that_never_engaged_has_no_figures(summary):
     assert made["radius_mean_m"] is None
     assert made["radius_rms_error_m"] is None
     assert made["truth"] is None
-    assert made["flown_s"] == 0.0
+    assert made["flown_s"] == made["steered_s"] == 0.0
     assert made["direction_commanded"] is None
 
 
@@ -106,6 +106,23 @@ def test_a_flight_is_as_long_as_it_was_flown_and_not_as_it_was_recorded(run_fold
     made = summarise(flown, read_ticks(folder), read_truth(folder, epoch_us))
     assert made["flown_s"] == 490.0
     assert made["recording_problem"] == ("full; figures are of estimates up to 300 s, truth up to 300 s of 500 s")
+
+
+def test_the_time_that_the_operator_flew_is_not_steered(run_folder, epoch_us):
+    """Taken over from second 100 to 150, and given back in a hurry at 200."""
+    folder = run_folder()
+    rows = (folder / "ticks.csv").read_text().splitlines()
+    for at, row in enumerate(rows[1:], 1):
+        time = float(row.split(",")[0])
+        if 100 <= time < 150 or time == 200:
+            rows[at] = row.replace("engaged", "yielded" if time < 150 else "ready")
+        elif 250 <= time < 260:
+            rows[at] = row.replace("engaged", "holding")
+    (folder / "ticks.csv").write_text("\n".join(rows) + "\n")
+    made = summarise(facts(epoch_us), read_ticks(folder), None)
+    assert (made["flown_s"], made["steered_s"]) == (290.0, 239.5)
+    whole = summarise(facts(epoch_us), read_ticks(run_folder()), None)
+    assert whole["steered_s"] == whole["flown_s"] == 290.0
 
 
 def test_a_flight_of_which_nothing_was_recorded_is_summed_up_all_the_same(epoch_us):

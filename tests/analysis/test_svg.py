@@ -64,11 +64,38 @@ def test_any_values_can_be_drawn(values):
     assert "inf" not in drawn
 
 
-def test_values_beyond_what_is_shown_are_cut_off_at_the_edge():
-    time, values = np.array([0.0, 1.0]), np.array([0.0, 1e6])
-    drawn = Chart("x", "m", [Line("a", time, values, "red")], shown=(-1.0, 1.0)).draw((0.0, 1.0))
-    ys = [float(y) for y in re.findall(r",(-?[\d.]+)", re.search(r'<path d="(M64[^"]*)" fill="none"', drawn)[1])]
-    assert min(ys) == 8.0
+def test_a_line_leaves_the_frame_as_steep_as_it_is_and_the_frame_cuts_it_off():
+    """From 0 to 10 in ten seconds, shown up to 1: it leaves after one second, and is flat nowhere."""
+    time, values = np.array([0.0, 10.0, 20.0]), np.array([0.0, 10.0, 10.0])
+    drawn = Chart("a b", "m", [Line("a", time, values, "red")], shown=(-1.0, 1.0)).draw((0.0, 20.0))
+    clip = re.search(r'<clipPath id="frame-a-b"><rect x="(\d+)" y="(\d+)" width="(\d+)" height="(\d+)"/>', drawn)
+    assert [int(number) for number in clip.groups()] == [64, 8, 884, 160]
+    path = re.search(r'<g clip-path="url\(#frame-a-b\)"><path d="([^"]*)" fill="none" stroke="red"', drawn)[1]
+    points = [tuple(map(float, point)) for point in re.findall(r"([\d.]+),(-?[\d.]+)", path)]
+    assert points == [(64.0, 88.0), (506.0, -712.0), (948.0, -712.0)]
+
+
+def test_dots_beyond_the_frame_are_triangles_at_its_edge_that_point_there():
+    time, values = np.array([0.0, 1.0, 2.0]), np.array([0.5, 3.0, -3.0])
+    drawn = Chart("x", "m", [Line("a", time, values, "red", dots=True)], shown=(0.0, 1.0)).draw((0.0, 2.0))
+    assert set(re.findall(r"M([\d.]+,[\d.]+)h0", drawn)) == {"64.0,88.0"}
+    beyond = re.search(r'<path d="([^"]*)" fill="red" class="beyond"/>', drawn)[1]
+    assert set(re.findall("M[^Z]*Z", beyond)) == {"M506.0,8.0l-3,5h6Z", "M948.0,168.0l-3,-5h6Z"}
+
+
+def test_a_line_breaks_where_its_samples_pause():
+    """At 20 Hz, with a pause of 1.5 s; a single sample that is missing is none."""
+    time = np.concatenate([np.arange(0, 5, 0.05), np.arange(6.5, 10, 0.05)])
+    time = np.delete(time, 30)
+    drawn = Chart("x", "m", [Line("a", time, time, "red")]).draw((0.0, 10.0))
+    assert re.search(r'<path d="(M[^"]*)" fill="none" stroke="red"', drawn)[1].count("M") == 2
+
+
+def test_a_track_breaks_where_it_is_not_known():
+    x, y = np.linspace(0, 100, 9000), np.full(9000, 100.0)
+    x[5000:5002] = np.nan
+    drawn = track(x, y, 100.0, "blue")
+    assert re.search(r'<path d="(M[^"]*)" fill="none" stroke="blue"', drawn)[1].count("M") == 2
 
 
 def test_words_become_one_stretch_each():

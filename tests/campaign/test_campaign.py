@@ -2,10 +2,13 @@
 
 import json
 import os
+import re
 import select
+import shlex
 import signal
 import subprocess
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -14,11 +17,14 @@ from circnav_mav.analysis.campaign.batchable import obstacle
 from circnav_mav.analysis.campaign.execute import ExecutionError, on_cores, on_scheduler
 from circnav_mav.analysis.campaign.file import CampaignError, load_campaign
 from circnav_mav.analysis.campaign.fly import chunks, fly_chunk
-from circnav_mav.analysis.campaign.plan import hopeless, prepare
+from circnav_mav.analysis.campaign.plan import START, hopeless, prepare
 from circnav_mav.analysis.campaign.steering import Steering
 from circnav_mav.analysis.campaign.store import Store, StoreError
 from circnav_mav.analysis.campaign.summary import summarise
+from circnav_mav.mission.load import load_mission
+from sim.config import parse_vehicle
 
+CONFIG = Path(__file__).parents[2] / "config"
 SHORT = '"limits.duration_s" = [20.0]\n"guidance.law" = ["smooth", "pi"]\n'
 
 
@@ -172,6 +178,7 @@ def test_a_wrong_sense_of_rotation_is_seen_on_the_true_track(write, monkeypatch)
         ('mission = "m.toml"\nruns = 0\n[vary]', "runs: should be greater than or equal to 1, not 0"),
         ('mission = "m.toml"\nruns = 3\n[vary]', "m.toml: cannot be read"),
         ("runs = ", "not valid TOML"),
+        ('mission = "m.toml"\nruns = 3\nseed = "É"\n[vary]', "seed: should be a valid integer, not 'É'"),
         ('{M}\nruns = 3\n[vary]', "vary: is empty"),
         ('{M}\nruns = 3\n[vary]\norbit.radius_m = {{unifrom = [1, 2]}}', "radius_m: unifrom: unknown key, did"),
         ('{M}\nruns = 3\n[vary]\norbit.radius_m = {{uniform = [2, 1]}}', "radius_m: uniform: [2, 1] is empty"),
@@ -263,6 +270,85 @@ def test_the_command_flies_sums_up_and_draws(write, tmp_path):
     more = circnav(path, "--out", out, "--resume", "--runs", "10", "--processes", "1")
     assert more.returncode == 0
     assert (out / "runs.csv").read_text().count("\n") == 11
+
+
+@pytest.mark.parametrize("who", [["--processes", "2"], ["--scheduler", "tcp://127.0.0.1:9"]])
+def test_a_finished_campaign_is_resumed_without_a_flight(write, tmp_path, who):
+    """Whoever would have flown it: nobody is asked."""
+    path, out = write(SHORT), tmp_path / "out"
+    assert circnav(path, "--out", out, "--processes", "1").returncode == 0
+    table = (out / "runs.csv").read_bytes()
+    again = circnav(path, "--out", out, "--resume", *who)
+    assert (again.returncode, again.stderr) == (0, "")
+    assert "runs.csv" in again.stdout
+    assert (out / "runs.csv").read_bytes() == table
+
+
+def test_dollars_in_names_and_values_enclose_no_formula(write, tmp_path):
+    path = tmp_path / "cost $_{\\x $.toml"
+    path.write_text(write(SHORT + '"ranging.name" = ["$_a$", "$_{$"]').read_text())
+    ran = circnav(path, "--out", tmp_path / "$_{ $", "--processes", "1")
+    assert (ran.returncode, ran.stderr) == (0, "")
+    assert "WARNING" not in ran.stdout
+    assert "error-ranging-name.png" in ran.stdout
+
+
+def test_a_picture_that_cannot_be_drawn_is_a_warning_and_the_rest_is_kept(write, tmp_path):
+    path, out = write(SHORT), tmp_path / "out"
+    assert circnav(path, "--out", out, "--processes", "1").returncode == 0
+    for name in ("summary.json", "distributions.png", "error-guidance-law.png"):
+        (out / name).unlink()
+    (out / "distributions.png").mkdir()
+    ran = circnav(path, "--out", out, "--resume")
+    assert (ran.returncode, ran.stderr) == (0, "")
+    assert f"WARNING    {out / 'distributions.png'}: could not be drawn: Is a directory" in ran.stdout
+    assert "written" in ran.stdout
+    assert json.loads((out / "summary.json").read_text())["all"]["flights"] == 8
+    assert (out / "error-guidance-law.png").exists()
+    (out / "distributions.png").rmdir()
+    again = circnav(path, "--out", out, "--resume")
+    assert "WARNING" not in again.stdout
+    assert (out / "distributions.png").is_file()
+
+
+def test_a_campaign_without_pictures_ends_its_list_with_what_is_there(write, tmp_path):
+    ran = circnav(write('"limits.duration_s" = [5.0]', "runs = 1"), "--out", tmp_path / "out", "--processes", "1")
+    assert ran.stdout.rstrip().endswith("runs.csv, summary.json")
+
+
+def test_the_documented_way_to_fly_a_row_alone_gives_the_rows_mission():
+    """The example's values where the example's keys stand, and its command as it stands."""
+    page = (CONFIG.parent / "docs" / "campaigns.md").read_text()
+    command = shlex.split(re.search(r"circnav fly .*?\n\n", page, re.DOTALL)[0].replace("\\\n", " "))
+    overrides = [word for before, word in pairwise(command) if before == "--set"]
+    values = dict(override.split("=") for override in overrides)
+    assert set(values) == {"sim.seed", "guidance.law", "sim.wind.speed_mps", "orbit.radius_m",
+                           "sim.start.random.range_m", "sim.start.random.bearing_deg"}  # fmt: skip
+    mission = load_mission(CONFIG.parent / command[2], overrides)
+    low, high = mission.file.sim["start"]["random"]["range_m"]
+    assert low == high == 153.25
+    assert parse_vehicle(mission.file.sim, "sim").seed == int(values["sim.seed"])
+
+
+def test_a_row_flown_alone_as_documented_is_the_run_of_the_campaign(write):
+    campaign = load_campaign(write('"guidance.law" = ["relay"]\n"orbit.radius_m" = {uniform = [80, 120]}'))
+    run = prepare(campaign, 3)
+    overrides = [
+        f"{START[key]}=[{value}, {value}]" if key in START else f"{key}={value}" for key, value in run.values.items()
+    ]
+    alone = load_mission(CONFIG / "campaign_mission.toml", overrides)
+    assert alone.file == run.mission.file
+    assert parse_vehicle(alone.file.sim, "sim") == run.vehicle
+
+
+def test_an_empty_name_is_no_folder_to_fly_into(write, tmp_path):
+    ran = circnav(write(SHORT), "--out", "", cwd=tmp_path)
+    assert (ran.returncode, ran.stderr) == (2, "circnav: --out: is empty, give it a name\n")
+    assert {path.name for path in tmp_path.iterdir()} == {"campaign.toml"}
+
+
+def test_no_chunks_take_no_processes(write):
+    assert list(on_cores(load_campaign(write(SHORT)), [], 2)) == []
 
 
 def test_a_mission_that_no_batch_flies_is_refused_where_a_batch_is_asked_for(write, tmp_path):

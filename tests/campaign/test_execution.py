@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from circnav_mav.analysis.campaign import execute
+from circnav_mav.analysis.campaign import execute, fly
 from circnav_mav.analysis.campaign.execute import ExecutionError, on_cores, on_scheduler
 from circnav_mav.analysis.campaign.file import load_campaign
 from circnav_mav.analysis.campaign.fly import chunks, fly_chunk, fly_part
@@ -94,6 +94,21 @@ def test_a_grid_of_lockstep_alone_is_cut_into_single_flights(write):
     assert {len(chunk) for chunk in chunks(load_campaign(write(SHORT, 'runs = 9\nengine = "lockstep"')))} == {1}
 
 
+def test_a_chunk_that_was_torn_is_flown_as_the_batch_that_it_was_and_gives_the_rows_that_are_missing(
+    write, monkeypatch
+):
+    """Of 8 runs 5 are there, one of them of a law that flies alone."""
+    together, alone = [], []
+    fly_batch, lockstep = fly.fly_batch, fly.fly_lockstep
+    monkeypatch.setattr(fly, "fly_batch", lambda runs: together.append([run.number for run in runs]) or fly_batch(runs))
+    monkeypatch.setattr(fly, "fly_lockstep", lambda run: alone.append(run.number) or lockstep(run))
+    campaign = load_campaign(write(MIXED, "runs = 8"))
+    pieces = list(on_cores(campaign, [range(8)], 1, done={0, 1, 3, 4, 7}))
+    assert sorted(row["run"] for rows in pieces for row in rows) == [2, 5, 6]
+    assert together == [[1, 3, 5, 7]]
+    assert alone == [2, 6]
+
+
 # --- a Dask scheduler ---
 
 
@@ -146,5 +161,5 @@ def test_a_scheduler_that_dies_in_between_is_one_line_that_says_how_to_go_on(wri
             return iter([(None, distributed.client.FutureCancelledError("fly", "scheduler-connection-lost"))])
 
     with pytest.raises(ExecutionError, match=r"scheduler-connection-lost.*--resume flies what is missing") as told:
-        list(execute._gathered(Gone, Dead(), load_campaign(write(SHORT)), [[0]], "tcp://there:1"))
+        list(execute._gathered(Gone, Dead(), load_campaign(write(SHORT)), [([0], [0])], "tcp://there:1"))
     assert "\n" not in str(told.value)

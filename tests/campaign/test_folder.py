@@ -78,6 +78,16 @@ def test_a_campaign_that_lost_its_files_is_not_resumed_and_says_which(campaign, 
         Store(tmp_path / "out", campaign, resume=True)
 
 
+def test_lengths_have_as_many_digits_as_do_not_hang_on_the_size_of_a_batch(campaign, tmp_path):
+    """The first two are of one flight, among 24 and among 203; what was varied keeps all its digits."""
+    store = Store(tmp_path / "out", campaign)
+    errors = (-0.00968086, -0.00968063, -0.000001, 123.456789)
+    store.add([{"run": run, "mean_error_m": error, "settled_s": 12.3456789} for run, error in enumerate(errors)])
+    store.close()
+    told = [(row["mean_error_m"], row["settled_s"]) for row in store.read()]
+    assert told == [("-0.00968", "12.3457"), ("-0.00968", "12.3457"), ("0", "12.3457"), ("123.457", "12.3457")]
+
+
 def test_an_empty_folder_and_one_of_the_same_campaign_before_its_first_row_are_taken(campaign, tmp_path):
     (tmp_path / "out").mkdir()
     for _ in range(2):

@@ -7,6 +7,7 @@ def test_a_cell_is_flown_and_written(circnav, tmp_path):
     ran = circnav("bench", "--law", "pd", "--situation", "calm", "--flights", "4", "--out", tmp_path)
     assert (ran.code, ran.err) == (0, "")
     assert "kept    4 of 4" in ran.out
+    assert "ideal times" in ran.out
     assert (tmp_path / "table.csv").read_text().startswith("situation,policy,flights,kept")
     assert (tmp_path / "table.png").exists()
 
@@ -18,6 +19,7 @@ def test_a_cell_is_flown_and_written(circnav, tmp_path):
         ("--law", "smoth", "smooth"),
         ("--situation", "rain", "wind .33 V"),
         ("--flights", "0", "at least 1"),
+        ("--out", "", "is empty"),
     ],
 )
 def test_what_cannot_be_flown_is_one_line_with_the_remedy(circnav, option, value, named):

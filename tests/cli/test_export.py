@@ -39,6 +39,11 @@ def test_ticks_truth_and_events_come_back_at_the_times_of_the_flight(circnav, fl
     assert found["/truth"][0][1]["radius"] == pytest.approx(316, abs=2)
 
 
+def test_a_place_that_cannot_be_written_is_called_by_its_own_name(circnav, flown, tmp_path):
+    place = tmp_path / "nowhere" / "x.mcap"
+    assert circnav("export", flown, "--mcap", place).line == f"circnav: {place}: No such file or directory"
+
+
 def test_the_events_are_a_log_that_tells_the_flight(circnav, flown):
     assert circnav("export", flown, "--mcap").code == 0
     log = [(row["name"], row["message"]) for _, row, schema in messages(flown / "flight.mcap")["/events"]]

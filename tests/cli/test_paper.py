@@ -12,7 +12,14 @@ def test_six_figures_and_a_table(circnav, tmp_path):
 def test_what_cannot_be_done_is_one_line(circnav, tmp_path):
     (tmp_path / "file").write_text("")
     assert "File exists" in circnav("paper", "--out", tmp_path / "file").line
-    assert "--starts" in circnav("paper", "--starts", "1").line
+    assert "--starts" in circnav("paper", "--starts", "0").line
+    assert circnav("paper", "--starts", "1", "--out", "").line == "circnav: --out: is empty, give it a name"
+
+
+def test_a_single_start_is_enough(circnav, tmp_path):
+    ran = circnav("paper", "--out", tmp_path / "paper", "--starts", "1")
+    assert (ran.code, ran.err) == (0, "")
+    assert "1 of 1" in ran.out
 
 
 def test_a_seed_below_0_is_one_line(circnav):

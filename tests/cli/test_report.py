@@ -1,14 +1,19 @@
 """`circnav report`: one page without network that shows the flight, also in a real browser; one line for bad runs."""
 
+import csv
 import importlib
 import json
 import re
 import shutil
+import struct
 import subprocess
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
+from pymavlink.dialects.v20 import all as mavlink
 
+from circnav_mav.analysis.run_folder import message_id, read_tlog
 from circnav_mav.mission.load import load_mission
 from tests.flight.lockstep import CONFIG
 from tests.flight.recorded import recorded_flight
@@ -39,7 +44,7 @@ def test_the_page_holds_every_part_and_needs_nobody(circnav, flown):
     assert [title for title in CHARTS if f"<figcaption><b>{title}</b>" not in page] == []
     for part in ("UNFINISHED", "The simulator's truth", "orbit.radius_m", "pymavlink", "exit code", "engaged", "gate"):
         assert part in page
-    assert not re.search(r"""(src|href)=["'](?!data:)|https?://|@import|url\(""", page)
+    assert not re.search(r"""(src|href)=["'](?!data:)|https?://|@import|url\((?!#)""", page)
     assert not re.search(r"@[A-Z]+@|\bnan\b", page)
     assert {path.name for path in flown.glob("*.png")} == {"flight.png", "estimates.png"}
 
@@ -81,6 +86,106 @@ def test_a_dry_run_would_steer_and_never_is_engaged(circnav, flown, tmp_path):
     page = (folder / "report.html").read_text()
     assert "</i>would steer<" in page
     assert "</i>engaged<" not in page
+
+
+@pytest.mark.parametrize(
+    ("voice", "curve"), [("fly", "commanded"), ("dry run", "would command"), ("shadow", "would command")]
+)
+def test_the_curve_of_turn_rates_that_never_left_is_called_so(circnav, flown, tmp_path, voice, curve):
+    folder = copy_of(flown, tmp_path / "run")
+    manifest = json.loads((folder / "manifest.json").read_text())
+    (folder / "manifest.json").write_text(json.dumps(manifest | {"voice": voice}))
+    assert circnav("report", folder).code == 0
+    assert re.findall(r"</i>([a-z ]*command(?:ed)?)<", (folder / "report.html").read_text()) == [curve]
+
+
+def rewritten(folder, change):
+    """ticks.csv with other rows: change(number, row as a dict) changes it or returns False to leave it out."""
+    with (folder / "ticks.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    kept = [row for at, row in enumerate(rows) if change(at, row) is not False]
+    with (folder / "ticks.csv").open("w", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(kept)
+
+
+def without_truth(folder):
+    """As of a vehicle that tells none."""
+    frames = read_tlog(folder / "flight.tlog")
+    told = [(us, frame) for us, frame in frames if message_id(frame) != mavlink.MAVLINK_MSG_ID_DEBUG_FLOAT_ARRAY]
+    (folder / "flight.tlog").write_bytes(b"".join(struct.pack(">Q", us) + frame for us, frame in told))
+
+
+def test_an_estimated_track_says_when_it_was_first_believed_and_breaks_where_it_was_not(circnav, flown, tmp_path):
+    """Believed from second 10 to 12, and from 14 on."""
+    folder = copy_of(flown, tmp_path / "run")
+    without_truth(folder)
+
+    def believed(at, row):
+        time = float(row["time"])
+        known = 10 <= time < 12 or time >= 14
+        row["x"], row["y"] = (f"{time:.2f}", "50.0") if known else ("", "")
+
+    rewritten(folder, believed)
+    assert circnav("report", folder).code == 0
+    page = (folder / "report.html").read_text()
+    assert "Estimated position relative to the target, where it was known: first believed at 10.0 s" in page
+    drawn = re.search(r'<svg viewBox="0 0 520 520".*?</svg>', page)[0]
+    assert re.search(r'<path d="(M[^"]*)" fill="none" stroke="#1f5fa8"', drawn)[1].count("M") == 2
+    assert 'fill="none" stroke="red"' in drawn
+
+
+def test_lines_break_where_no_tick_was_made(circnav, flown, tmp_path):
+    """A stall of 1.5 s at second 15, in a chart of what was estimated: no ramp leads over it."""
+    folder = copy_of(flown, tmp_path / "run")
+    rewritten(folder, lambda at, row: not 15 < float(row["time"]) < 16.5)
+    assert circnav("report", folder).code == 0
+    page = (folder / "report.html").read_text()
+    error = page[page.index("<b>error, range") :].partition("</figure>")[0]
+    line = re.search(r'<path d="(M[^"]*)" fill="none" stroke="#1f5fa8"', error)[1]
+    xs = [float(x) for x in re.findall(r"[ML]([\d.]+),", line)]
+    assert line.count("M") == 2
+    assert max(b - a for a, b in pairwise(xs)) == pytest.approx(1.5 * 884 / 30, rel=0.2)
+
+
+def test_innovations_and_ranges_are_dots_of_new_ranges_alone(circnav, flown, tmp_path):
+    """The first second of every ten has its ranges, the others repeat the last."""
+    folder, last = copy_of(flown, tmp_path / "run"), {}
+
+    def seldom(at, row):
+        if float(row["time"]) % 10 < 1 or not last:
+            last.update({name: row[name] for name in ("measured", "nis", "accepted", "rejected")})
+        row.update(last)
+
+    rewritten(folder, seldom)
+    assert circnav("report", folder).code == 0
+    page = (folder / "report.html").read_text()
+    innovation = page[page.index("<b>innovation") :].partition("</figure>")[0]
+    times = {float(x) for x in re.findall(r"M([\d.]+),[\d.]+h0", innovation)}
+    assert len(times) > 10
+    assert all((30 * (x - 64) / 884 + 0.2) % 10 < 1.5 for x in times)
+
+
+def test_of_very_many_events_the_first_and_the_last_are_told(circnav, flown, tmp_path):
+    folder = copy_of(flown, tmp_path / "run")
+
+    def flapping(at, row):
+        if at > 20:
+            row["mode"] = ("LOITER", "GUIDED")[at % 2]
+        if float(row["time"]) > 29.5:
+            row["phase"] = "ended"
+
+    rewritten(folder, flapping)
+    assert circnav("report", folder).code == 0
+    events = (folder / "report.html").read_text().partition("<h2>Events</h2>")[2].partition("</table>")[0]
+    rows = re.findall("<tr>.*?</tr>", events)
+    assert len(rows) == 61
+    assert "<td>0.0 s</td>" in rows[0]
+    assert re.search(r"\d+ more", rows[30])
+    assert any("<td>ended</td>" in row for row in rows[31:])
+    times = [float(time) for time in re.findall(r"<td>([\d.]+) s</td>", events)]
+    assert times == sorted(times)
 
 
 def test_a_mission_name_is_no_markup_and_no_placeholder(circnav, flown, tmp_path):

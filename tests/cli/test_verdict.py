@@ -41,6 +41,13 @@ def test_a_flight_that_sent_nothing_says_so_and_is_given_no_marks(voice: str) ->
     assert not any(mark in words for mark in ("settled", "RMS", "rotation"))
 
 
+def test_a_flight_with_a_takeover_tells_how_much_of_it_was_steered() -> None:
+    assert "flown 120 s, 70 s of them steered\n" in told(flown_s=120.0, steered_s=70.0)
+    assert "flown 120 s\n" in told(flown_s=120.0, steered_s=119.9)
+    assert "would have steered for 70 s" in told(voice="dry run", flown_s=120.0, steered_s=70.0)
+    assert "flown 60 s\n" in told()
+
+
 def test_ranges_of_other_senders_are_told_apart() -> None:
     """PX4 repeats each range of the radio under its own id."""
     assert "600 taken, 0 rejected (none); 599 of other senders ignored" in told(samples_rejected={"wrong_source": 599})

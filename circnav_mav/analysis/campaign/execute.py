@@ -7,7 +7,7 @@ import signal
 import socket
 import threading
 from collections import deque
-from collections.abc import Generator, Sequence
+from collections.abc import Collection, Generator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from queue import SimpleQueue
@@ -16,7 +16,9 @@ from typing import Any
 from circnav_mav.analysis.campaign.fly import Row, fly_part
 from circnav_mav.analysis.campaign.plan import Campaign
 
-Chunks = Sequence[Sequence[int]]
+Runs = Sequence[int]
+Chunks = Sequence[Runs]
+Done = Collection[int]
 Rows = Generator[list[Row], None, None]
 Part = tuple[list[Row], list[int]]
 MOST_PORT = 65535
@@ -33,18 +35,19 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def on_cores(campaign: Campaign, chunks: Chunks, processes: int) -> Rows:
-    """The rows of the chunks as they finish, in any order. Raises ExecutionError."""
-    if processes == 1 or len(chunks) == 1:
-        yield from _in_turn(campaign, chunks)
+def on_cores(campaign: Campaign, chunks: Chunks, processes: int, done: Done = frozenset()) -> Rows:
+    """The rows of the chunks but of the runs that are done, as they finish, in any order. Raises ExecutionError."""
+    parts = _parts(chunks, done)
+    if processes == 1 or len(parts) <= 1:
+        yield from _in_turn(campaign, parts)
         return
     spawn = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(min(processes, len(chunks)), mp_context=spawn, initializer=_follow_parent)
+    pool = ProcessPoolExecutor(min(processes, len(parts)), mp_context=spawn, initializer=_follow_parent)
     ready: SimpleQueue[Future[Part]] = SimpleQueue()
     flying, finished = 0, False
     try:
-        for chunk in chunks:
-            pool.submit(fly_part, campaign, chunk).add_done_callback(ready.put)
+        for chunk, wanted in parts:
+            pool.submit(fly_wanted, campaign, chunk, wanted).add_done_callback(ready.put)
             flying += 1
         while flying:
             rows, alone = ready.get().result()
@@ -64,16 +67,30 @@ def on_cores(campaign: Campaign, chunks: Chunks, processes: int) -> Rows:
         pool.shutdown(wait=finished, cancel_futures=True)
 
 
-def _in_turn(campaign: Campaign, chunks: Chunks) -> Rows:
+def _parts(chunks: Chunks, done: Done) -> list[tuple[Runs, Runs]]:
+    """The chunks in which something is missing, each with what is."""
+    missing = ((chunk, [run for run in chunk if run not in done]) for chunk in chunks)
+    return [(chunk, chunk if len(wanted) == len(chunk) else wanted) for chunk, wanted in missing if wanted]
+
+
+def fly_wanted(campaign: Campaign, chunk: Runs, wanted: Runs) -> Part:
+    """What `fly_part` gives of the wanted runs of a chunk. The whole batch is flown: how numpy sums up depends on how
+    many fly together, and a row must not depend on where a campaign was interrupted."""
+    rows, alone = fly_part(campaign, chunk)
+    left = set(wanted)
+    return [row for row in rows if row["run"] in left], [number for number in alone if number in left]
+
+
+def _in_turn(campaign: Campaign, parts: Sequence[tuple[Runs, Runs]]) -> Rows:
     """The same one after the other, in this process."""
-    waiting = deque(chunks)
+    waiting = deque(parts)
     while waiting:
-        rows, alone = fly_part(campaign, waiting.popleft())
-        waiting.extendleft([number] for number in reversed(alone))
+        rows, alone = fly_wanted(campaign, *waiting.popleft())
+        waiting.extendleft(([number], [number]) for number in reversed(alone))
         yield rows
 
 
-def on_scheduler(campaign: Campaign, chunks: Chunks, address: str) -> Rows:
+def on_scheduler(campaign: Campaign, chunks: Chunks, address: str, done: Done = frozenset()) -> Rows:
     """The same on the workers of a Dask scheduler. Raises ExecutionError."""
     try:
         import distributed
@@ -93,7 +110,7 @@ def on_scheduler(campaign: Campaign, chunks: Chunks, address: str) -> Rows:
     with client:
         if not client.scheduler_info()["workers"]:
             raise ExecutionError(f"--scheduler {address}: has no workers: start some with: dask worker {address}")
-        yield from _gathered(distributed, client, campaign, chunks, address)
+        yield from _gathered(distributed, client, campaign, _parts(chunks, done), address)
 
 
 def _knock(address: str) -> None:
@@ -114,10 +131,12 @@ def _knock(address: str) -> None:
         raise ExecutionError(f"--scheduler {address}: whoever answers there is no Dask scheduler")
 
 
-def _gathered(distributed: Any, client: Any, campaign: Campaign, chunks: Chunks, address: str) -> Rows:
+def _gathered(
+    distributed: Any, client: Any, campaign: Campaign, parts: Sequence[tuple[Runs, Runs]], address: str
+) -> Rows:
     try:
         shared = client.scatter(campaign, broadcast=True, hash=False)
-        futures = [client.submit(fly_part, shared, list(chunk), pure=False) for chunk in chunks]
+        futures = [client.submit(fly_wanted, shared, list(chunk), list(wanted), pure=False) for chunk, wanted in parts]
         ready = distributed.as_completed(futures, loop=client.loop, with_results=True)
         for _, part in ready:
             if isinstance(part, BaseException):  # a scheduler that died in between

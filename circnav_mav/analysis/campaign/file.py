@@ -116,4 +116,5 @@ def _first_problem(error: ValidationError) -> str:
         return f"{key}: unknown key, " + (f"did you mean {near[0]}?" if near else f"known here: {', '.join(known)}")
     if problem["type"] == "missing":
         return f"{key}: missing, add it"
-    return f"{key}: {problem['msg'].lower().removeprefix('input ')}, not {problem['input']!r}"
+    said = problem["msg"].removeprefix("Input ")
+    return f"{key}: {said[:1].lower()}{said[1:]}, not {problem['input']!r}"

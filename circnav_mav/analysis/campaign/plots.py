@@ -2,7 +2,8 @@
 
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormat
 
 from circnav_mav.analysis.campaign.plan import START
 from circnav_mav.analysis.campaign.summary import percentile
+from circnav_mav.analysis.plot_text import literal
 
 Rows = Sequence[dict[str, str]]
 LOST, LINE = "#c8501e", "#1f5fa8"
@@ -21,25 +23,35 @@ MOST_LINES = 8
 BINS = 12
 
 
-def plot_campaign(folder: Path, rows: Rows, keys: Sequence[str], swept: Sequence[str], title: str) -> list[Path]:
-    """Draw what there is to see and return the files. Raises OSError."""
-    flown = [row for row in rows if row["rms_m"]]
+def plot_campaign(
+    folder: Path, rows: Rows, keys: Sequence[str], swept: Sequence[str], title: str
+) -> tuple[list[Path], list[str]]:
+    """Draw what there is to see; returns the files, and a line for each that could not be drawn or written."""
     done: list[Path] = []
+    problems: list[str] = []
     with mpl.rc_context(STYLE):
-        if len({row["start_range_m"] + row["start_bearing_deg"] + row["start_heading_deg"] for row in rows}) > 2:
-            done.append(_save(_starts([row for row in rows if row["start_range_m"]], title), folder / "starts.png"))
-        if len(flown) > 1:
-            done.append(_save(_distributions(flown, title), folder / "distributions.png"))
-            for key in keys:
-                if key not in START and len({row[key] for row in flown}) > 1:
-                    name = re.sub(r"[^A-Za-z0-9]+", "-", key)
-                    done.append(_save(_against(flown, key, swept, title), folder / f"error-{name}.png"))
-    return done
+        for name, draw in _pictures(rows, keys, swept, literal(title)):
+            try:
+                draw().savefig(folder / name, dpi=110)
+                done.append(folder / name)
+            except Exception as error:  # what was flown is not lost for a picture
+                said = getattr(error, "strerror", None) or " ".join(str(error).split()) or type(error).__name__
+                problems.append(f"{folder / name}: could not be drawn: {said}")
+    return done, problems
 
 
-def _save(figure: Figure, path: Path) -> Path:
-    figure.savefig(path, dpi=110)
-    return path
+def _pictures(
+    rows: Rows, keys: Sequence[str], swept: Sequence[str], title: str
+) -> Iterator[tuple[str, Callable[[], Figure]]]:
+    """File names and what draws them."""
+    flown = [row for row in rows if row["rms_m"]]
+    if len({row["start_range_m"] + row["start_bearing_deg"] + row["start_heading_deg"] for row in rows}) > 2:
+        yield "starts.png", partial(_starts, [row for row in rows if row["start_range_m"]], title)
+    if len(flown) > 1:
+        yield "distributions.png", partial(_distributions, flown, title)
+        for key in keys:
+            if key not in START and len({row[key] for row in flown}) > 1:
+                yield f"error-{re.sub(r'[^A-Za-z0-9]+', '-', key)}.png", partial(_against, flown, key, swept, title)
 
 
 def _numbers(rows: Rows, key: str) -> Any:
@@ -111,7 +123,7 @@ def _label_decades(axis: Any, values: Any) -> None:
 def _against(rows: Rows, key: str, swept: Sequence[str], title: str) -> Figure:
     """The error, and the share of flights kept, against one value; a line for each value of another swept key."""
     figure = Figure(figsize=(8, 6.5), layout="constrained")
-    figure.suptitle(f"{title}: error against {key}")
+    figure.suptitle(f"{title}: error against {literal(key)}")
     error, share = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
     others = [other for other in swept if other != key and len({row[other] for row in rows}) <= MOST_LINES]
     values = [json_or_text(row[key]) for row in rows]
@@ -130,18 +142,18 @@ def _against(rows: Rows, key: str, swept: Sequence[str], title: str) -> Figure:
         shift = 0.0 if numeric else 0.06 * (number - (len(labels) - 1) / 2)
         style: dict[str, Any] = {"color": colour, "marker": "o", "ms": 4, "lw": 1.5 if numeric else 0}
         error.errorbar(spots + shift, middle, [middle - low, high - middle], capsize=2, elinewidth=0.7,
-                       label=label or "median, 5 to 95 %", **style)  # fmt: skip
+                       label=literal(label) or "median, 5 to 95 %", **style)  # fmt: skip
         share.plot(spots + shift, [100 * kept[mine][part].mean() for part in parts], **style)
     if not numeric:
-        share.set_xticks(range(len(names)), names)
+        share.set_xticks(range(len(names)), [literal(name) for name in names])
     error.set_yscale("log")
     error.set_ylabel("RMS radius error, m\n(median, 5 to 95 %)")
-    error.legend(title=others[0] if len(labels) > 1 else None, fontsize=8)
+    error.legend(title=literal(others[0]) if len(labels) > 1 else None, fontsize=8)
     share.set_ylim(-5, 105)
     share.set_ylabel("kept, %")
     drawn = len(np.unique(x))
     bins = "" if key in swept or drawn <= BINS else f" ({drawn} drawn values, in {BINS} bins of equally many flights)"
-    share.set_xlabel(key + bins)
+    share.set_xlabel(literal(key) + bins)
     return figure
 
 

@@ -13,6 +13,8 @@ from circnav_mav.analysis.campaign.plan import Campaign
 from circnav_mav.analysis.whole_file import whole_file
 
 TABLE = "runs.csv"
+DECIMALS = 5
+"""Of a length in m: what comes after hangs on how many flights a batch has, where numpy sums up in another order."""
 SOURCE = "campaign.toml"
 """The campaign file as it is flown; whoever flies it holds it locked."""
 
@@ -176,9 +178,10 @@ def _line(cells: Iterable[str]) -> bytes:
 
 
 def _cell(name: str, value: Any) -> str:
-    """Figures with six digits; what was varied so that it can be flown again exactly."""
+    """Figures with six digits, lengths to the hundredth of a millimetre; what was varied so that it can be flown again
+    exactly."""
     if value is None or isinstance(value, str):
         return " ".join(value.splitlines()) if value else ""
     if isinstance(value, float) and name in FIGURES:
-        return f"{value:.6g}"
+        return f"{round(value, DECIMALS) + 0.0 if name.endswith('_m') else value:.6g}"
     return json.dumps(value)

@@ -10,6 +10,7 @@ import numpy as np
 
 from circnav_mav.analysis.whole_file import write_json
 
+SUMMARY = "summary.json"
 Z = 1.959964
 """Both intervals are of 95 %."""
 LEAST_WORLDS = 6
@@ -73,7 +74,7 @@ def summarise(rows: Sequence[dict[str, str]], swept: Mapping[str, Sized]) -> dic
 
 def write_summary(folder: Path, summary: dict[str, Any]) -> None:
     """Write summary.json, whole or not at all. Raises OSError."""
-    write_json(folder / "summary.json", summary)
+    write_json(folder / SUMMARY, summary)
 
 
 def wilson(share: float, worlds: int) -> Interval:

@@ -1,0 +1,54 @@
+"""Whose telemetry a plain tlog was replayed with, in words."""
+
+from collections.abc import Iterable, Iterator
+
+from circnav_mav.analysis.senders import MARKS, Heard, Sender, Witness
+from circnav_mav.cli.telling import tell
+from circnav_mav.mav.autopilots.interface import Autopilot
+
+MOST = 6
+"""Senders that are named; a ground station may plot dozens of values."""
+
+
+def say_who(witness: Witness, adapter: Autopilot) -> None:
+    """The vehicle and the sender of ranges that were used, and who else speaks in the log."""
+    if witness.vehicle is not None:
+        system, component = witness.vehicle
+        kind = witness.vehicles.get(witness.vehicle, "unknown")
+        tell(f"  vehicle    system {system}, component {component}: {kind}, flown as {adapter.name}")
+    senders = witness.senders
+    for sender, heard in senders.items():
+        if heard.taken:
+            tell(f"  ranging    {_name(sender)}: {heard.taken} of {heard.messages} usable")
+    idle = {sender: heard for sender, heard in senders.items() if not heard.taken}
+    if idle:
+        tell(f"  unused     {_some(_unused(idle))}")
+    others = (
+        f"system {system}, component {component}: {kind}, {witness.heartbeats[system, component]} heartbeats"
+        for (system, component), kind in witness.vehicles.items()
+        if (system, component) != witness.vehicle
+    )
+    if said := _some(others):
+        tell(f"  others     {said}")
+    if rivals := witness.rivals:
+        keys = " or ".join(witness.choosing)
+        mixed = sum(senders[rival].taken > 0 for rival in rivals) > 1
+        done = "their ranges were mixed" if mixed else "the first heard was taken"
+        tell(f"  WARNING    {len(rivals)} sensors fit the mission, {done}: name yours with {keys}")
+
+
+def _unused(idle: dict[Sender, Heard]) -> Iterator[str]:
+    for sender, heard in sorted(idle.items(), key=lambda item: -item[1].messages):
+        yield f"{_name(sender)}: {heard.messages}"
+
+
+def _name(sender: Sender) -> str:
+    marks = ", ".join(f"{mark} {value}" for mark, value in zip(MARKS[sender.message], sender.marks, strict=True))
+    return f"{sender.message.upper()} of {sender.system}/{sender.component} ({marks})"
+
+
+def _some(names: Iterable[str]) -> str:
+    """The first of them, and how many more there are."""
+    every = list(names)
+    more = [f"and {len(every) - MOST} more"] if len(every) > MOST else []
+    return "; ".join(every[:MOST] + more)
