@@ -227,6 +227,8 @@ class RangeReader:
             return Reject.BELOW_MIN
         if reading.slant > self._settings.max_range:
             return Reject.ABOVE_MAX
+        if self._source not in (None, source):
+            self._begin_anew()
         stamp = self._unwrapped(reading.stamp, now)
         refusal = self._order(reading, stamp, now)
         if refusal is not None:
@@ -301,6 +303,11 @@ class RangeReader:
             return Reject.STAMP_JUMP
         if self._behind_since is not None and now - self._behind_since < LATE_PATIENCE:
             return Reject.STAMP_JUMP
-        self._clock.reset()
-        self._jumped, self._behind_since, self._sequence, self.restarted = None, None, None, True
+        self._begin_anew()
         return None
+
+    def _begin_anew(self) -> None:
+        """Another clock, or another sensor: what was known of the old one says nothing of it."""
+        self._clock.reset()
+        self._stamp, self._sequence, self._jumped, self._behind_since = None, None, None, None
+        self.restarted = True

@@ -235,6 +235,19 @@ def test_a_radio_of_the_missions_component_on_another_vehicle_is_not_ours(make_r
     assert set(heard) == {150.0}
 
 
+def test_a_radio_that_takes_the_place_of_another_before_the_flight_has_a_clock_of_its_own(make_rig, voice, say):
+    rig, other = make_rig(), voice(system=77, component=192)
+    rig.mode, rig.ranges = LOITER, False
+    for _ in range(40):
+        rig.run(0.05)
+        rig.hear(say.distance(4000, 500_000 + round(rig.now * 1000)), voice=other)
+    rig.run(6.0)
+    rig.ranges = True
+    rig.run(0.5)
+    assert rig.pilot.target.newest.r == pytest.approx(150.0)
+    assert not rig.pilot.target.ranging.rejected
+
+
 def test_nobody_stands_in_for_a_radio_that_falls_silent_in_flight(make_rig, voice, say):
     rig, other = make_rig().engage(), voice(system=77, component=192)
     rig.ranges, since = False, rig.now
