@@ -259,11 +259,11 @@ class RangeReader:
         settings = self._settings
         if settings.system not in (None, source[0]) or settings.component not in (None, source[1]):
             return False
+        if self.sender_stays and self._source is not None:
+            return source == self._source
         if settings.system is None and source[0] in strangers:
             return False
-        if self._source is None or source == self._source:
-            return True
-        return not self.sender_stays and now - self._arrival > SOURCE_SILENT
+        return self._source in (None, source) or now - self._arrival > SOURCE_SILENT
 
     def _unwrapped(self, stamp: float | None, now: float) -> float:
         """The stamp on a line that does not wrap; the arrival time when there is none or it is not to be used."""

@@ -15,6 +15,8 @@ KEPT = 5
 """Newest answers that count, and answers after which is asked less often."""
 EVERY, LATER_EVERY = 0.5, 1.0
 """Time between two questions, s."""
+MOST_REPEATS = 10
+"""Questions in a row that are asked again in haste; who answers none of them does not hear us."""
 AGAIN = 0.2
 """Time after which a question is asked again, s, that should have been answered by now: it was lost, or the link has
 become slow, and to learn either is urgent."""
@@ -32,6 +34,7 @@ class RoundTrip:
         self._asked: deque[tuple[int, float]] = deque(maxlen=OUTSTANDING)
         self._next = float("-inf")
         self._waiting_since: float | None = None
+        self._repeats = 0
         self._began: float | None = None
         self.trips: deque[float] = deque(maxlen=KEPT)
         """The newest, s."""
@@ -58,8 +61,10 @@ class RoundTrip:
 
     def poll(self, now: float) -> list[Message]:
         """A question, when due."""
-        if now < self._next and not self._overdue(now):
+        overdue = self._overdue(now)
+        if now < self._next and not overdue:
             return []
+        self._repeats += overdue
         self._began = now if self._began is None else self._began
         self._next = now + (LATER_EVERY if len(self.trips) == KEPT else EVERY)
         stamp = max(int(now * 1e9), 0) + 1
@@ -74,12 +79,13 @@ class RoundTrip:
                 self._asked.remove(asked)
                 if asked[1] == self._waiting_since:
                     self._waiting_since = None
+                self._repeats = 0
                 if now - asked[1] <= PATIENCE:
                     self.trips.append(now - asked[1])
                 return
 
     def _overdue(self, now: float) -> bool:
         """Whether the newest question should have been answered by now."""
-        if self._waiting_since is None or not self.trips:
+        if self._waiting_since is None or not self.trips or self._repeats >= MOST_REPEATS:
             return False
         return now - self._waiting_since > max(max(self.trips), AGAIN)

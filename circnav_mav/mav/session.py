@@ -28,6 +28,8 @@ V2_MAGIC = 0xFD
 SENT_KEPT = 1024
 """Frames of ours that are remembered: twenty seconds of them, by which an echo is known."""
 MOST_VEHICLES = 32
+AUTOPILOT_COMPONENT = dialect.MAV_COMP_ID_AUTOPILOT1
+NO_AUTOPILOT = (dialect.MAV_AUTOPILOT_INVALID, dialect.MAV_AUTOPILOT_GENERIC)
 NOT_FLYING = (
     dialect.MAV_LANDED_STATE_ON_GROUND,
     dialect.MAV_LANDED_STATE_TAKEOFF,
@@ -96,6 +98,7 @@ class Session:
         self.reboots = 0
         self.departures = 0
         """Times that the guided mode was left, or the vehicle disarmed in it: also between two looks at it."""
+        self._lost_ours = False
         self.left_for: str | None = None
         """The mode of the newest departure, None where the vehicle was disarmed."""
         self.ignored: Counter[str] = Counter()
@@ -144,8 +147,8 @@ class Session:
             self.ignored["echo" if bytes(message.get_msgbuf()) in self._sent else "twin"] += 1
             return False
         kind = message.get_type()
-        if kind == "HEARTBEAT" and message.autopilot != dialect.MAV_AUTOPILOT_INVALID:
-            self._note_vehicle(ids[0])
+        if kind == "HEARTBEAT":
+            self._note_vehicle(message, ids)
         if kind == "HEARTBEAT" and (self.peer is None or self._moved(ids, now)):
             self._consider(message, ids, source, now)
         if self.peer is None or ids != self.peer.ids or source != self.peer.source:
@@ -163,9 +166,11 @@ class Session:
         """Systems of other vehicles; nobody is known to be one before ours is found."""
         return () if self._first is None else self.vehicles - {self._first[0]}
 
-    def _note_vehicle(self, system: int) -> None:
-        if len(self.vehicles) < MOST_VEHICLES:
-            self.vehicles.add(system)
+    def _note_vehicle(self, heartbeat: Message, ids: tuple[int, int]) -> None:
+        """A radio with a heartbeat of its own is no vehicle."""
+        flies = ids[1] == AUTOPILOT_COMPONENT and heartbeat.autopilot not in NO_AUTOPILOT
+        if flies and len(self.vehicles) < MOST_VEHICLES:
+            self.vehicles.add(ids[0])
 
     def greet(self, source: Hashable) -> None:
         """Speak to somebody who signs as we do, by a clock far behind ours (an autopilot without GPS has none): he
@@ -181,6 +186,7 @@ class Session:
 
     def lose(self) -> None:
         """The vehicle has fallen silent: let go of it."""
+        self._lost_ours = self.in_our_mode
         self.peer, self.mode, self.armed = None, None, False
         self.commands.clear()
 
@@ -294,7 +300,7 @@ class Session:
 
     def _tells_mode(self, mode: int, armed: bool, now: float) -> None:
         """The vehicle's mode, and whether that takes it out of our hands."""
-        was_ours = self.in_our_mode
+        was_ours, self._lost_ours = self.in_our_mode or self._lost_ours, False
         self.heard_at, self.mode, self.armed = now, mode, armed
         if was_ours and not self.in_our_mode:
             self.departures += 1

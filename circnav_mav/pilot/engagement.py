@@ -39,11 +39,11 @@ class Engagement:
 
     def streams_first(self, now: float) -> bool:
         """Whether setpoints go out before the engagement: PX4 enters our mode only while they flow, and does not fly
-        them until then. Never after a takeover, nor on the ground; over a slow link, it shall refuse the mode."""
+        them until then. Never after a takeover, on the ground or blind; over a slow link, it shall refuse the mode."""
         session = self._session
         if self._progress.phase is not Phase.READY or not session.adapter.wants_setpoints_in(session.mode):
             return False
-        if not self._authority.consent or self._may_be_on_ground(now):
+        if not self._authority.consent or self._may_be_on_ground(now) or session.missing(now):
             return False
         return self.link_quick(now) or session.in_our_mode
 
@@ -53,7 +53,7 @@ class Engagement:
         settings, session = self._settings, self._session
         if not settings.request_mode or settings.voice is not Voice.FLY or self._progress.engaged_at is not None:
             return None
-        if self._may_be_on_ground(now) or not self.link_quick(now):
+        if self._may_be_on_ground(now) or not self.link_quick(now) or session.missing(now):
             return None
         adapter = session.adapter
         failure = self._request.ask(session, adapter.guided_mode, now)

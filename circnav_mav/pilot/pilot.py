@@ -24,7 +24,7 @@ from circnav_mav.pilot.authority import Authority
 from circnav_mav.pilot.beat import Beat
 from circnav_mav.pilot.engagement import Engagement
 from circnav_mav.pilot.helm import Helm
-from circnav_mav.pilot.leaving import Leaving
+from circnav_mav.pilot.leaving import PATIENCE, Leaving
 from circnav_mav.pilot.listening import decoders
 from circnav_mav.pilot.progress import Progress
 from circnav_mav.pilot.record import plot_values, tick_record
@@ -42,6 +42,10 @@ from circnav_mav.pilot.waiting import Waiting
 
 STALL = 0.5
 """Gap between two steps, s, after which everything that came in during it counts as stale."""
+CATCH_UP = 0.2
+"""Time after it, s, in which what comes in may still be from before."""
+SILENT = 1.5
+"""Age of the vehicle's last word about its mode, s, above which it may be in other hands."""
 AUTOPILOT_COMPONENT = 1
 MOST_TWINS = 3
 """Frames in our name that are not ours, above which another companion speaks."""
@@ -78,10 +82,12 @@ class Pilot:
         self._records: list[TickRecord] = []
         self._frames: list[bytes] = []
         self._stepped: float | None = None
+        self._caught_up = float("-inf")
         self._next_hello = float("-inf")
         self._reboots = 0
         self._heartbeats_before: int | None = None
         self._law = ""
+        self._airspeed_told = False
 
     # --- in -------------------------------------------------------------------------------------------------------
 
@@ -108,8 +114,8 @@ class Pilot:
 
     def _take_range(self, message: Message, now: float) -> None:
         heard = self.target.hear(
-            message, now, stalled=self._stalled(now), strangers=self.session.strangers,
-            one_way=self._one_way(),
+            message, now, stalled=self._stalled(now), one_way=self._one_way(),
+            strangers=() if self.settings.ranging_apart else self.session.strangers,
         )  # fmt: skip
         if heard:
             self._beat.heard(now)
@@ -139,9 +145,17 @@ class Pilot:
         """As measured, where that can be; else the speed that the vehicle is told to hold, as it does while it is ours
         and hears us."""
         measured = self.session.motion.at(now).airspeed if self.session.adapter.measures_airspeed else None
-        return believed_airspeed(measured, self.settings.orbit.speed)
+        believed = believed_airspeed(measured, self.settings.orbit.speed)
+        if measured is not None and measured != believed and not self._airspeed_told:
+            self._airspeed_told = True
+            self._say("airspeed", f"airspeed {measured:.1f} m/s not believed")
+        return believed
 
     def _stalled(self, now: float) -> bool:
+        """Whether what comes in now may have waited while we stood still; it takes a few turns to read it all."""
+        return now < self._caught_up or self._stood_still(now)
+
+    def _stood_still(self, now: float) -> bool:
         return self._stepped is not None and now - self._stepped > STALL
 
     # --- what is known of it ----------------------------------------------------------------------------------------
@@ -213,6 +227,8 @@ class Pilot:
 
     def step(self, now: float) -> bytes:
         """Decide and answer. Acts when a fresh range is waiting or a tick is due; else returns nothing at once."""
+        if self._stood_still(now):
+            self._caught_up = now + CATCH_UP
         if self._stalled(now):
             self.target.fresh, self._heartbeats_before = False, self.session.heartbeats
         self._stepped = now
@@ -247,10 +263,14 @@ class Pilot:
     def last_words(self, now: float) -> bytes:
         """The safe setpoint, and the exit action asked for once, for the shell to send when the pilot itself has
         failed; empty if not ours to fly."""
-        if not self._progress.steering or not self._in_our_hands():
+        begun = self._progress.steering or self._progress.resuming or self.phase is Phase.LEAVING
+        if not begun or not self._in_our_hands():
             return b""
-        safe = self.session.encode(self.helm.safe_setpoint(self.session, now))
-        return safe + b"".join(map(self.session.encode, self._leaving.at_once(self.session)))
+        words = [self.helm.safe_setpoint(self.session, now)]
+        doubtful = self._stalled(now) or self._heartbeats_before is not None
+        if not doubtful and self.session.heartbeat_age(now) < SILENT:  # a mode is obeyed whoever has the vehicle
+            words += self._leaving.at_once(self.session)
+        return b"".join(map(self.session.encode, words))
 
     def _in_our_hands(self) -> bool:
         """Whether the vehicle obeys us, and may."""
@@ -286,6 +306,7 @@ class Pilot:
         progress.yield_to_operator(now)
         session.drop_mode_requests()
         self.helm.let_go()
+        self.target.ranging.sender_stays = False
         if progress.outcome is not None:  # we were leaving: this is the exit action taking effect
             return
         self._say("yield", takeover.what)
@@ -372,6 +393,8 @@ class Pilot:
             progress.happened(Event.SAFE_SENT, now)
             return None
         if silent:  # after a stall, until a heartbeat has told the mode
+            if now - progress.since > PATIENCE:
+                progress.happened(Event.SAFE_SENT, now)
             return None
         if self._leaving.go_on(self.session, progress.since, now):
             progress.happened(Event.SAFE_SENT, now)

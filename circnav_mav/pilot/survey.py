@@ -191,7 +191,7 @@ class Survey:
         if self.done or now < self._next_hello:
             return b""
         self._next_hello = now + HEARTBEAT_PERIOD
-        return self.session.encoder.encode(self.session.heartbeat())
+        return self.session.encode(self.session.heartbeat())
 
     def observations(self) -> Observations:
         """What was heard, once done."""

@@ -323,3 +323,152 @@ def test_ranges_that_scatter_over_half_the_radius_are_lost_ranges(make_rig, say)
 def test_ranges_without_an_estimate_name_the_estimator(make_rig):
     rig = make_rig(estimator="drift").run(10.0)
     assert "the estimator drift is not sure" in rig.pilot.waits_for(rig.now)
+
+
+# --- who is a vehicle ---
+
+
+def radio_heartbeat(autopilot):
+    return mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_GENERIC, autopilot, 0, 0, 4, 3)
+
+
+@pytest.mark.parametrize(
+    ("component", "autopilot"),
+    [
+        (192, mavlink.MAV_AUTOPILOT_INVALID),
+        (192, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA),
+        (1, mavlink.MAV_AUTOPILOT_GENERIC),
+        (1, mavlink.MAV_AUTOPILOT_INVALID),
+    ],
+)
+def test_a_radio_that_has_a_system_and_a_heartbeat_of_its_own_is_no_vehicle(make_rig, voice, say, component, autopilot):
+    rig, radio = make_rig(), voice(42, component)
+    rig.ranges = False
+    rig.run(0.5)
+    for i in range(200):
+        if i % 20 == 0:
+            rig.hear(radio_heartbeat(autopilot), voice=radio)
+        if i % 2:
+            rig.hear(say.distance(15000, 1_000_000 + round(rig.now * 1000)), voice=radio)
+        rig.run(0.05)
+    assert rig.pilot.phase is Phase.ENGAGED
+
+
+def test_a_vehicle_with_the_system_of_our_radio_does_not_take_it_from_us_in_flight(make_rig, voice, say):
+    rig, radio, other = make_rig(), voice(42, 192), voice(42, 1)
+    rig.ranges = False
+    rig.run(0.5)
+    for i in range(600):
+        if i > 200 and i % 5 == 0:
+            rig.hear(say.heartbeat(GUIDED), voice=other)
+        if i % 2:
+            rig.hear(say.distance(15000, 1_000_000 + round(rig.now * 1000)), voice=radio)
+        rig.run(0.05)
+    assert rig.pilot.phase is Phase.ENGAGED
+
+
+def test_after_a_takeover_another_radio_may_take_the_place_of_ours(make_rig, voice, say):
+    rig, other = make_rig(end_on_takeover=False).engage(), voice(system=77, component=192)
+    rig.mode, rig.ranges = LOITER, False
+    rig.run(6.0)
+    rig.mode = GUIDED
+    for i in range(100):
+        if i % 2:
+            rig.hear(say.distance(15000, 1_000_000 + round(rig.now * 1000)), voice=other)
+        rig.run(0.05)
+    assert rig.pilot.phase is Phase.ENGAGED
+
+
+# --- stalls, outages and crashes ---
+
+
+def test_what_is_read_in_the_turns_after_a_stall_may_be_from_before(make_rig, say):
+    """A backlog takes several turns to read: the takeover may come last."""
+    rig = make_rig().engage()
+    rig.pass_time(6.0)
+    since = rig.now
+    rig.hear(say.heartbeat(GUIDED))
+    rig.step()
+    for _ in range(3):  # the next turns, milliseconds later
+        rig.now += 0.002
+        rig.hear(say.heartbeat(GUIDED))
+        rig.range()
+        rig.step()
+    rig.now += 0.002
+    rig.mode = LOITER
+    rig.heartbeat()
+    rig.run(0.2)
+    assert rig.setpoints(since - 1e-9) == []
+    assert rig.pilot.outcome.reason.startswith("GUIDED left for LOITER")
+
+
+def test_leaving_ends_although_every_heartbeat_comes_with_a_stall(make_rig):
+    rig = make_rig(exit="rtl").engage()
+    rig.pilot.interrupt(rig.now, "SIGTERM")
+    for _ in range(40):
+        rig.pass_time(0.6)
+        rig.heartbeat()
+        rig.step()
+    assert rig.pilot.done
+
+
+@pytest.mark.parametrize("how", ["mode", "arming"])
+def test_a_takeover_that_came_and_went_in_an_outage_counts(make_rig, say, how):
+    rig = make_rig().engage()
+    rig.speaks = rig.ranges = False
+    rig.run(5.0)
+    assert rig.pilot.phase is Phase.WAIT_LINK
+    since = rig.now
+    rig.hear(say.heartbeat(*((LOITER,) if how == "mode" else (GUIDED,)), armed=how == "mode"))
+    rig.hear(say.heartbeat(GUIDED))
+    rig.speaks = rig.ranges = True
+    rig.run(5.0)
+    assert rig.setpoints(since) == []
+    assert rig.pilot.outcome.reason.startswith("vehicle disarmed" if how == "arming" else "GUIDED left for LOITER")
+
+
+@pytest.mark.parametrize("seconds", [0.6, 5.0])
+def test_the_last_words_ask_for_no_mode_when_the_vehicle_may_be_in_other_hands(make_rig, say, seconds):
+    rig = make_rig(exit="rtl").engage()
+    rig.pass_time(seconds)
+    (safe,) = say.decode(rig.pilot.last_words(rig.now))
+    assert safe.vx == 0.0
+
+
+def test_the_last_words_are_said_also_where_the_mission_waits_to_go_on(make_rig, say):
+    rig = make_rig(exit="rtl").engage()
+    rig.speaks = rig.ranges = False
+    rig.run(5.0)
+    rig.speaks = True
+    rig.run(1.0)
+    assert rig.pilot.phase is Phase.WAIT_RANGING
+    assert [message.get_type() for message in say.decode(rig.pilot.last_words(rig.now))][1:] == ["COMMAND_LONG"]
+
+
+@pytest.mark.parametrize(("kind", "message"), KINDS)
+def test_a_px4_that_stopped_telling_what_it_must_is_streamed_nothing(make_rig, kind, message):
+    rig = px4(make_rig, kind, PX4_LOITER)
+    rig.run(5.0)
+    assert rig.of(message) != []
+    rig.heartbeat = lambda: rig.hear(
+        mavlink.MAVLink_heartbeat_message(1 if "plane" in kind else 2, 12, 129, rig.mode, 4, 3)
+    )
+    rig.run(3.0)
+    since = rig.now
+    rig.mode = PX4_ALTCTL if kind == "plane" else PX4_OFFBOARD
+    rig.run(3.0)
+    assert rig.of(message, since) == []
+
+
+def test_an_airspeed_that_cannot_be_is_told_once(make_rig):
+    rig = px4(make_rig, "plane", PX4_LOITER)
+    tell = rig.heartbeat
+
+    def lies():
+        tell()
+        rig.hear(mavlink.MAVLink_vfr_hud_message(2.0, 15.0, 0, 50, 100.0, 0.0))
+        rig.hear(mavlink.MAVLink_attitude_message(round(rig.now * 1000), 0.0, 0.0, 0.1 * rig.now, 0.0, 0.0, 0.1))
+
+    rig.heartbeat = lies
+    rig.run(10.0)
+    assert [text for text in rig.texts() if "airspeed" in text] == ["circnav: airspeed 2.0 m/s not believed"]

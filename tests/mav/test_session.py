@@ -1,5 +1,7 @@
 """The link to one vehicle: who it is, who it is not, reboots, clocks, our own heartbeat."""
 
+from itertools import pairwise
+
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
@@ -369,12 +371,21 @@ def test_an_answer_that_is_minutes_late_is_no_round_trip(line):
 def test_a_question_that_should_have_been_answered_is_asked_again_at_once(line):
     here = line()
     here.beat()
-    ask_and_answer(here, 5.0, [0.1] * 20)
+    ask_and_answer(here, 5.0, [0.1] * 60)
     _, (question,) = timesync(here, 26.0)
     asked = [now / 20 for now in range(26 * 20 + 1, 28 * 20) if timesync(here, now / 20)[1]]
     assert asked == pytest.approx([26.25 + i / 4 for i in range(7)])
     here.hear(mavlink.MAVLink_timesync_message(10**12, question.ts1), 28.0)
     assert here.session.round_trip.worst == pytest.approx(2.0)
+
+
+def test_who_never_answers_is_not_asked_in_haste_for_ever(line):
+    here = line()
+    here.beat()
+    ask_and_answer(here, 5.0, [0.1] * 60)
+    asked = [now / 20 for now in range(26 * 20, 60 * 20) if timesync(here, now / 20)[1]]
+    assert len([time for time in asked if time < 29.0]) > 10
+    assert [b - a for a, b in pairwise(time for time in asked if time > 30.0)] == pytest.approx([1.0] * 29, abs=0.06)
 
 
 def test_a_link_that_is_slow_but_answers_is_not_asked_more_often(line):
