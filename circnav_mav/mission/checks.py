@@ -1,75 +1,31 @@
 """What can be said of a mission before anything flies: one line per fact, with the number and its bound."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from enum import Enum
-from math import degrees, hypot, inf, sqrt
+from math import degrees
 
 from circnav_mav.core.laws import LAWS
 from circnav_mav.core.radius_trim import MOST
-from circnav_mav.core.slant import MAX_SIGMA_GROWTH
 from circnav_mav.core.theory import settling_time, tolerated_drift
 from circnav_mav.mav.autopilots.table import AUTOPILOTS, REFUSED, adapters
-from circnav_mav.mav.ranging import DOWNWARD
+from circnav_mav.mission.checks_ranging import check_ranging
+from circnav_mav.mission.grades import Check, Grade, graded
 from circnav_mav.mission.mission import Mission
 
-LOOP_BOUND = 0.4
-"""Bound on V |d omega/d r'| (turn lag + filter lag): from about .45 on the laws limit-cycle."""
 PLANE_GAIN = 0.72
 """Realised over coordinated turn rate of a plane that slips in its turns (flown: .70 .. .75)."""
 NEED_MOTION = frozenset({"drift", "unicycle"})
 DRIFT_LAWS = frozenset({"auto", "drift"})
-REACH = 0.8
-"""Fraction of the farthest range that the circle may use."""
-ROOM = 0.1
-"""Fraction of the radius that should lie between the circle and the bounds of the range."""
-
-
-class Grade(Enum):
-    """How a check came out. FAIL refuses the flight."""
-
-    PASS = "PASS"
-    WARN = "WARN"
-    FAIL = "FAIL"
-
-
-@dataclass(frozen=True, slots=True)
-class Check:
-    """One line of the check."""
-
-    grade: Grade
-    subject: str
-    says: str
 
 
 def check_mission(mission: Mission) -> list[Check]:
     """All the lines for a mission."""
+    before = (_keys, _vehicle, _estimator, _gain, _trim, _radius, _turn_rate)
+    after = (_drift, _signing)
     return [
-        line
-        for part in (
-            _keys,
-            _vehicle,
-            _estimator,
-            _gain,
-            _trim,
-            _radius,
-            _turn_rate,
-            _reach,
-            _bounds,
-            _radio,
-            _sampling,
-            _delay,
-            _noise,
-            _slant,
-            _drift,
-            _signing,
-        )
-        for line in part(mission)
+        *(line for part in before for line in part(mission)),
+        *check_ranging(mission),
+        *(line for part in after for line in part(mission)),
     ]
-
-
-def _grade(value: float, *, warn_above: float, fail_above: float) -> Grade:
-    return Grade.FAIL if value > fail_above else Grade.WARN if value > warn_above else Grade.PASS
 
 
 def _keys(mission: Mission) -> Iterator[Check]:
@@ -168,7 +124,7 @@ def _turn_rate(mission: Mission) -> Iterator[Check]:
     able = gain * orbit.max_turn_rate
     share = needed / able
     yield Check(
-        _grade(share, warn_above=0.7, fail_above=1.0),
+        graded(share, warn_above=0.7, fail_above=1.0),
         "turn rate",
         f"the circle needs {degrees(needed):.2f} deg/s of the vehicle's {degrees(able):.2f} deg/s "
         f"({100 * share:.0f} %, must stay below 100 %)"
@@ -187,143 +143,6 @@ def _expected_gain(mission: Mission) -> float:
     """The least of what it is told that the vehicle is expected to turn: a plane may reach only .72."""
     given = mission.file.vehicle.turn_gain
     return given if isinstance(given, float) else PLANE_GAIN if mission.file.vehicle.kind == "plane" else 1.0
-
-
-def _reach(mission: Mission) -> Iterator[Check]:
-    slant, farthest = _slant_range(mission, mission.orbit.radius), mission.max_range
-    yield Check(
-        _grade(slant / farthest, warn_above=REACH / 2, fail_above=REACH),
-        "reach",
-        f"range on the circle {slant:.1f} m of the {_length(farthest)} that {_what_ends_ranges(mission)} "
-        f"({100 * slant / farthest:.0f} %, at most {100 * REACH:.0f} %)",
-    )
-
-
-def _slant_range(mission: Mission, horizontal: float) -> float:
-    """What the radio measures, m, at a horizontal range."""
-    return hypot(horizontal, mission.file.orbit.height_above_target_m or 0.0)
-
-
-def _what_ends_ranges(mission: Mission) -> str:
-    table = mission.file.ranging
-    return "ranging.max_range_m allows" if mission.max_range == table.max_range_m else f"{table.message} carries"
-
-
-def _length(metres: float) -> str:
-    return f"{metres:.1f} m" if metres < 1e4 else f"{metres / 1000:.0f} km"
-
-
-def _bounds(mission: Mission) -> Iterator[Check]:
-    """The circle must lie between the bounds of the range, with some room for the way it swings."""
-    nearest, farthest, radius = mission.file.bounds.min_range_m, mission.file.bounds.max_range_m, mission.orbit.radius
-    if nearest is None and farthest is None:
-        return
-    grade = _grade(
-        max((nearest or 0.0) / radius, radius / (farthest or inf)), warn_above=1 / (1 + ROOM), fail_above=1.0
-    )
-    given = [
-        f"{words} bounds.{key} = {value:g} m"
-        for words, key, value in (("above", "min_range_m", nearest), ("below", "max_range_m", farthest))
-        if value is not None
-    ]
-    yield Check(
-        grade,
-        "bounds",
-        f"the circle of {radius:g} m must be {' and '.join(given)} (horizontal ranges), by {100 * ROOM:.0f} %",
-    )
-    if farthest is not None and _slant_range(mission, farthest) > mission.max_range:
-        yield Check(
-            Grade.WARN,
-            "bounds",
-            f"bounds.max_range_m = {farthest:g} m never acts: ranges end at the {_length(mission.max_range)} that "
-            f"{_what_ends_ranges(mission)}, and the flight with them",
-        )
-
-
-def _radio(mission: Mission) -> Iterator[Check]:
-    table = mission.file.ranging
-    if table.orientation == DOWNWARD:
-        yield Check(
-            Grade.FAIL,
-            "ranging",
-            f"orientation {DOWNWARD} is downward, a height sensor: it is never taken, choose 24 (up)",
-        )
-    if table.message == "ranging_beacon" and table.endpoint is None:
-        yield Check(
-            Grade.WARN,
-            "ranging",
-            "ArduPilot and PX4 do not forward RANGING_BEACON: unless the radio itself speaks on link.endpoint, give it "
-            "its own (ranging.endpoint)",
-        )
-
-
-def _sampling(mission: Mission) -> Iterator[Check]:
-    period = 1 / mission.file.ranging.rate_hz
-    stale = mission.file.limits.stale_s
-    yield Check(
-        _grade(period / stale, warn_above=0.5, fail_above=1.0),
-        "sampling",
-        f"a range every {period:.3f} s, stale after {stale:g} s (at least two must fit)",
-    )
-    law, gain = LAWS[mission.law.name], min(mission.law.gain, mission.orbit.max_turn_rate)
-    if law.switches:
-        yield Check(
-            _grade(gain * period, warn_above=0.05, fail_above=0.5),
-            "switching",
-            f"turns {gain * period:.3f} rad between two samples (above 0.05 it wanders off the circle, "
-            "above 0.5 it is lost)",
-        )
-
-
-def _delay(mission: Mission) -> Iterator[Check]:
-    """A link that may be engaged over must not make its ranges stale at once."""
-    limits = mission.file.limits
-    if mission.file.ranging.endpoint is None and limits.round_trip_s / 2 > limits.stale_s:
-        yield Check(
-            Grade.WARN,
-            "delay",
-            f"limits.round_trip_s = {limits.round_trip_s:g} lets a link be flown over whose ranges are "
-            f"{limits.round_trip_s / 2:g} s under way; beyond limits.stale_s = {limits.stale_s:g} they are lost",
-        )
-
-
-def _noise(mission: Mission) -> Iterator[Check]:
-    orbit, file = mission.orbit, mission.file
-    steady = mission.steady_estimate
-    share = steady.r_dot_sigma / orbit.speed
-    yield Check(
-        _grade(share, warn_above=0.2, fail_above=0.5),
-        "range rate",
-        f"known to {steady.r_dot_sigma:.2f} m/s at {file.ranging.sigma_m:g} m noise, {100 * share:.0f} % of the speed "
-        f"(at most 50 %), {steady.lag:.2f} s late",
-    )
-    if mission.law.name != "smooth":
-        return
-    loop = 2 * mission.law.gain * orbit.radius * orbit.speed * mission.loop_lag
-    yield Check(
-        _grade(loop, warn_above=LOOP_BOUND, fail_above=4 * LOOP_BOUND),
-        "damping",
-        f"2 k r_d V (turn lag {file.vehicle.turn_lag_s:g} s + filter lag {steady.lag:.2f} s) = {loop:.2f}, "
-        f"should be below {LOOP_BOUND:g} or the circle oscillates",
-    )
-
-
-def _slant(mission: Mission) -> Iterator[Check]:
-    radius, height = mission.orbit.radius, mission.file.orbit.height_above_target_m
-    if height is None:
-        yield Check(
-            Grade.WARN,
-            "height",
-            f"orbit.height_above_target_m is not given: ranges are taken as horizontal "
-            f"(half the radius of height makes the circle {100 * (1 - sqrt(0.75)):.0f} % too small)",
-        )
-        return
-    growth = sqrt(radius**2 + height**2) / radius
-    yield Check(
-        _grade(growth, warn_above=1.5, fail_above=MAX_SIGMA_GROWTH),
-        "height",
-        f"{height:g} m above the target: slant range counts {growth:.2f} times in noise (at most {MAX_SIGMA_GROWTH:g})",
-    )
 
 
 def drift_allowed(mission: Mission) -> float:

@@ -5,7 +5,7 @@ from itertools import pairwise
 from math import hypot, sqrt
 from statistics import median
 
-from circnav_mav.mission.checks import Check, Grade
+from circnav_mav.mission.grades import Check, Grade
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import RANGING, VEHICLE
 from circnav_mav.pilot.survey import Observations, RangeHeard, VehicleSeen, quick_span, span_speed

@@ -4,7 +4,8 @@ from math import degrees
 
 import pytest
 
-from circnav_mav.mission.checks import Grade, check_mission
+from circnav_mav.mission.checks import check_mission
+from circnav_mav.mission.grades import Grade
 
 PASS, WARN, FAIL = Grade.PASS, Grade.WARN, Grade.FAIL
 

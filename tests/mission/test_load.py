@@ -9,7 +9,8 @@ import pytest
 from pydantic import BaseModel
 
 from circnav_mav.core.values import Direction
-from circnav_mav.mission.checks import Grade, check_mission
+from circnav_mav.mission.checks import check_mission
+from circnav_mav.mission.grades import Grade
 from circnav_mav.mission.load import MissionError, load_mission, parse_mission
 from circnav_mav.mission.schema import MissionFile
 from circnav_mav.pilot import Voice

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from circnav_mav.mav.signing import Signing
-from circnav_mav.mission.checks import Grade
+from circnav_mav.mission.grades import Grade
 from circnav_mav.mission.param_rules import names_for
 from circnav_mav.mission.preflight import judge
 from circnav_mav.pilot.survey import Survey

@@ -1,0 +1,160 @@
+"""What can be said of a mission's ranging before anything flies."""
+
+from collections.abc import Iterator
+from math import hypot, inf, sqrt
+
+from circnav_mav.core.laws import LAWS
+from circnav_mav.core.slant import MAX_SIGMA_GROWTH
+from circnav_mav.mav.ranging import DOWNWARD
+from circnav_mav.mission.grades import Check, Grade, graded
+from circnav_mav.mission.mission import Mission
+
+LOOP_BOUND = 0.4
+"""Bound on V |d omega/d r'| (turn lag + filter lag): from about .45 on the laws limit-cycle."""
+REACH = 0.8
+"""Fraction of the farthest range that the circle may use."""
+ROOM = 0.1
+"""Fraction of the radius that should lie between the circle and the bounds of the range."""
+
+
+def check_ranging(mission: Mission) -> list[Check]:
+    """Its lines."""
+    parts = (_reach, _bounds, _radio, _sampling, _delay, _noise, _slant)
+    return [line for part in parts for line in part(mission)]
+
+
+def _reach(mission: Mission) -> Iterator[Check]:
+    slant, farthest = _slant_range(mission, mission.orbit.radius), mission.max_range
+    yield Check(
+        graded(slant / farthest, warn_above=REACH / 2, fail_above=REACH),
+        "reach",
+        f"range on the circle {slant:.1f} m of the {_length(farthest)} that {_what_ends_ranges(mission)} "
+        f"({100 * slant / farthest:.0f} %, at most {100 * REACH:.0f} %)",
+    )
+
+
+def _slant_range(mission: Mission, horizontal: float) -> float:
+    """What the radio measures, m, at a horizontal range."""
+    return hypot(horizontal, mission.file.orbit.height_above_target_m or 0.0)
+
+
+def _what_ends_ranges(mission: Mission) -> str:
+    table = mission.file.ranging
+    return "ranging.max_range_m allows" if mission.max_range == table.max_range_m else f"{table.message} carries"
+
+
+def _length(metres: float) -> str:
+    return f"{metres:.1f} m" if metres < 1e4 else f"{metres / 1000:.0f} km"
+
+
+def _bounds(mission: Mission) -> Iterator[Check]:
+    """The circle must lie between the bounds of the range, with some room for the way it swings."""
+    nearest, farthest, radius = mission.file.bounds.min_range_m, mission.file.bounds.max_range_m, mission.orbit.radius
+    if nearest is None and farthest is None:
+        return
+    grade = graded(
+        max((nearest or 0.0) / radius, radius / (farthest or inf)), warn_above=1 / (1 + ROOM), fail_above=1.0
+    )
+    given = [
+        f"{words} bounds.{key} = {value:g} m"
+        for words, key, value in (("above", "min_range_m", nearest), ("below", "max_range_m", farthest))
+        if value is not None
+    ]
+    yield Check(
+        grade,
+        "bounds",
+        f"the circle of {radius:g} m must be {' and '.join(given)} (horizontal ranges), by {100 * ROOM:.0f} %",
+    )
+    if farthest is not None and _slant_range(mission, farthest) > mission.max_range:
+        yield Check(
+            Grade.WARN,
+            "bounds",
+            f"bounds.max_range_m = {farthest:g} m never acts: ranges end at the {_length(mission.max_range)} that "
+            f"{_what_ends_ranges(mission)}, and the flight with them",
+        )
+
+
+def _radio(mission: Mission) -> Iterator[Check]:
+    table = mission.file.ranging
+    if table.orientation == DOWNWARD:
+        yield Check(
+            Grade.FAIL,
+            "ranging",
+            f"orientation {DOWNWARD} is downward, a height sensor: it is never taken, choose 24 (up)",
+        )
+    if table.message == "ranging_beacon" and table.endpoint is None:
+        yield Check(
+            Grade.WARN,
+            "ranging",
+            "ArduPilot and PX4 do not forward RANGING_BEACON: unless the radio itself speaks on link.endpoint, give it "
+            "its own (ranging.endpoint)",
+        )
+
+
+def _sampling(mission: Mission) -> Iterator[Check]:
+    period = 1 / mission.file.ranging.rate_hz
+    stale = mission.file.limits.stale_s
+    yield Check(
+        graded(period / stale, warn_above=0.5, fail_above=1.0),
+        "sampling",
+        f"a range every {period:.3f} s, stale after {stale:g} s (at least two must fit)",
+    )
+    law, gain = LAWS[mission.law.name], min(mission.law.gain, mission.orbit.max_turn_rate)
+    if law.switches:
+        yield Check(
+            graded(gain * period, warn_above=0.05, fail_above=0.5),
+            "switching",
+            f"turns {gain * period:.3f} rad between two samples (above 0.05 it wanders off the circle, "
+            "above 0.5 it is lost)",
+        )
+
+
+def _delay(mission: Mission) -> Iterator[Check]:
+    """A link that may be engaged over must not make its ranges stale at once."""
+    limits = mission.file.limits
+    if mission.file.ranging.endpoint is None and limits.round_trip_s / 2 > limits.stale_s:
+        yield Check(
+            Grade.WARN,
+            "delay",
+            f"limits.round_trip_s = {limits.round_trip_s:g} lets a link be flown over whose ranges are "
+            f"{limits.round_trip_s / 2:g} s under way; beyond limits.stale_s = {limits.stale_s:g} they are lost",
+        )
+
+
+def _noise(mission: Mission) -> Iterator[Check]:
+    orbit, file = mission.orbit, mission.file
+    steady = mission.steady_estimate
+    share = steady.r_dot_sigma / orbit.speed
+    yield Check(
+        graded(share, warn_above=0.2, fail_above=0.5),
+        "range rate",
+        f"known to {steady.r_dot_sigma:.2f} m/s at {file.ranging.sigma_m:g} m noise, {100 * share:.0f} % of the speed "
+        f"(at most 50 %), {steady.lag:.2f} s late",
+    )
+    if mission.law.name != "smooth":
+        return
+    loop = 2 * mission.law.gain * orbit.radius * orbit.speed * mission.loop_lag
+    yield Check(
+        graded(loop, warn_above=LOOP_BOUND, fail_above=4 * LOOP_BOUND),
+        "damping",
+        f"2 k r_d V (turn lag {file.vehicle.turn_lag_s:g} s + filter lag {steady.lag:.2f} s) = {loop:.2f}, "
+        f"should be below {LOOP_BOUND:g} or the circle oscillates",
+    )
+
+
+def _slant(mission: Mission) -> Iterator[Check]:
+    radius, height = mission.orbit.radius, mission.file.orbit.height_above_target_m
+    if height is None:
+        yield Check(
+            Grade.WARN,
+            "height",
+            f"orbit.height_above_target_m is not given: ranges are taken as horizontal "
+            f"(half the radius of height makes the circle {100 * (1 - sqrt(0.75)):.0f} % too small)",
+        )
+        return
+    growth = sqrt(radius**2 + height**2) / radius
+    yield Check(
+        graded(growth, warn_above=1.5, fail_above=MAX_SIGMA_GROWTH),
+        "height",
+        f"{height:g} m above the target: slant range counts {growth:.2f} times in noise (at most {MAX_SIGMA_GROWTH:g})",
+    )
