@@ -11,6 +11,7 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.analysis.run_folder import read_ticks, read_tlog, read_truth
+from circnav_mav.mav.ranging import Reject
 from circnav_mav.pilot import TickRecord
 
 
@@ -101,6 +102,13 @@ def test_every_column_of_the_ticks_is_described():
     rows = [row for row in text.split("## ticks.csv")[1].split("## MCAP")[0].splitlines() if row.startswith("| `")]
     described = [name for row in rows for name in re.findall(r"`(\w+)`", row.split("|")[1])]
     assert sorted(described) == sorted(field.name for field in fields(TickRecord))
+
+
+def test_every_reason_to_reject_a_range_is_described():
+    text = (Path(__file__).parents[2] / "docs" / "logs.md").read_text(encoding="utf-8")
+    rows = [row for row in text.split("## Why a range was rejected")[1].splitlines() if row.startswith("| `")]
+    described = [name for row in rows for name in re.findall(r"`(\w+)`", row.split("|")[1])]
+    assert sorted(described) == sorted(reason.value for reason in Reject)
 
 
 def test_the_truth_of_another_bundled_vehicle_on_the_link_is_left_out(run_folder, epoch_us):
