@@ -146,7 +146,8 @@ class Pilot:
         and hears us."""
         measured = self.session.motion.at(now).airspeed if self.session.adapter.measures_airspeed else None
         believed = believed_airspeed(measured, self.settings.orbit.speed)
-        if measured is not None and measured != believed and not self._airspeed_told:
+        doubted = measured is not None and measured != believed
+        if doubted and self._progress.steering and not self._airspeed_told:  # on the ground it is no wonder
             self._airspeed_told = True
             self._say("airspeed", f"airspeed {measured:.1f} m/s not believed")
         return believed

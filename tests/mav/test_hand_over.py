@@ -460,7 +460,7 @@ def test_a_px4_that_stopped_telling_what_it_must_is_streamed_nothing(make_rig, k
     assert rig.of(message, since) == []
 
 
-def test_an_airspeed_that_cannot_be_is_told_once(make_rig):
+def test_an_airspeed_that_cannot_be_is_told_once_and_only_of_a_vehicle_that_we_steer(make_rig):
     rig = px4(make_rig, "plane", PX4_LOITER)
     tell = rig.heartbeat
 
@@ -471,4 +471,8 @@ def test_an_airspeed_that_cannot_be_is_told_once(make_rig):
 
     rig.heartbeat = lies
     rig.run(10.0)
+    assert [text for text in rig.texts() if "airspeed" in text] == []
+    rig.mode = PX4_ALTCTL
+    rig.run(10.0)
+    assert rig.pilot.phase is Phase.ENGAGED
     assert [text for text in rig.texts() if "airspeed" in text] == ["circnav: airspeed 2.0 m/s not believed"]
