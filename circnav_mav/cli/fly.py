@@ -12,7 +12,7 @@ from rich.console import Console
 from circnav_mav.cli.check import all_checks, read_mission, show_checks
 from circnav_mav.cli.closing import complete, summary_of_flight
 from circnav_mav.cli.connect import open_links, open_page, open_signing, run_speed, start_clock, start_vehicle
-from circnav_mav.cli.exits import Exit, Refused, cannot
+from circnav_mav.cli.exits import Exit, Refused, cannot, check_named
 from circnav_mav.cli.report import pictures_of_flight
 from circnav_mav.cli.terminal import outlive_terminal
 from circnav_mav.cli.verdict import verdict
@@ -61,6 +61,7 @@ class FlyOptions:
 
 def fly_mission(options: FlyOptions) -> int:
     """Fly, and return the exit code. Raises Refused before anything has flown."""
+    check_named("--out", options.out)
     outlive_terminal()
     stop = StopRequest()  # from here on a signal ends the flight, not the process
     mission = read_mission(options.mission, _overrides(options))

@@ -240,3 +240,7 @@ def test_a_disk_that_fills_up_in_flight_ends_with_a_warning_and_no_traceback(mis
     assert ran.returncode == 3
     assert "WARNING" in ran.stdout
     assert "File too large" in ran.stdout
+
+
+def test_a_run_folder_without_a_name_is_refused(circnav, mission, tmp_path):
+    assert circnav("fly", mission, "--out", "").line == "circnav: --out: is empty, give it a name"

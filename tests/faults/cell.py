@@ -16,6 +16,8 @@ REGAIN_WITHIN = {"px4_copter": 60.0}
 timeout has put the vehicle: a plane loiters round the point where GUIDED was entered. One turn of the PX4 copter takes
 63 s."""
 FRESH_PATIENCE = 150.0
+LAST = 10.0
+"""Time at the end, s, whose sense of rotation counts: a mirror circle has the right radius."""
 LEAVE_WITHIN = 13.0
 """Time, s, in which the exit action must show, or we fall silent without it."""
 
@@ -202,6 +204,8 @@ def _want_faults(course: Course, scenario: Scenario, rms: float, recovery: float
     if want in (Want.HOLD, Want.REGAIN) and (outcome is not None or recovery is None or recovery > allowed):
         took = "not" if recovery is None else f"in {recovery:.0f} s"
         return [f"circle regained {took}, {outcome.reason if outcome else 'flying'}"]
+    if want in (Want.HOLD, Want.REGAIN) and not course.goes_round_as_wanted(LAST):
+        return ["the circle is flown the wrong way round"]
     if want is Want.END and (outcome is None or scenario.reason not in outcome.reason):
         return [f"should have ended with {scenario.reason!r}: {outcome.reason if outcome else 'still flying'}"]
     if want is Want.ENGAGE and course.pilot.engaged_at is None:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from circnav_mav.core.phases import STEERING, Phase
-from circnav_mav.core.values import RangeSample
+from circnav_mav.core.values import Direction, RangeSample
 from circnav_mav.mav.signing import Signing
 from circnav_mav.mission.load import load_mission
 from circnav_mav.pilot import RANGING, VEHICLE, Pilot, TickRecord
@@ -24,7 +24,7 @@ from sim.vehicle import MAIN, Truth, Vehicle
 from sim.vehicle import RANGING as RADIO
 from tests.faults.judge import Allowed, broken_rule, is_heartbeat, is_safe, is_setpoint
 from tests.faults.witness import GUIDED, Witness
-from tests.flight.lockstep import CONFIG, true_radius
+from tests.flight.lockstep import CONFIG, clockwise_turns, true_radius
 
 copyreg.pickle(struct.Struct, lambda unpacker: (struct.Struct, (unpacker.format,)))  # lets a flight be copied
 
@@ -276,6 +276,11 @@ class Course:
         return [
             (truth.time, true_radius(truth) / self.radius - 1) for truth in self.truths if since <= truth.time <= until
         ]
+
+    def goes_round_as_wanted(self, seconds: float) -> bool:
+        """Whether the track of the last seconds goes round the target in the mission's sense."""
+        turns = clockwise_turns([truth for truth in self.truths if truth.time >= self.now - seconds])
+        return turns > 0 if self.pilot.settings.orbit.direction is Direction.CLOCKWISE else turns < 0
 
 
 @cache

@@ -3,6 +3,7 @@
 import pytest
 
 from tests.faults.cell import Scenario, fly
+from tests.faults.course import on_the_circle
 from tests.faults.matrix import FIRST, SCENARIOS, cells
 
 QUICK = list(cells(quick=True, profile=None, fault=None, level=None))
@@ -63,3 +64,12 @@ def test_a_cell_flown_again_with_its_seed_is_the_same_flight() -> None:
     first, again, other = (fly(scenario, "arducopter", seed) for seed in (4, 4, 5))
     assert (first.rms, first.worst_age) == (again.rms, again.worst_age)
     assert first.rms != other.rms
+
+
+def test_a_mirror_circle_is_told_from_the_true_one_by_the_track() -> None:
+    course = on_the_circle("arducopter")
+    course.fly(course.now + 12.0)
+    assert course.goes_round_as_wanted(10.0)
+    course.truths = [one._replace(east=-one.east, target_east=-one.target_east) for one in course.truths]
+    assert abs(course.errors(course.now - 1.0, course.now)[0][1]) < 0.05
+    assert not course.goes_round_as_wanted(10.0)
