@@ -80,12 +80,15 @@ def _take(pilot: Pilot, turn: Turn, done: Replayed) -> None:
         pilot.receive(frame, turn.time, source, link)
     if turn.interrupt and pilot.outcome is None:
         pilot.interrupt(turn.time, turn.interrupt)
-    _step(pilot, turn.time, done)
+    _step(pilot, turn.time, done, held_back=turn.held_back)
     pilot.take_frames()
 
 
-def _step(pilot: Pilot, now: float, done: Replayed) -> None:
+def _step(pilot: Pilot, now: float, done: Replayed, *, held_back: bool = False) -> None:
     out = pilot.step(now)
+    if held_back:
+        out = b""
+        pilot.hold_back()
     if pilot.settings.ranging_apart:
         out += pilot.hello(now)
     done.said += [(now, frame) for frame in split_frames(out)]

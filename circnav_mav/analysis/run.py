@@ -6,8 +6,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from circnav_mav.analysis.run_folder import Ticks, Truth, find_damage, read_ticks, read_truth
+from circnav_mav.analysis.run_folder import Ticks, Truth, read_ticks, read_truth
 from circnav_mav.analysis.run_shapes import known_manifest, known_summary
+from circnav_mav.analysis.tlog import Damage, find_damage
 
 
 class RunError(Exception):
@@ -52,21 +53,24 @@ class Run:
             raise RunError(f"{self.folder / 'flight.tlog'}: {_said(error)}") from None
 
     @cached_property
-    def damage(self) -> str | None:
-        """Where flight.tlog can no longer be read, and what that is of the flight; None if it can to its end. Raises
-        RunError."""
+    def damage(self) -> Damage | None:
+        """What of flight.tlog cannot be read. Raises RunError."""
         path = self.folder / "flight.tlog"
         try:
-            found = find_damage(path)
+            return find_damage(path)
         except OSError as error:
             raise RunError(f"{path}: {_said(error)}") from None
+
+    @property
+    def told_damage(self) -> str | None:
+        """The same in words, and where that is in the flight; None if all of it can be read. Raises RunError."""
+        found = self.damage
         if found is None:
             return None
-        until, end = (
-            max(found.newest - self.epoch_us, 0) / 1e6,
-            float(self.ticks.time[-1]) if len(self.ticks.time) else 0.0,
-        )
-        return f"{path.name}: {found} ({until:.1f} s of {max(until, end):.1f} s)"
+        until, newest = (max(stamp - self.epoch_us, 0) / 1e6 for stamp in (found.until, found.newest))
+        end = max(newest, float(self.ticks.time[-1]) if len(self.ticks.time) else 0.0)
+        first = "" if found.cut else "from "
+        return f"flight.tlog: {found} ({first}{until:.1f} s of {end:.1f} s)"
 
 
 def open_run(folder: Path) -> Run:

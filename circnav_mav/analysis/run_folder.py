@@ -12,7 +12,7 @@ from typing import IO
 import numpy as np
 from numpy.typing import NDArray
 
-from circnav_mav.analysis.run_shapes import YEAR_2100_US
+from circnav_mav.analysis.tlog import read_tlog
 from circnav_mav.core.phases import Phase
 from circnav_mav.mav.truth import read_truth_frame
 from circnav_mav.pilot import TickRecord
@@ -78,19 +78,6 @@ class Truth:
         return np.hypot(self.north - self.target_north, self.east - self.target_east)
 
 
-@dataclass(frozen=True, slots=True)
-class Damage:
-    """A tlog that can be read up to a byte, of so many. newest: its newest moment, microseconds since 1970, 0 if there
-    is none."""
-
-    byte: int
-    size: int
-    newest: int
-
-    def __str__(self) -> str:
-        return f"cut off or damaged at byte {self.byte} of {self.size}"
-
-
 def read_ticks(folder: Path) -> Ticks:
     """ticks.csv of a run folder; a last line that was cut off is left out, a column that is not there is empty, and so
     is a cell that is no number of a flight. Raises OSError, and ValueError that names the line for a cell that is no
@@ -151,29 +138,6 @@ def _rows(file: IO[str]) -> Iterator[list[str]]:
         raise ValueError(str(error)) from None
 
 
-def read_tlog(path: Path) -> Iterator[tuple[int, bytes]]:
-    """The (microseconds since 1970, frame) pairs of a tlog; ends where the file was cut off, or where
-    no frame begins or no moment stands. Raises OSError."""
-    with path.open("rb") as file:
-        while len(head := file.read(8 + 3)) == 8 + 3:
-            stamp, length = int.from_bytes(head[:8], "big"), _length(head, 8)
-            if length is None or stamp > YEAR_2100_US:
-                return
-            frame = head[8:] + file.read(length - 3)
-            if len(frame) < length:
-                return
-            yield stamp, frame
-
-
-def find_damage(path: Path) -> Damage | None:
-    """Where a tlog can no longer be read; None if it can to its end. Raises OSError."""
-    byte, newest = 0, 0
-    for stamp, frame in read_tlog(path):
-        byte, newest = byte + 8 + len(frame), max(newest, stamp)
-    size = path.stat().st_size
-    return None if byte == size else Damage(byte, size, newest)
-
-
 def read_truth(folder: Path, epoch_us: int, system: int | None = None) -> Truth | None:
     """The simulator's truth of a run whose clock began at `epoch_us`, None when there was none. A frame with a number
     that is none is left out: anybody may have sent it.
@@ -192,14 +156,3 @@ def read_truth(folder: Path, epoch_us: int, system: int | None = None) -> Truth 
         return None
     table = np.array(rows).reshape(-1, 17)
     return Truth(table[:, 0], table[:, 1], table[:, 2], table[:, 10], table[:, 11], table[:, 8], table[:, 16])
-
-
-def _length(data: bytes, at: int) -> int | None:
-    if data[at] == 0xFD:
-        return data[at + 1] + (25 if data[at + 2] & 1 else 12)
-    return data[at + 1] + 8 if data[at] == 0xFE else None
-
-
-def message_id(frame: bytes) -> int:
-    """Message id of a whole frame, MAVLink 1 or 2."""
-    return int.from_bytes(frame[7:10], "little") if frame[0] == 0xFD else frame[5]

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from pymavlink.dialects.v20 import all as dialect
 
-from circnav_mav.analysis.run_folder import message_id
+from circnav_mav.analysis.tlog import message_id
 from circnav_mav.analysis.turns import Turn
 from circnav_mav.mav.codec import Decoder, Message
 from circnav_mav.mav.ranging import RANGING_MESSAGES, RangeReader, RangingSettings, Reject

@@ -7,26 +7,30 @@ from itertools import chain, groupby, islice, pairwise
 from pathlib import Path
 
 from circnav_mav.analysis.log_clock import LogClock
-from circnav_mav.analysis.run_folder import read_tlog
+from circnav_mav.analysis.tlog import read_tlog, read_unbroken
 
 LINKS = {"v": "vehicle", "r": "ranging"}
+HELD_BACK = "held"
+"""In the place of a count: nothing of what there was to say was sent."""
 MOST_FRAMES = 10_000
 """More than a datagram of any size can hold."""
 
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """One turn of the loop: (link, source, frame) of all that came in, our own frames, and why it was interrupted."""
+    """One turn of the loop: (link, source, frame) of all that came in, our own frames, why it was interrupted, and
+    whether what there was to say was not sent."""
 
     time: float
     heard: tuple[tuple[str, str, bytes], ...]
     said: tuple[bytes, ...] = ()
     interrupt: str = ""
+    held_back: bool = False
 
 
 def recorded_turns(folder: Path) -> Iterator[Turn]:
     """The turns of a run folder, up to where its files were cut off or damaged. Raises OSError."""
-    frames = (frame for _, frame in read_tlog(folder / "flight.tlog"))
+    frames = (frame for _, frame in read_unbroken(folder / "flight.tlog"))
     with (folder / "turns.csv").open(newline="", encoding="utf-8", errors="replace") as file:
         rows = csv.reader(file)
         try:
@@ -49,10 +53,12 @@ def _turn(row: list[str], frames: Iterator[bytes]) -> Turn | None:
         source, _, count = datagram.partition("*")
         sources += [source] * min(int(count), MOST_FRAMES)
     heard = tuple((LINKS[source[:1]], source, frame) for source, frame in zip(sources, frames, strict=False))
-    spoken = tuple(islice(frames, int(said or 0) + int(hello or 0)))
-    if len(heard) < len(sources) or len(spoken) < int(said or 0) + int(hello or 0):
+    held_back = said == HELD_BACK
+    ours = (0 if held_back else int(said or 0)) + int(hello or 0)
+    spoken = tuple(islice(frames, ours))
+    if len(heard) < len(sources) or len(spoken) < ours:
         return None
-    return Turn(int(time_us) / 1e6, heard, spoken, interrupt)
+    return Turn(int(time_us) / 1e6, heard, spoken, interrupt, held_back)
 
 
 def plain_turns(path: Path, ours: int, clock: LogClock | None = None) -> Iterator[Turn]:

@@ -12,6 +12,7 @@ class Exit(IntEnum):
     USAGE = 2
     NOTHING_HEARD = 3
     ABORTED = 4
+    NOT_RECORDED = 5
     INTERRUPTED = 130
 
 

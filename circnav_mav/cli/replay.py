@@ -4,17 +4,20 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+import click
+
 from circnav_mav.analysis.log_clock import LogClock
 from circnav_mav.analysis.plots import plot_replay
 from circnav_mav.analysis.replay import Replayed, as_ticks, differences, patient, replay
 from circnav_mav.analysis.run import Run, RunError, open_run, printable
-from circnav_mav.analysis.run_folder import Ticks, find_damage
+from circnav_mav.analysis.run_folder import Ticks
 from circnav_mav.analysis.senders import Witness
 from circnav_mav.analysis.summary import UNRECORDED
+from circnav_mav.analysis.tlog import find_damage
 from circnav_mav.analysis.turns import plain_turns, recorded_turns
+from circnav_mav.analysis.whole_file import whole_file
 from circnav_mav.cli.exits import Exit, Refused, cannot, check_named
 from circnav_mav.cli.replay_who import say_who
-from circnav_mav.cli.telling import tell
 from circnav_mav.mission.load import MissionError, load_mission, parse_mission
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import Pilot, Voice
@@ -97,9 +100,12 @@ def _replay_plain(path: Path, options: ReplayOptions) -> int:
     _say_size(str(path), done, took)
     damage = find_damage(path)
     if damage is not None:
-        tell(f"  WARNING    {path.name}: {damage}: replayed up to {done.until:.1f} s")
+        until = f": replayed up to {done.until:.1f} s" if damage.cut else ""
+        click.echo(f"  WARNING    {path.name}: {damage}{until}")
+    if spoilt := pilot.counts().bad:
+        click.echo(f"  WARNING    {path.name}: left out as damaged: {spoilt} of the frames")
     if said := str(clock):
-        tell(f"  WARNING    {path.name}: {said}")
+        click.echo(f"  WARNING    {path.name}: {said}")
     say_who(witness, pilot.session.adapter)
     _check_steered(str(path), pilot)
     _say_ticks(done, pilot, None)
@@ -142,7 +148,7 @@ def _what_is_missing(pilot: Pilot) -> str:
 
 
 def _say_size(name: str, done: Replayed, took: float) -> None:
-    tell(f"{name}: {done.until:.1f} s, {done.frames} frames in, replayed in {took:.2f} s")
+    click.echo(f"{name}: {done.until:.1f} s, {done.frames} frames in, replayed in {took:.2f} s")
 
 
 def _say_damage(run: Run, done: Replayed, pilot: Pilot) -> bool:
@@ -150,13 +156,14 @@ def _say_damage(run: Run, done: Replayed, pilot: Pilot) -> bool:
     end = float(run.ticks.time[-1]) if len(run.ticks.time) else 0.0
     short = end - done.until > UNRECORDED
     spoilt = pilot.counts().bad
-    problems = [run.damage] if run.damage else []
-    if short and not problems:
-        problems.append(f"replayed up to {done.until:.1f} s of {end:.1f} s, where flight.tlog or turns.csv ends")
+    problems = [run.told_damage] if run.told_damage else []
+    if short and not (run.damage and run.damage.cut):
+        where = "is damaged" if run.damage else "ends"
+        problems.append(f"replayed up to {done.until:.1f} s of {end:.1f} s, where flight.tlog or turns.csv {where}")
     if spoilt:
         problems.append(f"flight.tlog: left out as damaged: {spoilt} of the frames that came in")
     for problem in problems:
-        tell(f"  WARNING    {problem}")
+        click.echo(f"  WARNING    {problem}")
     return not (short or spoilt)
 
 
@@ -165,11 +172,11 @@ def _say_setpoints(done: Replayed, whole: bool) -> None:
     was, would = done.was_setpoints, done.setpoints
     if done.identical:
         until = "" if whole else f" up to {done.until:.1f} s"
-        tell(f"  setpoints  {len(was)} as flown, byte for byte the same{until}, and so is all else that was sent")
+        click.echo(f"  setpoints  {len(was)} as flown, byte for byte the same{until}, and so is all else that was sent")
         return
     same = len(set(was) & set(would))
-    tell(f"  setpoints  {len(was)} as flown, {len(would)} in the replay, {same} of them the same")
-    tell(f"             first frame that differs: {done.first_difference:.3f} s")
+    click.echo(f"  setpoints  {len(was)} as flown, {len(would)} in the replay, {same} of them the same")
+    click.echo(f"             first frame that differs: {done.first_difference:.3f} s")
 
 
 def _say_ticks(done: Replayed, pilot: Pilot, was: Ticks | None) -> None:
@@ -180,18 +187,18 @@ def _say_ticks(done: Replayed, pilot: Pilot, was: Ticks | None) -> None:
             name, unit = UNITS[gap.column]
             far = f"differs by {gap.rms:.4g} {unit} RMS, {gap.most:.4g} {unit} at most"
             says = far if gap.most > LAST_DIGIT else "the same"
-            tell(f"  {name:<16} {says}, in {gap.ticks} ticks")
+            click.echo(f"  {name:<16} {says}, in {gap.ticks} ticks")
     steered = sum(phase == "engaged" for phase in would.phases)
     saturated = sum(record.saturated for record in done.ticks)
-    tell(f"  ticks      {len(done.ticks)}, {steered} of them steering, {saturated} at the turn-rate limit")
+    click.echo(f"  ticks      {len(done.ticks)}, {steered} of them steering, {saturated} at the turn-rate limit")
     refused = (
         ", ".join(f"{count} {reason}" for reason, count in sorted(pilot.target.ranging.rejected.items())) or "none"
     )
-    tell(f"  ranges     {pilot.target.accepted} taken, rejected: {refused}")
+    click.echo(f"  ranges     {pilot.target.accepted} taken, rejected: {refused}")
     if pilot.outcome is not None:
         early = done.ended is not None and done.until - done.ended > UNRECORDED
         until = f" (at {done.ended:.1f} s; the log goes on to {done.until:.1f} s)" if early else ""
-        tell(f"  outcome    {pilot.outcome.ending.value}: {pilot.outcome.reason}{until}")
+        click.echo(f"  outcome    {pilot.outcome.ending.value}: {pilot.outcome.reason}{until}")
 
 
 def _write(options: ReplayOptions, done: Replayed, was: Ticks | None, mission: Mission) -> None:
@@ -202,8 +209,9 @@ def _write(options: ReplayOptions, done: Replayed, was: Ticks | None, mission: M
     folder = Path(options.out)
     folder.mkdir(parents=True, exist_ok=True)
     plot_replay(folder / PICTURE, was, as_ticks(done.ticks), mission.orbit, f"{printable(options.log)}, replayed")
-    write_ticks(folder / TICKS, done.ticks)
-    tell(f"  written    {folder}/{TICKS}, {folder}/{PICTURE}")
+    with whole_file(folder / TICKS) as fresh:
+        write_ticks(fresh, done.ticks)
+    click.echo(f"  written    {folder}/{TICKS}, {folder}/{PICTURE}")
 
 
 def _check_out(out: str | None) -> None:

@@ -2,8 +2,9 @@
 
 from collections.abc import Iterable, Iterator
 
+import click
+
 from circnav_mav.analysis.senders import MARKS, Heard, Sender, Witness
-from circnav_mav.cli.telling import tell
 from circnav_mav.mav.autopilots.interface import Autopilot
 
 MOST = 6
@@ -15,26 +16,26 @@ def say_who(witness: Witness, adapter: Autopilot) -> None:
     if witness.vehicle is not None:
         system, component = witness.vehicle
         kind = witness.vehicles.get(witness.vehicle, "unknown")
-        tell(f"  vehicle    system {system}, component {component}: {kind}, flown as {adapter.name}")
+        click.echo(f"  vehicle    system {system}, component {component}: {kind}, flown as {adapter.name}")
     senders = witness.senders
     for sender, heard in senders.items():
         if heard.taken:
-            tell(f"  ranging    {_name(sender)}: {heard.taken} of {heard.messages} usable")
+            click.echo(f"  ranging    {_name(sender)}: {heard.taken} of {heard.messages} usable")
     idle = {sender: heard for sender, heard in senders.items() if not heard.taken}
     if idle:
-        tell(f"  unused     {_some(_unused(idle))}")
+        click.echo(f"  unused     {_some(_unused(idle))}")
     others = (
         f"system {system}, component {component}: {kind}, {witness.heartbeats[system, component]} heartbeats"
         for (system, component), kind in witness.vehicles.items()
         if (system, component) != witness.vehicle
     )
     if said := _some(others):
-        tell(f"  others     {said}")
+        click.echo(f"  others     {said}")
     if rivals := witness.rivals:
         keys = " or ".join(witness.choosing)
         mixed = sum(senders[rival].taken > 0 for rival in rivals) > 1
         done = "their ranges were mixed" if mixed else "the first heard was taken"
-        tell(f"  WARNING    {len(rivals)} sensors fit the mission, {done}: name yours with {keys}")
+        click.echo(f"  WARNING    {len(rivals)} sensors fit the mission, {done}: name yours with {keys}")
 
 
 def _unused(idle: dict[Sender, Heard]) -> Iterator[str]:

@@ -10,7 +10,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import all as dialect
 
-from circnav_mav.mav.framing import Frame, frame_at, is_good, must_wait
+from circnav_mav.mav.framing import Frame, frame_at, is_good, must_wait, next_start
 from circnav_mav.mav.signing import Refusal, Signing
 
 Message = Any
@@ -99,7 +99,7 @@ class Decoder:
             if self._stream and frame is not None and must_wait(buffer, frame):
                 break
             if frame is None or not is_good(buffer, frame):
-                at, failures = at + 1, failures + (frame is not None or not failures)
+                at, failures = next_start(buffer, at + 1), failures + (frame is not None or not failures)
                 continue
             data, at = buffer[at : frame.end], frame.end
             self._count(frame)

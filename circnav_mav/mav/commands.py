@@ -80,10 +80,11 @@ class CommandSender:
         self._queue.clear()
         self._pending.clear()
 
-    def drop(self, number: int) -> None:
-        """Ask no more for what a command number stands for."""
-        self._queue = [command for command in self._queue if command.number != number]
-        self._pending.pop(number, None)
+    def drop(self, number: int) -> bool:
+        """Ask no more for what a command number stands for; tells whether anything was under way."""
+        others = [command for command in self._queue if command.number != number]
+        waited, self._queue = len(others) < len(self._queue), others
+        return self._pending.pop(number, None) is not None or waited
 
     def take_results(self) -> list[CommandResult]:
         """The commands that ended since the last call."""
@@ -123,6 +124,11 @@ class CommandSender:
                 self._pending[command.number] = _Pending(command, 0, now + ACK_TIMEOUT)
                 messages.append(_command_long(command, target, 0))
         return messages
+
+
+def once(command: Command, target: tuple[int, int]) -> Message:
+    """A command for which nobody will wait."""
+    return _command_long(command, target, 0)
 
 
 def _command_long(command: Command, target: tuple[int, int], confirmation: int) -> Message:

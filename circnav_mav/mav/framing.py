@@ -4,7 +4,9 @@ pymavlink's own stream parser throws away the claimed length of a bad frame, and
 bad start is stepped over by one byte, so that a stray byte costs nothing.
 """
 
-from collections.abc import Iterator
+import re
+from collections.abc import Callable, Iterable
+from itertools import groupby
 from struct import Struct
 from typing import NamedTuple
 
@@ -17,6 +19,30 @@ CRC, SIGNATURE = 2, 13
 """Lengths of the tails of a frame, bytes."""
 _HEADER_1 = Struct("<xBxBBB")
 _HEADER_2 = Struct("<xBBxxBBHB")
+_EXTRA = {ident: bytes((message.crc_extra,)) for ident, message in dialect.mavlink_map.items()}
+
+
+def _one_of(numbers: Iterable[int]) -> bytes:
+    return b"[" + b"".join(b"\\x%02x" % number for number in numbers) + b"]"
+
+
+def _known_start() -> re.Pattern[bytes]:
+    """Finds the bytes at which a header of a known id starts; a look ahead, so that starts may lie inside others."""
+    pages = groupby(sorted(_EXTRA), key=lambda ident: ident >> 8)
+    idents = (_one_of(ident & 0xFF for ident in page) + re.escape(high.to_bytes(2, "little")) for high, page in pages)
+    version_2 = b"\\xfd(?=.[\\x00\\x01].{4}(?:" + b"|".join(idents) + b"))"
+    version_1 = b"\\xfe(?=.{4}" + _one_of(ident for ident in _EXTRA if ident <= 0xFF) + b")"
+    return re.compile(version_2 + b"|" + version_1, re.DOTALL)
+
+
+def _slow_crc(data: bytes) -> int:
+    return int(dialect.x25crc(data).crc)
+
+
+_crc: Callable[[bytes], int] = dialect.mcrf4xx or _slow_crc
+"""CRC of MAVLink: what pymavlink itself takes, None where its package for it is missing."""
+_START = re.compile(_one_of(MAGICS))
+_KNOWN_START = _known_start()
 
 
 class Frame(NamedTuple):
@@ -34,7 +60,7 @@ class Frame(NamedTuple):
     @property
     def known(self) -> bool:
         """Whether the dialect knows the message."""
-        return self.ident in dialect.mavlink_map
+        return self.ident in _EXTRA
 
 
 def frame_at(buffer: bytes, at: int) -> Frame | None:
@@ -56,6 +82,12 @@ def frame_at(buffer: bytes, at: int) -> Frame | None:
     return Frame(at, at + _HEADER_1.size + length + CRC, ident, system, component, 1)
 
 
+def next_start(buffer: bytes, at: int) -> int:
+    """The first byte from here on that can begin a frame, or the end."""
+    found = _START.search(buffer, at)
+    return len(buffer) if found is None else found.start()
+
+
 def must_wait(buffer: bytes, frame: Frame) -> bool:
     """Whether a stream has not yet shown all that decides on this frame: the rest of it, or, for an unknown id, the
     byte behind it."""
@@ -68,26 +100,34 @@ def is_good(buffer: bytes, frame: Frame) -> bool:
     if frame.end > len(buffer):
         return False
     if frame.known:
-        return _crc_is_right(buffer, frame)
+        tail = frame.end - CRC - (SIGNATURE if frame.signed else 0)
+        return _crc_is_right(buffer, frame.start, tail, frame.ident)
     if frame.end < len(buffer) and buffer[frame.end] not in MAGICS:
         return False
-    return not any(inner.known and _crc_is_right(buffer, inner) for inner in _inside(buffer, frame))
+    return not _holds_a_good_one(buffer, frame)
 
 
-def _inside(buffer: bytes, frame: Frame) -> Iterator[Frame]:
-    """The frames that seem to start inside another and are all there."""
-    for at in range(frame.start + 1, frame.end):
-        inner = frame_at(buffer, at)
-        if inner is not None and inner.end <= len(buffer):
-            yield inner
+def _holds_a_good_one(buffer: bytes, frame: Frame) -> bool:
+    """Whether a good frame of a known id starts inside another. A flood of unknown ids is mostly read here, so it is
+    done by hand: what is not even a header costs next to nothing, and what is one costs little more than its CRC."""
+    for found in _KNOWN_START.finditer(buffer, frame.start + 1, frame.end + _HEADER_2.size - 1):
+        at = found.start()
+        if at >= frame.end:
+            break
+        if buffer[at] == V1:
+            ident, signed, tail = buffer[at + 5], 0, at + _HEADER_1.size + buffer[at + 1]
+        else:
+            ident, signed = int.from_bytes(buffer[at + 7 : at + 10], "little"), buffer[at + 2]
+            tail = at + _HEADER_2.size + buffer[at + 1]
+        whole = tail + CRC + (SIGNATURE if signed else 0) <= len(buffer)
+        if whole and _crc_is_right(buffer, at, tail, ident):
+            return True
+    return False
 
 
-def _crc_is_right(buffer: bytes, frame: Frame) -> bool:
-    """Whether the CRC of a frame of a known id, all of which is there, is right."""
-    tail = frame.end - CRC - (SIGNATURE if frame.signed else 0)
-    extra = bytes((dialect.mavlink_map[frame.ident].crc_extra,))
-    crc = dialect.x25crc(buffer[frame.start + 1 : tail] + extra).crc
-    return bool(crc == buffer[tail] | buffer[tail + 1] << 8)
+def _crc_is_right(buffer: bytes, start: int, tail: int, ident: int) -> bool:
+    """Whether the CRC of a frame of a known id is right. tail: where it is, behind the payload."""
+    return _crc(buffer[start + 1 : tail] + _EXTRA[ident]) == buffer[tail] | buffer[tail + 1] << 8
 
 
 def split_frames(data: bytes) -> list[bytes]:

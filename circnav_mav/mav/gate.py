@@ -1,12 +1,19 @@
 """The choke point: every setpoint that leaves the process passes here, and nothing else checks for it."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from math import isfinite
 from typing import NamedTuple
 
+from pymavlink.dialects.v20 import all as dialect
+
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.frames import YawRate, euler_from_quaternion
+
+SLACK = 1 + 1e-6
+"""Single precision."""
+EVERYBODY = 0
+BODY_NED = dialect.MAV_FRAME_BODY_NED
 
 
 class Steer(NamedTuple):
@@ -23,7 +30,8 @@ class UnsafeSetpointError(Exception):
 @dataclass(frozen=True, slots=True)
 class Limits:
     """What a vehicle may be told. max_yaw_rate in rad/s, max_speed in m/s, max_yaw_acceleration in rad/s^2 or None,
-    max_bank and max_pitch (of attitude setpoints) in rad, max_climb (of velocity setpoints) in m/s."""
+    max_bank and max_pitch (of attitude setpoints) in rad, max_climb (of velocity setpoints) in m/s, max_stick (of
+    MANUAL_CONTROL) in thousandths."""
 
     max_yaw_rate: float
     max_speed: float
@@ -31,6 +39,7 @@ class Limits:
     max_bank: float = 0.0
     max_pitch: float = 0.0
     max_climb: float = 0.0
+    max_stick: float = 1000.0
 
 
 class SetpointGate:
@@ -77,16 +86,39 @@ class SetpointGate:
 
 
 def _within(message: Message, limits: Limits) -> bool:
-    """Whether the speeds, rates and angles that a message commands are within the limits."""
-    slack = 1 + 1e-6  # single precision
-    if message.get_type() == "SET_ATTITUDE_TARGET":
-        roll, pitch, _ = euler_from_quaternion(message.q)
-        level = abs(roll) <= limits.max_bank * slack + 1e-6 and abs(pitch) <= limits.max_pitch * slack + 1e-6
-        return bool(level and 0 <= message.thrust <= 1)
-    if message.get_type() == "MANUAL_CONTROL":
-        return bool(abs(message.y) <= 1000 and message.x == 0 and message.r == 0 and 0 <= message.z <= 1000)
-    fast = abs(message.vx) <= limits.max_speed * slack and message.vy == 0 and abs(message.vz) <= limits.max_climb
-    return bool(fast and abs(message.yaw_rate) <= limits.max_yaw_rate * slack)
+    """Whether a message speaks to one vehicle, and the speeds, rates and angles that it commands are within the limits:
+    all that its mask lets the vehicle use."""
+    judge, address = _JUDGES[message.get_type()]
+    return bool(getattr(message, address) != EVERYBODY and judge(message, limits))
+
+
+def _velocity_within(message: Message, limits: Limits) -> bool:
+    forward = abs(message.vx) <= limits.max_speed * SLACK and message.vy == 0 and message.coordinate_frame == BODY_NED
+    across = abs(message.afy) <= limits.max_speed * limits.max_yaw_rate * SLACK  # what the turn needs
+    only_across = message.afx == 0 and message.afz == 0
+    level = abs(message.vz) <= limits.max_climb
+    turning = abs(message.yaw_rate) <= limits.max_yaw_rate * SLACK
+    return bool(forward and across and only_across and level and turning)
+
+
+def _attitude_within(message: Message, limits: Limits) -> bool:
+    roll, pitch, _ = euler_from_quaternion(message.q)
+    level = abs(roll) <= limits.max_bank * SLACK + 1e-6 and abs(pitch) <= limits.max_pitch * SLACK + 1e-6
+    turns_only = abs(sum(part**2 for part in message.q) - 1) < 1e-3
+    return bool(level and turns_only and 0 <= message.thrust <= 1)
+
+
+def _stick_within(message: Message, limits: Limits) -> bool:
+    untouched = message.x == message.r == message.buttons == message.enabled_extensions == 0
+    return bool(untouched and abs(message.y) <= limits.max_stick and 0 <= message.z <= 1000)
+
+
+_JUDGES: Mapping[str, tuple[Callable[[Message, Limits], bool], str]] = {
+    "SET_POSITION_TARGET_LOCAL_NED": (_velocity_within, "target_system"),
+    "SET_ATTITUDE_TARGET": (_attitude_within, "target_system"),
+    "MANUAL_CONTROL": (_stick_within, "target"),
+}
+"""By message type: who judges it, and the field that says whom it is for."""
 
 
 def _numbers(message: Message) -> Iterator[float]:

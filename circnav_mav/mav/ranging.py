@@ -1,23 +1,31 @@
 """Ranging telemetry to range samples: which messages count, and why the others do not.
 
-Units change here: centimetres, millimetres, milliseconds and microseconds end at this door. The order of the checks
-is source, id, finite, "no range" codes, limits, quality, stamp; the innovation gate comes later, in the estimator.
+The order of the checks is source, id, finite, "no range" codes, limits, quality, stamp; the innovation gate comes
+later, in the estimator. See `range_messages` for what each message says.
 """
 
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
-from enum import Enum
-from math import inf, isfinite
+from collections.abc import Collection
 
 from circnav_mav.core.noise_check import NoiseCheck
 from circnav_mav.core.slant import horizontal
 from circnav_mav.core.values import RangeSample
 from circnav_mav.mav.codec import Message
+from circnav_mav.mav.range_messages import (
+    DOWNWARD,
+    RANGING_MESSAGES,
+    RangingMessage,
+    RangingSettings,
+    Reading,
+    Reject,
+)
 from circnav_mav.mav.sensor_clock import SensorClock
+
+__all__ = ["DOWNWARD", "RANGING_MESSAGES", "RangeReader", "RangingMessage", "RangingSettings", "Reject"]
 
 MISSED = 2.5
 """Ranges of the usual rate that must have failed to come by the old clock before a new one is believed."""
+AUTOPILOT_COMPONENT = 1
 LATE_PATIENCE = 3.0
 """Time, s, for which stamps must be behind before their clock counts as set back: a link that has turned slow looks the
 same, and the answers to TIMESYNC tell of that meanwhile."""
@@ -25,143 +33,6 @@ EPOCH_JUMP = 1.0
 """Disagreement of sensor and local clock between two samples, s, above which the sensor's clock has jumped."""
 SOURCE_SILENT = 5.0
 """Silence of the first sensor heard, s, after which another one may take its place."""
-UINT32_MAX = 0xFFFFFFFF
-DOWNWARD = 25
-"""MAV_SENSOR_ROTATION_PITCH_270: a height sensor, never a ranging radio."""
-
-
-class Reject(Enum):
-    """Why a ranging message did not become a sample."""
-
-    WRONG_SOURCE = "wrong_source"
-    NOT_FINITE = "not_finite"
-    NO_RANGE = "no_range"
-    BELOW_MIN = "below_min"
-    ABOVE_MAX = "above_max"
-    POOR_QUALITY = "poor_quality"
-    REPEAT = "repeat"
-    OLDER = "older"
-    STAMP_JUMP = "stamp_jump"
-    TOO_OLD = "too_old"
-    TOO_NOISY = "too_noisy"
-    OVERHEAD = "overhead"
-    GATED = "gated"
-    STALLED = "stalled"
-
-
-@dataclass(frozen=True, slots=True)
-class RangingSettings:
-    """Which ranging telemetry to believe.
-
-    message: mission name of the message. beacon_id, sensor_id, orientation, name: its filters. system, component: the
-    sender, None for the first that fits. sigma: standard deviation to assume, m, when the message carries none.
-    min_range, max_range: slant range believed, m. max_age: oldest sample taken, s. height: above the target, m, when
-    known. sensor_stamps: whether the message's own time is used. rate: how often the sensor measures, Hz. resent: the
-    sender is known to repeat values faster than that. max_sigma: standard deviation, said or measured, m, above which
-    a range is of no use.
-    """
-
-    message: str = "distance_sensor"
-    beacon_id: int = 0
-    sensor_id: int | None = None
-    orientation: int | None = None
-    name: str = "RANGE"
-    system: int | None = None
-    component: int | None = None
-    sigma: float = 0.5
-    min_range: float = 0.0
-    max_range: float = 10000.0
-    max_age: float = 0.5
-    height: float | None = None
-    sensor_stamps: bool = True
-    rate: float = 10.0
-    resent: bool = False
-    max_sigma: float = inf
-
-
-@dataclass(frozen=True, slots=True)
-class _Reading:
-    """What one message says, in SI units. stamp None: no usable time. sequence None: none carried."""
-
-    slant: float
-    sigma: float | None
-    stamp: float | None
-    sequence: int | None = None
-
-
-def _ranging_beacon(message: Message, settings: RangingSettings) -> _Reading | Reject | None:
-    """RANGING_BEACON (513): mm, 1 sigma in mm, sequence, status bit 0 = poor signal; development.xml."""
-    if message.beacon_id != settings.beacon_id:
-        return None
-    if message.range in (0, UINT32_MAX):
-        return Reject.NO_RANGE
-    if message.status & 1:
-        return Reject.POOR_QUALITY
-    accuracy = message.range_accuracy
-    return _Reading(
-        slant=message.range / 1000,
-        sigma=accuracy / 1000 if accuracy not in (0, UINT32_MAX) else None,
-        stamp=message.time_usec / 1e6 if message.time_usec else None,
-        sequence=message.sequence,
-    )
-
-
-def _distance_sensor(message: Message, settings: RangingSettings) -> _Reading | Reject | None:
-    """DISTANCE_SENSOR (132): cm; covariance in cm^2, of which 0 and 255 mean unknown; quality 1 means invalid.
-
-    A downward sensor measures height. At or beyond max_distance the autopilots send what they have: no range.
-    """
-    wrong_id = settings.sensor_id is not None and message.id != settings.sensor_id
-    wrong_way = settings.orientation is not None and message.orientation != settings.orientation
-    if wrong_id or wrong_way or message.orientation == DOWNWARD:
-        return None
-    cm = message.current_distance
-    if cm in (0, 65535) or (0 < message.max_distance <= cm):
-        return Reject.NO_RANGE
-    if cm < message.min_distance:
-        return Reject.BELOW_MIN
-    if message.signal_quality == 1:
-        return Reject.POOR_QUALITY
-    variance = message.covariance
-    return _Reading(
-        slant=cm / 100,
-        sigma=variance**0.5 / 100 if variance not in (0, 255) else None,
-        stamp=message.time_boot_ms / 1000 if message.time_boot_ms else None,
-    )
-
-
-def _named_value_float(message: Message, settings: RangingSettings) -> _Reading | Reject | None:
-    """NAMED_VALUE_FLOAT (251): metres under an agreed name; NaN and anything not above 0 mean no range."""
-    name = message.name if isinstance(message.name, str) else message.name.decode("ascii", "replace")
-    if name != settings.name:
-        return None
-    if not isfinite(message.value):
-        return Reject.NOT_FINITE
-    if message.value <= 0:
-        return Reject.NO_RANGE
-    return _Reading(message.value, None, message.time_boot_ms / 1000 if message.time_boot_ms else None)
-
-
-Read = Callable[[Message, RangingSettings], _Reading | Reject | None]
-
-
-@dataclass(frozen=True, slots=True)
-class RangingMessage:
-    """A message that can carry the range: MAVLink type and id, reader, farthest range (m), wrap of its stamp (s)."""
-
-    type: str
-    id: int
-    read: Read
-    farthest: float
-    stamp_wrap: float | None
-
-
-RANGING_MESSAGES: Mapping[str, RangingMessage] = {
-    "ranging_beacon": RangingMessage("RANGING_BEACON", 513, _ranging_beacon, 4_294_967.0, None),
-    "distance_sensor": RangingMessage("DISTANCE_SENSOR", 132, _distance_sensor, 655.34, 2**32 / 1000),
-    "named_value_float": RangingMessage("NAMED_VALUE_FLOAT", 251, _named_value_float, 1e6, 2**32 / 1000),
-}
-"""The messages by their mission names."""
 
 
 class RangeReader:
@@ -237,7 +108,7 @@ class RangeReader:
         self._arrival, self._slant = now, reading.slant
         return self._sample(reading, stamp, now)
 
-    def _sample(self, reading: _Reading, stamp: float, now: float) -> RangeSample | Reject:
+    def _sample(self, reading: Reading, stamp: float, now: float) -> RangeSample | Reject:
         """The sample of a reading that is new, unless it is too old or the target is overhead."""
         settings = self._settings
         time = self._clock.local(stamp, now)
@@ -259,6 +130,8 @@ class RangeReader:
         settings = self._settings
         if settings.system not in (None, source[0]) or settings.component not in (None, source[1]):
             return False
+        if settings.system is None and source[0] in strangers and source[1] == AUTOPILOT_COMPONENT:
+            return False  # also where it was heard, and believed, before its heartbeat told what it is
         if self.sender_stays and self._source is not None:
             return source == self._source
         if settings.system is None and source[0] in strangers:
@@ -274,7 +147,7 @@ class RangeReader:
             stamp += wrap * round((self._stamp - stamp) / wrap)
         return stamp
 
-    def _order(self, reading: _Reading, stamp: float, now: float) -> Reject | None:
+    def _order(self, reading: Reading, stamp: float, now: float) -> Reject | None:
         """Why a reading is not a newer measurement than the last, or None."""
         if self._stamp is None:
             return None

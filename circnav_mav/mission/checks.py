@@ -13,6 +13,8 @@ from circnav_mav.mission.mission import Mission
 
 PLANE_GAIN = 0.72
 """Realised over coordinated turn rate of a plane that slips in its turns (flown: .70 .. .75)."""
+WEAK = 0.1
+"""Share of the default gain below which a law hardly turns."""
 NEED_MOTION = frozenset({"drift", "unicycle"})
 DRIFT_LAWS = frozenset({"auto", "drift"})
 
@@ -83,11 +85,12 @@ def _estimator(mission: Mission) -> Iterator[Check]:
 def _gain(mission: Mission) -> Iterator[Check]:
     law, gain, orbit = LAWS[mission.law.name], mission.law.gain, mission.orbit
     bound = law.gain_bound(orbit.speed, orbit.radius)
-    grade = Grade.PASS if gain > bound else Grade.FAIL
+    grade = Grade.FAIL if gain <= bound else Grade.WARN if gain < WEAK * mission.default_gain else Grade.PASS
+    weak = f"; the default is {mission.default_gain:.4g}, so small a gain hardly turns" if grade is Grade.WARN else ""
     whose = "given" if mission.file.guidance.gain else "default"
     worth = f" = {bound:.4g}" if bound else ""
     yield Check(
-        grade, "gain", f"{law.name}: k = {gain:.4g} {law.gain_unit} ({whose}), needs {law.gain_condition}{worth}"
+        grade, "gain", f"{law.name}: k = {gain:.4g} {law.gain_unit} ({whose}), needs {law.gain_condition}{worth}{weak}"
     )
 
 

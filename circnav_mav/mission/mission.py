@@ -41,17 +41,20 @@ class Mission:
 
     @property
     def law(self) -> LawChoice:
-        """The law with its gain: the file's, or the law's default, lowered where the lags of turn and filter would
-        make the circle oscillate."""
-        guidance, orbit = self.file.guidance, self.orbit
-        law = LAWS[guidance.law]
-        gain = guidance.gain or law.default_gain(orbit.speed, orbit.radius)
-        least = LEAST_GAIN * law.gain_bound(orbit.speed, orbit.radius)
-        if guidance.gain is None and law.name == "smooth":
-            gain = max(least, min(gain, DEFAULT_LOOP / (2 * orbit.radius * orbit.speed * self.loop_lag)))
-        elif guidance.gain is None and law.gain_unit == "rad/m":
-            gain = max(least, rate_gain(orbit.speed, orbit.radius, self.loop_lag))
+        """The law with its gain: the file's, or the default."""
+        guidance = self.file.guidance
+        gain = guidance.gain or self.default_gain
         return LawChoice(guidance.law, gain, guidance.correct_radius, self.file.vehicle.turn_lag_s)
+
+    @property
+    def default_gain(self) -> float:
+        """The law's default, lowered where the lags of turn and filter would make the circle oscillate."""
+        law, orbit = LAWS[self.file.guidance.law], self.orbit
+        gain = law.default_gain(orbit.speed, orbit.radius)
+        least = LEAST_GAIN * law.gain_bound(orbit.speed, orbit.radius)
+        if law.name == "smooth":
+            return max(least, min(gain, DEFAULT_LOOP / (2 * orbit.radius * orbit.speed * self.loop_lag)))
+        return max(least, rate_gain(orbit.speed, orbit.radius, self.loop_lag)) if law.gain_unit == "rad/m" else gain
 
     @property
     def estimator(self) -> str:

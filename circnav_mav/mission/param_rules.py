@@ -35,11 +35,16 @@ Judge = Callable[[float, Context], Verdict]
 @dataclass(frozen=True, slots=True)
 class Rule:
     """names: of one parameter in different versions, newest first, each with the factor to the unit that `judge` takes.
-    optional: not every vehicle has it, say nothing when it is missing."""
+    optional: not every vehicle has it, say nothing when it is missing. unit: that `judge` takes."""
 
     names: tuple[tuple[str, float], ...]
     judge: Judge
     optional: bool = False
+    unit: str = ""
+
+    def told(self, value: float, factor: float) -> str:
+        """The value as the vehicle told it, and what it means where that is another number."""
+        return f"{value:g}" if factor == 1 else f"{value:g} ({value * factor:g} {self.unit})"
 
 
 def names_for(adapter: Autopilot) -> tuple[str, ...]:
@@ -55,7 +60,8 @@ def judge_parameters(adapter: Autopilot, context: Context) -> list[Check]:
         if known:
             name, factor = known[0]
             grade, words = rule.judge(context.values[name] * factor, context)
-            lines.append(Check(grade, "parameter", f"{name} = {context.values[name]:g}: {words}"))
+            told = rule.told(context.values[name], factor)
+            lines.append(Check(grade, "parameter", f"{name} = {told}: {words}"))
         elif not rule.optional:
             either = " or ".join(name for name, _ in rule.names)
             lines.append(Check(WARN, "parameter", f"{either}: no answer, this version may not have it"))
@@ -261,12 +267,12 @@ RULES: Mapping[type, tuple[Rule, ...]] = {
         _one("FS_GCS_ENABLE", _gcs_failsafe("it leaves GUIDED after 5 s (1: RTL)")),
         _GCS_SYSTEM,
         _one("FS_EKF_ACTION", _ekf_action("lands (1) or holds height (2), some 8 s after GPS is gone")),
-        Rule((("WP_SPD", 1.0), ("WPNAV_SPEED", 0.01)), _velocity_limit),
+        Rule((("WP_SPD", 1.0), ("WPNAV_SPEED", 0.01)), _velocity_limit, unit="m/s"),
         _FENCE,
     ),
     ArduPlane: (
-        Rule((("ROLL_LIMIT_DEG", 1.0), ("LIM_ROLL_CD", 0.01)), _bank_limit),
-        Rule((("AIRSPEED_CRUISE", 1.0), ("TRIM_ARSPD_CM", 0.01)), _held_airspeed),
+        Rule((("ROLL_LIMIT_DEG", 1.0), ("LIM_ROLL_CD", 0.01)), _bank_limit, unit="deg"),
+        Rule((("AIRSPEED_CRUISE", 1.0), ("TRIM_ARSPD_CM", 0.01)), _held_airspeed, unit="m/s"),
         Rule((("AIRSPEED_MIN", 1.0), ("ARSPD_FBW_MIN", 1.0)), _least_airspeed),
         Rule((("AIRSPEED_MAX", 1.0), ("ARSPD_FBW_MAX", 1.0)), _most_airspeed),
         _one("GUID_TIMEOUT", _timeout("loiters round the point where GUIDED was entered"), optional=True),

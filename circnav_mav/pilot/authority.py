@@ -26,9 +26,9 @@ class Authority:
 
     def watch(self, session: Session, *, ours: bool, rebooted: bool) -> Takeover | None:
         """What took the vehicle from us, if it was ours until now; also if it has come back since the last look."""
-        departed, self._departures = session.departures > self._departures, session.departures
+        departed, self._departures = session.told.departures > self._departures, session.told.departures
         outside = session.up and session.mode is not None and session.mode != session.adapter.guided_mode
-        left_for = session.mode_name if outside else session.left_for if departed else None
+        left_for = session.mode_name if outside else session.told.left_for if departed else None
         if left_for is not None:
             self.left_mode = True
         if self.left_mode and session.in_our_mode and not departed:

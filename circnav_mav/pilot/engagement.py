@@ -21,6 +21,8 @@ class Engagement:
         self._authority = authority
         self._progress = progress
         self._request = ModeRequest()
+        self._left_before: int | None = None
+        """How often the mode had been left when it was first asked for."""
 
     def allowed(self, now: float) -> bool:
         """Whether the vehicle may be steered; a pilot that sends no setpoints needs nobody's leave."""
@@ -49,15 +51,28 @@ class Engagement:
 
     def request(self, now: float) -> str | None:
         """Ask for the guided mode, only where the mission says so, in the air, and never again once the flight has
-        begun. Answers with the reason why it is of no use."""
-        settings, session = self._settings, self._session
-        if not settings.request_mode or settings.voice is not Voice.FLY or self._progress.engaged_at is not None:
+        begun, or the mode was left. Answers with the reason why it is of no use."""
+        session, adapter = self._session, self._session.adapter
+        if not self._may_ask(now):
+            session.drop_mode_requests()
             return None
-        if self._may_be_on_ground(now) or not self.link_quick(now) or session.missing(now):
-            return None
-        adapter = session.adapter
+        self._left_before = session.told.departures if self._left_before is None else self._left_before
         failure = self._request.ask(session, adapter.guided_mode, now)
         return None if failure is None else f"mode {adapter.mode_names[adapter.guided_mode]} {failure}"
+
+    def _may_ask(self, now: float) -> bool:
+        """Whether everything but the mode is ready; a request still under way is dropped where it is not."""
+        settings, progress = self._settings, self._progress
+        if not settings.request_mode or settings.voice is not Voice.FLY or progress.engaged_at is not None:
+            return False
+        if progress.phase is not Phase.READY or self._left_again or self._may_be_on_ground(now):
+            return False
+        return self.link_quick(now) and not self._session.missing(now)
+
+    @property
+    def _left_again(self) -> bool:
+        """Whether the operator has left the mode that was asked for: it is his to enter, then."""
+        return self._left_before is not None and self._session.told.departures > self._left_before
 
     def why_not(self, now: float) -> str:
         """What the engagement waits for, for people."""
@@ -68,16 +83,19 @@ class Engagement:
             return why_slow(session.round_trip.typical, self._settings.timing.round_trip)
         if session.missing(now):
             return why_not_told(session, session.missing(now))
-        if self._may_be_on_ground(now):
-            return "the vehicle is on the ground" if session.on_ground else "whether the vehicle flies is not known"
-        return why_not_guided(session, request_mode=self._settings.request_mode)
+        on_ground = session.told.on_ground
+        if self._may_be_on_ground(now) and (session.told.armed or on_ground):
+            return "the vehicle is on the ground" if on_ground else "whether the vehicle flies is not known"
+        return why_not_guided(session, request_mode=self._settings.request_mode and not self._left_again)
 
     def _may_be_on_ground(self, now: float) -> bool:
         """An aircraft is not steered before it flies, for the first time or again; one that does not say whether it
-        does is given a moment to, unless it was ours until the link was lost."""
+        does is given a moment to, unless it was ours until the link was lost. A disarmed one does not fly."""
         session = self._session
         if not session.adapter.flies:
             return False
-        if session.on_ground is None:
-            return not self._progress.resuming and now - session.pinned_at < LANDED_PATIENCE
-        return session.on_ground
+        if not session.told.armed:
+            return True
+        if session.told.on_ground is None:
+            return not self._progress.resuming and now - session.pinning.since < LANDED_PATIENCE
+        return session.told.on_ground

@@ -13,6 +13,7 @@ class ModeRequest:
     def __init__(self) -> None:
         self._tries = 0
         self._due = float("-inf")
+        self._dropped = 0
 
     def ask(self, session: Session, mode: int, now: float) -> str | None:
         """Keep asking; answers with the reason when there is no more use in it."""
@@ -20,6 +21,9 @@ class ModeRequest:
         if refusals:
             said = f', the vehicle says "{session.texts[-1]}"' if session.texts else ""
             return f"refused: {refusals[0].said}{said}"
+        if session.mode_requests_dropped > self._dropped and self._due > now:
+            self._tries, self._due = self._tries - 1, now  # dropped before its answer: that was no try
+        self._dropped = session.mode_requests_dropped
         if now < self._due or session.mode == mode:
             return None
         if self._tries == TRIES:

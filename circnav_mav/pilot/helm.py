@@ -1,5 +1,7 @@
 """From an estimate to the bytes' meaning: law, turn-rate gain, choke point, the vehicle's message."""
 
+from math import ceil
+
 from circnav_mav.core.guidance import holding, steering, through_gain
 from circnav_mav.core.phases import Phase
 from circnav_mav.core.radius_trim import next_trim
@@ -40,6 +42,7 @@ class Helm:
                 max_bank=facts.max_bank,
                 max_pitch=facts.loops.max_pitch,
                 max_climb=facts.max_climb,
+                max_stick=ceil(facts.stick(facts.max_bank)),
             )
         )
         self._learning = TurnGainSettings(lag=settings.turn_lag)

@@ -1,7 +1,7 @@
 """The last words of a mission: the safe setpoint, and the exit action until the vehicle's own mode shows it."""
 
 from circnav_mav.mav.codec import Message
-from circnav_mav.mav.commands import CommandSender
+from circnav_mav.mav.commands import once
 from circnav_mav.mav.session import Session
 from circnav_mav.pilot.handover import ModeRequest
 
@@ -36,14 +36,20 @@ class Leaving:
             self.failure = f"exit action {action} {failure}"
         return failure is not None
 
+    def wait_to_speak(self, since: float, now: float) -> bool:
+        """After a stall, until a heartbeat has told the mode, or until the vehicle is known to be ours, nothing may be
+        said; tells whether that has taken too long."""
+        if now - since <= PATIENCE:
+            return False
+        self.failure = "no exit action asked for: nobody knows whether the vehicle is still ours"
+        return True
+
     def at_once(self, session: Session) -> list[Message]:
         """The exit action asked for once, by somebody who will not hear the answer."""
         action = self._named(session)
         if action == STOP_SENDING:
             return []
-        sender = CommandSender()
-        sender.send(session.adapter.request_mode(session.adapter.exits[action]))
-        return sender.poll(session.vehicle_ids, 0.0)
+        return [once(session.adapter.request_mode(session.adapter.exits[action]), session.vehicle_ids)]
 
     def _named(self, session: Session) -> str:
         return self._action or session.adapter.default_exit

@@ -8,11 +8,11 @@ ranges the orbit's own turn rate is held, then given up. The operator always win
 
 from collections import Counter
 from collections.abc import Hashable
+from dataclasses import replace
 
 from circnav_mav.core.bounds import breach
 from circnav_mav.core.phases import Event, Phase
 from circnav_mav.core.values import RangeEstimate, TurnCommand
-from circnav_mav.mav.autopilots.interface import believed_airspeed
 from circnav_mav.mav.autopilots.table import adapters
 from circnav_mav.mav.codec import LinkCounts, Message
 from circnav_mav.mav.frames import YawRate
@@ -24,7 +24,7 @@ from circnav_mav.pilot.authority import Authority
 from circnav_mav.pilot.beat import Beat
 from circnav_mav.pilot.engagement import Engagement
 from circnav_mav.pilot.helm import Helm
-from circnav_mav.pilot.leaving import PATIENCE, Leaving
+from circnav_mav.pilot.leaving import Leaving
 from circnav_mav.pilot.listening import decoders
 from circnav_mav.pilot.progress import Progress
 from circnav_mav.pilot.record import plot_values, tick_record
@@ -71,6 +71,7 @@ class Pilot:
         self.why = ""
         """Why the law flies that flies, for people."""
         self.setpoints_sent = 0
+        self._gave_setpoint = False
         self._progress = Progress(self._say, self._in_our_hands)
         self._authority = Authority()
         self._engagement = Engagement(settings, self.session, self._authority, self._progress)
@@ -101,7 +102,7 @@ class Pilot:
                 self._take_range(message, now)
         self._frames += decoder.frames
         if link == VEHICLE and decoder.behind:
-            self.session.greet(source)
+            self.session.pinning.greet(source)
 
     def interrupt(self, now: float, reason: str) -> None:
         """End the flight now: the next step sends the safe setpoint."""
@@ -115,7 +116,7 @@ class Pilot:
     def _take_range(self, message: Message, now: float) -> None:
         heard = self.target.hear(
             message, now, stalled=self._stalled(now), one_way=self._one_way(),
-            strangers=() if self.settings.ranging_apart else self.session.strangers,
+            strangers=() if self.settings.ranging_apart else self.session.pinning.strangers,
         )  # fmt: skip
         if heard:
             self._beat.heard(now)
@@ -144,8 +145,9 @@ class Pilot:
     def _airspeed(self, now: float) -> float:
         """As measured, where that can be; else the speed that the vehicle is told to hold, as it does while it is ours
         and hears us."""
-        measured = self.session.motion.at(now).airspeed if self.session.adapter.measures_airspeed else None
-        believed = believed_airspeed(measured, self.settings.orbit.speed)
+        adapter = self.session.adapter
+        measured = self.session.motion.at(now).airspeed if adapter.measures_airspeed else None
+        believed = adapter.airspeed(measured)
         doubted = measured is not None and measured != believed
         if doubted and self._progress.steering and not self._airspeed_told:  # on the ground it is no wonder
             self._airspeed_told = True
@@ -155,6 +157,12 @@ class Pilot:
     def _stalled(self, now: float) -> bool:
         """Whether what comes in now may have waited while we stood still; it takes a few turns to read it all."""
         return now < self._caught_up or self._stood_still(now)
+
+    @property
+    def _doubtful(self) -> bool:
+        """Whether the vehicle may be in other hands since we stalled, for no heartbeat has told its mode yet; or may be
+        another one since it was silent, for its time has not."""
+        return self._heartbeats_before is not None or self.session.told.unproven
 
     def _stood_still(self, now: float) -> bool:
         return self._stepped is not None and now - self._stepped > STALL
@@ -228,10 +236,14 @@ class Pilot:
 
     def step(self, now: float) -> bytes:
         """Decide and answer. Acts when a fresh range is waiting or a tick is due; else returns nothing at once."""
+        self._gave_setpoint = False
         if self._stood_still(now):
             self._caught_up = now + CATCH_UP
         if self._stalled(now):
-            self.target.fresh, self._heartbeats_before = False, self.session.heartbeats
+            self.target.fresh, self._heartbeats_before = False, self.session.told.heartbeats
+            self.session.drop_mode_requests()
+        elif self._heartbeats_before is not None and self.session.told.heartbeats > self._heartbeats_before:
+            self._heartbeats_before = None
         self._stepped = now
         # the last words are a tick apart, however many ranges come
         answers = self.target.fresh and self.phase is not Phase.LEAVING
@@ -261,15 +273,21 @@ class Pilot:
         messages += self._housekeeping(estimate, command, now)
         return b"".join(map(self.session.encode, messages))
 
+    def hold_back(self) -> None:
+        """What the newest step gave out was not sent: the shell had stood still in it for too long."""
+        if self._gave_setpoint:
+            self.setpoints_sent -= 1
+            self._records[-1] = replace(self._records[-1], yaw_rate_sent=None)
+
     def last_words(self, now: float) -> bytes:
         """The safe setpoint, and the exit action asked for once, for the shell to send when the pilot itself has
         failed; empty if not ours to fly."""
         begun = self._progress.steering or self._progress.resuming or self.phase is Phase.LEAVING
-        if not begun or not self._in_our_hands():
+        if not begun or not self._in_our_hands() or self.session.told.unproven:
             return b""
         words = [self.helm.safe_setpoint(self.session, now)]
-        doubtful = self._stalled(now) or self._heartbeats_before is not None
-        if not doubtful and self.session.heartbeat_age(now) < SILENT:  # a mode is obeyed whoever has the vehicle
+        sure = not (self._stalled(now) or self._doubtful) and self.session.heartbeat_age(now) < SILENT
+        if sure:  # a mode is obeyed whoever has the vehicle
             words += self._leaving.at_once(self.session)
         return b"".join(map(self.session.encode, words))
 
@@ -282,15 +300,21 @@ class Pilot:
         plots = self.session.announcer.plots(plot_values(self.settings.orbit, estimate, command), now)
         if self.settings.voice is Voice.SHADOW:
             return self.session.heartbeats_due(now) + plots
+        if self.done:
+            self.session.drop_mode_requests()
         return self.session.poll(now) + plots + (self.session.farewell() if self.done else [])
 
     # --- what moves the phases --------------------------------------------------------------------------------------
 
     def _watch_link(self, now: float) -> None:
+        """A vehicle that is not proven to be the one of before counts as lost; last words wait for it a while."""
         session = self.session
         if session.up and session.heartbeat_age(now) > LOST_AFTER:
             session.lose()
             self._progress.lose(now)
+        elif session.up and session.told.unproven:
+            if self.phase is not Phase.LEAVING:
+                self._progress.lose(now)
         elif session.up:
             self._progress.happened(Event.LINK_UP, now)
 
@@ -327,7 +351,7 @@ class Pilot:
             self.settings.bounds,
             r=estimate.r if estimate and progress.phase is Phase.ENGAGED else None,
             altitude=session.motion.at(now).altitude,
-            battery=session.battery,
+            battery=session.told.battery,
         )
         if broken is not None:
             progress.finish(Ending.ABORTED, broken, now)
@@ -342,15 +366,15 @@ class Pilot:
 
     def _watch_engagement(self, now: float) -> None:
         progress, engagement = self._progress, self._engagement
+        if progress.phase is Phase.LEAVING or (self._doubtful and self.settings.voice is Voice.FLY):
+            return
         allowed = engagement.allowed(now)
         if allowed and progress.phase is Phase.YIELDED:
             progress.happened(Event.MODE_OURS, now)
         elif allowed and progress.phase is Phase.READY:
             self._engage(now)
-        elif progress.phase is Phase.READY:
-            failure = engagement.request(now)
-            if failure is not None:
-                progress.finish(Ending.ABORTED, failure, now)
+        elif (failure := engagement.request(now)) is not None:
+            progress.finish(Ending.ABORTED, failure, now)
 
     def _engage(self, now: float) -> None:
         self._progress.engage(now)
@@ -364,9 +388,7 @@ class Pilot:
 
     def _setpoint(self, command: TurnCommand | None, now: float) -> tuple[list[Message], YawRate | None]:
         """The setpoint message of this step, if any, and the yaw rate in it."""
-        if self._heartbeats_before is not None and self.session.heartbeats > self._heartbeats_before:
-            self._heartbeats_before = None
-        silent = self.settings.voice is not Voice.FLY or self._heartbeats_before is not None
+        silent = self.settings.voice is not Voice.FLY or self._doubtful
         yaw_rate = None
         try:
             if self.phase is Phase.LEAVING:
@@ -385,6 +407,7 @@ class Pilot:
         if message is None:
             return [], None
         self.setpoints_sent += 1
+        self._gave_setpoint = True
         return [message], yaw_rate
 
     def _leave(self, now: float, *, silent: bool) -> Message | None:
@@ -393,15 +416,15 @@ class Pilot:
         if self.settings.voice is not Voice.FLY:
             progress.happened(Event.SAFE_SENT, now)
             return None
-        if silent:  # after a stall, until a heartbeat has told the mode
-            if now - progress.since > PATIENCE:
-                progress.happened(Event.SAFE_SENT, now)
-            return None
-        if self._leaving.go_on(self.session, progress.since, now):
+        if silent:
+            over = self._leaving.wait_to_speak(progress.since, now)
+        else:
+            over = self._leaving.go_on(self.session, progress.since, now)
+        if over:
             progress.happened(Event.SAFE_SENT, now)
         if self._leaving.failure is not None and progress.outcome is not None:
             progress.outcome = Outcome(progress.outcome.ending, f"{progress.outcome.reason}; {self._leaving.failure}")
-        return self.helm.safe_setpoint(self.session, now)
+        return None if silent else self.helm.safe_setpoint(self.session, now)
 
     def _tell_law(self, command: TurnCommand | None) -> None:
         """Say when another law takes over, and why."""

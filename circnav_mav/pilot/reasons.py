@@ -9,6 +9,8 @@ from circnav_mav.mav.session import Session
 
 def why_no_vehicle(session: Session, counts: LinkCounts) -> str:
     """Nobody that the mission means has been heard."""
+    if session.up and session.told.unproven:
+        return "whether this is the vehicle of before is not known until it tells its time (ATTITUDE, SYSTEM_TIME)"
     if session.misfits:
         return "; ".join(session.misfits.values())
     return f"no autopilot heartbeat, {counts.describe()}"
@@ -51,7 +53,7 @@ def why_slow(round_trip: float | None, most: float) -> str:
 
 def why_not_guided(session: Session, *, request_mode: bool) -> str:
     """Not armed, or in another mode."""
-    if not session.armed:
+    if not session.told.armed:
         return "the vehicle is not armed"
     return (
         f"mode {_guided(session)}, asked for" if request_mode else f"mode {_guided(session)}, the operator's to enter"

@@ -170,7 +170,7 @@ class Survey:
             if link == self._ranging_link:
                 self._take_range(message, now)
         if link == VEHICLE and decoder.behind:
-            self.session.greet(source)
+            self.session.pinning.greet(source)
 
     def step(self, now: float) -> bytes:
         """What to send to the vehicle now."""
@@ -222,12 +222,12 @@ class Survey:
             firmware=session.firmware,
             mode=session.mode,
             mode_name=session.mode_name,
-            armed=session.armed,
+            armed=session.told.armed,
             heartbeat_age=session.heartbeat_age(self._end),
             streams={id: (rate, self._counted[id] / max(self._measured_for, TICK)) for id, rate in wanted.items()},
             motion=session.motion.at(self._end),
             airspeed_told=self._airspeed,
-            battery=session.battery,
+            battery=session.told.battery,
             boot=quick_span(self._boots),
             reboots=session.reboots,
             round_trip=session.round_trip.typical,

@@ -10,6 +10,13 @@ OUT_OF_STEP = 1.0
 SPAN, SHORTEST_SPAN = 2.0, 0.25
 """Real time, s, over which the autopilot's speed is measured, and the least that will do."""
 SLOWEST, FASTEST = 0.01, 1000.0
+_THROUGH_SLEEP: int | None = getattr(time, "CLOCK_BOOTTIME", None)
+
+
+def steady() -> float:
+    """Real seconds from an arbitrary start: monotonic, and they go on while the computer sleeps (where it tells), for
+    the vehicle flies on. `time.monotonic` of a laptop whose lid was closed for a minute knows of no stall."""
+    return time.monotonic() if _THROUGH_SLEEP is None else time.clock_gettime(_THROUGH_SLEEP)
 
 
 class RunClock(Protocol):
@@ -25,6 +32,10 @@ class RunClock(Protocol):
         """Real seconds to wait for a moment of this clock; 0 when it has passed."""
         ...
 
+    def real(self) -> float:
+        """Real seconds, monotonic: how long something of ours takes."""
+        ...
+
 
 class Clock:
     """Seconds since it was made, in whole microseconds, monotonic; `speed` times real time for the bundled vehicle.
@@ -34,17 +45,21 @@ class Clock:
 
     def __init__(self, speed: float = 1.0) -> None:
         self._speed = speed
-        self._start = time.monotonic()
+        self._start = steady()
         self.epoch_us = time.time_ns() // 1000
         """Wall-clock time of second 0, for log stamps only."""
 
     def now(self) -> float:
         """Seconds since the start of the run."""
-        return round((time.monotonic() - self._start) * self._speed * 1e6) / 1e6
+        return round((steady() - self._start) * self._speed * 1e6) / 1e6
 
     def until(self, moment: float) -> float:
         """Real seconds to wait for a moment of this clock; 0 when it has passed."""
         return max((moment - self.now()) / self._speed, 0.0)
+
+    def real(self) -> float:
+        """Real seconds, monotonic: how long something of ours takes."""
+        return steady()
 
 
 class AutopilotClock:
@@ -58,7 +73,7 @@ class AutopilotClock:
 
     def __init__(self, boot_time: Callable[[], float | None], speed: float = 1.0) -> None:
         self._boot_time = boot_time
-        self._start = time.monotonic()
+        self._start = steady()
         self.epoch_us = time.time_ns() // 1000
         self.speed = speed
         """Autopilot seconds per second of ours."""
@@ -68,7 +83,7 @@ class AutopilotClock:
 
     def now(self) -> float:
         """Seconds since the start of the run."""
-        local = time.monotonic() - self._start
+        local = steady() - self._start
         self._now += self.speed * (local - self._local)
         self._local = local
         boot = self._boot_time()
@@ -79,6 +94,10 @@ class AutopilotClock:
     def until(self, moment: float) -> float:
         """Real seconds to wait for a moment of this clock; 0 when it has passed."""
         return max((moment - self.now()) / self.speed, 0.0)
+
+    def real(self) -> float:
+        """Real seconds, monotonic: how long something of ours takes."""
+        return steady()
 
     def _hear(self, boot: float) -> None:
         """Measure with a boot time that is newer than the last; after a jump begin anew, at the same speed."""

@@ -35,15 +35,20 @@ class Screen(Protocol):
 
 
 class PlainScreen:
-    """One line each time, and one for each alarm that is new."""
+    """One line each time, one for each alarm that is new, and one for what is waited for at two times in a row."""
 
     def __init__(self, console: Console, radius: float) -> None:
         self._console, self._radius = console, radius
         self._alarms: set[str] = set()
+        self._waits, self._waits_told = "", ""
 
     def draw(self, status: Status) -> None:
         """Print the lines."""
         self._print(one_line(status, self._radius))
+        waits, self._waits = self._waits, _kind(status.waits)
+        if self._waits not in ("", self._waits_told) and self._waits == waits:
+            self._print(f"  WAITING  {status.waits}")
+            self._waits_told = waits
         kinds = {_kind(alarm): alarm for alarm in status.alarms}
         for kind, alarm in kinds.items():
             if kind not in self._alarms:

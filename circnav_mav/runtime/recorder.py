@@ -38,7 +38,8 @@ CLOSE_PATIENCE = 10.0
 TICK_COLUMNS = tuple(field.name for field in fields(TickRecord))
 TURN_COLUMNS = ("time_us", "heard", "said", "hello", "interrupt")
 """heard: link initial, number of the source and count of whole frames of each datagram, as in `v0*2 r1*1`. said, hello:
-frames of ours. The tlog holds the frames of a turn in this order."""
+frames of ours; HELD_BACK: what there was to say was not sent. The tlog holds the frames of a turn in this order."""
+HELD_BACK = "held"
 
 
 class RecorderError(Exception):
@@ -52,13 +53,15 @@ class TakenError(RecorderError):
 @dataclass(slots=True)
 class Turn:
     """One turn of the loop. heard: (link, source, whole frames) of each datagram. said: frames to the vehicle. hello:
-    frames to the ranging link. interrupt: why the flight was ended from outside in this turn."""
+    frames to the ranging link. interrupt: why the flight was ended from outside in this turn. held_back: whether
+    what there was to say was not sent."""
 
     time: float
     heard: list[tuple[str, Hashable, list[bytes]]] = field(default_factory=list)
     said: list[bytes] = field(default_factory=list)
     hello: list[bytes] = field(default_factory=list)
     interrupt: str = ""
+    held_back: bool = False
 
 
 class Recorder:
@@ -108,10 +111,12 @@ class Recorder:
             self._put(record)
 
     def close(self) -> None:
-        """Write what is waiting and close the files."""
+        """Write what is waiting and close the files. What a slow disk does not take in time is noted."""
         self._queue.put(None)
         if self._thread.is_alive():
             self._thread.join(CLOSE_PATIENCE)
+            if self._thread.is_alive():
+                self._note(f"{self.folder}: the end is not recorded: the disk is too slow")
 
     def discard(self) -> None:
         """Take the files away again: nothing was recorded, for the flight never began."""
@@ -180,7 +185,8 @@ class Recorder:
         stamp = struct.pack(">Q", self._epoch_us + round(item.time * 1e6))
         self._written += self._tlog.write(b"".join(stamp + without_signature(frame) for frame in frames))
         heard = " ".join(f"{link[0]}{self._number(source)}*{len(datagram)}" for link, source, datagram in item.heard)
-        row = (round(item.time * 1e6), heard, len(item.said) or "", len(item.hello) or "", item.interrupt)
+        said = HELD_BACK if item.held_back else len(item.said) or ""
+        row = (round(item.time * 1e6), heard, said, len(item.hello) or "", item.interrupt)
         self._written += self._turns_csv.writerow(row)
 
     def _number(self, source: Hashable) -> int:

@@ -15,6 +15,9 @@ from circnav_mav.runtime.links import Link
 from circnav_mav.runtime.recorder import Recorder, Turn
 
 LONGEST_WAIT = 0.05
+LONGEST_TURN = 0.5
+"""Real time, s, after which what a turn has to say is not said: we stood still in it, and the vehicle may be in other
+hands since. A stall between two turns the pilot notices itself."""
 
 
 class StopRequest:
@@ -49,20 +52,25 @@ def run(
     """Fly until the pilot is done. Every frame and tick goes to the recorder; `show` gets the newest tick and the turn
     after each step, and must not wait for anybody."""
     newest: TickRecord | None = None
+    now = 0.0
     while not pilot.done:
         wait(links, stop, min(clock.until(pilot.next_tick), LONGEST_WAIT))
-        now = clock.now()
+        began = clock.real()
+        heard = [(name, *one) for name, link in links.items() for one in link.receive(now)]
+        now = clock.now()  # a range that came while we stood still is not dated before it was sent
         if signing_time is not None:
             signing_time.turn()
         turn = Turn(now)
-        for name, link in links.items():
-            for data, source in link.receive(now):
-                pilot.receive(data, now, source, name)
-                turn.heard.append((name, source, pilot.take_frames()))
+        for name, data, source in heard:
+            pilot.receive(data, now, source, name)
+            turn.heard.append((name, source, pilot.take_frames()))
         if stop.signal_name and pilot.outcome is None:
             turn.interrupt = stop.signal_name
             pilot.interrupt(now, stop.signal_name)
         out = pilot.step(now)
+        if clock.real() - began > LONGEST_TURN:
+            out, turn.held_back = b"", True
+            pilot.hold_back()
         if out:
             links[VEHICLE].send(out, pilot.reply_to)
         if RANGING in links and (hello := pilot.hello(now)):

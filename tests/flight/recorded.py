@@ -18,10 +18,12 @@ EPOCH_US = 1_790_000_000_000_000
 
 @dataclass
 class RecordedFlight(Flight):
-    """A flight whose turns and ticks go to a recorder. `interrupt_at`: when somebody presses Ctrl-C."""
+    """A flight whose turns and ticks go to a recorder. `interrupt_at`: when somebody presses Ctrl-C. `slow_at`: when a
+    turn takes so long that nothing is said in it."""
 
     recorder: Recorder | None = None
     interrupt_at: float = math.inf
+    slow_at: float = math.inf
     noise: list[bytes] = field(default_factory=list)
 
     def _step(self, due: float) -> None:
@@ -42,6 +44,9 @@ class RecordedFlight(Flight):
             turn.interrupt = "SIGINT"
             pilot.interrupt(self.now, "SIGINT")
         out = pilot.step(self.now)
+        if out and self.now >= self.slow_at:
+            out, turn.held_back, self.slow_at = b"", True, math.inf
+            pilot.hold_back()
         vehicle.receive(out)
         turn.said = split_frames(out)
         turn.hello = split_frames(pilot.hello(self.now)) if RANGING in links.values() else []

@@ -8,7 +8,7 @@ from math import atan, cos, nan, sin
 import pytest
 
 from circnav_mav.core.values import TurnRate
-from circnav_mav.mav.autopilots.interface import VehicleFacts, VehicleState
+from circnav_mav.mav.autopilots.interface import Autopilot, VehicleFacts, VehicleState
 from circnav_mav.mav.autopilots.table import AUTOPILOTS
 from circnav_mav.mav.codec import Encoder
 from circnav_mav.mav.frames import yaw_rate_from_turn_rate
@@ -164,3 +164,30 @@ def test_an_airspeed_that_can_be_makes_the_bank_of_its_own_coordinated_turn(airs
     thrust = 0.63 + 0.25 * (1 / cos(bank) - 1) + 0.08 * (SPEED - airspeed)
     attitude = floats_of(attitude_frame(0x07, roll=-bank, pitch=-0.04, thrust=min(thrust, 1.0)))
     assert floats_of(sent(("px4", "plane attitude"), TURN, state)) == pytest.approx(attitude, abs=1e-6)
+
+
+def thrust_at(adapter: Autopilot, airspeed: float | None) -> float:
+    state = at_airspeed(airspeed)
+    return float(adapter.safe_setpoint(state, AT).thrust)
+
+
+@pytest.mark.parametrize(("bound", "within", "again"), [(16.0, 15.6, 15.0), (5.0, 5.9, 6.0)])
+def test_an_airspeed_at_the_bound_of_what_can_be_does_not_make_the_thrust_step_each_time(
+    bound: float, within: float, again: float
+) -> None:
+    """Once doubted, at 1.6 V or at .5 V, it is believed again within 1.5 V or .6 V only."""
+    adapter = AUTOPILOTS["px4", "plane attitude"](FACTS)
+    assert thrust_at(adapter, bound) != 0.63
+    outside = bound + (0.01 if bound > SPEED else -0.01)
+    assert [thrust_at(adapter, V) for V in (outside, bound, within, outside, None, within)] == [0.63] * 6
+    assert thrust_at(adapter, again) == pytest.approx(min(0.63 + 0.08 * (SPEED - again), 1.0), abs=1e-6)
+    assert thrust_at(adapter, bound) == pytest.approx(min(max(0.63 + 0.08 * (SPEED - bound), 0.0), 1.0), abs=1e-6)
+
+
+@pytest.mark.parametrize("key", PLANES)
+def test_the_bank_is_made_of_the_airspeed_that_is_reckoned_with_elsewhere(key: tuple[str, str]) -> None:
+    adapter = AUTOPILOTS[key](FACTS)
+    assert [adapter.airspeed(V) for V in (16.5, 15.5)] == [SPEED, SPEED]
+    steer = Steer(yaw_rate_from_turn_rate(TurnRate(TURN)), SPEED)
+    assert Encoder(*US).encode(adapter.setpoint(steer, at_airspeed(15.5), AT)) == sent(key, TURN)
+    assert adapter.airspeed(14.9) == 14.9

@@ -1,6 +1,7 @@
 """The choke point: what may not leave, raises."""
 
 import math
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
@@ -144,6 +145,10 @@ def test_the_messages_of_every_adapter_are_judged_here():
         ("vy", [0.0, -0.0], [0.001, -0.001]),
         ("vz", [1.0, -1.0, 0.0], [1.001, -1.001]),
         ("yaw_rate", [0.35, -0.35, 0.0], [0.3501, -0.3501]),
+        ("afx", [0.0, -0.0], [0.001, -0.001]),
+        ("afy", [5.25, -5.25, 0.0], [5.251, -5.251]),  # V w
+        ("afz", [0.0, -0.0], [0.001, -0.001]),
+        ("coordinate_frame", [8], [1, 7, 9, 12]),  # in LOCAL_NED the same numbers fly straight on
     ],
 )
 @pytest.mark.parametrize("key", VELOCITY)
@@ -164,6 +169,18 @@ def test_bank_and_pitch_of_a_setpoint_have_a_bound_each(key, angle, most, sign):
     assert not tilted(most + 1e-4)
 
 
+@pytest.mark.parametrize("q", [(0.0, 0.0, 0.0, 0.0), (2.0, 0.0, 0.0, 0.0), (0.5, 0.0, 0.0, 0.5)])
+@pytest.mark.parametrize("key", ATTITUDE)
+def test_an_attitude_is_a_rotation_and_nothing_else(key, q):
+    assert not passes(key, q=q)
+
+
+@pytest.mark.parametrize("key", AUTOPILOTS)
+def test_a_setpoint_for_everybody_is_stopped(key):
+    """System 0 is every vehicle behind the endpoint."""
+    assert not passes(key, **{"target" if key in STICK else "target_system": 0})
+
+
 @pytest.mark.parametrize(("thrust", "may"), [(0.0, True), (1.0, True), (-0.001, False), (1.001, False)])
 @pytest.mark.parametrize("key", ATTITUDE)
 def test_thrust_is_a_share(key, thrust, may):
@@ -177,9 +194,24 @@ def test_thrust_is_a_share(key, thrust, may):
         ("y", [1000, -1000], [1001, -1001]),
         ("z", [0, 1000], [-1, 1001]),
         ("r", [0], [1, -1]),
+        ("buttons", [0], [1, 0x8000]),
+        ("enabled_extensions", [0], [1]),
     ],
 )
 @pytest.mark.parametrize("key", STICK)
 def test_each_stick_has_its_own_bound(key, field, inside, outside):
     assert [passes(key, **{field: value}) for value in inside] == [True] * len(inside)
     assert [passes(key, **{field: value}) for value in outside] == [False] * len(outside)
+
+
+@pytest.mark.parametrize(("y", "may"), [(800, True), (-800, True), (801, False), (-801, False)])
+def test_the_stick_goes_no_farther_than_the_missions_bank(y, may):
+    adapter = AUTOPILOTS["px4", "plane"](VehicleFacts(speed=15.0))
+    message = adapter.setpoint(steer(), VehicleState(1, 1, Motion(airspeed=15.0), None), 1.0)
+    message.y = y
+    gate = SetpointGate(replace(ALL, max_stick=800))
+    if may:
+        assert gate.check_message(message, adapter.shapes) is message
+    else:
+        with pytest.raises(UnsafeSetpointError, match="outside the limits"):
+            gate.check_message(message, adapter.shapes)

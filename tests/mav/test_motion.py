@@ -1,12 +1,12 @@
 """Own motion from ATTITUDE and VFR_HUD: when it was measured, what is stale, what is missing."""
 
 import random
-from math import nan, pi
+from math import atan2, cos, nan, pi, sin
 
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.mav.motion import MotionSensor
+from circnav_mav.mav.motion import MotionSensor, heading_rate
 
 RATE = 0.3
 """Yaw rate of the vehicle, rad/s."""
@@ -139,3 +139,14 @@ def test_an_attitude_that_cannot_be_is_none(rubbish):
     sensor = MotionSensor()
     assert not sensor.receive(attitude(0, **rubbish), 0.0)
     assert sensor.own(0.1, 15.0) is None
+
+
+@pytest.mark.parametrize("pitch", [0.0, 0.5, -1.0])
+@pytest.mark.parametrize("roll", [0.0, 0.7, -0.7])
+def test_the_heading_rate_is_that_of_the_heading_and_not_of_the_body_axis(roll, pitch):
+    """Against the attitude itself, turned a little by the body rates: R_z(yaw) R_y(pitch) R_x(roll) exp(omega dt)."""
+    q, r, dt = 0.2, 0.3, 1e-6
+    x_axis = (1.0, r * dt, -q * dt)  # where the nose points after dt, in the body's axes of before
+    y, z = x_axis[1] * cos(roll) - x_axis[2] * sin(roll), x_axis[1] * sin(roll) + x_axis[2] * cos(roll)
+    turned = atan2(y, cos(pitch) * x_axis[0] + sin(pitch) * z)
+    assert heading_rate(roll, pitch, q, r) == pytest.approx(turned / dt, rel=1e-4)

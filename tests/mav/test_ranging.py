@@ -1,6 +1,7 @@
 """Which ranging messages become samples, and by which counter the others are refused (mavlink.md 1.1 to 1.5)."""
 
 import math
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
@@ -371,6 +372,23 @@ def test_stamps_that_jump_about_are_never_believed(ear):
     for i, stamp in enumerate((10_000, 900_000, 30_000, 2_000_000, 50_000)):
         assert heard.distance(stamp=stamp, now=1.1 + 0.1 * i) is None
     assert heard.rejected == {"stamp_jump": 5}
+
+
+def test_a_slow_radio_whose_clock_jumps_is_believed_again(ear):
+    """What confirms a jump is that stamps and arrivals go on alike, be it by seconds."""
+    heard = ear(replace(DISTANCE, rate=0.4))
+    assert heard.distance(stamp=700_000, now=1.0) is not None
+    assert heard.distance(stamp=100_000, now=8.5) is None
+    assert heard.distance(stamp=102_500, now=11.0) is not None
+    assert heard.reader.restarted
+
+
+def test_ranges_of_other_senders_are_not_counted_as_refused(ear, voice):
+    heard = ear()
+    assert heard.distance(now=1.0) is not None
+    assert heard.distance(0, now=1.1) is None
+    assert heard.distance(now=1.2, speaker=voice(1, 77)) is None
+    assert (heard.reader.refused, heard.reader.rejected["wrong_source"]) == (1, 1)
 
 
 def test_a_jump_confirmed_by_a_repeat_is_not_confirmed(ear):

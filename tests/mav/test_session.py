@@ -42,7 +42,7 @@ def test_the_first_vehicle_that_fits_is_pinned_and_answered_where_it_spoke(line)
     assert session.up
     assert session.peer.ids == (1, 1)
     assert session.reply_to == ("10.0.0.1", 14550)
-    assert (session.mode, session.mode_name, session.armed) == (5, "LOITER", True)
+    assert (session.mode, session.mode_name, session.told.armed) == (5, "LOITER", True)
     assert session.heartbeat_age(2.5) == 1.5
 
 

@@ -1,11 +1,11 @@
 """The clock that goes with the autopilot: as fast as it, through gaps, reboots, pauses and the wrap of its counter."""
 
 import random
-import time
 from collections.abc import Iterator
 
 import pytest
 
+from circnav_mav.runtime import clock
 from circnav_mav.runtime.clock import AutopilotClock
 
 WRAP = 2**32 / 1000
@@ -18,7 +18,7 @@ class Bench:
         self.real, self.boot, self.speed = 0.0, 100.0, 1.0
         self.told: float | None = None
         self.times: list[float] = []
-        monkeypatch.setattr(time, "monotonic", lambda: 5000.0 + self.real)
+        monkeypatch.setattr(clock, "steady", lambda: 5000.0 + self.real)
         self.clock = AutopilotClock(lambda: self.told)
 
     def run(self, seconds: float, *, every: float = 0.05, late: Iterator[float] | None = None) -> float:

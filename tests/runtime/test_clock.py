@@ -4,14 +4,15 @@ import time
 
 import pytest
 
-from circnav_mav.runtime.clock import Clock, local_time_name
+from circnav_mav.runtime import clock as clock_module
+from circnav_mav.runtime.clock import AutopilotClock, Clock, local_time_name
 
 
 @pytest.fixture
 def ticking(monkeypatch):
-    """A monotonic clock that the test moves."""
+    """A clock of the computer that the test moves."""
     times = {"now": 1000.0}
-    monkeypatch.setattr(time, "monotonic", lambda: times["now"])
+    monkeypatch.setattr(clock_module, "steady", lambda: times["now"])
     return times
 
 
@@ -35,6 +36,23 @@ def test_the_wait_for_a_moment_is_in_real_seconds(ticking):
     assert clock.until(5.0) == pytest.approx(0.5)
     ticking["now"] += 1.0
     assert clock.until(5.0) == 0.0
+
+
+@pytest.mark.skipif(not hasattr(time, "CLOCK_BOOTTIME"), reason="only Linux tells how long it slept")
+@pytest.mark.parametrize("make", [Clock, lambda: AutopilotClock(lambda: None)], ids=["ours", "the autopilot's"])
+def test_time_goes_on_while_the_computer_sleeps(make, monkeypatch):
+    """The lid is closed for ten minutes: the pilot has to see the gap."""
+    clock, slept = make(), {time.CLOCK_BOOTTIME: 600.0}
+    before, tell = clock.now(), time.clock_gettime
+    monkeypatch.setattr(time, "clock_gettime", lambda which: tell(which) + slept.get(which, 0.0))
+    assert clock.now() - before == pytest.approx(600.0, abs=1.0)
+
+
+def test_how_long_something_takes_is_in_real_seconds_whatever_the_runs_speed(ticking):
+    clock = Clock(10.0)
+    began = clock.real()
+    ticking["now"] += 2.5
+    assert clock.real() - began == 2.5
 
 
 def test_a_jump_of_the_wall_clock_moves_nothing(ticking, monkeypatch):

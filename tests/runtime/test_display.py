@@ -199,6 +199,16 @@ def test_plain_output_tells_each_new_alarm_once(statuses):
     assert console.file.getvalue().count("  ALARM    RANGE STALE, ") == 1
 
 
+def test_plain_output_tells_once_what_is_waited_for(statuses):
+    console = Console(width=80, file=io.StringIO(), color_system=None)
+    screen = PlainScreen(console, 100.0)
+    for status in statuses(4.0, "engage.request_mode=false"):
+        screen.draw(status)
+    waiting = [line for line in console.file.getvalue().splitlines() if line.startswith("  WAITING")]
+    assert waiting[-1] == "  WAITING  mode GUIDED, the operator's to enter"
+    assert len(waiting) == len(set(waiting)) <= 2
+
+
 def test_numbers_say_what_they_are_of(statuses):
     """Which range, what is turned how far, whose bearing."""
     status = statuses(12.0)[-1]

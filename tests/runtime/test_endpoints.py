@@ -64,7 +64,7 @@ def test_a_serial_device_that_is_not_there_is_refused_in_one_line():
 
 def test_a_serial_endpoint_without_the_package_for_it_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "serial", None)
-    with pytest.raises(LinkError, match=r"needs the package pyserial: pip install 'circnav-mav\[serial\]'$"):
+    with pytest.raises(LinkError, match=r"needs the package pyserial: pip install pyserial$"):
         open_link("serial:/dev/ttyUSB0:57600")
 
 

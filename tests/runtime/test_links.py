@@ -84,6 +84,17 @@ def test_a_flood_of_long_datagrams_is_taken_in_portions_and_none_is_lost(udp):
         assert len(portions) == 5
 
 
+def test_what_waits_in_a_flooded_socket_is_not_old(udp):
+    """A longer queue loses nothing less: it only makes everything in it late, a takeover too."""
+    with closing(open_link("udpin:127.0.0.1:0")) as link:
+        for _ in range(3000):
+            udp.sendto(bytes(1400), ("127.0.0.1", link.port))
+        waiting = 0
+        while portion := link.receive(0.0):
+            waiting += sum(len(data) for data, _ in portion)
+        assert waiting < 400_000, "0.4 s at 1 MB/s"
+
+
 def test_udpout_speaks_first_and_to_its_own_address_only(udp):
     with closing(open_link(f"udpout:127.0.0.1:{udp.getsockname()[1]}")) as link:
         link.send(b"hello", None)

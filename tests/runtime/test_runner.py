@@ -28,6 +28,9 @@ class FakeClock:
     def until(self, moment):
         return 0.0
 
+    def real(self):
+        return 0.0
+
 
 class FakeLink:
     errors = 0
@@ -55,6 +58,7 @@ class FakePilot:
     def __init__(self, steps=5):
         self.left = steps
         self.heard, self.interrupts = [], []
+        self.held_back = 0
         self.outcome = None
         self.next_tick = 0.0
         self.reply_to = "the vehicle"
@@ -69,6 +73,9 @@ class FakePilot:
     def step(self, now):
         self.left -= 1
         return frame(self.left) + frame(100 + self.left)
+
+    def hold_back(self):
+        self.held_back += 1
 
     def hello(self, now):
         return b"hello"
@@ -147,6 +154,61 @@ def test_the_newest_tick_is_shown_after_every_step(stop):
         stop,
     )
     assert shown == [(2, 0.05), (1, 0.1), (0, pytest.approx(0.15))]
+
+
+class StoppedAt(FakeClock):
+    """The process is stopped for a time, s, at a moment of its second turn; the run goes at ten times real time."""
+
+    def __init__(self, seconds):
+        super().__init__()
+        self.stood, self.seconds = 0.0, seconds
+
+    def now(self):
+        return super().now() + 10 * self.stood
+
+    def real(self):
+        return self.time / 10 + self.stood
+
+    def stop(self):
+        self.stood += self.seconds
+
+
+@pytest.mark.parametrize(("seconds", "said"), [(0.4, 3), (5.0, 2)])
+@pytest.mark.parametrize("moment", ["reading", "decoding", "deciding"])
+def test_what_was_to_be_said_before_the_process_stood_still_is_not_said_after_it(stop, seconds, said, moment):
+    """The vehicle may be in other hands by then; a setpoint or a mode would be of before."""
+    pilot, recorder, clock = FakePilot(3), FakeRecorder(), StoppedAt(seconds)
+    vehicle = FakeLink([(b"a", "x")] * 3)
+    where, name = {"reading": (vehicle, "receive"), "decoding": (pilot, "receive"), "deciding": (pilot, "step")}[moment]
+    does, calls = getattr(where, name), []
+
+    def stops(*arguments):
+        calls.append(arguments)
+        if len(calls) == 2:
+            clock.stop()
+        return does(*arguments)
+
+    setattr(where, name, stops)
+    run(pilot, {"vehicle": vehicle}, clock, recorder, lambda *_: None, stop)
+    assert len(vehicle.sent) == said
+    assert pilot.held_back == 3 - said == sum(turn.held_back for turn in recorder.turns)
+    assert len(recorder.kept) == 2 * said, "the log tells what was sent"
+    assert len(recorder.turns) == 3, "and all that was heard"
+
+
+def test_what_is_heard_after_the_process_stood_still_at_the_sockets_is_of_after_it(stop):
+    """A range dated seconds before it was sent would make every later one look old."""
+    clock, vehicle, recorder = StoppedAt(5.0), FakeLink([(b"a", "x")] * 3), FakeRecorder()
+    reads = vehicle.receive
+
+    def stops(now):
+        if len(vehicle.incoming) == 2:
+            clock.stop()
+        return reads(now)
+
+    vehicle.receive = stops
+    run(FakePilot(3), {"vehicle": vehicle}, clock, recorder, lambda *_: None, stop)
+    assert [turn.time > 50 for turn in recorder.turns] == [False, True, True]
 
 
 class Turns:

@@ -286,7 +286,7 @@ def test_a_port_in_use_is_one_line_with_a_remedy(flown, page):
 def test_without_the_packages_the_command_that_brings_them_is_named(flown, monkeypatch):
     find = importlib.util.find_spec
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == "uvicorn" else find(name))
-    with pytest.raises(WebError, match=r"--web needs the package uvicorn: pip install 'circnav-mav\[web\]'"):
+    with pytest.raises(WebError, match=r"--web needs the package uvicorn: pip install uvicorn"):
         open_page(flown.pilot)
 
 

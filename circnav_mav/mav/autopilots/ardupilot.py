@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 from pymavlink.dialects.v20 import all as dialect
 
-from circnav_mav.mav.autopilots.interface import GRAVITY, VehicleFacts, VehicleState, believed_airspeed
+from circnav_mav.mav.autopilots.interface import GRAVITY, Airspeed, VehicleFacts, VehicleState
 from circnav_mav.mav.autopilots.targets import VELOCITY_AND_YAW_RATE, attitude, body_velocity, custom_mode_request
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.commands import Command
@@ -49,6 +49,7 @@ class _ArduPilot:
 
     def __init__(self, facts: VehicleFacts) -> None:
         self._facts = facts
+        self.airspeed = Airspeed(facts.speed).believed
 
     def wants_setpoints_in(self, mode: int | None) -> bool:
         """GUIDED can be entered without."""
@@ -117,7 +118,7 @@ class ArduPlane(_ArduPilot):
 
     def setpoint(self, steer: Steer, state: VehicleState, now: float) -> Message:
         """The bank of the coordinated turn, within the mission's bank limit."""
-        airspeed = believed_airspeed(state.motion.airspeed, steer.speed)
+        airspeed = self.airspeed(state.motion.airspeed)
         roll = coordinated_bank(steer.yaw_rate, airspeed, self._facts.max_bank)
         return attitude(self.MASK, state, now, roll=roll, pitch=0.0, thrust=0.0)
 

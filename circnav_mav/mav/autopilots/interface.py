@@ -13,6 +13,9 @@ GRAVITY = 9.80665
 PLAUSIBLE_AIRSPEED = (0.5, 1.6)
 """Shares of the commanded airspeed between which a vehicle can fly at all: outside of them it is the sensor that lies
 (a blocked pitot tube), and a bank or a thrust made from it would be believed for the whole flight."""
+BELIEVED_AGAIN = (0.6, 1.5)
+"""Shares between which one that was doubted is believed again: at the bound itself thrust and bank would step each time
+that noise crosses it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +50,10 @@ class VehicleFacts:
     max_climb: float = 1.0
     loops: AirLoops = AirLoops()
 
+    def stick(self, bank: float) -> float:
+        """The roll stick of MANUAL_CONTROL, in thousandths to the right, that holds a bank (rad, right positive)."""
+        return 1000 * min(max(bank / self.stick_bank, -1.0), 1.0)
+
 
 @dataclass(frozen=True, slots=True)
 class VehicleState:
@@ -62,10 +69,21 @@ class VehicleState:
     height: float | None
 
 
-def believed_airspeed(measured: float | None, commanded: float) -> float:
-    """The airspeed to reckon with, m/s: the measured one, or the commanded one where that is missing or cannot be."""
-    least, most = (share * commanded for share in PLAUSIBLE_AIRSPEED)
-    return measured if measured is not None and least <= measured <= most else commanded
+class Airspeed:
+    """Which airspeed to reckon with. Asked again with the same number, it says the same."""
+
+    def __init__(self, commanded: float) -> None:
+        """commanded: V, m/s."""
+        self._commanded = commanded
+        self._doubted = False
+
+    def believed(self, measured: float | None) -> float:
+        """The measured one, m/s, or the commanded one where that is missing or cannot be."""
+        if measured is None:
+            return self._commanded
+        least, most = (share * self._commanded for share in (BELIEVED_AGAIN if self._doubted else PLAUSIBLE_AIRSPEED))
+        self._doubted = not least <= measured <= most
+        return self._commanded if self._doubted else measured
 
 
 class Autopilot(Protocol):
@@ -129,6 +147,10 @@ class Autopilot(Protocol):
     def measures_airspeed(self) -> bool:
         """Whether VFR_HUD.airspeed is an airspeed. A copter without a sensor sends its ground speed there, which is a
         velocity and not to be used; it holds the commanded speed instead."""
+        ...
+
+    def airspeed(self, measured: float | None) -> float:
+        """The airspeed to reckon with, m/s: what was measured, as far as it is believed."""
         ...
 
     @property

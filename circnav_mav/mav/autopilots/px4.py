@@ -12,7 +12,7 @@ from types import MappingProxyType
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mav.autopilots.ardupilot import COPTER_TYPES, coordinated_bank
-from circnav_mav.mav.autopilots.interface import VehicleFacts, VehicleState, believed_airspeed
+from circnav_mav.mav.autopilots.interface import Airspeed, VehicleFacts, VehicleState
 from circnav_mav.mav.autopilots.targets import VELOCITY_AND_YAW_RATE, attitude, body_velocity, custom_mode_request
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.commands import Command
@@ -73,6 +73,7 @@ class _PX4:
 
     def __init__(self, facts: VehicleFacts) -> None:
         self._facts = facts
+        self.airspeed = Airspeed(facts.speed).believed
 
     def wants_setpoints_in(self, mode: int | None) -> bool:
         """OFFBOARD is refused without; every other mode ignores them."""
@@ -141,7 +142,7 @@ class PX4PlaneStick(_PX4):
 
     def setpoint(self, steer: Steer, state: VehicleState, now: float) -> Message:
         """The stick that holds the bank of the coordinated turn."""
-        airspeed = believed_airspeed(state.motion.airspeed, steer.speed)
+        airspeed = self.airspeed(state.motion.airspeed)
         return self._stick(coordinated_bank(steer.yaw_rate, airspeed, self._facts.max_bank), state)
 
     def safe_setpoint(self, state: VehicleState, now: float) -> Message:
@@ -149,7 +150,7 @@ class PX4PlaneStick(_PX4):
         return self._stick(0.0, state)
 
     def _stick(self, roll: float, state: VehicleState) -> Message:
-        y = round(1000 * min(max(roll / self._facts.stick_bank, -1.0), 1.0))
+        y = round(self._facts.stick(roll))
         return dialect.MAVLink_manual_control_message(state.target_system, 0, y, 500, 0, 0)
 
 
@@ -170,7 +171,7 @@ class PX4PlaneAttitude(_PX4):
 
     def setpoint(self, steer: Steer, state: VehicleState, now: float) -> Message:
         """The bank of the coordinated turn, with the pitch and thrust that keep height and speed in it."""
-        airspeed = believed_airspeed(state.motion.airspeed, steer.speed)
+        airspeed = self.airspeed(state.motion.airspeed)
         return self._target(coordinated_bank(steer.yaw_rate, airspeed, self._facts.max_bank), state, now)
 
     def safe_setpoint(self, state: VehicleState, now: float) -> Message:
@@ -183,6 +184,5 @@ class PX4PlaneAttitude(_PX4):
         if motion.altitude is not None and motion.climb is not None and state.height is not None:
             rise = loops.pitch_per_height * (state.height - motion.altitude) - loops.pitch_per_climb * motion.climb
             pitch = min(max(rise, -loops.max_pitch), loops.max_pitch)
-        V = self._facts.speed
-        thrust += loops.thrust_per_speed * (V - believed_airspeed(motion.airspeed, V))
+        thrust += loops.thrust_per_speed * (self._facts.speed - self.airspeed(motion.airspeed))
         return attitude(self.MASK, state, now, roll=roll, pitch=pitch, thrust=min(max(thrust, 0.0), 1.0))

@@ -46,7 +46,7 @@ class LivePage:
         somebody's who made them up. Raises WebError."""
         missing = [package for package in NEEDED if importlib.util.find_spec(package) is None]
         if missing:
-            raise WebError(f"--web needs the package {' and '.join(missing)}: pip install 'circnav-mav[web]'")
+            raise WebError(f"--web needs the package {' and '.join(missing)}: pip install {' '.join(missing)}")
         self._watch, self._period, self._due = Watch(pilot), speed / LINES_A_SECOND, 0.0
         self._hears_truth, self._truth = truth, b""
         self._place: tuple[float | None, float | None] = (None, None)

@@ -1,0 +1,142 @@
+"""Who our vehicle is: the sender of the first HEARTBEAT that fits the mission. Nobody else ever becomes it."""
+
+from collections import Counter
+from collections.abc import Collection, Hashable
+from dataclasses import dataclass
+
+from pymavlink.dialects.v20 import all as dialect
+
+from circnav_mav.mav.autopilots.interface import Autopilot
+from circnav_mav.mav.codec import Message
+
+V2_MAGIC = 0xFD
+SPEAKS_1 = "speaks MAVLink 1 only: set its port to MAVLink 2 (ArduPilot: SERIALn_PROTOCOL = 2)"
+AUTOPILOT_COMPONENT = dialect.MAV_COMP_ID_AUTOPILOT1
+NO_AUTOPILOT = (dialect.MAV_AUTOPILOT_INVALID, dialect.MAV_AUTOPILOT_GENERIC)
+MOVES_AFTER = 1.5
+"""Silence of the vehicle about its mode, s, after which it may speak from another address."""
+MOST_MISFITS = 16
+Ids = tuple[int, int]
+"""(system, component)."""
+
+
+@dataclass(frozen=True, slots=True)
+class LinkSettings:
+    """system_id: of the vehicle, None for the first that fits. component_id: ours, 191..194."""
+
+    system_id: int | None = None
+    component_id: int = 191
+
+
+@dataclass(frozen=True, slots=True)
+class Peer:
+    """The pinned vehicle: where its frames come from, and its ids."""
+
+    source: Hashable
+    system: int
+    component: int
+
+    @property
+    def ids(self) -> Ids:
+        """(system, component)."""
+        return (self.system, self.component)
+
+
+class Pinning:
+    """Keeps who the vehicle is, where it is spoken to, and why nobody else is."""
+
+    def __init__(self, settings: LinkSettings, adapters: tuple[Autopilot, ...]) -> None:
+        """adapters: the vehicles that the mission allows; the pinned vehicle picks one."""
+        self._settings = settings
+        self._adapters = adapters
+        self.adapter = adapters[0]
+        self.peer: Peer | None = None
+        self.first: Ids | None = None
+        """The vehicle heard first, also while it is silent."""
+        self.reply_to: Hashable = None
+        self.since = 0.0
+        """When the vehicle was found, or found again after a silence, s."""
+        self.ignored: Counter[str] = Counter()
+        self.vehicles: set[int] = set()
+        """Systems that have told of an autopilot: an id is one byte, they cannot be many."""
+        self.misfits: dict[Ids, str] = {}
+
+    @property
+    def strangers(self) -> Collection[int]:
+        """Systems of other vehicles; nobody is known to be one before ours is found."""
+        return () if self.first is None else self.vehicles - {self.first[0]}
+
+    def greet(self, source: Hashable) -> None:
+        """Speak to somebody who signs as we do, by a clock far behind ours (an autopilot without GPS has none): he
+        takes our timestamp over, and can be believed from then on. Nobody else is, once the vehicle was heard."""
+        if self.first is None:
+            self.reply_to = source
+
+    def let_go(self) -> None:
+        """The vehicle has fallen silent."""
+        self.peer = None
+
+    def hear(self, heartbeat: Message, source: Hashable, now: float, *, silence: float) -> None:
+        """Take a HEARTBEAT in: it may be our vehicle's first, or its first from another address after a silence (s)."""
+        ids = sender(heartbeat)
+        if ids[1] == AUTOPILOT_COMPONENT and heartbeat.autopilot not in NO_AUTOPILOT:  # else a radio with a heartbeat
+            self.vehicles.add(ids[0])
+        if self.peer is None or (ids == self.peer.ids and silence > MOVES_AFTER):
+            self._consider(heartbeat, ids, source, now)
+
+    def speaks(self, message: Message, source: Hashable) -> bool:
+        """Whether a message is our vehicle's; heartbeats of other vehicles are counted."""
+        if self.peer is None:
+            return False
+        if sender(message) == self.peer.ids and source == self.peer.source:
+            return True
+        if message.get_type() == "HEARTBEAT" and message.autopilot != dialect.MAV_AUTOPILOT_INVALID:
+            self.ignored["other_vehicle"] += 1
+        return False
+
+    def _consider(self, heartbeat: Message, ids: Ids, source: Hashable, now: float) -> None:
+        """Pin the sender of this heartbeat if it is the vehicle that the mission means; else note why not."""
+        if heartbeat.autopilot == dialect.MAV_AUTOPILOT_INVALID or heartbeat.type == dialect.MAV_TYPE_GCS:
+            return
+        adapter = next((one for one in self._adapters if _fits(one, heartbeat)), None)
+        reason = self._misfit(heartbeat, ids, adapter)
+        if reason is None and heartbeat.get_msgbuf()[0] != V2_MAGIC:
+            reason = f"system {ids[0]} {SPEAKS_1}"
+            self.reply_to = source  # our MAVLink 2 heartbeat makes many autopilots switch over
+        if reason is not None or adapter is None:
+            if reason is not None and len(self.misfits) < MOST_MISFITS:
+                self.misfits[ids] = reason
+            return
+        if self.peer is None:
+            self.adapter, self.since = adapter, now
+        self.peer, self.first, self.reply_to = Peer(source, *ids), ids, source
+
+    def _misfit(self, heartbeat: Message, ids: Ids, adapter: Autopilot | None) -> str | None:
+        wanted = self._settings.system_id
+        if self.first is not None and ids != self.first:
+            return f"system {ids[0]} is not the vehicle heard first, system {self.first[0]}"
+        if wanted is not None and ids[0] != wanted:
+            return f"system {ids[0]} is not the mission's vehicle.system_id {wanted}"
+        if adapter is None:
+            known = " or ".join(one.name for one in self._adapters)
+            return f"system {ids[0]} is {describe_vehicle(heartbeat)}, the mission is for {known}"
+        if self.first is not None and adapter is not self.adapter:
+            return f"system {ids[0]} is {describe_vehicle(heartbeat)} now, not the vehicle heard first"
+        return None
+
+
+def sender(message: Message) -> Ids:
+    """Whose name a message came in."""
+    return (message.get_srcSystem(), message.get_srcComponent())
+
+
+def _fits(adapter: Autopilot, heartbeat: Message) -> bool:
+    return heartbeat.autopilot == adapter.autopilot and heartbeat.type in adapter.vehicle_types
+
+
+def describe_vehicle(heartbeat: Message) -> str:
+    """Autopilot and vehicle type of a HEARTBEAT in words."""
+    autopilot = dialect.enums["MAV_AUTOPILOT"].get(heartbeat.autopilot)
+    kind = dialect.enums["MAV_TYPE"].get(heartbeat.type)
+    names = (entry.name.split("_", 2)[-1].lower() if entry else "unknown" for entry in (autopilot, kind))
+    return " ".join(names)

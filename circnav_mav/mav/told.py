@@ -1,0 +1,193 @@
+"""What our vehicle has told of itself: its mode and when it left ours, whether it flies, when it has started."""
+
+from collections import deque
+
+from pymavlink.dialects.v20 import all as dialect
+
+from circnav_mav.mav.autopilots.interface import Autopilot
+from circnav_mav.mav.boot_clock import BootClock
+from circnav_mav.mav.codec import Message
+
+REBOOT_STEP = 1.0
+"""Backward step of the vehicle's boot time, s, that proves a reboot."""
+AHEAD, AHEAD_SHARE = 5.0, 0.25
+"""How much farther than ours the vehicle's time may have gone through a silence, s and share of the silence: links
+buffer, and simulators hurry."""
+OVERTAKEN = 64
+"""Most frames, in half a second or more of the vehicle's, by which one may have been overtaken on its way. An older one
+counts as new: there were losses, or the vehicle has started again."""
+APART = 0.2
+"""Least time between two heartbeats that come by themselves, s (ArduPilot's fastest: 0.25); those of a backlog come at
+once."""
+NOT_FLYING = (
+    dialect.MAV_LANDED_STATE_ON_GROUND,
+    dialect.MAV_LANDED_STATE_TAKEOFF,
+    dialect.MAV_LANDED_STATE_LANDING,
+)
+"""EXTENDED_SYS_STATE.landed_state in which an aircraft is not to be steered."""
+
+
+class Told:
+    """Keeps the newest of everything; only messages of the pinned vehicle come here."""
+
+    def __init__(self, adapter: Autopilot) -> None:
+        self._adapter = adapter
+        self._boot_ms: int | None = None
+        self._boot_at = float("-inf")
+        self._doubtful_ms: int | None = None
+        self._lost_ours = False
+        self._sequence: int | None = None
+        self._late = False
+        self._late_heartbeat: tuple[int, float] | None = None
+        self.mode: int | None = None
+        self.armed = False
+        self.heard_at = float("-inf")
+        """When the vehicle last told its mode, s."""
+        self.heartbeats = 0
+        self.departures = 0
+        """Times that the guided mode was left, or the vehicle disarmed in it: also between two looks at it."""
+        self.left_for: str | None = None
+        """The mode of the newest departure, None where the vehicle was disarmed."""
+        self.on_ground: bool | None = None
+        self.battery: float | None = None
+        self.reboots = 0
+        """Times that the vehicle has started again, or that another one has taken its ids over."""
+        self.unproven = False
+        """Whether it is not known yet, after a silence or from another address, that it is the vehicle of before: ids
+        are what every vehicle of a maker comes with. Its time tells; a vehicle that has told none before need not."""
+        self.boot_clock = BootClock()
+        self.texts: deque[str] = deque(maxlen=8)
+        self.firmware: str | None = None
+
+    @property
+    def in_our_mode(self) -> bool:
+        """Whether the vehicle obeys setpoints: armed, and its own heartbeat names the guided mode."""
+        return self.armed and self.mode == self._adapter.guided_mode
+
+    @property
+    def mode_name(self) -> str:
+        """The vehicle's mode for people."""
+        return "unknown" if self.mode is None else self._adapter.mode_names.get(self.mode, f"mode {self.mode}")
+
+    @property
+    def boot_time(self) -> float | None:
+        """The vehicle's newest time since boot, s, None before it was heard."""
+        return None if self._boot_ms is None else self._boot_ms / 1000
+
+    def found(self, adapter: Autopilot) -> None:
+        """The vehicle is there, for the first time or again."""
+        self._adapter, self.on_ground = adapter, None
+        self.moved()
+
+    def moved(self) -> None:
+        """The vehicle speaks from another address, maybe by another way."""
+        self._sequence, self.unproven = None, self._boot_ms is not None
+
+    def lost(self) -> None:
+        """The vehicle has fallen silent."""
+        self._lost_ours = self.in_our_mode
+        self.mode, self.armed = None, False
+
+    def receive(self, message: Message, now: float) -> None:
+        """Take one message of the vehicle in."""
+        self._late = self._overtaken(message.get_seq())
+        if message.get_type() == "HEARTBEAT":
+            self._late = self._is_late_heartbeat(message.get_seq(), now)
+        handle = _HANDLERS.get(message.get_type())
+        if handle is not None:
+            handle(self, message, now)
+
+    def _overtaken(self, sequence: int) -> bool:
+        """Whether a frame of the vehicle was sent before one that is here already."""
+        behind = 0 if self._sequence is None else (self._sequence - sequence) % 256
+        if 0 < behind <= OVERTAKEN:
+            return True
+        self._sequence = sequence
+        return False
+
+    def _is_late_heartbeat(self, sequence: int, now: float) -> bool:
+        """Not, where the one before seemed overtaken, too, and they go on from one to the other at their own pace: then
+        they come by a counter of their own, or all else comes without one."""
+        before = self._late_heartbeat
+        if not self._late:
+            self._late_heartbeat = None
+        elif before is None or now - before[1] > APART:
+            self._late_heartbeat = (sequence, now)
+            return before is None or not 0 < (sequence - before[0]) % 256 < 128
+        return self._late
+
+    def _on_heartbeat(self, message: Message, now: float) -> None:
+        armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
+        self._tells_mode(message.custom_mode, armed, now)
+        self.heartbeats += not self._late
+
+    def _on_current_mode(self, message: Message, now: float) -> None:
+        """Proves the mode and the link as a heartbeat does: PX4 sends those once a second only, and some are lost."""
+        if message.custom_mode:
+            self._tells_mode(message.custom_mode, self.armed, now)
+
+    def _tells_mode(self, mode: int, armed: bool, now: float) -> None:
+        """The vehicle's mode, and whether that takes it out of our hands. What was overtaken may take it, and never
+        gives it: the operator may have it by now."""
+        self.heard_at = now
+        if self._late and not self.in_our_mode and armed and mode == self._adapter.guided_mode:
+            return
+        was_ours, self._lost_ours = self.in_our_mode or self._lost_ours, False
+        self.mode, self.armed = mode, armed
+        if was_ours and not self.in_our_mode:
+            self.departures += 1
+            self.left_for = None if mode == self._adapter.guided_mode else self.mode_name
+
+    def _on_battery(self, message: Message, now: float) -> None:
+        self.battery = float(message.battery_remaining) if message.battery_remaining >= 0 else None
+
+    def _on_landed(self, message: Message, now: float) -> None:
+        unknown = message.landed_state == dialect.MAV_LANDED_STATE_UNDEFINED
+        self.on_ground = None if unknown else message.landed_state in NOT_FLYING
+
+    def _on_boot_time(self, message: Message, now: float) -> None:
+        """A boot time that steps back is a reboot; the counter's own wrap after 49.7 days is not."""
+        newest = message.time_boot_ms
+        if self._boot_ms is None or _later(newest, self._boot_ms) >= -1000 * REBOOT_STEP:
+            self.reboots += self.unproven and self._is_ahead(newest, now)
+            self.boot_clock.heard(newest / 1000, now)
+        elif self._doubtful_ms is None or _later(newest, self._doubtful_ms) <= 0:
+            self._doubtful_ms = newest  # one frame that came late by another way is no reboot; the next one tells
+            return
+        else:
+            self.reboots += 1
+        self._boot_ms, self._boot_at, self._doubtful_ms, self.unproven = newest, now, None, False
+
+    def _is_ahead(self, boot_ms: int, now: float) -> bool:
+        """Whether the vehicle's time has gone on by more than ours: then it is another vehicle's."""
+        if self._boot_ms is None or self.boot_clock.noticed is not None:
+            return False
+        silence = now - self._boot_at
+        return _later(boot_ms, self._boot_ms) / 1000 - silence > AHEAD + AHEAD_SHARE * silence
+
+    def _on_text(self, message: Message, now: float) -> None:
+        text = message.text if isinstance(message.text, str) else message.text.decode("ascii", "replace")
+        self.texts.append(text)
+
+    def _on_version(self, message: Message, now: float) -> None:
+        version = message.flight_sw_version
+        self.firmware = f"{version >> 24}.{version >> 16 & 255}.{version >> 8 & 255}"
+
+
+def _later(boot_ms: int, before_ms: int) -> int:
+    """Milliseconds from one boot time to another, through the 32-bit wrap."""
+    return (boot_ms - before_ms + 2**31) % 2**32 - 2**31
+
+
+_HANDLERS = {
+    "HEARTBEAT": Told._on_heartbeat,
+    "CURRENT_MODE": Told._on_current_mode,
+    "SYS_STATUS": Told._on_battery,
+    "EXTENDED_SYS_STATE": Told._on_landed,
+    "SYSTEM_TIME": Told._on_boot_time,
+    "ATTITUDE": Told._on_boot_time,
+    "STATUSTEXT": Told._on_text,
+    "AUTOPILOT_VERSION": Told._on_version,
+}
+TELLING = tuple(_HANDLERS)
+"""Types of the messages that are read here."""

@@ -1,0 +1,64 @@
+"""How endpoints are written, and what is said of one that cannot be opened."""
+
+import errno
+import socket
+import termios
+from dataclasses import dataclass
+
+MOST_BYTES = 1 << 15
+"""Bytes taken in one call, up to the end of a datagram: what is left stays in the socket for the next turn of the loop,
+which follows at once. A radio brings a hundredth of that in 50 ms, a simulator at twenty times real time some 20 kB; to
+decode it takes 5 ms, and 0.05 s of frames that somebody made up to take long, where 0.5 s without a step is a stall."""
+
+
+class LinkError(Exception):
+    """An endpoint that cannot be opened, in one line. `nobody` tells a peer that refuses from a local mistake."""
+
+    def __init__(self, text: str, *, nobody: bool = False) -> None:
+        super().__init__(text)
+        self.nobody = nobody
+
+
+@dataclass(frozen=True, slots=True)
+class Endpoint:
+    """A parsed endpoint: kind is `udpin`, `udpout`, `tcp` or `serial`; port is the baud rate of a serial line."""
+
+    kind: str
+    host: str
+    port: int
+
+
+def parse_endpoint(text: str) -> Endpoint:
+    """Read an endpoint in either spelling. Raises LinkError."""
+    kind, sign, rest = text.partition(":")
+    kind = {"udp": "udpin", "tcpout": "tcp"}.get(kind, kind)
+    rest = rest.removeprefix("//")
+    if not sign or kind not in ("udpin", "udpout", "tcp", "serial"):
+        raise LinkError(
+            f"endpoint {text!r}: write udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:PATH:BAUD"
+            " (udp: is udpin:)"
+        )
+    host, sign, port = rest.replace(",", ":").rpartition(":")
+    if not sign or not host or not port.isdecimal():
+        missing, form = ("baud rate", "PATH:BAUD") if kind == "serial" else ("port", "HOST:PORT")
+        wrong = "host is missing" if rest.isdecimal() else f"{missing} is missing or not a number"
+        raise LinkError(f"endpoint {text!r}: {wrong}, write {kind}:{form}")
+    lowest = 0 if kind == "udpin" else 1
+    if kind != "serial" and not lowest <= int(port) <= 65535:
+        raise LinkError(f"endpoint {text!r}: port must be {lowest} to 65535")
+    return Endpoint(kind, host, int(port))
+
+
+def explain(error: Exception) -> str:
+    """An OS error with what to do about it."""
+    code = error.args[0] if isinstance(error, termios.error) else getattr(error, "errno", None)
+    if code == errno.EADDRINUSE:
+        return "port is in use by another program: close it, or choose another port"
+    if code == errno.ECONNREFUSED:
+        return "nobody listens there (connection refused)"
+    if code == errno.ENOENT:
+        return "no such device"
+    if isinstance(error, socket.gaierror):
+        return "host name is not known"
+    said = error.args[-1] if isinstance(error, termios.error) else getattr(error, "strerror", None)
+    return str(said or error).lower()

@@ -1,0 +1,107 @@
+"""Where frames lie in bytes: the quick search finds what a look at every byte finds, and what nobody knows is cheap."""
+
+from time import perf_counter
+
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import all as mavlink
+
+from circnav_mav.mav.codec import Decoder
+from circnav_mav.mav.framing import MAGICS, frame_at, is_good, next_start
+
+IDS = sorted(mavlink.mavlink_map)
+
+
+def right_crc(frame):
+    """Of a whole frame without signature."""
+    ident = int.from_bytes(frame[7:10], "little") if frame[0] == 0xFD else frame[5]
+    return mavlink.x25crc(frame[1:-2] + bytes((mavlink.mavlink_map[ident].crc_extra,))).crc.to_bytes(2, "little")
+
+
+def good_by_every_byte(buffer, frame):
+    """What `is_good` promises, word by word and byte by byte."""
+    if frame.end > len(buffer):
+        return False
+    body = buffer[frame.start : frame.end - 13 if frame.signed else frame.end]
+    if frame.known:
+        return body[-2:] == right_crc(body)
+    if frame.end < len(buffer) and buffer[frame.end] not in MAGICS:
+        return False
+    inside = (frame_at(buffer, at) for at in range(frame.start + 1, frame.end))
+    return not any(inner is not None and inner.known and good_by_every_byte(buffer, inner) for inner in inside)
+
+
+@st.composite
+def known(draw):
+    """A good frame: of any length, version and id, signed or not."""
+    ident, payload = draw(st.sampled_from(IDS)), draw(st.binary(max_size=40))
+    if ident < 256 and draw(st.booleans()):
+        frame = bytes((0xFE, len(payload), 1, 2, 3, ident)) + payload + bytes(2)
+        return frame[:-2] + right_crc(frame)
+    signed = draw(st.booleans())
+    frame = bytes((0xFD, len(payload), signed, 0, 1, 2, 3)) + ident.to_bytes(3, "little") + payload + bytes(2)
+    return frame[:-2] + right_crc(frame) + bytes(13 * signed)
+
+
+SPICY = st.lists(
+    st.sampled_from([0xFD, 0xFE, 0, 1, 2, 9, 11, 12, 60, 100, 132, 255]) | st.integers(0, 255), max_size=40
+).map(bytes)
+"""Bytes of which many begin a frame, or seem to."""
+
+
+@st.composite
+def unknown(draw):
+    """What claims to be a frame of an id that nobody knows, with anything inside; it may claim more than there is."""
+    inside = b"".join(draw(st.lists(known() | SPICY, max_size=4)))[:255]
+    length = min(len(inside) + draw(st.sampled_from([0, 0, 0, 1, 5, 30])), 255)
+    return (
+        bytes((0xFD, length, draw(st.integers(0, 1)), 0, 1, 9, 9, 0x31, 0xD4, 0))
+        + inside
+        + draw(st.binary(max_size=15))
+    )
+
+
+MIXED = st.lists(known() | unknown() | SPICY | st.binary(max_size=30), max_size=6).map(b"".join)
+
+
+@settings(max_examples=1000)
+@given(buffer=MIXED)
+@example(buffer=b"\xfe" * 300)
+@example(buffer=b"\xfd\x00\x00" * 100)
+def test_what_is_good_is_what_a_look_at_every_byte_says(buffer):
+    for at in range(len(buffer)):
+        frame = frame_at(buffer, at)
+        if frame is not None:
+            assert is_good(buffer, frame) == good_by_every_byte(buffer, frame), at
+
+
+@given(buffer=MIXED, at=st.integers(0, 60))
+def test_the_next_start_is_the_first_byte_that_can_begin_a_frame(buffer, at):
+    starts = [i for i, byte in enumerate(buffer) if i >= at and byte in MAGICS]
+    assert next_start(buffer, at) == (starts or [len(buffer)])[0]
+
+
+def cost(data):
+    """Time of reading some bytes, s: the least of many, for others share the machine."""
+    decoder = Decoder(wanted=())
+
+    def once():
+        began = perf_counter()
+        decoder.decode(data)
+        return perf_counter() - began
+
+    return min(once() for _ in range(200))
+
+
+@pytest.mark.parametrize("payload", [bytes(255), b"\xfd" * 255], ids=["zeros", "false starts"])
+def test_a_long_frame_that_nobody_knows_costs_little_more_than_a_short_one(payload):
+    """A flood of them else keeps the ranges waiting."""
+    head, few = bytes((0, 0, 1, 9, 9, 0x31, 0xD4, 0)), payload[:9]
+    long, short = (bytes((0xFD, len(inside))) + head + inside + b"\x12\x34" for inside in (payload, few))
+    assert cost(long * 20) < 4 * cost(short * 20)
+
+
+def test_bytes_that_are_no_frames_cost_less_than_a_frame():
+    beat = bytes(mavlink.MAVLink_heartbeat_message(2, 3, 129, 4, 4, 3).pack(mavlink.MAVLink(None, srcSystem=1)))
+    assert cost(bytes(20 * len(beat))) < cost(beat * 20)
