@@ -9,11 +9,10 @@ has its own seed, so a cell prints the same numbers alone and in the whole table
 import csv
 import time
 import zlib
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ProcessPoolExecutor
-from contextlib import nullcontext
+from collections import deque
+from collections.abc import Callable, Generator, Iterable, Iterator
+from contextlib import closing
 from dataclasses import asdict, dataclass
-from itertools import repeat
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +22,8 @@ from circnav_mav.analysis import dubins, judge
 from circnav_mav.analysis.batch.flight import Tracks, fly
 from circnav_mav.analysis.batch.policies import POLICIES
 from circnav_mav.analysis.batch.situations import LAST, SITUATIONS, Row
+from circnav_mav.analysis.crew import Job, worked
+from circnav_mav.analysis.whole_file import whole_file
 
 Array = Any
 KEPT_BELOW = 10.0
@@ -74,10 +75,8 @@ def run(
 ) -> list[Cell]:
     """Fly cells, (situation, policy) by name, all of them by default; write table.csv and table.png into `out`."""
     done: list[Cell] = []
-    situations, policies = zip(*(cells or every_cell()), strict=True)
-    with ProcessPoolExecutor(cores) if cores > 1 else nullcontext() as pool:
-        each = map if pool is None else pool.map
-        for cell in each(fly_cell, situations, policies, repeat(flights), repeat(seed)):
+    with closing(_flown(list(cells or every_cell()), flights, seed, cores)) as flown:
+        for cell in flown:
             done.append(cell)
             if tell is not None:
                 tell(line(cell))
@@ -88,6 +87,26 @@ def run(
 
         draw(done, out / "table.png")
     return done
+
+
+def _flown(cells: list[tuple[str, str]], flights: int, seed: int, cores: int) -> Generator[Cell, None, None]:
+    """The cells in their order, as soon as those before them are flown. Raises WorkerDiedError."""
+    if min(cores, len(cells)) == 1:
+        yield from (fly_cell(*cell, flights, seed) for cell in cells)
+        return
+    jobs: deque[Job] = deque((_numbered, (number, *cell, flights, seed)) for number, cell in enumerate(cells))
+    ready: dict[int, Cell] = {}
+    turn = 0
+    with closing(worked(jobs, cores)) as results:
+        for number, cell in results:
+            ready[number] = cell
+            while turn in ready:
+                yield ready.pop(turn)
+                turn += 1
+
+
+def _numbered(number: int, situation: str, policy: str, flights: int, seed: int) -> tuple[int, Cell]:
+    return number, fly_cell(situation, policy, flights, seed)
 
 
 def every_cell() -> Iterator[tuple[str, str]]:
@@ -169,7 +188,7 @@ def line(cell: Cell) -> str:
 def write_csv(cells: list[Cell], path: Path) -> None:
     """All numbers of all cells."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("w", newline="", encoding="utf-8") as file:
+    with whole_file(path) as fresh, fresh.open("w", newline="", encoding="utf-8") as file:
         rows = [asdict(cell) for cell in cells]
         writer = csv.DictWriter(file, list(rows[0]))
         writer.writeheader()

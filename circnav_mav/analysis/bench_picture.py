@@ -11,6 +11,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.colors import LogNorm
 
+from circnav_mav.analysis.pictures import save
+
 if TYPE_CHECKING:
     from circnav_mav.analysis.bench import Cell
 
@@ -32,5 +34,5 @@ def draw(cells: Sequence["Cell"], path: Path) -> None:
     axes.set_title(f"Median RMS radius error, m, last 100 of 400 s, {cells[0].flights} flights a cell", fontsize=9)
     figure.colorbar(image, ax=axes, label="m")
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=130)
+    save(figure, path, dpi=130)
     plt.close(figure)

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from circnav_mav.analysis.run import Run
-from circnav_mav.analysis.run_folder import Ticks, message_id, read_tlog
+from circnav_mav.analysis.run_folder import Ticks
+from circnav_mav.analysis.tlog import message_id, read_tlog
 from circnav_mav.mav.codec import Decoder
 
 STATUSTEXT = 253

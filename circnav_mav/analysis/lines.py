@@ -1,9 +1,11 @@
 """Which of a run's samples become lines and dots: a line claims that what lies between two samples is known."""
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
-from circnav_mav.analysis.run_folder import Column, Ticks
+from circnav_mav.analysis.run_folder import Column, Ticks, Truth
 
 GAP = 5.0
 """Usual steps between two samples beyond which nothing is known of what lies between."""
@@ -26,3 +28,30 @@ def fresh(ticks: Ticks) -> NDArray[np.bool_]:
     judged = np.isfinite(nis) & (np.diff(nis, prepend=np.nan) != 0)
     answered: NDArray[np.bool_] = judged | (np.diff(ticks.numbers["accepted"], prepend=0.0) > 0)
     return answered
+
+
+class Track(NamedTuple):
+    """Where a vehicle flew: m east and north of the target, NaN where nobody knows. true: by the simulator, else as
+    estimated."""
+
+    time: Column
+    east: Column
+    north: Column
+    true: bool
+
+    @property
+    def known(self) -> NDArray[np.intp]:
+        """The points that are known."""
+        return np.flatnonzero(np.isfinite(self.east) & np.isfinite(self.north))
+
+
+def known_track(ticks: Ticks, truth: Truth | None) -> Track | None:
+    """The truth where there is one, else what was believed; None where there is neither: range alone does not tell."""
+    true = truth is not None and len(truth.time) > 1
+    if truth is not None and true:
+        places = truth.time, truth.east - truth.target_east, truth.north - truth.target_north
+    else:
+        places = ticks.time, ticks.numbers["x"], ticks.numbers["y"]
+    time, east, north = broken(*places)
+    track = Track(time, east, north, true)
+    return track if len(track.known) > 1 else None

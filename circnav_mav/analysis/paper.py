@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 
 from circnav_mav.analysis import ideal
 from circnav_mav.analysis.ideal import Array, Starts, Tracks
+from circnav_mav.analysis.pictures import STYLE, save
 from circnav_mav.core import theory
 from circnav_mav.core.laws import LAWS
 
@@ -125,7 +126,7 @@ def lyapunov_rise(example: Example, tracks: Tracks) -> float:
 def draw(folder: Path, example: Example, tracks: Tracks, start: int) -> list[Path]:
     """The two figures of an example in the paper's form. Raises OSError."""
     paths = [folder / f"example_{example.number}_{kind}.png" for kind in ("track", "error")]
-    with mpl.rc_context({"font.size": 11, "axes.grid": True, "grid.alpha": 0.3, "axes.axisbelow": True}):
+    with mpl.rc_context(STYLE | {"font.size": 11}):
         figure = Figure(figsize=(6, 6), layout="constrained")
         axis = figure.subplots()
         angle = np.linspace(0, 2 * np.pi, 361)
@@ -137,13 +138,13 @@ def draw(folder: Path, example: Example, tracks: Tracks, start: int) -> list[Pat
         axis.set_aspect("equal", adjustable="datalim")
         axis.set(xlabel="x, m", ylabel="y, m", title=_title(example))
         axis.legend(loc="upper right")
-        figure.savefig(paths[0], dpi=100)
+        save(figure, paths[0], dpi=100)
         figure = Figure(figsize=(6, 4), layout="constrained")
         axis = figure.subplots()
         axis.plot(tracks.time, tracks.r[:, start] - R_D, color="#1f5fa8", lw=1.3)
         axis.axhline(0, color="black", lw=0.8)
         axis.set(xlabel="time, s", ylabel="r - r_d, m", title=_title(example), xlim=(0, 120))
-        figure.savefig(paths[1], dpi=100)
+        save(figure, paths[1], dpi=100)
     return paths
 
 

@@ -1,4 +1,4 @@
-"""Pictures of a run: flight.png (track when the truth is known, range, error, turn rate) and replay.png."""
+"""Pictures of a run: flight.png (track as far as it is known, range, error, turn rate) and replay.png."""
 
 from pathlib import Path
 from typing import Any
@@ -7,9 +7,9 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from circnav_mav.analysis.lines import broken, fresh
+from circnav_mav.analysis.lines import Track, broken, fresh, known_track
 from circnav_mav.analysis.metrics import TOLERANCE
-from circnav_mav.analysis.plot_text import literal
+from circnav_mav.analysis.pictures import STYLE, literal, save
 from circnav_mav.analysis.run_folder import Column, Ticks, Truth
 from circnav_mav.core.values import Orbit
 
@@ -19,12 +19,13 @@ HOLD_BAND = "#f6d8a8"
 
 def plot_flight(path: Path, ticks: Ticks, truth: Truth | None, orbit: Orbit, title: str) -> None:
     """Draw a run and write it as PNG. Raises OSError."""
-    with mpl.rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "axes.axisbelow": True}):
+    with mpl.rc_context(STYLE):
         figure = Figure(figsize=(12, 7), layout="constrained")
         figure.suptitle(literal(title))
-        grid = figure.add_gridspec(3, 2, width_ratios=[1.1, 1] if truth else [0.001, 1])
-        if truth is not None:
-            _track(figure.add_subplot(grid[:, 0]), truth, orbit)
+        track = known_track(ticks, truth)
+        grid = figure.add_gridspec(3, 2, width_ratios=[1.1, 1] if track else [0.001, 1])
+        if track is not None:
+            _track(figure.add_subplot(grid[:, 0]), track, orbit)
         axes = [figure.add_subplot(grid[row, 1]) for row in range(3)]
         _range(axes[0], ticks, truth, orbit)
         _error(axes[1], ticks, truth, orbit)
@@ -34,7 +35,7 @@ def plot_flight(path: Path, ticks: Ticks, truth: Truth | None, orbit: Orbit, tit
             _legend_above(axis)
             axis.set_xlim(float(ticks.time[0]), float(ticks.time[-1]))
         axes[-1].set_xlabel("time, s")
-        figure.savefig(path, dpi=110)
+        save(figure, path)
 
 
 def plot_replay(path: Path, was: Ticks | None, would: Ticks, orbit: Orbit, title: str) -> None:
@@ -44,7 +45,7 @@ def plot_replay(path: Path, was: Ticks | None, would: Ticks, orbit: Orbit, title
         ("r_dot", "range rate, m/s", 1.0),
         ("turn_rate", "turn rate, deg/s", 180 / np.pi),
     )
-    with mpl.rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "axes.axisbelow": True}):
+    with mpl.rc_context(STYLE):
         figure = Figure(figsize=(11, 8), layout="constrained")
         figure.suptitle(literal(title))
         for axis, (column, label, scale) in zip(figure.subplots(3, 1, sharex=True), columns, strict=True):
@@ -55,13 +56,13 @@ def plot_replay(path: Path, was: Ticks | None, would: Ticks, orbit: Orbit, title
         figure.axes[0].axhline(orbit.radius, ls="--", color=DESIRED, lw=1, label="desired")
         _legend_above(figure.axes[0])
         figure.axes[-1].set_xlabel("time, s")
-        figure.savefig(path, dpi=110)
+        save(figure, path)
 
 
 def plot_estimates(path: Path, ticks: Ticks, gate: float, title: str) -> None:
     """Draw range rate with its sigma, innovations with their gate, and ranges taken and refused. Raises OSError."""
     numbers, time = ticks.numbers, ticks.time
-    with mpl.rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "axes.axisbelow": True}):
+    with mpl.rc_context(STYLE):
         figure = Figure(figsize=(11, 8), layout="constrained")
         figure.suptitle(literal(title))
         rate, innovation, samples = figure.subplots(3, 1, sharex=True)
@@ -79,7 +80,7 @@ def plot_estimates(path: Path, ticks: Ticks, gate: float, title: str) -> None:
         samples.set_xlabel("time, s")
         for axis in (rate, innovation, samples):
             _legend_above(axis)
-        figure.savefig(path, dpi=110)
+        save(figure, path)
 
 
 def _per_second(time: Column, counted: Column) -> tuple[Column, Column]:
@@ -89,13 +90,15 @@ def _per_second(time: Column, counted: Column) -> tuple[Column, Column]:
     return np.diff(counted[before]), edges
 
 
-def _track(axis: Any, truth: Truth, orbit: Orbit) -> None:
-    east, north = truth.east - truth.target_east, truth.north - truth.target_north
+def _track(axis: Any, track: Track, orbit: Orbit) -> None:
     angle = np.linspace(0, 2 * np.pi, 361)
     circle = orbit.radius * np.cos(angle), orbit.radius * np.sin(angle)
+    colour, label = (TRUE, "flown (truth)") if track.true else (ESTIMATE, "flown (estimate)")
     axis.plot(*circle, "--", color=DESIRED, lw=1.5, label="desired", zorder=3)  # on the track, not under it
-    axis.plot(*broken(truth.time, east, north)[1:], color=TRUE, lw=1.0, label="flown (truth)")
-    axis.plot(east[0], north[0], "^", color="red", ms=9, label="start")
+    axis.plot(track.east, track.north, color=colour, lw=1.0, label=label)
+    east, north = track.east[track.known], track.north[track.known]
+    begins = {"mfc": "red", "label": "start"} if track.true else {"mfc": "none", "label": "first believed"}
+    axis.plot(east[0], north[0], "^", mec="red", ms=9, **begins)
     axis.plot(0, 0, "k+", ms=12, mew=2, label="target")
     for at in _arrow_places(east, north):
         if np.hypot(east[at + 1] - east[at], north[at + 1] - north[at]) > 0:
@@ -103,7 +106,7 @@ def _track(axis: Any, truth: Truth, orbit: Orbit) -> None:
                 "",
                 xy=(east[at + 1], north[at + 1]),
                 xytext=(east[at], north[at]),
-                arrowprops={"arrowstyle": "-|>", "color": TRUE, "mutation_scale": 18},
+                arrowprops={"arrowstyle": "-|>", "color": colour, "mutation_scale": 18},
             )
     axis.set_aspect("equal", adjustable="datalim")
     axis.set_xlabel("east of the target, m")

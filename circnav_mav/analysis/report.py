@@ -9,7 +9,7 @@ import numpy as np
 
 from circnav_mav.analysis import svg
 from circnav_mav.analysis.events import events
-from circnav_mav.analysis.lines import broken, fresh
+from circnav_mav.analysis.lines import fresh, known_track
 from circnav_mav.analysis.metrics import TOLERANCE
 from circnav_mav.analysis.run import Run
 from circnav_mav.analysis.run_folder import Column, Ticks, Truth
@@ -142,16 +142,18 @@ def _samples(ticks: Ticks) -> list[tuple[str, Column, str]]:
 
 def _track(ticks: Ticks, truth: Truth | None, orbit: Orbit) -> str:
     """Where it flew round the target, as far as anybody knows."""
-    if truth is not None and len(truth.time) > 1:
-        _, east, north = broken(truth.time, truth.east - truth.target_east, truth.north - truth.target_north)
-        return svg.track(east, north, orbit.radius, TRUE) + "<p>The simulator's truth, relative to the target.</p>"
-    time, x, y = broken(ticks.time, ticks.numbers["x"], ticks.numbers["y"])
-    known = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
-    if len(known) > 1:
-        first = f"first believed at {time[known[0]]:.1f} s (triangle)"
-        words = f"<p>Estimated position relative to the target, where it was known: {first}.</p>"
-        return svg.track(x, y, orbit.radius, ESTIMATE, whole=False) + words
-    return '<p class="none">Range alone does not tell where it flew, and there is no truth: see range over time.</p>'
+    track = known_track(ticks, truth)
+    if track is None:
+        return (
+            '<p class="none">Range alone does not tell where it flew, and there is no truth: see range over time.</p>'
+        )
+    if track.true:
+        words, colour = "The simulator's truth, relative to the target. Triangle: start.", TRUE
+    else:
+        first = f"first believed at {track.time[track.known[0]]:.1f} s (triangle)"
+        words, colour = f"Estimated position relative to the target, where it was known: {first}.", ESTIMATE
+    drawn = svg.track(track.east, track.north, orbit.radius, colour, whole=track.true)
+    return f"{drawn}<p>{words} Cross: target. Dashed: desired circle.</p>"
 
 
 def _phase_names(run: Run) -> dict[str, str]:

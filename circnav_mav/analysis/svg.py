@@ -14,6 +14,8 @@ from circnav_mav.analysis.run_folder import Column
 WIDTH, LEFT, RIGHT, TOP, BOTTOM = 960, 64, 12, 8, 22
 COLUMNS = 800
 """Most points of a line are twice this: the least and the largest value of each column of pixels."""
+DIGIT = 7.0
+"""Width of a digit of a label, px."""
 FAR = 100
 """Heights of a chart beyond which a line is not followed: browsers lose count of pixels somewhere."""
 MOST_DOTS = 4000
@@ -116,8 +118,8 @@ def track(x: Column, y: Column, radius: float, colour: str, *, side: int = 520, 
     start = 'fill="red"' if whole else 'fill="none" stroke="red" stroke-width="2"'
     parts = [
         f'<rect width="{side}" height="{side}" class="plot"/>', _rose(reach, side),
-        f'<circle cx="{half}" cy="{half}" r="{scale * radius:.1f}" class="desired"/>',
         f'<path d="{path}" fill="none" stroke="{colour}" stroke-width="1.2"/>',
+        f'<circle cx="{half}" cy="{half}" r="{scale * radius:.1f}" class="desired"/>',  # on the track, not under it
         *(_arrow(x, y, share, scale, half, colour) for share in (0.08, 0.25, 0.45, 0.65, 0.85, 0.99)),
         f'<path d="M{half - 8},{half}h16M{half},{half - 8}v16" stroke="black" stroke-width="2"/>',
         f'<path d="M{points[0]}m0,-8l7,13h-14z" {start}/>',
@@ -172,10 +174,11 @@ class _Scale:
 
     def times(self) -> str:
         """The numbers of the time axis."""
-        bottom = self._height - 6
+        bottom, labels = self._height - 6, [(time, f"{time:g}") for time in _ticks(*self._span, 10)]
         return "".join(
-            f'<text x="{self.x(time):.1f}" y="{bottom}" text-anchor="middle">{time:g}</text>'
-            for time in _ticks(*self._span, 10)
+            f'<text x="{min(self.x(time), WIDTH - DIGIT * len(label) / 2):.1f}" y="{bottom}" text-anchor="middle">'
+            f"{label}</text>"
+            for time, label in labels
         )
 
     def level(self, value: float, colour: str) -> str:

@@ -19,7 +19,7 @@ def whole_file(path: Path) -> Iterator[Path]:
     except BaseException as error:
         with suppress(OSError):
             fresh.unlink(missing_ok=True)
-        if isinstance(error, OSError) and str(error.filename) == str(fresh):
+        if isinstance(error, OSError) and str(error.filename or fresh) == str(fresh):
             error.filename, error.filename2 = str(path), None  # the name that its reader knows
         raise
 

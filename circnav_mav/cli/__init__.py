@@ -3,7 +3,6 @@
 Imports of the rooms stand inside the commands, so that `circnav --help` does not wait for numpy and filterpy.
 """
 
-import io
 import sys
 import warnings
 
@@ -11,6 +10,7 @@ import click
 
 from circnav_mav import __version__
 from circnav_mav.cli.exits import Exit, Refused
+from circnav_mav.cli.terminal import mind_output
 
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 SET_HELP = "Override a mission value, e.g. --set orbit.radius_m=80. May be repeated."
@@ -34,6 +34,7 @@ def circnav() -> None:
         2    bad usage or mission file
         3    no vehicle or no ranging heard
         4    ended by a safety rule or by the operator
+        5    flown to its end, but not all of it is recorded (disk full or too slow, log.max_mb reached)
         130  interrupted (after a safe setpoint)
     """
 
@@ -100,7 +101,7 @@ def check(mission: str, overrides: tuple[str, ...]) -> int:
 
     \b
     Example:
-        circnav check config/quickstart.toml --set guidance.gain=1e-5
+        circnav check config/quickstart.toml --set guidance.law=smooth --set guidance.gain=1e-5
     """
     from circnav_mav.cli.check import check_file
 
@@ -251,17 +252,10 @@ def report(run: str) -> int:
     return report_run(run)
 
 
-def _bear_every_name() -> None:
-    """Files and folders may have names that the terminal, UTF-8 or the font of the pictures cannot show."""
-    warnings.filterwarnings("ignore", message="Glyph .* missing from")
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")
-
-
 def main() -> None:
     """Entry point of the `circnav` command."""
-    _bear_every_name()
+    warnings.filterwarnings("ignore", message="Glyph .* missing from")  # of names that no font of the pictures has
+    mind_output()
     try:
         result = circnav.main(standalone_mode=False)
     except click.ClickException as error:

@@ -4,12 +4,14 @@ import os
 from collections.abc import Iterable
 from pathlib import Path
 
+import click
+
 from circnav_mav.analysis.batch.policies import POLICIES
 from circnav_mav.analysis.batch.situations import SITUATIONS
 from circnav_mav.analysis.bench import run
 from circnav_mav.analysis.bench_cost import tell_costs
+from circnav_mav.analysis.crew import WorkerDiedError
 from circnav_mav.cli.exits import Exit, Refused, cannot, check_named
-from circnav_mav.cli.telling import tell
 
 
 def fly_bench(
@@ -29,11 +31,13 @@ def fly_bench(
             folder.mkdir(parents=True, exist_ok=True)
             (folder / "table.csv").open("ab").close()  # better now than after hours of flight
         if cost or not (laws or situations):
-            tell(tell_costs())
+            click.echo(tell_costs())
         if cost:
             return Exit.DONE
         cells = [(situation, law) for situation in situations or SITUATIONS for law in laws or POLICIES]
-        run(cells, flights, seed, folder, tell=tell, cores=os.cpu_count() or 1)
+        run(cells, flights, seed, folder, tell=click.echo, cores=os.cpu_count() or 1)
+    except WorkerDiedError:
+        raise Refused("a worker process died (out of memory?): ask for fewer --flights", Exit.INTERNAL) from None
     except OSError as error:
         raise cannot(out or "bench", error) from None
     return Exit.DONE

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import click
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
@@ -22,7 +23,6 @@ from circnav_mav.analysis.campaign.store import TABLE, Store, StoreError
 from circnav_mav.analysis.campaign.summary import SUMMARY, summarise, write_summary
 from circnav_mav.analysis.run import printable
 from circnav_mav.cli.exits import Exit, Refused, check_named
-from circnav_mav.cli.telling import tell
 from circnav_mav.mission.load import MissionError
 from circnav_mav.runtime.clock import local_time_name
 from sim.config import ConfigError
@@ -60,7 +60,7 @@ def fly_campaign(options: CampaignOptions) -> int:
         engines = _engines(campaign)
         signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: what was flown is kept, and said
         with closing(Store(folder, campaign, resume=options.resume)) as store:
-            tell(engines)
+            click.echo(engines)
             interrupted = _fly(campaign, store, options)
             return _finish(campaign, store, printable(name), interrupted)
     except (CampaignError, StoreError, ExecutionError) as error:
@@ -140,7 +140,7 @@ def _lines(before: int, total: int) -> Any:
         now = time.monotonic()
         if now - told >= TELL_EVERY:
             told, rate = now, max(done - before, 1) / (now - began)
-            tell(f"  {done} of {total} flights, {(total - done) / rate:.0f} s left")
+            click.echo(f"  {done} of {total} flights, {(total - done) / rate:.0f} s left")
 
     return show
 
@@ -160,13 +160,13 @@ def _finish(campaign: Campaign, store: Store, name: str, interrupted: bool) -> i
         for value, figures in values.items():
             _say(f"{key} = {value}", figures)
     for said in dict.fromkeys(row["error"] for row in rows if row["error"]):
-        tell(f"  ERROR      {said}")
+        click.echo(f"  ERROR      {said}")
     for problem in problems:
-        tell(f"  WARNING    {problem}")
+        click.echo(f"  WARNING    {problem}")
     written = [TABLE, SUMMARY, *(path.name for path in pictures)]
-    tell(f"  written    {store.folder}/: {', '.join(written)}")
+    click.echo(f"  written    {store.folder}/: {', '.join(written)}")
     if interrupted:
-        tell(f"  stopped after {len(rows)} of {campaign.runs} flights; go on with --out {store.folder} --resume")
+        click.echo(f"  stopped after {len(rows)} of {campaign.runs} flights; go on with --out {store.folder} --resume")
         return Exit.INTERRUPTED
     return Exit.DONE
 
@@ -183,7 +183,7 @@ def _say(what: str, figures: dict[str, Any]) -> None:
         line += f"  settled {_seconds(figures['settled_median'])}, 95 %: {_seconds(figures['settled_p95'])}"
     for name in ("wrong_way", "failed"):
         line += f"  {name.replace('_', ' ')}: {figures[name]}" if figures[name] else ""
-    tell(line)
+    click.echo(line)
 
 
 def _seconds(value: float | None) -> str:

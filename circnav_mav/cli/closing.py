@@ -1,6 +1,7 @@
 """What is kept of a flight at its end. Nothing of it can be lost because something else cannot be made."""
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 from circnav_mav import __version__
@@ -17,8 +18,20 @@ OUTCOMES = {Ending.COMPLETED: "completed", Ending.INTERRUPTED: "interrupted"}
 """The outcome in summary.json; every other ending is "aborted"."""
 
 
-def summary_of_flight(pilot: Pilot, recorder: Recorder, mission: Mission, clock: RunClock) -> dict[str, Any]:
-    """The summary, written as summary.json if the disk takes it."""
+def close_flight(
+    pilot: Pilot, recorder: Recorder, mission: Mission, clock: RunClock, manifest: Manifest, code: Exit
+) -> tuple[dict[str, Any], Exit]:
+    """The summary, written as summary.json, and the rest of manifest.json, if the disk takes them; and the exit code: a
+    flight that went well is not done if it was not recorded, for whoever flew it for its record."""
+    gaps = recorder.problem is not None  # from here on it may also be that what was recorded is not understood
+    summary = _summary(pilot, recorder, mission, clock)
+    unwritten = _write(recorder.folder, summary)
+    code = Exit.NOT_RECORDED if code is Exit.DONE and (gaps or unwritten) else code
+    unwritten = _complete(manifest, pilot, summary, code)
+    return summary, Exit.NOT_RECORDED if code is Exit.DONE and unwritten else code
+
+
+def _summary(pilot: Pilot, recorder: Recorder, mission: Mission, clock: RunClock) -> dict[str, Any]:
     outcome = pilot.outcome
     assert outcome is not None
     ticks, truth = _recorded(recorder, clock.epoch_us, pilot.session.vehicle_ids[0] or None)
@@ -40,16 +53,21 @@ def summary_of_flight(pilot: Pilot, recorder: Recorder, mission: Mission, clock:
         engaged_s=pilot.engaged_at,
         until_s=recorder.until,
     )
-    summary = _summarised(facts, ticks, truth)
+    return _summarised(facts, ticks, truth)
+
+
+def _write(folder: Path, summary: dict[str, Any]) -> bool:
+    """Write summary.json; tells whether it could not be."""
     try:
-        write_summary(recorder.folder, summary)
+        write_summary(folder, summary)
     except OSError as error:
-        _note(summary, f"{recorder.folder}: cannot be written: {error.strerror or error}")
-    return summary
+        _note(summary, f"{folder}: cannot be written: {error.strerror or error}")
+        return True
+    return False
 
 
-def complete(manifest: Manifest, pilot: Pilot, summary: dict[str, Any], code: Exit) -> None:
-    """The rest of manifest.json; a disk that is full by now changes nothing."""
+def _complete(manifest: Manifest, pilot: Pilot, summary: dict[str, Any], code: Exit) -> bool:
+    """Write the rest of manifest.json; tells whether it could not be."""
     system, component = pilot.session.vehicle_ids
     known = {"system": system, "component": component, "name": pilot.session.adapter.name}
     autopilot = known | {"firmware": pilot.session.firmware} if pilot.session.up else None
@@ -57,6 +75,8 @@ def complete(manifest: Manifest, pilot: Pilot, summary: dict[str, Any], code: Ex
         manifest.complete(autopilot=autopilot, outcome=summary["outcome"], reason=summary["reason"], exit=int(code))
     except OSError as error:
         _note(summary, f"manifest.json cannot be written: {error.strerror or error}")
+        return True
+    return False
 
 
 def _recorded(recorder: Recorder, epoch_us: int, system: int | None) -> tuple[Ticks, Truth | None]:

@@ -2,10 +2,11 @@
 
 from pathlib import Path
 
+import click
+
 from circnav_mav.analysis.export_mcap import export_mcap
 from circnav_mav.analysis.run import RunError, open_run
 from circnav_mav.cli.exits import Exit, Refused, cannot
-from circnav_mav.cli.telling import tell
 
 MAGIC = b"\x89MCAP0\r\n"
 """How an MCAP file begins."""
@@ -21,14 +22,14 @@ def export_run(folder: str, out: str | None) -> int:
             raise Refused(f"{folder}: an empty run, nothing was recorded", Exit.NOTHING_HEARD)
         counts = export_mcap(run, path)
     except ImportError:
-        raise Refused("export --mcap needs the package mcap: pip install 'circnav-mav[mcap]'") from None
+        raise Refused("export --mcap needs the package mcap: pip install mcap") from None
     except RunError as error:
         raise Refused(str(error)) from None
     except OSError as error:
         raise cannot(path, error) from None
-    if run.damage is not None:
-        tell(f"  WARNING    {run.damage}")
-    tell(f"{path}: " + ", ".join(f"{count} messages on {topic}" for topic, count in counts.items()))
+    if run.told_damage is not None:
+        click.echo(f"  WARNING    {run.told_damage}")
+    click.echo(f"{path}: " + ", ".join(f"{count} messages on {topic}" for topic, count in counts.items()))
     return Exit.DONE
 
 

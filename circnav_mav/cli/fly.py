@@ -10,7 +10,7 @@ import click
 from rich.console import Console
 
 from circnav_mav.cli.check import all_checks, read_mission, show_checks
-from circnav_mav.cli.closing import complete, summary_of_flight
+from circnav_mav.cli.closing import close_flight
 from circnav_mav.cli.connect import open_links, open_page, open_signing, run_speed, start_clock, start_vehicle
 from circnav_mav.cli.exits import Exit, Refused, cannot, check_named
 from circnav_mav.cli.report import pictures_of_flight
@@ -65,6 +65,8 @@ def fly_mission(options: FlyOptions) -> int:
     outlive_terminal()
     stop = StopRequest()  # from here on a signal ends the flight, not the process
     mission = read_mission(options.mission, _overrides(options))
+    if options.speed is not None and not mission.flies_sim:
+        raise Refused(f"--speed: only the bundled vehicle flies at another speed, not {mission.file.link.endpoint}")
     lines = all_checks(mission)
     if any(line.grade is Grade.FAIL for line in lines):
         show_checks(lines)
@@ -86,8 +88,7 @@ def fly_mission(options: FlyOptions) -> int:
             crash = _loop(pilot, links, clock, recorder, onlookers, stop, signing_time)
         assert pilot.outcome is not None
         code = Exit.INTERNAL if crash is not None else EXITS[pilot.outcome.ending]
-        summary = summary_of_flight(pilot, recorder, mission, clock)
-        complete(manifest, pilot, summary, code)
+        summary, code = close_flight(pilot, recorder, mission, clock, manifest, code)
         words = verdict(summary, folder)
         if page is not None:
             page.finish(words)

@@ -2,10 +2,12 @@
 
 from pathlib import Path
 
+import click
+
 from circnav_mav.analysis.ideal import random_starts
 from circnav_mav.analysis.paper import EXAMPLES, draw, study, table
+from circnav_mav.analysis.whole_file import write_whole
 from circnav_mav.cli.exits import Exit, Refused, cannot, check_named
-from circnav_mav.cli.telling import tell
 
 SHOWN = 2
 """The start that the figures show, where there are as many."""
@@ -26,9 +28,9 @@ def reproduce(out: str, starts: int, seed: int) -> int:
             findings, tracks = study(example, random_starts(starts, seed))
             found.append(findings)
             for path in draw(folder, example, tracks, min(SHOWN, starts - 1)):
-                tell(path)
-        (folder / "table.md").write_text(table(found) + "\n", encoding="utf-8")
+                click.echo(path)
+        write_whole(folder / "table.md", table(found) + "\n")
     except OSError as error:
         raise cannot(folder, error) from None
-    tell(f"{folder / 'table.md'}\n\n{table(found)}")
+    click.echo(f"{folder / 'table.md'}\n\n{table(found)}")
     return Exit.DONE

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import click
 import numpy as np
 import tomlkit
 
@@ -14,7 +15,6 @@ from circnav_mav.analysis.run import Run, RunError, open_run
 from circnav_mav.analysis.run_folder import Column
 from circnav_mav.analysis.summary import FlightFacts, summarise
 from circnav_mav.cli.exits import Exit, Refused, cannot
-from circnav_mav.cli.telling import tell
 from circnav_mav.cli.verdict import verdict
 from circnav_mav.mission.load import MissionError, parse_mission
 from circnav_mav.mission.mission import Mission
@@ -30,14 +30,14 @@ def report_run(folder: str) -> int:
             raise Refused(f"{folder}: a single tick was recorded, too little for a report", Exit.NOTHING_HEARD)
         mission = parse_mission(run.mission_text, str(run.folder / "mission.toml"))
         summary = _unfinished(run, mission) | run.summary
-        if run.damage is not None:
-            tell(f"  WARNING    {run.damage}")
-            summary["recording_problem"] = "; ".join(filter(None, (summary["recording_problem"], run.damage)))
-        tell(write_report(run, report_facts(run, mission, summary)))
+        if run.told_damage is not None:
+            click.echo(f"  WARNING    {run.told_damage}")
+            summary["recording_problem"] = "; ".join(filter(None, (summary["recording_problem"], run.told_damage)))
+        click.echo(write_report(run, report_facts(run, mission, summary)))
         title = f"{run.name}: {mission.orbit.radius:g} m {mission.orbit.direction.value}"
         plot_flight(run.folder / "flight.png", run.ticks, run.truth, mission.orbit, title)
         plot_estimates(run.folder / "estimates.png", run.ticks, mission.file.guidance.gate_sigma, title)
-        tell(f"{run.folder / 'flight.png'}\n{run.folder / 'estimates.png'}")
+        click.echo(f"{run.folder / 'flight.png'}\n{run.folder / 'estimates.png'}")
     except (RunError, MissionError) as error:
         raise Refused(str(error)) from None
     except OSError as error:

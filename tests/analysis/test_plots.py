@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 
+from circnav_mav.analysis import plots
 from circnav_mav.analysis.plots import plot_estimates, plot_flight, plot_replay
 from circnav_mav.analysis.run_folder import read_ticks, read_truth
 from circnav_mav.core.values import Direction, Orbit
@@ -24,7 +24,7 @@ def test_every_run_has_its_picture(run_folder, epoch_us, tmp_path, kind):
 def drawn(monkeypatch):
     """The figure instead of its file."""
     figures = []
-    monkeypatch.setattr(Figure, "savefig", lambda figure, *_arguments, **_keywords: figures.append(figure))
+    monkeypatch.setattr(plots, "save", lambda figure, path: figures.append(figure))
 
     def draw(plot, *arguments, title="by hand"):
         plot("nowhere.png", *arguments, title)
@@ -60,6 +60,22 @@ def test_arrows_stand_all_round_the_circle_and_the_desired_one_on_top(run_folder
     assert np.diff(bearings) == pytest.approx(np.pi / 2, abs=0.3)
     lines = {line.get_label(): line.get_zorder() for line in track.lines}
     assert lines["desired"] > lines["flown (truth)"]
+
+
+def test_without_truth_the_track_is_the_estimated_one_from_where_it_was_first_believed(run_folder, drawn):
+    """By hand: not known for 50 s, then a quarter of a circle."""
+    ticks = read_ticks(run_folder(truth=False))
+    assert len(drawn(plot_flight, ticks, None, ORBIT).axes) == 3, "no track where nothing of it is known"
+    angle = np.where(ticks.time < 50, np.nan, np.radians(90 * (ticks.time - 50) / 250))
+    ticks.numbers["x"], ticks.numbers["y"] = 100 * np.cos(angle), 100 * np.sin(angle)
+    track, *others = drawn(plot_flight, ticks, None, ORBIT).axes
+    assert len(others) == 3
+    lines = {line.get_label(): line for line in track.lines}
+    assert list(lines) == ["desired", "flown (estimate)", "first believed", "target"]
+    assert lines["first believed"].get_xydata()[0] == pytest.approx([100, 0])
+    assert lines["first believed"].get_markerfacecolor() == "none"
+    assert np.nanmax(lines["flown (estimate)"].get_ydata()) == pytest.approx(100)
+    assert len(track.texts) > 1, "arrows"
 
 
 def test_ranges_are_counted_by_the_second(run_folder, drawn):

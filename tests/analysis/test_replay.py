@@ -10,8 +10,9 @@ from pymavlink.dialects.v20 import all as mavlink
 from circnav_mav.analysis.log_clock import LogClock
 from circnav_mav.analysis.replay import as_ticks, differences, patient, replay
 from circnav_mav.analysis.run import open_run
-from circnav_mav.analysis.run_folder import read_tlog
+from circnav_mav.analysis.tlog import read_tlog
 from circnav_mav.analysis.turns import plain_turns, recorded_turns
+from circnav_mav.core.phases import Phase
 from circnav_mav.mission.load import parse_mission
 from circnav_mav.pilot import Pilot, Voice
 from tests.flight.recorded import EPOCH_US, recorded_flight
@@ -67,6 +68,19 @@ def test_an_interrupt_is_replayed_with_its_safe_setpoints(tmp_path):
     assert done.identical
     assert pilot.outcome.reason == "SIGINT"
     assert done.until < 12
+
+
+def test_a_turn_that_was_held_back_is_replayed_as_such(tmp_path):
+    """Nothing of it was sent, and neither ticks nor summary count it."""
+    flight = recorded_flight(tmp_path, "quickstart", SHORT)
+    flight.slow_at = 12.0
+    flight.fly(30).recorder.close()
+    pilot = Pilot(settings_of(tmp_path))
+    done = replay(pilot, recorded_turns(tmp_path))
+    assert done.identical
+    assert pilot.setpoints_sent == flight.pilot.setpoints_sent == len(done.was_setpoints)
+    steered = [tick for tick in done.ticks if tick.phase is Phase.ENGAGED and tick.time > 11]
+    assert [tick.yaw_rate_sent is None for tick in steered].count(True) == 1
 
 
 def test_an_impostor_with_the_vehicles_ids_is_told_apart_by_its_source(tmp_path):

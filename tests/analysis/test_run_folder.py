@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.analysis.run_folder import read_ticks, read_tlog, read_truth
+from circnav_mav.analysis.run_folder import read_ticks, read_truth
 from circnav_mav.mav.ranging import Reject
 from circnav_mav.pilot import TickRecord
 
@@ -69,32 +69,6 @@ def test_truth_that_is_no_number_is_left_out(tmp_path, epoch_us, spoilt):
         log += struct.pack(">Q", moment) + bytes(message.pack(mavlink.MAVLink(None, srcSystem=1)))
     (tmp_path / "flight.tlog").write_bytes(log)
     assert read_truth(tmp_path, epoch_us).time == pytest.approx([0.0, 2e-6])
-
-
-def test_a_log_is_read_to_where_it_was_cut_off(run_folder):
-    path = run_folder() / "flight.tlog"
-    whole = list(read_tlog(path))
-    data = path.read_bytes()
-    one = 8 + len(whole[0][1])
-    for kept in (len(data) - 1, len(data) - one, len(data) - one - 1, 10 * one + 9, one - 1, 7):
-        path.write_bytes(data[:kept])
-        fits = [pair for pair, end in zip(whole, ends(whole), strict=True) if end <= kept]
-        assert list(read_tlog(path)) == fits
-
-
-def ends(pairs):
-    """Where each record of a tlog ends."""
-    end = 0
-    for _, frame in pairs:
-        end += 8 + len(frame)
-        yield end
-
-
-def test_a_log_that_is_none_ends_at_once(tmp_path):
-    (tmp_path / "x.tlog").write_bytes(b"this is no log at all")
-    assert list(read_tlog(tmp_path / "x.tlog")) == []
-    (tmp_path / "x.tlog").write_bytes(b"")
-    assert list(read_tlog(tmp_path / "x.tlog")) == []
 
 
 def test_every_column_of_the_ticks_is_described():

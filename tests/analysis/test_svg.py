@@ -115,3 +115,15 @@ def test_north_is_up_and_east_is_right_and_arrows_point_ahead():
 
 def test_text_is_escaped():
     assert "<b>x</b>" not in spans_chart("<b>x</b>", np.arange(2.0), ["<i>", "<i>"], {}, (0.0, 1.0))
+
+
+def test_the_desired_circle_lies_on_the_track_not_under_it():
+    angle = np.linspace(0, 20, 500)
+    drawn = track(100 * np.cos(angle), 100 * np.sin(angle), 100.0, "blue")
+    assert drawn.index('stroke="blue"') < drawn.index('class="desired"')
+
+
+def test_the_last_number_of_the_time_axis_is_not_cut_off():
+    drawn = spans_chart("phase", np.array([0.0, 36000.0]), ["a", "a"], {}, (0.0, 36000.0))
+    (last,) = re.findall(r'<text x="([0-9.]+)" y="[0-9]+" text-anchor="middle">36000</text>', drawn)
+    assert float(last) + 2.5 * 6.5 <= 960

@@ -68,10 +68,13 @@ def test_the_table_is_the_same_on_one_process_two_and_when_resumed(write, tmp_pa
     assert (torn / "runs.csv").read_bytes() == one
 
 
-def test_the_table_is_the_same_on_two_workers_of_a_dask_scheduler(write, tmp_path):
+@pytest.mark.parametrize("protocol", ["tcp", "ws"])
+def test_the_table_is_the_same_on_two_workers_of_a_dask_scheduler(write, tmp_path, protocol):
     distributed = pytest.importorskip("distributed", reason="needs the extra [cluster]")
     path, there = write(SHORT), tmp_path / "there"
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as cluster:
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, protocol=f"{protocol}://"
+    ) as cluster:
         done = circnav(path, "--out", there, "--scheduler", cluster.scheduler_address)
     assert done.returncode == 0, done.stderr
     assert (there / "runs.csv").read_bytes() == flown(load_campaign(path), tmp_path / "here")
@@ -107,7 +110,7 @@ def test_a_scheduler_that_nobody_answers_at_is_one_line(write, tmp_path, monkeyp
 
 def test_dask_that_is_not_installed_is_told_with_the_remedy(write, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(ExecutionError, match=r"pip install 'circnav-mav\[cluster\]'"):
+    with pytest.raises(ExecutionError, match=r"pip install distributed"):
         list(on_scheduler(load_campaign(write(SHORT)), [[0]], "tcp://127.0.0.1:9"))
 
 

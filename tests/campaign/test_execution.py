@@ -109,11 +109,19 @@ def test_a_chunk_that_was_torn_is_flown_as_the_batch_that_it_was_and_gives_the_r
     assert alone == [2, 6]
 
 
+def test_what_a_single_chunk_leaves_to_be_flown_alone_is_flown_by_other_processes(write, monkeypatch):
+    monkeypatch.setattr(fly, "fly_lockstep", None)  # in this process, not in the others
+    rows = [row for rows in on_cores(load_campaign(write(MIXED, "runs = 6")), [range(6)], 2) for row in rows]
+    assert [row["engine"] for row in sorted(rows, key=lambda row: row["run"])] == ["lockstep", "batch"] * 3
+    assert not any(row.get("error") for row in rows)
+
+
 # --- a Dask scheduler ---
 
 
 @pytest.mark.parametrize(
-    "address", ["foo", "", "tcp://127.0.0.1:notaport", "/tmp/file", "tcp://127.0.0.1:99999", "tcp://:1"]
+    "address",
+    ["foo", "", "tcp://127.0.0.1:notaport", "/tmp/file", "tcp://127.0.0.1:99999", "tcp://:1", "ucx://127.0.0.1:8786"],
 )
 def test_an_address_that_is_none_is_refused_at_once(write, address):
     pytest.importorskip("distributed", reason="needs the extra [cluster]")
@@ -121,7 +129,16 @@ def test_an_address_that_is_none_is_refused_at_once(write, address):
         list(on_scheduler(load_campaign(write(SHORT)), [[0]], address))
 
 
-@pytest.mark.parametrize("scheme", ["tcp", "tls"])
+@pytest.mark.parametrize("scheme", ["tls", "wss"])
+def test_an_encrypted_address_without_certificates_is_refused(write, scheme):
+    pytest.importorskip("distributed", reason="needs the extra [cluster]")
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        address = f"{scheme}://127.0.0.1:{other.getsockname()[1]}"
+        with pytest.raises(ExecutionError, match=f"{scheme} needs the certificates"):
+            list(on_scheduler(load_campaign(write(SHORT)), [[0]], address))
+
+
+@pytest.mark.parametrize("scheme", ["tcp", "tls", "ws", "wss"])
 def test_an_address_where_nobody_listens_is_refused_before_dask_is_asked(write, monkeypatch, scheme):
     distributed = pytest.importorskip("distributed", reason="needs the extra [cluster]")
     monkeypatch.setattr(distributed, "Client", None)

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from circnav_mav.analysis.run_folder import read_tlog
+from circnav_mav.analysis.run_folder import read_truth
+from circnav_mav.analysis.tlog import read_tlog
 from tests.flight.recorded import recorded_flight
 
 
@@ -207,7 +208,22 @@ def test_a_log_that_ends_between_two_frames_is_not_called_the_same_to_the_end(ci
 def test_zeros_in_the_middle_of_a_log_are_told_with_their_place(circnav, run):
     middle = records(run)[len(records(run)) // 2]
     spoil(run / "flight.tlog", middle, bytes(64))
-    assert f"cut off or damaged at byte {middle} of " in circnav("replay", run).out
+    out = circnav("replay", run).out
+    assert f"WARNING    flight.tlog: damaged at byte {middle} of " in out
+    assert re.search(r"replayed up to \d\.\d s of \d\.\d s, where flight\.tlog or turns\.csv is damaged", out)
+    assert "byte for byte the same up to" in out
+
+
+def test_the_truth_and_the_texts_behind_a_damage_are_in_the_report(circnav, run):
+    newest = read_truth(run, epoch(run)).time[-1]
+    spoil(run / "flight.tlog", records(run)[10], bytes(64))
+    out = circnav("report", run).out
+    assert re.search(r"WARNING    flight\.tlog: damaged at byte \d+ of \d+, \d+ bytes left out \(from 0\.\d s of", out)
+    assert read_truth(run, epoch(run)).time[-1] == newest
+
+
+def epoch(run):
+    return json.loads((run / "manifest.json").read_text())["epoch_us"]
 
 
 def test_a_frame_whose_check_fails_is_told(circnav, run):
@@ -221,14 +237,37 @@ def test_a_frame_whose_check_fails_is_told(circnav, run):
 @pytest.mark.parametrize(
     ("offset", "data"), [(8, b"\x00"), (0, b"\xff" * 8)], ids=["no frame begins", "a stamp of the far future"]
 )
-def test_a_plain_log_is_replayed_up_to_its_damage_and_said_so(circnav, run, tmp_path, config, offset, data):
+def test_a_plain_log_is_replayed_to_its_end_and_what_is_damaged_is_counted(
+    circnav, run, tmp_path, config, offset, data
+):
     log = tmp_path / "yesterday.tlog"
     log.write_bytes((run / "flight.tlog").read_bytes())
-    middle = records(run)[len(records(run)) // 2]
+    middle, behind = records(run)[len(records(run)) // 2 :][:2]
     spoil(log, middle + offset, data)
     ran = circnav("replay", log, "--mission", config / "quickstart.toml")
     assert (ran.code, ran.err) == (0, "")
-    assert f"WARNING    yesterday.tlog: cut off or damaged at byte {middle} of {log.stat().st_size}" in ran.out
+    lost = f"damaged at byte {middle} of {log.stat().st_size}, {behind - middle} bytes left out\n"
+    assert f"WARNING    yesterday.tlog: {lost}" in ran.out
+    ends = [circnav("replay", run).out, ran.out]
+    assert len({re.search(r": (\d+\.\d) s, ", out)[1] for out in ends}) == 1
+
+
+def test_a_plain_log_that_was_cut_is_replayed_up_to_there(circnav, run, tmp_path, config):
+    log = tmp_path / "yesterday.tlog"
+    middle = records(run)[len(records(run)) // 2]
+    log.write_bytes((run / "flight.tlog").read_bytes()[: middle + 10])
+    ran = circnav("replay", log, "--mission", config / "quickstart.toml")
+    assert re.search(rf"cut off or damaged at byte {middle} of {middle + 10}: replayed up to \d\.\d s\n", ran.out)
+
+
+def test_frames_of_a_plain_log_whose_check_fails_are_counted(circnav, run, tmp_path, config):
+    log = tmp_path / "yesterday.tlog"
+    log.write_bytes((run / "flight.tlog").read_bytes())
+    frames = list(read_tlog(log))
+    heard = next(n for n, (_, frame) in enumerate(frames) if n > 100 and frame[5] != 255)
+    spoil(log, records(run)[heard] + 8 + 10, b"\xaa\x55")
+    ran = circnav("replay", log, "--mission", config / "quickstart.toml")
+    assert "WARNING    yesterday.tlog: left out as damaged: 1 of the frames\n" in ran.out
 
 
 def test_a_log_of_which_every_stamp_is_wild_is_none(circnav, run, tmp_path, config):

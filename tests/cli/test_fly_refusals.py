@@ -71,6 +71,12 @@ def test_an_option_out_of_its_bounds(circnav, mission, options, line):
     assert ran.line.endswith(line)
 
 
+def test_a_speed_for_a_vehicle_that_is_not_the_bundled_one(circnav, mission):
+    ran = circnav("fly", mission, "--speed", "8", "--endpoint", "udpin:127.0.0.1:14550")
+    assert ran.code == 2
+    assert ran.line == "circnav: --speed: only the bundled vehicle flies at another speed, not udpin:127.0.0.1:14550"
+
+
 @pytest.mark.parametrize("endpoint", ["14550", "udpin:127.0.0.1", "ftp:127.0.0.1:21", "udpin:127.0.0.1:99999"])
 def test_an_endpoint_that_is_none(circnav, mission, endpoint):
     ran = circnav("fly", mission, "--endpoint", endpoint)

@@ -47,6 +47,10 @@ def test_a_flight_without_a_vehicle_ends_as_it_does_without_the_page(circnav, mi
     assert re.search(r"live page at http://127\.0\.0\.1:\d+/\n", ran.out)
 
 
+DESIRED_ON_TOP = """
+[...document.querySelectorAll("#track circle.level, #track path.line")].at(-1).matches("circle")"""
+
+
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here")
 def test_a_browser_follows_a_flight_to_its_verdict_and_logs_no_error(tmp_path):
     command = [sys.executable, "-u", "-m", "circnav_mav", "fly", str(ROOT / "config" / "quickstart.toml"), "--web", "0",
@@ -64,6 +68,7 @@ def test_a_browser_follows_a_flight_to_its_verdict_and_logs_no_error(tmp_path):
             drawn = browser.value(f"[...document.querySelectorAll('#charts svg')].map({longest})")
             assert min(drawn) > 300  # px of line in every chart
             assert browser.value("document.getElementById('link').innerText") == "live"
+            assert browser.value(DESIRED_ON_TOP)
             browser.picture(tmp_path / "page.png")
             assert (tmp_path / "page.png").stat().st_size > 50_000
             browser.until("!document.getElementById('verdict').hidden")

@@ -10,6 +10,7 @@ import pytest
 from tests.flight.recorded import recorded_flight
 
 ROOT = Path(__file__).parents[2]
+QUICKSTART = ROOT / "config" / "quickstart.toml"
 CAMPAIGN = f"""mission = "{ROOT / "config" / "campaign_mission.toml"}"
 runs = 4
 [vary]
@@ -17,7 +18,11 @@ runs = 4
 "limits.duration_s" = [5.0]
 """
 COMMANDS = ["replay run", "report run", "campaign c.toml --processes 1", "paper --starts 1",
-            "bench --law pd --situation calm --flights 2"]  # fmt: skip
+            "bench --law pd --situation calm --flights 2", "--help", "fly --help", "--version", f"check {QUICKSTART}",
+            f"preflight {QUICKSTART} --seconds 1"]  # fmt: skip
+
+
+FULL = "circnav: standard output cannot be written: No space left on device\n"
 
 
 @pytest.fixture(scope="module")
@@ -28,20 +33,35 @@ def place(tmp_path_factory):
     return folder
 
 
-def told(place, command, stdout):
+def told(place, command, stdout, **environment):
     ran = subprocess.run(
         [sys.executable, "-m", "circnav_mav", *command.split()], cwd=place, stdout=stdout, stderr=subprocess.PIPE,
-        text=True, check=False, env={"PYTHONPATH": str(ROOT), "PATH": "/bin"},
+        text=True, check=False, env={"PYTHONPATH": str(ROOT), "PATH": "/bin"} | environment, timeout=60,
     )  # fmt: skip
     return ran.returncode, ran.stderr
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("command", [*COMMANDS, "emulate"])
 def test_an_output_that_is_full_is_one_line_that_names_it(place, command):
     with Path("/dev/full").open("w") as full:
         said = told(place, command, full)
-    assert said == (2, "circnav: standard output cannot be written: No space left on device\n")
+    assert said == (2, FULL)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+def test_it_is_one_line_however_python_buffers(place, unbuffered):
+    with Path("/dev/full").open("w") as full:
+        assert told(place, "check run/mission.toml", full, PYTHONUNBUFFERED=unbuffered) == (2, FULL)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_a_complaint_that_nobody_can_read_has_its_exit_code_all_the_same(place):
+    command = [sys.executable, "-m", "circnav_mav", "report", "nowhere"]
+    with Path("/dev/full").open("w") as full:
+        ran = subprocess.run(command, cwd=place, stderr=full, check=False, env={"PYTHONPATH": str(ROOT)})
+    assert ran.returncode == 2
 
 
 @pytest.mark.parametrize("command", COMMANDS)

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.analysis.run_folder import message_id, read_tlog
+from circnav_mav.analysis.tlog import message_id, read_tlog
 from tests.flight.recorded import recorded_flight
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.analysis.run_folder import message_id, read_tlog
+from circnav_mav.analysis.tlog import message_id, read_tlog
 from circnav_mav.mission.load import load_mission
 from tests.flight.lockstep import CONFIG
 from tests.flight.recorded import recorded_flight

@@ -1,26 +1,25 @@
 """Where the chunks of a campaign are flown: here, on all cores, or on the workers of a Dask scheduler."""
 
 import logging
-import multiprocessing
 import os
-import signal
 import socket
-import threading
 from collections import deque
 from collections.abc import Collection, Generator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-from queue import SimpleQueue
+from contextlib import closing
 from typing import Any
 
 from circnav_mav.analysis.campaign.fly import Row, fly_part
 from circnav_mav.analysis.campaign.plan import Campaign
+from circnav_mav.analysis.crew import Job, WorkerDiedError, worked
 
 Runs = Sequence[int]
 Chunks = Sequence[Runs]
 Done = Collection[int]
 Rows = Generator[list[Row], None, None]
 Part = tuple[list[Row], list[int]]
+GREET = ("", "tcp")
+"""Schemes of addresses by which the scheduler speaks first."""
+SCHEMES = (*GREET, "tls", "ws", "wss")
 MOST_PORT = 65535
 PATIENCE = 5.0
 """Time, s, that a scheduler is given to answer."""
@@ -38,33 +37,26 @@ def cores() -> int:
 def on_cores(campaign: Campaign, chunks: Chunks, processes: int, done: Done = frozenset()) -> Rows:
     """The rows of the chunks but of the runs that are done, as they finish, in any order. Raises ExecutionError."""
     parts = _parts(chunks, done)
-    if processes == 1 or len(parts) <= 1:
+    if processes == 1:
         yield from _in_turn(campaign, parts)
         return
-    spawn = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(min(processes, len(parts)), mp_context=spawn, initializer=_follow_parent)
-    ready: SimpleQueue[Future[Part]] = SimpleQueue()
-    flying, finished = 0, False
+    jobs: deque[Job] = deque((fly_wanted, (campaign, chunk, wanted)) for chunk, wanted in parts)
+    if len(jobs) == 1:  # not worth another process; what it leaves to be flown alone is
+        rows, alone = fly_wanted(campaign, *parts[0])
+        jobs = _flights(campaign, alone)
+        yield rows
     try:
-        for chunk, wanted in parts:
-            pool.submit(fly_wanted, campaign, chunk, wanted).add_done_callback(ready.put)
-            flying += 1
-        while flying:
-            rows, alone = ready.get().result()
-            for number in alone:
-                pool.submit(fly_part, campaign, [number]).add_done_callback(ready.put)
-            flying += len(alone) - 1
-            yield rows
-        finished = True
-    except BrokenProcessPool:
+        with closing(worked(jobs, processes)) as results:
+            for rows, alone in results:
+                jobs += _flights(campaign, alone)
+                yield rows
+    except WorkerDiedError:
         raise ExecutionError("a worker process died (out of memory?): --resume flies what is missing") from None
-    finally:
-        if not finished:
-            for child in multiprocessing.active_children():
-                child.terminate()
-            # one that dies while it writes leaves half a message: were our own end open, the pool would wait for more
-            pool._result_queue._writer.close()  # type: ignore[attr-defined]
-        pool.shutdown(wait=finished, cancel_futures=True)
+
+
+def _flights(campaign: Campaign, numbers: Runs) -> deque[Job]:
+    """A job for each run."""
+    return deque((fly_part, (campaign, [number])) for number in numbers)
 
 
 def _parts(chunks: Chunks, done: Done) -> list[tuple[Runs, Runs]]:
@@ -95,11 +87,12 @@ def on_scheduler(campaign: Campaign, chunks: Chunks, address: str, done: Done = 
     try:
         import distributed
     except ImportError:
-        raise ExecutionError("--scheduler needs Dask: pip install 'circnav-mav[cluster]'") from None
+        raise ExecutionError("--scheduler needs Dask: pip install distributed") from None
     _knock(address)
     safe = distributed.Security().get_connection_args("client").get("ssl_context")  # type: ignore[no-untyped-call]
-    if address.startswith("tls:") and safe is None:
-        raise ExecutionError(f"--scheduler {address}: tls needs the certificates named in Dask's configuration")
+    if address.startswith(("tls:", "wss:")) and safe is None:
+        scheme = address.partition(":")[0]
+        raise ExecutionError(f"--scheduler {address}: {scheme} needs the certificates named in Dask's configuration")
     for name in ("distributed", "distributed.client"):  # Dask gives the second a level of its own
         logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
@@ -118,11 +111,11 @@ def _knock(address: str) -> None:
     that complain. Raises ExecutionError."""
     scheme, _, place = address.rpartition("://")
     host, _, port = place.rpartition(":")
-    if scheme not in ("", "tcp", "tls") or not host or not port.isdecimal() or int(port) > MOST_PORT:
-        raise ExecutionError(f"--scheduler {address}: write it as tcp://HOST:PORT")
+    if scheme not in SCHEMES or not host or not port.isdecimal() or int(port) > MOST_PORT:
+        raise ExecutionError(f"--scheduler {address}: write it as tcp://HOST:PORT, or with tls, ws or wss in front")
     try:
         with socket.create_connection((host.strip("[]"), int(port)), PATIENCE) as there:
-            greeted = scheme == "tls" or there.recv(1)
+            greeted = scheme not in GREET or there.recv(1)
     except (OSError, UnicodeError) as error:
         raise ExecutionError(
             f"--scheduler {address}: nobody answers: {getattr(error, 'strerror', None) or error}"
@@ -152,16 +145,3 @@ def _gathered(
         raise ExecutionError(
             f"--scheduler {address}: {type(error).__name__}: {said}; --resume flies what is missing"
         ) from None
-
-
-def _follow_parent() -> None:
-    """In a worker: a signal from the terminal is the parent's to answer, and the parent's end is ours, too."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with_parent, name="end with parent", daemon=True).start()
-
-
-def _end_with_parent() -> None:
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)

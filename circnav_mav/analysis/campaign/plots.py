@@ -14,11 +14,10 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormat
 
 from circnav_mav.analysis.campaign.plan import START
 from circnav_mav.analysis.campaign.summary import percentile
-from circnav_mav.analysis.plot_text import literal
+from circnav_mav.analysis.pictures import STYLE, literal, save
 
 Rows = Sequence[dict[str, str]]
 LOST, LINE = "#c8501e", "#1f5fa8"
-STYLE: Any = {"font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "axes.axisbelow": True}
 MOST_LINES = 8
 BINS = 12
 
@@ -32,7 +31,7 @@ def plot_campaign(
     with mpl.rc_context(STYLE):
         for name, draw in _pictures(rows, keys, swept, literal(title)):
             try:
-                draw().savefig(folder / name, dpi=110)
+                save(draw(), folder / name)
                 done.append(folder / name)
             except Exception as error:  # what was flown is not lost for a picture
                 said = getattr(error, "strerror", None) or " ".join(str(error).split()) or type(error).__name__

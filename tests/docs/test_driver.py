@@ -1,0 +1,39 @@
+"""The driver of docs/own-vehicle.md for a ranging radio of one's own, run as it is printed, heard by `preflight`."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+from tests.process import COPTER, circnav
+
+PAGE = (Path(__file__).parents[2] / "docs" / "own-vehicle.md").read_text()
+RADIO = "def read_range():\n    time.sleep(0.1)\n    return 123.4\n"
+
+
+def block(language: str) -> str:
+    found = re.search(rf"^```{language}\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
+    assert found is not None
+    return found[1]
+
+
+def test_the_printed_driver_is_heard_under_the_printed_mission_lines(tmp_path):
+    port = str(35000 + os.getpid() % 4000)
+    driver = tmp_path / "driver.py"
+    driver.write_text(block("python").replace("link = ", f"{RADIO}\nlink = ", 1).replace("14560", port))
+    lines = re.findall(r"^(\w+) = (\S+)", block("toml").replace("14560", port), re.MULTILINE)
+    assert len(lines) == 5
+    overrides = [word for key, value in lines for word in ("--set", f"ranging.{key}={value}")]
+    radio = subprocess.Popen([sys.executable, str(driver)])
+    try:
+        survey = circnav("preflight", COPTER, *overrides, "--set", "link.sim_speed=1.0", "--seconds", "3")
+        printed, problem = survey.communicate(timeout=60)
+    finally:
+        radio.terminate()
+        radio.wait(10)
+    assert survey.returncode == 0, printed + problem
+    judged = printed.split("listening")[1]
+    for subject in ("ranging", "rejected", "noise", "stamps"):
+        assert re.search(rf"^PASS  {subject} ", judged, re.MULTILINE), printed
+    assert "newest 123.40 m" in judged

@@ -1,0 +1,161 @@
+"""The documents against the code: links, keys, names, columns, messages and commands are those that there are."""
+
+import ast
+import re
+import shlex
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+from pydantic import BaseModel
+
+from circnav_mav.analysis.run_folder import NO_TICKS
+from circnav_mav.analysis.summary import FlightFacts, summarise
+from circnav_mav.cli import circnav
+from circnav_mav.cli.exits import Exit
+from circnav_mav.core.phases import Phase
+from circnav_mav.core.values import Direction, Orbit
+from circnav_mav.mav.autopilots.ardupilot import ArduCopter, ArduPlane, ArduRover
+from circnav_mav.mav.autopilots.interface import Autopilot
+from circnav_mav.mav.autopilots.px4 import PX4Copter, PX4PlaneAttitude, PX4PlaneStick
+from circnav_mav.mav.ranging import Reject
+from circnav_mav.mission.param_rules import RULES
+from circnav_mav.mission.schema import MissionFile
+from circnav_mav.pilot import TickRecord
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+PAGES = [ROOT / "README.md", ROOT / "sim" / "README.md", ROOT / "CHANGELOG.md", *sorted(DOCS.glob("*.md"))]
+PAGES += [ROOT / "circnav_mav" / "analysis" / "BENCHMARK.md"]
+PAGE_OF: dict[type[Autopilot], str] = {
+    ArduCopter: "ardupilot-copter.md",
+    ArduPlane: "ardupilot-plane.md",
+    ArduRover: "ardupilot-rover.md",
+    PX4Copter: "px4-copter.md",
+    PX4PlaneStick: "px4-plane.md",
+    PX4PlaneAttitude: "px4-plane.md",
+}
+
+
+def anchor(heading: str) -> str:
+    """As GitHub makes it."""
+    return re.sub(r"[^a-z0-9 _-]", "", heading.lower()).replace(" ", "-")
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_lead_somewhere(page):
+    for target in re.findall(r"\]\(([^)\s]+)\)", page.read_text()):
+        if "://" in target:
+            continue
+        name, _, place = target.partition("#")
+        file = page.parent / name if name else page
+        assert file.exists(), target
+        if place:
+            headings = re.findall(r"^#+ (.+)$", file.read_text(), re.MULTILINE)
+            assert place in map(anchor, headings), target
+
+
+def test_the_readme_leads_to_every_page():
+    read, new = set(), [ROOT / "README.md"]
+    while new:
+        page = new.pop()
+        read.add(page)
+        targets = re.findall(r"\]\(([^)#\s]+\.md)", page.read_text())
+        new += {(page.parent / target).resolve() for target in targets} - read
+    assert set(DOCS.glob("*.md")) <= read
+
+
+def keys_of(table: type[BaseModel], prefix: str = ""):
+    for name, field in table.model_fields.items():
+        inner = [one for one in (field.annotation, *getattr(field.annotation, "__args__", ())) if is_table(one)]
+        if inner:
+            yield from keys_of(inner[0], f"{prefix}{name}.")
+        else:
+            yield f"{prefix}{name}", field
+
+
+def is_table(annotation) -> bool:
+    return isinstance(annotation, type) and issubclass(annotation, BaseModel)
+
+
+def test_the_mission_page_has_every_key_with_its_default():
+    told = dict(re.findall(r"^\| `([a-z_0-9.]+)` \| ([^|]+?) \|", (DOCS / "mission.md").read_text(), re.MULTILINE))
+    keys = dict(keys_of(MissionFile))
+    for key, field in keys.items():
+        default = field.default
+        if field.is_required():
+            assert told[key].startswith("needed"), key
+        elif default is None:
+            assert told[key] == "-", key
+        else:
+            assert told[key].strip('"') == (str(default).lower() if isinstance(default, bool) else str(default)), key
+    assert {key for key in told if "." in key} <= set(keys)
+
+
+@pytest.mark.parametrize("adapter", PAGE_OF, ids=lambda adapter: adapter.__name__)
+def test_a_vehicles_page_has_every_parameter_that_preflight_reads(adapter):
+    text = (DOCS / PAGE_OF[adapter]).read_text()
+    for rule in RULES[adapter]:
+        for name, _ in rule.names:
+            assert f"`{name}`" in text, name
+
+
+def test_the_page_on_run_folders_has_every_column_phase_and_reason():
+    text = (DOCS / "logs.md").read_text()
+    for name in (*(field.name for field in fields(TickRecord)), *(reason.value for reason in Reject)):
+        assert f"`{name}`" in text, name
+    assert all(phase.value in text for phase in Phase)
+
+
+def test_the_page_on_run_folders_has_every_key_of_the_summary():
+    orbit = Orbit(100.0, Direction.CLOCKWISE, 15.0, 0.35)
+    facts = FlightFacts("m", "completed", "", orbit, 0, {}, 0, None, "", 0, None)
+    text = (DOCS / "logs.md").read_text()
+    for key in summarise(facts, NO_TICKS, None):
+        assert f"`{key}`" in text, key
+
+
+def test_the_readme_names_every_command_and_exit_code():
+    text = (ROOT / "README.md").read_text()
+    table = set(re.findall(r"^\| `circnav (\w+)", text, re.MULTILINE))
+    assert table == set(circnav.commands)
+    codes = text[text.index("Exit codes:") :].split("\n\n")[0]
+    for code in Exit:
+        assert re.search(rf"\b{code.value} [a-z]", codes), code
+
+
+def test_every_option_in_a_printed_command_exists():
+    seen = 0
+    for page in PAGES:
+        for line in re.sub(r"\\\n\s*", "", page.read_text()).splitlines():
+            for command in re.findall(r"(?:^|`|\$ |bin/)(circnav \w+[^`|\n]*)", line.strip()):
+                words = shlex.split(command.split("#")[0], posix=False)
+                if words[1] not in circnav.commands:
+                    continue
+                known = {flag for option in circnav.commands[words[1]].params for flag in option.opts}
+                given = {word.strip("[]") for word in words if word.strip("[").startswith("--")}
+                assert given <= known, command
+                seen += 1
+    assert seen > 40
+
+
+def texts_of_the_code() -> list[str]:
+    """Every text in the source, with ... for what is put in."""
+    found = []
+    for path in (ROOT / "circnav_mav").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                found.append(node.value)
+            elif isinstance(node, ast.JoinedStr):
+                found.append("".join(part.value if isinstance(part, ast.Constant) else "..." for part in node.values))
+    return found
+
+
+def test_every_message_of_the_troubleshooting_page_is_printed_by_the_code():
+    texts = texts_of_the_code()
+    rows = re.findall(r"^\| ([^|]+) \|", (DOCS / "troubleshooting.md").read_text(), re.MULTILINE)
+    quoted = [message for row in rows for message in re.findall(r"`([^`]+)`", row)]
+    assert len(quoted) > 60
+    for message in quoted:
+        for piece in filter(None, (piece.strip(" ,;:?()") for piece in message.split("..."))):
+            assert any(piece in text for text in texts), message
