@@ -25,7 +25,9 @@ def main() -> None:
     parser.add_argument("--east", type=float, default=0.0)
     parser.add_argument("--noise", type=float, default=0.5, help="standard deviation, m")
     parser.add_argument("--rate", type=float, default=10.0, help="Hz, of the vehicle's own time")
+    parser.add_argument("--seed", type=int, help="of the noise; another at every start if not given")
     options = parser.parse_args()
+    noise = random.Random(options.seed)
     link = mavutil.mavlink_connection(options.url, source_system=1, source_component=RADIO, dialect="common")
     target: tuple[float, float] | None = None
     due, greeted = float("-inf"), float("-inf")
@@ -43,7 +45,7 @@ def main() -> None:
             if target is None:
                 target = (here[0] + options.north / EARTH, here[1] + options.east / EARTH / math.cos(here[0]))
             north, east = (target[0] - here[0]) * EARTH, (target[1] - here[1]) * EARTH * math.cos(here[0])
-            distance = math.hypot(north, east, position.relative_alt / 1000) + random.gauss(0, options.noise)
+            distance = math.hypot(north, east, position.relative_alt / 1000) + noise.gauss(0, options.noise)
             cm = min(max(round(100 * distance), 1), MOST_CM)
             link.mav.distance_sensor_send(position.time_boot_ms, 0, 65535, cm, 4, 0, UPWARD, 255)
 

@@ -16,12 +16,15 @@ FULL_RATE = 0.8
 SPEED_OFF = 0.03
 """Fraction by which the autopilot's clock may differ from ours; beyond, it is a simulator at another speed."""
 NOISE_NEAR, NOISE_FAR = 1.5, 4.0
-"""Measured over assumed noise: PASS up to the first, FAIL above the second."""
+"""Measured over assumed noise: PASS up to the first, FAIL above the second, when many ranges were heard. Few ranges
+say less: both bounds grow by one part in the root of their number, so that an honest 0.5 m is doubted in 3 of 1000
+surveys of ten ranges and in none of 20,000 of fifty."""
 MOST_REJECTED = 0.1
 MOST_OUTLIERS = 0.05
 MAD = 1.4826
 """Standard deviation over median absolute deviation of a Gaussian."""
-FAR = 5.0
+FAR, BULK = 5.0, 3.5
+"""What lies beyond, in standard deviations, is no noise: by the median of all sizes, by that of what remains."""
 LATE = 0.1
 
 
@@ -73,7 +76,8 @@ def _noise(mission: Mission, ranges: Sequence[RangeHeard]) -> Iterator[Check]:
     residuals = _residuals(ranges)
     noise, assumed = _spread(residuals), median(one.sigma for one in ranges)
     ratio = noise / assumed
-    grade = PASS if ratio <= NOISE_NEAR else WARN if ratio <= NOISE_FAR else FAIL
+    doubt = 1 + 1 / sqrt(len(residuals))
+    grade = PASS if ratio <= NOISE_NEAR * doubt else WARN if ratio <= NOISE_FAR * doubt else FAIL
     advice = "" if grade is PASS else ": set ranging.sigma_m to it"
     yield Check(grade, "noise", f"{noise:.2f} m standard deviation, {assumed:.2f} m assumed{advice}")
     gate = mission.file.guidance.gate_sigma * assumed
@@ -84,10 +88,13 @@ def _noise(mission: Mission, ranges: Sequence[RangeHeard]) -> Iterator[Check]:
 
 
 def _spread(residuals: Sequence[float]) -> float:
-    """Standard deviation of the bulk: from the median, and again without what lies far beyond the first answer."""
+    """Standard deviation of the bulk: from the median, again without what lies far beyond the first answer, and then
+    the root mean square of what that leaves, which scatters less than a median (14 instead of 20 % at fifty ranges)."""
     sizes = list(map(abs, residuals))
     first = MAD * median(sizes)
-    return MAD * median(size for size in sizes if size <= FAR * first)
+    second = MAD * median(size for size in sizes if size <= FAR * first)
+    bulk = [size for size in sizes if size <= BULK * second]
+    return sqrt(sum(size**2 for size in bulk) / len(bulk))
 
 
 def _residuals(ranges: Sequence[RangeHeard]) -> list[float]:

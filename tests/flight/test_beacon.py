@@ -26,7 +26,7 @@ def test_a_simulator_without_a_radio_gets_one(profile: str, tmp_path: Path) -> N
     try:
         assert vehicle.stdout is not None
         vehicle.stdout.readline()
-        processes.append(start("docs/beacon.py", f"udpout:{at}", "--north", "30", "--east", "40"))
+        processes.append(start("docs/beacon.py", f"udpout:{at}", "--north", "30", "--east", "40", "--seed", "1"))
         overrides = ("--set", 'link.clock="autopilot"', "--seconds", "5")
         survey = start("-m", "circnav_mav", "preflight", str(mission), "--endpoint", f"udpout:{at}", *overrides)
         printed, _ = survey.communicate(timeout=60)
