@@ -24,6 +24,9 @@ LOST_AFTER = 3.0
 """Silence of the vehicle about its mode, s, after which the link counts as lost (MAVSDK's figure)."""
 SENT_KEPT = 1024
 """Frames of ours that are remembered: twenty seconds of them, by which an echo is known."""
+TWIN_FRAMES, TWIN_WITHIN = 4, 10.0
+"""So many frames in our name that we did not send, within so many seconds, are of another companion: it says at least a
+heartbeat a second. A stray one now and then is nobody's."""
 MOST_REPLIES = 4
 HANDLED = frozenset(
     getattr(dialect, f"MAVLINK_MSG_ID_{name}") for name in (*TELLING, "COMMAND_ACK", "TIMESYNC", "VFR_HUD")
@@ -48,6 +51,7 @@ class Session:
         self._replies: list[Message] = []
         self._mode_results: deque[CommandResult] = deque(maxlen=8)
         self._sent: deque[bytes] = deque(maxlen=SENT_KEPT)
+        self._twin_heard: deque[float] = deque(maxlen=TWIN_FRAMES)
         self.pinning = Pinning(settings, adapters)
         self.told = Told(self.pinning.adapter)
         self.encoder = Encoder(settings.system_id or 1, settings.component_id, signing)
@@ -122,6 +126,12 @@ class Session:
         """Seconds since the vehicle last told its mode."""
         return now - self.told.heard_at
 
+    @property
+    def doubled(self) -> bool:
+        """Whether another companion speaks in our name."""
+        heard = self._twin_heard
+        return len(heard) == TWIN_FRAMES and heard[-1] - heard[0] <= TWIN_WITHIN
+
     def missing(self, now: float) -> list[str]:
         """What the vehicle must tell before it can be flown, and does not."""
         motion = self.motion.at(now)
@@ -132,7 +142,7 @@ class Session:
     def receive(self, message: Message, now: float, source: Hashable) -> bool:
         """Take one message in; tells whether it is of the pinned vehicle. Nobody else moves anything here."""
         if self.up and sender(message) == (self.encoder.system, self._component):
-            self.ignored["echo" if bytes(message.get_msgbuf()) in self._sent else "twin"] += 1
+            self._in_our_name(bytes(message.get_msgbuf()), now)
             return False
         kind = message.get_type()
         if kind == "HEARTBEAT":
@@ -158,6 +168,12 @@ class Session:
         self.told.lost()
         self.pinning.let_go()
         self.commands.clear()
+
+    def _in_our_name(self, frame: bytes, now: float) -> None:
+        echo = frame in self._sent
+        self.ignored["echo" if echo else "twin"] += 1
+        if not echo:
+            self._twin_heard.append(now)
 
     def _pinned(self, peer: Peer, *, anew: bool) -> None:
         """The vehicle was found, or speaks from another address."""

@@ -47,8 +47,6 @@ CATCH_UP = 0.2
 SILENT = 1.5
 """Age of the vehicle's last word about its mode, s, above which it may be in other hands."""
 AUTOPILOT_COMPONENT = 1
-MOST_TWINS = 3
-"""Frames in our name that are not ours, above which another companion speaks."""
 
 
 class Pilot:
@@ -341,7 +339,7 @@ class Pilot:
     def _watch_bounds(self, estimate: RangeEstimate | None, now: float) -> None:
         """The mission's own limits while the vehicle is ours, and a twin of ours at any time."""
         session, progress = self.session, self._progress
-        if session.ignored["twin"] > MOST_TWINS:
+        if session.doubled:
             ids = f"{session.encoder.system}/{self.settings.link.component_id}"
             reason = f"another companion sends as {ids}: give one of us another component_id"
             progress.finish(Ending.ABORTED, reason, now)

@@ -241,3 +241,18 @@ def test_a_vehicle_whose_heartbeats_have_a_counter_of_their_own_is_believed(rig,
         rig.run(0.05)
     assert rig.pilot.session.told.heartbeats > heard
     assert rig.setpoints(since)
+
+
+# --- frames in our own name ---
+
+
+@pytest.mark.parametrize(("apart", "ends"), [(0.05, True), (1.0, True), (3.0, True), (3.6, False), (60.0, False)])
+def test_another_companion_ends_the_flight_and_a_stray_frame_now_and_then_does_not(make_rig, voice, say, apart, ends):
+    rig, twin = make_rig().engage(), voice(1, 191)
+    for _ in range(4):
+        assert rig.pilot.outcome is None
+        rig.hear(mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 3, 3), voice=twin)
+        rig.run(apart)
+    assert (rig.pilot.outcome is not None) is ends
+    if ends:
+        assert "another companion sends as 1/191" in rig.pilot.outcome.reason
