@@ -55,10 +55,8 @@ class Picture:
 
     def draw(self, status: Status) -> Panel:
         """The picture of now."""
-        rows = [*self._state(status), *self._circle(status.tick, status.target), *_traffic(status, self._settings)]
-        rows += [(ALARM, Text(line, "bold reverse red")) for line in _folded(status.alarms[:MOST_ALARMS])]
-        if not status.alarms:
-            rows.append(("alarms", "none"))
+        rows = [*self._phase(status), *_alarms(status), *_steering(status)]
+        rows += [*self._circle(status.tick, status.target), *_traffic(status, self._settings)]
         text = Text(no_wrap=True, overflow="crop")
         for name, value in rows:
             text.append(f"{name:<{LABEL}}", "bold red" if name == ALARM else "").append(value).append("\n")
@@ -68,18 +66,16 @@ class Picture:
             border_style=_style(status), width=WIDTH,
         )  # fmt: skip
 
-    def _state(self, status: Status) -> list[Row]:
-        """Phase, law and what is waited for."""
-        tick, settings = status.tick, self._settings
+    def _phase(self, status: Status) -> list[Row]:
+        """Phase, mode and time, and whether anything is sent at all."""
+        settings = self._settings
         badge = (f" {status.phase.upper()} ", f"bold reverse {_style(status)}")
         duration = f" of {settings.timing.duration:.0f} s" if isfinite(settings.timing.duration) else ""
         flown = "" if status.flown is None else f"   flown {status.flown:.0f} s{duration}"
-        rows: list[Row] = [("phase", Text.assemble(badge, f"  mode {tick.mode}{flown}"))]
+        rows: list[Row] = [("phase", Text.assemble(badge, f"  mode {status.tick.mode}{flown}"))]
         if settings.voice in SILENCED:
             rows.append(("", Text(SILENCED[settings.voice], "bold")))
-        rows.append(("law", status.why or tick.law or "-"))
-        names = ("waiting", "")
-        return rows + list(zip(names, _folded([status.waits]), strict=False))
+        return rows
 
     def _circle(self, tick: TickRecord, target: str) -> list[Row]:
         """Range, error, rate and turn."""
@@ -126,6 +122,18 @@ class Picture:
         for at, size in recent:
             line[at - recent[0][0]] = levels[min(int(size / full * len(levels)), len(levels) - 1) if full else 0]
         return f"{error:+.2f} m   {''.join(line)} full {full:.1f} m"
+
+
+def _alarms(status: Status) -> list[Row]:
+    """Near the top: a terminal that is too low shows no more than the first rows."""
+    lines = _folded(status.alarms[:MOST_ALARMS])
+    return [(ALARM, Text(line, "bold reverse red")) for line in lines] or [("alarms", "none")]
+
+
+def _steering(status: Status) -> list[Row]:
+    """The law, and what is waited for."""
+    waiting = zip(("waiting", ""), _folded([status.waits]), strict=False)
+    return [("law", status.why or status.tick.law or "-"), *waiting]
 
 
 def _traffic(status: Status, settings: PilotSettings) -> list[Row]:

@@ -41,6 +41,19 @@ def test_every_phase_fits_a_small_terminal_and_says_what_matters_in_words(status
     assert [word for word in shown if word not in "\n".join(lines)] == []
 
 
+@pytest.mark.parametrize("height", [6, 10, 14])
+def test_a_low_terminal_shows_phase_and_alarm(statuses, height):
+    """It has no room for all rows, and leaves out the last."""
+    status = statuses(9.0, events=[{"at_s": 6.0, "action": "mute_ranging"}])[-1]
+    console = Console(width=80, height=height, file=io.StringIO(), force_terminal=True, color_system=None)
+    screen = LiveScreen(console, Picture(flight("quickstart").pilot.settings, "small", ascii_only=False))
+    screen.draw(status)
+    seen = console.file.getvalue()
+    assert " HOLDING " in seen
+    assert "RANGE STALE" in seen
+    assert "Ctrl-C ends" not in seen
+
+
 def test_a_dry_run_says_that_nothing_is_sent(statuses):
     settings = flight("quickstart").pilot.settings
     dry = type(settings)(**{name: getattr(settings, name) for name in settings.__slots__} | {"voice": Voice.DRY_RUN})
