@@ -4,6 +4,10 @@ from dataclasses import dataclass
 
 from circnav_mav.mav.session import Session
 
+GIVEN_AFTER = 1.5
+"""Time, s, for which the vehicle must have told nothing but the guided mode before it is given back: a switch may pass
+through that mode, and what was said before it was left may come late by another way, between newer words."""
+
 
 @dataclass(frozen=True, slots=True)
 class Takeover:
@@ -15,7 +19,7 @@ class Takeover:
 
 class Authority:
     """A mode that is not ours, disarming or a reboot takes the vehicle from us; it is ours again only after it was seen
-    outside the guided mode and then in it."""
+    outside the guided mode and then, for a while, in it."""
 
     def __init__(self) -> None:
         self.consent = True
@@ -23,16 +27,21 @@ class Authority:
         self.left_mode = False
         """Whether the guided mode has been left since."""
         self._departures = 0
+        self._back_since: float | None = None
 
-    def watch(self, session: Session, *, ours: bool, rebooted: bool) -> Takeover | None:
+    def watch(self, session: Session, now: float, *, ours: bool, rebooted: bool) -> Takeover | None:
         """What took the vehicle from us, if it was ours until now; also if it has come back since the last look."""
         departed, self._departures = session.told.departures > self._departures, session.told.departures
         outside = session.up and session.mode is not None and session.mode != session.adapter.guided_mode
         left_for = session.mode_name if outside else session.told.left_for if departed else None
         if left_for is not None:
             self.left_mode = True
-        if self.left_mode and session.in_our_mode and not departed:
-            self.consent, self.left_mode = True, False
+        if not session.in_our_mode or departed:
+            self._back_since = None
+        elif self.left_mode:
+            self._back_since = now if self._back_since is None else self._back_since
+            if self.consent or now - self._back_since >= GIVEN_AFTER:
+                self.consent, self.left_mode = True, False
         if not ours or not session.up or (session.in_our_mode and not rebooted and not departed):
             return None
         self.consent, self.left_mode = False, left_for is not None

@@ -323,7 +323,9 @@ class Pilot:
         if rebooted:
             self.target.estimator.reset()
         ours = progress.steering or progress.resuming or progress.phase is Phase.LEAVING
-        takeover = self._authority.watch(session, ours=ours and self.settings.voice is Voice.FLY, rebooted=rebooted)
+        takeover = self._authority.watch(
+            session, now, ours=ours and self.settings.voice is Voice.FLY, rebooted=rebooted
+        )
         if takeover is None:
             return
         progress.yield_to_operator(now)

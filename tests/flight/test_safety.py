@@ -36,7 +36,7 @@ def test_no_setpoint_leaves_after_the_tick_that_saw_the_operator_take_over_200_t
         assert [time for time in flown.setpoint_times[sent_before:] if time >= seen_at - 1e-9] == []
         assert pilot.phase is Phase.YIELDED
         operator.set_mode(GUIDED)
-        flown.fly(flown.now + 1.0)
+        flown.fly(flown.now + 2.5)
 
 
 @pytest.mark.parametrize("law", ["auto", "drift"])

@@ -42,8 +42,41 @@ def test_a_mode_that_was_left_and_entered_again_between_two_steps_hands_the_vehi
     rig = make_rig(end_on_takeover=False).engage()
     rig.hear(say.heartbeat(LOITER))
     rig.hear(say.heartbeat(GUIDED))
-    rig.run(1.0)
+    since = rig.now
+    rig.run(1.4)
+    assert rig.setpoints(since) == []
+    rig.run(0.6)
     assert rig.pilot.phase is Phase.ENGAGED
+
+
+def test_a_switch_that_passes_through_the_guided_mode_gives_nothing_back(make_rig):
+    rig = make_rig(end_on_takeover=False).engage()
+    rig.mode = LOITER
+    rig.run(1.0)
+    since = rig.now
+    rig.mode = GUIDED
+    rig.run(1.25)
+    rig.mode = LOITER
+    rig.run(1.0)
+    assert rig.setpoints(since) == []
+
+
+@pytest.mark.parametrize("offset", [20, 60, 100, 150, 200, 250])
+def test_a_second_way_of_the_same_vehicle_whose_words_come_late_gives_nothing_back(make_rig, voice, say, offset):
+    """A heartbeat a second by each way, with counters of their own; the second way takes 1.2 s."""
+    rig, late = make_rig(end_on_takeover=False), voice(1, 1)
+    for _ in range(offset):
+        late.say(say.heartbeat(GUIDED))
+    rig.engage()
+    rig.speaks, left = False, rig.now + 3.0
+    for step in range(200):
+        if step % 20 == 0:
+            rig.hear(say.heartbeat(LOITER if rig.now >= left else GUIDED))
+        if step % 20 == 4:
+            rig.hear(say.heartbeat(LOITER if rig.now - 1.2 >= left else GUIDED), voice=late)
+        rig.run(0.05)
+    assert rig.setpoints(left + 0.05) == []
+    assert rig.pilot.phase is Phase.YIELDED
 
 
 def test_a_vehicle_that_was_disarmed_for_a_moment_is_not_ours_again(make_rig, say):

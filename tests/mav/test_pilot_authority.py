@@ -69,7 +69,7 @@ def test_a_mission_that_waits_flies_again_only_after_the_mode_is_entered_anew(ma
     assert rig.pilot.phase is Phase.YIELDED
     assert rig.pilot.outcome is None
     rig.mode = GUIDED
-    rig.run(1.0)
+    rig.run(2.0)
     assert rig.pilot.phase is Phase.ENGAGED
 
 
@@ -87,7 +87,7 @@ def test_arming_again_is_no_consent(make_rig):
     rig.mode = LOITER
     rig.run(1.0)
     rig.mode = GUIDED
-    rig.run(1.0)
+    rig.run(2.0)
     assert rig.pilot.phase is Phase.ENGAGED
 
 
@@ -100,8 +100,8 @@ def test_a_mode_that_flaps_is_obeyed_every_time(make_rig):
         rig.run(0.25)
         assert rig.setpoints(since) == []
         rig.mode = GUIDED
-        rig.run(0.5)
-    assert rig.pilot.phase is Phase.ENGAGED
+        rig.run(2.0)
+        assert rig.pilot.phase is Phase.ENGAGED
 
 
 def test_a_takeover_while_holding_stops_the_setpoints_too(make_rig):

@@ -569,8 +569,8 @@ def test_the_first_setpoint_after_a_takeover_is_not_slewed_from_the_last_one_bef
     rig.engage()
     assert rig.setpoints()[-1].yaw_rate == pytest.approx(0.35)
     rig.mode, rig.range_cm = LOITER, 5000
-    rig.run(2.0)
+    rig.run(1.0)
     since = rig.now
     rig.mode = 4
-    rig.run(0.5)
+    rig.run(2.0)
     assert rig.setpoints(since)[0].yaw_rate == 0.0, "inside the circle it is straight on"
