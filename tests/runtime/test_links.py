@@ -11,6 +11,8 @@ import pytest
 
 from circnav_mav.runtime.links import MOST_BYTES, MOST_DATAGRAMS, LinkError, open_link
 
+UDP = (socket.AF_INET, socket.SOCK_DGRAM)
+
 
 def receive(link, now=0.0, patience=2.0):
     """What comes in once the link's descriptor has something."""
@@ -104,6 +106,17 @@ def test_udpout_speaks_first_and_to_its_own_address_only(udp):
         assert [data for data, _ in receive(link)] == [b"answer"]
         link.send(b"again", ("127.0.0.1", 9))
         assert udp.recv(100) == b"again"
+
+
+def test_udpout_hears_nobody_but_whom_it_speaks_to(udp):
+    """As a vehicle that still speaks to our fixed port, when we have gone on to another: else the one would be heard
+    and the other commanded."""
+    with closing(open_link(f"udpout:127.0.0.1:{udp.getsockname()[1]}")) as link, closing(socket.socket(*UDP)) as other:
+        for _ in range(MOST_DATAGRAMS + 100):
+            other.sendto(b"stranger", ("127.0.0.1", link.port))
+        udp.sendto(b"ours", ("127.0.0.1", link.port))
+        assert receive(link) == []
+        assert link.receive(0.0) == [(b"ours", udp.getsockname())]
 
 
 def test_two_udpout_links_can_be_open_at_once(udp):
