@@ -3,7 +3,7 @@
 import signal
 import time
 
-from tests.process import COPTER, PATIENCE, circnav
+from tests.process import COPTER, PATIENCE, UNHURRIED, circnav
 
 
 def preflight(*arguments: str) -> tuple[int, str, str]:
@@ -14,7 +14,7 @@ def preflight(*arguments: str) -> tuple[int, str, str]:
 
 def test_the_bundled_vehicle_passes_after_the_check_of_its_mission() -> None:
     """At half real time: a machine that stands still for as long as a second is not taken for the vehicle's."""
-    code, printed, errors = preflight(COPTER, "--seconds", "3", "--set", "link.sim_speed=0.5")
+    code, printed, errors = preflight(COPTER, "--seconds", "3", "--set", "link.sim_speed=0.5", *UNHURRIED)
     assert (code, errors) == (0, ""), printed
     assert printed.index("turn rate") < printed.index("listening on sim") < printed.index("firmware")
     assert "PASS  ranging" in printed
@@ -65,7 +65,8 @@ def test_a_fast_simulator_passes_by_its_own_clock(port: int) -> None:
         assert vehicle.stdout is not None
         vehicle.stdout.readline()
         endpoint = ("--endpoint", f"udpout:127.0.0.1:{port}")
-        code, printed, _ = preflight(COPTER, *endpoint, "--seconds", "8", "--set", 'link.clock="autopilot"')
+        follows = ("--set", 'link.clock="autopilot"')
+        code, printed, _ = preflight(COPTER, *endpoint, "--seconds", "8", *follows, *UNHURRIED)
         assert code == 0, printed
         assert "and the run follows it" in printed
     finally:

@@ -6,7 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from tests.process import COPTER, PATIENCE, circnav
+from tests.process import COPTER, PATIENCE, UNHURRIED, circnav
 
 PAGE = (Path(__file__).parents[2] / "docs" / "own-vehicle.md").read_text()
 RADIO = "def read_range():\n    time.sleep(0.1)\n    return 123.4\n"
@@ -30,7 +30,7 @@ def test_the_printed_driver_is_heard_under_the_printed_mission_lines(tmp_path, p
             wire.bind(("127.0.0.1", port))
             wire.settimeout(PATIENCE)
             wire.recv(1000)
-        survey = circnav("preflight", COPTER, *overrides, "--set", "link.sim_speed=1.0", "--seconds", "3")
+        survey = circnav("preflight", COPTER, *overrides, "--set", "link.sim_speed=1.0", "--seconds", "3", *UNHURRIED)
         printed, problem = survey.communicate(timeout=PATIENCE)
     finally:
         radio.terminate()

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from tests.process import PATIENCE
+from tests.process import PATIENCE, UNHURRIED
 
 ROOT = Path(__file__).parents[2]
 
@@ -44,7 +44,7 @@ def test_a_simulator_without_a_radio_gets_one(profile: str, port: int, tmp_path:
         vehicle.stdout.readline()
         processes.append(start("docs/beacon.py", f"udpout:{at}", "--north", "30", "--east", "40", "--seed", "1"))
         wait_for_ranges(port)
-        overrides = ("--set", 'link.clock="autopilot"', "--seconds", "10")
+        overrides = ("--set", 'link.clock="autopilot"', "--seconds", "10", *UNHURRIED)
         survey = start("-m", "circnav_mav", "preflight", str(mission), "--endpoint", f"udpout:{at}", *overrides)
         printed, _ = survey.communicate(timeout=PATIENCE)
     finally:
