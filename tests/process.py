@@ -8,6 +8,12 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 QUICKSTART = str(ROOT / "config" / "quickstart.toml")
 COPTER = str(ROOT / "config" / "arducopter.toml")
+PATIENCE = 120.0
+"""Time, s, after which a process counts as hanging; how long it takes on a busy machine is not judged."""
+
+
+UNHURRIED = ("--set", "limits.stale_s=3.0", "--set", "limits.round_trip_s=5.0")
+"""What lets a vehicle or a radio that stood still for a moment pass where it is not judged how late they are."""
 
 
 def circnav(*arguments: str) -> subprocess.Popen[str]:

@@ -1,4 +1,4 @@
-"""UDP: whoever speaks is heard, and who is answered the pilot decides."""
+"""UDP: `udpin` hears whoever speaks, and who is answered the pilot decides; `udpout` has one other side."""
 
 import socket
 from collections.abc import Hashable
@@ -17,7 +17,8 @@ LOCAL_PORT = 14691
 
 
 class UdpLink:
-    """`udpin` waits on a port and answers whom the pilot has chosen; `udpout` speaks to one address."""
+    """`udpin` waits on a port and answers whom the pilot has chosen; `udpout` speaks to one address and hears no other:
+    a vehicle that still speaks to LOCAL_PORT must not be heard while another one is commanded."""
 
     def __init__(self, text: str, endpoint: Endpoint) -> None:
         self.errors = 0
@@ -48,7 +49,7 @@ class UdpLink:
         """The datagrams that have come in, each with its sender."""
         datagrams: list[tuple[bytes, Hashable]] = []
         room = MOST_BYTES
-        while len(datagrams) < MOST_DATAGRAMS and room > 0:
+        for _ in range(MOST_DATAGRAMS):
             try:
                 data, source = self._socket.recvfrom(65536)
             except BlockingIOError:
@@ -56,8 +57,11 @@ class UdpLink:
             except OSError:
                 self.errors += 1
                 break
-            datagrams.append((data, source))
             room -= len(data)
+            if self._peer in (None, source):
+                datagrams.append((data, source))
+            if room <= 0:
+                break
         return datagrams
 
     def send(self, data: bytes, to: Hashable) -> None:

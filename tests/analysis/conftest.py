@@ -1,4 +1,4 @@
-"""Seeded property tests, and a run folder made by hand."""
+"""A run folder made by hand."""
 
 import struct
 from collections.abc import Callable
@@ -6,11 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import settings
 from pymavlink.dialects.v20 import all as mavlink
-
-settings.register_profile("seeded", derandomize=True, deadline=None, database=None)
-settings.load_profile("seeded")
 
 EPOCH_US = 1_790_000_000_000_000
 RADIUS, TURN = 100.0, 0.15

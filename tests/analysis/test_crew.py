@@ -13,7 +13,7 @@ import pytest
 from circnav_mav.analysis import bench
 from circnav_mav.analysis.batch.situations import SITUATIONS
 from circnav_mav.analysis.crew import WorkerDiedError, worked
-from tests.process import ROOT
+from tests.process import PATIENCE, ROOT
 
 FOREVER = 600.0
 JOBS = """
@@ -69,7 +69,7 @@ def test_a_ctrl_c_is_not_heard_by_the_processes_whenever_it_comes(tmp_path):
             [sys.executable, script, str(seconds)], stderr=subprocess.PIPE, text=True, start_new_session=True,
             env=os.environ | {"PYTHONPATH": str(ROOT)},
         )  # fmt: skip
-        assert (process.communicate(timeout=60)[1], process.returncode) == ("", 7), seconds
+        assert (process.communicate(timeout=PATIENCE)[1], process.returncode) == ("", 7), seconds
 
 
 def test_a_process_that_dies_in_its_job_is_no_endless_wait():

@@ -23,6 +23,7 @@ from circnav_mav.analysis.campaign.store import Store, StoreError
 from circnav_mav.analysis.campaign.summary import summarise
 from circnav_mav.mission.load import load_mission
 from sim.config import parse_vehicle
+from tests.process import PATIENCE
 
 CONFIG = Path(__file__).parents[2] / "config"
 SHORT = '"limits.duration_s" = [20.0]\n"guidance.law" = ["smooth", "pi"]\n'
@@ -91,7 +92,7 @@ def test_an_interrupt_keeps_what_was_flown_and_says_how_to_go_on(write, tmp_path
     while process.poll() is None and not (table.exists() and table.read_bytes().count(b"\n") > 1):
         select.select([], [], [], 0.05)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does: everybody hears it
-    said, complaint = process.communicate(timeout=60)
+    said, complaint = process.communicate(timeout=PATIENCE)
     assert process.returncode == 130, complaint
     assert f"go on with --out {out} --resume" in said
     assert "Traceback" not in complaint

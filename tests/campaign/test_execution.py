@@ -13,6 +13,7 @@ from circnav_mav.analysis.campaign import execute, fly
 from circnav_mav.analysis.campaign.execute import ExecutionError, on_cores, on_scheduler
 from circnav_mav.analysis.campaign.file import load_campaign
 from circnav_mav.analysis.campaign.fly import chunks, fly_chunk, fly_part
+from tests.process import PATIENCE
 
 ENVIRONMENT = {"PYTHONPATH": str(Path(__file__).parents[2]), "PATH": "/bin"}
 SHORT = '"limits.duration_s" = [5.0]\n'
@@ -39,7 +40,7 @@ def children(process):
     return [int(child) for child in Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()]
 
 
-def all_end(processes, patience=15.0):
+def all_end(processes, patience=PATIENCE):
     end = time.monotonic() + patience
     while time.monotonic() < end:
         if not any(Path(f"/proc/{pid}").exists() and "Z" not in status(pid) for pid in processes):
@@ -66,7 +67,7 @@ def test_the_workers_of_a_campaign_that_was_killed_end_with_it(begun):
 def test_a_sigterm_keeps_what_was_flown_as_ctrl_c_does(begun):
     workers = children(begun)
     begun.terminate()
-    said, complaint = begun.communicate(timeout=60)
+    said, complaint = begun.communicate(timeout=PATIENCE)
     assert begun.returncode == 130, complaint
     assert "--resume" in said
     assert "Traceback" not in complaint

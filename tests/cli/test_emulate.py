@@ -6,6 +6,8 @@ import sys
 
 import pytest
 
+from tests.process import PATIENCE
+
 
 @pytest.mark.parametrize("speed", ["0", "-1", "101", "nan"])
 def test_a_speed_out_of_its_bounds(circnav, speed):
@@ -48,7 +50,7 @@ def test_it_ends_when_asked(number, busy_port):
         try:
             assert process.stdout.readline()
             process.send_signal(number)
-            _, err = process.communicate(timeout=10)
+            _, err = process.communicate(timeout=PATIENCE)
         finally:
             process.kill()
     assert process.returncode == 0

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.browser import CHROMIUM, Browser
+from tests.process import PATIENCE
 
 ROOT = Path(__file__).parents[2]
 
@@ -56,10 +57,10 @@ def test_a_browser_follows_a_flight_to_its_verdict_and_logs_no_error(tmp_path):
     command = [sys.executable, "-u", "-m", "circnav_mav", "fly", str(ROOT / "config" / "quickstart.toml"), "--web", "0",
                "--speed", "2", "--duration", "20", "--out", str(tmp_path / "run")]  # fmt: skip
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    browser = Browser(tmp_path / "profile")  # first: it may take longer to start than the flight does
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as flight:
-        said = next(line for line in flight.stdout if line.startswith("live page at "))
-        browser = Browser(tmp_path / "profile")
         try:
+            said = next(line for line in flight.stdout if line.startswith("live page at "))
             browser.open(said.split()[-1])
             browser.until("document.getElementById('phase').innerText.toLowerCase() === 'engaged'")
             browser.until("document.querySelectorAll('#charts svg').length === 4")
@@ -77,7 +78,7 @@ def test_a_browser_follows_a_flight_to_its_verdict_and_logs_no_error(tmp_path):
             assert browser.complaints == []
         finally:
             browser.close()
-        flight.communicate(timeout=30)
+        flight.communicate(timeout=PATIENCE)
     assert flight.returncode == 0
 
 

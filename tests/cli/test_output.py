@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.flight.recorded import recorded_flight
+from tests.process import PATIENCE
 
 ROOT = Path(__file__).parents[2]
 QUICKSTART = ROOT / "config" / "quickstart.toml"
@@ -36,7 +37,7 @@ def place(tmp_path_factory):
 def told(place, command, stdout, **environment):
     ran = subprocess.run(
         [sys.executable, "-m", "circnav_mav", *command.split()], cwd=place, stdout=stdout, stderr=subprocess.PIPE,
-        text=True, check=False, env={"PYTHONPATH": str(ROOT), "PATH": "/bin"} | environment, timeout=60,
+        text=True, check=False, env={"PYTHONPATH": str(ROOT), "PATH": "/bin"} | environment, timeout=PATIENCE,
     )  # fmt: skip
     return ran.returncode, ran.stderr
 

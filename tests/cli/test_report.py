@@ -17,6 +17,7 @@ from circnav_mav.analysis.tlog import message_id, read_tlog
 from circnav_mav.mission.load import load_mission
 from tests.flight.lockstep import CONFIG
 from tests.flight.recorded import recorded_flight
+from tests.process import PATIENCE
 
 cli_report = importlib.import_module("circnav_mav.cli.report")  # the package's `report` is the command
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -266,12 +267,13 @@ def test_a_browser_draws_it_and_logs_no_error(circnav, flown, tmp_path):
     options = ["--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}"]
     show = [CHROMIUM, *options, "--enable-logging=stderr", "--window-size=1100,2400"]
     ran = subprocess.run(
-        [*show, f"--screenshot={tmp_path / 'page.png'}", page], capture_output=True, text=True, timeout=60, check=False
-    )
+        [*show, f"--screenshot={tmp_path / 'page.png'}", page], capture_output=True, text=True, timeout=PATIENCE,
+        check=False,
+    )  # fmt: skip
     assert "CONSOLE" not in ran.stderr
     assert (tmp_path / "page.png").stat().st_size > 50_000
-    dumped = subprocess.run([*show, "--dump-dom", page], capture_output=True, text=True, timeout=60, check=False).stdout
-    assert dumped.count("<figure>") >= len(CHARTS)
+    dumped = subprocess.run([*show, "--dump-dom", page], capture_output=True, text=True, timeout=PATIENCE, check=False)
+    assert dumped.stdout.count("<figure>") >= len(CHARTS)
 
 
 def test_the_settings_of_the_report_stand_as_in_a_mission_file():

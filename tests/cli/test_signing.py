@@ -1,22 +1,14 @@
 """The command line with a signing key: what it refuses, what it tells, and what it keeps to itself."""
 
 import json
-import socket
 
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from tests.cli.test_fly_refusals import Speaker, heartbeat
+from tests.cli.test_fly_refusals import PATIENTLY, Speaker, heartbeat
 from tests.mav.test_signing import KEY, OTHER, peer
 
 NOTHING_HEARD = 3
-
-
-@pytest.fixture
-def free_port():
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
 
 
 @pytest.fixture
@@ -63,10 +55,10 @@ def test_a_damaged_timestamp_is_refused(circnav, mission, key):
     ids=["unsigned", "another key, stamped far in the future"],
 )
 def test_a_vehicle_that_is_not_believed_is_told_in_one_line_and_not_flown(
-    circnav, mission, key, free_port, frame, reason, tmp_path
+    circnav, mission, key, port, frame, reason, tmp_path
 ):
-    with Speaker(free_port, frame):
-        ran = circnav("fly", mission, "--endpoint", f"udpin:127.0.0.1:{free_port}", "--out", tmp_path / "out")
+    with Speaker(port, frame):
+        ran = circnav("fly", mission, "--endpoint", f"udpin:127.0.0.1:{port}", *PATIENTLY, "--out", tmp_path / "out")
     assert ran.code == NOTHING_HEARD
     assert ran.err == ""
     (line,) = [line for line in ran.out.splitlines() if line.startswith("ABORTED")]
@@ -77,9 +69,9 @@ def test_a_vehicle_that_is_not_believed_is_told_in_one_line_and_not_flown(
     assert summary["setpoints_sent"] == 0
 
 
-def test_the_key_gets_neither_into_the_run_folder_nor_onto_the_screen(circnav, mission, key, free_port, tmp_path):
-    with Speaker(free_port, heartbeat()):
-        ran = circnav("fly", mission, "--endpoint", f"udpin:127.0.0.1:{free_port}", "--out", tmp_path / "out")
+def test_the_key_gets_neither_into_the_run_folder_nor_onto_the_screen(circnav, mission, key, port, tmp_path):
+    with Speaker(port, heartbeat()):
+        ran = circnav("fly", mission, "--endpoint", f"udpin:127.0.0.1:{port}", *PATIENTLY, "--out", tmp_path / "out")
     secrets = (KEY, KEY.hex().encode(), repr(KEY).encode())
     kept = b"".join(path.read_bytes() for path in (tmp_path / "out").iterdir()) + (ran.out + ran.err).encode()
     assert len(kept) > 1000
@@ -87,8 +79,8 @@ def test_the_key_gets_neither_into_the_run_folder_nor_onto_the_screen(circnav, m
     assert str(key) in (tmp_path / "out" / "mission.toml").read_text()
 
 
-def test_preflight_says_whom_it_does_not_believe(circnav, mission, key, free_port):
-    with Speaker(free_port, heartbeat()):
-        ran = circnav("preflight", mission, "--endpoint", f"udpin:127.0.0.1:{free_port}", "--seconds", "1")
+def test_preflight_says_whom_it_does_not_believe(circnav, mission, key, port):
+    with Speaker(port, heartbeat()):
+        ran = circnav("preflight", mission, "--endpoint", f"udpin:127.0.0.1:{port}", *PATIENTLY, "--seconds", "1")
     assert ran.code == NOTHING_HEARD
     assert "every frame heard is unsigned or wrongly signed" in ran.out

@@ -1,12 +1,12 @@
 """The driver of docs/own-vehicle.md for a ranging radio of one's own, run as it is printed, heard by `preflight`."""
 
-import os
 import re
+import socket
 import subprocess
 import sys
 from pathlib import Path
 
-from tests.process import COPTER, circnav
+from tests.process import COPTER, PATIENCE, UNHURRIED, circnav
 
 PAGE = (Path(__file__).parents[2] / "docs" / "own-vehicle.md").read_text()
 RADIO = "def read_range():\n    time.sleep(0.1)\n    return 123.4\n"
@@ -18,20 +18,23 @@ def block(language: str) -> str:
     return found[1]
 
 
-def test_the_printed_driver_is_heard_under_the_printed_mission_lines(tmp_path):
-    port = str(35000 + os.getpid() % 4000)
+def test_the_printed_driver_is_heard_under_the_printed_mission_lines(tmp_path, port):
     driver = tmp_path / "driver.py"
-    driver.write_text(block("python").replace("link = ", f"{RADIO}\nlink = ", 1).replace("14560", port))
-    lines = re.findall(r"^(\w+) = (\S+)", block("toml").replace("14560", port), re.MULTILINE)
+    driver.write_text(block("python").replace("link = ", f"{RADIO}\nlink = ", 1).replace("14560", str(port)))
+    lines = re.findall(r"^(\w+) = (\S+)", block("toml").replace("14560", str(port)), re.MULTILINE)
     assert len(lines) == 5
     overrides = [word for key, value in lines for word in ("--set", f"ranging.{key}={value}")]
     radio = subprocess.Popen([sys.executable, str(driver)])
     try:
-        survey = circnav("preflight", COPTER, *overrides, "--set", "link.sim_speed=1.0", "--seconds", "3")
-        printed, problem = survey.communicate(timeout=60)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as wire:  # until it speaks
+            wire.bind(("127.0.0.1", port))
+            wire.settimeout(PATIENCE)
+            wire.recv(1000)
+        survey = circnav("preflight", COPTER, *overrides, "--set", "link.sim_speed=1.0", "--seconds", "3", *UNHURRIED)
+        printed, problem = survey.communicate(timeout=PATIENCE)
     finally:
         radio.terminate()
-        radio.wait(10)
+        radio.wait(PATIENCE)
     assert survey.returncode == 0, printed + problem
     judged = printed.split("listening")[1]
     for subject in ("ranging", "rejected", "noise", "stamps"):

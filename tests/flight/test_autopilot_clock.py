@@ -1,39 +1,51 @@
 """A vehicle that runs faster than real time, flown by its own clock, and what is said when it is not."""
 
 import json
-import os
 import time
+from collections import Counter
+from itertools import pairwise
 from pathlib import Path
+from statistics import median
 
 import pytest
 
+from circnav_mav.analysis.tlog import message_id, read_tlog
 from circnav_mav.runtime.status import Watch
 from tests.flight.lockstep import flight
-from tests.process import COPTER, circnav
+from tests.process import COPTER, PATIENCE, circnav
 
 SPEED = 5
+RANGE, SETPOINT = 132, 84  # DISTANCE_SENSOR, SET_POSITION_TARGET_LOCAL_NED
 
 
-def test_a_simulator_five_times_as_fast_is_flown_in_its_own_seconds(tmp_path: Path) -> None:
-    endpoint = f"127.0.0.1:{22000 + os.getpid() % 8000}"
-    vehicle = circnav("emulate", COPTER, "--endpoint", f"udpin:{endpoint}", "--speed", str(SPEED))
+def test_a_simulator_five_times_as_fast_is_flown_in_its_own_seconds(port: int, tmp_path: Path) -> None:
+    """By its typical second: what a busy machine does to some of them is not judged."""
+    vehicle = circnav("emulate", COPTER, "--endpoint", f"udpin:127.0.0.1:{port}", "--speed", str(SPEED))
     try:
         assert vehicle.stdout is not None
         vehicle.stdout.readline()
         overrides = ("--set", 'link.clock="autopilot"', "--duration", "40", "--out", str(tmp_path / "run"))
-        began = time.monotonic()
-        flight = circnav("fly", COPTER, "--endpoint", f"udpout:{endpoint}", *overrides)
-        printed, errors = flight.communicate(timeout=60)
-        elapsed = time.monotonic() - began
+        flight = circnav("fly", COPTER, "--endpoint", f"udpout:127.0.0.1:{port}", *overrides)
+        assert flight.stdout is not None
+        told = [(float(line.split()[0]), time.monotonic()) for line in flight.stdout if "link age" in line]
+        _, errors = flight.communicate(timeout=PATIENCE)
     finally:
         vehicle.terminate()
-        vehicle.communicate(timeout=10)
-    assert (flight.returncode, errors) == (0, ""), printed
+        vehicle.communicate(timeout=PATIENCE)
+    assert (flight.returncode, errors) == (0, "")
     summary = json.loads((tmp_path / "run" / "summary.json").read_text())
     assert summary["flown_s"] == pytest.approx(40.0, abs=1.0)
-    assert summary["samples_accepted"] == pytest.approx(10 * 40, rel=0.1)  # the radio's 10 Hz, in the run's seconds
-    assert summary["setpoints_sent"] == pytest.approx(20 * 40, rel=0.2)  # a tick after each range
-    assert elapsed < 40.0 / 2
+    assert a_second(tmp_path / "run", RANGE) == pytest.approx(10, rel=0.1)  # the radio's 10 Hz, in the run's seconds
+    assert a_second(tmp_path / "run", SETPOINT) == pytest.approx(20, rel=0.2)  # a tick after each range
+    assert median((run - before) / (real - then) for (before, then), (run, real) in pairwise(told)) > 2
+
+
+def a_second(run: Path, number: int) -> float:
+    """Frames of a message in the median second of a run."""
+    seconds = Counter(
+        stamp // 1_000_000 for stamp, frame in read_tlog(run / "flight.tlog") if message_id(frame) == number
+    )
+    return median(seconds[second] for second in range(min(seconds), max(seconds) + 1))
 
 
 @pytest.mark.parametrize(("speed", "told"), [(1.0, None), (1.05, None), (0.5, 0.5), (8.0, 8.0)])

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.process import PATIENCE
+
 ROOT = Path(__file__).parents[2]
 
 
@@ -25,7 +27,7 @@ def test_a_killed_application_leaves_no_vehicle_behind(tmp_path: Path) -> None:
     assert vehicles(tmp_path)
     process.send_signal(signal.SIGKILL)
     process.communicate()
-    end = time.monotonic() + 10
+    end = time.monotonic() + PATIENCE
     while vehicles(tmp_path):
         assert time.monotonic() < end
         time.sleep(0.05)
@@ -59,5 +61,5 @@ def test_a_signal_while_the_vehicle_starts_ends_both(number: int, tmp_path: Path
         assert process.poll() is None
         time.sleep(0.005)
     process.send_signal(number)
-    assert process.wait(30) == 130
+    assert process.wait(PATIENCE) == 130
     assert vehicles(tmp_path) == []

@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import os
 import subprocess
 import time
 from pathlib import Path
@@ -19,7 +18,7 @@ from sim.config import Event
 from tests.flight.lockstep import clockwise_turns, last_third, rms_error
 from tests.flight.signed import KEY, OTHER, UNIX, key_file, signed_flight
 from tests.mav.test_signing import peer
-from tests.process import QUICKSTART, circnav
+from tests.process import PATIENCE, QUICKSTART, circnav
 
 MODE_LOITER = mavlink.MAVLink_command_long_message(1, 1, 176, 0, 1, 5, 0, 0, 0, 0, 0)
 EPOCH = 1_420_070_400
@@ -143,7 +142,7 @@ def test_signed_flight_over_sockets_settles_and_is_replayed_without_its_key(tmp_
         *("--set", f"signing.key_file={key}", "--set", f"sim.signing.key_file={key}"),
         *("--set", 'guidance.law="smooth"'),
     )
-    _, errors = process.communicate(timeout=90)
+    _, errors = process.communicate(timeout=PATIENCE)
     assert (process.returncode, errors) == (0, "")
     summary = json.loads((folder / "summary.json").read_text())
     assert summary["truth"]["direction"] == summary["direction"] == "clockwise"
@@ -154,7 +153,7 @@ def test_signed_flight_over_sockets_settles_and_is_replayed_without_its_key(tmp_
     key.unlink()
     assert_nothing_secret_is_kept(folder)
     replayed = circnav("replay", str(folder))
-    printed, errors = replayed.communicate(timeout=60)
+    printed, errors = replayed.communicate(timeout=PATIENCE)
     assert (replayed.returncode, errors) == (0, "")
     assert "byte for byte the same" in printed
 
@@ -172,7 +171,7 @@ def assert_nothing_secret_is_kept(folder: Path) -> None:
     assert kinds.get("BAD_DATA", 0) == 0
 
 
-def test_pymavlink_with_the_passphrase_commands_the_signing_emulator(tmp_path: Path) -> None:
+def test_pymavlink_with_the_passphrase_commands_the_signing_emulator(port: int, tmp_path: Path) -> None:
     """mavutil with `setup_signing`, as MAVProxy does it of a passphrase; without it the vehicle does not listen."""
     passphrase = "open sesame"
     made = subprocess.run(
@@ -180,7 +179,6 @@ def test_pymavlink_with_the_passphrase_commands_the_signing_emulator(tmp_path: P
     )
     assert made.returncode == 0
     (tmp_path / "vehicle.toml").write_text('[signing]\nkey_file = "drone.key"\n[start]\nmode = "LOITER"\n')
-    port = 20000 + os.getpid() % 20000
     vehicle = circnav("emulate", str(tmp_path / "vehicle.toml"), "--endpoint", f"udpin:127.0.0.1:{port}")
     try:
         assert vehicle.stdout is not None
@@ -189,7 +187,7 @@ def test_pymavlink_with_the_passphrase_commands_the_signing_emulator(tmp_path: P
         holder = mode_asked_for(port, hashlib.sha256(passphrase.encode()).digest())
     finally:
         vehicle.terminate()
-        vehicle.communicate(timeout=10)
+        vehicle.communicate(timeout=PATIENCE)
     assert stranger is None
     assert holder == mavlink.MAV_RESULT_ACCEPTED
 
@@ -201,7 +199,7 @@ def mode_asked_for(port: int, key: bytes | None) -> int | None:
     station.mav.robust_parsing = True
     if key is not None:
         station.setup_signing(key)
-    end = time.monotonic() + (10 if key else 1.5)
+    end = time.monotonic() + (PATIENCE if key else 1.5)
     while time.monotonic() < end:
         station.mav.heartbeat_send(6, 8, 0, 0, 4)
         station.mav.command_long_send(1, 1, 176, 0, 1, 4, 0, 0, 0, 0, 0)

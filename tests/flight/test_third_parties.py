@@ -3,7 +3,6 @@
 import contextlib
 import json
 import os
-import socket
 import subprocess
 import sys
 import time
@@ -11,6 +10,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+
+from tests.ports import reserved_port
+from tests.process import PATIENCE
 
 ROOT = Path(__file__).parents[2]
 MAVPROXY = "MAVProxy==1.8.75"
@@ -20,9 +22,7 @@ class Stage:
     """An emulator on a port of its own, and our application flying it."""
 
     def __init__(self, mission: str, folder: Path, open_things: contextlib.ExitStack) -> None:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            probe.bind(("127.0.0.1", 0))
-            self.port: int = probe.getsockname()[1]
+        self.port = open_things.enter_context(reserved_port())
         self._open_things, self._mission, self._folder = open_things, str(ROOT / "config" / f"{mission}.toml"), folder
         vehicle = self.start(
             "-m", "circnav_mav", "emulate", self._mission, "--endpoint", f"udpin:127.0.0.1:{self.port}"
@@ -49,7 +49,7 @@ class Stage:
         """Our application, once it is engaged."""
         process = self.start(
             *("-m", "circnav_mav", "fly", self._mission, "--endpoint", f"udpout:127.0.0.1:{self.port}"),
-            *("--duration", "60", "--out", str(self._folder)),
+            *("--duration", "600", "--out", str(self._folder)),
         )
         assert process.stdout is not None
         for line in process.stdout:
@@ -59,7 +59,7 @@ class Stage:
 
     def verdict(self, process: subprocess.Popen[str]) -> tuple[int, str]:
         """Exit code and reason of our application."""
-        process.communicate(timeout=30)
+        process.communicate(timeout=PATIENCE)
         return process.returncode, json.loads((self._folder / "summary.json").read_text())["reason"]
 
 
@@ -110,7 +110,7 @@ def test_mavsdk_sees_the_px4_copter_and_its_hold_ends_our_flight(stage: Callable
     client = mavsdk.Mavsdk(mavsdk.Configuration.create_with_component_type(mavsdk.ComponentType.GROUND_STATION))
     try:
         assert client.add_any_connection(f"udpout://127.0.0.1:{on.port}") == mavsdk.ConnectionResult.SUCCESS
-        system = client.first_autopilot(20.0)
+        system = client.first_autopilot(PATIENCE)
         assert system is not None
         telemetry = Telemetry(system)
         until(lambda: telemetry.armed() and telemetry.flight_mode() == FlightMode.OFFBOARD)
@@ -132,7 +132,7 @@ def read_until(process: subprocess.Popen[str], words: str) -> str:
     raise AssertionError(f"{words!r} not in {said!r}")
 
 
-def until(condition: Callable[[], bool], seconds: float = 15.0) -> None:
+def until(condition: Callable[[], bool], seconds: float = PATIENCE) -> None:
     end = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < end

@@ -5,7 +5,6 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from hypothesis import settings
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.core.bounds import Bounds
@@ -17,9 +16,6 @@ from circnav_mav.mav.autopilots.table import AUTOPILOTS
 from circnav_mav.mav.ranging import RangingSettings
 from circnav_mav.mav.session import LinkSettings, Session
 from circnav_mav.pilot import VEHICLE, Pilot, PilotSettings, Timing
-
-settings.register_profile("seeded", derandomize=True, deadline=None, database=None)
-settings.load_profile("seeded")
 
 GUIDED, LOITER = 4, 5
 ARMED = 128 | 1

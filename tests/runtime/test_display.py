@@ -8,9 +8,17 @@ import pytest
 from rich.console import Console
 
 from circnav_mav.pilot import Voice
+from circnav_mav.runtime import display as display_module
 from circnav_mav.runtime.display import Display, LiveScreen, PlainScreen, display_for
 from circnav_mav.runtime.picture import Picture
 from tests.flight.lockstep import flight
+from tests.process import PATIENCE
+
+
+@pytest.fixture(autouse=True)
+def patient(monkeypatch):
+    """A busy machine may draw slowly: how long is not judged here."""
+    monkeypatch.setattr(display_module, "PATIENCE", PATIENCE)
 
 
 def drawn(status, *, ascii_only=False, settings=None):
@@ -97,7 +105,7 @@ class StuckScreen:
     def draw(self, status):
         self.seen.append(status.time)
         self.entered.set()
-        assert self.go_on.wait(30)
+        assert self.go_on.wait(PATIENCE)
 
     def close(self):
         self.closed = True
@@ -107,7 +115,7 @@ def test_a_stuck_terminal_delays_no_tick_and_gets_the_newest_picture_later():
     flown, screen = flight("quickstart"), StuckScreen()
     display = Display(screen, flown.pilot, 0.0, last=True)
     flown.fly(1.0, lambda now: display.show(now.ticks[-1] if now.ticks else None, now.now))
-    assert screen.entered.wait(30)
+    assert screen.entered.wait(PATIENCE)
     flown.fly(20.0, lambda now: display.show(now.ticks[-1], now.now))  # would never return if it waited
     screen.go_on.set()
     display.close()

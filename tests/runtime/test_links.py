@@ -10,9 +10,12 @@ from contextlib import closing
 import pytest
 
 from circnav_mav.runtime.links import MOST_BYTES, MOST_DATAGRAMS, LinkError, open_link
+from tests.process import PATIENCE
+
+UDP = (socket.AF_INET, socket.SOCK_DGRAM)
 
 
-def receive(link, now=0.0, patience=2.0):
+def receive(link, now=0.0, patience=PATIENCE):
     """What comes in once the link's descriptor has something."""
     select.select([link.fileno()], [], [], patience)
     return link.receive(now)
@@ -22,14 +25,15 @@ def receive(link, now=0.0, patience=2.0):
 def udp():
     with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as peer:
         peer.bind(("127.0.0.1", 0))
-        peer.settimeout(2.0)
+        peer.settimeout(PATIENCE)
         yield peer
 
 
 @pytest.fixture
-def server():
-    with closing(socket.create_server(("127.0.0.1", 0))) as listening:
-        listening.settimeout(2.0)
+def server(port):
+    """On a port that nobody else takes when it has gone."""
+    with closing(socket.create_server(("127.0.0.1", port))) as listening:
+        listening.settimeout(PATIENCE)
         yield listening
 
 
@@ -106,6 +110,17 @@ def test_udpout_speaks_first_and_to_its_own_address_only(udp):
         assert udp.recv(100) == b"again"
 
 
+def test_udpout_hears_nobody_but_whom_it_speaks_to(udp):
+    """As a vehicle that still speaks to our fixed port, when we have gone on to another: else the one would be heard
+    and the other commanded."""
+    with closing(open_link(f"udpout:127.0.0.1:{udp.getsockname()[1]}")) as link, closing(socket.socket(*UDP)) as other:
+        for _ in range(MOST_DATAGRAMS):
+            other.sendto(b"stranger", ("127.0.0.1", link.port))
+        udp.sendto(b"ours", ("127.0.0.1", link.port))
+        assert receive(link) == []
+        assert link.receive(0.0) == [(b"ours", udp.getsockname())]
+
+
 def test_two_udpout_links_can_be_open_at_once(udp):
     """The second cannot have the fixed local port and takes another."""
     port = udp.getsockname()[1]
@@ -128,18 +143,15 @@ def test_an_address_that_is_not_ours_is_refused_in_one_line():
         open_link("udpin:192.0.2.1:14550")
 
 
-def test_a_peer_that_refuses_is_silence_and_counted_and_may_come_back():
+def test_a_peer_that_refuses_is_silence_and_counted_and_may_come_back(port):
     """ICMP "port unreachable" shows as an error on the socket."""
-    with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as gone:
-        gone.bind(("127.0.0.1", 0))
-        port = gone.getsockname()[1]
     with closing(open_link(f"udpout:127.0.0.1:{port}")) as link:
         for _ in range(3):
             link.send(b"anybody?", None)
             assert link.receive(0.0) == []
         with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as back:
             back.bind(("127.0.0.1", port))
-            back.settimeout(2.0)
+            back.settimeout(PATIENCE)
             link.send(b"there", None)
             assert back.recv(100) == b"there"
 

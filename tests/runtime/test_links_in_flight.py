@@ -10,13 +10,14 @@ import pytest
 
 from circnav_mav.runtime.links import Link, LinkError, open_link
 from circnav_mav.runtime.runner import StopRequest
+from tests.process import PATIENCE
 
 
 def dropped(server: socket.socket, host: str) -> Link:
     """A TCP link whose server has just hung up."""
     link = open_link(f"tcp:{host}:{server.getsockname()[1]}")
     server.accept()[0].close()
-    select.select([link.fileno()], [], [], 2)
+    select.select([link.fileno()], [], [], PATIENCE)
     link.receive(0.0)
     return link
 

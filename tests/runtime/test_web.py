@@ -18,8 +18,16 @@ from circnav_mav.runtime.web.__main__ import MOST_BROWSERS
 from circnav_mav.runtime.web.feed import LivePage, WebError
 from circnav_mav.runtime.web.history import COLUMNS, MOST_POINTS, NEWEST, History
 from tests.flight.lockstep import flight
+from tests.process import PATIENCE
 
 VERDICT = "COMPLETED: flown to its end"
+
+
+@pytest.fixture(autouse=True)
+def patient(monkeypatch):
+    """A busy machine may start and end the server slowly: neither is judged here."""
+    for name in ("START_PATIENCE", "STOP_PATIENCE"):
+        monkeypatch.setattr(feed, name, PATIENCE)
 
 
 def open_page(pilot, port=0, *, truth=False):
@@ -55,7 +63,7 @@ def page(flown):
 
 def ask(page, method, path, **headers):
     port = int(page.url.rstrip("/").rpartition(":")[2])
-    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=20)
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=PATIENCE)
     connection.request(method, path, headers=headers)
     return connection.getresponse()
 

@@ -15,6 +15,7 @@ from sim.faults.damage import corrupted
 from sim.faults.frames import message_id, read, rewritten, write
 from sim.faults.pipe import Pipe
 from sim.faults.tampering import dropping, on, outliers
+from tests.process import PATIENCE
 
 ROOT = Path(__file__).parents[2]
 
@@ -122,15 +123,11 @@ def test_tampers_see_their_direction_and_message_only() -> None:
     assert read(up).current_distance in (500, 1500)
 
 
-def test_proxy_passes_datagrams_both_ways_and_reports_its_losses() -> None:
+def test_proxy_passes_datagrams_both_ways_and_reports_its_losses(port: int) -> None:
     vehicle, application = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
     for end in (vehicle, application):
         end.bind(("127.0.0.1", 0))
-        end.settimeout(5)
-    spare = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    spare.bind(("127.0.0.1", 0))
-    port = spare.getsockname()[1]
-    spare.close()
+        end.settimeout(PATIENCE)
     command = [sys.executable, "-m", "sim.faults", "--listen", f"udpin:127.0.0.1:{port}"]
     command += ["--forward", f"udpout:127.0.0.1:{vehicle.getsockname()[1]}", "--delay", "0.05"]
     process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
@@ -146,7 +143,7 @@ def test_proxy_passes_datagrams_both_ways_and_reports_its_losses() -> None:
         assert application.recv(100) == b"down"
     finally:
         process.terminate()
-        process.wait(timeout=5)
+        process.wait(timeout=PATIENCE)
         vehicle.close()
         application.close()
     assert process.returncode == 0

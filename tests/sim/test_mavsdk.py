@@ -6,7 +6,6 @@ ArduPilot streams nothing unasked, so there the rates are requested first; MAVSD
 import contextlib
 import math
 import os
-import socket
 import subprocess
 import sys
 import time
@@ -21,6 +20,9 @@ from mavsdk.plugins.action import Action  # noqa: E402
 from mavsdk.plugins.offboard import Offboard, VelocityBodyYawspeed  # noqa: E402
 from mavsdk.plugins.telemetry import FlightMode, Telemetry  # noqa: E402
 
+from tests.ports import reserved_port  # noqa: E402
+from tests.process import PATIENCE  # noqa: E402
+
 ROOT = Path(__file__).parents[2]
 PX4, ARDUPILOT = 1, 2
 
@@ -31,14 +33,12 @@ def connect(tmp_path: Path) -> Iterator[Callable[[str], Any]]:
     open_things = contextlib.ExitStack()
 
     def start(profile: str) -> Any:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            probe.bind(("127.0.0.1", 0))
-            port = probe.getsockname()[1]
+        port = open_things.enter_context(reserved_port())
         client = mavsdk.Mavsdk(mavsdk.Configuration.create_with_component_type(mavsdk.ComponentType.GROUND_STATION))
         open_things.callback(client.destroy)
         assert client.add_any_connection(f"udpin://127.0.0.1:{port}") == mavsdk.ConnectionResult.SUCCESS
         vehicle = tmp_path / "vehicle.toml"
-        vehicle.write_text(f'[vehicle]\nprofile = "{profile}"\n')
+        vehicle.write_text(f'[vehicle]\nprofile = "{profile}"\nsetpoint_timeout_s = 60.0\n')  # we may stand still
         process = subprocess.Popen(
             [sys.executable, "-m", "sim", str(vehicle), "--endpoint", f"udpout:127.0.0.1:{port}", "--speed", "2"],
             cwd=ROOT,
@@ -47,7 +47,7 @@ def connect(tmp_path: Path) -> Iterator[Callable[[str], Any]]:
         )
         open_things.callback(process.wait)
         open_things.callback(process.terminate)
-        system = client.first_autopilot(20.0)
+        system = client.first_autopilot(PATIENCE)
         assert system is not None
         return system
 
@@ -55,7 +55,7 @@ def connect(tmp_path: Path) -> Iterator[Callable[[str], Any]]:
         yield start
 
 
-def until(condition: Callable[[], bool], seconds: float = 10.0) -> None:
+def until(condition: Callable[[], bool], seconds: float = PATIENCE) -> None:
     end = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < end
@@ -75,7 +75,7 @@ def test_px4_is_seen_flown_in_offboard_and_taken_away(connect: Callable[[str], A
     offboard.start()
     until(lambda: telemetry.flight_mode() == FlightMode.OFFBOARD)
     before = telemetry.attitude_euler()
-    time.sleep(1.0)
+    until(lambda: telemetry.attitude_euler().timestamp_us - before.timestamp_us > 2_000_000)  # of the vehicle's time
     after = telemetry.attitude_euler()
     turned = math.remainder(math.radians(after.yaw_deg - before.yaw_deg), math.tau)
     assert 0.5 < turned / ((after.timestamp_us - before.timestamp_us) * 1e-6) < 0.55  # 30 deg/s, clockwise

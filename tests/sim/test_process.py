@@ -14,13 +14,9 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
+from tests.process import PATIENCE
+
 ROOT = Path(__file__).parents[2]
-
-
-def free_port(kind: int = socket.SOCK_DGRAM) -> int:
-    with socket.socket(socket.AF_INET, kind) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 @contextmanager
@@ -40,7 +36,7 @@ def emulator(*arguments: str) -> Iterator[subprocess.Popen[str]]:
         process.communicate()
 
 
-def hear(wire: socket.socket, kind: str, seconds: float = 10.0) -> Any:
+def hear(wire: socket.socket, kind: str, seconds: float = PATIENCE) -> Any:
     """The first message of a kind; of heartbeats the autopilot's."""
     parser = mavlink.MAVLink(None)
     parser.robust_parsing = True
@@ -58,8 +54,7 @@ def frame(message: Any) -> bytes:
 
 
 @pytest.mark.parametrize("spelling", ["udpin:127.0.0.1:{}", "udpin://127.0.0.1:{}"])
-def test_a_client_of_a_udp_port_is_served_and_sigterm_ends_cleanly(spelling: str) -> None:
-    port = free_port()
+def test_a_client_of_a_udp_port_is_served_and_sigterm_ends_cleanly(spelling: str, port: int) -> None:
     with emulator("--endpoint", spelling.format(port), "--speed", "5") as process:
         assert process.stdout is not None
         assert process.stdout.readline() == f"sim: arducopter system 1 on udpin:127.0.0.1:{port}\n"
@@ -81,12 +76,11 @@ def test_a_client_of_a_udp_port_is_served_and_sigterm_ends_cleanly(spelling: str
             while hear(wire, "SIM_STATE").vn < 1.0:
                 pass
         process.send_signal(signal.SIGTERM)
-        assert process.wait(5) == 0
+        assert process.wait(PATIENCE) == 0
         assert process.stderr is not None and process.stderr.read() == ""
 
 
-def test_two_clients_are_two_links_with_their_own_streams() -> None:
-    port = free_port()
+def test_two_clients_are_two_links_with_their_own_streams(port: int) -> None:
     with emulator("--endpoint", f"udpin:127.0.0.1:{port}", "--speed", "10") as process:
         assert process.stdout is not None and process.stdout.readline()
         with (
@@ -109,31 +103,30 @@ def test_udpout_speaks_first_and_the_duration_ends_it() -> None:
         port = wire.getsockname()[1]
         with emulator("--endpoint", f"udpout:127.0.0.1:{port}", "--speed", "20", "--duration", "5") as process:
             assert hear(wire, "HEARTBEAT").get_srcSystem() == 1
-            assert process.wait(10) == 0
+            assert process.wait(PATIENCE) == 0
 
 
-def test_a_tcp_client_is_served() -> None:
-    port = free_port(socket.SOCK_STREAM)
+def test_a_tcp_client_is_served(port: int) -> None:
     with emulator("--endpoint", f"tcpin:127.0.0.1:{port}") as process:
         assert process.stdout is not None and process.stdout.readline()
         with socket.create_connection(("127.0.0.1", port)) as wire:
             assert hear(wire, "HEARTBEAT").type == 2
         process.send_signal(signal.SIGINT)
-        assert process.wait(5) == 0
+        assert process.wait(PATIENCE) == 0
 
 
-def test_a_direct_radio_has_its_own_port(tmp_path: Path) -> None:
+def test_a_direct_radio_has_its_own_port(port: int, tmp_path: Path) -> None:
     vehicle = tmp_path / "vehicle.toml"
     vehicle.write_text('[ranging]\nmessage = "ranging_beacon"\nvia = "direct"\n')
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as wire:
         wire.bind(("127.0.0.1", 0))
         radio = f"udpout:127.0.0.1:{wire.getsockname()[1]}"
-        arguments = [str(vehicle), "--endpoint", f"udpin:127.0.0.1:{free_port()}", "--ranging-endpoint", radio]
+        arguments = [str(vehicle), "--endpoint", f"udpin:127.0.0.1:{port}", "--ranging-endpoint", radio]
         with emulator(*arguments):
             assert hear(wire, "RANGING_BEACON").range > 0
 
 
-def test_what_cannot_be_started_is_said_in_one_line(tmp_path: Path) -> None:
+def test_what_cannot_be_started_is_said_in_one_line(port: int, tmp_path: Path) -> None:
     bad = tmp_path / "bad.toml"
     bad.write_text("[vehicle]\nprofil = 1\n")
     direct = tmp_path / "direct.toml"
@@ -146,7 +139,7 @@ def test_what_cannot_be_started_is_said_in_one_line(tmp_path: Path) -> None:
             ("--endpoint", "udpin:127.0.0.1:99999"): "outside 1 .. 65535",
             (str(bad),): 'did you mean "profile"?',
             (str(tmp_path / "none.toml"),): "cannot be read",
-            (str(direct), "--endpoint", f"udpin:127.0.0.1:{free_port()}"): "--ranging-endpoint",
+            (str(direct), "--endpoint", f"udpin:127.0.0.1:{port}"): "--ranging-endpoint",
         }
         processes = {
             arguments: subprocess.Popen(
@@ -155,6 +148,6 @@ def test_what_cannot_be_started_is_said_in_one_line(tmp_path: Path) -> None:
             for arguments in cases
         }
         for arguments, process in processes.items():
-            _, errors = process.communicate(timeout=20)
+            _, errors = process.communicate(timeout=PATIENCE)
             assert process.returncode == 2, arguments
             assert errors.count("\n") == 1 and cases[arguments] in errors, errors
