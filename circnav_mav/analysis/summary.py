@@ -107,7 +107,7 @@ def _time_without_us(ticks: Ticks, flown: NDArray[np.bool_]) -> float:
 def _circle(time: metrics.Column, radius: metrics.Column, desired: float) -> dict[str, float | None]:
     last = metrics.last_part(time, radius)
     return {
-        "settled_s": metrics.settling_time(time, radius, desired),
+        "settled_s": metrics.settled(time, radius, desired),
         "radius_mean_m": metrics.mean(last),
         "radius_rms_error_m": metrics.rms_error(last, desired),
     }

@@ -99,6 +99,17 @@ def test_a_prediction_that_goes_on_through_an_outage_is_not_scored(run_folder, e
     assert made["settled_s"] == 90.0
 
 
+def test_a_flight_that_leaves_the_band_in_its_last_third_never_settled(run_folder, epoch_us):
+    """106 m for a moment at second 250; the last entry, after 240 s, is no settling time."""
+    folder = run_folder()
+    rows = (folder / "ticks.csv").read_text().splitlines()
+    rows = [row.replace("101.000000", "106.0") if row.startswith("250.0") else row for row in rows]
+    (folder / "ticks.csv").write_text("\n".join(rows) + "\n")
+    made = summarise(facts(epoch_us), read_ticks(folder), read_truth(folder, epoch_us))
+    assert made["settled_s"] is None
+    assert made["truth"]["settled_s"] == 90.0
+
+
 def test_a_flight_is_as_long_as_it_was_flown_and_not_as_it_was_recorded(run_folder, epoch_us):
     """Recorded are 300 s; it went on to second 500."""
     folder = run_folder()
