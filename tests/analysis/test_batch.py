@@ -192,6 +192,12 @@ def test_a_flight_the_wrong_way_round_is_not_kept_and_told(monkeypatch):
     assert "kept    4 of 6  wrong way 2  RMS" in line(cell)
 
 
+def test_a_flight_that_is_lost_downwind_is_not_told_as_one_the_wrong_way_round():
+    cell = fly_cell("wind .53 V", "smooth", 12, 1)
+    assert cell.kept < 12
+    assert cell.wrong_way == 0
+
+
 def test_a_cell_prints_the_same_numbers_alone_and_in_a_table():
     first, second = (fly_cell("calm", "pd", 6, 2) for _ in range(2))
     assert first.rms_median == second.rms_median
