@@ -64,6 +64,20 @@ def test_the_wrong_way_round_shows(summary):
     assert made["truth"]["direction"] == "counterclockwise"
 
 
+def test_the_sense_that_was_commanded_is_that_on_the_circle_and_not_that_on_the_way(run_folder, epoch_us):
+    """Left at 1 rad/s for 90 s, then right at 0.15 rad/s for 200 s: clockwise."""
+    folder = run_folder()
+    rows = (folder / "ticks.csv").read_text().splitlines()
+    header = rows[0].split(",")
+    for at, row in enumerate(rows[1:], 1):
+        cells = row.split(",")
+        if 10 <= float(cells[0]) < 100:
+            cells[header.index("turn_rate")] = "1.0"
+            rows[at] = ",".join(cells)
+    (folder / "ticks.csv").write_text("\n".join(rows) + "\n")
+    assert summarise(facts(epoch_us), read_ticks(folder), None)["direction_commanded"] == "clockwise"
+
+
 def test_a_flight_that_never_engaged_has_no_figures(summary):
     made = summary(engaged=False)
     assert made["engaged_s"] is None
