@@ -1,5 +1,6 @@
 """Intervals that hold what they say, against the textbook and against chance itself."""
 
+from dataclasses import asdict
 from itertools import pairwise
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 
 from circnav_mav.analysis.campaign.plots import _against, _distributions, _starts
 from circnav_mav.analysis.campaign.summary import figures, median_interval, percentile, summarise, wilson
+from circnav_mav.cli.campaign import _say
 
 
 def rows_of(kept, rms, points=1):
@@ -97,6 +99,12 @@ def test_flights_that_never_engaged_are_told_where_the_error_is_that_of_the_othe
     rows = [*rows_of([True] * 8, np.arange(1.0, 9.0)), never_engaged(8, "0"), never_engaged(9, "0")]
     found = figures(rows)
     assert (found.flights, found.kept_share, found.not_engaged, found.failed) == (10, 0.8, 2, 0)
+
+
+def test_a_percentile_of_the_flights_is_not_printed_as_if_it_were_the_confidence_interval(capsys):
+    _say("all flights", asdict(figures(rows_of([True] * 20, np.arange(1.0, 21.0)))))
+    printed = capsys.readouterr().out
+    assert "kept 20 of 20 (100.0 %, 83.9 .. 100.0)  RMS 11 m (5 .. 16), p95 20 m  settled 5 s, p95 5 s" in printed
 
 
 def test_the_share_kept_on_the_picture_is_that_of_the_summary():
