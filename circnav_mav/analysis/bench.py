@@ -35,8 +35,9 @@ class Cell:
 
     rms: of the radius error over the last 100 s. settled10, settled2: last exit from +-10 % and +-2 % over the Dubins
     time to the tangent point, for starts outside 1.3 r_d. closest: 1st percentile of the closest approach, for starts
-    outside. wrong_way: flights that went round in the wrong sense. range_rmse, rate_rmse: of the estimates, m
-    and m/s, over the last 100 s. nees_in_band: share of steps with the NEES of (r, theta) in its 95 % band.
+    outside. wrong_way: flights that went round in the wrong sense, a quarter turn in the last 100 s at least.
+    range_rmse, rate_rmse: of the estimates, m and m/s, over the last 100 s. nees_in_band: share of steps with the NEES
+    of (r, theta) in its 95 % band.
     """
 
     situation: str
@@ -159,7 +160,7 @@ def judged(row: Row, policy: str, tracks: Tracks, seconds: float) -> Cell:
         settled2_p95=_percentile(two, 95),
         closest_outside=_percentile(judge.closest(tracks.r)[outside], 1),
         overshoot_inside=_percentile(judge.overshoot(tracks.r, r_d)[tracks.r[0] < r_d], 50),
-        wrong_way=int((~right_way).sum()),
+        wrong_way=int((~right_way & judge.went_round(end(tracks.angle))).sum()),
         chatter=float(np.median(judge.chatter(end(tracks.command), end(tracks.time)))),
         saturated=float(judge.saturation(tracks.command, circle.max_turn_rate).mean()),
         range_rmse=float(np.median(judge.rms(range_error))),

@@ -17,16 +17,24 @@ if TYPE_CHECKING:
     from circnav_mav.analysis.bench import Cell
 
 
+TITLE = 5.5
+"""Width, inches, that the title needs."""
+LOST = 300.0
+"""RMS error, m, of the median flight from which on it is called lost, as in BENCHMARK.md."""
+
+
 def draw(cells: Sequence["Cell"], path: Path) -> None:
     """Situations down, laws across."""
     rows, columns = list(dict.fromkeys(c.situation for c in cells)), list(dict.fromkeys(c.policy for c in cells))
     values = np.full((len(rows), len(columns)), np.nan)
-    figure, axes = plt.subplots(figsize=(2 + 1.1 * len(columns), 1.5 + 0.42 * len(rows)), layout="constrained")
+    figure, axes = plt.subplots(
+        figsize=(max(TITLE, 2 + 1.1 * len(columns)), 1.5 + 0.42 * len(rows)), layout="constrained"
+    )
     for cell in cells:
         i, j = rows.index(cell.situation), columns.index(cell.policy)
         values[i, j] = max(cell.rms_median, 1e-3)
         kept = "" if cell.kept == cell.flights else f"\n{100 * cell.kept / cell.flights:.0f} % kept"
-        shown = f"{cell.rms_median:.2f}" if cell.rms_median < 100 else "lost"
+        shown = f"{cell.rms_median:.2f}" if cell.rms_median < LOST else "lost"
         axes.text(j, i, shown + kept, ha="center", va="center", fontsize=7)
     image = axes.imshow(values, norm=LogNorm(0.05, 50), cmap="RdYlGn_r", aspect="auto")
     axes.set_xticks(range(len(columns)), columns, rotation=35, ha="right", fontsize=8)

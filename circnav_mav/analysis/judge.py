@@ -56,6 +56,11 @@ def right_way(angle: Array, sense: Array) -> Array:
     return np.sign(swept(angle)) == sense
 
 
+def went_round(angle: Array) -> Array:
+    """Whether the flight went round at all, (B,): a quarter turn or more, as in `metrics.direction_of`."""
+    return np.abs(swept(angle)) >= np.pi / 2
+
+
 def chatter(command: Array, time: Array) -> Array:
     """Total variation of the commanded turn rate per second, rad/s^2, (B,)."""
     return np.abs(np.diff(command, axis=0)).sum(axis=0) / (time[-1] - time[0])

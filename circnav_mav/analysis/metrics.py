@@ -22,6 +22,14 @@ def settling_time(time: Column, radius: Column, desired: float, tolerance: float
     return float(time[first_inside] - time[0])
 
 
+def settled(time: Column, radius: Column, desired: float) -> float | None:
+    """The settling time, s, of a flight that was within the band all through the part by which its circle is judged;
+    else None: one that swings out of the band on every lap has an entry that happens to be the last, and is not
+    settled by it."""
+    first = settling_time(time, radius, desired)
+    return None if first is None or first > (1 - LAST) * (time[-1] - time[0]) else first
+
+
 def last_part(time: Column, values: Column, fraction: float = LAST) -> Column:
     """The values of the last fraction of the time."""
     return values[time >= time[-1] - fraction * (time[-1] - time[0])] if len(time) else values

@@ -10,12 +10,14 @@ from circnav_mav.analysis.run_folder import WORDS, Column, Ticks
 from circnav_mav.analysis.turns import Turn
 from circnav_mav.core.phases import Phase
 from circnav_mav.mav.framing import split_frames
-from circnav_mav.pilot import Pilot, PilotSettings, TickRecord, Timing
+from circnav_mav.pilot import Pilot, PilotSettings, TickRecord, Timing, Voice
 
 SETPOINT_IDS = frozenset({69, 82, 84})
 """MANUAL_CONTROL, SET_ATTITUDE_TARGET, SET_POSITION_TARGET_LOCAL_NED."""
 LONGEST_GAP = 10.0
 """Time, s, for which ticks go on in a gap of a plain tlog."""
+STEERING = ("orbit", "law", "estimator", "estimation", "ranging", "radius_trim")
+"""The settings on which the turns hang that a pilot commands."""
 COMPARED = ("r", "r_dot", "demanded", "turn_rate")
 
 Said = list[tuple[float, bytes]]
@@ -103,6 +105,18 @@ def patient(settings: PilotSettings) -> PilotSettings:
         duration=inf, wait_link=inf, wait_ranging=inf, stale=timing.stale, hold=inf, outage=inf, tick=timing.tick
     )
     return replace(settings, timing=endless, ranging_apart=False, stream_links=frozenset())
+
+
+def held_gain(settings: PilotSettings, flown: PilotSettings, was: Ticks) -> float | None:
+    """The turn-rate gain to replay with where it would be learnt, and other turns be commanded than were flown: what
+    the flight had learnt by its end. The headings in the log answer the turns that were flown; they cannot teach how
+    the vehicle would have followed others. None: learn as in flight."""
+    same = all(getattr(settings, name) == getattr(flown, name) for name in STEERING)
+    if same or settings.turn_gain is not None or settings.voice is not Voice.FLY:
+        return None
+    learnt = was.numbers["turn_gain"][[phase == Phase.ENGAGED.value for phase in was.phases]]
+    known = learnt[learnt > 0]
+    return float(known[-1]) if len(known) else None
 
 
 @dataclass(frozen=True, slots=True)

@@ -54,7 +54,7 @@ def summarise(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str
     flown = ticks.time >= (np.inf if start is None else start)
     steered = np.array([phase == Phase.ENGAGED.value for phase in ticks.phases], bool)
     known = flown & steered & ~np.isnan(ticks.numbers["r"])
-    turned = np.nansum(ticks.numbers["turn_rate"])
+    turned = np.nansum(metrics.last_part(ticks.time[flown & steered], ticks.numbers["turn_rate"][flown & steered]))
     return {
         "mission": facts.mission,
         "voice": facts.voice,
@@ -107,7 +107,7 @@ def _time_without_us(ticks: Ticks, flown: NDArray[np.bool_]) -> float:
 def _circle(time: metrics.Column, radius: metrics.Column, desired: float) -> dict[str, float | None]:
     last = metrics.last_part(time, radius)
     return {
-        "settled_s": metrics.settling_time(time, radius, desired),
+        "settled_s": metrics.settled(time, radius, desired),
         "radius_mean_m": metrics.mean(last),
         "radius_rms_error_m": metrics.rms_error(last, desired),
     }
@@ -126,7 +126,8 @@ def _turn(time: metrics.Column, turn: metrics.Column, saturated: metrics.Column)
 
 
 def _commanded(turned: float) -> str | None:
-    """The sense in which most turning was commanded."""
+    """The sense in which most turning was commanded in the last third of what was steered: turns on the way count for
+    nothing."""
     if turned == 0:
         return None
     return str((Direction.COUNTERCLOCKWISE if turned > 0 else Direction.CLOCKWISE).value)

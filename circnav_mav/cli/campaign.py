@@ -179,9 +179,9 @@ def _say(what: str, figures: dict[str, Any]) -> None:
     if figures["rms_median"] is not None:
         low, high = figures["rms_interval"]
         sure = "" if low is None else f" ({low:.3g} .. {high:.3g})"
-        line += f"  RMS {figures['rms_median']:.3g} m{sure}, 95 %: {figures['rms_p95']:.3g} m"
-        line += f"  settled {_seconds(figures['settled_median'])}, 95 %: {_seconds(figures['settled_p95'])}"
-    for name in ("wrong_way", "failed"):
+        line += f"  RMS {figures['rms_median']:.3g} m{sure}, p95 {figures['rms_p95']:.3g} m"
+        line += f"  settled {_seconds(figures['settled_median'])}, p95 {_seconds(figures['settled_p95'])}"
+    for name in ("wrong_way", "not_engaged", "failed"):
         line += f"  {name.replace('_', ' ')}: {figures[name]}" if figures[name] else ""
     click.echo(line)
 

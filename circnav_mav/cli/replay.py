@@ -1,14 +1,14 @@
 """`circnav replay`: a flight that already happened, through the same pilot."""
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import click
 
 from circnav_mav.analysis.log_clock import LogClock
 from circnav_mav.analysis.plots import plot_replay
-from circnav_mav.analysis.replay import Replayed, as_ticks, differences, patient, replay
+from circnav_mav.analysis.replay import Replayed, as_ticks, differences, held_gain, patient, replay
 from circnav_mav.analysis.run import Run, RunError, open_run, printable
 from circnav_mav.analysis.run_folder import Ticks
 from circnav_mav.analysis.senders import Witness
@@ -20,7 +20,7 @@ from circnav_mav.cli.exits import Exit, Refused, cannot, check_named
 from circnav_mav.cli.replay_who import say_who
 from circnav_mav.mission.load import MissionError, load_mission, parse_mission
 from circnav_mav.mission.mission import Mission
-from circnav_mav.pilot import Pilot, Voice
+from circnav_mav.pilot import Pilot, PilotSettings, Voice
 from circnav_mav.runtime.recorder import write_ticks
 
 UNITS = {"r": ("range", "m"), "r_dot": ("range rate", "m/s"), "demanded": ("law's turn rate", "rad/s"),
@@ -67,7 +67,9 @@ def _replay_run(run: Run, options: ReplayOptions) -> int:
         voice = Voice(run.voice)
     except ValueError:
         raise Refused(f"{run.folder / 'manifest.json'}: voice: {run.voice!r} is none that a flight has") from None
-    pilot = Pilot(mission.pilot_settings(voice))
+    settings = mission.pilot_settings(voice)
+    gain = _held_gain(run, settings)
+    pilot = Pilot(settings if gain is None else replace(settings, turn_gain=gain))
     began = time.perf_counter()
     done = replay(pilot, recorded_turns(run.folder))
     took = time.perf_counter() - began
@@ -75,6 +77,8 @@ def _replay_run(run: Run, options: ReplayOptions) -> int:
         raise Refused(f"{run.folder}: an empty run, nothing was recorded", Exit.NOTHING_HEARD)
     _say_size(str(run.folder), done, took)
     whole = _say_damage(run, done, pilot)
+    if gain is not None:
+        click.echo(f"  turn gain  held at {gain:.3g}, as learnt by the end of the flight, which flew other turns")
     _say_setpoints(done, whole)
     _say_ticks(done, pilot, run.ticks)
     _write(options, done, run.ticks, mission)
@@ -129,6 +133,15 @@ def _mission(text: str, where: str, options: ReplayOptions) -> Mission:
             f"give one for {mission.law.name} with --set guidance.gain=..."
         )
     return mission
+
+
+def _held_gain(run: Run, settings: PilotSettings) -> float | None:
+    """See `held_gain`; None where mission or ticks of the flight cannot be read, which is told later."""
+    try:
+        flown = parse_mission(run.mission_text, str(run.folder / "mission.toml")).pilot_settings(settings.voice)
+        return held_gain(settings, flown, run.ticks)
+    except (MissionError, RunError):
+        return None
 
 
 def _check_steered(name: str, pilot: Pilot) -> None:

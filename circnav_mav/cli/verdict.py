@@ -64,7 +64,9 @@ def _circle(summary: dict[str, Any]) -> list[str]:
         lines.append(f"  rotation   {summary['direction_commanded'] or 'none'} commanded; range alone cannot see it")
     if None not in (summary.get("turn_std_deg_s"), summary.get("turn_at_limit")):
         limit = f"at its limit {100 * summary['turn_at_limit']:.0f} % of the time"
-        lines.append(f"  turn       commanded to +-{summary['turn_std_deg_s']:.1f} deg/s, {limit} in the last third")
+        lines.append(
+            f"  turn       scatters by {summary['turn_std_deg_s']:.1f} deg/s (one sigma), {limit} in the last third"
+        )
     return lines
 
 

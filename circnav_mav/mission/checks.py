@@ -169,7 +169,12 @@ def _drift(mission: Mission) -> Iterator[Check]:
         )
     far = min(5 * orbit.radius, mission.max_range)
     seconds = settling_time(far, orbit.speed, orbit.radius, orbit.max_turn_rate * gain)
-    yield Check(Grade.PASS, "settling", f"about {seconds:.0f} s at most from {far:.0f} m in still air (Dubins path)")
+    yield Check(
+        Grade.PASS,
+        "settling",
+        f"about {seconds:.0f} s by the shortest tangent (Dubins) from {far:.0f} m in still air, flying away from it at "
+        "first; laws on range alone may take twice as long",
+    )
 
 
 def _signing(mission: Mission) -> Iterator[Check]:

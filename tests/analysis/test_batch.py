@@ -1,9 +1,12 @@
 """The batch: exact motion, the errors that were asked for, and the same numbers as the stack in the air."""
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from circnav_mav.analysis import judge
+from circnav_mav.analysis import bench_picture, judge
 from circnav_mav.analysis.batch.filters import BatchKalman
 from circnav_mav.analysis.batch.flight import Circle, Situation, fly
 from circnav_mav.analysis.batch.policies import POLICIES, STALE, Auto
@@ -190,6 +193,25 @@ def test_a_flight_the_wrong_way_round_is_not_kept_and_told(monkeypatch):
     cell = fly_cell("calm", "pd", 6, 2)
     assert (cell.kept, cell.wrong_way) == (4, 2)
     assert "kept    4 of 6  wrong way 2  RMS" in line(cell)
+
+
+def test_a_flight_that_is_lost_downwind_is_not_told_as_one_the_wrong_way_round():
+    cell = fly_cell("wind .53 V", "smooth", 12, 1)
+    assert cell.kept < 12
+    assert cell.wrong_way == 0
+
+
+def test_the_picture_of_a_single_law_has_its_whole_title_and_says_lost_where_the_document_does(monkeypatch):
+    figures = []
+    monkeypatch.setattr(bench_picture, "save", lambda figure, path, dpi: figures.append(figure))
+    cell = fly_cell("calm", "pd", 6, 2)
+    far, gone = (replace(cell, situation=str(rms), rms_median=rms) for rms in (299.0, 301.0))
+    bench_picture.draw([far, gone], Path("table.png"))
+    (figure,) = figures
+    figure.draw_without_rendering()
+    title = figure.axes[0].title.get_window_extent()
+    assert figure.bbox.x0 <= title.x0 < title.x1 <= figure.bbox.x1
+    assert [text.get_text() for text in figure.axes[0].texts] == ["299.00", "lost"]
 
 
 def test_a_cell_prints_the_same_numbers_alone_and_in_a_table():

@@ -66,3 +66,10 @@ def test_evenly_spread_vehicles_have_no_phase_error():
 def test_smallest_separation_is_of_the_nearest_pair():
     positions = np.array([[0.0, 3.0, 10.0], [0.0, 4.0, 0.0]])
     assert judge.smallest_separation(positions) == pytest.approx(5.0)
+
+
+def test_who_is_blown_away_has_not_gone_round_the_wrong_way():
+    """A lost flight sees its target under a bearing that creeps a little, either way."""
+    creeping = np.linspace(0.0, 0.3, len(TIME))
+    angle = np.stack([creeping, -creeping, np.linspace(0.0, -20.0, len(TIME))], axis=1)
+    assert judge.went_round(angle).tolist() == [False, False, True]

@@ -31,6 +31,22 @@ def test_settled_means_the_last_entry_into_five_percent(radius, settled):
     assert metrics.settling_time(column(10, 11, 12, 13, 14), column(*radius), 100.0) == settled
 
 
+def test_a_flight_that_swings_out_of_the_band_on_every_lap_is_not_settled_by_its_last_entry():
+    """+-8 m at 100 m, 40 s a lap: the last entry, 5 s before the end, is no settling."""
+    time = np.arange(0.0, 195.0)
+    swinging = 100 - 8 * np.cos(2 * np.pi * time / 40)
+    assert metrics.settling_time(time, swinging, 100.0) > 170
+    assert metrics.settled(time, swinging, 100.0) is None
+
+
+@pytest.mark.parametrize(("entered", "settled"), [(60, 60.0), (200, 200.0), (201, None)])
+def test_a_settled_flight_was_within_the_band_through_all_of_the_last_third(entered, settled):
+    time = np.arange(0.0, 301.0)
+    radius = np.where(time < entered, 150.0, 101.0)
+    assert metrics.settled(time, radius, 100.0) == settled
+    assert metrics.settled(time[:0], radius[:0], 100.0) is None
+
+
 def test_nothing_flown_is_nothing_known():
     empty = column()
     assert metrics.settling_time(empty, empty, 100.0) is None

@@ -64,6 +64,20 @@ def test_the_wrong_way_round_shows(summary):
     assert made["truth"]["direction"] == "counterclockwise"
 
 
+def test_the_sense_that_was_commanded_is_that_on_the_circle_and_not_that_on_the_way(run_folder, epoch_us):
+    """Left at 1 rad/s for 90 s, then right at 0.15 rad/s for 200 s: clockwise."""
+    folder = run_folder()
+    rows = (folder / "ticks.csv").read_text().splitlines()
+    header = rows[0].split(",")
+    for at, row in enumerate(rows[1:], 1):
+        cells = row.split(",")
+        if 10 <= float(cells[0]) < 100:
+            cells[header.index("turn_rate")] = "1.0"
+            rows[at] = ",".join(cells)
+    (folder / "ticks.csv").write_text("\n".join(rows) + "\n")
+    assert summarise(facts(epoch_us), read_ticks(folder), None)["direction_commanded"] == "clockwise"
+
+
 def test_a_flight_that_never_engaged_has_no_figures(summary):
     made = summary(engaged=False)
     assert made["engaged_s"] is None
@@ -97,6 +111,17 @@ def test_a_prediction_that_goes_on_through_an_outage_is_not_scored(run_folder, e
     made = summarise(facts(epoch_us), read_ticks(folder), None)
     assert made["radius_mean_m"] == pytest.approx(101.0)
     assert made["settled_s"] == 90.0
+
+
+def test_a_flight_that_leaves_the_band_in_its_last_third_never_settled(run_folder, epoch_us):
+    """106 m for a moment at second 250; the last entry, after 240 s, is no settling time."""
+    folder = run_folder()
+    rows = (folder / "ticks.csv").read_text().splitlines()
+    rows = [row.replace("101.000000", "106.0") if row.startswith("250.0") else row for row in rows]
+    (folder / "ticks.csv").write_text("\n".join(rows) + "\n")
+    made = summarise(facts(epoch_us), read_ticks(folder), read_truth(folder, epoch_us))
+    assert made["settled_s"] is None
+    assert made["truth"]["settled_s"] == 90.0
 
 
 def test_a_flight_is_as_long_as_it_was_flown_and_not_as_it_was_recorded(run_folder, epoch_us):

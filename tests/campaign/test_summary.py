@@ -1,12 +1,14 @@
 """Intervals that hold what they say, against the textbook and against chance itself."""
 
+from dataclasses import asdict
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
-from circnav_mav.analysis.campaign.plots import _against, _distributions
+from circnav_mav.analysis.campaign.plots import _against, _distributions, _starts
 from circnav_mav.analysis.campaign.summary import figures, median_interval, percentile, summarise, wilson
+from circnav_mav.cli.campaign import _say
 
 
 def rows_of(kept, rms, points=1):
@@ -85,3 +87,49 @@ def test_drawn_values_that_are_binned_are_called_so():
     rows = rows_of([True] * 25, np.geomspace(0.1, 9, 25))
     assert "25 drawn values, in 12 bins" in _against(rows, "wind", [], "x").axes[1].get_xlabel()
     assert _against(rows[:12], "wind", [], "x").axes[1].get_xlabel() == "wind"
+
+
+def never_engaged(run, k):
+    """A row as a flight leaves it that ended before it was ours."""
+    return {"run": str(run), "k": k, "outcome": "no range", "kept": "false", "rms_m": "", "settled_s": "",
+            "closest_m": "", "right_way": ""}  # fmt: skip
+
+
+def test_flights_that_never_engaged_are_told_where_the_error_is_that_of_the_others():
+    rows = [*rows_of([True] * 8, np.arange(1.0, 9.0)), never_engaged(8, "0"), never_engaged(9, "0")]
+    found = figures(rows)
+    assert (found.flights, found.kept_share, found.not_engaged, found.failed) == (10, 0.8, 2, 0)
+
+
+def test_a_percentile_of_the_flights_is_not_printed_as_if_it_were_the_confidence_interval(capsys):
+    _say("all flights", asdict(figures(rows_of([True] * 20, np.arange(1.0, 21.0)))))
+    printed = capsys.readouterr().out
+    assert "kept 20 of 20 (100.0 %, 83.9 .. 100.0)  RMS 11 m (5 .. 16), p95 20 m  settled 5 s, p95 5 s" in printed
+
+
+def test_the_share_kept_on_the_picture_is_that_of_the_summary():
+    """Half of the flights at one value never engaged, and all of those at another."""
+    rows = rows_of([True] * 4, [1.0, 2.0, 3.0, 4.0])
+    rows += [never_engaged(run, "0") for run in range(4, 8)] + [never_engaged(run, "7") for run in range(8, 12)]
+    error, share = _against(rows, "k", ["k"], "x").axes
+    shares = {value["kept_share"] for value in summarise(rows, {"k": ("0", "7")})["by"]["k"].values()}
+    assert [100 * one for one in sorted(shares, reverse=True)] == list(share.lines[0].get_ydata()) == [50.0, 0.0]
+    assert np.isnan(error.lines[0].get_ydata()[1])
+    assert "4 flights, 8 more never engaged" in _distributions(rows, "x").get_suptitle()
+
+
+def test_a_place_shows_the_share_kept_of_all_flights_from_there_however_they_were_turned():
+    starts = {"start_range_m": "50", "start_bearing_deg": "90"}
+    rows = [row | starts | {"start_heading_deg": f"{30 * at}"} for at, row in enumerate(rows_of([True] * 4, [1.0] * 4))]
+    rows[3]["kept"] = "false"
+    place, turned, _ = _starts(rows, "x").axes
+    assert list(place.collections[0].get_array()) == [75.0]
+    assert sorted(turned.collections[0].get_array()) == [0.0, 100.0, 100.0, 100.0]
+
+
+def test_errors_within_a_factor_of_two_can_be_read_off():
+    error = _against(rows_of([True] * 30, np.linspace(0.11, 0.19, 30)), "wind", [], "x").axes[0]
+    error.figure.canvas.draw()
+    low, high = error.get_ylim()
+    places = [place for place, text in zip(error.get_yticks(), error.get_yticklabels(), strict=True) if text.get_text()]
+    assert sum(low <= place <= high for place in places) >= 2

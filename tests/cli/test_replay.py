@@ -1,11 +1,13 @@
 """`circnav replay`: what it says, and one line for every log that cannot be replayed."""
 
+import csv
 import os
 import re
 import struct
 import subprocess
 import sys
 from pathlib import Path
+from statistics import mean
 
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
@@ -43,6 +45,36 @@ def test_another_law_is_told_apart_and_drawn(circnav, flown, tmp_path):
     assert "first frame that differs" in ran.out
     assert (tmp_path / "what-if" / "replay.png").read_bytes().startswith(b"\x89PNG")
     assert len((tmp_path / "what-if" / "ticks.csv").read_text().splitlines()) > 100
+
+
+@pytest.fixture(scope="module")
+def circling(tmp_path_factory):
+    """Long enough on the circle for the turn-rate gain to be learnt."""
+    folder = tmp_path_factory.mktemp("circling")
+    recorded_flight(folder, "quickstart", "limits.duration_s=80").fly(90).recorder.close()
+    return folder
+
+
+def late(folder, column):
+    """A column of ticks.csv from second 60 to 75, on the circle."""
+    with (folder / "ticks.csv").open(newline="") as file:
+        rows = [row for row in csv.DictReader(file) if 60 < float(row["time"]) < 75]
+    return [float(row[column]) for row in rows if row[column]]
+
+
+def test_another_law_is_not_taught_by_headings_that_answer_the_turns_that_were_flown(circnav, circling, tmp_path):
+    """The vehicle turns as it is told, and on the circle the mean of the paper's first law is the circle's own turn."""
+    ran = circnav("replay", circling, "--law", "smooth", "--out", tmp_path / "smooth")
+    assert mean(late(circling, "turn_gain")) == pytest.approx(1, abs=0.02)
+    assert mean(late(tmp_path / "smooth", "turn_gain")) == pytest.approx(1, abs=0.02)
+    assert mean(late(tmp_path / "smooth", "turn_rate")) == pytest.approx(-0.15, abs=0.01)
+    assert "turn gain  held at" in ran.out
+
+
+def test_another_duration_alone_is_replayed_with_the_gain_as_it_was_learnt(circnav, flown):
+    ran = circnav("replay", flown, "--set", "limits.duration_s=5")
+    assert "turn gain" not in ran.out
+    assert "turn rate        the same" in ran.out
 
 
 def test_a_plain_tlog_is_replayed_with_a_mission(circnav, flown, tmp_path, config):

@@ -65,6 +65,8 @@ def test_time_that_ran_at_another_speed_is_warned_of() -> None:
 
 
 def test_an_unquiet_stick_is_told_of() -> None:
-    assert "commanded to +-7.3 deg/s, at its limit 11 % of the time" in told(turn_std_deg_s=7.31, turn_at_limit=0.112)
+    assert "turn       scatters by 7.3 deg/s (one sigma), at its limit 11 % of the time" in told(
+        turn_std_deg_s=7.31, turn_at_limit=0.112
+    )
     assert "at its limit" not in told(turn_std_deg_s=None, turn_at_limit=None)
     assert "at its limit" not in told(turn_std_deg_s=5.0, turn_at_limit=None)

@@ -1,9 +1,12 @@
 """`check`: each line's grade turns where its bound stands. Numbers by hand at V = 15 m/s, r_d = 100 m."""
 
+import re
 from math import degrees
 
+import numpy as np
 import pytest
 
+from circnav_mav.analysis import dubins
 from circnav_mav.mission.checks import check_mission
 from circnav_mav.mission.grades import Grade
 
@@ -240,3 +243,16 @@ def test_a_copter_cannot_be_engaged_on_an_estimator_that_must_see_it_move_first(
 @pytest.mark.parametrize(("round_trip", "told"), [(1.0, 0), (1.1, 1)])
 def test_a_link_may_be_no_slower_than_twice_the_age_of_a_range(mission, round_trip, told):
     assert len(lines(mission, "delay", "limits.stale_s=0.5", f"limits.round_trip_s={round_trip}")) == told
+
+
+def test_the_settling_time_is_that_of_the_shortest_tangent_and_is_not_promised_for_a_law(mission):
+    """500 m from a circle of 100 m at the worst heading: the Dubins path to the tangent point. Feedforward closes in at
+    0.55 V at most, which takes it 400/8.25 = 48 s for the straight way alone."""
+    (line,) = lines(mission, "settling", "guidance.law=feedforward")
+    heading = np.radians(np.arange(0.0, 360.0))
+    away = np.stack([np.full(360, 500.0), np.zeros(360)])
+    limit = mission().orbit.max_turn_rate
+    tangent = dubins.tangent_time(away, heading, np.ones(360), V=15.0, r_d=100.0, max_turn_rate=limit).max()
+    assert float(re.search(r"about (\d+) s", line.says)[1]) == pytest.approx(tangent, abs=1.5)
+    assert "at most" not in line.says
+    assert "laws on range alone may take twice as long" in line.says

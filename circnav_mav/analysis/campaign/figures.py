@@ -55,7 +55,7 @@ def row(run: Run, track: Track) -> dict[str, Any]:
         "kept": kept,
         "rms_m": rms,
         "mean_error_m": float(late.mean()) - orbit.radius,
-        "settled_s": metrics.settling_time(track.time, r, orbit.radius),
+        "settled_s": metrics.settled(track.time, r, orbit.radius),
         "closest_m": float(r.min()),
         "sense": sense.value if sense else None,
         "right_way": None if sense is None else sense is orbit.direction,

@@ -47,10 +47,10 @@ def _pictures(
     if len({row["start_range_m"] + row["start_bearing_deg"] + row["start_heading_deg"] for row in rows}) > 2:
         yield "starts.png", partial(_starts, [row for row in rows if row["start_range_m"]], title)
     if len(flown) > 1:
-        yield "distributions.png", partial(_distributions, flown, title)
+        yield "distributions.png", partial(_distributions, rows, title)
         for key in keys:
-            if key not in START and len({row[key] for row in flown}) > 1:
-                yield f"error-{re.sub(r'[^A-Za-z0-9]+', '-', key)}.png", partial(_against, flown, key, swept, title)
+            if key not in START and len({row[key] for row in rows}) > 1:
+                yield f"error-{re.sub(r'[^A-Za-z0-9]+', '-', key)}.png", partial(_against, rows, key, swept, title)
 
 
 def _numbers(rows: Rows, key: str) -> Any:
@@ -63,20 +63,17 @@ def _starts(rows: Rows, title: str) -> Figure:
     figure = Figure(figsize=(12, 5.5), layout="constrained")
     figure.suptitle(f"{title}: starts, and the share of flights kept")
     place, turned = figure.subplots(1, 2)
-    names = ("start_range_m", "start_bearing_deg", "start_heading_deg")
-    starts, which = np.unique(np.stack([_numbers(rows, name) for name in names], axis=1), axis=0, return_inverse=True)
+    r, bearing, heading = (_numbers(rows, f"start_{name}") for name in ("range_m", "bearing_deg", "heading_deg"))
     kept = np.array([row["kept"] == "true" for row in rows], float)
-    share = 100 * np.bincount(which.ravel(), kept) / np.bincount(which.ravel())
-    r, bearing, heading = starts[:, 0], np.radians(starts[:, 1]), starts[:, 2]
-    off = (heading - starts[:, 1]) % 360 - 180
-    style = {"c": share, "cmap": "RdYlGn", "vmin": 0, "vmax": 100, "s": float(np.clip(8000 / len(r), 5, 40)),
-             "edgecolors": "#555555", "linewidths": 0.3}  # fmt: skip
-    place.scatter(r * np.sin(bearing), r * np.cos(bearing), **style)
+    style: dict[str, Any] = {"cmap": "RdYlGn", "vmin": 0, "vmax": 100, "edgecolors": "#555555", "linewidths": 0.3}
+    (away, towards), share = _shares(kept, r, np.radians(bearing))
+    place.scatter(away * np.sin(towards), away * np.cos(towards), c=share, s=_size(share), **style)
     place.plot(0, 0, "k+", ms=12, mew=2)
     place.set_aspect("equal", adjustable="datalim")
     place.set_xlabel("east of the target, m")
     place.set_ylabel("north of the target, m")
-    drawn = turned.scatter(off, r, **style)
+    (away, off), share = _shares(kept, r, np.round((heading - bearing) % 360 - 180, 3))
+    drawn = turned.scatter(off, away, c=share, s=_size(share), **style)
     turned.set_xlim(-180, 180)
     turned.set_xticks(range(-180, 181, 60))
     turned.set_xlabel("start heading off the line to the target, deg (0: straight at it, right positive)")
@@ -85,10 +82,23 @@ def _starts(rows: Rows, title: str) -> Figure:
     return figure
 
 
+def _shares(kept: Any, *coordinates: Any) -> tuple[Any, Any]:
+    """The points that differ in these coordinates, and what share, %, of the flights from each was kept."""
+    points, which = np.unique(np.stack(coordinates, axis=1), axis=0, return_inverse=True)
+    return points.T, 100 * np.bincount(which.ravel(), kept) / np.bincount(which.ravel())
+
+
+def _size(points: Any) -> float:
+    """Of a dot among so many, points squared."""
+    return float(np.clip(8000 / len(points), 5, 40))
+
+
 def _distributions(rows: Rows, title: str) -> Figure:
     """How large the errors were, how long settling took, how close the flights came."""
     figure = Figure(figsize=(12, 4), layout="constrained")
-    figure.suptitle(f"{title}: {len(rows)} flights")
+    every, rows = len(rows), [row for row in rows if row["rms_m"]]
+    unflown = f", {every - len(rows)} more never engaged" if every > len(rows) else ""
+    figure.suptitle(f"{title}: {len(rows)} flights{unflown}")
     error, settling, nearest = figure.subplots(1, 3)
     rms, settled = np.maximum(_numbers(rows, "rms_m"), 1e-6), _numbers(rows, "settled_s")
     error.hist(rms, bins=np.geomspace(rms.min(), max(rms.max(), rms.min() * 1.1), 40).tolist(), color=LINE)
@@ -113,14 +123,16 @@ def _distributions(rows: Rows, title: str) -> Figure:
 
 def _label_decades(axis: Any, values: Any) -> None:
     """Numbers on a logarithmic axis that do not run into one another, and are some within a single decade, too."""
-    few = values.max() / values.min() < 30
-    axis.set_major_locator(LogLocator(subs=(1, 2, 3, 5) if few else (1,), numticks=12))
+    decades = values.max() / values.min()
+    subs = (1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 7, 8) if decades < 5 else (1, 2, 3, 5) if decades < 30 else (1,)
+    axis.set_major_locator(LogLocator(subs=subs, numticks=12))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())
 
 
 def _against(rows: Rows, key: str, swept: Sequence[str], title: str) -> Figure:
-    """The error, and the share of flights kept, against one value; a line for each value of another swept key."""
+    """The error of the flights that engaged, and what share of all was kept, against one value; a line for each value
+    of another swept key."""
     figure = Figure(figsize=(8, 6.5), layout="constrained")
     figure.suptitle(f"{title}: error against {literal(key)}")
     error, share = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
@@ -130,14 +142,15 @@ def _against(rows: Rows, key: str, swept: Sequence[str], title: str) -> Figure:
     names = list(dict.fromkeys(map(str, values)))
     x = np.array(values if numeric else [names.index(str(value)) for value in values], float)
     lines = np.array([row[others[0]] for row in rows] if len(others) == 1 else [""] * len(rows))
-    rms = np.maximum(_numbers(rows, "rms_m"), 1e-6)
+    rms = np.maximum(_numbers(rows, "rms_m"), 1e-6)  # NaN: never engaged
     kept = np.array([row["kept"] == "true" for row in rows])
     labels = list(dict.fromkeys(lines))
     for number, label in enumerate(labels):
         mine = lines == label
         colour = f"C{number}" if len(labels) > 1 else LINE
         spots, parts = _binned(x[mine], key in swept)
-        middle, low, high = (np.array([percentile(rms[mine][part], q) for part in parts]) for q in (50, 5, 95))
+        known = [rms[mine][part][np.isfinite(rms[mine][part])] for part in parts]
+        middle, low, high = (np.array([percentile(one, q) for one in known], float) for q in (50, 5, 95))
         shift = 0.0 if numeric else 0.06 * (number - (len(labels) - 1) / 2)
         style: dict[str, Any] = {"color": colour, "marker": "o", "ms": 4, "lw": 1.5 if numeric else 0}
         error.errorbar(spots + shift, middle, [middle - low, high - middle], capsize=2, elinewidth=0.7,
@@ -146,6 +159,7 @@ def _against(rows: Rows, key: str, swept: Sequence[str], title: str) -> Figure:
     if not numeric:
         share.set_xticks(range(len(names)), [literal(name) for name in names])
     error.set_yscale("log")
+    _label_decades(error.yaxis, rms[np.isfinite(rms)])
     error.set_ylabel("RMS radius error, m\n(median, 5 to 95 %)")
     error.legend(title=literal(others[0]) if len(labels) > 1 else None, fontsize=8)
     share.set_ylim(-5, 105)

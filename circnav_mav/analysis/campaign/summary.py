@@ -19,14 +19,16 @@ Interval = tuple[float | None, float | None]
 
 @dataclass(frozen=True, slots=True)
 class Figures:
-    """failed: could not be flown. wrong_way: went round in the wrong sense. rms_*: m, radius error of the last third.
-    settled_*: s from the engagement until within 5 % for good, None where that is never. closest: m, of all flights.
-    worlds: flights that share their draws and their noise at several points of the grid count as one in the
-    intervals."""
+    """failed: could not be flown. not_engaged: ended before it was ours; neither has an RMS error or a settling time,
+    and those figures are of the others. wrong_way: went round in the wrong sense. rms_*: m, radius error of the last
+    third. settled_*: s from the engagement until within 5 % for good, all of the last third included, None where that
+    is never. closest: m, of all flights. worlds: flights that share their draws and their noise at several points of
+    the grid count as one in the intervals."""
 
     flights: int
     worlds: int
     failed: int
+    not_engaged: int
     kept: int
     kept_share: float
     kept_interval: Interval
@@ -49,6 +51,7 @@ def figures(rows: Sequence[dict[str, str]], points: int = 1) -> Figures:
         flights=len(rows),
         worlds=worlds,
         failed=sum(row["outcome"] == "error" for row in rows),
+        not_engaged=sum(row["outcome"] != "error" and not row["rms_m"] for row in rows),
         kept=kept,
         kept_share=kept / len(rows) if rows else 0.0,
         kept_interval=wilson(kept / len(rows) if rows else 0.0, worlds),
