@@ -239,6 +239,23 @@ def test_unicycle_knows_the_angle_to_the_target_in_still_air():
     assert estimator.at(14.95).r_dot == pytest.approx(-V * cos(true), abs=0.5)
 
 
+@pytest.mark.parametrize("gap", [15.0, 30.0, 60.0])
+def test_after_a_gap_in_which_it_may_have_turned_anywhere_unicycle_is_ready_only_when_it_knows_the_angle_again(gap):
+    """On its circle, where the range comes back as it was, whatever the angle is held to be."""
+    world, estimator = Circling(target=(0.0, RADIUS), wind=(0.0, 0.0)), UnicycleEstimator(SETTINGS)
+    listen(estimator, world, 0.0, 30.0)
+    for t in np.arange(30.0, 30.0 + gap, 0.05):
+        estimator.move(world.motion(float(t)))
+    errors = []
+    for t in np.arange(30.0 + gap, 45.0 + gap, 0.05):
+        estimator.move(world.motion(float(t)))
+        estimator.observe(world.range(float(t)))
+        if estimator.ready:
+            errors.append(abs(estimator.at(float(t)).r_dot))
+    assert len(errors) > 200
+    assert max(errors) < 5.0
+
+
 def test_doppler_sharpens_the_unicycles_range_rate():
     def sigma(with_doppler):
         world, estimator = Circling(wind=(0.0, 0.0)), UnicycleEstimator(SETTINGS)
