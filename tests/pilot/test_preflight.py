@@ -313,6 +313,23 @@ def test_a_slow_link_is_measured_by_its_round_trip(copter: tuple[Mission, Observ
         assert one(judge(mission, replace(seen, vehicle=vehicle)), "round trip").grade is grade
 
 
+@pytest.mark.parametrize(
+    ("name", "needed"), [("arduplane", {"airspeed"}), ("px4_copter", {"height"}), ("arducopter", set())]
+)
+def test_what_this_vehicle_is_flown_without_is_called_not_needed(name: str, needed: set[str]) -> None:
+    lines = Bench(name).lines()
+    told = {subject: one(lines, subject) for subject in ("airspeed", "height")}
+    assert {line.grade for line in told.values()} == {PASS}
+    assert {subject for subject, line in told.items() if not line.says.endswith("not needed")} == needed
+
+
+def test_frames_of_version_1_beside_others_are_warned_of(copter: tuple[Mission, Observations]) -> None:
+    mission, seen = copter
+    assert one(judge(mission, seen), "MAVLink").grade is PASS
+    line = one(judge(mission, replace(seen, version_1=3)), "MAVLink")
+    assert (line.grade, line.says.startswith("3 of ")) == (WARN, True)
+
+
 def test_what_the_vehicle_does_not_answer_is_warned_of(copter: tuple[Mission, Observations]) -> None:
     mission, seen = copter
     assert seen.vehicle is not None
