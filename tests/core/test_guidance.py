@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from circnav_mav.core.auto import Flies
 from circnav_mav.core.guidance import LawChoice, limit, steering, through_gain
 from circnav_mav.core.laws import LAWS
+from circnav_mav.core.laws import pi as pi_law
 from circnav_mav.core.values import Direction, Orbit, RangeEstimate, RelativeMotion, TurnRate
 
 PAPER = Orbit(radius=10.0, direction=Direction.CLOCKWISE, speed=1.0, max_turn_rate=10.0)
@@ -119,3 +120,62 @@ def test_a_command_just_below_the_limit_counts_as_cut_by_it():
     assert abs(commands[-1].demanded) > 0.35
     assert abs(commands[-1].turn_rate) >= 0.99 * 0.35
     assert commands[-1].saturated
+
+
+@pytest.mark.parametrize(("direction", "sign"), [(Direction.CLOCKWISE, 1), (Direction.COUNTERCLOCKWISE, -1)])
+def test_the_law_with_a_memory_integrates_over_the_time_between_estimates_and_no_gap(direction, sign):
+    """The first has none before it, a gap counts half a second, and an estimate of before nothing. k < 0 flies
+    counter-clockwise."""
+    orbit, gain = Orbit(100.0, direction, 15.0, 0.35), LAWS["pi"].default_gain(15.0, 100.0)
+    steer, memory = steering(orbit, LawChoice("pi", gain)), 0.0
+    for time, dt, r, trim in (
+        (5.0, 0.0, 140.0, 0.0),
+        (5.1, 0.1, 138.0, 0.0),
+        (65.0, 0.5, 120.0, 3.0),
+        (64.0, 0.0, 121.0, 0.0),
+    ):
+        turn, memory = pi_law(r, -1.0, memory, dt, V=15.0, r_d=100.0 + trim, k=sign * gain)
+        command = steer(RangeEstimate(time, r, -1.0, 0.1, 0.1), trim)
+        assert command.demanded == pytest.approx(float(turn))
+        assert abs(command.turn_rate) <= 0.35
+    assert memory > 0
+
+
+def searching(trial: int | None = 3, x: float = 300.0, remembered: bool = False) -> RelativeMotion:
+    """A guess: the target is x m to the west, where the vehicle flies to."""
+    return RelativeMotion(
+        x=x, y=0.0, sigma=x, drift_x=0.0, drift_y=0.0, heading=pi, turn_rate=0.0, airspeed=15.0, scale=1.0,
+        trusted=False, trial=trial, drift_remembered=remembered,
+    )  # fmt: skip
+
+
+def test_a_gap_between_estimates_is_no_patience_with_a_search():
+    steer = steering(Orbit(100.0, Direction.CLOCKWISE, 15.0, 0.35), LawChoice("auto", 0.02))
+    flown = [
+        steer(RangeEstimate(time, 300.0, -15.0, 0.5, 0.1, relative=searching())).flies
+        for time in (0.0, 60.0, 60.4, 60.6)
+    ]
+    assert flown == ["feedforward", "feedforward", "feedforward", "trial"]
+
+
+@pytest.mark.parametrize(
+    ("law", "motion", "r", "r_dot", "tries"),
+    [
+        ("auto", searching(), 100.0, 0.0, True),
+        ("auto", searching(None), 100.0, 0.0, False),
+        ("drift", searching(), 100.0, 0.0, False),
+        ("auto", searching(remembered=True), 100.0, 0.0, False),
+        ("auto", searching(remembered=True), 129.0, 5.9, False),
+        ("auto", searching(remembered=True), 71.0, -5.9, False),
+        ("auto", searching(remembered=True), 131.0, 0.0, True),
+        ("auto", searching(remembered=True), 69.0, 0.0, True),
+        ("auto", searching(remembered=True), 100.0, 6.1, True),
+        ("auto", searching(remembered=True), 100.0, -6.1, True),
+    ],
+)
+def test_on_its_circle_with_the_drift_remembered_a_search_tries_no_guess_for_ten_seconds(law, motion, r, r_dot, tries):
+    """Within 30 m of the circle of 100 m, at less than .4 of 15 m/s."""
+    steer = steering(Orbit(100.0, Direction.CLOCKWISE, 15.0, 0.35), LawChoice(law, 0.02))
+    flown = {n: steer(RangeEstimate(0.05 * n, r, r_dot, 0.5, 0.1, relative=motion)).flies for n in range(220)}
+    assert flown[30] == flown[195] == ("trial" if tries else "feedforward")
+    assert flown[210] == ("feedforward" if law == "drift" or motion.trial is None else "trial")
