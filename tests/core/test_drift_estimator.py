@@ -138,6 +138,19 @@ def test_a_hole_in_the_own_motion_starts_the_bank_anew():
     assert estimator.ready and error(estimator, world, 64.95) < 5.0
 
 
+@pytest.mark.parametrize("make", [DriftEstimator, UnicycleEstimator])
+def test_where_it_went_in_a_hole_of_its_own_motion_nobody_guesses(make):
+    """Four seconds without a word: nothing is predicted over them, and a range begins anew."""
+    world, estimator = Circling(wind=(0.0, 0.0)), make(SETTINGS)
+    listen(estimator, world, 0.0, 25.0)
+    assert estimator.at(25.0) is not None
+    for t in (29.0, 29.05, 29.1):
+        estimator.move(world.motion(t))
+        assert estimator.at(t) is None
+    estimator.observe(world.range(29.1))
+    assert not estimator.ready
+
+
 @pytest.mark.parametrize("trouble", [False, True])
 def test_after_a_gap_the_drift_is_known_from_before_it(trouble):
     """Also when just before it the vehicle did not fly as it was thought to: it stood still, for it did not hear us."""
