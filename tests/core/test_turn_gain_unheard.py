@@ -1,5 +1,7 @@
 """A vehicle that does not hear us teaches the turn-rate gain nothing."""
 
+from math import exp, sin
+
 import pytest
 
 from circnav_mav.core.turn_gain import TurnGain, TurnGainSettings, learn
@@ -33,3 +35,14 @@ def test_poor_turning_is_still_learnt() -> None:
     slipping = turned(TurnGain(), 0.0, 120.0, 0.65 * COMMAND)
     assert slipping.followed
     assert slipping.gain == pytest.approx(0.65, abs=0.02)
+
+
+def test_the_lag_of_a_vehicle_whose_command_swings_is_not_taken_for_a_lack_of_turn() -> None:
+    """A swing of one radian a second through a lag of .4 s loses 7 %: the vehicle turns all that it is told."""
+    settings, state, heading, rate = TurnGainSettings(), TurnGain(), 0.0, 0.0
+    for n in range(2400):
+        command = TurnRate(0.2 * sin(1.0 * n * STEP))
+        rate += (command - rate) * (1 - exp(-STEP / settings.lag))
+        heading += rate * STEP
+        state = learn(state, settings, time=n * STEP, heading=heading, command=command)
+    assert state.gain == pytest.approx(1.0, abs=0.02)
