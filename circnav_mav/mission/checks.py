@@ -44,19 +44,21 @@ def _vehicle(mission: Mission) -> Iterator[Check]:
     yield Check(Grade.PASS, "vehicle", " or ".join(" ".join(one) for one in able))
     exits = mission.file.exit.action
     adapters_allowed = adapters(autopilot, kind, mission.pilot_settings().facts)
-    lacking = [one.name for one in adapters_allowed if exits not in (None, "stop", *one.exits)]
+    lacking = [one for one in adapters_allowed if exits not in (None, "stop", *one.exits)]
     if lacking:
         yield Check(
             Grade.FAIL,
             "exit",
-            f"{lacking[0]} knows no exit action {exits}: choose {', '.join(adapters_allowed[0].exits)}",
+            f"{lacking[0].name} knows no exit action {exits}: choose {', '.join(lacking[0].exits)}",
         )
-    if autopilot == "px4" and (exits == "stop" or mission.file.engage.on_takeover == "wait"):
+    may_be_px4 = any(whose == "px4" for whose, _ in able)
+    if may_be_px4 and (exits == "stop" or mission.file.engage.on_takeover == "wait"):
+        otherwise = "" if autopilot == "px4" else ', or vehicle.autopilot "ardupilot"'
         yield Check(
             Grade.FAIL,
             "exit",
             "PX4 goes back to OFFBOARD by itself when setpoints resume: exit.action must command a mode, "
-            'and engage.on_takeover must be "end"',
+            f'and engage.on_takeover must be "end"{otherwise}',
         )
     elif exits == "stop" and kind.startswith("plane"):
         yield Check(

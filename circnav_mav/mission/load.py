@@ -47,7 +47,18 @@ def parse_mission(text: str, where: str, overrides: Iterable[str] = (), folder: 
     if folder is not None:
         _make_absolute(table, folder)
         _make_absolute(document, folder)
-    return mission_of(table, where, tomlkit.dumps(document))
+    return mission_of(table, where, _written(document, table))
+
+
+def _written(document: tomlkit.TOMLDocument, table: dict[str, Any]) -> str:
+    """The file as flown: with its comments, unless tomlkit puts an override where it does not belong, as among dotted
+    keys."""
+    text = tomlkit.dumps(document)
+    try:
+        faithful = tomllib.loads(text) == table
+    except tomllib.TOMLDecodeError:
+        faithful = False
+    return text if faithful else tomlkit.dumps(table)
 
 
 def mission_of(table: Mapping[str, Any], where: str, text: str = "") -> Mission:

@@ -18,6 +18,9 @@ SPEED_NEAR, SPEED_FAR = 0.05, 0.2
 STICK_SCALE = 0.5
 """Degrees by which the bank at full stick may differ from the mission's."""
 
+ROUNDING = 1e-6
+"""Fraction by which the vehicle's 2.3, told in 32 bits, and the mission's may differ."""
+
 
 @dataclass(frozen=True, slots=True)
 class Context:
@@ -126,9 +129,14 @@ def _ekf_action(what_follows: str) -> Judge:
     return judge
 
 
+def _below(value: float, other: float) -> bool:
+    """Whether a value is below another by more than what 32 bits and a change of units leave of equal ones."""
+    return value < other - ROUNDING * abs(other)
+
+
 def _velocity_limit(value: float, context: Context) -> Verdict:
     speed = context.mission.orbit.speed
-    if speed > value:
+    if _below(value, speed):
         return WARN, f"slower than the mission's {speed:g} m/s: the autopilot may not fly it"
     return PASS, f"the mission's {speed:g} m/s is within it"
 
@@ -137,7 +145,7 @@ def _rover_speed(value: float, context: Context) -> Verdict:
     speed = context.mission.orbit.speed
     if value == 0:
         return PASS, "0: CRUISE_SPEED counts"
-    if speed > value:
+    if _below(value, speed):
         return FAIL, f"the rover clips the mission's {speed:g} m/s to this: lower vehicle.speed_mps or raise it"
     return PASS, f"the mission's {speed:g} m/s is within it"
 
@@ -151,7 +159,7 @@ def _rover_cruise(value: float, context: Context) -> Verdict:
 
 def _bank_limit(value: float, context: Context) -> Verdict:
     bank = context.mission.file.vehicle.max_bank_deg or 0.0
-    if bank > value:
+    if _below(value, bank):
         return FAIL, (
             f"the autopilot banks less than the {bank:g} deg that the mission counts on: lower vehicle.max_bank_deg"
         )
@@ -176,20 +184,24 @@ def _held_airspeed(value: float, context: Context) -> Verdict:
 def _least_airspeed(value: float, context: Context) -> Verdict:
     speed = context.mission.orbit.speed
     return (
-        (FAIL, f"above the mission's {speed:g} m/s") if speed < value else (PASS, f"below the mission's {speed:g} m/s")
+        (FAIL, f"above the mission's {speed:g} m/s")
+        if _below(speed, value)
+        else (PASS, f"below the mission's {speed:g} m/s")
     )
 
 
 def _most_airspeed(value: float, context: Context) -> Verdict:
     speed = context.mission.orbit.speed
     return (
-        (FAIL, f"below the mission's {speed:g} m/s") if speed > value else (PASS, f"above the mission's {speed:g} m/s")
+        (FAIL, f"below the mission's {speed:g} m/s")
+        if _below(value, speed)
+        else (PASS, f"above the mission's {speed:g} m/s")
     )
 
 
 def _yaw_rate_limit(value: float, context: Context) -> Verdict:
     most = degrees(context.mission.orbit.max_turn_rate)
-    if most > value:
+    if _below(value, most):
         return FAIL, f"the vehicle turns slower than the mission's limit of {most:g} deg/s: lower it"
     return PASS, f"the mission's limit of {most:g} deg/s is within it"
 

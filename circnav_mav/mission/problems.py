@@ -61,9 +61,9 @@ def _number_meant(kind: str, given: Any) -> str:
 
 
 def _may_be_left_out(place: list[str]) -> bool:
-    """Whether a key of the schema stands for none where it is left out."""
+    """Whether a key of the schema stands for none where it is left out; one that is needed has no default at all."""
     field = _table(place[:-1]).model_fields.get(place[-1])
-    return field is not None and not field.is_required() and field.default is None
+    return field is not None and field.default is None
 
 
 def _known_keys(place: list[str]) -> list[str]:

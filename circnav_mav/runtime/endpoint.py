@@ -58,7 +58,7 @@ def explain(error: Exception) -> str:
         return "nobody listens there (connection refused)"
     if code == errno.ENOENT:
         return "no such device"
-    if isinstance(error, socket.gaierror):
+    if isinstance(error, socket.gaierror | UnicodeError):  # the second of `10.0..1`, which can be no name
         return "host name is not known"
     said = error.args[-1] if isinstance(error, termios.error) else getattr(error, "strerror", None)
     return str(said or error).lower()

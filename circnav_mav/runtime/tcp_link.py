@@ -23,8 +23,8 @@ class TcpLink:
         try:
             self._address = (socket.gethostbyname(endpoint.host), endpoint.port)  # once: a lookup may block or fail
             self._socket = socket.create_connection(self._address, timeout=CONNECT_PATIENCE)
-        except OSError as error:
-            raise LinkError(f"endpoint {text}: {explain(error)}", nobody=True) from None
+        except (OSError, UnicodeError) as error:
+            raise LinkError(f"endpoint {text}: {explain(error)}", nobody=not isinstance(error, UnicodeError)) from None
         _prepare(self._socket)
 
     def fileno(self) -> int | None:

@@ -32,7 +32,7 @@ class UdpLink:
                 self._socket.bind(address)
             else:
                 self._bind_local()
-        except OSError as error:
+        except (OSError, UnicodeError) as error:
             self._socket.close()
             raise LinkError(f"endpoint {text}: {explain(error)}") from None
 

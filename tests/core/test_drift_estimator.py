@@ -138,6 +138,19 @@ def test_a_hole_in_the_own_motion_starts_the_bank_anew():
     assert estimator.ready and error(estimator, world, 64.95) < 5.0
 
 
+@pytest.mark.parametrize("make", [DriftEstimator, UnicycleEstimator])
+def test_where_it_went_in_a_hole_of_its_own_motion_nobody_guesses(make):
+    """Four seconds without a word: nothing is predicted over them, and a range begins anew."""
+    world, estimator = Circling(wind=(0.0, 0.0)), make(SETTINGS)
+    listen(estimator, world, 0.0, 25.0)
+    assert estimator.at(25.0) is not None
+    for t in (29.0, 29.05, 29.1):
+        estimator.move(world.motion(t))
+        assert estimator.at(t) is None
+    estimator.observe(world.range(29.1))
+    assert not estimator.ready
+
+
 @pytest.mark.parametrize("trouble", [False, True])
 def test_after_a_gap_the_drift_is_known_from_before_it(trouble):
     """Also when just before it the vehicle did not fly as it was thought to: it stood still, for it did not hear us."""
@@ -237,6 +250,23 @@ def test_unicycle_knows_the_angle_to_the_target_in_still_air():
     assert estimator.ready
     assert estimator.at(14.95).eta == pytest.approx(true, abs=0.05)
     assert estimator.at(14.95).r_dot == pytest.approx(-V * cos(true), abs=0.5)
+
+
+@pytest.mark.parametrize("gap", [15.0, 30.0, 60.0])
+def test_after_a_gap_in_which_it_may_have_turned_anywhere_unicycle_is_ready_only_when_it_knows_the_angle_again(gap):
+    """On its circle, where the range comes back as it was, whatever the angle is held to be."""
+    world, estimator = Circling(target=(0.0, RADIUS), wind=(0.0, 0.0)), UnicycleEstimator(SETTINGS)
+    listen(estimator, world, 0.0, 30.0)
+    for t in np.arange(30.0, 30.0 + gap, 0.05):
+        estimator.move(world.motion(float(t)))
+    errors = []
+    for t in np.arange(30.0 + gap, 45.0 + gap, 0.05):
+        estimator.move(world.motion(float(t)))
+        estimator.observe(world.range(float(t)))
+        if estimator.ready:
+            errors.append(abs(estimator.at(float(t)).r_dot))
+    assert len(errors) > 200
+    assert max(errors) < 5.0
 
 
 def test_doppler_sharpens_the_unicycles_range_rate():

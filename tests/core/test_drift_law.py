@@ -1,7 +1,7 @@
 """The law on relative motion, and who steers under `auto`."""
 
 from dataclasses import replace
-from math import inf, nan, pi
+from math import inf, nan, pi, sqrt
 
 import numpy as np
 import pytest
@@ -47,6 +47,31 @@ def test_the_field_is_followed_over_the_ground_whatever_the_wind(at, wind, blows
     n = p / r
     inward = inward_angle(r, r_d=R_D, k=GAINS.radial, sharpest=0.7 * LIMIT / (V + wind))
     assert np.arctan2(-(n @ v), n[0] * v[1] - n[1] * v[0]) == pytest.approx(inward, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("r", "sharpest", "outward"), [(50.0, 0.02, 1.0), (98.0, 0.02, 0.2), (50.0, 0.01, sqrt(0.1)), (1.0, 0.05, pi / 2)]
+)
+def test_far_inside_the_course_leads_out_no_steeper_than_the_tightest_turn_can_follow(r, sharpest, outward):
+    """sqrt(2 e (sharpest - 1/r_d)), by hand: sqrt(2 50 .01) = 1; at least as for a tenth of 1/r_d, at most straight out."""
+    assert inward_angle(r, r_d=R_D, k=1e4, sharpest=sharpest) == pytest.approx(-outward, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("lag", "delay", "lead", "ahead", "heading"),
+    [
+        (0.4, 0.0, 1.0, 0.2, 0.5 / 0.2),
+        (0.4, 0.1, 0.5, 0.4 / 1.5, 0.5 / (0.4 / 1.5 + 0.1)),
+        (0.4, 0.2, 0.0, 0.4, 0.5 / 0.6),
+        (0.4, 0.6, 0.0, 0.4, 0.5 / 1.0),
+        (0.0, 0.0, 1.0, 0.1, 0.5 / 0.1),  # as for .2 s
+    ],
+)
+def test_gains_by_their_rule(lag, delay, lead, ahead, heading):
+    """Lead makes the lag (1 + lead) times shorter, until the delay is what it would take off it. By hand."""
+    gains = drift_gains(V, R_D, lag, delay=delay)
+    assert (gains.lead, gains.ahead, gains.heading) == pytest.approx((lead, ahead, heading))
+    assert (gains.radial, gains.delay) == pytest.approx((heading / (2.5 * V), delay))
 
 
 def test_far_outside_the_course_touches_the_circle():
@@ -170,6 +195,19 @@ def test_gains_made_for_no_delay_swing_with_one():
     assert swing(0.6, drift_gains(V, R_D, 0.4)) > 2.0
 
 
+def test_the_law_flies_with_the_gains_for_the_delay_that_it_is_told():
+    orbit, known = Orbit(R_D, Direction.COUNTERCLOCKWISE, V, LIMIT), RelativeMotion(
+        130.0, 20.0, 1.0, 1.0, -2.0, 1.2, 0.1, V, 1.0, trusted=True
+    )  # fmt: skip
+    steer = steering(orbit, LawChoice("auto", 0.06, lag=0.5))
+    for time, delay in enumerate((0.0, 0.4, 0.4, 0.1, 0.0)):
+        gains = drift_gains(V, R_D, 0.5, delay=delay)
+        told = drift(
+            np.array([130.0, 20.0]), np.array([1.0, -2.0]), 1.2, 0.1, V=V, r_d=R_D, max_turn_rate=LIMIT, gains=gains
+        )
+        assert steer(estimate(float(time), known), delay=delay).demanded == pytest.approx(float(told))
+
+
 @pytest.mark.parametrize(
     ("r", "r_dot", "remembered", "flies"),
     [
@@ -177,6 +215,12 @@ def test_gains_made_for_no_delay_swing_with_one():
         (105.0, 1.0, False, "trial"),
         (150.0, 1.0, True, "trial"),
         (105.0, -10.0, True, "trial"),
+        (129.0, 5.9, True, "feedforward"),  # .3 of the radius, and .4 of V
+        (71.0, -5.9, True, "feedforward"),
+        (131.0, 0.0, True, "trial"),
+        (69.0, 0.0, True, "trial"),
+        (100.0, 6.1, True, "trial"),
+        (100.0, -6.1, True, "trial"),
     ],
 )
 def test_no_guess_is_tried_on_the_circle_while_the_drift_is_known_from_before(r, r_dot, remembered, flies):
@@ -184,7 +228,7 @@ def test_no_guess_is_tried_on_the_circle_while_the_drift_is_known_from_before(r,
     guess = RelativeMotion(r, 0, r, 0, 0, 0.0, 0.0, V, 1.0, trusted=False, trial=4, drift_remembered=remembered)
     at = [RangeEstimate(t, r, r_dot, 0.3, 0.3, relative=guess) for t in np.arange(0.0, 15.0, 0.5)]
     flown = [steer(one).flies for one in at]
-    assert flown[4] == flies  # at 2 s
+    assert flown[4] == flown[19] == flies  # at 2 s and at 9.5 s
     assert flown[-1] == "trial"
 
 
@@ -221,6 +265,14 @@ def test_holding_without_a_known_drift_turns_at_v_over_r():
     orbit = Orbit(R_D, Direction.CLOCKWISE, V, LIMIT)
     guess = RelativeMotion(0.0, 0.0, 100.0, 0.0, 6.0, 0.0, 0.0, V, 1.0, trusted=False, trial=3)
     assert holding(orbit, None, 0.4).turn_rate == holding(orbit, guess, 0.4).turn_rate == -V / R_D
+    assert (holding(orbit, None, 0.4).demanded, holding(orbit, None, 0.4).saturated) == (-V / R_D, False)
+
+
+def test_holding_goes_no_further_than_the_limit():
+    orbit = Orbit(R_D, Direction.CLOCKWISE, V, 0.1)
+    assert (holding(orbit, None, 0.4).turn_rate, holding(orbit, None, 0.4).saturated) == (-0.1, True)
+    downwind = RelativeMotion(R_D, 0.0, 1.0, 0.0, -9.0, -pi / 2, -0.1, V, 1.0, trusted=True)  # at 24 m/s
+    assert (holding(orbit, downwind, 0.4).turn_rate, holding(orbit, downwind, 0.4).saturated) == (-0.1, True)
 
 
 @pytest.mark.parametrize("direction", Direction)

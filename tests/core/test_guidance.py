@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from circnav_mav.core.auto import Flies
 from circnav_mav.core.guidance import LawChoice, limit, steering, through_gain
 from circnav_mav.core.laws import LAWS
+from circnav_mav.core.laws import pi as pi_law
 from circnav_mav.core.values import Direction, Orbit, RangeEstimate, RelativeMotion, TurnRate
 
 PAPER = Orbit(radius=10.0, direction=Direction.CLOCKWISE, speed=1.0, max_turn_rate=10.0)
@@ -119,3 +120,31 @@ def test_a_command_just_below_the_limit_counts_as_cut_by_it():
     assert abs(commands[-1].demanded) > 0.35
     assert abs(commands[-1].turn_rate) >= 0.99 * 0.35
     assert commands[-1].saturated
+
+
+@pytest.mark.parametrize(("direction", "sign"), [(Direction.CLOCKWISE, 1), (Direction.COUNTERCLOCKWISE, -1)])
+def test_the_law_with_a_memory_integrates_over_the_time_between_estimates_and_no_gap(direction, sign):
+    """The first has none before it, a gap counts half a second, and an estimate of before nothing. k < 0 flies
+    counter-clockwise."""
+    orbit, gain = Orbit(100.0, direction, 15.0, 0.35), LAWS["pi"].default_gain(15.0, 100.0)
+    steer, memory = steering(orbit, LawChoice("pi", gain)), 0.0
+    for time, dt, r, trim in (
+        (5.0, 0.0, 140.0, 0.0),
+        (5.1, 0.1, 138.0, 0.0),
+        (65.0, 0.5, 120.0, 3.0),
+        (64.0, 0.0, 121.0, 0.0),
+    ):
+        turn, memory = pi_law(r, -1.0, memory, dt, V=15.0, r_d=100.0 + trim, k=sign * gain)
+        command = steer(RangeEstimate(time, r, -1.0, 0.1, 0.1), trim)
+        assert command.demanded == pytest.approx(float(turn))
+        assert abs(command.turn_rate) <= 0.35
+    assert memory > 0
+
+
+def test_a_gap_between_estimates_is_no_patience_with_a_search():
+    guess = RelativeMotion(300.0, 0.0, 300.0, 0.0, 0.0, pi, 0.0, 15.0, 1.0, trusted=False, trial=3)
+    steer = steering(Orbit(100.0, Direction.CLOCKWISE, 15.0, 0.35), LawChoice("auto", 0.02))
+    flown = [
+        steer(RangeEstimate(time, 300.0, -15.0, 0.5, 0.1, relative=guess)).flies for time in (0.0, 60.0, 60.4, 60.6)
+    ]
+    assert flown == ["feedforward", "feedforward", "feedforward", "trial"]

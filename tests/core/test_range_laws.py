@@ -58,6 +58,38 @@ def test_bounded_holds_the_exact_radius():
     assert range_laws.bounded(R_D, 0.0, V=V, r_d=R_D, k=k) == pytest.approx(V / R_D)
 
 
+@pytest.mark.parametrize(("r", "asked"), [(120.0, sqrt(3) / 2), (60.0, 0.0), (30.0, -sqrt(3) / 2)])
+def test_bounded_asks_for_an_approach_outside_and_for_as_quick_a_way_out_inside(r, asked):
+    """r_s = 60 at r_d = 100 and k = 1/80: by hand at twice r_s, on it, and at half of it."""
+    assert range_laws.bounded(r, 3.0, V=V, r_d=R_D, k=1 / 80) == pytest.approx((3.0 + V * asked) / 80)
+
+
+@pytest.mark.parametrize(("r", "turn"), [(102.0, 0.192), (180.0, 0.195), (98.0, 0.188), (20.0, 0.185)])
+def test_pd_is_its_equation_with_the_error_cut(r, turn):
+    """V/r_d = 0.15, k_d r' = 0.04, and a thousandth of the error, 5 m of it at most."""
+    assert range_laws.pd(r, 2.0, V=V, r_d=R_D, k_p=1e-3, k_d=0.02, e_max=5.0) == pytest.approx(turn)
+
+
+def test_feedforward_is_the_turn_of_the_present_circle_and_the_closing_speed_missing():
+    """V, r' and what is across: 15, 9, 12. tanh 1 = 0.7615942."""
+    values = {"V": V, "r_d": R_D, "k": 0.02, "gamma": 0.1, "v_star": 5.0, "r_floor": 40.0}
+    assert range_laws.feedforward(150.0, -9.0, **values) == pytest.approx(
+        12 / 150 + 0.02 * (-9 + 5 * 0.7615942), rel=1e-5
+    )
+    assert range_laws.feedforward(50.0, 9.0, **values) == pytest.approx(12 / 50 + 0.02 * (9 - 5 * 0.7615942), rel=1e-5)
+    near = values | {"gamma": 0.0}
+    assert range_laws.feedforward(10.0, 9.0, **near) == pytest.approx(12 / 40 + 0.02 * 9)
+
+
+def test_pi_is_its_equation_and_its_integral_stays_within_its_bounds():
+    values = {"r_d": R_D, "k_p": 0.02, "k_i": 0.003, "c": 7.5, "delta": 50.0, "I_max": 90.0}
+    s = -4.0 + 7.5 * 0.7615942
+    turn, memory = range_laws.pi(150.0, -4.0, 20.0, 0.1, **values)
+    assert (memory, turn) == pytest.approx((20 + 0.1 * s, 0.02 * s + 0.003 * memory), rel=1e-5)
+    assert range_laws.pi(150.0, -4.0, 89.9, 0.1, **values)[1] == 90.0
+    assert range_laws.pi(50.0, -4.0, 0.5, 0.1, **values)[1] == 0.0
+
+
 @pytest.mark.parametrize("law", STATELESS, ids=lambda law: law.name)
 @given(share=st.floats(1 - MOST, 1 + MOST), over=st.floats(1.001, 3), r=st.floats(0, 2000), r_dot=st.floats(-15, 15))
 def test_every_law_stays_finite_for_every_trim_of_its_radius_and_gain_that_is_allowed(law, share, over, r, r_dot):

@@ -1,5 +1,7 @@
 """A vehicle that does not hear us teaches the turn-rate gain nothing."""
 
+from math import exp, sin
+
 import pytest
 
 from circnav_mav.core.turn_gain import TurnGain, TurnGainSettings, learn
@@ -33,3 +35,15 @@ def test_poor_turning_is_still_learnt() -> None:
     slipping = turned(TurnGain(), 0.0, 120.0, 0.65 * COMMAND)
     assert slipping.followed
     assert slipping.gain == pytest.approx(0.65, abs=0.02)
+
+
+@pytest.mark.parametrize("swing", [0.3, 1.0])
+def test_the_lag_of_a_vehicle_whose_command_swings_hides_no_lack_of_turn(swing: float) -> None:
+    """A swing of 0.3 or 1 rad/s, and a lag of .4 s: seven and twenty degrees of phase."""
+    settings, state, heading, rate = TurnGainSettings(), TurnGain(), 0.0, 0.0
+    for n in range(2400):
+        command = TurnRate(0.2 * sin(swing * n * STEP))
+        rate += (0.8 * command - rate) * (1 - exp(-STEP / settings.lag))
+        heading += rate * STEP
+        state = learn(state, settings, time=n * STEP, heading=heading, command=command)
+    assert state.gain == pytest.approx(0.8, abs=0.03)

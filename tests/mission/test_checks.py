@@ -231,6 +231,29 @@ def test_a_plane_is_not_left_in_its_mode(mission):
     assert lines(mission, "exit", "exit.action=stop") == []
 
 
+@pytest.mark.parametrize("leaves_it", ["exit.action=stop", "engage.on_takeover=wait"])
+def test_a_px4_is_left_in_no_mode_to_which_it_would_return_by_itself(mission, leaves_it):
+    """It is back in OFFBOARD as soon as setpoints resume. With "auto", it may be a PX4 that is heard."""
+    (line,) = lines(mission, "exit", "vehicle.autopilot=px4", leaves_it)
+    assert line.grade is FAIL
+    assert line.says.endswith('engage.on_takeover must be "end"')
+    (line,) = lines(mission, "exit", "vehicle.autopilot=auto", leaves_it)
+    assert line.grade is FAIL
+    assert line.says.endswith(', or vehicle.autopilot "ardupilot"')
+    assert lines(mission, "exit", leaves_it) == []
+    rover = ("vehicle.kind=rover", "vehicle.autopilot=auto", leaves_it)
+    assert lines(mission, "exit", *rover) == []  # no PX4 rover is flown
+    assert lines(mission, "exit", "vehicle.autopilot=auto") == lines(mission, "exit", "vehicle.autopilot=px4") == []
+
+
+def test_an_exit_that_the_autopilot_does_not_know_is_answered_with_those_that_it_does(mission):
+    """Of the two copters only ArduPilot's brakes."""
+    (line,) = lines(mission, "exit", "vehicle.autopilot=auto", "exit.action=brake")
+    assert line.grade is FAIL
+    assert line.says == "px4 copter knows no exit action brake: choose loiter, rtl, land, hold"
+    assert lines(mission, "exit", "exit.action=brake") == []
+
+
 @pytest.mark.parametrize("estimator", ["drift", "unicycle"])
 def test_a_copter_cannot_be_engaged_on_an_estimator_that_must_see_it_move_first(mission, estimator):
     copter = ("vehicle.autopilot='ardupilot'", "vehicle.kind='copter'", f"guidance.estimator='{estimator}'")

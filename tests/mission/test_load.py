@@ -1,5 +1,6 @@
 """Mission files: what they mean, and the one line for each way to get them wrong."""
 
+import json
 import tomllib
 from math import pi, radians
 from pathlib import Path
@@ -342,3 +343,15 @@ def test_a_campaign_file_is_known_as_one(config):
 def test_a_file_nested_without_end_is_no_mission():
     with pytest.raises(MissionError, match=r"m\.toml: not valid TOML: nested too deeply"):
         parse_mission("x = " + "[" * 100_000, "m.toml")
+
+
+@pytest.mark.parametrize(
+    "override", ["vehicle.loops.trim_thrust=0.5", "vehicle.speed_mps=14.0", "bounds.max_range_m=200.0"]
+)
+def test_a_mission_in_dotted_keys_is_written_down_as_it_is_flown(text, override):
+    """tomlkit puts a table of a table in front of them all, where it swallows the rest."""
+    tables = {name: keys for name, keys in tomllib.loads(text).items() if name != "name"}
+    dotted = [f"{name}.{key} = {json.dumps(value)}" for name, keys in tables.items() for key, value in keys.items()]
+    flown = parse_mission("\n".join(['name = "small"', *dotted]), "dotted.toml", [override])
+    assert flown.file == parse_mission(text, "small.toml", [override]).file
+    assert flown.file == parse_mission(flown.text, "flown.toml").file

@@ -34,6 +34,13 @@ def test_a_key_may_be_told_from_home_or_from_the_root(text, tmp_path):
         assert load_mission(path, [f"signing.key_file={told}"]).file.signing.key_file == str(meant)
 
 
+def test_a_key_without_a_name_is_not_taken_for_the_folder_of_the_mission(text, tmp_path):
+    path = tmp_path / "small.toml"
+    path.write_text(text)
+    with pytest.raises(MissionError, match=r"small\.toml: signing\.key_file: "):
+        load_mission(path, ['signing.key_file=""'])
+
+
 @pytest.mark.parametrize(
     ("accepted", "links"), [("false", set()), ("true", {VEHICLE, RANGING}), ('"ranging"', {RANGING})]
 )

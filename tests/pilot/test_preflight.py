@@ -1,6 +1,7 @@
 """A survey of each emulated vehicle in lockstep, and what is said of it: what is sent, what is seen, what is graded."""
 
 import random
+import struct
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -226,6 +227,14 @@ def test_a_missing_stream_is_graded_by_what_comes_with_it(name: str, message_id:
     assert mavlink.mavlink_map[message_id].msgname in lines[0].says
 
 
+@pytest.mark.parametrize(("bounds", "grade"), [((), WARN), (("bounds.min_battery_percent=30.0",), FAIL)])
+def test_without_the_battery_a_mission_that_ends_by_it_fails(bounds: tuple[str, ...], grade: Grade) -> None:
+    bench = Bench("arducopter", *bounds)
+    bench.hears = without(1)
+    (line,) = [line for line in of(bench.lines(), "stream") if line.grade is not PASS]
+    assert (line.grade, "SYS_STATUS" in line.says) == (grade, True)
+
+
 @pytest.mark.parametrize("name", MISSIONS)
 def test_rates_are_measured_after_the_streams_have_come_up(name: str) -> None:
     """A vehicle that sends much unasked before it is asked for less must not look richer than it is."""
@@ -302,6 +311,44 @@ def test_a_slow_link_is_measured_by_its_round_trip(copter: tuple[Mission, Observ
     for trip, grade in ((0.02, PASS), (0.3, WARN), (0.8, FAIL)):
         vehicle = replace(seen.vehicle, round_trip=trip)
         assert one(judge(mission, replace(seen, vehicle=vehicle)), "round trip").grade is grade
+
+
+@pytest.mark.parametrize(
+    ("name", "needed"), [("arduplane", {"airspeed"}), ("px4_copter", {"height"}), ("arducopter", set())]
+)
+def test_what_this_vehicle_is_flown_without_is_called_not_needed(name: str, needed: set[str]) -> None:
+    lines = Bench(name).lines()
+    told = {subject: one(lines, subject) for subject in ("airspeed", "height")}
+    assert {line.grade for line in told.values()} == {PASS}
+    assert {subject for subject, line in told.items() if not line.says.endswith("not needed")} == needed
+
+
+def test_frames_of_version_1_beside_others_are_warned_of(copter: tuple[Mission, Observations]) -> None:
+    mission, seen = copter
+    assert one(judge(mission, seen), "MAVLink").grade is PASS
+    line = one(judge(mission, replace(seen, version_1=3)), "MAVLink")
+    assert (line.grade, line.says.startswith("3 of ")) == (WARN, True)
+
+
+def test_what_the_vehicle_does_not_answer_is_warned_of(copter: tuple[Mission, Observations]) -> None:
+    mission, seen = copter
+    assert seen.vehicle is not None
+    lines = judge(mission, replace(seen, vehicle=replace(seen.vehicle, round_trip=None, firmware=None)))
+    assert one(lines, "round trip").grade is WARN
+    assert one(lines, "firmware").grade is WARN
+
+
+@pytest.mark.parametrize(
+    ("armed", "ours", "grade"), [(True, True, WARN), (True, False, PASS), (False, True, PASS), (False, False, PASS)]
+)
+def test_only_an_armed_vehicle_in_our_mode_would_be_taken_at_once(
+    armed: bool, ours: bool, grade: Grade, copter: tuple[Mission, Observations]
+) -> None:
+    mission, seen = copter
+    assert seen.vehicle is not None
+    mode = seen.vehicle.adapter.guided_mode + (not ours)
+    lines = judge(mission, replace(seen, vehicle=replace(seen.vehicle, armed=armed, mode=mode)))
+    assert one(lines, "mode").grade is grade
 
 
 # --- ranging ----------------------------------------------------------------------------------------------------------
@@ -389,6 +436,11 @@ def test_stamps_without_time_or_of_a_clock_at_another_speed_are_found(copter: tu
     fast = tuple(replace(one, stamp=2 * one.stamp) for one in seen.ranges)
     assert one(judge(mission, replace(seen, ranges=flat)), "stamps").grade is WARN
     assert one(judge(mission, replace(seen, ranges=fast)), "stamps").grade is FAIL
+    assert seen.vehicle is not None
+    timeless = replace(seen.vehicle, boot=None)
+    assert one(judge(mission, replace(seen, ranges=fast, vehicle=timeless)), "stamps").grade is FAIL
+    few = replace(seen, ranges=fast[:3])
+    assert one(judge(mission, few), "stamps").says.startswith("too few to tell")
 
 
 def test_a_range_shorter_than_the_height_is_fine_on_the_ground_only() -> None:
@@ -411,6 +463,8 @@ def test_a_range_shorter_than_the_height_is_fine_on_the_ground_only() -> None:
         ("arducopter", "FS_GCS_ENABLE", 1, WARN),
         ("arducopter", "SYSID_MYGCS", 1, WARN),
         ("arducopter", "FS_EKF_ACTION", 0, WARN),
+        ("arducopter", "FENCE_ENABLE", 0, PASS),
+        ("arducopter", "FENCE_ENABLE", 1, WARN),
         ("arducopter", "WPNAV_SPEED", 500.0, PASS),
         ("arducopter", "WPNAV_SPEED", 499.0, WARN),
         ("arduplane", "ROLL_LIMIT_DEG", 45.0, PASS),
@@ -428,6 +482,8 @@ def test_a_range_shorter_than_the_height_is_fine_on_the_ground_only() -> None:
         ("px4_copter", "COM_OBL_RC_ACT", 5, PASS),
         ("px4_copter", "COM_OBL_RC_ACT", 7, FAIL),
         ("px4_copter", "MC_YAWRATE_MAX", 30.0, FAIL),
+        ("px4_copter", "COM_RC_IN_MODE", 1, WARN),
+        ("px4_copter", "COM_RC_IN_MODE", 0, PASS),
         ("px4_copter", "MAV_FWDEXTSP", 0, FAIL),
         ("px4_plane", "COM_RC_IN_MODE", 0, FAIL),
         ("px4_plane", "COM_RC_IN_MODE", 4, FAIL),
@@ -446,6 +502,35 @@ def test_a_parameter_is_graded_by_what_it_implies(name: str, parameter: str, val
     lines = of(judge(bench.mission, replace(seen, vehicle=replace(seen.vehicle, parameters=values))), "parameter")
     (line,) = [line for line in lines if line.says.startswith(f"{parameter} = ")]
     assert line.grade is grade, line.says
+
+
+def in_32_bits(value: float) -> float:
+    (held,) = struct.unpack("<f", struct.pack("<f", value))
+    return float(held)
+
+
+@pytest.mark.parametrize(
+    ("name", "key", "parameter", "number", "stricter", "grade"),
+    [
+        ("ardurover", "vehicle.speed_mps", "WP_SPEED", 2.3, 2.28, FAIL),
+        ("arducopter", "vehicle.speed_mps", "WP_SPD", 4.2, 4.18, WARN),
+        ("arduplane", "vehicle.max_bank_deg", "ROLL_LIMIT_DEG", 42.3, 42.2, FAIL),
+        ("arduplane", "vehicle.speed_mps", "AIRSPEED_MIN", 22.2, 22.3, FAIL),
+        ("arduplane", "vehicle.speed_mps", "AIRSPEED_MAX", 22.3, 22.2, FAIL),
+        ("px4_copter", "vehicle.max_turn_rate_deg_s", "MC_YAWRATE_MAX", 24.0, 23.9, FAIL),
+    ],
+)
+def test_a_limit_that_is_the_missions_own_number_is_within_it(
+    name: str, key: str, parameter: str, number: float, stricter: float, grade: Grade
+) -> None:
+    """In 32 bits 2.3 is less than 2.3, and 24 degrees are a last bit more once they have been radians."""
+    seen, mission = Bench(name).run(), load_mission(CONFIG / f"{name}.toml", [f"{key}={number}"])
+    assert seen.vehicle is not None
+    for value, expected in ((number, PASS), (stricter, grade)):
+        values = {**seen.vehicle.parameters, parameter: in_32_bits(value)}
+        lines = of(judge(mission, replace(seen, vehicle=replace(seen.vehicle, parameters=values))), "parameter")
+        (line,) = [line for line in lines if line.says.startswith(f"{parameter} = ")]
+        assert line.grade is expected, line.says
 
 
 def test_a_rover_without_wp_speed_is_clipped_at_its_cruise_speed() -> None:

@@ -63,9 +63,10 @@ def test_a_jump_of_the_wall_clock_moves_nothing(ticking, monkeypatch):
     assert clock.now() == 1.0
 
 
-def test_the_epoch_is_the_wall_clock_at_second_0(monkeypatch):
+@pytest.mark.parametrize("make", [Clock, lambda: AutopilotClock(lambda: None)], ids=["ours", "the autopilot's"])
+def test_the_epoch_is_the_wall_clock_at_second_0(make, monkeypatch):
     monkeypatch.setattr(time, "time_ns", lambda: 1_790_000_000_123_456_789)
-    assert Clock().epoch_us == 1_790_000_000_123_456
+    assert make().epoch_us == 1_790_000_000_123_456
 
 
 def test_run_folders_sort_by_time(monkeypatch):

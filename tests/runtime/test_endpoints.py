@@ -79,3 +79,12 @@ def test_a_host_that_nobody_knows_is_refused_in_one_line(kind, monkeypatch):
     monkeypatch.setattr(socket, "getaddrinfo", unknown)
     with pytest.raises(LinkError, match=r"^endpoint .*: host name is not known$"):
         open_link(f"{kind}:no.such.host.invalid:14550")
+
+
+@pytest.mark.parametrize("kind", ["udpin", "udpout", "tcp"])
+@pytest.mark.parametrize("host", ["192.168..1", ".localhost", 70 * "a"])
+def test_a_host_that_can_be_no_name_is_refused_in_one_line(kind, host):
+    """An empty label, or one beyond 63 letters: the resolver is not even asked."""
+    with pytest.raises(LinkError, match=r"^endpoint .*: host name is not known$") as caught:
+        open_link(f"{kind}:{host}:14550")
+    assert not caught.value.nobody  # to wait for it does not help

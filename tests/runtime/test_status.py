@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 
+import pytest
+
 from circnav_mav.pilot import Voice
 from circnav_mav.runtime.status import Watch
 from tests.flight.lockstep import flight
@@ -23,6 +25,22 @@ def test_a_flight_that_goes_well_raises_no_alarm_and_tells_its_rates(statuses):
     assert 40 < last.rates.frames < 100
     assert last.rates.setpoints > 9
     assert last.waits == ""
+
+
+def test_the_time_flown_counts_from_the_moment_of_engaging(statuses):
+    told = statuses(8.0)
+    flown = during(told, "engaged")
+    assert [status.flown for status in told if status.time < flown[0].time] == [None] * told.index(flown[0])
+    engaged = flown[0].time - flown[0].flown
+    assert told[0].time < engaged <= flown[0].time
+    assert [status.time - status.flown for status in flown] == pytest.approx([engaged] * len(flown))
+
+
+def test_why_this_law_flies_is_told_while_it_steers_and_no_longer(statuses):
+    told = statuses(9.0, 'guidance.law="auto"', events=TAKEOVER)
+    assert {bool(status.why) for status in during(told, "engaged")} == {True}
+    assert {status.why for status in told if status.tick.law == ""} == {""}
+    assert told[-1].tick.law == ""
 
 
 def test_it_says_what_it_waits_for(statuses):

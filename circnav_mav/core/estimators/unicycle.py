@@ -7,7 +7,7 @@ drift W its r' is off by up to W. Two filters start at eta = +-90 deg, for range
 likelier one counts. Arrays: x (2, 2, B), P (2, 2, 2, B) for state, hypothesis, flight.
 """
 
-from math import sqrt
+from math import pi, sqrt
 from typing import Any
 
 import numpy as np
@@ -27,6 +27,8 @@ LOST_AFTER = 10
 """Refused samples in a row that start both filters anew."""
 SURE = 0.5
 """Standard deviation of eta, rad, above which the range rate is not worth steering by."""
+MOST_TURNED = pi / 2
+"""Turn, rad, over which one step carries the filters: beyond it, the chord of the path tells neither way nor turn."""
 
 
 class UnicycleFilter:
@@ -108,6 +110,7 @@ class UnicycleEstimator:
 
     def __init__(self, settings: EstimatorSettings) -> None:
         self._settings = settings
+        self._longest = MOST_TURNED / settings.max_turn_rate
         self.reset()
 
     def reset(self) -> None:
@@ -139,7 +142,7 @@ class UnicycleEstimator:
         knot, before = self._path.at(sample.time), self._used
         if knot is None:
             return Fused.ACCEPTED
-        if before is not None and knot.piece != before.piece:
+        if before is not None and (knot.piece != before.piece or sample.time - before.motion.time > self._longest):
             self.filter, before = UnicycleFilter(self._settings.gate), None
         if before is not None:
             if sample.time <= before.motion.time:
