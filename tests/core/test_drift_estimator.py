@@ -269,6 +269,20 @@ def test_after_a_gap_in_which_it_may_have_turned_anywhere_unicycle_is_ready_only
     assert max(errors) < 5.0
 
 
+def test_unicycle_lives_on_a_slow_radio_while_the_vehicle_turns_slowly():
+    """A range every 2.5 s, more than a quarter turn at the limit takes, on a circle of 62 s a lap."""
+    settings = replace(SETTINGS, max_turn_rate=0.7)
+    world, estimator = Circling(target=(0.0, RADIUS), wind=(0.0, 0.0)), UnicycleEstimator(settings)
+    said = []
+    for step in range(1200):
+        t = 0.05 * step
+        estimator.move(world.motion(t))
+        if step % 50 == 0:
+            said.append(estimator.observe(world.range(t)))
+    assert Fused.RESTARTED not in said[1:]
+    assert estimator.ready
+
+
 def test_doppler_sharpens_the_unicycles_range_rate():
     def sigma(with_doppler):
         world, estimator = Circling(wind=(0.0, 0.0)), UnicycleEstimator(SETTINGS)

@@ -27,8 +27,9 @@ LOST_AFTER = 10
 """Refused samples in a row that start both filters anew."""
 SURE = 0.5
 """Standard deviation of eta, rad, above which the range rate is not worth steering by."""
-MOST_TURNED = pi / 2
-"""Turn, rad, over which one step carries the filters: beyond it, the chord of the path tells neither way nor turn."""
+MOST_TURNED, LEAST_CHORD = pi / 2, 0.9
+"""Turn, rad, over which one step carries the filters, and chord over way of an arc so long: beyond it, the chord tells
+neither way nor turn."""
 
 
 class UnicycleFilter:
@@ -142,7 +143,7 @@ class UnicycleEstimator:
         knot, before = self._path.at(sample.time), self._used
         if knot is None:
             return Fused.ACCEPTED
-        if before is not None and (knot.piece != before.piece or sample.time - before.motion.time > self._longest):
+        if before is not None and (knot.piece != before.piece or self._bent(before, knot)):
             self.filter, before = UnicycleFilter(self._settings.gate), None
         if before is not None:
             if sample.time <= before.motion.time:
@@ -175,6 +176,12 @@ class UnicycleEstimator:
             time, float(r[0]), float(-V * np.cos(eta[0])), sqrt(max(P[0, 0, 0], 0.0)), float(rate_sigma),
             eta=float(eta[0]),
         )  # fmt: skip
+
+    def _bent(self, before: Knot, after: Knot) -> bool:
+        """Whether the vehicle had the time for more than a quarter turn, and took it."""
+        dt = after.motion.time - before.motion.time
+        way = after.motion.airspeed * dt
+        return dt > self._longest and bool(np.hypot(after.x - before.x, after.y - before.y) < LEAST_CHORD * way)
 
     def _carry(self, unicycle: UnicycleFilter, before: Knot, after: Knot) -> None:
         turned = wrap(np.array([after.motion.heading - before.motion.heading]))
