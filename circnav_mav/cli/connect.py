@@ -1,6 +1,7 @@
 """What `fly` and `preflight` share: the mission's links and key opened, the bundled vehicle started, the clock of the
 run."""
 
+from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -35,6 +36,14 @@ def open_links(mission: Mission, open_things: ExitStack) -> dict[str, Link]:
             raise Refused(str(error), Exit.NOTHING_HEARD if error.nobody else Exit.USAGE) from None
         open_things.callback(links[name].close)
     return links
+
+
+def link_troubles(links: dict[str, Link], mission: Mission) -> Iterator[str]:
+    """What went wrong on the endpoints, a line for each."""
+    for name, link in links.items():
+        endpoint = mission.file.ranging.endpoint if name == RANGING else mission.file.link.endpoint
+        if link.troubles:
+            yield f"{endpoint}: " + ", ".join(f"{count} times {words}" for words, count in link.troubles.items())
 
 
 def open_signing(mission: Mission, open_things: ExitStack) -> tuple[Signing, SigningTime] | tuple[None, None]:

@@ -11,7 +11,15 @@ from rich.console import Console
 
 from circnav_mav.cli.check import all_checks, read_mission, show_checks
 from circnav_mav.cli.closing import close_flight
-from circnav_mav.cli.connect import open_links, open_page, open_signing, run_speed, start_clock, start_vehicle
+from circnav_mav.cli.connect import (
+    link_troubles,
+    open_links,
+    open_page,
+    open_signing,
+    run_speed,
+    start_clock,
+    start_vehicle,
+)
 from circnav_mav.cli.exits import Exit, Refused, cannot, check_named
 from circnav_mav.cli.report import pictures_of_flight
 from circnav_mav.cli.terminal import outlive_terminal
@@ -93,7 +101,12 @@ def fly_mission(options: FlyOptions) -> int:
         if page is not None:
             page.finish(words)
     click.echo(words)
-    problems = [*onlookers.problems, display.problem, signing_time.problem if signing_time else None]
+    problems = [
+        *link_troubles(links, mission),
+        *onlookers.problems,
+        display.problem,
+        signing_time.problem if signing_time else None,
+    ]
     for problem in filter(None, (*problems, *pictures_of_flight(folder, mission, summary))):
         click.echo(f"  WARNING    {problem}")
     if crash is not None:

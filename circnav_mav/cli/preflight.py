@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from circnav_mav.cli.check import all_checks, read_mission, show_checks
-from circnav_mav.cli.connect import open_links, open_signing, start_clock, start_vehicle
+from circnav_mav.cli.connect import link_troubles, open_links, open_signing, start_clock, start_vehicle
 from circnav_mav.cli.exits import Exit, Refused
 from circnav_mav.mission.grades import Check, Grade
 from circnav_mav.mission.mission import Mission
@@ -30,8 +30,8 @@ def preflight_file(path: str, endpoint: str | None, overrides: tuple[str, ...], 
     if _failures(lines):
         raise Refused(f"{path}: refused by its checks, see FAIL above")
     click.echo(f"listening on {mission.file.link.endpoint} for {seconds:g} s, no setpoint is sent ...")
-    seen, clock_speed = _observe(mission, seconds)
-    lines = judge(mission, seen, clock_speed)
+    seen, clock_speed, troubles = _observe(mission, seconds)
+    lines = [*judge(mission, seen, clock_speed), *(Check(Grade.WARN, "endpoint", words) for words in troubles)]
     show_checks(lines)
     counts = {grade: sum(line.grade is grade for line in lines) for grade in Grade}
     click.echo(f"{path}: " + ", ".join(f"{count} {grade.value}" for grade, count in counts.items()))
@@ -40,8 +40,9 @@ def preflight_file(path: str, endpoint: str | None, overrides: tuple[str, ...], 
     return Exit.ABORTED if counts[Grade.FAIL] else Exit.DONE
 
 
-def _observe(mission: Mission, seconds: float) -> tuple[Observations, float]:
-    """Listen to the mission's endpoints; also the speed of the run's clock where it follows the autopilot."""
+def _observe(mission: Mission, seconds: float) -> tuple[Observations, float, list[str]]:
+    """Listen to the mission's endpoints; also the speed of the run's clock where it follows the autopilot, and what
+    went wrong on the endpoints."""
     with ExitStack() as open_things:
         signing, signing_time = open_signing(mission, open_things)
         links = open_links(mission, open_things)
@@ -54,7 +55,8 @@ def _observe(mission: Mission, seconds: float) -> tuple[Observations, float]:
         listen(survey, links, clock, stop, signing_time)
         if stop.signal_name:
             raise Refused(f"stopped by {stop.signal_name}", Exit.INTERRUPTED)
-        return survey.observations(), clock.speed if isinstance(clock, AutopilotClock) else 1.0
+        speed = clock.speed if isinstance(clock, AutopilotClock) else 1.0
+        return survey.observations(), speed, list(link_troubles(links, mission))
 
 
 def _failures(lines: Iterable[Check]) -> bool:

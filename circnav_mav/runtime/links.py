@@ -1,8 +1,10 @@
 """Endpoints: UDP, TCP and serial, in the spellings of mavutil (`udpin:host:port`) and MAVSDK (`udpin://host:port`).
 
-A link never raises while it is open: an unreachable network or a vanished device is silence, counted, and tried again.
+A link never raises while it is open: an unreachable network or a vanished device is silence, counted in words, and
+tried again.
 """
 
+from collections import Counter
 from collections.abc import Hashable
 from typing import Protocol
 
@@ -28,7 +30,8 @@ __all__ = [
 class Link(Protocol):
     """One open endpoint."""
 
-    errors: int
+    troubles: Counter[str]
+    """What went wrong since it was opened, in words, and how often."""
 
     def fileno(self) -> int | None:
         """File descriptor to wait on, None while there is none."""

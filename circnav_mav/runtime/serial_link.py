@@ -2,6 +2,7 @@
 
 import os
 import termios
+from collections import Counter
 from collections.abc import Hashable
 from contextlib import suppress
 from typing import Any
@@ -19,7 +20,7 @@ class SerialLink:
     """A serial line through pyserial; reopened once a second after the device has vanished."""
 
     def __init__(self, text: str, endpoint: Endpoint) -> None:
-        self.errors = 0
+        self.troubles: Counter[str] = Counter()
         self._endpoint = endpoint
         self._retry_at = float("-inf")
         try:
@@ -43,8 +44,8 @@ class SerialLink:
             return []
         try:
             data = self._port.read(MOST_BYTES)
-        except LOST:
-            self.errors += 1
+        except LOST as error:
+            self.troubles[explain(error)] += 1
             self.close()
             self._port, self._retry_at = None, now + RETRY
             return []
@@ -56,8 +57,8 @@ class SerialLink:
             return
         try:
             os.write(self._port.fileno(), data)
-        except LOST:
-            self.errors += 1
+        except LOST as error:
+            self.troubles[explain(error)] += 1
 
     def close(self) -> None:
         """Close the device; one that has vanished may refuse that, too."""

@@ -2,6 +2,7 @@
 
 import errno
 import socket
+from collections import Counter
 from collections.abc import Hashable
 
 from circnav_mav.runtime.endpoint import MOST_BYTES, Endpoint, LinkError, explain
@@ -17,7 +18,7 @@ class TcpLink:
     """A client of a TCP server (SITL: port 5760); reconnects once a second after the other side has gone."""
 
     def __init__(self, text: str, endpoint: Endpoint) -> None:
-        self.errors = 0
+        self.troubles: Counter[str] = Counter()
         self._retry_at = float("-inf")
         self._socket: socket.socket | None = None
         try:
@@ -40,10 +41,11 @@ class TcpLink:
             data = self._socket.recv(MOST_BYTES)
         except (BlockingIOError, InterruptedError):
             return []
-        except OSError:
-            data = b""
+        except OSError as error:
+            self._drop(now, explain(error))
+            return []
         if not data:
-            self._drop(now)
+            self._drop(now, "closed by the other side")
             return []
         return [(data, self._address)]
 
@@ -53,16 +55,16 @@ class TcpLink:
             return
         try:
             self._socket.send(data)
-        except OSError:
-            self.errors += 1
+        except OSError as error:
+            self.troubles[explain(error)] += 1
 
     def close(self) -> None:
         """Close the connection."""
         if self._socket is not None:
             self._socket.close()
 
-    def _drop(self, now: float) -> None:
-        self.errors += 1
+    def _drop(self, now: float, why: str) -> None:
+        self.troubles[why] += 1
         self.close()
         self._socket, self._retry_at = None, now + RETRY
 

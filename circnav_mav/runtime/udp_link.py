@@ -1,6 +1,7 @@
 """UDP: `udpin` hears whoever speaks, and who is answered the pilot decides; `udpout` has one other side."""
 
 import socket
+from collections import Counter
 from collections.abc import Hashable
 from typing import Any
 
@@ -12,6 +13,8 @@ RECEIVE_BUFFER = 1 << 18
 """Of the socket, bytes; Linux counts the overhead, and doubles it. Room for 600 short datagrams, 0.2 s of a simulator
 at twenty times real time. In a flood that cannot be read as fast as it comes something is lost in any case, and what
 waits in a longer queue is only late: with 1 MB every range, and a takeover, came 1 s late."""
+MOST_TROUBLES, NOT_HEARD = 4, "not heard, for it came from others"
+"""Kinds of trouble from which on strangers are no longer told one by one."""
 LOCAL_PORT = 14691
 """Our local port for `udpout`: PX4 latches onto the first client port it hears, so a restart must use the same."""
 
@@ -21,7 +24,7 @@ class UdpLink:
     a vehicle that still speaks to LOCAL_PORT must not be heard while another one is commanded."""
 
     def __init__(self, text: str, endpoint: Endpoint) -> None:
-        self.errors = 0
+        self.troubles: Counter[str] = Counter()
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
@@ -54,12 +57,14 @@ class UdpLink:
                 data, source = self._socket.recvfrom(65536)
             except BlockingIOError:
                 break
-            except OSError:
-                self.errors += 1
+            except OSError as error:
+                self.troubles[explain(error)] += 1
                 break
             room -= len(data)
             if self._peer in (None, source):
                 datagrams.append((data, source))
+            else:
+                self._refuse(source)
             if room <= 0:
                 break
         return datagrams
@@ -71,12 +76,17 @@ class UdpLink:
             return
         try:
             self._socket.sendto(data, address)
-        except OSError:
-            self.errors += 1
+        except OSError as error:
+            self.troubles[explain(error)] += 1
 
     def close(self) -> None:
         """Close the socket."""
         self._socket.close()
+
+    def _refuse(self, source: tuple[str, int]) -> None:
+        """Count what somebody else has sent."""
+        words = f"not heard, for it came from {source[0]}:{source[1]}"
+        self.troubles[words if words in self.troubles or len(self.troubles) < MOST_TROUBLES else NOT_HEARD] += 1
 
     def _bind_local(self) -> None:
         try:

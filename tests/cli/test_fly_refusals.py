@@ -129,6 +129,19 @@ def test_no_heartbeat_at_all(circnav, mission, tmp_path):
     assert (made["settled_s"], made["truth"], made["setpoints_sent"]) == (None, None, 0)
 
 
+@pytest.mark.parametrize(("command", "said"), [("fly", "WARNING    "), ("preflight", "WARN  endpoint    ")])
+def test_what_goes_wrong_on_an_endpoint_is_told(circnav, mission, command, said):
+    """A server that hangs up."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        hangs_up = threading.Thread(target=lambda: server.accept()[0].close())
+        hangs_up.start()
+        endpoint = f"tcp:127.0.0.1:{server.getsockname()[1]}"
+        ran = circnav(command, mission, "--endpoint", endpoint, "--set", "link.wait_s=2")
+        hangs_up.join()
+    assert ran.code == 3
+    assert f"{said}{endpoint}: 1 times closed by the other side" in ran.out
+
+
 def test_an_endpoint_that_refuses_datagrams_is_a_vehicle_that_is_not_there(circnav, mission, port):
     ran = circnav("fly", mission, "--endpoint", f"udpout:127.0.0.1:{port}")
     assert ran.code == 3
