@@ -1,7 +1,7 @@
 """The law on relative motion, and who steers under `auto`."""
 
 from dataclasses import replace
-from math import inf, nan, pi
+from math import inf, nan, pi, sqrt
 
 import numpy as np
 import pytest
@@ -47,6 +47,31 @@ def test_the_field_is_followed_over_the_ground_whatever_the_wind(at, wind, blows
     n = p / r
     inward = inward_angle(r, r_d=R_D, k=GAINS.radial, sharpest=0.7 * LIMIT / (V + wind))
     assert np.arctan2(-(n @ v), n[0] * v[1] - n[1] * v[0]) == pytest.approx(inward, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("r", "sharpest", "outward"), [(50.0, 0.02, 1.0), (98.0, 0.02, 0.2), (50.0, 0.01, sqrt(0.1)), (1.0, 0.05, pi / 2)]
+)
+def test_far_inside_the_course_leads_out_no_steeper_than_the_tightest_turn_can_follow(r, sharpest, outward):
+    """sqrt(2 e (sharpest - 1/r_d)), by hand: sqrt(2 50 .01) = 1; as for .1/r_d at least, straight out at most."""
+    assert inward_angle(r, r_d=R_D, k=1e4, sharpest=sharpest) == pytest.approx(-outward, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("lag", "delay", "lead", "ahead", "heading"),
+    [
+        (0.4, 0.0, 1.0, 0.2, 0.5 / 0.2),
+        (0.4, 0.1, 0.5, 0.4 / 1.5, 0.5 / (0.4 / 1.5 + 0.1)),
+        (0.4, 0.2, 0.0, 0.4, 0.5 / 0.6),
+        (0.4, 0.6, 0.0, 0.4, 0.5 / 1.0),
+        (0.0, 0.0, 1.0, 0.1, 0.5 / 0.1),  # as for .2 s
+    ],
+)
+def test_gains_by_their_rule(lag, delay, lead, ahead, heading):
+    """Lead makes the lag (1 + lead) times shorter, until the delay is what it would take off it. By hand."""
+    gains = drift_gains(V, R_D, lag, delay=delay)
+    assert (gains.lead, gains.ahead, gains.heading) == pytest.approx((lead, ahead, heading))
+    assert (gains.radial, gains.delay) == pytest.approx((heading / (2.5 * V), delay))
 
 
 def test_far_outside_the_course_touches_the_circle():
