@@ -13,6 +13,8 @@ from circnav_mav.runtime.clock import unix_time
 RESERVE = 10 * SECOND
 """How far the file is ahead of what was used: a killed process begins again behind nothing that it has signed, and far
 less ahead of the others' clocks than the minute at which they, and we, refuse."""
+MOST_DIGITS = 100
+"""Beyond some thousands Python reads no number."""
 TEXT = frozenset(range(32, 127))
 REMEDY = "write 64 hex digits; of a passphrase: printf %s 'PASSPHRASE' | sha256sum | cut -c1-64"
 
@@ -105,7 +107,7 @@ def _stored(path: Path) -> int:
         return 0
     except (OSError, UnicodeDecodeError) as error:
         raise KeyFileError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or 'not text'}") from None
-    if not (text.strip().isdecimal() and int(text) <= LATEST):
+    if not (text.strip().isdecimal() and len(text) < MOST_DIGITS and int(text) <= LATEST):
         raise KeyFileError(f"{path}: is not a timestamp: delete it if the clock of this computer is right")
     return int(text)
 

@@ -41,6 +41,7 @@ def test_overshoot_is_inward_for_starts_outside_and_outward_for_starts_inside():
 def test_chatter_counts_the_switching():
     relay = np.where(np.arange(len(TIME)) % 2 == 0, 0.1, -0.1)[:, None]
     assert judge.chatter(relay, TIME)[0] == pytest.approx(0.2 / 0.1, rel=1e-6)
+    assert judge.chatter(relay[50:], TIME[50:])[0] == pytest.approx(0.2 / 0.1, rel=1e-6)
     assert judge.saturation(relay, 0.1)[0] == 1.0
 
 

@@ -53,7 +53,7 @@ def test_the_field_is_followed_over_the_ground_whatever_the_wind(at, wind, blows
     ("r", "sharpest", "outward"), [(50.0, 0.02, 1.0), (98.0, 0.02, 0.2), (50.0, 0.01, sqrt(0.1)), (1.0, 0.05, pi / 2)]
 )
 def test_far_inside_the_course_leads_out_no_steeper_than_the_tightest_turn_can_follow(r, sharpest, outward):
-    """sqrt(2 e (sharpest - 1/r_d)), by hand: sqrt(2 50 .01) = 1; at least as for .1/r_d, at most straight out."""
+    """sqrt(2 e (sharpest - 1/r_d)), by hand: sqrt(2 50 .01) = 1; as for .1/r_d at least, straight out at most."""
     assert inward_angle(r, r_d=R_D, k=1e4, sharpest=sharpest) == pytest.approx(-outward, rel=1e-4)
 
 
