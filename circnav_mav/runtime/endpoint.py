@@ -10,6 +10,9 @@ MOST_BYTES = 1 << 15
 which follows at once. A radio brings a hundredth of that in 50 ms, a simulator at twenty times real time some 20 kB; to
 decode it takes 5 ms, and 0.05 s of frames that somebody made up to take long, where 0.5 s without a step is a stall."""
 
+MOST_DIGITS = 9
+"""Of a port or a baud rate; Python reads no numbers of thousands."""
+
 
 class LinkError(Exception):
     """An endpoint that cannot be opened, in one line. `nobody` tells a peer that refuses from a local mistake."""
@@ -39,7 +42,7 @@ def parse_endpoint(text: str) -> Endpoint:
             " (udp: is udpin:)"
         )
     host, sign, port = rest.replace(",", ":").rpartition(":")
-    if not sign or not host or not port.isdecimal():
+    if not sign or not host or not port.isdecimal() or len(port) > MOST_DIGITS:
         missing, form = ("baud rate", "PATH:BAUD") if kind == "serial" else ("port", "HOST:PORT")
         wrong = "host is missing" if rest.isdecimal() else f"{missing} is missing or not a number"
         raise LinkError(f"endpoint {text!r}: {wrong}, write {kind}:{form}")
