@@ -233,6 +233,8 @@ def load_vehicle(path: str | Path) -> VehicleConfig:
         raise ConfigError(f"{path}: not a TOML file: nested too deeply") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: not a TOML file: {error}") from error
+    if "orbit" in table and "sim" not in table:
+        raise ConfigError(f"{path}: a mission without the table [sim]: add one, or name a mission that has it")
     where = f"{path}: sim" if "sim" in table else str(path)
     config = read_table(VehicleConfig, table.get("sim", table), where)
     if config.signing.key_file:

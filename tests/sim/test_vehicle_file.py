@@ -57,6 +57,13 @@ def test_a_mission_files_sim_table_is_used_and_the_rest_ignored(tmp_path: Path) 
         load_vehicle(mission)
 
 
+def test_a_mission_for_a_vehicle_of_ones_own_is_told_from_a_vehicle_file(tmp_path: Path) -> None:
+    mission = tmp_path / "mission.toml"
+    mission.write_text('name = "mine"\n[vehicle]\nkind = "copter"\n[orbit]\nradius_m = 80\n')
+    with pytest.raises(ConfigError, match=r"mission.toml: a mission without the table \[sim\]: add one, or name"):
+        load_vehicle(mission)
+
+
 @pytest.mark.parametrize("text", [None, "[vehicle\n", "\xff"])
 def test_a_file_that_cannot_be_read_is_one_line(tmp_path: Path, text: str | None) -> None:
     path = tmp_path / "vehicle.toml"
