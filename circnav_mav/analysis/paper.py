@@ -55,8 +55,9 @@ EXAMPLES = (
 
 @dataclass(frozen=True, slots=True)
 class Findings:
-    """What the starts of one example showed. settling: s, one per start (inf: never). rise: largest rise of the
-    Lyapunov function in a step, None where the paper gives none. mirror: largest distance of a mirrored track, m."""
+    """What the starts of one example showed. settling: s, one per start, to the band round the predicted radius (inf:
+    never). rise: largest rise of the Lyapunov function in a step, None where the paper gives none. mirror: largest
+    distance of a mirrored track, m."""
 
     example: Example
     starts: int
@@ -156,7 +157,7 @@ def table(found: list[Findings]) -> str:
         ("starts", [str(f.starts) for f in found]),
         ("predicted radius", [f"{f.example.predicted:.5f} m" for f in found]),
         ("reached radius, least to most", [f"{f.reached[0]:.5f} to {f.reached[1]:.5f} m" for f in found]),
-        ("settled to within 5 % of r_d", [f"{np.isfinite(f.settling).sum()} of {f.starts}" for f in found]),
+        ("settled: predicted +-5 % of r_d", [f"{np.isfinite(f.settling).sum()} of {f.starts}" for f in found]),
         ("settling, median / 95 % / worst", [_settling(f.settling) for f in found]),
         ("clockwise", [f"{f.clockwise} of {f.starts}" for f in found]),
         ("enters the circle at most", [f"{f.most_entries} time{'' if f.most_entries == 1 else 's'}" for f in found]),
