@@ -16,7 +16,7 @@ SETPOINT_IDS = frozenset({69, 82, 84})
 """MANUAL_CONTROL, SET_ATTITUDE_TARGET, SET_POSITION_TARGET_LOCAL_NED."""
 LONGEST_GAP = 10.0
 """Time, s, for which ticks go on in a gap of a plain tlog."""
-STEERING = ("orbit", "law", "estimator", "estimation", "ranging", "radius_trim")
+STEERING = ("orbit", "law", "estimator", "estimation", "ranging", "radius_trim", "turn_gain")
 """The settings on which the turns hang that a pilot commands."""
 COMPARED = ("r", "r_dot", "demanded", "turn_rate")
 
@@ -108,8 +108,8 @@ def patient(settings: PilotSettings) -> PilotSettings:
 
 
 def held_gain(settings: PilotSettings, flown: PilotSettings, was: Ticks) -> float | None:
-    """The turn-rate gain to replay with where it would be learnt, and other turns be commanded than were flown: what
-    the flight had learnt by its end. The headings in the log answer the turns that were flown; they cannot teach how
+    """The turn-rate gain to replay with where it would be learnt, and other turns be commanded than were flown: that
+    of the flight at its end. The headings in the log answer the turns that were flown; they cannot teach how
     the vehicle would have followed others. None: learn as in flight."""
     same = all(getattr(settings, name) == getattr(flown, name) for name in STEERING)
     if same or settings.turn_gain is not None or settings.voice is not Voice.FLY:

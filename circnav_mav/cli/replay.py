@@ -78,7 +78,7 @@ def _replay_run(run: Run, options: ReplayOptions) -> int:
     _say_size(str(run.folder), done, took)
     whole = _say_damage(run, done, pilot)
     if gain is not None:
-        click.echo(f"  turn gain  held at {gain:.3g}, as learnt by the end of the flight, which flew other turns")
+        click.echo(f"  turn gain  held at {gain:.3g}, as at the end of the flight, which flew other turns")
     _say_setpoints(done, whole)
     _say_ticks(done, pilot, run.ticks)
     _write(options, done, run.ticks, mission)

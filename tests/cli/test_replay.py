@@ -71,6 +71,13 @@ def test_another_law_is_not_taught_by_headings_that_answer_the_turns_that_were_f
     assert "turn gain  held at" in ran.out
 
 
+def test_a_gain_that_was_given_is_not_learnt_of_turns_that_were_commanded_with_it(circnav, tmp_path):
+    recorded_flight(tmp_path, "quickstart", "limits.duration_s=10", "vehicle.turn_gain=0.8").fly(15).recorder.close()
+    ran = circnav("replay", tmp_path, "--set", 'vehicle.turn_gain="learn"', "--out", tmp_path / "learning")
+    assert "turn gain  held at 0.8" in ran.out
+    assert "turn rate        the same" in ran.out
+
+
 def test_another_duration_alone_is_replayed_with_the_gain_as_it_was_learnt(circnav, flown):
     ran = circnav("replay", flown, "--set", "limits.duration_s=5")
     assert "turn gain" not in ran.out
