@@ -5,8 +5,9 @@ from dataclasses import dataclass
 from circnav_mav.mav.session import Session
 
 GIVEN_AFTER = 1.5
-"""Time, s, for which the vehicle must have told nothing but the guided mode before it is given back: a switch may pass
-through that mode, and what was said before it was left may come late by another way, between newer words."""
+"""Time, s, for which the vehicle must have told nothing but the guided mode, from one word to a later one, before it is
+given back: a switch may pass through that mode, and what was said before it was left may come late by another way,
+between newer words."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +30,7 @@ class Authority:
         self._departures = 0
         self._back_since: float | None = None
 
-    def watch(self, session: Session, now: float, *, ours: bool, rebooted: bool) -> Takeover | None:
+    def watch(self, session: Session, *, ours: bool, rebooted: bool) -> Takeover | None:
         """What took the vehicle from us, if it was ours until now; also if it has come back since the last look."""
         departed, self._departures = session.told.departures > self._departures, session.told.departures
         outside = session.up and session.mode is not None and session.mode != session.adapter.guided_mode
@@ -39,8 +40,9 @@ class Authority:
         if not session.in_our_mode or departed:
             self._back_since = None
         elif self.left_mode:
-            self._back_since = now if self._back_since is None else self._back_since
-            if self.consent or now - self._back_since >= GIVEN_AFTER:
+            heard_at = session.told.heard_at
+            self._back_since = heard_at if self._back_since is None else self._back_since
+            if self.consent or heard_at - self._back_since >= GIVEN_AFTER:
                 self.consent, self.left_mode = True, False
         if not ours or not session.up or (session.in_our_mode and not rebooted and not departed):
             return None

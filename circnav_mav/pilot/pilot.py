@@ -322,10 +322,10 @@ class Pilot:
         rebooted, self._reboots = session.reboots > self._reboots, session.reboots
         if rebooted:
             self.target.estimator.reset()
-        ours = progress.steering or progress.resuming or progress.phase is Phase.LEAVING
-        takeover = self._authority.watch(
-            session, now, ours=ours and self.settings.voice is Voice.FLY, rebooted=rebooted
-        )
+        # with consent it is ours also where it was lost, or was given back and cannot be steered yet
+        ours = self._authority.consent or progress.phase not in (Phase.WAIT_LINK, Phase.YIELDED)
+        begun = self.engaged_at is not None and self.settings.voice is Voice.FLY
+        takeover = self._authority.watch(session, ours=ours and begun, rebooted=rebooted)
         if takeover is None:
             return
         progress.yield_to_operator(now)

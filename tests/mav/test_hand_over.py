@@ -61,6 +61,45 @@ def test_a_switch_that_passes_through_the_guided_mode_gives_nothing_back(make_ri
     assert rig.setpoints(since) == []
 
 
+def test_a_silence_in_the_guided_mode_gives_nothing_back(make_rig):
+    """The switch may have gone on in it."""
+    rig = make_rig(end_on_takeover=False).engage()
+    rig.mode = LOITER
+    rig.run(1.0)
+    since = rig.now
+    rig.mode = GUIDED
+    rig.run(1.0)
+    rig.speaks = False
+    rig.run(2.5)
+    rig.speaks, rig.mode = True, LOITER
+    rig.run(1.0)
+    assert rig.setpoints(since) == []
+    rig.mode = GUIDED
+    rig.run(2.0)
+    assert rig.pilot.phase is Phase.ENGAGED
+
+
+def test_what_was_given_back_and_cannot_be_steered_yet_may_be_taken_again(make_rig):
+    """Given back on the ground; then a switch passes through the guided mode in the air."""
+    rig = make_rig(end_on_takeover=False).engage()
+    rig.mode, rig.landed_state = LAND, ON_GROUND
+    rig.run(3.0)
+    rig.mode = GUIDED
+    rig.run(3.0)
+    assert rig.pilot.waits_for(rig.now) == "the vehicle is on the ground"
+    rig.mode, rig.landed_state = LOITER, IN_AIR
+    rig.run(3.0)
+    since = rig.now
+    rig.mode = GUIDED
+    rig.run(1.0)
+    rig.mode = LOITER
+    rig.run(1.0)
+    assert rig.setpoints(since) == []
+    rig.mode = GUIDED
+    rig.run(2.0)
+    assert rig.pilot.phase is Phase.ENGAGED
+
+
 @pytest.mark.parametrize("offset", [20, 60, 100, 150, 200, 250])
 def test_a_second_way_of_the_same_vehicle_whose_words_come_late_gives_nothing_back(make_rig, voice, say, offset):
     """A heartbeat a second by each way, with counters of their own; the second way takes 1.2 s."""
@@ -458,6 +497,30 @@ def test_a_takeover_that_came_and_went_in_an_outage_counts(make_rig, say, how):
     rig.run(5.0)
     assert rig.setpoints(since) == []
     assert rig.pilot.outcome.reason.startswith("vehicle disarmed" if how == "arming" else "GUIDED left for LOITER")
+
+
+@pytest.mark.parametrize("end", [True, False])
+def test_a_takeover_that_came_and_went_before_the_vehicle_was_known_again_counts(make_rig, say, end):
+    """After an outage the mode is told first, and the time since boot, which proves the vehicle, a little later."""
+    rig = make_rig(end_on_takeover=end)
+    rig.run(1.0)
+    rig.hear(mavlink.MAVLink_attitude_message(round(rig.now * 1000), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    rig.engage()
+    rig.speaks = rig.ranges = False
+    rig.run(5.0)
+    rig.ranges, since = True, rig.now
+    for mode in (LOITER, GUIDED, GUIDED):
+        assert rig.pilot.phase is Phase.WAIT_LINK
+        rig.hear(say.heartbeat(mode))
+        rig.run(0.25)
+        if rig.pilot.done:
+            break
+    rig.hear(mavlink.MAVLink_attitude_message(round(rig.now * 1000), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    rig.run(0.5)
+    assert rig.setpoints(since) == []
+    assert (rig.pilot.outcome is not None) is end
+    if end:
+        assert rig.pilot.outcome.reason.startswith("GUIDED left for LOITER")
 
 
 @pytest.mark.parametrize("seconds", [0.6, 5.0])
