@@ -41,6 +41,8 @@ def parse_endpoint(text: str) -> Endpoint:
             f"endpoint {text!r}: write udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:PATH:BAUD"
             " (udp: is udpin:)"
         )
+    if not text.isprintable():
+        raise LinkError(f"endpoint {text!r}: holds a character that no address has")
     host, sign, port = rest.replace(",", ":").rpartition(":")
     if not sign or not host or not port.isdecimal() or len(port) > MOST_DIGITS:
         missing, form = ("baud rate", "PATH:BAUD") if kind == "serial" else ("port", "HOST:PORT")
@@ -61,6 +63,8 @@ def explain(error: Exception) -> str:
         return "nobody listens there (connection refused)"
     if code == errno.ENOENT:
         return "no such device"
+    if code == errno.EAGAIN:
+        return "not sent, for the line was full"
     if isinstance(error, socket.gaierror | UnicodeError):  # the second of `10.0..1`, which can be no name
         return "host name is not known"
     said = error.args[-1] if isinstance(error, termios.error) else getattr(error, "strerror", None)

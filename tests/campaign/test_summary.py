@@ -118,6 +118,13 @@ def test_the_share_kept_on_the_picture_is_that_of_the_summary():
     assert "4 flights, 8 more never engaged" in _distributions(rows, "x").get_suptitle()
 
 
+def test_a_flight_that_could_not_be_flown_is_not_told_as_one_that_never_engaged():
+    rows = [*rows_of([True] * 4, [1.0, 2.0, 3.0, 4.0]), never_engaged(4, "0")]
+    rows.append(never_engaged(5, "0") | {"outcome": "error"})
+    title = _distributions(rows, "x").get_suptitle()
+    assert title == "x: 4 flights, 1 more never engaged, 1 more could not be flown"
+
+
 def test_a_place_shows_the_share_kept_of_all_flights_from_there_however_they_were_turned():
     starts = {"start_range_m": "50", "start_bearing_deg": "90"}
     rows = [row | starts | {"start_heading_deg": f"{30 * at}"} for at, row in enumerate(rows_of([True] * 4, [1.0] * 4))]

@@ -44,6 +44,7 @@ def test_both_spellings_name_the_same_endpoint(text, endpoint):
         ("udpin:127.0.0.1:65536", "65535"),
         ("tcp:127.0.0.1:99999", "65535"),
         pytest.param("udpin:127.0.0.1:" + 5000 * "1", "port is missing or not a number", id="thousands of digits"),
+        ("udpin:127.0\0.0.1:14550", "holds a character that no address has"),
         ("serial:/dev/ttyUSB0", "baud rate is missing or not a number"),
         ("serial:/dev/ttyUSB0:fast", "baud rate is missing or not a number"),
     ],

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from circnav_mav.analysis.campaign.plan import START
-from circnav_mav.analysis.campaign.summary import percentile
+from circnav_mav.analysis.campaign.summary import figures, percentile
 from circnav_mav.analysis.pictures import STYLE, literal, save
 
 Rows = Sequence[dict[str, str]]
@@ -96,8 +96,9 @@ def _size(points: Any) -> float:
 def _distributions(rows: Rows, title: str) -> Figure:
     """How large the errors were, how long settling took, how close the flights came."""
     figure = Figure(figsize=(12, 4), layout="constrained")
-    every, rows = len(rows), [row for row in rows if row["rms_m"]]
-    unflown = f", {every - len(rows)} more never engaged" if every > len(rows) else ""
+    found, rows = figures(rows), [row for row in rows if row["rms_m"]]
+    others = ((found.not_engaged, "never engaged"), (found.failed, "could not be flown"))
+    unflown = "".join(f", {count} more {what}" for count, what in others if count)
     figure.suptitle(f"{title}: {len(rows)} flights{unflown}")
     error, settling, nearest = figure.subplots(1, 3)
     rms, settled = np.maximum(_numbers(rows, "rms_m"), 1e-6), _numbers(rows, "settled_s")
@@ -123,8 +124,8 @@ def _distributions(rows: Rows, title: str) -> Figure:
 
 def _label_decades(axis: Any, values: Any) -> None:
     """Numbers on a logarithmic axis that do not run into one another, and are some within a single decade, too."""
-    decades = values.max() / values.min()
-    subs = (1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 7, 8) if decades < 5 else (1, 2, 3, 5) if decades < 30 else (1,)
+    ratio = values.max() / values.min()
+    subs = (1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 7, 8) if ratio < 5 else (1, 2, 3, 5) if ratio < 30 else (1,)
     axis.set_major_locator(LogLocator(subs=subs, numticks=12))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())
