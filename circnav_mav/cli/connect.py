@@ -43,7 +43,9 @@ def link_troubles(links: dict[str, Link], mission: Mission) -> Iterator[str]:
     for name, link in links.items():
         endpoint = mission.file.ranging.endpoint if name == RANGING else mission.file.link.endpoint
         if link.troubles:
-            yield f"{endpoint}: " + ", ".join(f"{count} times {words}" for words, count in link.troubles.items())
+            yield f"{endpoint}: " + "; ".join(
+                words if count == 1 else f"{words} ({count} times)" for words, count in link.troubles.items()
+            )
 
 
 def open_signing(mission: Mission, open_things: ExitStack) -> tuple[Signing, SigningTime] | tuple[None, None]:
