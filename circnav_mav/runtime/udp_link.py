@@ -61,7 +61,7 @@ class UdpLink:
                 self.troubles[explain(error)] += 1
                 break
             room -= len(data)
-            if self._peer in (None, source):
+            if self._peer is None or _same(self._peer, source):
                 datagrams.append((data, source))
             else:
                 self._refuse(source)
@@ -93,3 +93,13 @@ class UdpLink:
             self._socket.bind(("", LOCAL_PORT))
         except OSError:
             self._socket.bind(("", 0))
+
+
+def _same(peer: tuple[str, int], source: tuple[str, int]) -> bool:
+    """Whether these are one address. This computer answers as 127.0.0.1 to whoever spoke to 0.0.0.0, or to its own
+    name, which many systems resolve to 127.0.1.1."""
+    return peer[1] == source[1] and (peer[0] == source[0] or (_is_here(peer[0]) and _is_here(source[0])))
+
+
+def _is_here(host: str) -> bool:
+    return host == "0.0.0.0" or host.startswith("127.")

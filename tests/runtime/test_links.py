@@ -122,6 +122,18 @@ def test_udpout_hears_nobody_but_whom_it_speaks_to(udp):
         assert link.troubles == {f"not heard, for it came from 127.0.0.1:{other.getsockname()[1]}": MOST_DATAGRAMS}
 
 
+@pytest.mark.parametrize("host", ["0.0.0.0", "127.0.1.1", "localhost"])
+def test_udpout_hears_this_computer_by_whatever_name(host):
+    """It answers as 127.0.0.1."""
+    with closing(socket.socket(*UDP)) as vehicle:
+        vehicle.bind(("0.0.0.0", 0))
+        vehicle.settimeout(10.0)
+        with closing(open_link(f"udpout:{host}:{vehicle.getsockname()[1]}")) as link:
+            link.send(b"hello", None)
+            vehicle.sendto(b"answer", vehicle.recvfrom(100)[1])
+            assert [data for data, _ in receive(link)] == [b"answer"]
+
+
 def test_a_crowd_of_strangers_is_told_in_few_words(udp):
     with closing(open_link(f"udpout:127.0.0.1:{udp.getsockname()[1]}")) as link:
         for _ in range(20):
