@@ -16,7 +16,7 @@ SETPOINT_IDS = frozenset({69, 82, 84})
 """MANUAL_CONTROL, SET_ATTITUDE_TARGET, SET_POSITION_TARGET_LOCAL_NED."""
 LONGEST_GAP = 10.0
 """Time, s, for which ticks go on in a gap of a plain tlog."""
-STEERING = ("orbit", "law", "estimator", "estimation", "ranging", "radius_trim", "turn_gain")
+STEERING = ("orbit", "law", "estimator", "estimation", "ranging", "height", "radius_trim", "turn_gain")
 """The settings on which the turns hang that a pilot commands."""
 COMPARED = ("r", "r_dot", "demanded", "turn_rate")
 

@@ -55,7 +55,7 @@ class Ticks:
         return next((float(t) for t, phase in zip(self.time, self.phases, strict=True) if phase == "engaged"), None)
 
 
-NO_TICKS = Ticks({name: np.array([]) for name in ("time", "r", "turn_rate", "saturated")}, {})
+NO_TICKS = Ticks({name: np.array([]) for name in ("time", "r", "height", "turn_rate", "saturated")}, {})
 """What is left of a run whose ticks could not be written."""
 
 

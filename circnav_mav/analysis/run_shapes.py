@@ -92,6 +92,8 @@ SUMMARY: dict[str, Shape] = {
     "version": _text,
     "epoch_us": _epoch,
     "steered_s": _number,
+    "height_min_m": _or_none(_number),
+    "height_max_m": _or_none(_number),
     "turn_std_deg_s": _or_none(_number),
     "turn_at_limit": _or_none(_number),
     "clock_speed": _or_none(_number),

@@ -67,6 +67,7 @@ def summarise(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str
         "flown_s": end - start if start is not None else 0.0,
         "steered_s": 0.0 if start is None else max(end - start - _time_without_us(ticks, flown), 0.0),
         **_circle(ticks.time[known], ticks.numbers["r"][known], orbit.radius),
+        **_height(ticks.numbers["height"][flown & steered]),
         **_turn(*(ticks.numbers[name][flown & steered] for name in ("time", "turn_rate", "saturated"))),
         "samples_accepted": facts.samples_accepted,
         "samples_rejected": facts.samples_rejected,
@@ -111,6 +112,12 @@ def _circle(time: metrics.Column, radius: metrics.Column, desired: float) -> dic
         "radius_mean_m": metrics.mean(last),
         "radius_rms_error_m": metrics.rms_error(last, desired),
     }
+
+
+def _height(height: metrics.Column) -> dict[str, float | None]:
+    known = height[~np.isnan(height)]
+    low, high = (float(known.min()), float(known.max())) if len(known) else (None, None)
+    return {"height_min_m": low, "height_max_m": high}
 
 
 def _turn(time: metrics.Column, turn: metrics.Column, saturated: metrics.Column) -> dict[str, float | None]:

@@ -30,6 +30,7 @@ class Reject(Enum):
     TOO_OLD = "too_old"
     TOO_NOISY = "too_noisy"
     OVERHEAD = "overhead"
+    NO_HEIGHT = "no_height"
     GATED = "gated"
     STALLED = "stalled"
 
@@ -40,10 +41,9 @@ class RangingSettings:
 
     message: mission name of the message. beacon_id, sensor_id, orientation, name: its filters. system, component: the
     sender, None for the first that fits. sigma: standard deviation to assume, m, when the message carries none.
-    min_range, max_range: slant range believed, m. max_age: oldest sample taken, s. height: above the target, m, when
-    known. sensor_stamps: whether the message's own time is used. rate: how often the sensor measures, Hz. resent: the
-    sender is known to repeat values faster than that. max_sigma: standard deviation, said or measured, m, above which
-    a range is of no use.
+    min_range, max_range: slant range believed, m. max_age: oldest sample taken, s. sensor_stamps: whether the message's
+    own time is used. rate: how often the sensor measures, Hz. resent: the sender is known to repeat values faster than
+    that. max_sigma: standard deviation, said or measured, m, above which a range is of no use.
     """
 
     message: str = "distance_sensor"
@@ -57,7 +57,6 @@ class RangingSettings:
     min_range: float = 0.0
     max_range: float = 10000.0
     max_age: float = 0.5
-    height: float | None = None
     sensor_stamps: bool = True
     rate: float = 10.0
     resent: bool = False

@@ -62,18 +62,24 @@ class RangeReader:
         return self.rejected.total() - self.rejected[Reject.WRONG_SOURCE.value]
 
     def read(
-        self, message: Message, now: float, *, strangers: Collection[int] = (), one_way: float = 0.0
+        self,
+        message: Message,
+        now: float,
+        *,
+        height: float | None = None,
+        strangers: Collection[int] = (),
+        one_way: float = 0.0,
     ) -> RangeSample | None:
         """The sample that a message carries, or None; a refusal is counted in `rejected`.
 
-        strangers: systems of other vehicles, whose ranges are theirs unless the mission names one of them. one_way: how
+        height: of the vehicle above the target, m; None: ranges are taken as horizontal. strangers: systems of other vehicles, whose ranges are theirs unless the mission names one of them. one_way: how
         long messages of this link are under way at least, s, as far as anybody can tell: stamps alone cannot.
         `restarted` tells whether the sensor's clock was found to have jumped with this sample.
         """
         self.restarted = False
         if message.get_type() != self._kind.type:
             return None
-        answer = self._judge(message, now, strangers)
+        answer = self._judge(message, now, height, strangers)
         if isinstance(answer, RangeSample) and one_way > self._settings.max_age:
             answer = Reject.TOO_OLD
         if isinstance(answer, Reject):
@@ -85,7 +91,9 @@ class RangeReader:
         """Count a refusal, also one decided further on (gate, stall)."""
         self.rejected[reason.value] += 1
 
-    def _judge(self, message: Message, now: float, strangers: Collection[int]) -> RangeSample | Reject | None:
+    def _judge(
+        self, message: Message, now: float, height: float | None, strangers: Collection[int]
+    ) -> RangeSample | Reject | None:
         reading = self._kind.read(message, self._settings)
         if reading is None:
             return None
@@ -106,9 +114,9 @@ class RangeReader:
             return refusal
         self._source, self._sequence, self._stamp = source, reading.sequence, stamp
         self._arrival, self._slant = now, reading.slant
-        return self._sample(reading, stamp, now)
+        return self._sample(reading, stamp, now, height)
 
-    def _sample(self, reading: Reading, stamp: float, now: float) -> RangeSample | Reject:
+    def _sample(self, reading: Reading, stamp: float, now: float, height: float | None) -> RangeSample | Reject:
         """The sample of a reading that is new, unless it is too old or the target is overhead."""
         settings = self._settings
         time = self._clock.local(stamp, now)
@@ -118,8 +126,8 @@ class RangeReader:
         flat = (reading.slant, sigma if self._noise is None else self._noise.believed(stamp, reading.slant, sigma))
         if flat[1] > settings.max_sigma:
             return Reject.TOO_NOISY
-        if settings.height:
-            answer = horizontal(*flat, settings.height)
+        if height:
+            answer = horizontal(*flat, height)
             if answer is None:
                 return Reject.OVERHEAD
             flat = answer

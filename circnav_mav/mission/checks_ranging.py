@@ -13,6 +13,9 @@ LOOP_BOUND = 0.4
 """Bound on V |d omega/d r'| (turn lag + filter lag): from about .45 on the laws limit-cycle."""
 REACH = 0.8
 """Fraction of the farthest range that the circle may use."""
+HEIGHT_COST = 0.3
+"""Metres of radius per metre of wrong height above which the height must be known well: the few metres by which people
+guess it wrong are then a metre of radius and more."""
 ROOM = 0.1
 """Fraction of the radius that should lie between the circle and the bounds of the range."""
 
@@ -144,12 +147,15 @@ def _noise(mission: Mission) -> Iterator[Check]:
 
 def _slant(mission: Mission) -> Iterator[Check]:
     radius, height = mission.orbit.radius, mission.file.orbit.height_above_target_m
+    if mission.height.needs_altitude:
+        yield Check(Grade.PASS, "height", "from the vehicle's altitude in flight; preflight says what it is now")
+        return
     if height is None:
         yield Check(
             Grade.WARN,
             "height",
-            f"orbit.height_above_target_m is not given: ranges are taken as horizontal "
-            f"(half the radius of height makes the circle {100 * (1 - sqrt(0.75)):.0f} % too small)",
+            "none of orbit.height_above_target_m, target_altitude_m, target_above_home_m is given: ranges are taken as "
+            f"horizontal (half the radius of height makes the circle {100 * (1 - sqrt(0.75)):.0f} % too small)",
         )
         return
     growth = sqrt(radius**2 + height**2) / radius
@@ -157,4 +163,16 @@ def _slant(mission: Mission) -> Iterator[Check]:
         graded(growth, warn_above=1.5, fail_above=MAX_SIGMA_GROWTH),
         "height",
         f"{height:g} m above the target: slant range counts {growth:.2f} times in noise (at most {MAX_SIGMA_GROWTH:g})",
+    )
+    yield height_cost(mission, height)
+
+
+def height_cost(mission: Mission, height: float) -> Check:
+    """What a wrong height costs on the circle: with rho^2 = slant^2 - h^2, d rho = h/rho dh."""
+    cost = abs(height) / mission.orbit.radius
+    return Check(
+        Grade.WARN if cost > HEIGHT_COST else Grade.PASS,
+        "height cost",
+        f"1 m of error in the height of {height:.1f} m above the target is {cost:.2f} m of radius (WARN above "
+        f"{HEIGHT_COST:g})",
     )

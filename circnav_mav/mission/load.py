@@ -79,6 +79,7 @@ def mission_of(table: Mapping[str, Any], where: str, text: str = "") -> Mission:
     if file.signing and file.signing.accept_unsigned == "ranging" and file.ranging.endpoint is None:
         raise MissionError(f'{where}: signing.accept_unsigned: is "ranging", which needs a ranging.endpoint of its own')
     _check_turning(file, where)
+    _check_height(file, where)
     _check_order(file, where)
     mission = Mission(file, text)
     _check_numbers(mission, where)
@@ -92,6 +93,14 @@ def _check_turning(file: MissionFile, where: str) -> None:
         raise MissionError(f"{where}: vehicle.max_bank_deg: missing, a plane turns by banking: add its limit")
     if vehicle.max_bank_deg is None and vehicle.max_turn_rate_deg_s is None:
         raise MissionError(f"{where}: vehicle.max_turn_rate_deg_s: missing, add it")
+
+
+def _check_height(file: MissionFile, where: str) -> None:
+    """The height above the target is told in one way. Raises MissionError."""
+    ways = ("height_above_target_m", "target_altitude_m", "target_above_home_m")
+    given = [f"orbit.{way}" for way in ways if getattr(file.orbit, way) is not None]
+    if len(given) > 1:
+        raise MissionError(f"{where}: {' and '.join(given)}: the height is told in one way only: keep one of them")
 
 
 def _check_order(file: MissionFile, where: str) -> None:

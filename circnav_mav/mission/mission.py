@@ -11,6 +11,7 @@ from circnav_mav.core.laws import LAWS
 from circnav_mav.core.theory import rate_gain
 from circnav_mav.core.values import Direction, Orbit
 from circnav_mav.mav.autopilots.interface import GRAVITY, AirLoops, VehicleFacts
+from circnav_mav.mav.height import HeightSettings
 from circnav_mav.mav.ranging import RANGING_MESSAGES, RangingSettings
 from circnav_mav.mav.session import LinkSettings
 from circnav_mav.mission.schema import MissionFile
@@ -82,6 +83,12 @@ class Mission:
         )
 
     @property
+    def height(self) -> HeightSettings:
+        """What is said of the height above the target."""
+        orbit = self.file.orbit
+        return HeightSettings(orbit.height_above_target_m, orbit.target_altitude_m, orbit.target_above_home_m)
+
+    @property
     def max_range(self) -> float:
         """Farthest range that counts, m: the file's limit within what the message can carry."""
         carried = RANGING_MESSAGES[self.file.ranging.message].farthest
@@ -139,6 +146,7 @@ class Mission:
                 if endpoint and endpoint.startswith(("tcp", "serial"))
             ),
             unsigned_links=self._unsigned_links(),
+            height=self.height,
         )
 
     def _unsigned_links(self) -> frozenset[str]:
@@ -159,7 +167,6 @@ class Mission:
             min_range=table.min_range_m,
             max_range=self.max_range,
             max_age=self.file.limits.stale_s,
-            height=self.file.orbit.height_above_target_m,
             sensor_stamps=table.stamp == "sensor",
             rate=table.rate_hz,
             resent=table.resent,

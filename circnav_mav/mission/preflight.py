@@ -30,7 +30,7 @@ def judge(mission: Mission, seen: Observations, clock_speed: float = 1.0) -> lis
     lines = [
         *_identity(mission, seen, vehicle),
         *_streams(mission, vehicle),
-        *_motion(vehicle),
+        *_motion(mission, vehicle),
         *_battery(mission, vehicle),
         *_clock(mission, vehicle, clock_speed),
         *judge_ranging(mission, seen, vehicle),
@@ -127,8 +127,8 @@ def _streams(mission: Mission, vehicle: VehicleSeen) -> Iterator[Check]:
 
 def _without(mission: Mission, vehicle: VehicleSeen, name: str) -> tuple[Grade, str]:
     """How bad it is when a stream is missing or thin, and why."""
-    if name == "VFR_HUD" and vehicle.adapter.needs:
-        return FAIL, f"{' and '.join(sorted(vehicle.adapter.needs))} come with it"
+    if name == "VFR_HUD" and (needs := _needs(mission, vehicle)):
+        return FAIL, f"{' and '.join(sorted(needs))} come with it"
     if name == "ATTITUDE" and mission.file.vehicle.turn_gain == "learn":
         return FAIL, "the turn-rate gain is learnt from it"
     if name == "SYS_STATUS" and mission.file.bounds.min_battery_percent is not None:
@@ -143,11 +143,12 @@ _TELLS = {
     "SYS_STATUS": "the battery is not known",
     "ATTITUDE": "the heading is not known",
     "VFR_HUD": "height and airspeed are not known",
+    "HOME_POSITION": "a home that is set anew is seen late",
 }
 
 
-def _motion(vehicle: VehicleSeen) -> Iterator[Check]:
-    needs = vehicle.adapter.needs
+def _motion(mission: Mission, vehicle: VehicleSeen) -> Iterator[Check]:
+    needs = _needs(mission, vehicle)
     for name, unit, subject in (("airspeed", "m/s", "airspeed"), ("altitude", "m above sea level", "height")):
         value = getattr(vehicle.motion, name)
         if value is not None:
@@ -157,7 +158,12 @@ def _motion(vehicle: VehicleSeen) -> Iterator[Check]:
         elif name == "airspeed" and vehicle.airspeed_told == 0 and not vehicle.armed:
             yield Check(WARN, subject, "0 m/s: none before take-off; a flight engages only when there is one")
         else:
-            yield Check(FAIL, subject, f"not known{_why_unknown(name, vehicle)}; a {vehicle.adapter.name} needs it")
+            whose = f"a {vehicle.adapter.name}" if name in vehicle.adapter.needs else "the mission"
+            yield Check(FAIL, subject, f"not known{_why_unknown(name, vehicle)}; {whose} needs it")
+
+
+def _needs(mission: Mission, vehicle: VehicleSeen) -> frozenset[str]:
+    return vehicle.adapter.needs | ({"altitude"} if mission.height.needs_altitude else frozenset())
 
 
 def _why_unknown(name: str, vehicle: VehicleSeen) -> str:

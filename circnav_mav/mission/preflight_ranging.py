@@ -5,6 +5,7 @@ from itertools import pairwise
 from math import hypot, sqrt
 from statistics import median
 
+from circnav_mav.mission.checks_ranging import height_cost
 from circnav_mav.mission.grades import Check, Grade
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import RANGING, VEHICLE
@@ -30,6 +31,7 @@ LATE = 0.1
 
 def judge_ranging(mission: Mission, seen: Observations, vehicle: VehicleSeen) -> Iterator[Check]:
     """Lines about the ranges: whether they come, how often, how late and how noisy, and whether their stamps hold."""
+    yield from _height(mission, vehicle)
     yield _heard(mission, seen)
     yield _rejected(mission, seen)
     ranges = seen.ranges
@@ -38,7 +40,7 @@ def judge_ranging(mission: Mission, seen: Observations, vehicle: VehicleSeen) ->
     if ranges:
         yield _age(mission, seen)
         yield from _stamps(mission, ranges, vehicle)
-        yield _height(mission, ranges)
+        yield _distance(ranges, vehicle.height or 0.0)
 
 
 def _heard(mission: Mission, seen: Observations) -> Check:
@@ -145,14 +147,18 @@ def _stamps(mission: Mission, ranges: Sequence[RangeHeard], vehicle: VehicleSeen
         yield Check(FAIL, "stamps", f'{words}: its stamps are of no use, set ranging.stamp = "arrival"')
 
 
-def _height(mission: Mission, ranges: Sequence[RangeHeard]) -> Check:
-    height, r = mission.file.orbit.height_above_target_m or 0.0, ranges[-1].r
-    if r <= height:
-        return Check(
-            WARN,
-            "distance",
-            f"{r:.1f} m is less than the {height:g} m of orbit.height_above_target_m: fine on the ground only",
-        )
-    return Check(
-        PASS, "distance", f"{r:.1f} m, {sqrt(r * r - height * height):.1f} m on the map at the mission's height"
-    )
+def _height(mission: Mission, vehicle: VehicleSeen) -> Iterator[Check]:
+    """The height that comes from the vehicle's altitude; one that the mission tells is judged by `check`."""
+    if vehicle.height_unknown:
+        yield Check(FAIL, "height cost", vehicle.height_unknown)
+    elif mission.height.needs_altitude and vehicle.height is not None:
+        yield height_cost(mission, vehicle.height)
+
+
+def _distance(ranges: Sequence[RangeHeard], height: float) -> Check:
+    r = ranges[-1].r
+    if r <= abs(height):
+        words = f"{r:.1f} m is less than the {height:.1f} m above the target: fine on the ground only"
+        return Check(WARN, "distance", words)
+    across = sqrt(r * r - height * height)
+    return Check(PASS, "distance", f"{r:.1f} m, {across:.1f} m on the map at {height:.1f} m above the target")

@@ -57,6 +57,8 @@ class OrbitTable(Table):
     radius_m: Positive
     direction: Literal["clockwise", "counterclockwise"]
     height_above_target_m: NotNegative | None = None
+    target_altitude_m: Height | None = None
+    target_above_home_m: Height | None = None
 
 
 class GuidanceTable(Table):

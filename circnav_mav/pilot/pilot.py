@@ -25,7 +25,7 @@ from circnav_mav.pilot.beat import Beat
 from circnav_mav.pilot.engagement import Engagement
 from circnav_mav.pilot.helm import Helm
 from circnav_mav.pilot.leaving import Leaving
-from circnav_mav.pilot.listening import decoders
+from circnav_mav.pilot.listening import decoders, more_streams
 from circnav_mav.pilot.progress import Progress
 from circnav_mav.pilot.record import plot_values, tick_record
 from circnav_mav.pilot.settings import (
@@ -46,7 +46,6 @@ CATCH_UP = 0.2
 """Time after it, s, in which what comes in may still be from before."""
 SILENT = 1.5
 """Age of the vehicle's last word about its mode, s, above which it may be in other hands."""
-AUTOPILOT_COMPONENT = 1
 
 
 class Pilot:
@@ -55,12 +54,12 @@ class Pilot:
     def __init__(self, settings: PilotSettings, signing: Signing | None = None) -> None:
         """signing: signs what is sent and tells who is believed; None: neither."""
         message = RANGING_MESSAGES[settings.ranging.message]
-        from_autopilot = settings.ranging.component == AUTOPILOT_COMPONENT and not settings.ranging_apart
+        streams = more_streams(settings)
         self.settings = settings
         self.session = Session(
             settings.link,
             adapters(settings.autopilot, settings.kind, settings.facts),
-            {message.id: settings.ranging.rate} if from_autopilot else None,
+            streams,
             signing,
         )
         self._say = self.session.announcer.say
@@ -75,7 +74,7 @@ class Pilot:
         self._engagement = Engagement(settings, self.session, self._authority, self._progress)
         self._leaving = Leaving(settings.exit)
         self._beat = Beat(settings.timing.tick)
-        self._decoders = decoders(settings, HANDLED | {message.id}, signing)
+        self._decoders = decoders(settings, HANDLED | {message.id, *streams}, signing)
         self._waiting = Waiting(settings, self.session, self.target, self._progress, self._decoders)
         self._ranging_link = RANGING if settings.ranging_apart else VEHICLE
         self._records: list[TickRecord] = []
@@ -127,8 +126,11 @@ class Pilot:
         return self.session.round_trip.one_way
 
     def _take_motion(self, message: Message, now: float) -> None:
-        """Own motion teaches the turn-rate gain, and estimators that know where the vehicle is heading."""
-        if not self.session.motion.receive(message, now):
+        """Own motion teaches the height, the turn-rate gain, and estimators that know where the vehicle is heading."""
+        is_attitude, height = self.session.motion.receive(message, now), self.target.height
+        if height.hear(message, self.session.motion.at(now).altitude, now):
+            self._say("altitude", f"altitude jumped, {height.jumped:+.0f} m not counted")
+        if not is_attitude:
             return
         own = self.session.motion.own(now, self._airspeed(now))
         if own is not None:
@@ -263,7 +265,7 @@ class Pilot:
         self._records.append(
             tick_record(
                 now, self.phase, self.session, estimate, command, sent,
-                newest=self.target.newest, nis=self.target.estimator.nis, turn_gain=self.helm.turn_gain,
+                newest=self.target.newest, height=self.target.height.at(now), nis=self.target.estimator.nis, turn_gain=self.helm.turn_gain,
                 law=self.settings.law.name, accepted=self.target.accepted,
                 rejected=self.target.ranging.refused,
             )
@@ -379,6 +381,8 @@ class Pilot:
     def _engage(self, now: float) -> None:
         self._progress.engage(now)
         self.target.ranging.sender_stays = self.settings.voice is Voice.FLY
+        if self.settings.voice is Voice.FLY:  # a dry run may begin on the ground, far from the height that is told
+            self.target.height.engage()
         self.session.drop_mode_requests()
         orbit = self.settings.orbit
         doing = "engaged" if self.settings.voice is Voice.FLY else "dry run"

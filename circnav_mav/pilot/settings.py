@@ -9,6 +9,7 @@ from circnav_mav.core.guidance import LawChoice
 from circnav_mav.core.phases import Phase
 from circnav_mav.core.values import Orbit
 from circnav_mav.mav.autopilots.interface import VehicleFacts
+from circnav_mav.mav.height import HeightSettings
 from circnav_mav.mav.ranging import RangingSettings
 from circnav_mav.mav.session import LinkSettings
 
@@ -101,12 +102,13 @@ class PilotSettings:
     ranging_apart: bool = False
     stream_links: frozenset[str] = frozenset()
     unsigned_links: frozenset[str] = frozenset()
+    height: HeightSettings = HeightSettings()
 
 
 @dataclass(frozen=True, slots=True)
 class TickRecord:
     """One tick, for the log and the display. Rates are the paper's (counter-clockwise positive) except yaw_rate_sent,
-    which is MAVLink's. law, x .. airspeed_scale: which law flies, and the relative motion where an estimator tells it
+    which is MAVLink's. height: above the target, m, by which slant ranges are made horizontal. law, x .. airspeed_scale: which law flies, and the relative motion where an estimator tells it
     (vehicle minus target, m; wind minus target velocity, m/s; paper's frame). None stands for "not known" or "not
     sent"."""
 
@@ -132,6 +134,7 @@ class TickRecord:
     heading: float | None
     airspeed: float | None
     altitude: float | None
+    height: float | None
     range_age: float | None
     link_age: float | None
     mode: str

@@ -7,19 +7,20 @@ all. It sends what a flight needs in order to hear the same (our heartbeat, stre
 
 from collections import Counter
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mav.autopilots.interface import Autopilot
 from circnav_mav.mav.autopilots.table import adapters
 from circnav_mav.mav.codec import Message
+from circnav_mav.mav.height import Height
 from circnav_mav.mav.motion import Motion
 from circnav_mav.mav.params import ParameterReader
 from circnav_mav.mav.ranging import RANGING_MESSAGES, RangeReader
 from circnav_mav.mav.session import HANDLED, HEARTBEAT_PERIOD, Session, describe_vehicle
 from circnav_mav.mav.signing import Signing
-from circnav_mav.pilot.listening import decoders
+from circnav_mav.pilot.listening import decoders, more_streams
 from circnav_mav.pilot.settings import RANGING, VEHICLE, PilotSettings
 
 TICK = 0.05
@@ -27,7 +28,6 @@ SETTLE = 2.0
 """Time, s, that the streams get to come up after the vehicle was found, before anything is measured."""
 PARAMETER_PATIENCE = 10.0
 """Time, s, that slow answers about parameters may take beyond the time to listen."""
-AUTOPILOT_COMPONENT = 1
 _MARKS = {"DISTANCE_SENSOR": ("id", "orientation"), "RANGING_BEACON": ("beacon_id",), "NAMED_VALUE_FLOAT": ("name",)}
 """The fields by which a mission picks the sensor."""
 
@@ -67,7 +67,7 @@ class RangeHeard:
 @dataclass(frozen=True, slots=True)
 class VehicleSeen:
     """The pinned vehicle as it was at the end. streams: message id -> (wanted, measured) in Hz. airspeed_told: as in
-    VFR_HUD, NaN included, None without VFR_HUD. boot: (our time, boot time) of an early and a late one, those that came
+    VFR_HUD, NaN included, None without VFR_HUD. height: above the target, m; height_unknown: why there is none. boot: (our time, boot time) of an early and a late one, those that came
     with the least delay."""
 
     system: int
@@ -82,6 +82,8 @@ class VehicleSeen:
     streams: Mapping[int, tuple[float, float]]
     motion: Motion
     airspeed_told: float | None
+    height: float | None
+    height_unknown: str
     battery: float | None
     boot: Span | None
     reboots: int
@@ -124,18 +126,18 @@ class Survey:
     ) -> None:
         """parameters: names to read from a vehicle. seconds: how long to measure, once the vehicle was found."""
         message = RANGING_MESSAGES[settings.ranging.message]
-        from_autopilot = settings.ranging.component == AUTOPILOT_COMPONENT and not settings.ranging_apart
-        self._more_streams = {message.id: settings.ranging.rate} if from_autopilot else {}
+        self._more_streams = more_streams(settings)
         vehicles = adapters(settings.autopilot, settings.kind, settings.facts)
         self.session = Session(settings.link, vehicles, self._more_streams, signing)
         self.done = False
         self._settings = settings
         self._parameters = parameters
         self._seconds = seconds
-        self._ranging = RangeReader(replace(settings.ranging, height=None))
+        self._ranging = RangeReader(settings.ranging)
+        self._height = Height(settings.height)
         self._ranging_link = RANGING if settings.ranging_apart else VEHICLE
         self._ranging_type = message.type
-        wanted = HANDLED | {message.id, dialect.MAVLINK_MSG_ID_PARAM_VALUE}
+        wanted = HANDLED | {message.id, dialect.MAVLINK_MSG_ID_PARAM_VALUE, *self._more_streams}
         self._decoders = decoders(settings, wanted, signing)
         self._reader: ParameterReader | None = None
         self._next_tick = self._next_hello = float("-inf")
@@ -227,6 +229,8 @@ class Survey:
             streams={id: (rate, self._counted[id] / max(self._measured_for, TICK)) for id, rate in wanted.items()},
             motion=session.motion.at(self._end),
             airspeed_told=self._airspeed,
+            height=self._height.at(self._end),
+            height_unknown=self._height.why_unknown(self._end),
             battery=session.told.battery,
             boot=quick_span(self._boots),
             reboots=session.reboots,
@@ -264,6 +268,7 @@ class Survey:
         """One message of the pinned vehicle, after the session had it."""
         session, type_ = self.session, message.get_type()
         session.motion.receive(message, now)
+        self._height.hear(message, session.motion.at(now).altitude, now)
         if type_ == "HEARTBEAT":
             self._kind = describe_vehicle(message)
         elif type_ == "VFR_HUD":

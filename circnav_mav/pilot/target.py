@@ -7,6 +7,7 @@ from circnav_mav.core.estimators.table import ESTIMATORS
 from circnav_mav.core.noise_check import NoiseCheck
 from circnav_mav.core.values import SAME_TIME, OwnMotion, RangeEstimate, RangeSample
 from circnav_mav.mav.codec import Message
+from circnav_mav.mav.height import Height
 from circnav_mav.mav.ranging import RangeReader, Reject
 from circnav_mav.pilot.progress import Say
 from circnav_mav.pilot.settings import PilotSettings
@@ -20,6 +21,8 @@ class Target:
         self._stale = settings.timing.stale
         self._noise = NoiseCheck(settings.orbit.speed, settings.orbit.max_turn_rate)
         self._noise_told = False
+        self._needs_altitude = settings.height.needs_altitude
+        self.height = Height(settings.height)
         self.ranging = RangeReader(settings.ranging, self._noise)
         self.estimator = ESTIMATORS[settings.estimator](settings.estimation)
         self.newest: RangeSample | None = None
@@ -29,13 +32,17 @@ class Target:
     def hear(self, message: Message, now: float, *, stalled: bool, strangers: Collection[int], one_way: float) -> bool:
         """Take in what may be a range; tells whether the estimator took it. stalled: we slept, its age is not known.
         strangers: systems of other vehicles. one_way: least delay of the link that it came on, s."""
-        sample = self.ranging.read(message, now, strangers=strangers, one_way=one_way)
+        height = self.height.at(now)
+        sample = self.ranging.read(message, now, height=height, strangers=strangers, one_way=one_way)
         if self.ranging.restarted:
             self.estimator.restamp()
         if sample is None:
             return False
         if stalled:
             self.ranging.reject(Reject.STALLED)
+            return False
+        if height is None and self._needs_altitude:
+            self.ranging.reject(Reject.NO_HEIGHT)
             return False
         self._tell_noise()
         if self.estimator.observe(sample) is Fused.GATED:

@@ -60,6 +60,8 @@ class Waiting:
     def why_not_ready(self, now: float) -> str:
         """What is missing of ranging, or of what the vehicle must tell."""
         target, missing = self._target, self._session.missing(now)
+        if not missing and (unknown := target.height.why_unknown(now)):
+            return unknown
         age = target.age(now)
         if not target.estimator.ready and age is not None and age <= self._settings.timing.stale and not missing:
             return why_not_sure(self._settings.estimator, target.accepted)

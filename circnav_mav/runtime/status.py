@@ -117,6 +117,8 @@ def _alarms(pilot: Pilot, tick: TickRecord, now: float, rates: Rates | None, pro
         if (speed := pilot.session.boot_clock.found) is not None:
             cure = 'a simulator at this speed is flown with link.clock = "autopilot"'
             found.append(f"CLOCK: the autopilot's time runs at {speed:.2g} of ours: {cure}")
+        if trouble := pilot.target.height.trouble(now):
+            found.append(trouble)
     if problem is not None:
         found.append(f"NOT RECORDING: {problem}")
     return found

@@ -125,8 +125,8 @@ class Target:
 
     def _measured(self, ms: int) -> bytes:
         r = self.settings.orbit.radius + 1.0
-        if self.settings.ranging.height:
-            r = (r * r + self.settings.ranging.height**2) ** 0.5
+        if height := self.settings.height.above_target:
+            r = (r * r + height**2) ** 0.5
         if self.ranging == "distance_sensor":
             orientation = self.settings.ranging.orientation or 24
             message = mavlink.MAVLink_distance_sensor_message(ms, 1, 60000, int(r * 100), 3, 0, orientation, 255)

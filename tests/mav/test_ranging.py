@@ -19,12 +19,13 @@ NAMED = RangingSettings(message="named_value_float", name="RADIO", sigma=0.5)
 class Ear:
     """A reader fed with messages that really went through pymavlink."""
 
-    def __init__(self, settings, say, voice):
+    def __init__(self, settings, say, voice, height=None):
         self.reader, self.say, self.voice = RangeReader(settings), say, voice
         self.speaker = voice(1, 1)
+        self.height = height
 
     def hear(self, message, now, speaker=None):
-        return self.reader.read((speaker or self.speaker).message(message), now)
+        return self.reader.read((speaker or self.speaker).message(message), now, height=self.height)
 
     def distance(self, cm=10000, stamp=None, now=1.0, speaker=None, **rest):
         stamp = round(now * 1000) + 500_000 if stamp is None else stamp
@@ -45,7 +46,7 @@ class Ear:
 
 @pytest.fixture
 def ear(say, voice):
-    return lambda settings=DISTANCE: Ear(settings, say, voice)
+    return lambda settings=DISTANCE, height=None: Ear(settings, say, voice, height)
 
 
 # --- units: where centimetres, millimetres and milliseconds end ---
@@ -465,23 +466,23 @@ def test_a_sample_that_was_long_on_its_way_is_refused(ear, late, taken):
 
 def test_a_slant_range_becomes_horizontal_when_the_height_is_known(ear):
     """3, 4, 5."""
-    sample = ear(RangingSettings(message="distance_sensor", height=30.0)).distance(5000)
+    sample = ear(height=30.0).distance(5000)
     assert sample.r == pytest.approx(40.0)
     assert sample.sigma == pytest.approx(0.5 * 50 / 40)
 
 
 def test_a_target_overhead_has_no_range(ear):
-    heard = ear(RangingSettings(message="distance_sensor", height=30.0))
+    heard = ear(height=30.0)
     assert heard.distance(3010) is None
     assert heard.rejected == {"overhead": 1}
 
 
 def test_at_no_height_the_slant_is_the_range(ear):
-    assert ear(RangingSettings(message="distance_sensor", height=0.0)).distance(3010).r == pytest.approx(30.1)
+    assert ear(height=0.0).distance(3010).r == pytest.approx(30.1)
 
 
 def test_the_limits_are_those_of_the_slant_range(ear):
-    heard = ear(RangingSettings(message="distance_sensor", height=30.0, max_range=50.0))
+    heard = ear(RangingSettings(message="distance_sensor", max_range=50.0), height=30.0)
     assert heard.distance(5000, now=1.0) is not None
     assert heard.distance(5001, now=1.1) is None
 
@@ -496,7 +497,7 @@ def test_the_limits_are_those_of_the_slant_range(ear):
 def test_whatever_a_distance_sensor_says_a_sample_is_finite_and_positive(
     cm, low, high, stamp, quality, covariance, way, height, say, voice
 ):
-    heard = Ear(RangingSettings(message="distance_sensor", height=height), say, voice)
+    heard = Ear(RangingSettings(message="distance_sensor"), say, voice, height)
     fields = {"min_distance": low, "max_distance": high, "signal_quality": quality, "covariance": covariance}
     sample = heard.distance(cm, stamp=stamp, orientation=way, **fields)
     if sample is None:

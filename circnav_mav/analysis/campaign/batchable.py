@@ -49,6 +49,7 @@ def _obstacles(run: Run) -> Iterator[tuple[bool, str]]:
     file, sim = run.mission.file, run.vehicle
     airframe, start, ranging, limits = sim.vehicle, sim.start, sim.ranging, file.limits
     law = LAWS[file.guidance.law]
+    yield run.mission.height.needs_altitude, "the height comes from the altitude"
     yield law.switches, f'guidance.law = "{law.name}" switches: the last digit of a message decides which way'
     relative, estimator = law.flies_relative_motion, run.mission.estimator
     yield (
