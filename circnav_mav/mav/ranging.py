@@ -72,8 +72,9 @@ class RangeReader:
     ) -> RangeSample | None:
         """The sample that a message carries, or None; a refusal is counted in `rejected`.
 
-        height: of the vehicle above the target, m; None: ranges are taken as horizontal. strangers: systems of other vehicles, whose ranges are theirs unless the mission names one of them. one_way: how
-        long messages of this link are under way at least, s, as far as anybody can tell: stamps alone cannot.
+        height: of the vehicle above the target, m; None: ranges are taken as horizontal. strangers: systems of other
+        vehicles, whose ranges are theirs unless the mission names one of them. one_way: how long messages of this link
+        are under way at least, s, as far as anybody can tell: stamps alone cannot.
         `restarted` tells whether the sensor's clock was found to have jumped with this sample.
         """
         self.restarted = False

@@ -265,8 +265,8 @@ class Pilot:
         self._records.append(
             tick_record(
                 now, self.phase, self.session, estimate, command, sent,
-                newest=self.target.newest, height=self.target.height.at(now), nis=self.target.estimator.nis, turn_gain=self.helm.turn_gain,
-                law=self.settings.law.name, accepted=self.target.accepted,
+                newest=self.target.newest, height=self.target.height.at(now), nis=self.target.estimator.nis,
+                turn_gain=self.helm.turn_gain, law=self.settings.law.name, accepted=self.target.accepted,
                 rejected=self.target.ranging.refused,
             )
         )  # fmt: skip

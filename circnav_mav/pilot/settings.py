@@ -1,6 +1,6 @@
 """What a pilot is told before the flight, and what it tells of it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 
 from circnav_mav.core.bounds import Bounds
@@ -77,7 +77,7 @@ class PilotSettings:
     whether the operator's leaving the mode ends the mission (else it waits to be given the vehicle again). exit: name
     of the exit action, None for the autopilot's default. ranging_apart: ranging comes on a link of its own.
     stream_links: links that are byte streams (TCP, serial), not datagrams. unsigned_links: those on which unsigned
-    frames are believed even where there is a signing key.
+    frames are believed even where there is a signing key. height: what is said of it, above the target.
     """
 
     orbit: Orbit
@@ -102,15 +102,15 @@ class PilotSettings:
     ranging_apart: bool = False
     stream_links: frozenset[str] = frozenset()
     unsigned_links: frozenset[str] = frozenset()
-    height: HeightSettings = HeightSettings()
+    height: HeightSettings = field(default_factory=HeightSettings)
 
 
 @dataclass(frozen=True, slots=True)
 class TickRecord:
     """One tick, for the log and the display. Rates are the paper's (counter-clockwise positive) except yaw_rate_sent,
-    which is MAVLink's. height: above the target, m, by which slant ranges are made horizontal. law, x .. airspeed_scale: which law flies, and the relative motion where an estimator tells it
-    (vehicle minus target, m; wind minus target velocity, m/s; paper's frame). None stands for "not known" or "not
-    sent"."""
+    which is MAVLink's. law, x .. airspeed_scale: which law flies, and the relative motion where an estimator tells it
+    (vehicle minus target, m; wind minus target velocity, m/s; paper's frame). height: above the target, m, by which
+    slant ranges are made horizontal. None stands for "not known" or "not sent"."""
 
     time: float
     phase: Phase

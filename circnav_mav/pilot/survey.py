@@ -67,8 +67,9 @@ class RangeHeard:
 @dataclass(frozen=True, slots=True)
 class VehicleSeen:
     """The pinned vehicle as it was at the end. streams: message id -> (wanted, measured) in Hz. airspeed_told: as in
-    VFR_HUD, NaN included, None without VFR_HUD. height: above the target, m; height_unknown: why there is none. boot: (our time, boot time) of an early and a late one, those that came
-    with the least delay."""
+    VFR_HUD, NaN included, None without VFR_HUD. height: above the target, m, None without; height_unknown: why there is
+    none although the mission wants one. boot: (our time, boot time) of an early and a late one, those that came with
+    the least delay."""
 
     system: int
     component: int

@@ -20,6 +20,10 @@ class Operator:
         """MAV_CMD_COMPONENT_ARM_DISARM, forced."""
         self._command(400, 0, 21196)
 
+    def change_altitude(self, above_home: float) -> None:
+        """MAV_CMD_DO_CHANGE_ALTITUDE, as a plane in GUIDED obeys it."""
+        self._command(186, above_home)
+
     def _command(self, number: int, *params: float) -> None:
         padded = (*params, *(0.0,) * (7 - len(params)))
         message = dialect.MAVLink_command_long_message(1, 1, number, 0, *padded)

@@ -180,6 +180,20 @@ def test_a_height_that_drowns_the_range_in_noise_is_told(mission, height, expect
     assert grade(mission, "height", *overrides) is expected
 
 
+@pytest.mark.parametrize(("height", "expected"), [(29, PASS), (31, WARN)])
+def test_what_a_metre_of_wrong_height_costs_in_radius_is_told(mission, height, expected):
+    """d rho = h/rho dh: 0.31 m of radius for a metre, 31 m up on a circle of 100 m."""
+    (line,) = lines(mission, "height cost", f"orbit.height_above_target_m={height}")
+    assert line.grade is expected
+    assert f"is 0.{height} m of radius" in line.says
+
+
+@pytest.mark.parametrize("way", ["target_altitude_m=500", "target_above_home_m=-3"])
+def test_a_height_that_comes_from_the_altitude_is_judged_by_preflight(mission, way):
+    assert grade(mission, "height", f"orbit.{way}") is PASS
+    assert lines(mission, "height cost", f"orbit.{way}") == []
+
+
 @pytest.mark.parametrize(
     ("bound", "expected"),
     [

@@ -82,13 +82,23 @@ def test_every_number_of_a_file_reaches_the_pilot(mission):
     assert (settings.estimation.gate, settings.estimation.min_samples) == (4.0, 7)
     ranging = settings.ranging
     assert (ranging.sensor_id, ranging.orientation, ranging.system, ranging.component) == (3, 24, 9, 5)
-    assert (ranging.min_range, ranging.max_range, ranging.max_age, ranging.height) == (2.0, 300.0, 0.4, 30.0)
+    assert (ranging.min_range, ranging.max_range, ranging.max_age) == (2.0, 300.0, 0.4)
+    assert settings.height.above_target == 30.0
     assert (settings.link.system_id, settings.link.component_id) == (4, 192)
     timing = settings.timing
     assert (timing.duration, timing.wait_link, timing.wait_ranging) == (60.0, 12.0, 12.0)
     assert (timing.stale, timing.hold, timing.outage, timing.tick) == (0.4, 3.0, 20.0, 0.04)
     assert settings.request_mode
     assert not settings.end_on_takeover
+
+
+@pytest.mark.parametrize("second", ["target_altitude_m=584.0", "target_above_home_m=-2.0"])
+def test_the_height_is_told_in_one_way(mission, second):
+    key = second.split("=")[0]
+    assert getattr(mission(f"orbit.{second}").height, key.removesuffix("_m")) == float(second.split("=")[1])
+    clash = rf"small\.toml: orbit\.height_above_target_m and orbit\.{key}: the height is told in one way only"
+    with pytest.raises(MissionError, match=clash):
+        mission("orbit.height_above_target_m=30.0", f"orbit.{second}")
 
 
 def test_the_operator_keeps_the_mode_unless_the_file_says_otherwise(mission):

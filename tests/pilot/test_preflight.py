@@ -448,6 +448,33 @@ def test_a_range_shorter_than_the_height_is_fine_on_the_ground_only() -> None:
     assert (line.grade, "ground" in line.says) == (WARN, True)
 
 
+def by_home(*overrides: str) -> Bench:
+    """The plane with its height told by the beacon's place above home."""
+    bench = Bench("arduplane", *overrides)
+    orbit = bench.mission.file.orbit.model_copy(update={"height_above_target_m": None, "target_above_home_m": 5.0})
+    bench.mission = replace(bench.mission, file=bench.mission.file.model_copy(update={"orbit": orbit}))
+    bench.survey = Survey(bench.mission.pilot_settings(), names_for, seconds=5.0)
+    return bench
+
+
+def test_a_height_by_the_altitude_is_told_with_what_a_metre_of_it_costs() -> None:
+    lines = by_home("sim.start.altitude_m=80.0").lines()
+    line = one(lines, "height cost")
+    assert (line.grade, line.says[:68]) == (
+        WARN,
+        "1 m of error in the height of 75.0 m above the target is 0.50 m of r",
+    )
+    assert one(lines, "distance").says.endswith("on the map at 75.0 m above the target")
+    assert "HOME_POSITION" in str([line.says for line in of(lines, "stream")])
+
+
+def test_a_height_above_a_home_that_is_not_told_fails() -> None:
+    bench = by_home()
+    bench.hears = lambda frame, now: frame[7:10] != b"\xf2\x00\x00"
+    line = one(bench.lines(), "height cost")
+    assert (line.grade, line.says.startswith("no home altitude (HOME_POSITION)")) == (FAIL, True)
+
+
 # --- parameters -------------------------------------------------------------------------------------------------------
 
 

@@ -1,0 +1,59 @@
+"""The circle on the map does not depend on how high the vehicle flies: the slant correction follows its altitude."""
+
+import re
+
+import pytest
+
+from circnav_mav.mission.load import parse_mission
+from circnav_mav.pilot import Ending, Pilot
+from sim.config import parse_vehicle
+from sim.vehicle import Vehicle
+from tests.flight.ground_station import Operator
+from tests.flight.lockstep import CONFIG, Flight, flight, last_third, mean_radius
+
+HOME_AMSL = 584.0
+HOME_POSITION = b"\xf2\x00\x00"
+
+
+def told_by(mission: str, key: str, *overrides: str) -> Flight:
+    """A flight of a file in config/ that tells the height in another way."""
+    text, count = re.subn(r"(?m)^height_above_target_m = .*$", key, (CONFIG / f"{mission}.toml").read_text())
+    assert count == 1
+    loaded = parse_mission(text, mission, (*overrides, 'guidance.law="smooth"'))
+    assert loaded.file.sim is not None
+    return Flight(Pilot(loaded.pilot_settings()), Vehicle(parse_vehicle(loaded.file.sim, mission)))
+
+
+def test_the_radius_stays_when_the_operator_sends_the_plane_20_m_higher() -> None:
+    """By the height told, 60 m, the ranges of a circle of 150 m would be flown at 140.4 m."""
+    flown = flight("arduplane", "limits.duration_s=200.0").fly(100)
+    Operator(flown.vehicle).change_altitude(80.0)
+    flown.fly(250)
+    assert -flown.vehicle.truth.down == pytest.approx(80.0, abs=0.5)
+    assert mean_radius(last_third(flown)) == pytest.approx(150.0, abs=0.3)
+    assert flown.ticks[0].height == 60.0
+    assert flown.ticks[-20].height == pytest.approx(80.0, abs=0.5)
+
+
+@pytest.mark.parametrize(
+    ("mission", "radius", "flies"), [("arduplane", 150.0, 95.0), ("arducopter", 30.0, 25.0), ("px4_copter", 50.0, 30.0)]
+)
+@pytest.mark.parametrize("key", [f"target_altitude_m = {HOME_AMSL + 5}", "target_above_home_m = 5.0"])
+def test_the_radius_is_true_at_a_height_that_nobody_told(mission: str, radius: float, flies: float, key: str) -> None:
+    placed = ("sim.target.altitude_m=5.0", f"sim.start.altitude_m={flies}", "limits.duration_s=150.0")
+    flown = told_by(mission, key, *placed).fly(250)
+    assert flown.pilot.outcome is not None
+    assert flown.pilot.outcome.ending is Ending.COMPLETED
+    assert mean_radius(last_third(flown)) == pytest.approx(radius, abs=0.015 * radius)
+    assert flown.ticks[-20].height == pytest.approx(flies - 5.0, abs=1.0)
+
+
+def test_a_vehicle_that_tells_no_home_is_not_flown_by_a_height_above_home() -> None:
+    flown = told_by("arducopter", "target_above_home_m = 0.0", "link.wait_s=5.0")
+    flown.hears = lambda frame, now: frame[7:10] != HOME_POSITION
+    flown.fly(30)
+    assert flown.setpoint_times == []
+    assert flown.pilot.outcome is not None
+    assert flown.pilot.outcome.ending is Ending.NOTHING_HEARD
+    assert flown.pilot.outcome.reason.startswith("no home altitude (HOME_POSITION)")
+    assert set(flown.pilot.target.ranging.rejected) == {"no_height"}

@@ -1,0 +1,119 @@
+"""The height above the target: what the mission tells of it, and what the vehicle's altitude makes of that."""
+
+import pytest
+from pymavlink.dialects.v20 import all as mavlink
+
+from circnav_mav.core.phases import Phase
+from circnav_mav.mav.height import Height, HeightSettings
+from circnav_mav.pilot import Voice
+
+TOLD = HeightSettings(above_target=60.0)
+ABSOLUTE = HeightSettings(target_altitude=500.0)
+FROM_HOME = HeightSettings(target_above_home=-4.0)
+
+
+def vfr_hud(altitude):
+    return mavlink.MAVLink_vfr_hud_message(15.0, 15.0, 0, 50, altitude, 0.0)
+
+
+def home(altitude, latitude=473_000_000, x=0.0):
+    return mavlink.MAVLink_home_position_message(
+        latitude, 85_000_000, round(1000 * altitude), x, -x, x, [1, 0, 0, 0], 0, 0, 0
+    )
+
+
+class Climb:
+    """A height that hears an altitude five times a second."""
+
+    def __init__(self, settings):
+        self.height, self.now = Height(settings), 0.0
+
+    def at(self, altitude):
+        self.now += 0.2
+        self.height.hear(vfr_hud(altitude), altitude, self.now)
+        return self.height.at(self.now)
+
+
+def test_the_height_told_is_that_at_the_engagement_and_changes_with_the_altitude_from_then_on():
+    """Whatever was flown before, 60 m is the height at which the vehicle was taken."""
+    climb = Climb(TOLD)
+    assert [climb.at(100.0), climb.at(103.0)] == [60.0, 60.0]
+    climb.height.engage()
+    assert [climb.at(105.0), climb.at(107.5), climb.at(104.0)] == [60.0, 62.5, 59.0]
+    climb.height.engage()  # the operator has had it, and gives it back higher up
+    assert climb.at(108.0) == 63.0
+
+
+def test_a_height_by_the_targets_altitude_is_not_known_before_the_vehicle_tells_its_own_and_while_that_is_stale():
+    climb = Climb(ABSOLUTE)
+    assert climb.height.at(0.0) is None
+    assert climb.height.why_unknown(0.0).startswith("no altitude (VFR_HUD.alt)")
+    assert climb.at(530.0) == 30.0
+    assert climb.height.why_unknown(climb.now) == ""
+    assert climb.height.at(climb.now + 2.0) is None
+
+
+def test_home_may_be_set_anew_until_the_engagement_and_moves_nothing_in_flight():
+    climb = Climb(FROM_HOME)
+    assert climb.at(560.0) is None
+    for altitude in (0.0, 504.0):
+        climb.height.hear(home(altitude), None, climb.now)
+    assert climb.at(560.0) == 60.0
+    climb.height.engage()
+    climb.height.hear(home(530.0), None, climb.now)
+    assert climb.at(561.0) == 61.0
+
+
+@pytest.mark.parametrize("settings", [TOLD, ABSOLUTE], ids=["told", "absolute"])
+def test_in_flight_the_last_height_holds_when_no_altitude_comes_and_that_is_an_alarm(settings):
+    climb = Climb(settings)
+    climb.height.engage()
+    climb.at(560.0)
+    height = climb.at(562.0)
+    assert climb.height.at(climb.now + 60.0) == height == 62.0
+    assert climb.height.trouble(climb.now) == ""
+    assert climb.height.trouble(climb.now + 2.0) == "ALTITUDE NOT HEARD: height above the target held at 62.0 m"
+
+
+def test_an_altitude_that_jumps_in_flight_is_no_height_and_a_glitch_leaves_nothing():
+    """4 m in 0.2 s are 20 m/s, 5 m count as a jump: no vehicle climbs so, a reset estimate does."""
+    climb = Climb(ABSOLUTE)
+    assert [climb.at(0.0), climb.at(530.0)] == [-500.0, 30.0]  # its home is set on the ground
+    climb.height.engage()
+    assert [climb.at(534.0), climb.at(560.0), climb.at(561.0)] == [34.0, 34.0, 35.0]
+    assert climb.height.trouble(climb.now).startswith("ALTITUDE JUMPED by +26.0 m")
+    assert [climb.at(535.0), climb.at(535.5)] == [35.0, 35.5]
+    assert climb.height.trouble(climb.now) == ""
+
+
+def test_a_fast_descent_that_was_not_heard_for_a_while_is_no_jump():
+    climb = Climb(TOLD)
+    climb.height.engage()
+    climb.at(560.0)
+    climb.now += 3.0
+    assert climb.at(530.0) == 30.0
+
+
+def test_of_home_only_the_altitude_is_read(make_rig):
+    """The UAV is GPS-denied: where home is may not reach the guidance."""
+    rigs = [make_rig(height=FROM_HOME), make_rig(height=FROM_HOME)]
+    for _ in range(80):
+        for rig, place in zip(rigs, ((473_000_000, 0.0), (-10_000_000, 1e6)), strict=True):
+            rig.run(0.05)
+            rig.hear(vfr_hud(560.0))
+            rig.hear(home(504.0, *place))
+    assert rigs[0].pilot.phase is Phase.ENGAGED
+    assert rigs[0].pilot.target.height.at(rigs[0].now) == 60.0
+    assert rigs[0].raw == rigs[1].raw
+
+
+@pytest.mark.parametrize(("voice", "expected"), [(Voice.FLY, 88.0), (Voice.DRY_RUN, 60.0)])
+def test_a_dry_run_which_may_begin_on_the_ground_keeps_the_height_told(make_rig, voice, expected):
+    rig = make_rig(height=TOLD, voice=voice)
+    for second in range(60):
+        rig.run(0.5)
+        rig.hear(vfr_hud(500.0 + max(0, second - 30)))
+    assert rig.pilot.phase is Phase.ENGAGED
+    records = rig.pilot.take_records()
+    assert records[-1].height == pytest.approx(expected, abs=1.01)
+    assert records[-1].measured == pytest.approx((150.0**2 - records[-1].height ** 2) ** 0.5, abs=0.5)
