@@ -11,7 +11,7 @@ from typing import Any
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mav.framing import Frame, frame_at, is_good, must_wait, next_start
-from circnav_mav.mav.signing import Refusal, Signing
+from circnav_mav.mav.signing import ZERO_KEY, Refusal, Signing, is_signed_with
 
 Message = Any
 """A pymavlink message object: MAVLink_*_message of the `all` dialect."""
@@ -35,6 +35,8 @@ class LinkCounts:
     unknown: int = 0
     version_1: int = 0
     signed: int = 0
+    """Frames with a signature; without a key of ours those of the all-zero key are not among them."""
+    zero_key: int = 0
     has_key: bool = False
     systems: set[tuple[int, int]] = field(default_factory=set)
     refused: Counter[str] = field(default_factory=Counter)
@@ -102,7 +104,7 @@ class Decoder:
                 at, failures = next_start(buffer, at + 1), failures + (frame is not None or not failures)
                 continue
             data, at = buffer[at : frame.end], frame.end
-            self._count(frame)
+            self._count(frame, data)
             if not self._believed(frame, data):
                 continue
             if frame.ident in self._wanted and (message := self._read(data)) is not None:
@@ -134,11 +136,13 @@ class Decoder:
             self.counts.bad += 1
             return None
 
-    def _count(self, frame: Frame) -> None:
+    def _count(self, frame: Frame, data: bytes) -> None:
         counts = self.counts
+        zero_key = frame.signed and not counts.has_key and is_signed_with(ZERO_KEY, data)
         counts.frames += 1
         counts.version_1 += frame.version == 1
-        counts.signed += frame.signed
+        counts.signed += frame.signed and not zero_key
+        counts.zero_key += zero_key
         if not frame.known:
             counts.unknown += 1
         elif len(counts.systems) < _MOST_SYSTEMS:

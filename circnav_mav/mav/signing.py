@@ -16,6 +16,8 @@ from hmac import compare_digest
 from pymavlink.dialects.v20 import all as dialect
 
 KEY_LENGTH = 32
+ZERO_KEY = bytes(KEY_LENGTH)
+"""What PX4 (main of 2026) signs with until it is given a key: anybody's, so it proves and protects nothing."""
 EPOCH = 1_420_070_400
 """Start of 2015, unix seconds."""
 SECOND = 100_000
@@ -61,14 +63,14 @@ class Signing:
         """One of our MAVLink 2 frames, signed; each gets a timestamp of its own."""
         self._reach(self.timestamp + 1)
         body = _flag_changed(frame) + bytes((self._link_id,)) + self.timestamp.to_bytes(_SIGNATURE, "little")
-        return body + self._signature(body)
+        return body + _signature(self._key, body)
 
     def check(self, frame: bytes) -> Refusal | None:
         """Why a signed frame is not to be believed; None: it is, and it counts as heard.
 
         A new stream (system, component, link id) may be a minute behind us, a known one must go on.
         """
-        if not compare_digest(self._signature(frame[:-_SIGNATURE]), frame[-_SIGNATURE:]):
+        if not is_signed_with(self._key, frame):
             return Refusal.WRONG
         stream = (frame[5], frame[6], frame[-_TAIL])
         timestamp = int.from_bytes(frame[1 - _TAIL : -_SIGNATURE], "little")
@@ -84,8 +86,14 @@ class Signing:
     def _reach(self, timestamp: int) -> None:
         self.timestamp = max(self.timestamp, min(timestamp, LATEST))
 
-    def _signature(self, body: bytes) -> bytes:
-        return sha256(self._key + body).digest()[:_SIGNATURE]
+
+def _signature(key: bytes, body: bytes) -> bytes:
+    return sha256(key + body).digest()[:_SIGNATURE]
+
+
+def is_signed_with(key: bytes, frame: bytes) -> bool:
+    """Whether the signature of a signed frame is this key's."""
+    return compare_digest(_signature(key, frame[:-_SIGNATURE]), frame[-_SIGNATURE:])
 
 
 def is_signed(frame: bytes) -> bool:

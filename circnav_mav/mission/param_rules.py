@@ -245,10 +245,38 @@ def _stick_source(value: float, context: Context) -> Verdict:
 
 
 def _stick_loss(value: float, context: Context) -> Verdict:
-    words = f"{value:g} s after our last stick it goes to Hold, then RTL, and does not come back by itself"
+    words = f"{value:g} s after our last stick manual control counts as lost (NAV_RCL_ACT)"
     if value < 2 / context.mission.file.limits.tick_hz:
         return FAIL, f"{words}: shorter than two of our ticks"
     return (WARN if value < SHORT_TIMEOUT else PASS), words
+
+
+_STICK_LOSS = {1: "stays in Hold", 2: "flies home (RTL)", 3: "lands where it is"}
+_STOPS_MOTORS = {5: "terminates the flight", 6: "disarms"}
+_STOCK_STICK_LOSS = 2.0
+_HOLD_EXCEPTED = 2
+"""COM_RCL_EXCEPT, bit 1."""
+
+
+def _stick_loss_action(value: float, context: Context) -> Verdict:
+    """What PX4 does in whatever mode it is when our stick ends, for it has then heard manual control."""
+    when = "when our sticks end (takeover, end of the mission, our exit), in any mode but those of COM_RCL_EXCEPT"
+    if stops := _STOPS_MOTORS.get(int(value)):
+        return FAIL, f"{when}, it {stops} in the air: set it to 2 (RTL) or 1 (Hold)"
+    if follows := _STICK_LOSS.get(int(value)):
+        return PASS, f"{when}, it holds for COM_FAIL_ACT_T, then {follows}"
+    return WARN, f"{when}, nobody knows what it does: set it to 2 (RTL) or 1 (Hold)"
+
+
+def _stick_loss_exceptions(value: float, context: Context) -> Verdict:
+    if int(value) & _HOLD_EXCEPTED:
+        return PASS, "a plane given back or taken over in Hold (LOITER) stays there without our sticks"
+    follows = _STICK_LOSS.get(int(context.values.get("NAV_RCL_ACT", _STOCK_STICK_LOSS)), "does what NAV_RCL_ACT says")
+    if follows == _STICK_LOSS[1]:
+        return PASS, "Hold is not excepted, but Hold is also what NAV_RCL_ACT asks for"
+    return WARN, (
+        f"a plane given back or taken over in Hold (LOITER) does not stay there, it {follows}: add 2 (bit 1, Hold)"
+    )
 
 
 def _manual_loss(value: float, context: Context) -> Verdict:
@@ -308,6 +336,8 @@ RULES: Mapping[type, tuple[Rule, ...]] = {
     PX4PlaneStick: (
         _one("COM_RC_IN_MODE", _stick_source),
         _one("COM_RC_LOSS_T", _stick_loss),
+        _one("NAV_RCL_ACT", _stick_loss_action),
+        _one("COM_RCL_EXCEPT", _stick_loss_exceptions),
         _one("FW_R_LIM", _stick_bank),
         _one("FW_AIRSPD_TRIM", _held_airspeed),
         _one("FW_AIRSPD_MIN", _least_airspeed),

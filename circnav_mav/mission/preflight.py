@@ -75,6 +75,9 @@ def _signing(mission: Mission, seen: Observations) -> Iterator[Check]:
         if seen.signed:
             words = f"{seen.signed} of {seen.frames} frames are signed and we have no key: what we send may be refused"
             yield Check(WARN, "signing", f"{words}; give it with [signing] key_file")
+        elif seen.zero_key:
+            words = "the autopilot signs with the all-zero key, as PX4 does until it is given one"
+            yield Check(PASS, "signing", f"{words}: it takes unsigned frames, the link counts as unsigned")
         return
     if refused := sum(seen.refused.values()):
         why = ", ".join(f"{count} {reason}" for reason, count in sorted(seen.refused.items()))

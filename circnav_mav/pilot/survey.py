@@ -96,8 +96,9 @@ class VehicleSeen:
 @dataclass(frozen=True, slots=True)
 class Observations:
     """All that a survey has heard. links: each link's bytes, frames and systems in words. carriers: ranging messages
-    by sender and marks. end, seconds: when the listening ended and how long it measured, s. signed, refused: frames of
-    the vehicle's link with a signature, and those not believed, by reason."""
+    by sender and marks. end, seconds: when the listening ended and how long it measured, s. signed, zero_key, refused:
+    frames of the vehicle's link with a signature, with one of the all-zero key where we have none, and those not
+    believed, by reason."""
 
     vehicle: VehicleSeen | None
     links: Mapping[str, str]
@@ -111,6 +112,7 @@ class Observations:
     end: float
     seconds: float
     signed: int
+    zero_key: int
     refused: Mapping[str, int]
 
 
@@ -212,6 +214,7 @@ class Survey:
             end=self._end,
             seconds=self._measured_for,
             signed=counts.signed,
+            zero_key=counts.zero_key,
             refused=dict(counts.refused),
         )
 

@@ -31,8 +31,10 @@ SET_MODE = 11
 DO_SET_MODE, ARM_DISARM, DO_CHANGE_SPEED, DO_REPOSITION, TAKEOFF_COMMAND = 176, 400, 178, 192, 22
 MODE_COMMANDS = {20: RTL, 21: LAND, 17: LOITER}
 LOSS_DELAY_US = 50_000
-POSITION_LOSS_US, HOLD_US = 5_000_000, 5_000_000
+POSITION_LOSS_US = 5_000_000
 LOSS_ACTIONS = {3: RTL, 4: LAND, 5: LOITER}  # COM_OBL_RC_ACT; anything else falls through to RTL without sticks
+STICK_LOSS_ACTIONS = {1: LOITER, 2: RTL, 3: LAND}  # NAV_RCL_ACT; 5 (terminate) and 6 (disarm) stop the motors
+STICK_LOSS_EXCEPTIONS = {MODES["MISSION"]: 1, LOITER: 2, TAKEOFF: 2, OFFBOARD: 4}  # bits of COM_RCL_EXCEPT
 
 
 class Rules(Protocol):
@@ -61,22 +63,29 @@ class Core:
         self._rules = rules
         self._setpoint_at: int | None = 0 if self.mode == OFFBOARD else None
         self._position_until = NEVER
-        self._hold_until = NEVER
+        self._sticks_lost = False  # their failsafe is on: until somebody chooses a mode
+        self._missed: int | None = None  # the last stick before a loss that was dealt with
+        self._act_at = NEVER
 
     @property
     def failsafe(self) -> bool:
-        return self.mode != self.intended
+        return self._sticks_lost or self.mode != self.intended
 
     # -- setpoints and their absence ----------------------------------------------------------------------------------
 
     def setpoint_taken(self, now: int) -> None:
         """An accepted setpoint feeds the watchdog, and brings OFFBOARD back by itself when that is still wanted."""
         self._setpoint_at = now
-        if self.failsafe and self.intended == OFFBOARD and self._obstacle(OFFBOARD, now) is None:
+        self._return_to_offboard(now)
+
+    def _return_to_offboard(self, now: int) -> None:
+        """Only a failsafe of OFFBOARD's own clears by itself, the one of lost sticks does not."""
+        fell_out = self.mode != self.intended and not self._sticks_lost
+        if fell_out and self.intended == OFFBOARD and self._obstacle(OFFBOARD, now) is None:
             self._fly_mode(OFFBOARD, now)
 
     def wake_us(self) -> int:
-        return min(self._offboard_deadline(), self._sticks_deadline(), self._position_until, self._hold_until)
+        return min(self._offboard_deadline(), self._sticks_deadline(), self._position_until, self._act_at)
 
     def wake(self, now: int) -> None:
         if now >= self._position_until:
@@ -87,16 +96,27 @@ class Core:
             action = int(self.params["COM_OBL_RC_ACT"])
             self._fail_to(LOSS_ACTIONS.get(action, RTL), now)
         if now >= self._sticks_deadline():
-            self._fail_to(LOITER, now)
-            self.intended = LOITER  # no automatic return
-            self._hold_until = now + HOLD_US
-        if now >= self._hold_until:
-            self._hold_until = NEVER
-            self.intended = RTL
-            self._fail_to(RTL, now)
+            self._lose_sticks(now)
+        if now >= self._act_at:
+            self._act_at = NEVER
+            self._fail_to(STICK_LOSS_ACTIONS[int(self.params["NAV_RCL_ACT"])], now)
 
-    def _fail_to(self, mode: int, now: int) -> None:
-        self.say(CRITICAL, "Failsafe activated")
+    def _lose_sticks(self, now: int) -> None:
+        """Hold first, so that a pilot can choose a mode, then NAV_RCL_ACT; sticks that come back change nothing."""
+        self._missed = self.sticks.last
+        number, delay = int(self.params["NAV_RCL_ACT"]), self.params["COM_FAIL_ACT_T"]
+        action = STICK_LOSS_ACTIONS.get(number)
+        if action is None:
+            if number in (5, 6):
+                self.disarm(now)
+        elif action == RTL and self.intended == LAND:
+            self.say(CRITICAL, "Failsafe activated")  # a warning: it lands already
+        else:
+            self._sticks_lost, self._act_at = True, now + round(delay * 1e6)
+            self._fail_to(LOITER, now, f"Failsafe activated: entering Hold for {delay:.0f} seconds")
+
+    def _fail_to(self, mode: int, now: int, text: str = "Failsafe activated") -> None:
+        self.say(CRITICAL, text)
         self._fly_mode(mode, now)
 
     def _offboard_deadline(self) -> int:
@@ -105,9 +125,12 @@ class Core:
         return self._setpoint_at + round(self.params["COM_OF_LOSS_T"] * 1e6) + LOSS_DELAY_US
 
     def _sticks_deadline(self) -> int:
-        if self.mode not in NEEDS_STICKS or not self.armed or self.failsafe or self.sticks.last is None:
+        """In any mode: once a stick was heard it counts as lost when it falls silent, and is lost once."""
+        last = self.sticks.last
+        excepted = int(self.params["COM_RCL_EXCEPT"]) & STICK_LOSS_EXCEPTIONS.get(self.intended, 0)
+        if not self.armed or self.failsafe or last is None or last == self._missed or excepted:
             return NEVER
-        return self.sticks.last + round(self.params["COM_RC_LOSS_T"] * 1e6)
+        return last + round(self.params["COM_RC_LOSS_T"] * 1e6)
 
     # -- modes --------------------------------------------------------------------------------------------------------
 
@@ -118,10 +141,13 @@ class Core:
             self.say(CRITICAL, f"Switching to mode '{self._name(mode)}' is currently not available: {reason}")
             return TEMPORARILY_REJECTED
         self.intended = mode
-        self._hold_until = NEVER
+        self._end_stick_failsafe()
         if self.mode != mode:
             self._fly_mode(mode, now)
         return ACCEPTED
+
+    def _end_stick_failsafe(self) -> None:
+        self._sticks_lost, self._act_at = False, NEVER
 
     def _fly_mode(self, mode: int, now: int) -> None:
         self.mode = mode
@@ -181,15 +207,20 @@ class Core:
         if wish == 1 and not self.armed and not force and self.mode in NEEDS_STICKS and not self.sticks_alive(now):
             self.say(CRITICAL, "Arming denied: no manual control input")
             return TEMPORARILY_REJECTED
-        changed = self.armed != (wish == 1)
-        self.armed = wish == 1
-        if changed:
+        if self.armed != (wish == 1):
+            self._set_armed(wish == 1, now)
             self.say(INFO, "Armed by external command" if self.armed else "Disarmed by external command")
-            self._rules.entered(self.mode, now)
         return ACCEPTED
 
     def disarm(self, now: int) -> None:
-        self.armed = False
+        self._set_armed(False, now)
+
+    def _set_armed(self, armed: bool, now: int) -> None:
+        """Sticks that are already silent when it is armed are not missed until they are heard again."""
+        self.armed = armed
+        self._end_stick_failsafe()
+        if not self.sticks_alive(now):
+            self._missed = self.sticks.last
         self._rules.entered(self.mode, now)
 
     def heard(self, message: Message, now: int) -> None:
@@ -200,8 +231,7 @@ class Core:
         if event.action == "mode":
             self.change_mode(self.identity.modes[event.mode or ""], now)
         elif event.action in ("arm", "disarm"):
-            self.armed = event.action == "arm"
-            self._rules.entered(self.mode, now)
+            self._set_armed(event.action == "arm", now)
         elif event.action == "rc_failsafe":
             self.intended = RTL
             self._fail_to(RTL, now)
@@ -209,8 +239,7 @@ class Core:
             self.gps, self._position_until = False, now + POSITION_LOSS_US
         elif event.action == "gps_on":
             self.gps, self.position, self._position_until = True, True, NEVER
-            if self.failsafe and self.intended == OFFBOARD and self._obstacle(OFFBOARD, now) is None:
-                self._fly_mode(OFFBOARD, now)
+            self._return_to_offboard(now)
 
     # -- reports ------------------------------------------------------------------------------------------------------
 

@@ -62,6 +62,7 @@ def px4_parameters(config: VehicleConfig, *own: Parameter) -> Parameters:
         Parameter("COM_OBL_RC_ACT", 0, INT32),
         Parameter("COM_RC_IN_MODE", 1, INT32),
         Parameter("COM_RC_LOSS_T", 0.5),
+        Parameter("COM_RCL_EXCEPT", 0, INT32),
         Parameter("COM_RC_OVERRIDE", 1, INT32),
         Parameter("COM_FAIL_ACT_T", 5.0),
         Parameter("NAV_RCL_ACT", 2, INT32),

@@ -103,6 +103,28 @@ def test_exit_action_gives_the_vehicle_to_the_mode_that_the_mission_names(missio
     assert flown.pilot.outcome.reason == "flown to its end"
 
 
+@pytest.mark.parametrize("taken_over", [False, True])
+@pytest.mark.parametrize(("excepted", "in_the_end"), [(0, "rtl"), (2, "loiter")])
+def test_px4_plane_given_back_without_sticks_stays_in_hold_only_where_hold_is_excepted(
+    excepted: int, in_the_end: str, taken_over: bool
+) -> None:
+    """Our stick counts as manual control: when it ends, PX4 calls that lost, whoever has the vehicle by then."""
+    flown = flight("px4_plane", "limits.duration_s=20.0")
+    operator = Operator(flown.vehicle)
+    operator.set_px4_integer("COM_RCL_EXCEPT", excepted)
+    if taken_over:
+        flown.fly(20)
+        operator.set_mode(*AUTO_LOITER)
+    flown.fly(60)
+    assert flown.pilot.done
+    modes = flown.pilot.session.adapter.exits
+    assert flown.vehicle.truth.mode == modes["loiter"]
+    flown.vehicle.advance(flown.now + 4.0)
+    assert flown.vehicle.truth.mode == modes["loiter"]
+    flown.vehicle.advance(flown.now + 60.0)
+    assert flown.vehicle.truth.mode == modes[in_the_end]
+
+
 @pytest.mark.parametrize("mission", VEHICLES)
 def test_range_lost_for_good_holds_then_gives_the_vehicle_back(mission: str) -> None:
     flown = flight(mission, "limits.hold_s=4.0")

@@ -19,6 +19,7 @@ from circnav_mav.pilot import RANGING, VEHICLE
 from circnav_mav.pilot.survey import Observations, RangeHeard, Survey
 from sim.config import parse_vehicle
 from sim.vehicle import Vehicle
+from tests.flight.ground_station import Operator
 
 CONFIG = Path(__file__).parents[2] / "config"
 MISSIONS = ("arducopter", "arduplane", "ardurover", "px4_copter", "px4_plane", "px4_plane_attitude")
@@ -516,6 +517,13 @@ def test_a_height_above_a_home_that_is_not_told_fails() -> None:
         ("px4_plane", "COM_RC_IN_MODE", 4, FAIL),
         ("px4_plane", "COM_RC_IN_MODE", 3, WARN),
         ("px4_plane", "COM_RC_LOSS_T", 0.05, FAIL),
+        ("px4_plane", "NAV_RCL_ACT", 1, PASS),
+        ("px4_plane", "NAV_RCL_ACT", 2, PASS),
+        ("px4_plane", "NAV_RCL_ACT", 6, FAIL),
+        ("px4_plane", "NAV_RCL_ACT", 0, WARN),
+        ("px4_plane", "COM_RCL_EXCEPT", 0, WARN),
+        ("px4_plane", "COM_RCL_EXCEPT", 5, WARN),
+        ("px4_plane", "COM_RCL_EXCEPT", 3, PASS),
         ("px4_plane", "FW_R_LIM", 45.0, FAIL),
         ("px4_plane", "FW_AIRSPD_TRIM", 11.0, WARN),
         ("px4_plane_attitude", "MAV_FWDEXTSP", 0, FAIL),
@@ -529,6 +537,26 @@ def test_a_parameter_is_graded_by_what_it_implies(name: str, parameter: str, val
     lines = of(judge(bench.mission, replace(seen, vehicle=replace(seen.vehicle, parameters=values))), "parameter")
     (line,) = [line for line in lines if line.says.startswith(f"{parameter} = ")]
     assert line.grade is grade, line.says
+
+
+@pytest.mark.parametrize(
+    ("action", "excepted", "grade", "says"),
+    [
+        (2, 0, WARN, "does not stay there, it flies home (RTL)"),
+        (3, 0, WARN, "does not stay there, it lands"),
+        (1, 0, PASS, "Hold is also what NAV_RCL_ACT asks for"),
+        (2, 2, PASS, "stays there without our sticks"),
+    ],
+)
+def test_a_px4_plane_flown_by_stick_is_told_where_it_goes_when_our_sticks_end(
+    action: int, excepted: int, grade: Grade, says: str
+) -> None:
+    bench = Bench("px4_plane")
+    operator = Operator(bench.vehicle)
+    operator.set_px4_integer("NAV_RCL_ACT", action)
+    operator.set_px4_integer("COM_RCL_EXCEPT", excepted)
+    (line,) = [line for line in bench.lines() if line.says.startswith("COM_RCL_EXCEPT = ")]
+    assert (line.grade, says in line.says) == (grade, True), line.says
 
 
 def in_32_bits(value: float) -> float:

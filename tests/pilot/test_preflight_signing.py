@@ -1,8 +1,12 @@
 """What preflight says of signatures, with and without a key on either side."""
 
+import hashlib
+import itertools
 from pathlib import Path
+from typing import Any
 
 import pytest
+from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.mav.signing import Signing
 from circnav_mav.mission.grades import Grade
@@ -10,7 +14,7 @@ from circnav_mav.mission.param_rules import names_for
 from circnav_mav.mission.preflight import judge
 from circnav_mav.pilot.survey import Survey
 from tests.flight.signed import KEY, OTHER, key_file
-from tests.pilot.test_preflight import Bench
+from tests.pilot.test_preflight import Bench, one
 
 
 def said(folder: Path, ours: bytes | None, theirs: bytes | None) -> list[tuple[Grade, str]]:
@@ -42,6 +46,28 @@ def test_a_vehicle_that_signs_while_we_have_no_key_is_a_warning(tmp_path: Path) 
     ((grade, says),) = said(tmp_path, None, KEY)
     assert grade is Grade.WARN
     assert "[signing] key_file" in says
+
+
+def frames_of_a_stock_px4(bench: Bench) -> None:
+    """The vehicle's frames, each signed by hand with 32 zero bytes."""
+    said, clock = bench.survey.receive, itertools.count(10**12)
+
+    def signed(frame: bytes, *rest: Any) -> None:
+        head = frame[:2] + b"\x01" + frame[3:-2]
+        crc = mavlink.x25crc(head[1:] + bytes((mavlink.mavlink_map[frame[7] | frame[8] << 8].crc_extra,))).crc
+        body = head + crc.to_bytes(2, "little") + b"\x00" + next(clock).to_bytes(6, "little")
+        said(body + hashlib.sha256(bytes(32) + body).digest()[:6], *rest)
+
+    bench.survey.receive = signed  # type: ignore[method-assign]
+
+
+def test_a_vehicle_that_signs_with_the_all_zero_key_is_as_good_as_unsigned() -> None:
+    bench = Bench("px4_copter", seconds=1.0)
+    frames_of_a_stock_px4(bench)
+    seen = bench.run()
+    assert (seen.signed, seen.zero_key, seen.refused) == (0, seen.frames, {})
+    line = one(judge(bench.mission, seen), "signing")
+    assert (line.grade, "all-zero key" in line.says) == (Grade.PASS, True)
 
 
 @pytest.mark.parametrize("theirs", [None, OTHER])

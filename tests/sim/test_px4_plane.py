@@ -55,6 +55,71 @@ def test_sticks_lost_hold_then_return_and_do_not_come_back(build: Build, station
     assert companion.vehicle.truth.mode == PX4["RTL"]
 
 
+HOLD, OFFBOARD_TOO = 2, 4  # bits of COM_RCL_EXCEPT
+LOITER, LAND, ALTCTL, OFFBOARD = (4, 3), (4, 6), (2, 0), (6, 0)
+
+
+def after_the_sticks_end(
+    build: Build, station: Stations, left_in: tuple[int, int], **parameters: float
+) -> tuple[Any, list[str]]:
+    """A plane that had sticks for two seconds and is left in a mode without them, and where it is then: at once, while
+    it may hold, and in the end."""
+    companion = plane(build, station)
+    companion.heartbeat(6)
+    for name, value in parameters.items():
+        companion.vehicle._flight.autopilot.params.set(name, value)
+    names = {number: name for name, number in PX4.items()}
+    companion.sticks(0.0)
+    assert companion.command(176, 1, *ALTCTL) == [0, 0]
+    companion.repeat(2.0, lambda: (companion.sticks(0.3), companion.attitude(7, thrust=0.63)))
+    assert companion.command(176, 1, *left_in) == [0, 0]
+    seen = []
+    for seconds in (0.3, 1.0, 5.0):
+        companion.repeat(seconds, lambda: companion.attitude(7, thrust=0.63))
+        seen.append(names[companion.vehicle.truth.mode])
+    return companion, seen
+
+
+@pytest.mark.parametrize(
+    ("left_in", "parameters", "seen"),
+    [
+        (LOITER, {}, ["LOITER", "LOITER", "RTL"]),
+        (LOITER, {"COM_RCL_EXCEPT": HOLD}, ["LOITER", "LOITER", "LOITER"]),
+        (LOITER, {"NAV_RCL_ACT": 1}, ["LOITER", "LOITER", "LOITER"]),
+        (LOITER, {"NAV_RCL_ACT": 3}, ["LOITER", "LOITER", "LAND"]),
+        (LOITER, {"COM_FAIL_ACT_T": 0.0}, ["LOITER", "RTL", "RTL"]),
+        (ALTCTL, {"COM_RCL_EXCEPT": HOLD}, ["ALTCTL", "LOITER", "RTL"]),
+        (LAND, {}, ["LAND", "LAND", "LAND"]),
+        (OFFBOARD, {}, ["OFFBOARD", "LOITER", "RTL"]),
+        (OFFBOARD, {"COM_RCL_EXCEPT": OFFBOARD_TOO}, ["OFFBOARD", "OFFBOARD", "OFFBOARD"]),
+    ],
+)
+def test_sticks_that_were_heard_once_are_missed_in_every_mode_that_is_not_excepted(
+    build: Build, station: Stations, left_in: tuple[int, int], parameters: dict[str, float], seen: list[str]
+) -> None:
+    assert after_the_sticks_end(build, station, left_in, **parameters)[1] == seen
+
+
+def test_the_loss_of_sticks_is_told_and_a_mode_chosen_afterwards_lasts(build: Build, station: Stations) -> None:
+    companion, seen = after_the_sticks_end(build, station, LOITER)
+    assert companion.texts() == ["Failsafe activated: entering Hold for 5 seconds", "Failsafe activated"]
+    assert companion.command(176, 1, *LOITER) == [0, 0]
+    companion.wait(30.0)
+    assert (seen[-1], companion.vehicle.truth.mode) == ("RTL", PX4["LOITER"])
+
+
+def test_sticks_never_heard_and_sticks_silent_at_arming_are_not_missed(build: Build, station: Stations) -> None:
+    companion = plane(build, station)
+    companion.wait(10.0)
+    assert companion.vehicle.truth.mode == PX4["LOITER"]
+    companion.command(400, 0, 21196)
+    companion.sticks(0.0)
+    companion.wait(1.0)
+    assert companion.command(400, 1, 21196) == [0]
+    companion.wait(10.0)
+    assert companion.vehicle.truth.mode == PX4["LOITER"]
+
+
 def test_a_velocity_alone_is_taken_and_has_no_effect(build: Build, station: Stations) -> None:
     companion = plane(build, station)
     companion.velocity(10.0, 0.3)

@@ -126,7 +126,8 @@ class PX4PlaneStick(_PX4):
 
     MANUAL_CONTROL: y = 1000 roll/FW_R_LIM (right positive), x = 0 holds height, z = 500 is trim speed, r = 0 (PX4
     coordinates). Set COM_RC_IN_MODE so that PX4 listens to it; the pilot's own sticks then do nothing until the pilot
-    changes the mode, which takes the vehicle. Silence for COM_RC_LOSS_T: Hold, then RTL, with no return.
+    changes the mode, which takes the vehicle. Silence for COM_RC_LOSS_T, in any mode that COM_RCL_EXCEPT does not name:
+    Hold, then NAV_RCL_ACT (RTL), with no return.
     """
 
     name = "px4 plane"
