@@ -8,6 +8,7 @@ from circnav_mav.core import floats
 from circnav_mav.core.auto import ONE_AT_START, Flies, hand_over
 from circnav_mav.core.drift_law import drift, drift_gains, mirrored, orbit_turn_rate
 from circnav_mav.core.laws import LAWS, Kind, pi
+from circnav_mav.core.turn_response import Pending
 from circnav_mav.core.values import SAME_TIME, Orbit, RangeEstimate, RelativeMotion, TurnCommand, TurnRate
 
 LONGEST_STEP = 0.5
@@ -37,9 +38,11 @@ class LawChoice:
 class Steering(Protocol):
     """A law ready to steer."""
 
-    def __call__(self, estimate: RangeEstimate, trim: float = 0.0, delay: float = 0.0) -> TurnCommand:
-        """The limited command. trim: m, added to the radius that the law is fed. delay: of the link, s, there and
-        back, for which the drift law lowers its gains."""
+    def __call__(
+        self, estimate: RangeEstimate, trim: float = 0.0, pending: Pending | None = None, share: float = 1.0
+    ) -> TurnCommand:
+        """The limited command. trim: m, added to the radius that the law is fed. pending: what is commanded but not
+        turned yet; None: nothing, by a vehicle with the lag of the choice. share: of the gains that the rule gives."""
         ...
 
 
@@ -57,16 +60,16 @@ def steering(orbit: Orbit, choice: LawChoice) -> Steering:
     return _by_range(orbit, choice)
 
 
-def holding(orbit: Orbit, motion: RelativeMotion | None, lag: float) -> TurnCommand:
+def holding(orbit: Orbit, motion: RelativeMotion | None, pending: Pending) -> TurnCommand:
     """The circle's own turn, which no range enters: V/r_d; where the drift is trusted, what drift and heading ask for.
 
-    lag: of the vehicle's turn, s, by which the heading is looked ahead.
+    pending: what is commanded but not turned yet, by which the heading is looked ahead.
     """
     if motion is None or not motion.trusted or not _finite(motion):
         return limit(orbit.steady_turn_rate, orbit.max_turn_rate)
     s = orbit.direction.turn_sign
     d, V = (motion.drift_x, s * motion.drift_y), max(motion.airspeed, 0.1 * orbit.speed)
-    heading = s * (motion.heading + lag * motion.turn_rate)
+    heading = s * (motion.heading + pending.turn)
     turn = s * orbit_turn_rate(d, heading, V=V, r_d=orbit.radius, xp=floats)
     return limit(TurnRate(turn), orbit.max_turn_rate)
 
@@ -95,7 +98,9 @@ def _by_range(orbit: Orbit, choice: LawChoice) -> Steering:
     k = -orbit.direction.turn_sign * choice.gain  # the paper: k > 0 flies clockwise
     fed = law.fed_radius(orbit.speed, orbit.radius, choice.gain) if choice.correct_radius else orbit.radius
 
-    def steer(estimate: RangeEstimate, trim: float = 0.0, delay: float = 0.0) -> TurnCommand:
+    def steer(
+        estimate: RangeEstimate, trim: float = 0.0, pending: Pending | None = None, share: float = 1.0
+    ) -> TurnCommand:
         demanded = float(law.function(estimate.r, estimate.r_dot, V=orbit.speed, r_d=fed + trim, k=k))
         return limit(TurnRate(demanded), orbit.max_turn_rate)
 
@@ -111,7 +116,9 @@ class _Integrating:
 
     _time: float | None
 
-    def __call__(self, estimate: RangeEstimate, trim: float = 0.0, delay: float = 0.0) -> TurnCommand:
+    def __call__(
+        self, estimate: RangeEstimate, trim: float = 0.0, pending: Pending | None = None, share: float = 1.0
+    ) -> TurnCommand:
         orbit = self._orbit
         dt = 0.0 if self._time is None else min(max(estimate.time - self._time, 0.0), LONGEST_STEP)
         self._time = estimate.time
@@ -127,21 +134,22 @@ class _HandingOver:
     def __init__(self, orbit: Orbit, choice: LawChoice) -> None:
         self._orbit, self._tries = orbit, LAWS[choice.name].kind is Kind.AUTO
         self._feedforward = _by_range(orbit, choice)
-        self._lag, self._gains = choice.lag, drift_gains(orbit.speed, orbit.radius, choice.lag)
+        self._lag = choice.lag
         self._handover = ONE_AT_START
         self._time: float | None = None
 
-    def __call__(self, estimate: RangeEstimate, trim: float = 0.0, delay: float = 0.0) -> TurnCommand:
-        if delay != self._gains.delay:
-            self._gains = drift_gains(self._orbit.speed, self._orbit.radius, self._lag, delay=delay)
+    def __call__(
+        self, estimate: RangeEstimate, trim: float = 0.0, pending: Pending | None = None, share: float = 1.0
+    ) -> TurnCommand:
+        pending = pending or Pending(0.0, self._lag)
         dt = 0.0 if self._time is None else min(max(estimate.time - self._time, 0.0), LONGEST_STEP)
         self._time = estimate.time
         s, motion = self._orbit.direction.turn_sign, estimate.relative
         if motion is not None and motion.trusted:
-            by_bank = by_range = self._by_bank(motion, trim)
+            by_bank = by_range = self._by_bank(motion, trim, pending, share)
         else:
             by_range = s * self._feedforward(estimate, trim).demanded
-            by_bank = by_range if motion is None else self._by_bank(motion, trim)
+            by_bank = by_range if motion is None else self._by_bank(motion, trim, pending, share)
         self._handover = hand_over(
             self._handover, dt, trusted=motion is not None and motion.trusted, favourite=self._tried(estimate),
             by_range=by_range, by_bank=by_bank, limit=self._orbit.max_turn_rate, xp=floats,
@@ -163,10 +171,11 @@ class _HandingOver:
         patient = self._handover.untrusted < CIRCLING_PATIENCE - SAME_TIME
         return -1 if motion.drift_remembered and circling and patient else motion.trial
 
-    def _by_bank(self, motion: RelativeMotion, trim: float) -> float:
+    def _by_bank(self, motion: RelativeMotion, trim: float, pending: Pending, share: float) -> float:
         """The drift law, seen so that the orbit is counter-clockwise."""
         orbit = self._orbit
         p, d, sense = (motion.x, motion.y), (motion.drift_x, motion.drift_y), orbit.direction.turn_sign
-        here = mirrored(p, d, motion.heading, motion.turn_rate, sense)
+        here = mirrored(p, d, motion.heading, pending, sense)
         V, limit = max(motion.airspeed, 0.1 * orbit.speed), orbit.max_turn_rate
-        return float(drift(*here, V=V, r_d=orbit.radius + trim, max_turn_rate=limit, gains=self._gains, xp=floats))
+        gains = drift_gains(V, pending.ahead, pending.settles, share, floats)
+        return float(drift(*here, V=V, r_d=orbit.radius + trim, max_turn_rate=limit, gains=gains, xp=floats))

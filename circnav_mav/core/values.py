@@ -48,13 +48,15 @@ class OwnMotion:
     """What the autopilot knows of itself without GPS.
 
     time: local clock, s. heading: psi in the paper's frame (x right, y up, counter-clockwise), rad. turn_rate: of the
-    heading, rad/s, counter-clockwise positive (not the body's z rate). airspeed: as measured, m/s.
+    heading, rad/s, counter-clockwise positive (not the body's z rate). airspeed: as measured, m/s. bank_turn: turn rate
+    of the coordinated turn at this bank, rad/s; None for vehicles that do not bank to turn.
     """
 
     time: float
     heading: float
     turn_rate: float
     airspeed: float
+    bank_turn: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,13 +5,17 @@ is None; who needs it says so.
 """
 
 from dataclasses import dataclass
-from math import cos, sin
+from math import cos, sin, tan
 
 from circnav_mav.core.values import OwnMotion
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.frames import YawRate, course_from_yaw, turn_rate_from_yaw_rate
 from circnav_mav.mav.sensor_clock import SensorClock
 
+
+GRAVITY = 9.80665
+MOST_BANK = 1.3
+"""Bank, rad, beyond which no turn is coordinated any more."""
 ATTITUDE_MAX_AGE = 0.5
 AIR_MAX_AGE = 1.5
 MOST_LATE = 0.4
@@ -46,6 +50,11 @@ def heading_rate(roll: float, pitch: float, q: float, r: float) -> YawRate:
     ATTITUDE.yawspeed is the body z rate r: taking it for the heading rate cost 7 m of radius in flight.
     """
     return YawRate((q * sin(roll) + r * cos(roll)) / max(cos(pitch), 0.1))
+
+
+def coordinated_yaw_rate(roll: float, airspeed: float) -> YawRate:
+    """Yaw rate of a coordinated turn at a bank (rad, right positive) and an airspeed (m/s), rad/s clockwise positive."""
+    return YawRate(GRAVITY * tan(min(max(roll, -MOST_BANK), MOST_BANK)) / max(airspeed, 1.0))
 
 
 class MotionSensor:
@@ -106,13 +115,21 @@ class MotionSensor:
             measured = self._clock.local(stamp_ms / 1000, now)
         return measured
 
-    def own(self, now: float, airspeed: float) -> OwnMotion | None:
-        """The motion as guidance sees it, at an airspeed (m/s) that the caller stands for; None without attitude."""
+    def own(self, now: float, airspeed: float, *, banks: bool = False) -> OwnMotion | None:
+        """The motion as guidance sees it, at an airspeed (m/s) that the caller stands for; None without attitude.
+        banks: whether the vehicle banks to turn."""
         motion = self.at(now)
         if motion.yaw is None or motion.yaw_rate is None:
             return None
+        bank_turn = None
+        if banks and motion.roll is not None:
+            bank_turn = turn_rate_from_yaw_rate(coordinated_yaw_rate(motion.roll, airspeed))
         return OwnMotion(
-            self._attitude_at, course_from_yaw(motion.yaw), turn_rate_from_yaw_rate(motion.yaw_rate), airspeed
+            self._attitude_at,
+            course_from_yaw(motion.yaw),
+            turn_rate_from_yaw_rate(motion.yaw_rate),
+            airspeed,
+            bank_turn,
         )
 
     def at(self, now: float) -> Motion:

@@ -1,11 +1,14 @@
 """From an estimate to the bytes' meaning: law, turn-rate gain, choke point, the vehicle's message."""
 
-from math import ceil
+from math import ceil, pi, remainder
 
 from circnav_mav.core.guidance import holding, steering, through_gain
+from circnav_mav.core.laws import LAWS
+from circnav_mav.core.limit_cycle import CommandWatch
 from circnav_mav.core.phases import Phase
 from circnav_mav.core.radius_trim import next_trim
 from circnav_mav.core.turn_gain import TurnGain, TurnGainSettings, learn
+from circnav_mav.core.turn_response import PendingTurn, Response, ResponseLearner
 from circnav_mav.core.values import SAME_TIME, OwnMotion, RangeEstimate, TurnCommand, TurnRate
 from circnav_mav.mav.autopilots.interface import VehicleState
 from circnav_mav.mav.codec import Message
@@ -21,6 +24,8 @@ LONGEST_GAP = 1.0
 """Gap between two reports of own motion, s, after which the vehicle may have stopped meanwhile."""
 DEAF_AFTER = 1.0
 """Time of not turning as told, s, after which a vehicle counts as not hearing us: a reversed turn takes less."""
+SLIP = 0.2
+"""How much later than its bank a plane's nose turns, s: side-slip, as seen on ArduPlane 4.6.3."""
 LONGEST_DELAY = 2.0
 """Most delay of the link, s, that the gains are made for."""
 LONGEST_TRIM_STEP = 0.2
@@ -47,6 +52,12 @@ class Helm:
         )
         self._learning = TurnGainSettings(lag=settings.turn_lag)
         self._learnt = TurnGain(gain=settings.turn_gain or 1.0)
+        self._response = ResponseLearner(settings.turn_lag, SLIP if settings.kind == "plane" else 0.0)
+        self._pending = PendingTurn()
+        self._link = settings.timing.tick
+        self._turned, self._felt_at = 0.0, float("inf")
+        self._watch = CommandWatch()
+        self._watches = LAWS[settings.law.name].flies_relative_motion
         self._told: TurnRate | None = None
         self._followed_at = self._slow_at = float("-inf")
         self._height: float | None = None
@@ -57,6 +68,21 @@ class Helm:
     def turn_gain(self) -> float:
         """Realised over commanded turn rate, as used now."""
         return self._settings.turn_gain or self._learnt.gain
+
+    @property
+    def response(self) -> Response:
+        """How the vehicle answers turn commands, as used now."""
+        return self._response.response(self._link)
+
+    @property
+    def cycles(self) -> int:
+        """How often the turn command was found swinging from limit to limit."""
+        return self._watch.cycles
+
+    @property
+    def gain_share(self) -> float:
+        """What that has left of the gains."""
+        return self._watch.share
 
     @property
     def followed(self) -> bool:
@@ -70,9 +96,15 @@ class Helm:
         return self._learnt.followed and felt is not None and felt - self._slow_at >= SPEED_UP - SAME_TIME
 
     def feel(self, own: OwnMotion) -> None:
-        """Learn the turn-rate gain from the vehicle's heading, and whether it is flying what we tell it."""
+        """Learn the turn-rate gain and the delay from the vehicle's heading, and whether it flies what we tell it."""
+        if own.bank_turn is None:
+            self._turned += remainder(own.heading - self._turned, 2 * pi)
+        else:
+            self._turned += own.bank_turn * min(max(own.time - self._felt_at, 0.0), LONGEST_GAP)
+            self._felt_at = own.time
         if self._told is None:
             return
+        self._response.feel(own.time, self._turned, self._link)
         felt = self._learnt.time
         if felt is None or own.time - felt > LONGEST_GAP:
             self._slow_at = self._followed_at = own.time
@@ -82,17 +114,24 @@ class Helm:
         elif own.time - self._followed_at > DEAF_AFTER:
             self._slow_at = own.time
 
-    def command(self, phase: Phase, estimate: RangeEstimate | None, round_trip: float | None) -> TurnCommand | None:
+    def command(
+        self, phase: Phase, estimate: RangeEstimate | None, round_trip: float | None, now: float
+    ) -> TurnCommand | None:
         """The turn now: the law's while engaged, the circle's own while holding. round_trip: of the link, s."""
         orbit = self._settings.orbit
+        self._link = min(self._settings.timing.tick if round_trip is None else round_trip, LONGEST_DELAY)
+        motion = estimate.relative if estimate is not None else None
+        pending = self._pending.at(now, self.response, 0.0 if motion is None else motion.turn_rate)
         if phase is Phase.ENGAGED and estimate is not None:
-            command = self._steer(estimate, self._trim, self._delay(round_trip))
+            command = self._steer(estimate, self._trim, pending, self._watch.share)
             self._trim_radius(estimate, command)
-            return through_gain(command, orbit.max_turn_rate, self.turn_gain)
-        if phase is Phase.HOLDING:
-            command = holding(orbit, estimate.relative if estimate is not None else None, self._settings.law.lag)
-            return through_gain(command, orbit.max_turn_rate, self.turn_gain)
-        return None
+        elif phase is Phase.HOLDING:
+            command = holding(orbit, motion, pending)
+        else:
+            return None
+        if self._watches:
+            self._watch = self._watch.watch(now, command.turn_rate, orbit.max_turn_rate)
+        return through_gain(command, orbit.max_turn_rate, self.turn_gain)
 
     def setpoint(self, command: TurnCommand, session: Session, now: float) -> tuple[Message, YawRate]:
         """The message that flies a command, and the yaw rate in it. Raises UnsafeSetpointError."""
@@ -101,6 +140,8 @@ class Helm:
         state = self._state(session, now, engaged=True)
         message = self._gate.check_message(session.adapter.setpoint(steer, state, now), session.adapter.shapes)
         self._told = command.turn_rate
+        self._response.command(now, command.turn_rate)
+        self._pending.command(now, command.turn_rate * self.turn_gain)
         return message, steer.yaw_rate
 
     def safe_setpoint(self, session: Session, now: float, *, engaged: bool = True) -> Message:
@@ -111,11 +152,9 @@ class Helm:
     def let_go(self) -> None:
         """The vehicle is not ours any more: the next setpoint starts a new stream at a new height."""
         self._gate.reset()
+        self._response.reset()
+        self._pending.reset()
         self._told, self._height, self._steered_at = None, None, None
-
-    def _delay(self, round_trip: float | None) -> float:
-        """From what the vehicle tells of itself to what it hears of our answer, s."""
-        return min(self._settings.timing.tick if round_trip is None else round_trip, LONGEST_DELAY)
 
     def _trim_radius(self, estimate: RangeEstimate, command: TurnCommand) -> None:
         """Let the slow integral run over the time since the last steered step, while the vehicle follows."""

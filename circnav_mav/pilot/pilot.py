@@ -85,6 +85,7 @@ class Pilot:
         self._reboots = 0
         self._heartbeats_before: int | None = None
         self._law = ""
+        self._cycles = 0
         self._airspeed_told = False
 
     # --- in -------------------------------------------------------------------------------------------------------
@@ -132,7 +133,7 @@ class Pilot:
             self._say("altitude", f"altitude jumped, {height.jumped:+.0f} m not counted")
         if not is_attitude:
             return
-        own = self.session.motion.own(now, self._airspeed(now))
+        own = self.session.motion.own(now, self._airspeed(now), banks=self.session.adapter.measures_airspeed)
         if own is not None:
             self.helm.feel(own)
             if self.session.adapter.measures_airspeed or (self._progress.steering and self._flies_as_told()):
@@ -259,14 +260,15 @@ class Pilot:
         self._watch_bounds(estimate, now)
         self._watch_ranging(estimate, now)
         self._watch_engagement(now)
-        command = self.helm.command(self.phase, estimate, self.session.round_trip.worst)
+        command = self.helm.command(self.phase, estimate, self.session.round_trip.worst, now)
         self._tell_law(command)
+        self._tell_cycle()
         messages, sent = self._setpoint(command, now)
         self._records.append(
             tick_record(
                 now, self.phase, self.session, estimate, command, sent,
                 newest=self.target.newest, height=self.target.height.at(now), nis=self.target.estimator.nis,
-                turn_gain=self.helm.turn_gain, law=self.settings.law.name, accepted=self.target.accepted,
+                turn_gain=self.helm.turn_gain, turn_delay=self.helm.response.delay, gain_share=self.helm.gain_share, law=self.settings.law.name, accepted=self.target.accepted,
                 rejected=self.target.ranging.refused,
             )
         )  # fmt: skip
@@ -429,6 +431,12 @@ class Pilot:
         if self._leaving.failure is not None and progress.outcome is not None:
             progress.outcome = Outcome(progress.outcome.ending, f"{progress.outcome.reason}; {self._leaving.failure}")
         return None if silent else self.helm.safe_setpoint(self.session, now)
+
+    def _tell_cycle(self) -> None:
+        """Say that the turn command swings from limit to limit, and what is done about it."""
+        if self.helm.cycles > self._cycles:
+            self._cycles = self.helm.cycles
+            self._say("cycle", f"turn command swings, gains now {100 * self.helm.gain_share:.0f} %")
 
     def _tell_law(self, command: TurnCommand | None) -> None:
         """Say when another law takes over, and why."""

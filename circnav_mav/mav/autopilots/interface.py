@@ -7,9 +7,8 @@ from typing import Protocol
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.commands import Command
 from circnav_mav.mav.gate import Steer
-from circnav_mav.mav.motion import Motion
+from circnav_mav.mav.motion import GRAVITY, Motion
 
-GRAVITY = 9.80665
 PLAUSIBLE_AIRSPEED = (0.5, 1.6)
 """Shares of the commanded airspeed between which a vehicle can fly at all: outside of them it is the sensor that lies
 (a blocked pitot tube), and a bank or a thrust made from it would be believed for the whole flight."""

@@ -1,0 +1,217 @@
+"""How a vehicle answers turn commands: gain, dead time and lag, learnt from what was commanded and how the nose turned.
+
+A dead time, then an answer of first order (a lag) or of second order (a frequency and a damping): the candidates span
+what real firmware showed (ArduPilot, PX4). The likely ones are found by least squares of the turned angle in short
+bins, with a prior about the mission's `turn_lag_s`; the gain is `core.turn_gain`.
+"""
+
+from collections import deque
+from dataclasses import dataclass, replace
+from math import exp
+from typing import Any
+
+import numpy as np
+
+Array = Any
+DEADS = np.arange(0.0, 1.01, 0.1)
+"""Candidates of the dead time, s."""
+FIRST_ORDER = (0.1, 0.2, 0.35, 0.6, 0.9, 1.3)
+SECOND_ORDER = ((3.0, 0.3), (3.0, 0.6), (5.0, 0.3), (5.0, 0.6), (8.0, 0.4))
+"""Candidates of the answer: lags (s); frequencies (rad/s) with dampings."""
+LAGS = np.array([*FIRST_ORDER, *(2 * damping / frequency for frequency, damping in SECOND_ORDER)])
+"""Mean delay of each answer, s."""
+RINGING = np.array([*(1 / lag for lag in FIRST_ORDER), *(damping * frequency for frequency, damping in SECOND_ORDER)])
+"""How fast each answer settles, 1/s."""
+_SECOND = [complex(-z * f, f * (1 - z * z) ** 0.5) for f, z in SECOND_ORDER]
+POLES = np.array([*(complex(-1 / lag) for lag in FIRST_ORDER), *_SECOND])
+RESIDUES = np.array(
+    [*(complex(0.5 / lag) for lag in FIRST_ORDER),
+     *(f * f / (2j * pole.imag) for (f, _), pole in zip(SECOND_ORDER, _SECOND, strict=True))]
+)  # fmt: skip
+"""Each answer as twice the real part of one complex mode, q' = pole q + residue c."""
+BIN = 0.2
+"""Width of a bin, s: shorter ones see the gyro's noise, longer ones lose the delay."""
+MEMORY = 90.0
+"""Time constant of the evidence, s: load and airspeed change slowly, and steady circling teaches nothing new."""
+PRIOR_SIGMA = 0.6
+"""Standard deviation of the logarithm of dead time plus lag about the mission's value."""
+SPLIT_SIGMA = 0.5
+"""Standard deviation of the lag's share of that sum about a half."""
+LEAST_NOISE = 0.01
+"""Standard deviation of a bin's mean turn rate, rad/s, that gusts and the gyro make at least."""
+KEPT = 4.0
+"""Time for which commands are remembered, s: the longest dead time and link delay."""
+
+
+@dataclass(frozen=True, slots=True)
+class Response:
+    """dead: from a command to the first answer, without the link, s. lag: mean delay of the answer, s. settles: how
+    fast it does, 1/s. link: there and back, s. learnt: whether flight has told, or only the mission."""
+
+    dead: float
+    lag: float
+    settles: float
+    link: float = 0.0
+    learnt: bool = False
+
+    @property
+    def delay(self) -> float:
+        """All that lies between a command and the turn it asks for, s."""
+        return self.dead + self.lag + self.link
+
+
+@dataclass(frozen=True, slots=True)
+class Pending:
+    """turn: commanded but not turned yet, rad. ahead: the time it takes, s. settles: how fast the vehicle's answer
+    does, 1/s."""
+
+    turn: Array
+    ahead: Array
+    settles: Array = 10.0
+
+
+class PendingTurn:
+    """What is commanded but not turned yet: the commands of the dead time, and what the lag still holds back.
+
+    Commands (rad/s, what the vehicle is expected to turn at) are numbers, or arrays (B,) of flights that are commanded
+    together. With it the loop is closed on the heading that is already commanded, so that the delay that is modelled
+    leaves the loop (Smith, "Closer control of loops with dead time", 1957).
+    """
+
+    def __init__(self) -> None:
+        self._commands: deque[tuple[float, Array]] = deque()
+        self._rate: Array | None = None
+        self._at = 0.0
+
+    def command(self, time: float, rate: Array) -> None:
+        """From this time (s) on the vehicle is told to turn at this rate."""
+        self._commands.append((time, rate))
+
+    def reset(self) -> None:
+        """Nobody commands any more."""
+        self._commands.clear()
+        self._rate = None
+
+    def at(self, now: float, response: Response, turn_rate: Array) -> Pending:
+        """What is pending now; turn_rate: of the vehicle now, from which the model begins after a reset, rad/s."""
+        dead = response.dead + response.link
+        if not self._commands:
+            return Pending(0.0 * turn_rate, response.delay, response.settles)
+        if self._rate is None:
+            self._rate, self._at = turn_rate, self._commands[0][0] + dead
+        rate, at = self._rate, self._at
+        # before the first command it was turned by somebody else, who goes on for as long as we are not heard
+        turn = turn_rate * min(max(self._commands[0][0] - (now - dead), 0.0), dead)
+        ends = [time for time, _ in self._commands][1:] + [now]
+        for (begin, command), end in zip(self._commands, ends, strict=True):
+            arrived = min(end + dead, now)
+            if arrived > at:
+                rate = command + (rate - command) * exp(-(arrived - at) / max(response.lag, 1e-3))
+                at = arrived
+            turn = turn + command * max(end - max(begin, now - dead), 0.0)
+        while len(self._commands) > 1 and self._commands[1][0] + dead <= at:
+            self._commands.popleft()
+        self._rate, self._at = rate, at
+        return Pending(turn + response.lag * rate, response.delay, response.settles)
+
+
+class ResponseLearner:
+    """Learns in flight how one vehicle answers."""
+
+    def __init__(self, expected: float, after: float = 0.0) -> None:
+        """expected: dead time plus lag before the flight has told, s. after: how much later than what is felt the nose
+        turns, s (a plane is felt by its bank, and slips)."""
+        total, share = DEADS[:, None] + LAGS, LAGS / (DEADS[:, None] + LAGS)
+        prior = np.log(np.maximum(total, 0.05) / max(expected, 0.05)) / PRIOR_SIGMA
+        self._prior = -0.5 * (prior**2 + ((share - 0.5) / SPLIT_SIGMA) ** 2)
+        self._after = after
+        self._sums = np.zeros((6, *total.shape))
+        self._turned: deque[tuple[float, Array]] = deque()
+        self._mode = np.zeros(LAGS.size, complex)
+        self._command: float | None = None
+        self._bin: tuple[float, float] | None = None
+        self._before: Array | None = None
+        self._known = Response(0.5 * expected + after, 0.5 * expected, 2 / max(expected, 0.05))
+
+    def response(self, link: float) -> Response:
+        """As known now; link: there and back, s."""
+        return replace(self._known, link=link)
+
+    def command(self, time: float, rate: float) -> None:
+        """From this time on the vehicle is told to turn at `rate`, rad/s."""
+        if self._command is None:
+            self._mode = -RESIDUES * rate / POLES
+            self._turned.append((time, np.zeros(LAGS.size)))
+        else:
+            self._advance(time)
+        self._command = rate
+
+    def reset(self) -> None:
+        """The vehicle is not ours any more: what comes now is not our doing."""
+        self._command, self._bin, self._before = None, None, None
+        self._turned.clear()
+
+    def feel(self, time: float, turned: float, link: float) -> None:
+        """By how much the vehicle has turned (rad, from anywhere, unwrapped) by a time (s); link: there and back, s."""
+        if self._command is None:
+            return
+        if self._bin is not None and time - self._bin[0] < BIN:
+            return
+        angles = self._angles(time - link)
+        before, self._before = self._before, angles
+        begin, self._bin = self._bin, (time, turned)
+        if begin is None or before is None or angles is None or time - begin[0] > 2 * BIN:
+            return
+        width = time - begin[0]
+        self._learn((angles - before) / width, (turned - begin[1]) / width, width)
+
+    def _advance(self, time: float) -> None:
+        """Carry the answers of all lags on to a time."""
+        last, angle = self._turned[-1]
+        step = time - last
+        if step <= 0 or self._command is None:
+            return
+        force = RESIDUES * self._command
+        mode = (self._mode + force / POLES) * np.exp(POLES * step) - force / POLES
+        self._turned.append((time, angle + 2 * ((mode - self._mode - force * step) / POLES).real))
+        self._mode = mode
+        while len(self._turned) > 2 and self._turned[1][0] < time - KEPT:
+            self._turned.popleft()
+
+    def _angles(self, time: float) -> Array | None:
+        """By how much each candidate says the vehicle has turned by a time, (deads, lags); None before there is any."""
+        if time - DEADS[-1] < self._turned[0][0]:
+            return None
+        self._advance(time)
+        times = np.array([at for at, _ in self._turned])
+        angles = np.array([angle for _, angle in self._turned])
+        then = time - DEADS
+        after = np.clip(np.searchsorted(times, then), 1, times.size - 1)
+        share = np.clip((then - times[after - 1]) / np.maximum(times[after] - times[after - 1], 1e-9), 0.0, 1.0)
+        moved = angles[after] - angles[after - 1]
+        return np.asarray(angles[after - 1] + share[:, None] * moved)
+
+    def _learn(self, model: Array, rate: float, width: float) -> None:
+        """Take in the mean turn rate of a bin, and what the candidates say of it."""
+        one, y = np.ones_like(model), np.full_like(model, rate)
+        self._sums *= exp(-width / MEMORY)
+        self._sums += np.array([one, model, y, model * model, model * y, y * y])
+        n, m, s, mm, my, yy = self._sums
+        if n[0, 0] < 10:
+            return
+        var, cov, all_ = mm - m * m / n, my - m * s / n, yy - s * s / n
+        left = np.maximum(all_ - np.maximum(cov, 0.0) ** 2 / np.maximum(var, 1e-9), 0.0)
+        noise = max(float(left.min() / n[0, 0]), LEAST_NOISE**2)
+        likely = self._prior - 0.5 * left / noise
+        weight = np.exp(likely - likely.max())
+        weight /= weight.sum()
+        of_dead, of_answer = weight.sum(axis=1), weight.sum(axis=0)
+        # what flight tells first is the sum of both; half of the prior's spread is a clear word
+        total = np.log(np.maximum(DEADS[:, None] + LAGS, 0.05))
+        spread = (weight * (total - (weight * total).sum()) ** 2).sum()
+        self._known = Response(
+            dead=float(of_dead @ DEADS) + self._after,
+            lag=float(of_answer @ LAGS),
+            settles=float(1 / (of_answer @ (1 / RINGING))),
+            learnt=bool(spread < (0.5 * PRIOR_SIGMA) ** 2),
+        )
