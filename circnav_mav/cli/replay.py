@@ -156,7 +156,7 @@ def _what_is_missing(pilot: Pilot) -> str:
     if not pilot.session.up:
         misfits = "; ".join(pilot.session.misfits.values())
         return f"no vehicle: {misfits or pilot.counts().describe()}"
-    refused = ", ".join(f"{count} {reason}" for reason, count in pilot.target.ranging.rejected.items()) or "none"
+    refused = describe_rejected(pilot.target.ranging.rejected)
     return f"{pilot.target.accepted} ranges of {pilot.settings.ranging.message} taken, rejected: {refused}"
 
 
@@ -204,9 +204,7 @@ def _say_ticks(done: Replayed, pilot: Pilot, was: Ticks | None) -> None:
     steered = sum(phase == "engaged" for phase in would.phases)
     saturated = sum(record.saturated for record in done.ticks)
     click.echo(f"  ticks      {len(done.ticks)}, {steered} of them steering, {saturated} at the turn-rate limit")
-    refused = (
-        ", ".join(f"{count} {reason}" for reason, count in sorted(pilot.target.ranging.rejected.items())) or "none"
-    )
+    refused = describe_rejected(dict(sorted(pilot.target.ranging.rejected.items())))
     click.echo(f"  ranges     {pilot.target.accepted} taken, rejected: {refused}")
     if pilot.outcome is not None:
         early = done.ended is not None and done.until - done.ended > UNRECORDED
