@@ -18,6 +18,7 @@ from circnav_mav.analysis.turns import plain_turns, recorded_turns
 from circnav_mav.analysis.whole_file import whole_file
 from circnav_mav.cli.exits import Exit, Refused, cannot, check_named
 from circnav_mav.cli.replay_who import say_who
+from circnav_mav.mav.range_messages import describe_rejected
 from circnav_mav.mission.load import MissionError, load_mission, parse_mission
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import Pilot, PilotSettings, Voice

@@ -42,7 +42,9 @@ def _refused(rejected: dict[str, int]) -> str:
     """Ranges that did not count; those of other senders, which do no harm, apart."""
     own = {reason: count for reason, count in sorted(rejected.items()) if reason not in OTHERS}
     others = sum(rejected.values()) - sum(own.values())
-    return f"{sum(own.values())} rejected ({describe_rejected(own)})" + (f"; {others} of other senders ignored" if others else "")
+    return f"{sum(own.values())} rejected ({describe_rejected(own)})" + (
+        f"; {others} of other senders ignored" if others else ""
+    )
 
 
 def _circle(summary: dict[str, Any]) -> list[str]:

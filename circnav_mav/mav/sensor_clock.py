@@ -6,7 +6,7 @@ from dataclasses import dataclass
 WINDOW = 100
 """Samples after which the least lag is taken anew, so that a drifting sensor clock is followed."""
 STEP = 0.15
-"""Least step of a remote clock that is looked for, s: the jitter of most links is smaller, a pause that hurts is not."""
+"""Least step of a remote clock that is looked for, s: the jitter of most links is less, a pause that hurts is more."""
 RISE = 0.4
 """Share of a step that must show from one sample to the next. A link that is ever more congested rises bit by bit."""
 STEADY, STEADY_SAMPLES = 0.5, 3
@@ -44,11 +44,12 @@ class SensorClock:
     The idea is that of ArduPilot's JitterCorrection: delay on the way only ever adds. A constant delay cannot be told
     from a clock difference and stays in.
 
-    A remote clock that stands still (a paused simulator, a controller that writes its log) raises all later lags at once
-    by the length of the pause. A queue that drains raises them too, but they fall from sample to sample; congestion
-    raises them bit by bit. A link that has turned slower in one step looks just the same: the round trip (`slower`)
-    tells, and the offset follows what the round trip does not explain. Where nothing measures the link, the step is
-    taken for the clock's: pauses are common, and a slow link that is slow from the start does not show there either.
+    A remote clock that stands still (a paused simulator, a controller that writes its log) raises all later lags at
+    once by the length of the pause. A queue that drains raises them too, but they fall from sample to sample;
+    congestion raises them bit by bit. A link that has turned slower in one step looks just the same: the round trip
+    (`slower`) tells, and the offset follows only what the round trip does not explain. Where nothing measures the link,
+    the step is taken for the clock's: pauses are common, a route that is suddenly slower by a constant time is rare,
+    and one that is slow from the start has never shown there.
     """
 
     def __init__(self, slower: Slower = nobody_tells) -> None:
