@@ -53,6 +53,8 @@ class RangeReader:
         self._slant = 0.0
         self._jumped: tuple[float, float] | None = None
         self.restarted = False
+        self.stepped = 0.0
+        """By how much the sensor's clock was found to have stood still with the newest message, s; 0 if not."""
         self.sender_stays = False
         """Whether nobody may stand in for a sender that falls silent: the vehicle is being steered by it."""
         self.rejected: Counter[str] = Counter()
@@ -61,11 +63,6 @@ class RangeReader:
     def refused(self) -> int:
         """Ranges of our sensor that did not become samples; those of others do no harm."""
         return self.rejected.total() - sum(self.rejected[reason] for reason in OTHERS)
-
-    @property
-    def stepped(self) -> float:
-        """By how much the sensor's clock was found with the newest range to have stood still, s; 0 if not."""
-        return self._clock.followed
 
     @property
     def clock_doubted(self) -> bool:
@@ -81,7 +78,7 @@ class RangeReader:
         long messages of this link are under way at least, s, as far as anybody can tell: stamps alone cannot.
         `restarted` tells whether the sensor's clock was found to have jumped with this sample.
         """
-        self.restarted = False
+        self.restarted, self.stepped = False, 0.0
         if message.get_type() != self._kind.type:
             return None
         answer = self._judge(message, now, strangers)
@@ -123,6 +120,7 @@ class RangeReader:
         """The sample of a reading that is new, unless it is too old or the target is overhead."""
         settings = self._settings
         time = self._clock.local(stamp, now)
+        self.stepped = self._clock.followed
         if now - time > settings.max_age:
             return Reject.CLOCK if self._clock.doubted else Reject.TOO_OLD
         sigma = reading.sigma or settings.sigma

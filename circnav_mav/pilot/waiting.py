@@ -76,8 +76,9 @@ class Waiting:
         target, age = self._target, self._target.age(now)
         if target.estimator.ready and age is not None and FRESH * self._settings.timing.stale < age < waited:
             return f"no range fresh enough for {waited:.1f} s, the newest is {age:.2f} s old"
-        stepped = ": rejected, the sensor clock stepped" if target.ranging.clock_doubted else ""
-        return f"no range for {waited:.1f} s{stepped}"
+        if target.ranging.clock_doubted:
+            return f"no range for {waited:.1f} s: rejected, the sensor clock stepped"
+        return f"no range for {waited:.1f} s"
 
     def _what_is_gone(self, now: float) -> str:
         """Which silence a flight that runs out of time waits in."""
