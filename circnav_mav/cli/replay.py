@@ -18,6 +18,7 @@ from circnav_mav.analysis.turns import plain_turns, recorded_turns
 from circnav_mav.analysis.whole_file import whole_file
 from circnav_mav.cli.exits import Exit, Refused, cannot, check_named
 from circnav_mav.cli.replay_who import say_who
+from circnav_mav.mav.range_messages import describe_rejected
 from circnav_mav.mission.load import MissionError, load_mission, parse_mission
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import Pilot, PilotSettings, Voice
@@ -156,7 +157,7 @@ def _what_is_missing(pilot: Pilot) -> str:
     if not pilot.session.up:
         misfits = "; ".join(pilot.session.misfits.values())
         return f"no vehicle: {misfits or pilot.counts().describe()}"
-    refused = ", ".join(f"{count} {reason}" for reason, count in pilot.target.ranging.rejected.items()) or "none"
+    refused = describe_rejected(pilot.target.ranging.rejected)
     return f"{pilot.target.accepted} ranges of {pilot.settings.ranging.message} taken, rejected: {refused}"
 
 
@@ -204,9 +205,7 @@ def _say_ticks(done: Replayed, pilot: Pilot, was: Ticks | None) -> None:
     steered = sum(phase == "engaged" for phase in would.phases)
     saturated = sum(record.saturated for record in done.ticks)
     click.echo(f"  ticks      {len(done.ticks)}, {steered} of them steering, {saturated} at the turn-rate limit")
-    refused = (
-        ", ".join(f"{count} {reason}" for reason, count in sorted(pilot.target.ranging.rejected.items())) or "none"
-    )
+    refused = describe_rejected(dict(sorted(pilot.target.ranging.rejected.items())))
     click.echo(f"  ranges     {pilot.target.accepted} taken, rejected: {refused}")
     if pilot.outcome is not None:
         early = done.ended is not None and done.until - done.ended > UNRECORDED

@@ -3,9 +3,8 @@
 from pathlib import Path
 from typing import Any
 
-from circnav_mav.mav.ranging import Reject
+from circnav_mav.mav.range_messages import OTHERS, describe_rejected
 
-OTHERS = Reject.WRONG_SOURCE.value
 NOTABLE = 1.0
 """Time, s, that somebody else had the vehicle from which on it is told."""
 
@@ -41,10 +40,11 @@ def _steered(summary: dict[str, Any]) -> float:
 
 def _refused(rejected: dict[str, int]) -> str:
     """Ranges that did not count; those of other senders, which do no harm, apart."""
-    own = {reason: count for reason, count in sorted(rejected.items()) if reason != OTHERS}
-    why = ", ".join(f"{count} {reason}" for reason, count in own.items()) or "none"
-    others = rejected.get(OTHERS, 0)
-    return f"{sum(own.values())} rejected ({why})" + (f"; {others} of other senders ignored" if others else "")
+    own = {reason: count for reason, count in sorted(rejected.items()) if reason not in OTHERS}
+    others = sum(rejected.values()) - sum(own.values())
+    return f"{sum(own.values())} rejected ({describe_rejected(own)})" + (
+        f"; {others} of other senders ignored" if others else ""
+    )
 
 
 def _circle(summary: dict[str, Any]) -> list[str]:

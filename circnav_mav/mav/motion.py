@@ -10,7 +10,7 @@ from math import cos, sin, tan
 from circnav_mav.core.values import OwnMotion
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.frames import YawRate, course_from_yaw, turn_rate_from_yaw_rate
-from circnav_mav.mav.sensor_clock import SensorClock
+from circnav_mav.mav.sensor_clock import SensorClock, Slower, nobody_tells
 
 
 GRAVITY = 9.80665
@@ -64,12 +64,13 @@ class MotionSensor:
     overtaken, and a heading that is .2 s off in time is a path that nobody flew.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, slower: Slower = nobody_tells) -> None:
+        """slower: tells of the vehicle's link."""
         self._attitude: Motion | None = None
         self._attitude_at = float("-inf")
         self._air = Motion()
         self._air_at = float("-inf")
-        self._clock = SensorClock()
+        self._clock = SensorClock(slower)
         self._stamp_ms: int | None = None
         self._doubtful_ms: int | None = None
         self._heard_at = float("-inf")

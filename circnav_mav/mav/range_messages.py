@@ -19,6 +19,7 @@ class Reject(Enum):
     """Why a ranging message did not become a sample."""
 
     WRONG_SOURCE = "wrong_source"
+    OTHER_SENSOR = "other_sensor"
     NOT_FINITE = "not_finite"
     NO_RANGE = "no_range"
     BELOW_MIN = "below_min"
@@ -27,12 +28,27 @@ class Reject(Enum):
     REPEAT = "repeat"
     OLDER = "older"
     STAMP_JUMP = "stamp_jump"
+    CLOCK = "clock"
     TOO_OLD = "too_old"
     TOO_NOISY = "too_noisy"
     OVERHEAD = "overhead"
     NO_HEIGHT = "no_height"
     GATED = "gated"
     STALLED = "stalled"
+
+
+OTHERS = frozenset({Reject.WRONG_SOURCE.value, Reject.OTHER_SENSOR.value})
+"""What is not ours to take, and no fault of our sensor."""
+_CLOCKS = frozenset({Reject.STAMP_JUMP.value, Reject.CLOCK.value})
+
+
+def describe_rejected(rejected: Mapping[str, int]) -> str:
+    """How many ranges were rejected for which reason, for people."""
+    told = (
+        f"{count} {reason}{' (sensor clock stepped)' if reason in _CLOCKS else ''}"
+        for reason, count in rejected.items()
+    )
+    return ", ".join(told) or "none"
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +92,7 @@ class Reading:
 def _ranging_beacon(message: Message, settings: RangingSettings) -> Reading | Reject | None:
     """RANGING_BEACON (513): mm, 1 sigma in mm, sequence, status bit 0 = poor signal; development.xml."""
     if message.beacon_id != settings.beacon_id:
-        return None
+        return Reject.OTHER_SENSOR
     if message.range in (0, UINT32_MAX):
         return Reject.NO_RANGE
     if message.status & 1:
@@ -97,8 +113,10 @@ def _distance_sensor(message: Message, settings: RangingSettings) -> Reading | R
     """
     wrong_id = settings.sensor_id is not None and message.id != settings.sensor_id
     wrong_way = settings.orientation is not None and message.orientation != settings.orientation
-    if wrong_id or wrong_way or message.orientation == DOWNWARD:
+    if message.orientation == DOWNWARD:
         return None
+    if wrong_id or wrong_way:
+        return Reject.OTHER_SENSOR
     cm = message.current_distance
     if cm in (0, 65535) or (0 < message.max_distance <= cm):
         return Reject.NO_RANGE

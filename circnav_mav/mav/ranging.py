@@ -13,24 +13,23 @@ from circnav_mav.core.values import RangeSample
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.range_messages import (
     DOWNWARD,
+    OTHERS,
     RANGING_MESSAGES,
     RangingMessage,
     RangingSettings,
     Reading,
     Reject,
 )
-from circnav_mav.mav.sensor_clock import SensorClock
+from circnav_mav.mav.sensor_clock import SensorClock, Slower, nobody_tells
 
 __all__ = ["DOWNWARD", "RANGING_MESSAGES", "RangeReader", "RangingMessage", "RangingSettings", "Reject"]
 
 MISSED = 2.5
 """Ranges of the usual rate that must have failed to come by the old clock before a new one is believed."""
 AUTOPILOT_COMPONENT = 1
-LATE_PATIENCE = 3.0
-"""Time, s, for which stamps must be behind before their clock counts as set back: a link that has turned slow looks the
-same, and the answers to TIMESYNC tell of that meanwhile."""
 EPOCH_JUMP = 1.0
-"""Disagreement of sensor and local clock between two samples, s, above which the sensor's clock has jumped."""
+"""A stamp that is newer than the sensor's clock allows, or older than the newest, by more than this, s, is of a clock
+that was set. One that is merely late is not: SensorClock tells a clock that stood still from a slow link."""
 SOURCE_SILENT = 5.0
 """Silence of the first sensor heard, s, after which another one may take its place."""
 
@@ -38,28 +37,37 @@ SOURCE_SILENT = 5.0
 class RangeReader:
     """Turns messages into samples, each measurement at most once and in the order of the sensor's clock."""
 
-    def __init__(self, settings: RangingSettings, noise: NoiseCheck | None = None) -> None:
-        """noise: whether ranges scatter as they say; None: they are believed."""
+    def __init__(
+        self, settings: RangingSettings, noise: NoiseCheck | None = None, slower: Slower = nobody_tells
+    ) -> None:
+        """noise: whether ranges scatter as they say; None: they are believed. slower: tells of the link that they come
+        on."""
         self._settings = settings
         self._noise = noise
         self._kind = RANGING_MESSAGES[settings.message]
-        self._clock = SensorClock()
+        self._clock = SensorClock(slower)
         self._source: tuple[int, int] | None = None
         self._sequence: int | None = None
         self._stamp: float | None = None
         self._arrival = 0.0
         self._slant = 0.0
         self._jumped: tuple[float, float] | None = None
-        self._behind_since: float | None = None
         self.restarted = False
+        self.stepped = 0.0
+        """By how much the sensor's clock was found to have stood still with the newest message, s; 0 if not."""
         self.sender_stays = False
         """Whether nobody may stand in for a sender that falls silent: the vehicle is being steered by it."""
         self.rejected: Counter[str] = Counter()
 
     @property
     def refused(self) -> int:
-        """Ranges of our sensor that did not become samples; those of other senders do no harm."""
-        return self.rejected.total() - self.rejected[Reject.WRONG_SOURCE.value]
+        """Ranges of our sensor that did not become samples; those of others do no harm."""
+        return self.rejected.total() - sum(self.rejected[reason] for reason in OTHERS)
+
+    @property
+    def clock_doubted(self) -> bool:
+        """Whether the newest ranges are rejected because the sensor's clock has stepped, as it seems."""
+        return self._clock.doubted or self._jumped is not None
 
     def read(
         self,
@@ -77,7 +85,7 @@ class RangeReader:
         are under way at least, s, as far as anybody can tell: stamps alone cannot.
         `restarted` tells whether the sensor's clock was found to have jumped with this sample.
         """
-        self.restarted = False
+        self.restarted, self.stepped = False, 0.0
         if message.get_type() != self._kind.type:
             return None
         answer = self._judge(message, now, height, strangers)
@@ -121,8 +129,9 @@ class RangeReader:
         """The sample of a reading that is new, unless it is too old or the target is overhead."""
         settings = self._settings
         time = self._clock.local(stamp, now)
+        self.stepped = self._clock.followed
         if now - time > settings.max_age:
-            return Reject.TOO_OLD
+            return Reject.CLOCK if self._clock.doubted else Reject.TOO_OLD
         sigma = reading.sigma or settings.sigma
         flat = (reading.slant, sigma if self._noise is None else self._noise.believed(stamp, reading.slant, sigma))
         if flat[1] > settings.max_sigma:
@@ -161,9 +170,9 @@ class RangeReader:
         if self._stamp is None:
             return None
         step, waited = stamp - self._stamp, now - self._arrival
-        if abs(step - waited) > EPOCH_JUMP and not -EPOCH_JUMP < step <= 0:
-            return self._jump(stamp, now, behind=0 < step < waited)
-        self._jumped = self._behind_since = None
+        if step <= -EPOCH_JUMP or self._clock.ahead(stamp, now) > EPOCH_JUMP:
+            return self._jump(stamp, now)
+        self._jumped = None
         if step < 0:
             return Reject.OLDER
         if step == 0 or (reading.sequence is not None and reading.sequence == self._sequence and waited < 10):
@@ -173,17 +182,13 @@ class RangeReader:
             return Reject.REPEAT
         return None
 
-    def _jump(self, stamp: float, now: float, *, behind: bool) -> Reject | None:
-        """A stamp far off the local clock: believed when the next one agrees with it, a glitch must not reset us; when
-        no range came by the old clock meanwhile, which a looped route does not silence; and, where the old clock would
-        only have come late, when it stays so."""
-        self._behind_since = (self._behind_since or now) if behind else None
+    def _jump(self, stamp: float, now: float) -> Reject | None:
+        """A stamp of another clock: believed when the next one agrees with it, a glitch must not reset us; and when no
+        range came by the old clock meanwhile, which a looped route does not silence."""
         before, self._jumped = self._jumped, (stamp, now)
         if before is None or abs((stamp - before[0]) - (now - before[1])) > EPOCH_JUMP or stamp <= before[0]:
             return Reject.STAMP_JUMP
         if now - self._arrival < MISSED / self._settings.rate:
-            return Reject.STAMP_JUMP
-        if self._behind_since is not None and now - self._behind_since < LATE_PATIENCE:
             return Reject.STAMP_JUMP
         self._begin_anew()
         return None
@@ -191,5 +196,5 @@ class RangeReader:
     def _begin_anew(self) -> None:
         """Another clock, or another sensor: what was known of the old one says nothing of it."""
         self._clock.reset()
-        self._stamp, self._sequence, self._jumped, self._behind_since = None, None, None, None
+        self._stamp, self._sequence, self._jumped = None, None, None
         self.restarted = True

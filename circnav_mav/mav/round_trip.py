@@ -20,6 +20,8 @@ MOST_REPEATS = 10
 AGAIN = 0.2
 """Time after which a question is asked again, s, that should have been answered by now: it was lost, or the link has
 become slow, and to learn either is urgent."""
+REMEMBERED = 64
+"""Newest answers by which a link is compared with what it was."""
 OUTSTANDING = 64
 """Questions that may wait for an answer, more than are asked within PATIENCE; it mirrors our stamp, so nobody else's
 answer is taken for ours."""
@@ -36,6 +38,7 @@ class RoundTrip:
         self._waiting_since: float | None = None
         self._repeats = 0
         self._began: float | None = None
+        self._answers: deque[tuple[float, float]] = deque(maxlen=REMEMBERED)
         self.trips: deque[float] = deque(maxlen=KEPT)
         """The newest, s."""
 
@@ -54,6 +57,19 @@ class RoundTrip:
         """The least that a frame of the vehicle has been under way of late, s: half of the quickest answer. 0 where no
         answer tells."""
         return min(self.trips, default=0.0) / 2
+
+    def slower(self, since: float, now: float) -> float:
+        """The most, s, by which frames that have come since then may be later than those before: what the quickest
+        answer takes longer. Infinite until an answer tells, which is asked for at once; 0 where none ever does."""
+        after = [trip for at, trip in self._answers if at >= since]
+        if after:
+            before = min((trip for at, trip in self._answers if at < since), default=0.0)
+            return max(min(after) - before, 0.0)
+        if not self._answers or now - max(since, self._answers[-1][0]) > PATIENCE:
+            return 0.0
+        if self._asked and self._asked[-1][1] < since:
+            self._next = now
+        return float("inf")
 
     def settled(self, now: float) -> bool:
         """Whether the round trip is known, or never will be."""
@@ -82,6 +98,7 @@ class RoundTrip:
                 self._repeats = 0
                 if now - asked[1] <= PATIENCE:
                     self.trips.append(now - asked[1])
+                    self._answers.append((now, now - asked[1]))
                 return
 
     def _overdue(self, now: float) -> bool:

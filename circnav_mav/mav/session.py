@@ -57,8 +57,8 @@ class Session:
         self.encoder = Encoder(settings.system_id or 1, settings.component_id, signing)
         self.commands = CommandSender()
         self.streams = StreamRequests({})
-        self.motion = MotionSensor()
         self.round_trip = RoundTrip()
+        self.motion = MotionSensor(self.round_trip.slower)
         self.announcer = Announcer()
         self.mode_requests_dropped = 0
         """Times that a request was dropped before its answer had come."""

@@ -5,6 +5,9 @@ from itertools import pairwise
 from math import hypot, sqrt
 from statistics import median
 
+from pymavlink.dialects.v20.all import MAV_AUTOPILOT_PX4
+
+from circnav_mav.mav.range_messages import OTHERS, describe_rejected
 from circnav_mav.mission.checks_ranging import height_cost
 from circnav_mav.mission.grades import Check, Grade
 from circnav_mav.mission.mission import Mission
@@ -33,7 +36,7 @@ def judge_ranging(mission: Mission, seen: Observations, vehicle: VehicleSeen) ->
     """Lines about the ranges: whether they come, how often, how late and how noisy, and whether their stamps hold."""
     yield from _height(mission, vehicle)
     yield _heard(mission, seen)
-    yield _rejected(mission, seen)
+    yield _rejected(mission, seen, vehicle)
     ranges = seen.ranges
     if len(ranges) >= 10:
         yield from _noise(mission, ranges)
@@ -62,14 +65,18 @@ def _heard(mission: Mission, seen: Observations) -> Check:
     )
 
 
-def _rejected(mission: Mission, seen: Observations) -> Check:
-    """Messages of other senders do no harm where the mission names ours."""
+def _rejected(mission: Mission, seen: Observations, vehicle: VehicleSeen) -> Check:
+    """Messages of others do no harm where the mission names ours, or one is the echo of the other: PX4 sends a
+    DISTANCE_SENSOR that was forwarded to it on under its own id."""
     table = mission.file.ranging
     named = table.component_id is not None or table.system_id is not None
-    counts = {reason: count for reason, count in seen.rejected.items() if not (named and reason == "wrong_source")}
-    words = ", ".join(f"{count} {reason}" for reason, count in sorted(seen.rejected.items())) or "none"
+    counts = {reason: count for reason, count in seen.rejected.items() if reason not in OTHERS}
+    words = describe_rejected(dict(sorted(seen.rejected.items())))
     share = sum(counts.values()) / max(sum(counts.values()) + len(seen.ranges), 1)
-    if "wrong_source" in counts:
+    autopilot = f"{vehicle.system}/{vehicle.component}"
+    senders = {carrier.split()[0] for carrier in seen.carriers}
+    echoed = vehicle.adapter.autopilot == MAV_AUTOPILOT_PX4 and autopilot in senders and len(senders) == 2
+    if "wrong_source" in seen.rejected and not named and not (echoed and seen.ranges):
         return Check(WARN, "rejected", f"{words}: several senders, name yours with ranging.component_id")
     return Check(WARN if share > MOST_REJECTED else PASS, "rejected", words)
 

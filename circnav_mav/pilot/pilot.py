@@ -18,6 +18,7 @@ from circnav_mav.mav.codec import LinkCounts, Message
 from circnav_mav.mav.frames import YawRate
 from circnav_mav.mav.gate import UnsafeSetpointError
 from circnav_mav.mav.ranging import RANGING_MESSAGES
+from circnav_mav.mav.sensor_clock import nobody_tells
 from circnav_mav.mav.session import HANDLED, HEARTBEAT_PERIOD, LOST_AFTER, Session
 from circnav_mav.mav.signing import Signing
 from circnav_mav.pilot.authority import Authority
@@ -63,7 +64,9 @@ class Pilot:
             signing,
         )
         self._say = self.session.announcer.say
-        self.target = Target(settings, self._say)
+        self.target = Target(
+            settings, self._say, nobody_tells if settings.ranging_apart else self.session.round_trip.slower
+        )
         self.helm = Helm(settings)
         self.why = ""
         """Why the law flies that flies, for people."""
@@ -361,7 +364,8 @@ class Pilot:
             progress.finish(Ending.ABORTED, broken, now)
 
     def _watch_ranging(self, estimate: RangeEstimate | None, now: float) -> None:
-        progress, good = self._progress, self.target.good(estimate, now)
+        progress = self._progress
+        good = self.target.good(estimate, now, holding=progress.phase is Phase.HOLDING)
         if progress.phase is Phase.WAIT_RANGING and self.session.missing(now):
             return
         steering = progress.steering

@@ -3,7 +3,7 @@
 from collections import Counter
 
 from circnav_mav.mav.codec import LinkCounts
-from circnav_mav.mav.ranging import RangingMessage
+from circnav_mav.mav.range_messages import RangingMessage, describe_rejected
 from circnav_mav.mav.session import Session
 
 
@@ -22,7 +22,7 @@ def why_not_ready(
     """Ranging, or something that the vehicle must tell (`missing`), does not come. counts: of the ranging's link."""
     if missing:
         return why_not_told(session, missing)
-    refused = ", ".join(f"{count} {reason}" for reason, count in rejected.items()) or "none"
+    refused = describe_rejected(rejected)
     return f"no ranging: no usable {message.type}, samples rejected: {refused}; {counts.describe()}{_denied(session)}"
 
 

@@ -9,25 +9,34 @@ from circnav_mav.core.values import SAME_TIME, OwnMotion, RangeEstimate, RangeSa
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.height import Height
 from circnav_mav.mav.ranging import RangeReader, Reject
+from circnav_mav.mav.sensor_clock import Slower
 from circnav_mav.pilot.progress import Say
 from circnav_mav.pilot.settings import PilotSettings
+
+FRESH = 0.6
+"""Share of `stale` that a range's age must be below to steer again at once after ranges were stale."""
+CALM = 1.0
+"""Time, s, for which ranges must not have been stale to steer again otherwise: a radio whose ranges come at an age near
+`stale` would else start and stop steering with each of them."""
 
 
 class Target:
     """Reads ranges and keeps the estimator. `fresh`: a range came in that no step has answered yet."""
 
-    def __init__(self, settings: PilotSettings, say: Say) -> None:
+    def __init__(self, settings: PilotSettings, say: Say, slower: Slower) -> None:
+        """slower: tells of the link that ranges come on."""
         self._say = say
         self._stale = settings.timing.stale
         self._noise = NoiseCheck(settings.orbit.speed, settings.orbit.max_turn_rate)
         self._noise_told = False
         self._needs_altitude = settings.height.needs_altitude
         self.height = Height(settings.height)
-        self.ranging = RangeReader(settings.ranging, self._noise)
+        self.ranging = RangeReader(settings.ranging, self._noise, slower)
         self.estimator = ESTIMATORS[settings.estimator](settings.estimation)
         self.newest: RangeSample | None = None
         self.fresh = False
         self.accepted = 0
+        self._stale_at = float("-inf")
 
     def hear(self, message: Message, now: float, *, stalled: bool, strangers: Collection[int], one_way: float) -> bool:
         """Take in what may be a range; tells whether the estimator took it. stalled: we slept, its age is not known.
@@ -36,6 +45,8 @@ class Target:
         sample = self.ranging.read(message, now, height=height, strangers=strangers, one_way=one_way)
         if self.ranging.restarted:
             self.estimator.restamp()
+        if self.ranging.stepped:
+            self._say("clock", f"sensor clock stood still {self.ranging.stepped:.1f} s")
         if sample is None:
             return False
         if stalled:
@@ -60,10 +71,14 @@ class Target:
         """The estimate of this moment."""
         return self.estimator.at(now)
 
-    def good(self, estimate: RangeEstimate | None, now: float) -> bool:
-        """Whether an estimate of now may steer: ready, and of a range that is not stale."""
+    def good(self, estimate: RangeEstimate | None, now: float, *, holding: bool) -> bool:
+        """Whether an estimate of now may steer: ready, and of a range that is not stale. holding: whether steering was
+        given up; then the range must be clearly fresh, or ranges must not have been stale for a while."""
         age = self.age(now)
-        fresh = age is not None and age <= self._stale + SAME_TIME
+        if age is None or age > self._stale + SAME_TIME:
+            self._stale_at = now
+            return False
+        fresh = not holding or age <= FRESH * self._stale or now - self._stale_at > CALM
         return self.estimator.ready and estimate is not None and fresh
 
     def age(self, now: float) -> float | None:

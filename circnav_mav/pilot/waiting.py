@@ -9,7 +9,7 @@ from circnav_mav.mav.session import Session
 from circnav_mav.pilot.progress import Progress
 from circnav_mav.pilot.reasons import why_no_vehicle, why_not_ready, why_not_sure
 from circnav_mav.pilot.settings import RANGING, VEHICLE, Ending, PilotSettings, Voice
-from circnav_mav.pilot.target import Target
+from circnav_mav.pilot.target import FRESH, Target
 
 
 class Waiting:
@@ -43,7 +43,7 @@ class Waiting:
                 gone = self._what_is_gone(now)
                 progress.finish(Ending.ABORTED, f"time ran out while {progress.phase.value}{gone}", now)
         elif progress.phase is Phase.HOLDING and waited > timing.hold:
-            progress.finish(Ending.ABORTED, f"no range for {waited:.1f} s", now)
+            progress.finish(Ending.ABORTED, self._why_held(waited, now), now)
         elif progress.lost_at is not None and now - progress.lost_at > timing.outage:
             progress.finish(Ending.ABORTED, f"vehicle or ranging gone for {timing.outage:.0f} s", now)
         elif engaged_at is not None or progress.started is None:
@@ -72,6 +72,15 @@ class Waiting:
             missing=missing if target.estimator.ready else [],
             counts=self._ranging_link,
         )
+
+    def _why_held(self, waited: float, now: float) -> str:
+        """Why the ranges of so many seconds could not be steered by."""
+        target, age = self._target, self._target.age(now)
+        if target.estimator.ready and age is not None and FRESH * self._settings.timing.stale < age < waited:
+            return f"no range fresh enough for {waited:.1f} s, the newest is {age:.2f} s old"
+        if target.ranging.clock_doubted:
+            return f"no range for {waited:.1f} s: rejected, the sensor clock stepped"
+        return f"no range for {waited:.1f} s"
 
     def _what_is_gone(self, now: float) -> str:
         """Which silence a flight that runs out of time waits in."""

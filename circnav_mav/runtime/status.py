@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from circnav_mav.core.phases import Phase
 from circnav_mav.mav.frames import compass_from_vector
-from circnav_mav.mav.ranging import Reject
+from circnav_mav.mav.range_messages import OTHERS
 from circnav_mav.pilot import Ending, Outcome, Pilot, TickRecord, Voice, phase_name
 
 RATE_SPAN = 3.0
@@ -16,7 +16,6 @@ SILENT = 1.5
 """Age of the vehicle's newest heartbeat, s, that is worth a warning; it says one a second at the least."""
 MOST_REJECTED = 0.5
 """Share of the ranges that may be refused before it is worth a warning."""
-OTHERS = Reject.WRONG_SOURCE.value
 SILENCED = {
     Voice.DRY_RUN: "DRY RUN: no setpoint, no mode is sent",
     Voice.SHADOW: "SHADOW: no setpoint, no mode is sent",
@@ -74,8 +73,8 @@ class Watch:
             why=pilot.why if tick.law else "",
             target=_target(tick),
             alarms=tuple(_alarms(pilot, tick, now, rates, problem)),
-            rejected={why: count for why, count in pilot.target.ranging.rejected.most_common() if why != OTHERS},
-            others=pilot.target.ranging.rejected[OTHERS],
+            rejected={why: count for why, count in pilot.target.ranging.rejected.most_common() if why not in OTHERS},
+            others=sum(pilot.target.ranging.rejected[why] for why in OTHERS),
             rates=rates,
             setpoints=pilot.setpoints_sent,
             outcome=pilot.outcome,
@@ -114,6 +113,8 @@ def _alarms(pilot: Pilot, tick: TickRecord, now: float, rates: Rates | None, pro
             found.append(f"RANGE STALE, {tick.range_age:.1f} s{patience if tick.phase is Phase.HOLDING else ''}")
         if rates is not None and rates.refused > MOST_REJECTED * (rates.taken + rates.refused):
             found.append(f"MOST RANGES REJECTED, {rates.refused:.1f} of {rates.taken + rates.refused:.1f} a second")
+        if pilot.target.ranging.clock_doubted:
+            found.append("SENSOR CLOCK stepped: its ranges are rejected until it is known again")
         if (speed := pilot.session.boot_clock.found) is not None:
             cure = 'a simulator at this speed is flown with link.clock = "autopilot"'
             found.append(f"CLOCK: the autopilot's time runs at {speed:.2g} of ours: {cure}")

@@ -51,6 +51,8 @@ def test_a_flight_with_a_takeover_tells_how_much_of_it_was_steered() -> None:
 def test_ranges_of_other_senders_are_told_apart() -> None:
     """PX4 repeats each range of the radio under its own id."""
     assert "600 taken, 0 rejected (none); 599 of other senders ignored" in told(samples_rejected={"wrong_source": 599})
+    mixed = told(samples_rejected={"clock": 12, "too_old": 1, "other_sensor": 3})
+    assert "13 rejected (12 clock (sensor clock stepped), 1 too_old); 3 of other senders ignored" in mixed
     assert "600 taken, 3 rejected (3 gated)\n" in told()
 
 

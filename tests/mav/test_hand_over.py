@@ -364,18 +364,29 @@ def test_a_range_that_says_it_may_be_anywhere_is_not_taken(make_rig, say, accura
     assert rig.pilot.target.ranging.rejected["too_noisy"] == 100
 
 
-def test_a_clock_that_falls_behind_is_believed_once_the_answers_had_time_to_tell_of_a_slow_link(make_rig, say):
-    rig = make_rig().engage()
+@pytest.mark.parametrize(
+    ("round_trip", "believed"), [(0.0, pytest.approx(2.7, abs=0.15)), (None, pytest.approx(2.7, abs=0.15)), (2.0, None)]
+)
+def test_ranges_that_stay_late_are_of_a_clock_that_stood_still_unless_the_answers_are_as_late(
+    make_rig, say, round_trip, believed
+):
+    """Silent for 2 s, and as late from then on. A vehicle that never answered TIMESYNC tells nothing."""
+    rig = make_rig()
+    rig.round_trip = 0.0 if round_trip is not None else None
+    rig.run(15.0)
+    rig.round_trip = round_trip
     rig.ranges, since = False, rig.now
     rig.run(2.0)
     behind = None
-    for _ in range(160):
+    for _ in range(120):
         rig.run(0.05)
         if rig.tick % 2 == 0:
             rig.hear(say.distance(15000, 1_000_000 + round((rig.now - 2.0) * 1000)))
         if behind is None and rig.pilot.target.newest.time > since + 0.1:
             behind = rig.now - since
-    assert behind == pytest.approx(5.2, abs=0.2)
+    assert behind == believed
+    assert rig.pilot.target.ranging.rejected["clock"] >= 4
+    assert bool(rig.pilot.target.ranging.rejected["too_old"] > 10) == (believed is None)
 
 
 def test_ranges_that_scatter_over_half_the_radius_are_lost_ranges(make_rig, say):

@@ -194,7 +194,8 @@ def test_a_downward_sensor_measures_height_and_is_never_believed(ear, wanted):
 def test_a_distance_sensor_is_chosen_by_id_and_orientation(ear, fields, taken):
     heard = ear(RangingSettings(message="distance_sensor", sensor_id=2, orientation=24))
     assert (heard.distance(**fields) is not None) == taken
-    assert heard.rejected == {}, "another sensor is nobody's error"
+    assert heard.rejected == ({} if taken else {"other_sensor": 1})
+    assert heard.reader.refused == 0, "another sensor is nobody's error"
 
 
 def test_a_distance_sensor_of_id_0_can_be_chosen(ear):
@@ -207,6 +208,7 @@ def test_a_distance_sensor_of_id_0_can_be_chosen(ear):
 def test_a_beacon_is_chosen_by_its_id(ear):
     heard = ear(BEACON)
     assert heard.beacon(beacon_id=4) is None
+    assert heard.rejected == {"other_sensor": 1}
     assert heard.beacon(beacon_id=3) is not None
 
 

@@ -53,9 +53,9 @@ def test_a_reset_forgets_the_offset():
     assert clock.local(3.0, 11.0) == 11.0
 
 
-def test_a_delay_that_stays_is_believed_after_two_windows():
+def test_a_delay_that_stays_is_believed_after_two_windows_at_the_latest():
     """A constant delay cannot be told from a clock difference."""
-    clock = SensorClock()
+    clock = SensorClock(lambda since, now: 0.3)
     clock.local(100.0, 10.0)
     ages = []
     for i in range(1, 2 * WINDOW + 2):
@@ -63,3 +63,75 @@ def test_a_delay_that_stays_is_believed_after_two_windows():
         ages.append(arrival - clock.local(100 + 0.1 * i, arrival))
     assert ages[0] == pytest.approx(0.3)
     assert ages[-1] == pytest.approx(0.0, abs=1e-9)
+
+
+# --- a remote clock that stands still ---
+
+
+def ages(lag, *, slower=lambda since, now: 0.0, jitter=0.0, seconds=8.0):
+    """(time, age shown) at 10 Hz; lag(t): how late a sample stamped t comes, s, from second 4 on, less the jitter."""
+    rng, clock, shown, heard = np.random.default_rng(7), SensorClock(slower), [], 0.0
+    for i in range(round(10 * seconds)):
+        stamp = i / 10
+        heard = max(heard, stamp + rng.uniform(0.0, jitter) + (lag(stamp) if stamp >= 4.0 else 0.0))
+        shown.append((heard, heard - clock.local(stamp + 900.0, heard)))
+    return shown
+
+
+def newest(shown, since):
+    return max(age for time, age in shown if time >= since)
+
+
+@pytest.mark.parametrize("jitter", [0.0, 0.02])
+@pytest.mark.parametrize("pause", [0.2, 0.5, 1.0, 3.0, 60.0])
+def test_a_clock_that_stood_still_is_followed_within_a_second(pause, jitter):
+    shown = ages(lambda stamp: pause, jitter=jitter)
+    assert shown[40][1] == pytest.approx(pause, abs=0.03)
+    assert newest(shown, 4.0 + pause + 0.9) < 0.05
+
+
+def test_pauses_that_follow_each_other_are_followed_each():
+    shown = ages(lambda stamp: 0.4 * int(stamp - 3.0), seconds=12.0)
+    assert max(age for time, age in shown) < 0.45
+
+
+@pytest.mark.parametrize("jitter", [0.0, 0.02])
+@pytest.mark.parametrize("spare", [0.1, 0.5, 3.0])
+def test_a_queue_that_drains_is_never_believed_fresh(spare, jitter):
+    """After 2 s of outage, over a link with so much of its load to spare; until the least lag is forgotten."""
+    wait = lambda stamp: max(2.0 - spare / (1 + spare) * (stamp - 4.0), 0.0)  # noqa: E731
+    for (time, age), stamp in zip(ages(wait, jitter=jitter, seconds=19.9), np.arange(199) / 10, strict=True):
+        assert stamp < 4.0 or age >= wait(stamp) - 0.05, time
+
+
+@pytest.mark.parametrize("jitter", [0.0, 0.2])
+def test_a_link_that_is_ever_more_congested_is_never_believed_fresh(jitter):
+    shown = ages(lambda stamp: 0.1 * (stamp - 4.0), jitter=jitter, seconds=13.0)
+    assert all(age > 0.1 * (time - 4.0) / 1.1 - 0.25 for time, age in shown[40:])
+
+
+def test_a_link_that_has_turned_slow_in_one_step_is_told_by_its_round_trip():
+    asked = []
+    slower = lambda since, now: asked.append((since, now)) or 1.0  # noqa: E731
+    shown = ages(lambda stamp: 1.0, slower=slower)
+    assert {round(age, 6) for time, age in shown if time > 5.0} == {1.0}
+    assert all((since, now - since >= 0.45) == (pytest.approx(5.0), True) for since, now in asked)
+
+
+def test_what_the_round_trip_does_not_explain_is_the_clocks():
+    """Nobody has told for a second; then a round trip that has grown by 0.2 s explains as much of 1 s."""
+    slower = lambda since, now: float("inf") if now - since < 1.0 else 0.2  # noqa: E731
+    shown = ages(lambda stamp: 1.0, slower=slower)
+    assert [round(age, 6) for time, age in shown if 5.0 < time < 5.95] == [1.0] * 9
+    assert {round(age, 6) for time, age in shown if time > 6.05} == {0.2}
+
+
+def test_a_step_is_doubted_while_it_may_be_the_clocks():
+    clock = SensorClock(lambda since, now: float("inf"))
+    for i in range(20):
+        clock.local(i / 10, i / 10)
+    doubts = []
+    for i in range(20, 30):
+        clock.local(i / 10, i / 10 + 1.0)
+        doubts.append(clock.doubted)
+    assert doubts == [False] + [True] * 9

@@ -388,6 +388,21 @@ def test_who_never_answers_is_not_asked_in_haste_for_ever(line):
     assert [b - a for a, b in pairwise(time for time in asked if time > 30.0)] == pytest.approx([1.0] * 29, abs=0.06)
 
 
+def test_how_much_slower_a_link_has_become_is_told_by_the_quickest_answer_since_and_asked_for_at_once(line):
+    here = line()
+    here.beat()
+    slower = here.session.round_trip.slower
+    assert slower(5.0, 5.0) == 0.0, "nothing has ever been answered"
+    ask_and_answer(here, 5.0, [0.2] * 60)
+    assert timesync(here, 26.0)[1]
+    assert slower(26.1, 26.6) == float("inf")
+    _, (question,) = timesync(here, 26.6)
+    here.hear(mavlink.MAVLink_timesync_message(10**12, question.ts1), 27.3)
+    assert slower(26.1, 27.3) == pytest.approx(0.5)
+    assert slower(27.4, 37.2) == float("inf")
+    assert slower(27.4, 37.5) == 0.0, "who answers nothing any more tells nothing"
+
+
 def test_a_link_that_is_slow_but_answers_is_not_asked_more_often(line):
     here = line()
     here.beat()

@@ -1,0 +1,119 @@
+"""The vehicle, its radio or we stand still for a while: ranges are used within a second of coming fresh again."""
+
+from collections.abc import Callable
+from itertools import pairwise
+
+import pytest
+
+from circnav_mav.core.phases import Phase
+from circnav_mav.pilot.pilot import STALL
+from circnav_mav.runtime.status import Watch
+from sim.faults import UP, Impairment
+from sim.faults.frames import read, rewritten
+from sim.faults.tampering import on
+from tests.faults.course import Course, on_the_circle
+from tests.mav.conftest import Rig, distance
+
+SMOOTH = ('guidance.law="smooth"',)
+PAUSES = [0.2, 0.5, 1.0, 3.0]
+STEP = 0.01
+
+
+def vehicle_pauses(course: Course, seconds: float) -> None:
+    """Its clock stands still and nothing comes; what we say waits for it. For us time goes on."""
+    before, since = course.clock, course.clock(course.now)
+    for n in range(1, round(seconds / STEP)):
+        course.vehicle.receive(course.pilot.step(since + n * STEP))
+    course.clock = lambda now: before(now) + seconds
+
+
+def radio_pauses(course: Course, seconds: float) -> None:
+    """Its clock stands still; the vehicle and its link go on."""
+    until = course.now + seconds
+
+    def change(frame: bytes, now: float) -> list[bytes]:
+        return [] if now < until else [rewritten(frame, time_boot_ms=read(frame).time_boot_ms - round(1000 * seconds))]
+
+    course.link.tampers.append(on(132, change))
+    course.fly(until)
+
+
+def radio_buffers(at_once: int) -> Callable[[Course, float], None]:
+    """Its buffer fills, then drains by so many ranges for each new one."""
+
+    def pauses(course: Course, seconds: float) -> None:
+        until, waiting = course.now + seconds, list[bytes]()
+
+        def change(frame: bytes, now: float) -> list[bytes]:
+            waiting.append(frame)
+            out = waiting[:at_once] if now >= until else []
+            del waiting[: len(out)]
+            return out
+
+        course.link.tampers.append(on(132, change))
+        course.fly(until)
+        while waiting:
+            course.fly(course.now + 0.1)
+
+    return pauses
+
+
+def we_pause(course: Course, seconds: float) -> None:
+    course.stall(seconds)
+
+
+@pytest.mark.parametrize("seconds", PAUSES)
+@pytest.mark.parametrize(
+    "pause",
+    [vehicle_pauses, radio_pauses, radio_buffers(100), radio_buffers(2), we_pause],
+    ids=["vehicle", "radio", "radio buffers", "radio buffers and drains", "we"],
+)
+def test_ranges_are_used_within_a_second_of_coming_fresh(
+    pause: Callable[[Course, float], None], seconds: float
+) -> None:
+    course = on_the_circle("arducopter", SMOOTH)
+    pause(course, seconds)
+    course.fly(course.now + 1.0)
+    taken, refused, before = course.pilot.target.accepted, course.pilot.target.ranging.refused, len(course.ticks)
+    course.fly(course.now + 5.0)
+    assert course.pilot.target.accepted - taken >= 49
+    assert course.pilot.target.ranging.refused == refused
+    assert {record.phase for record in course.ticks[before:]} == {Phase.ENGAGED}
+    assert max(record.range_age or 0.0 for record in course.ticks[before:]) < 0.25
+    assert not course.broken or (pause is we_pause and seconds <= STALL)  # which judges a stall: no less is one
+
+
+def test_a_sensor_clock_that_stood_still_is_named() -> None:
+    course, texts = on_the_circle("arducopter", SMOOTH), list[bytes]()
+    radio_pauses(course, 2.0)
+    course.fly(course.now + 0.4)
+    assert any("SENSOR CLOCK" in alarm for alarm in Watch(course.pilot).status(course.ticks[-1], course.now).alarms)
+    course.link.tampers.append(on(253, lambda frame, now: texts.append(frame) or [frame], direction=UP))
+    course.fly(course.now + 6.0)
+    assert Watch(course.pilot).status(course.ticks[-1], course.now).alarms == ()
+    assert [read(text).text for text in texts if b"clock" in text] == ["circnav: sensor clock stood still 2.0 s"]
+
+
+def test_a_link_that_turns_slow_while_it_is_silent_is_no_clock_that_stood_still() -> None:
+    """By the true age: for 0.8 s nothing comes, and then all comes so late."""
+    course = on_the_circle("arducopter", SMOOTH)
+    course.link.impair(down=Impairment(delay=0.8))
+    course.fly(course.now + 9.0)
+    assert course.worst_age <= 0.5 + 0.06
+    rejected = course.pilot.target.ranging.rejected
+    assert rejected["too_old"] > 60 and rejected["clock"] <= 10
+
+
+@pytest.mark.parametrize(("lag", "most"), [(0.35, 1), (0.45, 2), (0.48, 2)])
+def test_ranges_that_come_at_an_age_near_stale_do_not_start_and_stop_the_steering(lag: float, most: int) -> None:
+    """Of a vehicle whose link has become as slow: by each range the newest is just fresh, and just before the next is
+    not."""
+    rig, phases = Rig().run(15.0), list[Phase]()
+    assert rig.pilot.phase is Phase.ENGAGED
+    rig.ranges, rig.round_trip = False, 2 * lag
+    for _ in range(180):
+        rig.run(0.05)
+        if rig.tick % 2 == 0:
+            rig.hear(distance(15000, 1_000_000 + round((rig.now - lag) * 1000)))
+        phases.append(rig.pilot.phase)
+    assert sum(a is not b for a, b in pairwise(phases)) <= most
