@@ -81,6 +81,11 @@ def test_a_loop_that_gusts_drive_from_limit_to_limit_is_one_though_it_has_lost_i
     assert named(np.clip(2.0 * np.sin(phase), -LIMIT, LIMIT))
 
 
+def test_a_quiet_command_is_none_whatever_its_rhythm():
+    """Swings of 1.1 deg/s, where the limit is 26."""
+    assert not named(needed(8.0) + swinging(0.02, 2.0))
+
+
 def test_less_than_half_a_lap_is_too_little_to_name_a_limit_cycle():
     few = slice(0, round((0.5 * 2 * pi * R / V - 0.1) / STEP))
     ringing = swinging(0.3, 2.0)
