@@ -22,8 +22,11 @@ from circnav_mav.analysis import dubins, judge
 from circnav_mav.analysis.batch.flight import Tracks, fly
 from circnav_mav.analysis.batch.policies import POLICIES
 from circnav_mav.analysis.batch.situations import LAST, SITUATIONS, Row
+from circnav_mav.analysis.bench_table import markdown
 from circnav_mav.analysis.crew import Job, worked
-from circnav_mav.analysis.whole_file import whole_file
+from circnav_mav.analysis.turn_command import turn_figures
+from circnav_mav.analysis.whole_file import whole_file, write_whole
+from circnav_mav.core.values import Direction, Orbit
 
 Array = Any
 KEPT_BELOW = 10.0
@@ -35,7 +38,8 @@ class Cell:
 
     rms: of the radius error over the last 100 s. settled10, settled2: last exit from +-10 % and +-2 % over the Dubins
     time to the tangent point, for starts outside 1.3 r_d. closest: 1st percentile of the closest approach, for starts
-    outside. wrong_way: flights that went round in the wrong sense, a quarter turn in the last 100 s at least.
+    outside. wrong_way: flights that went round in the wrong sense, a quarter turn in the last 100 s at least. turn_*:
+    of the command over the last 100 s, medians; limit_cycles: flights in which it was in one (see `turn_command`).
     range_rmse, rate_rmse: of the estimates, m and m/s, over the last 100 s. nees_in_band: share of steps with the NEES
     of (r, theta) in its 95 % band.
     """
@@ -55,8 +59,10 @@ class Cell:
     closest_outside: float
     overshoot_inside: float
     wrong_way: int
-    chatter: float
-    saturated: float
+    turn_std_deg_s: float
+    turn_at_limit: float
+    turn_variation_rad_s2: float
+    limit_cycles: int
     range_rmse: float
     rate_rmse: float
     rate_p99: float
@@ -74,7 +80,7 @@ def run(
     tell: Callable[[str], None] | None = None,
     cores: int = 1,
 ) -> list[Cell]:
-    """Fly cells, (situation, policy) by name, all of them by default; write table.csv and table.png into `out`."""
+    """Fly cells, (situation, policy) by name, all of them by default; write table.csv, .md and .png into `out`."""
     done: list[Cell] = []
     with closing(_flown(list(cells or every_cell()), flights, seed, cores)) as flown:
         for cell in flown:
@@ -83,6 +89,7 @@ def run(
                 tell(line(cell))
             if out is not None:
                 write_csv(done, out / "table.csv")
+                write_whole(out / "table.md", markdown(done))
     if out is not None:
         from circnav_mav.analysis.bench_picture import draw
 
@@ -140,6 +147,8 @@ def judged(row: Row, policy: str, tracks: Tracks, seconds: float) -> Cell:
         V=circle.speed, r_d=r_d, max_turn_rate=circle.max_turn_rate,
     )  # fmt: skip
     ten, two = (judge.last_exit(tracks.time, tracks.r[:, outside], r_d, band) / ideal for band in (0.1, 0.02))
+    orbit = Orbit(r_d, Direction.COUNTERCLOCKWISE, circle.speed, circle.max_turn_rate)
+    turns = [turn_figures(end(tracks.time), command, orbit) for command in end(tracks.command).T]
     range_error = end(tracks.r_hat) - end(tracks.r)
     rate_error = end(tracks.r_dot_hat) - end(tracks.r_dot)
     nees = end(tracks.nees)
@@ -161,8 +170,10 @@ def judged(row: Row, policy: str, tracks: Tracks, seconds: float) -> Cell:
         closest_outside=_percentile(judge.closest(tracks.r)[outside], 1),
         overshoot_inside=_percentile(judge.overshoot(tracks.r, r_d)[tracks.r[0] < r_d], 50),
         wrong_way=int((~right_way & judge.went_round(end(tracks.angle))).sum()),
-        chatter=float(np.median(judge.chatter(end(tracks.command), end(tracks.time)))),
-        saturated=float(judge.saturation(tracks.command, circle.max_turn_rate).mean()),
+        turn_std_deg_s=float(np.median([turn.turn_std_deg_s for turn in turns if turn])),
+        turn_at_limit=float(np.median([turn.turn_at_limit for turn in turns if turn])),
+        turn_variation_rad_s2=float(np.median([turn.turn_variation_rad_s2 for turn in turns if turn])),
+        limit_cycles=sum(turn.turn_limit_cycle for turn in turns if turn),
         range_rmse=float(np.median(judge.rms(range_error))),
         rate_rmse=float(np.sqrt((rate_error**2).mean())),
         rate_p99=_percentile(np.abs(rate_error).ravel(), 99),
@@ -177,11 +188,14 @@ def line(cell: Cell) -> str:
     need = SITUATIONS[cell.situation].required
     wanted = "" if need is None or cell.policy != "auto" else f" (<= {need:.2f})"
     wrong = f"wrong way {cell.wrong_way}  " if cell.wrong_way else ""
+    cycles = f", limit cycles {cell.limit_cycles}" if cell.limit_cycles else ""
     return (
         f"{cell.situation:24s} {cell.policy:22s} kept {cell.kept:4d} of {cell.flights}  {wrong}"
         f"RMS {cell.rms_median:7.3f} p95 {cell.rms_p95:8.3f}{wanted}  "
         f"settled to 10 % in {cell.settled10_median:.2f}/{cell.settled10_p95:.2f} ideal times, "
         f"to 2 % in {cell.settled2_median:.2f}  "
+        f"turn sd {cell.turn_std_deg_s:.1f} deg/s, at the limit {100 * cell.turn_at_limit:.0f} %, "
+        f"varies {cell.turn_variation_rad_s2:.2f} rad/s per s{cycles}  "
         f"r' {cell.rate_rmse:.3f}  {cell.seconds:.0f} s"
     )
 

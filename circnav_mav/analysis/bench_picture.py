@@ -11,6 +11,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.colors import LogNorm
 
+from circnav_mav.analysis.bench_table import LOST
 from circnav_mav.analysis.pictures import save
 
 if TYPE_CHECKING:
@@ -19,8 +20,6 @@ if TYPE_CHECKING:
 
 TITLE = 5.5
 """Width, inches, that the title needs."""
-LOST = 300.0
-"""RMS error, m, of the median flight from which on it is called lost, as in BENCHMARK.md."""
 
 
 def draw(cells: Sequence["Cell"], path: Path) -> None:

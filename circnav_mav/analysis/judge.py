@@ -1,6 +1,7 @@
 """How good the flights of a batch were, each number per flight. Tracks have shape (N, B); SI units.
 
-See `circnav_mav.analysis.metrics` for one recorded flight, `dubins` and `bound` for the yardsticks from physics.
+See `circnav_mav.analysis.metrics` for one recorded flight, `turn_command` for what was commanded, `dubins` and `bound`
+for the yardsticks from physics.
 """
 
 from typing import Any
@@ -59,16 +60,6 @@ def right_way(angle: Array, sense: Array) -> Array:
 def went_round(angle: Array) -> Array:
     """Whether the flight went round at all, (B,): a quarter turn or more, as in `metrics.direction_of`."""
     return np.abs(swept(angle)) >= np.pi / 2
-
-
-def chatter(command: Array, time: Array) -> Array:
-    """Total variation of the commanded turn rate per second, rad/s^2, (B,)."""
-    return np.abs(np.diff(command, axis=0)).sum(axis=0) / (time[-1] - time[0])
-
-
-def saturation(command: Array, limit: float) -> Array:
-    """Share of time at the turn-rate limit, (B,)."""
-    return np.mean(np.abs(command) >= limit * (1 - 1e-6), axis=0)
 
 
 def nees(error: Array, covariance: Array) -> Array:

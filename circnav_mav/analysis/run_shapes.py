@@ -36,6 +36,10 @@ def _number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < MOST
 
 
+def _flag(value: Any) -> bool:
+    return isinstance(value, bool)
+
+
 def _count(value: Any) -> bool:
     return isinstance(value, int) and _number(value) and value >= 0
 
@@ -96,6 +100,8 @@ SUMMARY: dict[str, Shape] = {
     "height_max_m": _or_none(_number),
     "turn_std_deg_s": _or_none(_number),
     "turn_at_limit": _or_none(_number),
+    "turn_variation_rad_s2": _or_none(_number),
+    "turn_limit_cycle": _or_none(_flag),
     "clock_speed": _or_none(_number),
     "recording_problem": _or_none(_text),
 }

@@ -1,6 +1,6 @@
 """summary.json of a run: stable keys that later work and users' scripts read."""
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from circnav_mav.analysis import metrics
 from circnav_mav.analysis.run_folder import Ticks, Truth
+from circnav_mav.analysis.turn_command import NAMES, late_figures
 from circnav_mav.analysis.whole_file import write_json
 from circnav_mav.core.phases import Phase
 from circnav_mav.core.values import Direction, Orbit
@@ -68,7 +69,7 @@ def summarise(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str
         "steered_s": 0.0 if start is None else max(end - start - _time_without_us(ticks, flown), 0.0),
         **_circle(ticks.time[known], ticks.numbers["r"][known], orbit.radius),
         **_height(ticks.numbers["height"][flown & steered]),
-        **_turn(*(ticks.numbers[name][flown & steered] for name in ("time", "turn_rate", "saturated"))),
+        **_turn(ticks, known, orbit),
         "samples_accepted": facts.samples_accepted,
         "samples_rejected": facts.samples_rejected,
         "frames_refused": facts.frames_refused,
@@ -120,16 +121,11 @@ def _height(height: metrics.Column) -> dict[str, float | None]:
     return {"height_min_m": low, "height_max_m": high}
 
 
-def _turn(time: metrics.Column, turn: metrics.Column, saturated: metrics.Column) -> dict[str, float | None]:
-    """How quiet the stick was in the last third of what was steered, which the radius does not show."""
-    turn, saturated = metrics.last_part(time, turn), metrics.last_part(time, saturated)
-    told = ~np.isnan(turn)
-    if not told.any():
-        return {"turn_std_deg_s": None, "turn_at_limit": None}
-    return {
-        "turn_std_deg_s": float(np.degrees(np.std(turn[told]))),
-        "turn_at_limit": float(np.mean(saturated[told] > 0)),
-    }
+def _turn(ticks: Ticks, known: NDArray[np.bool_], orbit: Orbit) -> dict[str, Any]:
+    """How quiet the turn command was, over the ticks by which the radius is judged."""
+    time, turn, cut = (ticks.numbers[name][known] for name in ("time", "turn_rate", "saturated"))
+    figures = late_figures(time, turn, cut, orbit)
+    return asdict(figures) if figures else dict.fromkeys(NAMES)
 
 
 def _commanded(turned: float) -> str | None:

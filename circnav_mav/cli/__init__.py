@@ -197,7 +197,7 @@ def paper(out: str, starts: int, seed: int) -> int:
 @click.option("--law", "laws", multiple=True, metavar="NAME", help="Only this law (law+estimator). May be repeated.")
 @click.option("--situation", "situations", multiple=True, metavar="NAME", help="Only this situation. May be repeated.")
 @click.option("--seed", type=int, default=1, show_default=True, metavar="N", help="Of all worlds.")
-@click.option("--out", type=click.Path(), metavar="DIR", help="Write table.csv and table.png there.")
+@click.option("--out", type=click.Path(), metavar="DIR", help="Write table.csv, table.md and table.png there.")
 @click.option("--cost", is_flag=True, help="Only what a step of the estimators costs on this machine.")
 def bench(
     flights: int, laws: tuple[str, ...], situations: tuple[str, ...], seed: int, out: str | None, cost: bool

@@ -181,7 +181,9 @@ def _say(what: str, figures: dict[str, Any]) -> None:
         sure = "" if low is None else f" ({low:.3g} .. {high:.3g})"
         line += f"  RMS {figures['rms_median']:.3g} m{sure}, p95 {figures['rms_p95']:.3g} m"
         line += f"  settled {_seconds(figures['settled_median'])}, p95 {_seconds(figures['settled_p95'])}"
-    for name in ("wrong_way", "not_engaged", "failed"):
+    if figures["turn_std_deg_s"] is not None:
+        line += f"  turn sd {figures['turn_std_deg_s']:.1f} deg/s, at the limit {100 * figures['turn_at_limit']:.0f} %"
+    for name in ("limit_cycles", "wrong_way", "not_engaged", "failed"):
         line += f"  {name.replace('_', ' ')}: {figures[name]}" if figures[name] else ""
     click.echo(line)
 

@@ -62,11 +62,20 @@ def _circle(summary: dict[str, Any]) -> list[str]:
         lines.append(f"             rotation {rotation}, closest approach {truth['closest_approach_m']:.1f} m")
     else:
         lines.append(f"  rotation   {summary['direction_commanded'] or 'none'} commanded; range alone cannot see it")
-    if None not in (summary.get("turn_std_deg_s"), summary.get("turn_at_limit")):
-        limit = f"at its limit {100 * summary['turn_at_limit']:.0f} % of the time"
-        lines.append(
-            f"  turn       scatters by {summary['turn_std_deg_s']:.1f} deg/s (one sigma), {limit} in the last third"
-        )
+    return lines + _turn(summary)
+
+
+def _turn(summary: dict[str, Any]) -> list[str]:
+    """The turn command; older summaries do not know its variation, nor whether it was in a limit cycle."""
+    std, at_limit, variation = (
+        summary.get(name) for name in ("turn_std_deg_s", "turn_at_limit", "turn_variation_rad_s2")
+    )
+    if std is None or at_limit is None:
+        return []
+    varies = "" if variation is None else f", varies {variation:.2g} rad/s per s"
+    lines = [f"  turn       command sd {std:.1f} deg/s, at the limit {100 * at_limit:.0f} %{varies} in the last third"]
+    if summary.get("turn_limit_cycle"):
+        lines.append("  WARNING    limit cycle: the turn command swings to and fro, however small the radius error is")
     return lines
 
 

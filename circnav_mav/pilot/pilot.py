@@ -11,6 +11,7 @@ from collections.abc import Hashable
 from dataclasses import replace
 
 from circnav_mav.core.bounds import breach
+from circnav_mav.core.drift_alarm import DriftAlarm, watch_drift
 from circnav_mav.core.phases import Event, Phase
 from circnav_mav.core.values import RangeEstimate, TurnCommand
 from circnav_mav.mav.autopilots.table import adapters
@@ -70,6 +71,7 @@ class Pilot:
         self.helm = Helm(settings)
         self.why = ""
         """Why the law flies that flies, for people."""
+        self.drift_alarm = DriftAlarm()
         self.setpoints_sent = 0
         self._gave_setpoint = False
         self._progress = Progress(self._say, self._in_our_hands)
@@ -262,6 +264,7 @@ class Pilot:
         estimate = self.target.at(now)
         self._watch_bounds(estimate, now)
         self._watch_ranging(estimate, now)
+        self._watch_drift(estimate)
         self._watch_engagement(now)
         command = self.helm.command(self.phase, estimate, self.session.round_trip.worst, now)
         self._tell_law(command)
@@ -371,6 +374,13 @@ class Pilot:
         steering = progress.steering
         if progress.happened(Event.RANGE_GOOD if good else Event.RANGE_LOST, now) and steering:
             self._say("range", "range is back" if good else "range lost, holding")
+
+    def _watch_drift(self, estimate: RangeEstimate | None) -> None:
+        """Say once that the drift is more than the circle allows, and once that it no longer is."""
+        before = self.drift_alarm
+        self.drift_alarm = after = watch_drift(before, estimate, self.settings.orbit, self.helm.turn_gain)
+        if after.on != before.on:
+            self._say("drift", after.text)
 
     def _watch_engagement(self, now: float) -> None:
         progress, engagement = self._progress, self._engagement

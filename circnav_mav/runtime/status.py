@@ -111,6 +111,8 @@ def _alarms(pilot: Pilot, tick: TickRecord, now: float, rates: Rates | None, pro
         if tick.range_age is not None and tick.range_age > timing.stale:
             patience = f": holds the circle's turn, gives up at {timing.stale + timing.hold:g} s"
             found.append(f"RANGE STALE, {tick.range_age:.1f} s{patience if tick.phase is Phase.HOLDING else ''}")
+        if pilot.drift_alarm.on:
+            found.append(f"DRIFT TOO STRONG: {pilot.drift_alarm.text}")
         if rates is not None and rates.refused > MOST_REJECTED * (rates.taken + rates.refused):
             found.append(f"MOST RANGES REJECTED, {rates.refused:.1f} of {rates.taken + rates.refused:.1f} a second")
         if pilot.target.ranging.clock_doubted:

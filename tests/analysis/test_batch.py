@@ -10,7 +10,7 @@ from circnav_mav.analysis import bench_picture, judge
 from circnav_mav.analysis.batch.filters import BatchKalman
 from circnav_mav.analysis.batch.flight import Circle, Situation, fly
 from circnav_mav.analysis.batch.policies import POLICIES, STALE, Auto
-from circnav_mav.analysis.batch.sensors import LORA, UWB, Radio, Ranging
+from circnav_mav.analysis.batch.sensors import LORA, NO_NOISE, UWB, Radio, Ranging
 from circnav_mav.analysis.batch.world import Air, Target, Targets, Wind, flown, turn_step
 from circnav_mav.analysis.bench import fly_cell, line, run
 from circnav_mav.analysis.bound import AlongsideBound
@@ -72,7 +72,7 @@ def test_the_stack_in_the_air_holds_through_an_outage_as_the_batch_does():
 def test_an_outage_in_wind_leaves_the_vehicle_on_its_circle():
     """The circle's own turn in the drift known; V/r_d would let 5 m/s of wind carry it off for 10 s."""
     tracks = fly(OUTAGE.lasting(180.0), Auto, 8, seed=4)
-    assert np.abs(tracks.r[tracks.time > 90] - 100.0).max() < 3.0
+    assert np.abs(tracks.r[tracks.time > 90] - 100.0).max() < 5.0
 
 
 def test_batch_kalman_is_the_estimator_in_flight():
@@ -121,6 +121,23 @@ def test_radios_err_as_much_as_they_say(ranging, sigma):
     assert ranging.sigma == pytest.approx(sigma, abs=1e-3)
 
 
+def test_own_motion_is_reported_with_the_noise_of_real_sensors_and_from_a_seed():
+    seen = []
+
+    class Listening(Auto):
+        def command(self, now, true):
+            seen.append((now.psi - true.psi, now.turn_rate - true.turn_rate, now.airspeed - 15.0))
+            return super().command(now, true)
+
+    fly(Situation("calm", duration=5.0), Listening, 8, seed=2)
+    first = np.array(seen).transpose(1, 0, 2).reshape(3, -1)
+    assert first.std(axis=1) == pytest.approx([0.02, 0.01, 0.3], rel=0.1)
+    assert np.abs(np.corrcoef(first) - np.eye(3)).max() < 0.1
+    seen.clear()
+    fly(Situation("calm", duration=5.0), Listening, 8, seed=2)
+    assert np.array_equal(np.array(seen).transpose(1, 0, 2).reshape(3, -1), first)
+
+
 def test_losses_outliers_and_outages_come_as_often_as_asked_for():
     radio = Radio(Ranging(every=4, loss=0.5, outlier_share=0.1, outage=10.0), 200, np.random.default_rng(0))
     rows = [radio.measure(np.full(200, 300.0), step, 0.05) for step in range(4800)]
@@ -165,13 +182,14 @@ def test_the_filter_is_consistent_in_gusts():
 
 
 def test_range_rate_reaches_the_cramer_rao_bound_of_its_model():
+    """The model knows its own heading: the estimate takes the newest one as it is reported, noise and all."""
     made = []
 
     def alongside(circle, sense):
         made.append(AlongsideBound(Auto(circle, sense), circle, sense.size, 3e-4, 0.0))
         return made[0]
 
-    tracks = fly(Situation("calm", duration=100.0), alongside, 24, seed=8)
+    tracks = fly(Situation("calm", noise=NO_NOISE, duration=100.0), alongside, 24, seed=8)
     late = tracks.time > 70
     rmse = np.sqrt(np.mean((tracks.r_dot_hat - tracks.r_dot)[late] ** 2))
     assert rmse < 1.1 * np.mean(np.array(made[0].rate_bound)[late])
@@ -184,6 +202,10 @@ def test_a_cell_of_the_benchmark_tells_a_law_that_holds_from_one_that_does_not(t
     assert full.rms_median < 0.05 < 2.5 < feedforward.rms_median < 4.5
     assert (tmp_path / "table.png").stat().st_size > 10_000
     assert (tmp_path / "table.csv").read_text().count("\n") == 3
+    table = (tmp_path / "table.md").read_text().splitlines()
+    assert table[0] == "| situation | full information | feedforward |"
+    assert table[2].startswith(f"| wind .20 V | {full.rms_median:.2f}, sd {full.turn_std_deg_s:.1f} | ")
+    assert "at the limit 0 %" in line(full) and "limit cycles" not in line(full)
     assert "kept   12 of 12" in line(full)
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from circnav_mav.analysis.batch.flight import Circle, Situation, Tracks, World, fly_in
 from circnav_mav.analysis.batch.policies import POLICIES
-from circnav_mav.analysis.batch.sensors import GAUSSIAN
+from circnav_mav.analysis.batch.sensors import GAUSSIAN, NO_NOISE
 from circnav_mav.analysis.batch.world import Air, Target, Targets, Wind
 from circnav_mav.core.phases import Phase
 from sim.vehicle import Truth
@@ -61,7 +61,9 @@ def flown_through_mavlink(seed: int, wind: float) -> tuple[Flight, Truth, list[f
 def flown_in_the_batch(truth: Truth, errors: list[float], wind: float, seconds: float) -> Tracks:
     """The same in the batch: paper frame, x to the east and y to the north."""
     rng = np.random.default_rng(0)
-    situation = Situation("as flown", circle=Circle(max_turn_rate=np.radians(20.0)), duration=seconds, dt=DT)
+    situation = Situation(
+        "as flown", circle=Circle(max_turn_rate=np.radians(20.0)), duration=seconds, dt=DT, noise=NO_NOISE
+    )
     air, targets = Air(Wind(wind), 1, rng), Targets(Target(), 1, rng)
     air._mean = np.array([[truth.wind_east], [truth.wind_north]])
     world = World(
@@ -76,6 +78,7 @@ def flown_in_the_batch(truth: Truth, errors: list[float], wind: float, seconds: 
         compass=np.zeros(1),
         compass_drift=np.zeros(1),
         sigma=np.array([GAUSSIAN.sigma]),
+        noise=rng,
     )
     return fly_in(world, situation, POLICIES["auto"])
 

@@ -38,13 +38,6 @@ def test_overshoot_is_inward_for_starts_outside_and_outward_for_starts_inside():
     assert inward == pytest.approx(100 - r[:, 0].min())
 
 
-def test_chatter_counts_the_switching():
-    relay = np.where(np.arange(len(TIME)) % 2 == 0, 0.1, -0.1)[:, None]
-    assert judge.chatter(relay, TIME)[0] == pytest.approx(0.2 / 0.1, rel=1e-6)
-    assert judge.chatter(relay[50:], TIME[50:])[0] == pytest.approx(0.2 / 0.1, rel=1e-6)
-    assert judge.saturation(relay, 0.1)[0] == 1.0
-
-
 def test_nees_of_the_assumed_noise_is_the_number_of_states():
     rng = np.random.default_rng(0)
     P = np.array([[2.0, 0.5], [0.5, 1.0]])

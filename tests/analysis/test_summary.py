@@ -9,6 +9,7 @@ import pytest
 
 from circnav_mav.analysis.run_folder import NO_TICKS, read_ticks, read_truth
 from circnav_mav.analysis.summary import FlightFacts, summarise, write_summary
+from circnav_mav.analysis.turn_command import NAMES
 from circnav_mav.core.values import Direction, Orbit
 
 
@@ -186,11 +187,12 @@ def test_how_quiet_the_stick_was_is_that_of_the_last_third_of_what_was_steered(r
     made = summarise(facts(epoch_us), read_ticks(folder), None)
     assert made["turn_std_deg_s"] == pytest.approx(5.73, abs=0.01)
     assert made["turn_at_limit"] == pytest.approx(0.25, abs=0.01)
+    assert made["turn_variation_rad_s2"] == pytest.approx(0.2 / 0.5, rel=0.01)
 
 
 def test_a_flight_that_never_steered_has_no_unrest(epoch_us):
     made = summarise(facts(epoch_us), NO_TICKS, None)
-    assert (made["turn_std_deg_s"], made["turn_at_limit"]) == (None, None)
+    assert {name: made[name] for name in NAMES} == dict.fromkeys(NAMES)
 
 
 def test_a_number_that_json_does_not_know_is_unknown(tmp_path):

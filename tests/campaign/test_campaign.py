@@ -250,13 +250,18 @@ def test_summary_counts_every_value_of_the_grid():
         "settled_s": "",
         "closest_m": "3",
         "right_way": "true",
+        "turn_std_deg_s": "0.4",
+        "turn_at_limit": "0",
+        "turn_variation_rad_s2": "0.2",
+        "turn_limit_cycle": "false",
     }
-    lost = row | {"kept": "false", "rms_m": "9", "right_way": "false"}
+    lost = row | {"kept": "false", "rms_m": "9", "right_way": "false", "turn_limit_cycle": "true"}
     failed = dict.fromkeys(row, "") | {"run": "3", "outcome": "error", "kept": "false"}
     summary = summarise([row | {"k": "1"}, lost | {"k": "2"}, failed | {"k": "2"}], {"k": (1, 2)})
     assert (summary["all"]["flights"], summary["all"]["kept"], summary["all"]["failed"]) == (3, 1, 1)
     assert summary["by"]["k"]["2"]["wrong_way"] == 1
     assert summary["all"]["settled_median"] is None
+    assert (summary["all"]["turn_std_deg_s"], summary["all"]["limit_cycles"]) == (0.4, 1)
     json.dumps(summary, allow_nan=False)
 
 

@@ -55,6 +55,8 @@ def test_batch_and_lockstep_give_the_same_figures_for_the_same_seed(write, world
     assert real["engine"] == "lockstep"
     assert batch["rms_m"] == pytest.approx(real["rms_m"], abs=0.001)
     assert batch["closest_m"] == pytest.approx(real["closest_m"], abs=0.002)
+    turn = ("turn_std_deg_s", "turn_at_limit", "turn_variation_rad_s2", "turn_limit_cycle")
+    assert [batch[name] for name in turn] == pytest.approx([real[name] for name in turn], rel=0.02, abs=0.01)
     assert (batch["settled_s"] is None) == (real["settled_s"] is None)
     if real["settled_s"] is not None:
         assert batch["settled_s"] == pytest.approx(real["settled_s"], abs=0.06)

@@ -10,12 +10,17 @@ from circnav_mav.analysis.campaign.plots import _against, _distributions, _start
 from circnav_mav.analysis.campaign.summary import figures, median_interval, percentile, summarise, wilson
 from circnav_mav.cli.campaign import _say
 
+TURN = {
+    "turn_std_deg_s": "1", "turn_at_limit": "0.25", "turn_variation_rad_s2": "0.2", "turn_limit_cycle": "false"
+}  # fmt: skip
+
 
 def rows_of(kept, rms, points=1):
     """Rows in the order of their runs, at so many points of a grid with the key k."""
     return [
         {"run": str(run), "k": str(run % points), "outcome": "completed", "kept": "true" if good else "false",
-         "rms_m": f"{error:.6g}", "settled_s": "5", "closest_m": "3", "right_way": "true", "wind": f"{error:.4g}"}
+         "rms_m": f"{error:.6g}", "settled_s": "5", "closest_m": "3", "right_way": "true", "wind": f"{error:.4g}",
+         **TURN}
         for run, (good, error) in enumerate(zip(kept, rms, strict=True))
     ]  # fmt: skip
 
@@ -92,7 +97,7 @@ def test_drawn_values_that_are_binned_are_called_so():
 def never_engaged(run, k):
     """A row as a flight leaves it that ended before it was ours."""
     return {"run": str(run), "k": k, "outcome": "no range", "kept": "false", "rms_m": "", "settled_s": "",
-            "closest_m": "", "right_way": ""}  # fmt: skip
+            "closest_m": "", "right_way": "", **dict.fromkeys(TURN, "")}  # fmt: skip
 
 
 def test_flights_that_never_engaged_are_told_where_the_error_is_that_of_the_others():
@@ -105,6 +110,7 @@ def test_a_percentile_of_the_flights_is_not_printed_as_if_it_were_the_confidence
     _say("all flights", asdict(figures(rows_of([True] * 20, np.arange(1.0, 21.0)))))
     printed = capsys.readouterr().out
     assert "kept 20 of 20 (100.0 %, 83.9 .. 100.0)  RMS 11 m (5 .. 16), p95 20 m  settled 5 s, p95 5 s" in printed
+    assert "  turn sd 1.0 deg/s, at the limit 25 %\n" in printed
 
 
 def test_the_share_kept_on_the_picture_is_that_of_the_summary():

@@ -66,9 +66,11 @@ def test_time_that_ran_at_another_speed_is_warned_of() -> None:
     assert "WARNING" not in told(clock_speed=None)
 
 
-def test_an_unquiet_stick_is_told_of() -> None:
-    assert "turn       scatters by 7.3 deg/s (one sigma), at its limit 11 % of the time" in told(
-        turn_std_deg_s=7.31, turn_at_limit=0.112
-    )
-    assert "at its limit" not in told(turn_std_deg_s=None, turn_at_limit=None)
-    assert "at its limit" not in told(turn_std_deg_s=5.0, turn_at_limit=None)
+def test_a_busy_turn_command_is_told_of() -> None:
+    figures = {"turn_std_deg_s": 7.31, "turn_at_limit": 0.112}
+    assert "turn       command sd 7.3 deg/s, at the limit 11 % in the last third\n" in told(**figures)
+    assert "at the limit 11 %, varies 1.2 rad/s per s in" in told(**figures, turn_variation_rad_s2=1.24)
+    assert "at the limit" not in told(turn_std_deg_s=None, turn_at_limit=None)
+    assert "at the limit" not in told(turn_std_deg_s=5.0, turn_at_limit=None)
+    assert "WARNING    limit cycle: the turn command swings" in told(**figures, turn_limit_cycle=True)
+    assert "limit cycle" not in told(**figures, turn_limit_cycle=False)

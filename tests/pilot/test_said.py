@@ -4,6 +4,7 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.mav.codec import Decoder
+from circnav_mav.runtime.status import Watch
 from tests.flight.lockstep import Flight, flight
 
 
@@ -40,3 +41,16 @@ def test_the_stream_of_ranges_is_asked_for_only_where_the_autopilot_sends_them(s
     asked_for = {command.param1 for command in messages(flown.fly(5.0), "COMMAND_LONG") if command.command == 511}
     assert (mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR in asked_for) is asked
     assert mavlink.MAVLINK_MSG_ID_ATTITUDE in asked_for
+
+
+def test_a_drift_that_the_circle_does_not_allow_is_said_once_and_shown():
+    """6 m/s where (V + W)^2/(V omega_max) <= r_d allows 2.7."""
+    windy = ('sim.vehicle.dynamics="airborne"', "sim.wind.speed_mps=6.0")
+    flown = flight("quickstart", *windy, "vehicle.max_turn_rate_deg_s=12.0", law="auto").fly(60.0)
+    (said,) = (text for text in texts(flown) if "allows" in text)
+    assert said.startswith(("circnav: drift 6.", "circnav: drift 5."))
+    assert said.endswith("m/s, this circle allows 2.7")
+    alarms = Watch(flown.pilot).status(flown.ticks[-1], 60.0).alarms
+    assert [alarm.split(":")[0] for alarm in alarms] == ["DRIFT TOO STRONG"]
+    within = flight("quickstart", *windy, "vehicle.max_turn_rate_deg_s=20.0", law="auto").fly(60.0)
+    assert [text for text in texts(within) if "allows" in text] == []

@@ -6,7 +6,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from circnav_mav.analysis.batch.sensors import GAUSSIAN, Compass, Radio, Ranging
+from circnav_mav.analysis.batch.sensors import GAUSSIAN, Compass, MotionNoise, Radio, Ranging
 from circnav_mav.analysis.batch.world import Air, Target, Targets, Wind, flown, turn_step
 from circnav_mav.core.air_path import wrap
 
@@ -33,6 +33,7 @@ class Situation:
     target: Target = field(default_factory=Target)
     ranging: Ranging = GAUSSIAN
     compass: Compass = field(default_factory=Compass)
+    noise: MotionNoise = field(default_factory=MotionNoise)
     airspeed_error: float = 0.0
     circle: Circle = field(default_factory=Circle)
     duration: float = 400.0
@@ -102,8 +103,8 @@ class Tracks:
 @dataclass(slots=True)
 class World:
     """Where B flights are and what surrounds them. p: vehicle - target (2, B), m. psi, turn_rate: of the vehicle (B,).
-    sense (B,): +1 counter-clockwise. airspeed (B,): as measured, m/s. compass, compass_drift: its error, rad and
-    rad/s. sigma (B,): what the radio says of itself, m."""
+    sense (B,): +1 counter-clockwise. airspeed (B,): as measured but for its noise, m/s. compass, compass_drift:
+    its error, rad and rad/s. sigma (B,): what the radio says of itself, m. noise: draws the errors of own motion."""
 
     sense: Array
     p: Array
@@ -116,12 +117,13 @@ class World:
     compass: Array
     compass_drift: Array
     sigma: Array
+    noise: np.random.Generator
 
 
 def begin(situation: Situation, flights: int, seed: int) -> World:
     """The worlds of B flights at their start. One seed, one world."""
     cfg = situation.circle
-    rng, noise = (np.random.default_rng([seed, part]) for part in (0, 1))
+    rng, noise, motion_noise = (np.random.default_rng([seed, part]) for part in (0, 1, 2))
     angle, psi = rng.uniform(0, 2 * np.pi, (2, flights))
     p = rng.uniform(*cfg.start, flights) * np.stack([np.cos(angle), np.sin(angle)])
     bias_sign, drift_sign, speed_sign = rng.choice([-1.0, 1.0], (3, flights))
@@ -137,6 +139,7 @@ def begin(situation: Situation, flights: int, seed: int) -> World:
         compass=bias_sign * situation.compass.bias,
         compass_drift=drift_sign * situation.compass.drift,
         sigma=np.full(flights, situation.ranging.sigma),
+        noise=motion_noise,
     )
 
 
@@ -158,8 +161,10 @@ def fly_in(world: World, situation: Situation, make: Make) -> Tracks:
         start = start or true
         r = np.hypot(*w.p)
         z, arrived = w.radio.measure(r, step, dt)
-        error = w.compass + w.compass_drift * step * dt
-        command = policy.command(Seen(dt, w.psi + error, w.turn_rate, w.airspeed, z, w.sigma, arrived), true)
+        of_heading, of_rate, of_speed = situation.noise.draw(w.sense.size, w.noise)
+        psi = w.psi + w.compass + w.compass_drift * step * dt + of_heading
+        seen = Seen(dt, psi, w.turn_rate + of_rate, w.airspeed + of_speed, z, w.sigma, arrived)
+        command = policy.command(seen, true)
         command = np.clip(command, -cfg.max_turn_rate, cfg.max_turn_rate)
         v = cfg.speed * np.stack([np.cos(w.psi), np.sin(w.psi)]) + d
         r_dot = (w.p * v).sum(axis=0) / np.maximum(r, 1e-9)

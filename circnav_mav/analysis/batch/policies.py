@@ -92,7 +92,7 @@ class Auto:
         self._gains = drift_gains(circle.speed, circle.radius, circle.lag)
         self._law = LAWS["feedforward"]
         self._k = self._law.default_gain(circle.speed, circle.radius)
-        self._psi: Array | None = None
+        self._before: tuple[Array, Array] | None = None
         self._freshness, self._unsteered = _Freshness(flights), np.zeros(flights)
         self.handover = at_start(flights)
         self.belief: tuple[Array, Array] | None = None
@@ -101,9 +101,9 @@ class Auto:
     def command(self, seen: Seen, true: Truth) -> Array:
         cfg, s = self._circle, self._sense
         r, r_dot, ready = self._kalman.step(seen)
-        before, dt = (seen.psi, 0.0) if self._psi is None else (self._psi, seen.dt)
-        path = chord(seen.airspeed, before, wrap(seen.psi - before), dt)
-        self._psi = seen.psi
+        (before, V_before), dt = ((seen.psi, seen.airspeed), 0.0) if self._before is None else (self._before, seen.dt)
+        path = chord((V_before + seen.airspeed) / 2, before, wrap(seen.psi - before), dt)
+        self._before = seen.psi, seen.airspeed
         self.bank.step(np.full(s.size, dt), path, seen.z, seen.sigma, seen.arrived)
         x, trusted = self.bank.mean, self.bank.trusted
         V, p, d = x[KAPPA] * seen.airspeed, position(x), drift_of(x)

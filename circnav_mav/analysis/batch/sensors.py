@@ -46,6 +46,24 @@ class Compass:
     drift: float = 0.0
 
 
+@dataclass(frozen=True, slots=True)
+class MotionNoise:
+    """Standard deviations of what an autopilot reports of its own motion, white from step to step. heading: rad.
+    turn_rate: rad/s. airspeed: m/s. Defaults: what real autopilots show in still flight."""
+
+    heading: float = 0.02
+    turn_rate: float = 0.01
+    airspeed: float = 0.3
+
+    def draw(self, flights: int, rng: np.random.Generator) -> Array:
+        """Errors of heading, turn rate and airspeed in one step, (3, B)."""
+        sigma = np.array([self.heading, self.turn_rate, self.airspeed])
+        return sigma[:, None] * rng.standard_normal((3, flights))
+
+
+NO_NOISE = MotionNoise(0.0, 0.0, 0.0)
+
+
 class Radio:
     """Ranges of B flights."""
 

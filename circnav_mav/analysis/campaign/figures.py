@@ -1,6 +1,7 @@
 """A track as one row of the table: the same figures for every engine, from the true path alone."""
 
 import math
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -9,15 +10,16 @@ from circnav_mav.analysis import metrics
 from circnav_mav.analysis.campaign.lockstep import COMPLETED
 from circnav_mav.analysis.campaign.plan import Campaign, Run
 from circnav_mav.analysis.campaign.track import Track
+from circnav_mav.analysis.turn_command import NAMES, late_figures
 
 KEPT_WITHIN = 0.1
 """A flight is kept when it was completed, went round in the sense asked for, and the RMS radius error of its last third
 is below this share of the radius."""
 FIGURES = (
     "engine", "outcome", "start_range_m", "start_bearing_deg", "start_heading_deg", "engaged_s", "flown_s", "kept",
-    "rms_m", "mean_error_m", "settled_s", "closest_m", "sense", "right_way", "error",
+    "rms_m", "mean_error_m", "settled_s", "closest_m", *NAMES, "sense", "right_way", "error",
 )  # fmt: skip
-NUMBERS = frozenset(name for name in FIGURES if name.endswith(("_m", "_s", "_deg")))
+NUMBERS = frozenset(name for name in FIGURES if name.endswith(("_m", "_s", "_deg", "_at_limit", "_rad_s2")))
 FAILED = "error"
 """The outcome of a run that could not be flown."""
 
@@ -49,6 +51,7 @@ def row(run: Run, track: Track) -> dict[str, Any]:
     sense = metrics.direction_of(swept)
     rms = metrics.rms_error(late, orbit.radius)
     assert rms is not None
+    turn = late_figures(track.turn_time, track.turn, track.turn_cut, orbit)
     kept = track.outcome == COMPLETED and sense is orbit.direction and rms < KEPT_WITHIN * orbit.radius
     return known | {
         "flown_s": float(track.time[-1]),
@@ -57,6 +60,7 @@ def row(run: Run, track: Track) -> dict[str, Any]:
         "mean_error_m": float(late.mean()) - orbit.radius,
         "settled_s": metrics.settled(track.time, r, orbit.radius),
         "closest_m": float(r.min()),
+        **(asdict(turn) if turn else {}),
         "sense": sense.value if sense else None,
         "right_way": None if sense is None else sense is orbit.direction,
     }

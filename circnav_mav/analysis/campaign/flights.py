@@ -14,6 +14,7 @@ from circnav_mav.analysis.campaign.steering import Steering
 from circnav_mav.analysis.campaign.surroundings import GUST_EVERY, Targets, Vehicles, Winds
 from circnav_mav.analysis.campaign.track import Track
 from circnav_mav.analysis.campaign.turn_gains import ATTITUDE_EVERY, TurnGains
+from circnav_mav.core.guidance import AT_LIMIT
 from circnav_mav.core.laws import LAWS
 from circnav_mav.core.values import SAME_TIME
 from circnav_mav.mav.frames import course_from_yaw
@@ -48,7 +49,8 @@ class Batch:
         self._steering = RelativeSteering(runs) if relative else Steering(runs)
         self._attitude_every = max(1, round(ATTITUDE_EVERY / self.dt))
         self._gains = TurnGains(runs, self._attitude_every * self.dt)
-        self._told = np.zeros(len(runs))
+        self._told, self._cut = np.zeros(len(runs)), np.zeros(len(runs), bool)
+        self._limit = np.array([run.mission.orbit.max_turn_rate for run in runs])
         self._tick = round(1 / file.limits.tick_hz / self.dt)
         self._due = np.zeros(len(runs), int)
         self.headings = self._vehicles.yaw
@@ -57,6 +59,8 @@ class Batch:
         self._holds_since = np.full(len(runs), NEVER)
         self.stopped = np.zeros(len(runs), bool)
         self.path: list[Array] = []
+        self.turns: list[Array] = []
+        self.cuts: list[Array] = []
 
     @property
     def beyond(self) -> Array:
@@ -99,8 +103,13 @@ class Batch:
             heading = course_from_yaw(_single(self._vehicles.yaw))  # as an ATTITUDE tells it
             self._gains.feel(now, heading, self._told, flown)
             steering.move(now, heading, self._vehicles.turn_rate, flown & self._gains.at_speed)
-        wanted = steering.through_gain(steering.turn(now, holding, ours & acts & alive), self._gains.now)
+        turn = steering.turn(now, holding, ours & acts & alive)
+        wanted = steering.through_gain(turn, self._gains.now)
+        cut = np.maximum(np.abs(turn), np.abs(wanted)) >= AT_LIMIT * self._limit
         self._told = np.where(ours & acts, wanted, self._told)
+        self._cut = np.where(ours & acts, cut, self._cut)
+        self.turns.append(self._told.astype(np.float32))
+        self.cuts.append(self._cut)
         speed, wind = np.where(ours, steering.speed, 0.0), np.where(ours, self._winds.velocity, 0.0)
         self._vehicles.step(_single(speed), _single(self._told), wind)
 
@@ -133,10 +142,11 @@ def fly_batch(runs: Sequence[Run]) -> list[Track | None] | None:
         return None
     batch = Batch(runs, begins)
     batch.fly()
-    path = np.stack(batch.path)
+    path, turns, cuts = (np.stack(kept) for kept in (batch.path, batch.turns, batch.cuts))
     alone = batch.beyond
     return [
-        None if alone[flight] else _track(batch, path[:, :, flight], flight, run) for flight, run in enumerate(runs)
+        None if alone[flight] else _track(batch, path[:, :, flight], turns[:, flight], cuts[:, flight], flight, run)
+        for flight, run in enumerate(runs)
     ]
 
 
@@ -145,7 +155,7 @@ def _single(value: Array) -> Array:
     return value.astype(np.float32).astype(float)
 
 
-def _track(batch: Batch, path: Array, flight: int, run: Run) -> Track:
+def _track(batch: Batch, path: Array, turn: Array, cut: Array, flight: int, run: Run) -> Track:
     engaged, ended = int(batch.engaged[flight]), int(batch.ended[flight])
     if engaged == NEVER:
         outcome = "no ranging: no usable range"
@@ -153,12 +163,16 @@ def _track(batch: Batch, path: Array, flight: int, run: Run) -> Track:
         hold = run.mission.file.limits.hold_s
         outcome = f"no range for {hold:.1f} s" if batch.stopped[flight] else COMPLETED
     flown = path[engaged:ended].astype(float) if engaged != NEVER else np.empty((0, 2))
+    time = batch.dt * np.arange(len(flown), dtype=float)
     return Track(
         engine="batch",
         start=(float(path[0, 0]), float(path[0, 1]), float(batch.headings[flight])),
         engaged=engaged * batch.dt if engaged != NEVER else None,
-        time=batch.dt * np.arange(len(flown), dtype=float),
+        time=time,
         east=flown[:, 0],
         north=flown[:, 1],
         outcome=outcome,
+        turn_time=time,
+        turn=turn[engaged : engaged + len(flown)].astype(float),
+        turn_cut=cut[engaged : engaged + len(flown)],
     )

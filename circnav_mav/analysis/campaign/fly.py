@@ -14,7 +14,7 @@ from sim.config import ConfigError
 
 Row = dict[str, Any]
 BATCH_STEPS = 8_000_000
-"""Steps times flights of a chunk: what is kept of a step and flight takes 8 bytes."""
+"""Steps times flights of a chunk: what is kept of a step and flight takes 13 bytes."""
 MOST_IN_CHUNK = 1000
 """Flights in a chunk: with more, numpy's own cost of a step does not matter any more."""
 MOST_LOOKED_AT = 64

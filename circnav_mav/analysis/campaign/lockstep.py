@@ -5,7 +5,7 @@ import numpy as np
 
 from circnav_mav.analysis.campaign.plan import Run
 from circnav_mav.analysis.campaign.track import Track
-from circnav_mav.pilot import RANGING, VEHICLE, Ending, Pilot
+from circnav_mav.pilot import RANGING, VEHICLE, Ending, Pilot, TickRecord
 from sim.vehicle import Truth, Vehicle
 
 COMPLETED = "completed"
@@ -14,11 +14,11 @@ EXIT_TIME = 60.0
 
 
 class Lockstep:
-    """A flight under way."""
+    """A flight under way. ticks: those that commanded a turn."""
 
     def __init__(self, run: Run) -> None:
         self.pilot, self.vehicle = Pilot(run.mission.pilot_settings()), Vehicle(run.vehicle)
-        self.now = 0.0
+        self.now, self.ticks = 0.0, list[TickRecord]()
         self._links = {"main": VEHICLE} | ({"ranging": RANGING} if self.pilot.settings.ranging_apart else {})
 
     def step(self, until: float) -> None:
@@ -32,7 +32,7 @@ class Lockstep:
         out = pilot.step(self.now)
         if out:
             vehicle.receive(out)
-        pilot.take_records()
+        self.ticks += (tick for tick in pilot.take_records() if tick.turn_rate is not None)
         pilot.take_frames()
 
 
@@ -50,6 +50,7 @@ def fly_lockstep(run: Run) -> Track:
             due = flight.now + timing.tick
     ended = pilot.outcome
     outcome = COMPLETED if ended and ended.ending is Ending.COMPLETED else ended.reason if ended else "no end"
+    turns = np.array([(tick.time, tick.turn_rate, tick.saturated) for tick in flight.ticks], float).reshape(-1, 3)
     path = np.array([(t.time, t.east - t.target_east, t.north - t.target_north) for t in truths]).reshape(-1, 3)
     return Track(
         engine="lockstep",
@@ -59,4 +60,7 @@ def fly_lockstep(run: Run) -> Track:
         east=path[:, 1],
         north=path[:, 2],
         outcome=outcome,
+        turn_time=turns[:, 0] - (pilot.engaged_at or 0.0),
+        turn=turns[:, 1],
+        turn_cut=turns[:, 2] > 0,
     )

@@ -15,6 +15,8 @@ from circnav_mav.analysis.whole_file import whole_file
 TABLE = "runs.csv"
 DECIMALS = 5
 """Of a length in m: what comes after hangs on how many flights a batch has, where numpy sums up in another order."""
+TURN_DECIMALS = 4
+"""Of what is told of the turn command, for the same reason."""
 SOURCE = "campaign.toml"
 """The campaign file as it is flown; whoever flies it holds it locked."""
 
@@ -183,5 +185,6 @@ def _cell(name: str, value: Any) -> str:
     if value is None or isinstance(value, str):
         return " ".join(value.splitlines()) if value else ""
     if isinstance(value, float) and name in FIGURES:
-        return f"{round(value, DECIMALS) + 0.0 if name.endswith('_m') else value:.6g}"
+        decimals = DECIMALS if name.endswith("_m") else TURN_DECIMALS if name.startswith("turn_") else None
+        return f"{value if decimals is None else round(value, decimals) + 0.0:.6g}"
     return json.dumps(value)

@@ -23,7 +23,8 @@ class Figures:
     and those figures are of the others. wrong_way: went round in the wrong sense. rms_*: m, radius error of the last
     third. settled_*: s from the engagement until within 5 % for good, all of the last third included, None where that
     is never. closest: m, of all flights. worlds: flights that share their draws and their noise at several points of
-    the grid count as one in the intervals."""
+    the grid count as one in the intervals. turn_*: medians of the flights' figures of the turn command (see
+    `turn_command`). limit_cycles: flights whose command was in one."""
 
     flights: int
     worlds: int
@@ -39,6 +40,10 @@ class Figures:
     settled_median: float | None
     settled_p95: float | None
     closest: float | None
+    turn_std_deg_s: float | None
+    turn_at_limit: float | None
+    turn_variation_rad_s2: float | None
+    limit_cycles: int
 
 
 def figures(rows: Sequence[dict[str, str]], points: int = 1) -> Figures:
@@ -61,8 +66,17 @@ def figures(rows: Sequence[dict[str, str]], points: int = 1) -> Figures:
         rms_p95=percentile(rms, 95),
         settled_median=percentile(settled, 50),
         settled_p95=percentile(settled, 95),
+        turn_std_deg_s=_median(rows, "turn_std_deg_s"),
+        turn_at_limit=_median(rows, "turn_at_limit"),
+        turn_variation_rad_s2=_median(rows, "turn_variation_rad_s2"),
+        limit_cycles=sum(row["turn_limit_cycle"] == "true" for row in rows),
         closest=min((float(row["closest_m"]) for row in rows if row["closest_m"]), default=None),
     )
+
+
+def _median(rows: Sequence[dict[str, str]], name: str) -> float | None:
+    """Of a column, where it is known."""
+    return percentile(np.sort([float(row[name]) for row in rows if row[name]]), 50)
 
 
 def summarise(rows: Sequence[dict[str, str]], swept: Mapping[str, Sized]) -> dict[str, Any]:
