@@ -7,6 +7,7 @@ flown.
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 from sim.airframes.following import second_order, through_line
 from sim.body import GRAVITY, Body
@@ -75,7 +76,7 @@ def _limited(north: float, east: float) -> tuple[float, float]:
     return north * share, east * share
 
 
-def _leaning(body: Body, north: float, east: float, h: float) -> dict[str, float]:
+def _leaning(body: Body, north: float, east: float, h: float) -> dict[str, Any]:
     """The attitude that thrusts so."""
     cos, sin = math.cos(body.heading), math.sin(body.heading)
     roll = math.atan((east * cos - north * sin) / GRAVITY)

@@ -35,7 +35,7 @@ ATTITUDE_TARGET = 82
 CHANGE_SPEED, CHANGE_ALTITUDE, CHANGE_HEADING, DO_CHANGE_SPEED, DO_CHANGE_ALTITUDE = 43000, 43001, 43002, 178, 186
 THINK_US, LOOP_US, TIMEOUT_US = 100_000, 20_000, 3_000_000
 CIRCLE_BANK = math.radians(20)
-DEAD_TIME, ROLL_FREQUENCY, ROLL_DAMPING = 0.18, 5.3, 0.52  # s, rad/s: half after 0.36 .. 0.5 s, 15 % too far
+DEAD_TIME, ROLL_FREQUENCY, ROLL_DAMPING = 0.18, 5.3, 0.52  # s, rad/s: half of a bank after 0.36 .. 0.5 s, 15 % too far
 NOSE_FREQUENCY = 7.5  # rad/s: the heading's rate follows the course's by 0.2 s, 2 deg of slip in a steady turn
 
 

@@ -21,7 +21,7 @@ MANUAL_CONTROL = 69
 THINK_US = 50_000
 DEAD_TIME, ROLL_FREQUENCY, ROLL_DAMPING = 0.08, 4.5, 1.0  # s, rad/s: 63 % of a bank after 0.5 s
 STICK_DEAD_TIME = 0.12  # s: 63 % after 0.6 .. 0.7 s
-NOSE_FREQUENCY = 10.0  # rad/s
+NOSE_FREQUENCY = 10.0  # rad/s: the heading's rate follows the course's by 0.14 s
 COURSE_GAIN = 0.835  # rad/s: turn rate towards a position setpoint, times the sine of the angle to it
 BANKED_BY_STICKS = frozenset({ALTCTL, POSCTL, MODES["ALT_CRUISE"]})
 IDENTITY = px4_identity(mav_type=1)

@@ -1,8 +1,8 @@
 """The emulated plane and copter swing where the real ones swing, and are quiet where those are quiet.
 
 Real firmware, flown with the gains below as `flown` (DISTANCE_SENSOR .5 m at 10 Hz, calm air, 11 .. 21 ms there and
-back, last two laps): ArduPlane 4.6.3 at R 150, V 22: radius RMS .8 .. 1.7 m, commanded turn sd 11.7 .. 14 deg/s, roll -43 ..
-+51 deg; ArduCopter at R 30, V 5: sd 26 .. 30 deg/s at 1 Hz. Without lead: sd .3 .. 1 deg/s, .28 .. .33 and .15 m.
+back, last two laps): ArduPlane 4.6.3 at R 150, V 22: radius RMS .8 .. 1.7 m, commanded turn sd 11.7 .. 14 deg/s, roll
+-43 .. +51 deg; ArduCopter at R 30, V 5: sd 26 .. 30 deg/s at 1 Hz. Without lead: sd .3 .. 1 deg/s, .28 .. .33, .15 m.
 """
 
 from collections.abc import Callable
@@ -67,7 +67,7 @@ def test_the_plane_swings_with_the_gains_that_swing_on_firmware(monkeypatch: pyt
 
 def test_the_copter_swings_with_the_gains_that_swing_on_firmware(monkeypatch: pytest.MonkeyPatch) -> None:
     flown = laps("arducopter", flown_gains, monkeypatch)
-    rms, sd, turns, _ = last_two_laps(flown, "arducopter")
+    _, sd, turns, _ = last_two_laps(flown, "arducopter")
     assert 26 / 1.5 < sd < 30 * 1.5
     assert turns > 1.9
     rates = [tick.turn_rate for tick in flown.ticks[-400:] if tick.turn_rate is not None]  # 20 s of 50 ms ticks

@@ -1,7 +1,7 @@
 """Steps of the commanded bank and turn rate against real firmware.
 
-ArduPilot 4.6.3 and PX4 main of 2026-03 in their own simulators, 20 setpoints a second. Times are from the first setpoint
-of the step; the path's rate is what the ground track turns by.
+ArduPilot 4.6.3 and PX4 main of 2026-03 in their own simulators, 20 setpoints a second. Times are from the first
+setpoint of the step; the path's rate is what the ground track turns by.
 """
 
 import itertools
@@ -167,9 +167,7 @@ def test_what_is_reported_in_a_slipping_turn_is_the_noses(build: Build, station:
     companion.repeat(3.0, lambda: companion.attitude(0xC6, math.radians(35.0)))
     reports = companion.listen("ATTITUDE")
     for a, b in itertools.pairwise(reports):
-        told = [
-            (m.pitchspeed * math.sin(m.roll) + m.yawspeed * math.cos(m.roll)) / math.cos(m.pitch) for m in (a, b)
-        ]
+        told = [(m.pitchspeed * math.sin(m.roll) + m.yawspeed * math.cos(m.roll)) / math.cos(m.pitch) for m in (a, b)]
         seen = math.remainder(b.yaw - a.yaw, math.tau) / ((b.time_boot_ms - a.time_boot_ms) / 1000)
         assert seen == pytest.approx(sum(told) / 2, abs=0.02)
     truth = companion.vehicle.truth
