@@ -28,6 +28,8 @@ class Body(NamedTuple):
     push_east: float = 0.0
     air_speed: float = 0.0  # true, of vehicles that fly by it
     climb_angle: float = 0.0  # flight path angle of a fixed wing, rad
+    slip: float = 0.0  # of a fixed wing: from the nose to the direction of flight through the air, rad
+    on_the_way: tuple[tuple[float, float], ...] = ()  # commands within the dead time (airframes/following.py)
 
     @property
     def ground_speed(self) -> float:

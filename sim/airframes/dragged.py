@@ -7,14 +7,16 @@ flown.
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
+from sim.airframes.following import second_order, through_line
 from sim.body import GRAVITY, Body
 from sim.demands import Brake, EarthVelocity
 
-STEP = 0.025
+STEP = 0.02
 PROPORTIONAL, INTEGRAL = 1.8, 0.4
 MOST_ACCELERATION = GRAVITY  # 45 deg of tilt
-YAW_LAG = 0.47  # s: 63 % of a step
+YAW_DEAD_TIME, YAW_FREQUENCY, YAW_DAMPING = 0.12, 5.0, 0.7  # s, rad/s: 63 % of a step after 0.45 .. 0.5 s
 SINKING = 0.06  # m/s: what vz = 0 loses
 CLIMB_LAG = 0.3
 
@@ -56,8 +58,16 @@ class DraggedCopter:
 
     def _turn(self, body: Body, yaw_rate: float, h: float) -> Body:
         command = max(-self.max_turn_rate, min(self.max_turn_rate, yaw_rate))
-        rate = body.turn_rate + (command - body.turn_rate) * (1 - math.exp(-h / YAW_LAG))
-        return body._replace(turn_rate=rate, heading=math.remainder(body.heading + rate * h, math.tau))
+        line = through_line(body.on_the_way, command, YAW_DEAD_TIME, h)
+        error = line[0][1] - body.turn_rate
+        acceleration = second_order(error, body.turn_acceleration, YAW_FREQUENCY, YAW_DAMPING, h)
+        rate = body.turn_rate + acceleration * h
+        return body._replace(
+            turn_rate=rate,
+            turn_acceleration=acceleration,
+            on_the_way=line,
+            heading=math.remainder(body.heading + rate * h, math.tau),
+        )
 
 
 def _limited(north: float, east: float) -> tuple[float, float]:
@@ -66,7 +76,7 @@ def _limited(north: float, east: float) -> tuple[float, float]:
     return north * share, east * share
 
 
-def _leaning(body: Body, north: float, east: float, h: float) -> dict[str, float]:
+def _leaning(body: Body, north: float, east: float, h: float) -> dict[str, Any]:
     """The attitude that thrusts so."""
     cos, sin = math.cos(body.heading), math.sin(body.heading)
     roll = math.atan((east * cos - north * sin) / GRAVITY)

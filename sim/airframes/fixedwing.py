@@ -3,13 +3,15 @@
 import math
 from dataclasses import dataclass
 
+from sim.airframes.following import second_order, through_line
 from sim.body import GRAVITY, Body
 from sim.demands import Bank, Glide
 
-STEP = 0.025
+STEP = 0.02
 SPEED_LAG, HEIGHT_LAG, CLIMB_LAG = 3.0, 2.0, 1.0  # s
 MOST_CLIMB = 3.0  # m/s
-MOST_ROLL_RATE = math.radians(120)
+MOST_ROLL_RATE = math.radians(100)
+NOSE_DAMPING = 0.7  # of the tail fin, which turns the nose into the air
 
 # PX4's built-in plane: drag at trim is that of a 27 deg glide, trim thrust 0.63; a fifth of the drag comes from lift.
 TRIM_DRAG, TRIM_THRUST, INDUCED = 4.45, 0.63, 0.17
@@ -20,14 +22,17 @@ ALPHA_SLOPE, PATH_LAG, PITCH_LAG = 0.12, 0.5, 0.3
 class FixedWing:
     """`effectiveness`: turn rate over that of a coordinated turn.
 
-    The roll loop is of second order with roll_frequency in rad/s, or of first order with roll_lag in s when that is 0.
-    trim_speed is the true airspeed of TRIM_THRUST, m/s.
+    The bank follows after dead_time in s by a loop of second order with roll_frequency in rad/s, or of first order with
+    roll_lag in s when that is 0. A bank bends the path at once; the nose follows it by the tail fin with nose_frequency
+    in rad/s (0: at once), so that a turn begins with side-slip. trim_speed is the true airspeed of TRIM_THRUST, m/s.
     """
 
     effectiveness: float
-    roll_lag: float
+    roll_lag: float = 0.0
     roll_frequency: float = 0.0
     roll_damping: float = 0.5
+    dead_time: float = 0.0
+    nose_frequency: float = 0.0
     trim_speed: float = 10.0
 
     def step(self, body: Body, demand: Bank | Glide, dt: float, wind: tuple[float, float]) -> Body:
@@ -39,15 +44,15 @@ class FixedWing:
             body = self._fly(shaped, body, h, wind)
         return body
 
-    def _roll(self, body: Body, wanted: float, h: float) -> Body:
-        if self.roll_frequency <= 0:
-            share = 1 - math.exp(-h / self.roll_lag) if self.roll_lag > 0 else 1.0
-            roll = body.roll + (wanted - body.roll) * share
-            return body._replace(roll=roll, roll_rate=(roll - body.roll) / h)
-        stiffness, damping = self.roll_frequency**2, 2 * self.roll_damping * self.roll_frequency
-        rate = body.roll_rate + (stiffness * (wanted - body.roll) - damping * body.roll_rate) * h
-        rate = max(-MOST_ROLL_RATE, min(MOST_ROLL_RATE, rate))
-        return body._replace(roll=body.roll + rate * h, roll_rate=rate)
+    def _roll(self, body: Body, commanded: float, h: float) -> Body:
+        line = through_line(body.on_the_way, commanded, self.dead_time, h)
+        error = line[0][1] - body.roll
+        if self.roll_frequency > 0:
+            rate = second_order(error, body.roll_rate, self.roll_frequency, self.roll_damping, h)
+            rate = max(-MOST_ROLL_RATE, min(MOST_ROLL_RATE, rate))
+        else:
+            rate = error * (1 - math.exp(-h / self.roll_lag) if self.roll_lag > 0 else 1.0) / h
+        return body._replace(roll=body.roll + rate * h, roll_rate=rate, on_the_way=line)
 
     def _glide(self, body: Body, demand: Glide, h: float) -> Body:
         """Attitude and thrust to path angle and airspeed: point mass, drag parabola, lift following the pitch."""
@@ -67,18 +72,23 @@ class FixedWing:
 
     def _fly(self, shaped: Body, before: Body, h: float, wind: tuple[float, float]) -> Body:
         flat = shaped.air_speed * math.cos(shaped.climb_angle)
-        rate = self.effectiveness * GRAVITY * math.tan(shaped.roll) / max(3.0, shaped.air_speed)
-        middle = before.heading + rate * h / 2
-        heading = math.remainder(before.heading + rate * h, math.tau)
+        bend = self.effectiveness * GRAVITY * math.tan(shaped.roll) / max(3.0, shaped.air_speed)
+        course = before.heading + before.slip  # through the air
+        after = course + bend * h
+        rate = bend
+        if self.nose_frequency > 0:
+            rate = second_order(before.slip, before.turn_rate, self.nose_frequency, NOSE_DAMPING, h)
+        heading = before.heading + rate * h
         sink = -shaped.air_speed * math.sin(shaped.climb_angle)
         return shaped._replace(
-            north=before.north + (flat * math.cos(middle) + wind[0]) * h,
-            east=before.east + (flat * math.sin(middle) + wind[1]) * h,
+            north=before.north + (flat * math.cos(course + bend * h / 2) + wind[0]) * h,
+            east=before.east + (flat * math.sin(course + bend * h / 2) + wind[1]) * h,
             down=min(before.down + sink * h, 0.0),
-            heading=heading,
+            heading=math.remainder(heading, math.tau),
             turn_rate=rate,
-            velocity_north=flat * math.cos(heading) + wind[0],
-            velocity_east=flat * math.sin(heading) + wind[1],
+            slip=after - heading,
+            velocity_north=flat * math.cos(after) + wind[0],
+            velocity_east=flat * math.sin(after) + wind[1],
             velocity_down=sink,
         )
 

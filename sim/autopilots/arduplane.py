@@ -33,9 +33,10 @@ CIRCLE, FBWA, FBWB, CRUISE, AUTO, RTL, LOITER, TAKEOFF, GUIDED = 1, 5, 6, 7, 10,
 STICK_MODES, LOITERING = frozenset({0, 2, 4, 5, 6, 7, 8}), frozenset({RTL, LOITER, TAKEOFF, GUIDED})
 ATTITUDE_TARGET = 82
 CHANGE_SPEED, CHANGE_ALTITUDE, CHANGE_HEADING, DO_CHANGE_SPEED, DO_CHANGE_ALTITUDE = 43000, 43001, 43002, 178, 186
-THINK_US, TIMEOUT_US = 100_000, 3_000_000
+THINK_US, LOOP_US, TIMEOUT_US = 100_000, 20_000, 3_000_000
 CIRCLE_BANK = math.radians(20)
-ROLL_FREQUENCY, ROLL_DAMPING = 3.3, 0.55  # a bank is there after 0.8 s and overshoots by 10 .. 15 %
+DEAD_TIME, ROLL_FREQUENCY, ROLL_DAMPING = 0.18, 5.3, 0.52  # s, rad/s: half of a bank after 0.36 .. 0.5 s, 15 % too far
+NOSE_FREQUENCY = 7.5  # rad/s: the heading's rate follows the course's by 0.2 s, 2 deg of slip in a steady turn
 
 
 class ArduPlane:
@@ -53,6 +54,8 @@ class ArduPlane:
             roll_lag=vehicle.turn_lag_s,
             roll_frequency=0.0 if ideal else ROLL_FREQUENCY,
             roll_damping=ROLL_DAMPING,
+            dead_time=0.0 if ideal else DEAD_TIME,
+            nose_frequency=0.0 if ideal else NOSE_FREQUENCY,
         )
         self._scale = vehicle.airspeed_scale or 1.065
         self._speed = self.params["AIRSPEED_CRUISE"]  # indicated
@@ -119,7 +122,7 @@ class ArduPlane:
         self._forced, self._since = forced, now
         if forced.pitch is not None:
             self._height = body.down
-        self._bank = self._wanted_bank(now, body)
+        self._think_at = now + -now % LOOP_US  # a setpoint waits for the main loop, 50 Hz
         return True
 
     def command(self, command: Command, now: int, body: Body) -> tuple[int, ...]:

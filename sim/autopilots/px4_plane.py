@@ -1,6 +1,7 @@
 """PX4 fixed wing: sticks in ALTCTL with height and speed held, or OFFBOARD attitude and thrust with nothing held."""
 
 import math
+from dataclasses import replace
 
 from sim.agenda import NEVER
 from sim.airframes.fixedwing import FixedWing
@@ -18,7 +19,9 @@ from sim.wire import Message
 
 MANUAL_CONTROL = 69
 THINK_US = 50_000
-ROLL_LAG = 0.5  # s: 63 % of a bank
+DEAD_TIME, ROLL_FREQUENCY, ROLL_DAMPING = 0.08, 4.5, 1.0  # s, rad/s: 63 % of a bank after 0.5 s
+STICK_DEAD_TIME = 0.12  # s: 63 % after 0.6 .. 0.7 s
+NOSE_FREQUENCY = 10.0  # rad/s: the heading's rate follows the course's by 0.14 s
 COURSE_GAIN = 0.835  # rad/s: turn rate towards a position setpoint, times the sine of the angle to it
 BANKED_BY_STICKS = frozenset({ALTCTL, POSCTL, MODES["ALT_CRUISE"]})
 IDENTITY = px4_identity(mav_type=1)
@@ -40,11 +43,17 @@ class Px4Plane:
         self.params = px4_parameters(config, *own)
         self._core = Core(IDENTITY, self.params, config, say, self)
         self._scale = vehicle.airspeed_scale or 1.0
-        self._airframe = FixedWing(
+        ideal = vehicle.dynamics == "unicycle"
+        self._by_attitude = FixedWing(
             effectiveness=vehicle.turn_effectiveness or 1.0,
-            roll_lag=vehicle.turn_lag_s if vehicle.dynamics == "unicycle" else ROLL_LAG,
+            roll_lag=vehicle.turn_lag_s,
+            roll_frequency=0.0 if ideal else ROLL_FREQUENCY,
+            roll_damping=ROLL_DAMPING,
+            dead_time=0.0 if ideal else DEAD_TIME,
+            nose_frequency=0.0 if ideal else NOSE_FREQUENCY,
             trim_speed=self.params["FW_AIRSPD_TRIM"] * self._scale,
         )
+        self._by_stick = replace(self._by_attitude, dead_time=0.0 if ideal else STICK_DEAD_TIME)
         self._setpoint: Trajectory | Tilt | Spin | None = None
         self._here = start
         self._height = start.down
@@ -63,7 +72,9 @@ class Px4Plane:
     # -- what is flown ------------------------------------------------------------------------------------------------
 
     def fly(self, body: Body, dt: float, wind: tuple[float, float]) -> Body:
-        self._here = self._airframe.step(body, self._demand(), dt, wind)
+        demand = self._demand()
+        airframe = self._by_attitude if isinstance(demand, Glide) else self._by_stick
+        self._here = airframe.step(body, demand, dt, wind)
         return self._here
 
     def _demand(self) -> Bank | Glide:
@@ -91,7 +102,7 @@ class Px4Plane:
             return self._bank_to_point(body, limit)
         if not self._core.position or self.mode == LAND:
             return 0.0
-        return bank_on_loiter(body, self._loiter, limit, self._airframe.effectiveness)
+        return bank_on_loiter(body, self._loiter, limit, self._by_stick.effectiveness)
 
     def _bank_to_point(self, body: Body, limit: float) -> float:
         """A position setpoint is flown to; one of velocities alone is taken and has no effect."""

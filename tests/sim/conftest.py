@@ -47,6 +47,14 @@ class Station:
             )
         )
 
+    def turn(self, speed: float, yaw_rate: float) -> None:
+        """A velocity along the nose and a turn rate, with the acceleration of the turn fed forward (mask 0x407)."""
+        self.send(
+            mavlink.MAVLink_set_position_target_local_ned_message(
+                0, 1, 1, 8, 0x407, 0, 0, 0, speed, 0, 0, 0, speed * yaw_rate, 0, 0, yaw_rate
+            )
+        )
+
     def attitude(
         self,
         mask: int,

@@ -11,7 +11,6 @@ from sim.vehicle import Truth, Vehicle
 Build = Callable[..., Vehicle]
 Stations = type[Any]
 REAL = {"dynamics": "realistic", "max_turn_rate_deg_s": 200.0}
-LATERAL_FEED = 0x407
 
 
 def flying(build: Build, station: Stations, speed: float) -> Any:
@@ -43,19 +42,9 @@ def test_a_velocity_alone_turns_faster_than_asked_and_slips(
     assert truth.ground_speed == pytest.approx(speed, rel=0.03)
 
 
-def feed(companion: Any, speed: float, rate: float) -> None:
-    from pymavlink.dialects.v20 import all as mavlink
-
-    companion.send(
-        mavlink.MAVLink_set_position_target_local_ned_message(
-            0, 1, 1, 8, LATERAL_FEED, 0, 0, 0, speed, 0, 0, 0, speed * rate, 0, 0, rate
-        )
-    )
-
-
 def test_with_the_acceleration_fed_forward_it_hardly_slips(build: Build, station: Stations) -> None:
     companion = flying(build, station, 5.0)
-    companion.repeat(20.0, lambda: feed(companion, 5.0, 0.3))
+    companion.repeat(20.0, lambda: companion.turn(5.0, 0.3))
     assert slip(companion.vehicle.truth) == pytest.approx(2.0, abs=1.0)
 
 
@@ -70,19 +59,6 @@ def test_slow_setpoints_slip_more_because_they_are_rotated_once(build: Build, st
             lags.append(slip(companion.vehicle.truth))
         slips.append(sum(lags) / len(lags))
     assert slips[1] - slips[0] == pytest.approx(4.5, abs=2.0)  # flown: 10 and 16 deg
-
-
-def test_a_turn_rate_step_is_half_there_after_a_quarter_second_and_overshoots(build: Build, station: Stations) -> None:
-    companion = flying(build, station, 5.0)
-    companion.fly(10.0, 5.0, 0.2)
-    rates = []
-    for _ in range(130):
-        companion.fly(0.01, 5.0, -0.4, rate=100.0)
-        rates.append(companion.vehicle.truth.turn_rate)
-    crossing, worst = next(i for i, r in enumerate(rates) if r < 0) / 100, min(rates)
-    assert 0.12 < crossing < 0.30  # flown: 0.25 s
-    assert worst == pytest.approx(-0.53, abs=0.03) and rates.index(worst) / 100 == pytest.approx(0.62, abs=0.08)
-    assert rates[-1] == pytest.approx(-0.42, abs=0.03)
 
 
 def test_it_brakes_within_two_and_a_half_seconds_of_the_timeout(build: Build, station: Stations) -> None:

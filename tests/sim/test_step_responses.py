@@ -1,0 +1,175 @@
+"""Steps of the commanded bank and turn rate against real firmware.
+
+ArduPilot 4.6.3 and PX4 main of 2026-03 in their own simulators, 20 setpoints a second. Times are from the first
+setpoint of the step; the path's rate is what the ground track turns by.
+"""
+
+import itertools
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import pytest
+
+from sim.vehicle import Truth, Vehicle
+
+Build = Callable[..., Vehicle]
+Stations = type[Any]
+QUIET = {"truth": {"rate_hz": 0}, "ranging": {"rate_hz": 0.0}}
+TICK = 0.01
+
+
+class Step(NamedTuple):
+    """Seconds to a half, to 63 % and to 90 % of a step, its peak and when; peak 1.1: a tenth too far."""
+
+    half: float
+    most: float
+    nearly: float
+    peak: float
+    peak_at: float
+
+
+def measured(values: list[float]) -> Step:
+    """The step from the first value to the last."""
+    share = [(value - values[0]) / (values[-1] - values[0]) for value in values]
+    half, most, nearly = (next(i for i, s in enumerate(share) if s >= part) * TICK for part in (0.5, 0.632, 0.9))
+    return Step(half, most, nearly, max(share), share.index(max(share)) * TICK)
+
+
+def flown(companion: Any, send: Callable[[], None], seconds: float = 4.0) -> list[Truth]:
+    """The truth every 10 ms while `send` sends 20 times a second."""
+    start, truths = companion.vehicle.time, [companion.vehicle.truth]
+    for tick in range(round(seconds / TICK)):
+        if tick % 5 == 0:
+            send()
+        companion.vehicle.advance(start + (tick + 1) * TICK)
+        truths.append(companion.vehicle.truth)
+    return truths
+
+
+def rates(angles: list[float]) -> list[float]:
+    return [math.remainder(b - a, math.tau) / TICK for a, b in itertools.pairwise(angles)]
+
+
+def lead(truth: Truth) -> float:
+    """Degrees by which the nose points to the right of the ground track."""
+    return math.degrees(math.remainder(truth.heading - truth.course, math.tau))
+
+
+def arduplane(build: Build, station: Stations) -> Any:
+    return station(build(vehicle={"profile": "arduplane"}, start={"mode": "GUIDED"}, **QUIET))
+
+
+def banked(build: Build, station: Stations, before: float, after: float) -> list[Truth]:
+    """ArduPlane told one bank, deg, for six seconds and then another."""
+    companion = arduplane(build, station)
+    companion.repeat(6.0, lambda: companion.attitude(0xC6, math.radians(before)))
+    return flown(companion, lambda: companion.attitude(0xC6, math.radians(after)))
+
+
+@pytest.mark.parametrize(("before", "after"), [(0.0, 20.0), (17.0, -28.6)])
+def test_a_plane_banks_after_a_dead_time_and_overshoots(
+    build: Build, station: Stations, before: float, after: float
+) -> None:
+    """Flown: half at .36 .. .5 s, 90 % at .5 .. .75 s, 15 % too far; +17 to -28.6 deg goes to -33."""
+    roll = measured([truth.roll for truth in banked(build, station, before, after)])
+    assert 0.36 <= roll.half <= 0.5 and 0.5 <= roll.nearly <= 0.75
+    assert roll.peak == pytest.approx(1.12, abs=0.04)
+
+
+def test_a_plane_shows_nothing_of_a_command_within_its_dead_time(build: Build, station: Stations) -> None:
+    truths = banked(build, station, 0.0, 20.0)
+    assert all(truth.roll == 0.0 for truth in truths[:16])
+
+
+def test_a_planes_path_follows_its_bank_at_once_and_its_nose_a_fifth_of_a_second_later(
+    build: Build, station: Stations
+) -> None:
+    """Flown: the ground track turns with the bank, the heading some .15 .. .25 s behind it, because of side-slip."""
+    truths = banked(build, station, 17.0, -28.6)
+    roll = measured([truth.roll for truth in truths])
+    path = measured(rates([truth.course for truth in truths]))
+    nose = measured([truth.turn_rate for truth in truths])
+    assert path.half == pytest.approx(roll.half, abs=0.03)
+    assert 0.15 <= nose.half - path.half <= 0.28 and 0.15 <= nose.nearly - path.nearly <= 0.28
+    assert lead(truths[0]) == pytest.approx(-1.3, abs=0.7)  # in a right turn the nose lags: flown about 2 deg
+    assert max(abs(lead(truth) - lead(truths[-1])) for truth in truths) > 2.0  # and much more while it enters one
+
+
+def test_a_copters_yaw_rate_follows_after_a_dead_time_and_overshoots(build: Build, station: Stations) -> None:
+    """Flown, .2 to -.4 rad/s: through zero at .25 s, -.53 at .64 s; closed loop: dead time .22 s, then a lag of .18."""
+    truths = turned(build, station, 0.2, -0.4)
+    yaw = measured([truth.turn_rate for truth in truths])
+    assert all(truth.turn_rate == pytest.approx(truths[0].turn_rate, abs=1e-3) for truth in truths[:15])
+    assert next(i for i, truth in enumerate(truths) if truth.turn_rate < 0) * TICK == pytest.approx(0.25, abs=0.07)
+    assert yaw.half == pytest.approx(0.22 + 0.18 * math.log(2), abs=0.03)
+    assert (yaw.peak, yaw.peak_at) == (pytest.approx(1.2, abs=0.03), pytest.approx(0.64, abs=0.04))
+    assert truths[-1].turn_rate == pytest.approx(-0.42, abs=0.03)
+
+
+def test_a_copters_path_follows_its_nose_by_half_a_second(build: Build, station: Stations) -> None:
+    """Flown: half of the step at .7 .. .78 s, 90 % at 1.1 s; the nose leads."""
+    truths = turned(build, station, 0.2, -0.4)
+    path = measured(rates([truth.course for truth in truths]))
+    assert path.half == pytest.approx(0.74, abs=0.05) and path.nearly == pytest.approx(1.1, abs=0.06)
+    assert min(lead(truth) for truth in truths) < -8.0
+
+
+def turned(build: Build, station: Stations, before: float, after: float) -> list[Truth]:
+    """ArduCopter at 5 m/s told one turn rate, rad/s, with its acceleration fed forward, and then another."""
+    vehicle = {"dynamics": "realistic", "max_turn_rate_deg_s": 200.0}
+    companion = station(build(vehicle=vehicle, start={"mode": "GUIDED", "speed_mps": 5.0}, **QUIET))
+    companion.repeat(8.0, lambda: companion.turn(5.0, before))
+    return flown(companion, lambda: companion.turn(5.0, after))
+
+
+def test_a_px4_copters_yaw_rate_is_two_thirds_there_after_half_a_second(build: Build, station: Stations) -> None:
+    companion = station(build(vehicle={"profile": "px4_copter", "default_streams": False}, **QUIET))
+    companion.fly(0.5, 0.0, 0.0)
+    companion.command(176, 1, 6)
+    companion.fly(10.0, 5.0, 0.0)
+    truths = flown(companion, lambda: companion.velocity(5.0, 0.1), 60.0)
+    assert measured([truth.turn_rate for truth in truths]).most == pytest.approx(0.475, abs=0.03)
+    assert all(truth.turn_rate == 0.0 for truth in truths[:10])
+    assert truths[-1].ground_speed == pytest.approx(4.56, abs=0.05)  # flown at R 50: 4.56, course 7 .. 9 deg behind
+    assert lead(truths[-1]) == pytest.approx(9.0, abs=3.0)
+
+
+@pytest.mark.parametrize(("stick", "earliest", "latest"), [(False, 0.45, 0.58), (True, 0.58, 0.70)])
+def test_a_px4_plane_banks_two_thirds_after_half_a_second_and_later_by_stick(
+    build: Build, station: Stations, stick: bool, earliest: float, latest: float
+) -> None:
+    """Flown: 63 % after .5 s by attitude, .6 .. .7 s by stick, then exact."""
+    companion = station(build(vehicle={"profile": "px4_plane", "default_streams": False}, **QUIET))
+
+    def send(bank: float) -> None:
+        if stick:
+            companion.sticks(bank / 50.0)
+        else:
+            companion.attitude(7, math.radians(bank), thrust=0.63)
+
+    send(0.0)
+    assert companion.command(176, 1, 2 if stick else 6) == [0, 0]
+    companion.repeat(3.0, lambda: send(0.0))
+    truths = flown(companion, lambda: send(30.0))
+    roll = measured([truth.roll for truth in truths])
+    assert earliest <= roll.most <= latest and roll.peak < 1.02
+    assert math.degrees(truths[-1].roll) == pytest.approx(30.0, abs=0.1)
+
+
+def test_what_is_reported_in_a_slipping_turn_is_the_noses(build: Build, station: Stations) -> None:
+    """ATTITUDE's yaw and body rates agree with each other and not with the ground track; airspeed is indicated."""
+    companion = arduplane(build, station)
+    companion.command(511, 30, 40_000)
+    companion.command(511, 74, 200_000)
+    companion.repeat(4.0, lambda: companion.attitude(0xC6, math.radians(-20.0)))
+    companion.forget()
+    companion.repeat(3.0, lambda: companion.attitude(0xC6, math.radians(35.0)))
+    reports = companion.listen("ATTITUDE")
+    for a, b in itertools.pairwise(reports):
+        told = [(m.pitchspeed * math.sin(m.roll) + m.yawspeed * math.cos(m.roll)) / math.cos(m.pitch) for m in (a, b)]
+        seen = math.remainder(b.yaw - a.yaw, math.tau) / ((b.time_boot_ms - a.time_boot_ms) / 1000)
+        assert seen == pytest.approx(sum(told) / 2, abs=0.02)
+    truth = companion.vehicle.truth
+    assert reports[-1].yaw == pytest.approx(truth.heading, abs=0.02) and abs(lead(truth)) > 1.5
+    assert companion.listen("VFR_HUD")[-1].airspeed == pytest.approx(22.0, abs=0.1)
