@@ -102,7 +102,7 @@ class PendingTurn:
         rate, at = self._rate, self._at
         # before the first command it was turned by somebody else, who goes on for as long as we are not heard
         turn = turn_rate * min(max(self._commands[0][0] - (now - dead), 0.0), dead)
-        ends = [time for time, _ in self._commands][1:] + [now]
+        ends = [*[time for time, _ in self._commands][1:], now]
         for (begin, command), end in zip(self._commands, ends, strict=True):
             arrived = min(end + dead, now)
             if arrived > at:

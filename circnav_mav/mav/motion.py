@@ -12,7 +12,6 @@ from circnav_mav.mav.codec import Message
 from circnav_mav.mav.frames import YawRate, course_from_yaw, turn_rate_from_yaw_rate
 from circnav_mav.mav.sensor_clock import SensorClock, Slower, nobody_tells
 
-
 GRAVITY = 9.80665
 MOST_BANK = 1.3
 """Bank, rad, beyond which no turn is coordinated any more."""
@@ -53,7 +52,7 @@ def heading_rate(roll: float, pitch: float, q: float, r: float) -> YawRate:
 
 
 def coordinated_yaw_rate(roll: float, airspeed: float) -> YawRate:
-    """Yaw rate of a coordinated turn at a bank (rad, right positive) and an airspeed (m/s), rad/s clockwise positive."""
+    """Yaw rate (rad/s, clockwise positive) of a coordinated turn at a bank (rad, right positive) and an airspeed (m/s)."""
     return YawRate(GRAVITY * tan(min(max(roll, -MOST_BANK), MOST_BANK)) / max(airspeed, 1.0))
 
 

@@ -10,8 +10,9 @@ from circnav_mav.core.guidance import LawChoice
 from circnav_mav.core.laws import LAWS
 from circnav_mav.core.theory import rate_gain
 from circnav_mav.core.values import Direction, Orbit
-from circnav_mav.mav.autopilots.interface import GRAVITY, AirLoops, VehicleFacts
+from circnav_mav.mav.autopilots.interface import AirLoops, VehicleFacts
 from circnav_mav.mav.height import HeightSettings
+from circnav_mav.mav.motion import GRAVITY
 from circnav_mav.mav.ranging import RANGING_MESSAGES, RangingSettings
 from circnav_mav.mav.session import LinkSettings
 from circnav_mav.mission.schema import MissionFile

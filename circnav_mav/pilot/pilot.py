@@ -274,7 +274,8 @@ class Pilot:
             tick_record(
                 now, self.phase, self.session, estimate, command, sent,
                 newest=self.target.newest, height=self.target.height.at(now), nis=self.target.estimator.nis,
-                turn_gain=self.helm.turn_gain, turn_delay=self.helm.response.delay, gain_share=self.helm.gain_share, law=self.settings.law.name, accepted=self.target.accepted,
+                turn_gain=self.helm.turn_gain, turn_delay=self.helm.response.delay, gain_share=self.helm.gain_share,
+                law=self.settings.law.name, accepted=self.target.accepted,
                 rejected=self.target.ranging.refused,
             )
         )  # fmt: skip

@@ -16,6 +16,7 @@ from circnav_mav.core.estimators.drift_bank import BankSettings, Stage
 from circnav_mav.core.estimators.unicycle import SURE, UnicycleFilter
 from circnav_mav.core.guidance import LONGEST_STEP
 from circnav_mav.core.laws import LAWS, Kind, pi
+from circnav_mav.core.turn_response import Pending, PendingTurn, Response
 
 Array = Any
 STALE = 0.5
@@ -33,12 +34,29 @@ class _Freshness:
         return self._age < STALE + 1e-9
 
 
+class _Answer:
+    """What is commanded but not turned yet, of vehicles that answer as their circle says."""
+
+    def __init__(self, circle: Circle) -> None:
+        self._response = Response(dead=0.0, lag=circle.lag, settles=1 / circle.lag, learnt=True)
+        self._limit, self._pending, self._time = circle.max_turn_rate, PendingTurn(), 0.0
+
+    def pending(self, seen: Seen) -> Pending:
+        self._time += seen.dt
+        return self._pending.at(self._time, self._response, seen.turn_rate)
+
+    def told(self, command: Array) -> Array:
+        """The command, within the limit, as the vehicles are told it."""
+        command = np.clip(command, -self._limit, self._limit)
+        self._pending.command(self._time, command)
+        return command
+
+
 class FullInformation:
     """The reference: the drift law with the truth in place of an estimate."""
 
     def __init__(self, circle: Circle, sense: Array) -> None:
-        self._circle, self._sense = circle, sense
-        self._gains = drift_gains(circle.speed, circle.radius, circle.lag)
+        self._circle, self._sense, self._answer = circle, sense, _Answer(circle)
         self.belief: tuple[Array, Array] | None = None
         self.estimate: tuple[Array, Array] = (0.0, 0.0)
 
@@ -46,10 +64,11 @@ class FullInformation:
         cfg, r = self._circle, np.hypot(true.p[0], true.p[1])
         v = cfg.speed * np.stack([np.cos(true.psi), np.sin(true.psi)]) + true.d
         self.estimate = r, (true.p * v).sum(axis=0) / np.maximum(r, 1.0)
-        here = mirrored(true.p, true.d, true.psi, true.turn_rate, self._sense)
-        return self._sense * drift(
-            *here, V=cfg.speed, r_d=cfg.radius, max_turn_rate=cfg.max_turn_rate, gains=self._gains
-        )
+        pending = self._answer.pending(seen)
+        here = mirrored(true.p, true.d, true.psi, pending, self._sense)
+        gains = drift_gains(cfg.speed, pending.ahead, pending.settles)
+        turn = drift(*here, V=cfg.speed, r_d=cfg.radius, max_turn_rate=cfg.max_turn_rate, gains=gains)
+        return self._answer.told(self._sense * turn)
 
 
 class ByRange:
@@ -89,7 +108,7 @@ class Auto:
         self._circle, self._sense, self._tries = circle, sense, tries
         self._kalman = _Kalman(circle, flights)
         self.bank = Banks(BankSettings(circle.speed), flights)
-        self._gains = drift_gains(circle.speed, circle.radius, circle.lag)
+        self._answer = _Answer(circle)
         self._law = LAWS["feedforward"]
         self._k = self._law.default_gain(circle.speed, circle.radius)
         self._before: tuple[Array, Array] | None = None
@@ -107,9 +126,11 @@ class Auto:
         self.bank.step(np.full(s.size, dt), path, seen.z, seen.sigma, seen.arrived)
         x, trusted = self.bank.mean, self.bank.trusted
         V, p, d = x[KAPPA] * seen.airspeed, position(x), drift_of(x)
-        here = mirrored(p, d, seen.psi, seen.turn_rate, s)
+        pending = self._answer.pending(seen)
+        here = mirrored(p, d, seen.psi, pending, s)
         safe = np.where(self.bank.stage == Stage.EMPTY, cfg.speed, np.maximum(V, 0.1 * cfg.speed))
-        by_bank = drift(*here, V=safe, r_d=cfg.radius, max_turn_rate=cfg.max_turn_rate, gains=self._gains)
+        gains = drift_gains(safe, pending.ahead, pending.settles)
+        by_bank = drift(*here, V=safe, r_d=cfg.radius, max_turn_rate=cfg.max_turn_rate, gains=gains)
         by_range = self._law.function(r, r_dot, V=cfg.speed, r_d=cfg.radius, k=-self._k)
         favourite = self.bank.favourite if self._tries else np.full(s.size, -1)
         self._unsteered += seen.dt
@@ -126,9 +147,9 @@ class Auto:
         P = self.bank.covariance
         self.belief = np.where(trusted, x[:2], np.nan), P[:2, :2]
         self.estimate = np.where(trusted, x[R], r), np.where(trusted, by_drift, r_dot)
-        ahead = here[2] + cfg.lag * here[3]
+        ahead = here[2] + here[3].turn
         hold = np.where(trusted, orbit_turn_rate(here[1], ahead, V=safe, r_d=cfg.radius), cfg.speed / cfg.radius)
-        return s * np.where(ready, self.handover.command, hold)
+        return self._answer.told(s * np.where(ready, self.handover.command, hold))
 
 
 class _Kalman:

@@ -9,13 +9,11 @@ from circnav_mav.analysis.campaign.engage import Opening, opening
 from circnav_mav.analysis.campaign.lockstep import COMPLETED
 from circnav_mav.analysis.campaign.plan import Run
 from circnav_mav.analysis.campaign.radio import Radio
-from circnav_mav.analysis.campaign.relative import RelativeSteering
 from circnav_mav.analysis.campaign.steering import Steering
 from circnav_mav.analysis.campaign.surroundings import GUST_EVERY, Targets, Vehicles, Winds
 from circnav_mav.analysis.campaign.track import Track
 from circnav_mav.analysis.campaign.turn_gains import ATTITUDE_EVERY, TurnGains
 from circnav_mav.core.guidance import AT_LIMIT
-from circnav_mav.core.laws import LAWS
 from circnav_mav.core.values import SAME_TIME
 from circnav_mav.mav.frames import course_from_yaw
 
@@ -33,7 +31,6 @@ class Batch:
     def __init__(self, runs: Sequence[Run], begins: Opening) -> None:
         file = runs[0].mission.file
         rate = runs[0].vehicle.ranging.rate_hz
-        relative = LAWS[file.guidance.law].flies_relative_motion
         self.dt = time_step(runs[0])
         self._every = round(1 / rate / self.dt)
         self._gust_every = round(GUST_EVERY / self.dt)
@@ -46,7 +43,7 @@ class Batch:
         self._shown = np.full(len(runs), NEVER)
         self._vehicles, self._targets, self._winds = Vehicles(runs, self.dt), Targets(runs), Winds(runs)
         self._radio = Radio(runs)
-        self._steering = RelativeSteering(runs) if relative else Steering(runs)
+        self._steering = Steering(runs)
         self._attitude_every = max(1, round(ATTITUDE_EVERY / self.dt))
         self._gains = TurnGains(runs, self._attitude_every * self.dt)
         self._told, self._cut = np.zeros(len(runs)), np.zeros(len(runs), bool)
@@ -61,11 +58,6 @@ class Batch:
         self.path: list[Array] = []
         self.turns: list[Array] = []
         self.cuts: list[Array] = []
-
-    @property
-    def beyond(self) -> Array:
-        """Flights in which something happened that no batch follows, (B,)."""
-        return self._steering.beyond
 
     def fly(self) -> None:
         """All flights to their ends."""
@@ -102,7 +94,6 @@ class Batch:
             flown = (self.engaged < step) & alive
             heading = course_from_yaw(_single(self._vehicles.yaw))  # as an ATTITUDE tells it
             self._gains.feel(now, heading, self._told, flown)
-            steering.move(now, heading, self._vehicles.turn_rate, flown & self._gains.at_speed)
         turn = steering.turn(now, holding, ours & acts & alive)
         wanted = steering.through_gain(turn, self._gains.now)
         cut = np.maximum(np.abs(turn), np.abs(wanted)) >= AT_LIMIT * self._limit
@@ -126,26 +117,20 @@ class Batch:
 
 
 def time_step(run: Run) -> float:
-    """Of the batch that a run is flown in, s: from range to range, tick to tick, and where own motion is used from
-    attitude to attitude."""
-    relative = LAWS[run.mission.file.guidance.law].flies_relative_motion
-    return 1 / max(
-        run.vehicle.ranging.rate_hz, run.mission.file.limits.tick_hz, 1 / ATTITUDE_EVERY if relative else 0.0
-    )
+    """Of the batch that a run is flown in, s: from range to range and tick to tick."""
+    return 1 / max(run.vehicle.ranging.rate_hz, run.mission.file.limits.tick_hz)
 
 
-def fly_batch(runs: Sequence[Run]) -> list[Track | None] | None:
-    """Fly runs of one group; tracks in their order, None for those that must be flown alone. None at all where a real
-    flight shows that they would not be engaged."""
+def fly_batch(runs: Sequence[Run]) -> list[Track] | None:
+    """Fly runs of one group; tracks in their order. None where a real flight shows that they would not be engaged."""
     begins = opening(runs[0])
     if begins is None:
         return None
     batch = Batch(runs, begins)
     batch.fly()
     path, turns, cuts = (np.stack(kept) for kept in (batch.path, batch.turns, batch.cuts))
-    alone = batch.beyond
     return [
-        None if alone[flight] else _track(batch, path[:, :, flight], turns[:, flight], cuts[:, flight], flight, run)
+        _track(batch, path[:, :, flight], turns[:, flight], cuts[:, flight], flight, run)
         for flight, run in enumerate(runs)
     ]
 

@@ -86,7 +86,7 @@ def _fly_batches(campaign: Campaign, numbers: Iterable[int]) -> tuple[list[Row],
 
 
 def _fly_together(runs: list[Run], alone: list[Run]) -> Iterator[Row]:
-    """The rows of a batch; flights that it cannot fly are handed on to be flown alone."""
+    """The rows of a batch; where it cannot be flown, its flights are handed on to be flown alone."""
     try:
         tracks = fly_batch(runs)
     except Exception:  # one of them broke the arithmetic of all: each for itself
@@ -95,10 +95,7 @@ def _fly_together(runs: list[Run], alone: list[Run]) -> Iterator[Row]:
         alone += runs
         return
     for run, track in zip(runs, tracks, strict=True):
-        if track is None:
-            alone.append(run)
-        else:
-            yield row(run, track)
+        yield row(run, track)
 
 
 def _fly_alone(run: Run) -> Row:

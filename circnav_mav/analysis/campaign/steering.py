@@ -45,8 +45,6 @@ class Steering:
         self._memory = np.zeros(len(runs))
         self._steered_at = np.full(len(runs), np.nan)
         self.sure_at = np.full(len(runs), -np.inf)
-        self.beyond = np.zeros(len(runs), bool)
-        """Who must be flown alone: nobody."""
 
     @property
     def speed(self) -> Array:
@@ -63,9 +61,6 @@ class Steering:
         before = self._kalman.accepted
         self._kalman.step(dt, z, sigma, arrived)
         self.sure_at = np.where(arrived & (self._kalman.accepted != before), now, self.sure_at)
-
-    def move(self, now: float, heading: Array, turn_rate: Array, who: Array) -> None:
-        """Of no use here."""
 
     def turn(self, now: float, holding: Array, ours: Array) -> Array:
         """The turn rates wanted at a time, s, within the limit; those that hold fly the circle's own.

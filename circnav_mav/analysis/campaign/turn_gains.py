@@ -1,5 +1,4 @@
-"""The learnt turn-rate gain of many flights at once: the equations of `circnav_mav.core.turn_gain`; and which vehicles
-are believed to have the speed that they are told, as `circnav_mav.pilot.helm` does."""
+"""The learnt turn-rate gain of many flights at once: the equations of `circnav_mav.core.turn_gain`."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -10,7 +9,6 @@ from circnav_mav.analysis.campaign.plan import Run
 from circnav_mav.core.air_path import wrap
 from circnav_mav.core.turn_gain import DEAF, LEAST_COMMAND, TurnGainSettings
 from circnav_mav.core.values import SAME_TIME
-from circnav_mav.pilot.helm import DEAF_AFTER, SPEED_UP
 
 Array = Any
 ATTITUDE_EVERY = 0.05
@@ -34,8 +32,6 @@ class TurnGains:
         self._heading = np.full(len(runs), np.nan)
         self._rate, self._lagged, self._command = (np.zeros(len(runs)) for _ in range(3))
         self._age, self._square, self._product = (np.zeros(len(runs)) for _ in range(3))
-        self._slow_at, self._followed_at = np.full(len(runs), np.inf), np.full(len(runs), np.inf)
-        self.at_speed = np.zeros(len(runs), bool)
 
     def feel(self, now: float, heading: Array, told: Array, ours: Array) -> None:
         """One heading of each flight that is ours, measured while it was told to turn at `told`, rad/s."""
@@ -55,10 +51,6 @@ class TurnGains:
         size = np.abs(self._command)
         followed = (size < LEAST_COMMAND) | (self._rate * np.sign(self._command) > DEAF * size)
         self._age = np.where(more & ~followed, 0.0, self._age)
-        self._followed_at = np.where(ours & followed, now, self._followed_at)
-        deaf = ours & ~followed & (now - self._followed_at > DEAF_AFTER)
-        self._slow_at = np.where(first | deaf, now, self._slow_at)
-        self.at_speed = followed & (now - self._slow_at >= SPEED_UP - SAME_TIME)
         learns = more & followed & (self._age >= 4 * cfg.smoothing - SAME_TIME)
         square = self._square * self._forget + self._command**2 * step
         product = self._product * self._forget + self._command * self._rate * step

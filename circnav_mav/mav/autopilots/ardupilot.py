@@ -8,11 +8,12 @@ from types import MappingProxyType
 
 from pymavlink.dialects.v20 import all as dialect
 
-from circnav_mav.mav.autopilots.interface import GRAVITY, Airspeed, VehicleFacts, VehicleState
+from circnav_mav.mav.autopilots.interface import Airspeed, VehicleFacts, VehicleState
 from circnav_mav.mav.autopilots.targets import VELOCITY_AND_YAW_RATE, attitude, body_velocity, custom_mode_request
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.commands import Command
 from circnav_mav.mav.gate import Steer
+from circnav_mav.mav.motion import GRAVITY
 
 COPTER_TYPES = frozenset(
     (

@@ -7,7 +7,7 @@ from typing import Protocol
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.commands import Command
 from circnav_mav.mav.gate import Steer
-from circnav_mav.mav.motion import GRAVITY, Motion
+from circnav_mav.mav.motion import Motion
 
 PLAUSIBLE_AIRSPEED = (0.5, 1.6)
 """Shares of the commanded airspeed between which a vehicle can fly at all: outside of them it is the sensor that lies
