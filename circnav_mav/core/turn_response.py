@@ -208,10 +208,14 @@ class ResponseLearner:
         of_dead, of_answer = weight.sum(axis=1), weight.sum(axis=0)
         # what flight tells first is the sum of both; half of the prior's spread is a clear word
         total = np.log(np.maximum(DEADS[:, None] + LAGS, 0.05))
-        spread = (weight * (total - (weight * total).sum()) ** 2).sum()
+        middle = (weight * total).sum()
+        if (weight * (total - middle) ** 2).sum() > (0.5 * PRIOR_SIGMA) ** 2:
+            return
+        dead, lag = float(of_dead @ DEADS), float(of_answer @ LAGS)
+        scale = float(np.exp(middle)) / (dead + lag)
         self._known = Response(
-            dead=float(of_dead @ DEADS) + self._after,
-            lag=float(of_answer @ LAGS),
+            dead=scale * dead + self._after,
+            lag=scale * lag,
             settles=float(1 / (of_answer @ (1 / RINGING))),
-            learnt=bool(spread < (0.5 * PRIOR_SIGMA) ** 2),
+            learnt=True,
         )

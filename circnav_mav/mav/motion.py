@@ -52,7 +52,7 @@ def heading_rate(roll: float, pitch: float, q: float, r: float) -> YawRate:
 
 
 def coordinated_yaw_rate(roll: float, airspeed: float) -> YawRate:
-    """Yaw rate (rad/s, clockwise positive) of a coordinated turn at a bank (rad, right positive) and an airspeed (m/s)."""
+    """Yaw rate of a coordinated turn, rad/s clockwise positive. roll: rad, right positive. airspeed: m/s."""
     return YawRate(GRAVITY * tan(min(max(roll, -MOST_BANK), MOST_BANK)) / max(airspeed, 1.0))
 
 

@@ -6,39 +6,53 @@ back, last two laps): ArduPlane 4.6.3 at R 150, V 22: radius RMS .8 .. 1.7 m, co
 """
 
 from collections.abc import Callable
-from math import degrees, pi
+from math import cos, degrees, pi, remainder, sin
+from typing import Any
 
 import numpy as np
 import pytest
 
 from circnav_mav.core import guidance
-from circnav_mav.core.drift_law import DriftGains
+from circnav_mav.core.drift_law import field_heading
+from circnav_mav.core.turn_response import Pending
+from circnav_mav.core.values import RelativeMotion
 from sim.faults.impairment import Impairment
 from sim.faults.pipe import Pipe
 from tests.flight.lockstep import Flight, clockwise_turns, flight, rms_error
 
 RADIUS, SPEED = {"arduplane": 150.0, "arducopter": 30.0}, {"arduplane": 22.0, "arducopter": 5.0}
 LAG = {"arduplane": 0.5, "arducopter": 0.7}  # turn_lag_s of the missions flown
-Gains = Callable[..., DriftGains]
 
 
-def flown_gains(V: float, lag: float, delay: float) -> DriftGains:
-    """As flown on firmware: made for a pure first-order lag, with a full lead."""
-    lead = max(1 - 2 * delay / lag, 0.0)
-    left = lag / (1 + lead)
-    heading = 0.5 / (left + delay)
-    return DriftGains(heading, heading / (2.5 * V), lead, left, delay)
+def as_shipped(share_counts: bool = False) -> Callable[..., float]:
+    """The law as flown on firmware at first: made for a pure first-order lag, with a full lead. share_counts: whether
+    it lowers its gains where its command was found swinging."""
+
+    def steer(self: Any, motion: RelativeMotion, trim: float, pending: Pending, share: float) -> float:
+        orbit, lag, delay = self._orbit, self._lag, pending.ahead - self._lag
+        sense, V, r_d = orbit.direction.turn_sign, motion.airspeed, orbit.radius + trim
+        lead = max(1 - 2 * max(delay, 0.02) / lag, 0.0)
+        left = lag / (1 + lead)
+        heading = 0.5 / (left + max(delay, 0.02)) * (share if share_counts else 1.0)
+        p, d = (motion.x, motion.y * sense), (motion.drift_x, motion.drift_y * sense)
+        psi, rate = motion.heading * sense, motion.turn_rate * sense
+
+        def wanted(ahead: float) -> float:
+            at = psi + rate * ahead / 2
+            there = p[0] + d[0] * ahead + V * ahead * cos(at), p[1] + d[1] * ahead + V * ahead * sin(at)
+            k = heading / (2.5 * V)
+            return float(field_heading(there, d, V=V, r_d=r_d, k=k, max_turn_rate=orbit.max_turn_rate))
+
+        rotation = remainder(wanted(left + 0.05) - wanted(left - 0.05), 2 * pi) / 0.1
+        aimed = rotation + heading * remainder(wanted(0.0) - psi, 2 * pi)
+        return aimed + (lead * share if share_counts else lead) * (aimed - rate)
+
+    return steer
 
 
-def quiet_gains(V: float, lag: float, delay: float) -> DriftGains:
-    """Slower and without lead."""
-    return DriftGains(1.0, 1.0 / (2.5 * V), 0.0, 0.5, delay)
-
-
-def laps(mission: str, gains: Gains, monkeypatch: pytest.MonkeyPatch) -> Flight:
-    """Three laps after a minute of approach. The one place that knows how the pilot comes by its gains."""
-    monkeypatch.setattr(guidance, "drift_gains", lambda V, r_d, lag, *, delay=0.0: gains(V, LAG[mission], delay))
-    duration = 60 + 3 * lap(mission)
+def laps(mission: str, count: int = 3) -> Flight:
+    """Laps after a minute of approach, over a link of 10 .. 22 ms there and back."""
+    duration = 60 + count * lap(mission)
     flown = flight(mission, f"vehicle.turn_lag_s={LAG[mission]}", f"limits.duration_s={duration}", law="auto")
     flown.down, flown.up = (Pipe(Impairment(delay=0.005, jitter=0.006, in_order=True), seed) for seed in (1, 2))
     return flown.fly(duration + 30)
@@ -59,14 +73,16 @@ def last_two_laps(flown: Flight, mission: str) -> tuple[float, float, float, lis
 
 
 def test_the_plane_swings_with_the_gains_that_swing_on_firmware(monkeypatch: pytest.MonkeyPatch) -> None:
-    rms, sd, turns, rolls = last_two_laps(laps("arduplane", flown_gains, monkeypatch), "arduplane")
+    monkeypatch.setattr(guidance._HandingOver, "_by_bank", as_shipped())
+    rms, sd, turns, rolls = last_two_laps(laps("arduplane"), "arduplane")
     assert 8.0 < sd < 14.1 * 1.5 and 0.8 / 1.5 < rms < 1.7 * 1.5
     assert rolls[0] < -25 and rolls[1] > 45
     assert turns > 1.9
 
 
 def test_the_copter_swings_with_the_gains_that_swing_on_firmware(monkeypatch: pytest.MonkeyPatch) -> None:
-    flown = laps("arducopter", flown_gains, monkeypatch)
+    monkeypatch.setattr(guidance._HandingOver, "_by_bank", as_shipped())
+    flown = laps("arducopter")
     _, sd, turns, _ = last_two_laps(flown, "arducopter")
     assert 26 / 1.5 < sd < 30 * 1.5
     assert turns > 1.9
@@ -75,10 +91,23 @@ def test_the_copter_swings_with_the_gains_that_swing_on_firmware(monkeypatch: py
     assert crossings / 40 == pytest.approx(1.0, abs=0.2)  # Hz
 
 
-@pytest.mark.parametrize(("mission", "most"), [("arduplane", 0.5), ("arducopter", 0.3)])
-def test_slower_gains_without_lead_fly_quietly_and_truly(
-    mission: str, most: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    rms, sd, turns, _ = last_two_laps(laps(mission, quiet_gains, monkeypatch), mission)
-    assert sd < 2.0 and rms < most
+@pytest.mark.parametrize(("mission", "most"), [("arduplane", 0.3), ("arducopter", 0.25)])
+def test_the_gains_of_today_fly_quietly_and_truly(mission: str, most: float) -> None:
+    flown = laps(mission)
+    rms, sd, turns, _ = last_two_laps(flown, mission)
+    assert sd < 1.0 and rms < most
     assert turns > 1.9
+    assert {tick.gain_share for tick in flown.ticks} == {1.0}
+    assert flown.ticks[-1].turn_delay < 1.0
+
+
+def test_a_command_that_swings_is_said_and_answered_by_lower_gains_until_it_stops(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(guidance._HandingOver, "_by_bank", as_shipped(share_counts=True))
+    flown = laps("arducopter", 5)
+    _, sd, turns, _ = last_two_laps(flown, "arducopter")
+    assert flown.ticks[-1].gain_share < 1.0
+    assert sd < 5.0
+    assert turns > 1.9
+    assert any(b"turn command swings" in data for _, data in flown.sent)

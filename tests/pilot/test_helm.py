@@ -32,7 +32,7 @@ class Vehicle:
 
     def demanded(self, time: float, r: float) -> float:
         """What the law asks for on a path round the target at a range (m), rad/s."""
-        command = self.helm.command(Phase.ENGAGED, RangeEstimate(time, r, 0.0, 0.1, 0.1), None)
+        command = self.helm.command(Phase.ENGAGED, RangeEstimate(time, r, 0.0, 0.1, 0.1), None, time)
         assert command is not None
         return command.demanded
 
