@@ -1,0 +1,5 @@
+"""PX4 SIH."""
+
+
+def missing() -> str:
+    return "not written yet"
