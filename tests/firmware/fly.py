@@ -24,7 +24,7 @@ from typing import Any
 import tomlkit
 
 from tests.firmware import px4, sitl
-from tests.firmware.bench import Bench, NoFlightError, Firmware, Truth, note
+from tests.firmware.bench import Bench, Firmware, NoFlightError, Truth, note
 from tests.firmware.flight import BEHIND_ARDUPILOT, Flight, add_options, flight
 from tests.firmware.radio import UP, Radio
 from tests.firmware.score import score
