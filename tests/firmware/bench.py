@@ -7,6 +7,7 @@ autopilot's own clock, in simulated seconds.
 
 import select
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -53,14 +54,15 @@ class Firmware(Protocol):
     holding: int
     system: int
     full_stick_bank: float
+    shared: socket.socket
+    own: socket.socket
+    own_peer: tuple[str, int] | None
 
-    def start(self, folder: Path, shared_port: int | None, own_port: int | None) -> subprocess.Popen[bytes]: ...
-    def ports(self) -> tuple[int, int]: ...
+    def start(self, folder: Path) -> subprocess.Popen[bytes]: ...
     def truth(self, bench: "Bench", message: Any) -> Truth | None: ...
     def bring_up(self, bench: "Bench") -> None: ...
     def weather(self, bench: "Bench") -> None: ...
     def without_gps(self, bench: "Bench") -> None: ...
-    def set_mode(self, bench: "Bench", mode: int) -> None: ...
     def ask_mode(self, bench: "Bench", mode: int) -> None: ...
     def circle(self, bench: "Bench", north: float, east: float) -> tuple[float, float]: ...
     def circling(self, bench: "Bench") -> None: ...
@@ -76,10 +78,9 @@ class Bench:
 
     def __init__(self, flight: Flight, firmware: Firmware, folder: Path, app_port: int) -> None:
         self.flight, self.firmware, self.app_port = flight, firmware, app_port
-        shared, own = firmware.ports()
-        self._shared, self._own, self._relay = bound(shared), bound(own), bound()
+        self._shared, self._own, self._relay = firmware.shared, firmware.own, bound()
         self._shared_peer: tuple[str, int] | None = None
-        self._own_peer: tuple[str, int] | None = None
+        self._own_peer = firmware.own_peer
         self._from_vehicle, self._from_app = parser(), parser()
         self._operator = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
         self.radio = mavlink.MAVLink(None, srcSystem=firmware.system, srcComponent=192)
@@ -100,7 +101,7 @@ class Bench:
         self.relaying = False
         self.shown_modes: list[tuple[float, int]] = []
         self.longest_pause, self._truth_at = 0.0, time.monotonic()
-        self._process = firmware.start(folder, self._shared.getsockname()[1], self._own.getsockname()[1])
+        self._process = firmware.start(folder)
 
     @property
     def now(self) -> float:
@@ -113,7 +114,7 @@ class Bench:
 
     @property
     def heard(self) -> bool:
-        return self._own_peer is not None and "HEARTBEAT" in self.latest
+        return "HEARTBEAT" in self.latest
 
     def clock(self, seconds: float) -> None:
         """The autopilot's word on the time."""
@@ -268,10 +269,10 @@ class Bench:
         """Without waiting: in flight the radio must go on."""
         self.send(mavlink.MAVLink_param_set_message(self.firmware.system, 1, name.encode(), float(value), kind))
 
-    def wait_mode(self, mode: int, ask: Callable[[], object]) -> None:
+    def set_mode(self, mode: int) -> None:
         """Ask for a mode until the heartbeat shows it."""
         for _ in range(20):
-            ask()
+            self.firmware.ask_mode(self, mode)
             began = self.now
             while self.now - began < 1.5:
                 self.pump()

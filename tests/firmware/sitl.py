@@ -14,7 +14,7 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from tests.firmware.bench import ACCEPTED, Bench, NoFlightError, Truth, note
 from tests.firmware.flight import Flight, circle_rate
-from tests.firmware.wire import FULL_STICK_BANK, LOOPBACK
+from tests.firmware.wire import FULL_STICK_BANK, LOOPBACK, bound
 
 EARTH = 6378100.0
 HOME = "-35.363261,149.165230,584,353"
@@ -52,21 +52,19 @@ class ArduPilot:
     def __init__(self, flight: Flight, rc_port: int) -> None:
         self._flight, self._kind, self._rc_port = flight, flight.what.kind, rc_port
         self.guided, self.holding = GUIDED[self._kind], HOLDING[self._kind]
+        self.shared, self.own, self.own_peer = bound(), bound(), None
         self._origin: tuple[int, int] | None = None
 
-    def ports(self) -> tuple[int, int]:
-        """Any: the vehicle is told them."""
-        return 0, 0
-
-    def start(self, folder: Path, shared_port: int | None, own_port: int | None) -> subprocess.Popen[bytes]:
+    def start(self, folder: Path) -> subprocess.Popen[bytes]:
         """In a folder of its own, where it keeps its parameters and logs."""
         binary = Path(os.environ["CIRCNAV_ARDUPILOT"]).resolve() / f"ardu{self._kind}"
         model = {"plane": "plane", "copter": "+", "rover": "rover"}[self._kind]
+        shared, own = (one.getsockname()[1] for one in (self.shared, self.own))
         command = [
             str(binary), "--model", model, "--speedup", f"{self._flight.speedup:g}", "--home", HOME,
             "--defaults", str(_parameters(self._kind)), "-I0", "--sim-address", LOOPBACK,
             "--rc-in-port", str(self._rc_port),
-            "--serial0", f"udpclient:{LOOPBACK}:{shared_port}", "--serial1", f"udpclient:{LOOPBACK}:{own_port}",
+            "--serial0", f"udpclient:{LOOPBACK}:{shared}", "--serial1", f"udpclient:{LOOPBACK}:{own}",
             *[word for number in (2, 5, 6, 7, 8) for word in (f"--serial{number}", "none:")],
         ]  # fmt: skip
         log = (folder / "firmware.log").open("wb")
@@ -97,17 +95,17 @@ class ArduPilot:
         self._streams(bench)
         if self._kind == "plane":
             bench.set_parameter("TKOFF_ALT", flight.altitude)
-        self.set_mode(bench, TAKEOFF if self._kind == "plane" else self.guided)
+        bench.set_mode(TAKEOFF if self._kind == "plane" else self.guided)
         self._arm(bench)
         if self._kind == "copter":
             bench.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, flight.altitude)
             bench.until(lambda: self._height(bench) > flight.altitude - 0.5, 60, "it did not take off")
         elif self._kind == "plane":
             bench.until(lambda: self._height(bench) > flight.altitude - 5, 90, "it did not take off")
-            self.set_mode(bench, self.holding)
+            bench.set_mode(self.holding)
         self.weather(bench)
         bench.rest(15 if self._kind == "plane" else 5)
-        self.set_mode(bench, self.holding)
+        bench.set_mode(self.holding)
 
     def _chosen(self) -> list[str]:
         flight, chosen = self._flight, []
@@ -160,10 +158,6 @@ class ArduPilot:
         """No reception from now on."""
         bench.send_parameter("SIM_GPS_DISABLE", 1)
 
-    def set_mode(self, bench: Bench, mode: int) -> None:
-        """And wait for it."""
-        bench.wait_mode(mode, lambda: bench.command(mavlink.MAV_CMD_DO_SET_MODE, 1, mode))
-
     def ask_mode(self, bench: Bench, mode: int) -> None:
         """Once, without waiting."""
         bench.send(mavlink.MAVLink_command_long_message(1, 1, mavlink.MAV_CMD_DO_SET_MODE, 0, 1, mode, 0, 0, 0, 0, 0))
@@ -187,8 +181,8 @@ class ArduPilot:
             told = {"CIRC_RADIUS": flight.radius, "CIRC_SPEED": flight.speed, "CIRC_DIR": 0 if flight.clockwise else 1}
         for name, value in told.items():
             bench.set_parameter(name, value)
-        self.set_mode(bench, self.guided)
-        self.set_mode(bench, CIRCLE[self._kind])
+        bench.set_mode(self.guided)
+        bench.set_mode(CIRCLE[self._kind])
         return bench.truth.north, bench.truth.east
 
     def circling(self, bench: Bench) -> None:
