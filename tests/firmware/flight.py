@@ -77,8 +77,8 @@ class Flight:
     speedup: float = 1.0
     param: tuple[str, ...] = ()
     set: tuple[str, ...] = ()
-    circnav: str = ""
-    config: str = ""
+    circnav: str = str(Path(sys.executable).with_name("circnav"))
+    config: str = str(ROOT / "config")
 
     @property
     def what(self) -> Vehicle:
@@ -150,20 +150,18 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add("--param", action="append", default=[], metavar="NAME=VALUE", help="of the autopilot, before take-off")
     add("--keep-position", action="store_true", help="do not hide the autopilot's positions from circnav")
     add("--speedup", type=float, default=1.0, help="simulated over real time; only 1 gives figures that count")
-    add("--circnav", default="", help="the installed command [beside this Python]")
-    add("--config", default="", help="folder of its mission files [config]")
+    add("--circnav", default=Flight.circnav, help="the installed command [beside this Python]")
+    add("--config", default=Flight.config, help="folder of its mission files [config]")
 
 
 def flight(options: argparse.Namespace) -> Flight:
-    """The flight that the options name; a preset gives way to nothing."""
+    """The flight that the options name; a preset overrules single options of the radio."""
     given = {f.name: getattr(options, f.name) for f in fields(Flight)}
     vehicle = VEHICLES[given["vehicle"]]
     for name in ("radius", "speed", "altitude", "duration"):
         given[name] = getattr(vehicle, name) if given[name] is None else given[name]
     given["start_range"] = given["start_range"] or 2.5 * given["radius"]
     given["param"], given["set"] = tuple(given["param"]), tuple(given["set"])
-    given["circnav"] = given["circnav"] or str(Path(sys.executable).with_name("circnav"))
-    given["config"] = given["config"] or str(ROOT / "config")
     return Flight(**given | PRESETS.get(options.preset, {}))
 
 

@@ -72,7 +72,7 @@ class Px4:
         the airplane cannot fly without: as it comes, 489 m above the sea and trimmed for 15 m/s, it stalls."""
         build = _build()
         assert build is not None
-        told = {"MIS_TAKEOFF_ALT": self._flight.altitude, "SDLOG_MODE": -1}
+        told = {"MIS_TAKEOFF_ALT": self._flight.altitude, "SDLOG_BACKEND": 0}
         if self._kind == "plane":
             told["FW_AIRSPD_TRIM"] = self._flight.speed * self._flight.airspeed_off
         if self._flight.roll_limit is not None:

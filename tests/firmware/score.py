@@ -39,8 +39,8 @@ class Score:
     closest: float
     led_away: float
     roll: tuple[float, float]
-    ground_speed: tuple[float, float, float]
-    airspeed: tuple[float, float, float]
+    ground_speed: tuple[float, ...]
+    airspeed: tuple[float, ...]
     height: tuple[float, float]
     turn_sd: float | None
     turn_at_limit: float | None
@@ -123,8 +123,10 @@ def _settled(time: np.ndarray, outside: np.ndarray) -> float | None:
     return last if last < time[-1] * 2 / 3 else None
 
 
-def _spread(values: np.ndarray) -> tuple[float, float, float]:
-    return float(np.nanmin(values)), float(np.nanmean(values)), float(np.nanmax(values))
+def _spread(values: np.ndarray) -> tuple[float, ...]:
+    """Least, mean, most of what is known."""
+    known = values[np.isfinite(values)]
+    return (float(known.min()), float(known.mean()), float(known.max())) if len(known) else ()
 
 
 def _rounded(value: Any) -> Any:
