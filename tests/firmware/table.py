@@ -10,6 +10,7 @@ import argparse
 import json
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 import threading
@@ -106,6 +107,7 @@ def fly_all(rows: list[Row], seeds: int, jobs: int, out: Path, extra: list[str],
         row, seed = job
         folder = out / f"{re.sub('[^a-z0-9]+', '-', row.options.replace('.', 'p'))}-{seed}"
         command = [sys.executable, "-m", "tests.firmware.fly", *words(row, seed, extra), "--out", str(folder)]
+        shutil.rmtree(folder, ignore_errors=True)
         with (out / f"{folder.name}.log").open("w") as log:
             subprocess.run(command, cwd=ROOT, stdout=log, stderr=subprocess.STDOUT, check=False)
         with lock:

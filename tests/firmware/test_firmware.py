@@ -92,11 +92,12 @@ def test_the_table_flies_only_what_is_missing_and_tells_the_median(tmp_path, mon
         flown.append(command)
         seed = int(command[command.index("--seed") + 1])
         settled = {"settled_s": None} if seed == 3 else {"settled_s": 10.0}
-        result = {"title": "plane", "flight": {"seed": seed, "radius": 150.0, "direction": "clockwise"},
-                  "rms": seed / 10, "mean": 0.0, "sd": 0.0, "kept": seed != 2, "direction": "clockwise", "turn_sd": 3.0, "settled": 9.0,
-                  "turn_at_limit": 0.01, "total_variation": 1.0, "roll": [0, 1], "closest": 120.0 + seed, "own":
-                  {"outcome": "completed", **settled}, "takeover": None, "real_speedup": 1.0, "led_away": 0.0,
-                  "longest_pause": 0.1}  # fmt: skip
+        result = {
+            "title": "plane", "flight": {"seed": seed, "radius": 150.0, "direction": "clockwise"}, "rms": seed / 10,
+            "mean": 0.0, "sd": 0.0, "kept": seed != 2, "direction": "clockwise", "turn_sd": 3.0, "settled": 9.0,
+            "turn_at_limit": 0.01, "total_variation": 1.0, "roll": [0, 1], "closest": 120.0 + seed, "led_away": 0.0,
+            "own": {"outcome": "completed", **settled}, "takeover": None, "real_speedup": 1.0, "longest_pause": 0.1,
+        }  # fmt: skip
         folder = tmp_path / command[-1]
         folder.mkdir()
         (folder / "result.json").write_text(json.dumps(result))
