@@ -59,7 +59,7 @@ class Flight:
     roll_limit: float | None = None
     takeover: float | None = None
     # the target
-    start_range: float = 0.0
+    start_range: float | None = None
     start_bearing: float = 70.0
     target_speed: float = 0.0
     target_course: float = 0.0
@@ -98,7 +98,7 @@ class Flight:
         """The vehicle and whatever is not as usual."""
         usual = {f.name: f.default for f in fields(self)}
         usual |= {name: getattr(self.what, name) for name in ("radius", "speed", "altitude", "duration")}
-        hidden = {"vehicle", "circnav", "config", "start_range"}
+        hidden = {"vehicle", "circnav", "config"}
         unusual = [(name, getattr(self, name)) for name, usually in usual.items() if name not in hidden
                    and getattr(self, name) != usually]  # fmt: skip
         return " ".join([self.vehicle, *(_told(name.replace("_", "-"), value) for name, value in unusual)])
@@ -160,7 +160,6 @@ def flight(options: argparse.Namespace) -> Flight:
     vehicle = VEHICLES[given["vehicle"]]
     for name in ("radius", "speed", "altitude", "duration"):
         given[name] = getattr(vehicle, name) if given[name] is None else given[name]
-    given["start_range"] = given["start_range"] or 2.5 * given["radius"]
     given["param"], given["set"] = tuple(given["param"]), tuple(given["set"])
     return Flight(**given | PRESETS.get(options.preset, {}))
 

@@ -56,7 +56,7 @@ class Px4:
         self.shared, self._instance = self._claimed()
         self.system = self._instance + 1
         self.own = bound()
-        self.own_peer = (LOOPBACK, GROUND_STATION + self._instance)
+        self.own_peer: tuple[str, int] | None = (LOOPBACK, GROUND_STATION + self._instance)
         self._origin: tuple[int, int] | None = None
 
     def _claimed(self) -> tuple[socket.socket, int]:

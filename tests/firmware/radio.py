@@ -10,6 +10,8 @@ from tests.firmware.bench import Bench, Truth
 
 UP = 24
 """Orientation of the sensor: nothing else of the vehicle looks there."""
+FROM_OUTSIDE = 2.5
+"""Radii from the target where nothing else is said."""
 LONGEST_CM, UNKNOWN_COVARIANCE, SENSOR_ID = 65000, 255, 7
 
 
@@ -25,9 +27,8 @@ class Radio:
         self.altitude = home_altitude + self._flight.target_height
         here, bearing = bench.truth, bench.truth.yaw + radians(self._flight.start_bearing)
         self._began = here.time
-        self.stand(
-            here.north + self._flight.start_range * cos(bearing), here.east + self._flight.start_range * sin(bearing)
-        )
+        away = self._flight.start_range or FROM_OUTSIDE * self._flight.radius
+        self.stand(here.north + away * cos(bearing), here.east + away * sin(bearing))
 
     def stand(self, north: float, east: float) -> None:
         """Put the target's start there."""

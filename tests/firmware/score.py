@@ -86,7 +86,7 @@ def score(
     air = np.array([one.airspeed for one in flown])[window]
     sent = [one for one in setpoints if engaged <= one.time <= ended]
     late = [one for one in sent if one.turn is not None and one.time > ended - flight.window]
-    turns = np.degrees([one.turn for one in late])
+    turns = np.degrees([one.turn or 0.0 for one in late])
     gaps = np.diff([one.time for one in sent])
     commanded = len(late) > 2
     return Score(

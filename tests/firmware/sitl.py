@@ -52,7 +52,8 @@ class ArduPilot:
     def __init__(self, flight: Flight, rc_port: int) -> None:
         self._flight, self._kind, self._rc_port = flight, flight.what.kind, rc_port
         self.guided, self.holding = GUIDED[self._kind], HOLDING[self._kind]
-        self.shared, self.own, self.own_peer = bound(), bound(), None
+        self.shared, self.own = bound(), bound()
+        self.own_peer: tuple[str, int] | None = None
         self._origin: tuple[int, int] | None = None
 
     def start(self, folder: Path) -> subprocess.Popen[bytes]:

@@ -131,11 +131,12 @@ def table(rows: list[Row], flights: dict[tuple[str, int], dict[str, Any]]) -> It
         cells = _cells(row, flown) if flown else ["not flown", f"{row.aim:g}", *["-"] * 6]
         yield f"| {' | '.join([row.name, row.shipped, row.shipped_turn, *cells, row.own])} |"
     pauses = [one for one in flights.values() if _disturbed(one)]
-    yield f"\n{len(flights)} flights; in {len(pauses)} of them the computer paused for more than {LONGEST_PAUSE} s."
+    paused = f"the computer paused for more than {LONGEST_PAUSE} s, or was slow"
+    yield f"\n{len(flights)} flights; in {len(pauses)} of them {paused}."
 
 
 def _disturbed(one: dict[str, Any]) -> bool:
-    return one.get("longest_pause", 0.0) > LONGEST_PAUSE or one.get("real_speedup", 1.0) < SLOWEST
+    return bool(one.get("longest_pause", 0.0) > LONGEST_PAUSE or one.get("real_speedup", 1.0) < SLOWEST)
 
 
 def _cells(row: Row, flown: list[dict[str, Any]]) -> list[str]:

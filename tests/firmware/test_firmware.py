@@ -1,8 +1,9 @@
 """The judge on tracks and frames made by hand; and, where there is a binary, a flight on real firmware."""
 
 import json
-from dataclasses import replace
+import subprocess
 from math import cos, nan, pi, radians, sin, tan
+from pathlib import Path
 
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
@@ -18,9 +19,7 @@ SITTING = (1000.0, -500.0)
 """Where the target is, m north and east."""
 
 
-def plane(**changes: object) -> Flight:
-    one = VEHICLES["plane"]
-    return replace(Flight("plane", one.radius, one.speed, one.altitude, one.duration, start_range=375.0), **changes)
+PLANE = Flight("plane", 150.0, 22.0, 80.0, 240.0)
 
 
 def straight_in_and_round(flight: Flight, radius: float, *, clockwise: bool, seconds: float) -> list[Truth]:
@@ -39,11 +38,10 @@ def straight_in_and_round(flight: Flight, radius: float, *, clockwise: bool, sec
 
 @pytest.mark.parametrize("clockwise", [True, False])
 def test_a_circle_two_metres_wide_is_kept_and_settled_when_it_reaches_the_band(clockwise: bool) -> None:
-    flight = plane()
-    track = straight_in_and_round(flight, 152.0, clockwise=clockwise, seconds=200.0)
+    track = straight_in_and_round(PLANE, 152.0, clockwise=clockwise, seconds=200.0)
     turns = [Setpoint(tick / 20, "SET_ATTITUDE_TARGET", radians(6.0 + 2 * (-1) ** tick), None, True)
              for tick in range(4000)]  # fmt: skip
-    told = score(flight, track, turns, lambda _: SITTING, engaged=0.0, ended=200.0, turn_limit=radians(8.0), home=584.0)
+    told = score(PLANE, track, turns, lambda _: SITTING, engaged=0.0, ended=200.0, turn_limit=radians(8.0), home=584.0)
     assert (told.kept, told.direction) == (True, "clockwise" if clockwise else "counterclockwise")
     assert (told.rms, told.mean, told.sd) == pytest.approx((2.0, 2.0, 0.0), abs=0.01)
     assert told.settled == pytest.approx((375.0 - 157.5) / 22.0, abs=0.1)
@@ -53,9 +51,9 @@ def test_a_circle_two_metres_wide_is_kept_and_settled_when_it_reaches_the_band(c
 
 
 def test_a_circle_round_another_place_is_not_kept() -> None:
-    flight, there = plane(), (SITTING[0] + 40.0, SITTING[1])
-    track = straight_in_and_round(flight, 150.0, clockwise=True, seconds=200.0)
-    told = score(flight, track, [], lambda _: there, engaged=0.0, ended=200.0, turn_limit=1.0, home=584.0)
+    there = (SITTING[0] + 40.0, SITTING[1])
+    track = straight_in_and_round(PLANE, 150.0, clockwise=True, seconds=200.0)
+    told = score(PLANE, track, [], lambda _: there, engaged=0.0, ended=200.0, turn_limit=1.0, home=584.0)
     assert not told.kept
     assert told.settled is None
     assert told.turn_sd is None
@@ -85,10 +83,12 @@ def test_frames_are_cut_from_a_datagram_and_the_mode_is_read() -> None:
         assert [mode_shown(*one) for one in cut] == [0x04030000, None, 0x04030000]
 
 
-def test_the_table_flies_only_what_is_missing_and_tells_the_median(tmp_path, monkeypatch) -> None:
+def test_the_table_flies_only_what_is_missing_and_tells_the_median(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     flown = []
 
-    def fly_one(command, **_) -> None:
+    def fly_one(command: list[str], **_: object) -> None:
         flown.append(command)
         seed = int(command[command.index("--seed") + 1])
         settled = {"settled_s": None} if seed == 3 else {"settled_s": 10.0}
@@ -102,7 +102,7 @@ def test_the_table_flies_only_what_is_missing_and_tells_the_median(tmp_path, mon
         folder.mkdir()
         (folder / "result.json").write_text(json.dumps(result))
 
-    monkeypatch.setattr(table.subprocess, "run", fly_one)
+    monkeypatch.setattr(subprocess, "run", fly_one)
     row = table.ROWS[1]
     for seeds, flights in ((1, 1), (3, 3), (3, 3)):
         table.fly_all([row], seeds, 2, tmp_path, ["--altitude", "60"], lambda _: None)
@@ -114,7 +114,7 @@ def test_the_table_flies_only_what_is_missing_and_tells_the_median(tmp_path, mon
 
 
 @pytest.mark.parametrize("vehicle", ["rover", "px4_copter"])
-def test_installed_circnav_circles_on_real_firmware_until_the_operator_takes_it(tmp_path, vehicle: str) -> None:
+def test_installed_circnav_circles_on_real_firmware_until_the_operator_takes_it(tmp_path: Path, vehicle: str) -> None:
     what = VEHICLES[vehicle]
     lap = 2 * pi * what.radius / what.speed
     flight = Flight(vehicle, what.radius, what.speed, what.altitude, 3.3 * lap, "counterclockwise", takeover=3 * lap)
