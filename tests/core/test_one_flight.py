@@ -22,6 +22,7 @@ from circnav_mav.core.estimators.bank import (
     predict,
 )
 from circnav_mav.core.estimators.prediction import Belief, predict_belief
+from circnav_mav.core.turn_response import Pending
 
 angles = st.floats(-pi, pi)
 few = st.floats(-10, 10)

@@ -29,11 +29,11 @@ def as_shipped(share_counts: bool = False) -> Callable[..., float]:
     it lowers its gains where its command was found swinging."""
 
     def steer(self: Any, motion: RelativeMotion, trim: float, pending: Pending, share: float) -> float:
-        orbit, lag, delay = self._orbit, self._lag, pending.ahead - self._lag
+        orbit, lag, delay = self._orbit, self._lag, 0.022
         sense, V, r_d = orbit.direction.turn_sign, motion.airspeed, orbit.radius + trim
-        lead = max(1 - 2 * max(delay, 0.02) / lag, 0.0)
+        lead = 1 - 2 * delay / lag
         left = lag / (1 + lead)
-        heading = 0.5 / (left + max(delay, 0.02)) * (share if share_counts else 1.0)
+        heading = 0.5 / (left + delay) * (share if share_counts else 1.0)
         p, d = (motion.x, motion.y * sense), (motion.drift_x, motion.drift_y * sense)
         psi, rate = motion.heading * sense, motion.turn_rate * sense
 
