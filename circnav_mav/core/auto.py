@@ -24,6 +24,9 @@ WEAVE_SHARE, WEAVE_PERIOD = 0.7, 6.0
 """Amplitude in units of the turn-rate limit, and period, s: some 30 deg to either side."""
 FADE = 0.2
 """Time constant of a handover, s."""
+AWAY, BACK = 0.5, 0.1
+"""By how many radii a trial may lead away before feedforward flies instead, and how near that has to come to the
+closest range of the search again before a guess is worth another try."""
 
 
 class Flies(IntEnum):
@@ -49,36 +52,44 @@ _WHY = {
 @dataclass(frozen=True, slots=True)
 class Handover:
     """flies (B,): who steered last. favourite (B,): which guess was on trial. command (B,): what was flown, rad/s.
-    offset (B,): what is left of the last change, rad/s. untrusted (B,): s since the bank was last trusted."""
+    offset (B,): what is left of the last change, rad/s. untrusted (B,): s since the bank was last trusted. closest
+    (B,): range since then, m. astray (B,): whether trials have led away from there."""
 
     flies: Array
     favourite: Array
     command: Array
     offset: Array
     untrusted: Array
+    closest: Array
+    astray: Array
 
 
 def at_start(flights: int = 1) -> Handover:
     """Before the first command of B flights."""
     zero = np.zeros(flights)
-    return Handover(np.full(flights, -1), np.full(flights, -1), zero, zero, zero)
+    never = np.full(flights, -1)
+    return Handover(never, never, zero, zero, zero, np.full(flights, np.inf), np.zeros(flights, bool))
 
 
-ONE_AT_START = Handover(-1, -1, 0.0, 0.0, 0.0)
+ONE_AT_START = Handover(-1, -1, 0.0, 0.0, 0.0, np.inf, False)
 """Before the first command of one flight."""
 
 
 def hand_over(
     before: Handover, dt: Array, *, trusted: Array, favourite: Array, by_range: Array, by_bank: Array, limit: Array,
-    xp: Any = np,
+    r: Array, r_d: Array, xp: Any = np,
 ) -> Handover:  # fmt: skip
     """The command of this step. favourite (B,): number of the bank's guess while it searches, else -1.
 
     by_range, by_bank (B,): what feedforward and the drift law ask for, rad/s; by_bank counts only where it has grounds.
+    r: range, r_d: desired, m.
     xp: numpy, or `floats` for one flight.
     """
     untrusted = xp.where(trusted, 0.0, before.untrusted + dt)
-    trial = xp.logical_not(trusted) & (favourite >= 0) & (untrusted >= FIRST_GUESS - SAME_TIME)
+    closest = xp.where(trusted, r, xp.minimum(before.closest, r))
+    gone = r - closest
+    astray = xp.logical_not(trusted) & ((gone > AWAY * r_d) | (before.astray & (gone > BACK * r_d)))
+    trial = xp.logical_not(trusted) & (favourite >= 0) & (untrusted >= FIRST_GUESS - SAME_TIME) & xp.logical_not(astray)
     flies = xp.where(trusted, Flies.DRIFT, xp.where(trial, Flies.TRIAL, Flies.FEEDFORWARD))
     on_trial = xp.where(trial, favourite, -1)
     weave = WEAVE_SHARE * limit * xp.sin(2 * np.pi * untrusted / WEAVE_PERIOD)
@@ -86,7 +97,7 @@ def hand_over(
     wanted = xp.clip(xp.where(flies == Flies.FEEDFORWARD, by_range, by_bank), -limit, limit)
     changed = (before.flies >= 0) & ((flies != before.flies) | (on_trial != before.favourite))
     offset = xp.where(changed, before.command - wanted, before.offset * xp.exp(-dt / FADE))
-    return Handover(flies, on_trial, xp.clip(wanted + offset, -limit, limit), offset, untrusted)
+    return Handover(flies, on_trial, xp.clip(wanted + offset, -limit, limit), offset, untrusted, closest, astray)
 
 
 def merged(which: Array, after: Handover, before: Handover) -> Handover:

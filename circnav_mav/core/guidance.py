@@ -152,7 +152,8 @@ class _HandingOver:
             by_bank = by_range if motion is None else self._by_bank(motion, trim, pending, share)
         self._handover = hand_over(
             self._handover, dt, trusted=motion is not None and motion.trusted, favourite=self._tried(estimate),
-            by_range=by_range, by_bank=by_bank, limit=self._orbit.max_turn_rate, xp=floats,
+            by_range=by_range, by_bank=by_bank, limit=self._orbit.max_turn_rate, r=estimate.r, r_d=self._orbit.radius,
+            xp=floats,
         )  # fmt: skip
         flies, command = self._handover.flies, self._handover.command
         demanded = by_range if flies is Flies.FEEDFORWARD else by_bank

@@ -49,7 +49,8 @@ class OwnMotion:
 
     time: local clock, s. heading: psi in the paper's frame (x right, y up, counter-clockwise), rad. turn_rate: of the
     heading, rad/s, counter-clockwise positive (not the body's z rate). airspeed: as measured, m/s. bank_turn: turn rate
-    of the coordinated turn at this bank, rad/s; None for vehicles that do not bank to turn.
+    of the coordinated turn at this bank, rad/s; None for vehicles that do not bank to turn. push: horizontal
+    acceleration (x, y) by the tilt of the thrust, m/s^2, in the paper's frame; None for those that do not fly by it.
     """
 
     time: float
@@ -57,6 +58,7 @@ class OwnMotion:
     turn_rate: float
     airspeed: float
     bank_turn: float | None = None
+    push: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True)

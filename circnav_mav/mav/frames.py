@@ -5,11 +5,12 @@ Guidance turns counter-clockwise positive (the paper: x east, y north, angles fr
 """
 
 from collections.abc import Sequence
-from math import asin, atan2, cos, pi, sin
+from math import asin, atan2, cos, pi, sin, tan
 from typing import NewType
 
 from circnav_mav.core.values import TurnRate
 
+GRAVITY = 9.80665
 YawRate = NewType("YawRate", float)
 """Yaw rate in rad/s, clockwise positive seen from above (MAVLink's NED frame)."""
 
@@ -28,6 +29,13 @@ def course_from_yaw(yaw: float) -> float:
     """NED heading (clockwise from north) to the paper's psi (counter-clockwise from east), rad in (-pi, pi]; of arrays,
     too."""
     return pi - (pi / 2 + yaw) % (2 * pi)
+
+
+def push_from_tilt(roll: float, pitch: float, psi: float) -> tuple[float, float]:
+    """Horizontal acceleration (m/s^2; x, y in the paper's frame) of a thrust that carries the weight, by roll (right
+    positive) and pitch (nose up positive), rad, with the nose at psi in the paper's frame."""
+    forward, right = -GRAVITY * tan(pitch), GRAVITY * tan(roll) / cos(pitch)
+    return forward * cos(psi) + right * sin(psi), forward * sin(psi) - right * cos(psi)
 
 
 def compass_from_vector(x: float, y: float) -> float:

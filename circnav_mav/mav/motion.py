@@ -4,17 +4,16 @@ Read from ATTITUDE and VFR_HUD (of which the ground speed is not read). A value 
 is None; who needs it says so.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import cos, sin, tan
 
 from circnav_mav.core.values import OwnMotion
 from circnav_mav.mav.codec import Message
-from circnav_mav.mav.frames import YawRate, course_from_yaw, turn_rate_from_yaw_rate
+from circnav_mav.mav.frames import GRAVITY, YawRate, course_from_yaw, push_from_tilt, turn_rate_from_yaw_rate
 from circnav_mav.mav.sensor_clock import SensorClock, Slower, nobody_tells
 
-GRAVITY = 9.80665
-MOST_BANK = 1.3
-"""Bank, rad, beyond which no turn is coordinated any more."""
+MOST_TILT = 1.2
+"""Tilt, rad, beyond which no turn is coordinated and no thrust carries the weight any more."""
 ATTITUDE_MAX_AGE = 0.5
 AIR_MAX_AGE = 1.5
 MOST_LATE = 0.4
@@ -53,7 +52,7 @@ def heading_rate(roll: float, pitch: float, q: float, r: float) -> YawRate:
 
 def coordinated_yaw_rate(roll: float, airspeed: float) -> YawRate:
     """Yaw rate of a coordinated turn, rad/s clockwise positive. roll: rad, right positive. airspeed: m/s."""
-    return YawRate(GRAVITY * tan(min(max(roll, -MOST_BANK), MOST_BANK)) / max(airspeed, 1.0))
+    return YawRate(GRAVITY * tan(roll) / max(airspeed, 1.0))
 
 
 class MotionSensor:
@@ -117,20 +116,18 @@ class MotionSensor:
 
     def own(self, now: float, airspeed: float, *, banks: bool = False) -> OwnMotion | None:
         """The motion as guidance sees it, at an airspeed (m/s) that the caller stands for; None without attitude.
-        banks: whether the vehicle banks to turn."""
+        banks: whether the vehicle banks to turn; else it flies by its tilt."""
         motion = self.at(now)
         if motion.yaw is None or motion.yaw_rate is None:
             return None
-        bank_turn = None
-        if banks and motion.roll is not None:
-            bank_turn = turn_rate_from_yaw_rate(coordinated_yaw_rate(motion.roll, airspeed))
-        return OwnMotion(
-            self._attitude_at,
-            course_from_yaw(motion.yaw),
-            turn_rate_from_yaw_rate(motion.yaw_rate),
-            airspeed,
-            bank_turn,
-        )
+        psi = course_from_yaw(motion.yaw)
+        own = OwnMotion(self._attitude_at, psi, turn_rate_from_yaw_rate(motion.yaw_rate), airspeed)
+        if motion.roll is None or motion.pitch is None:
+            return own
+        roll, pitch = (min(max(angle, -MOST_TILT), MOST_TILT) for angle in (motion.roll, motion.pitch))
+        if banks:
+            return replace(own, bank_turn=turn_rate_from_yaw_rate(coordinated_yaw_rate(roll, airspeed)))
+        return replace(own, push=push_from_tilt(roll, pitch, psi))
 
     def at(self, now: float) -> Motion:
         """The motion as far as it is known at a moment."""

@@ -1,6 +1,6 @@
 """A mission as the flight needs it: the values of its file in SI units and radians, and what follows from them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf, radians, tan
 
 from circnav_mav.core.bounds import Bounds
@@ -11,8 +11,8 @@ from circnav_mav.core.laws import LAWS
 from circnav_mav.core.theory import rate_gain
 from circnav_mav.core.values import Direction, Orbit
 from circnav_mav.mav.autopilots.interface import AirLoops, VehicleFacts
+from circnav_mav.mav.frames import GRAVITY
 from circnav_mav.mav.height import HeightSettings
-from circnav_mav.mav.motion import GRAVITY
 from circnav_mav.mav.ranging import RANGING_MESSAGES, RangingSettings
 from circnav_mav.mav.session import LinkSettings
 from circnav_mav.mission.schema import MissionFile
@@ -79,9 +79,12 @@ class Mission:
     def estimation(self) -> EstimatorSettings:
         """What the estimator needs to know."""
         guidance, orbit = self.file.guidance, self.orbit
-        return EstimatorSettings(
+        settings = EstimatorSettings(
             orbit.speed, orbit.max_turn_rate, gate=guidance.gate_sigma, min_samples=guidance.min_samples
         )
+        # copters and rovers hold their speed over the ground: the wind does not carry them, and the speed is true
+        holds_ground_speed = self.file.vehicle.kind in ("copter", "rover")
+        return replace(settings, drift_sigma=0.1, scale_sigma=0.02) if holds_ground_speed else settings
 
     @property
     def height(self) -> HeightSettings:

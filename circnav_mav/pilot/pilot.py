@@ -14,6 +14,7 @@ from circnav_mav.core.bounds import breach
 from circnav_mav.core.drift_alarm import DriftAlarm, watch_drift
 from circnav_mav.core.phases import Event, Phase
 from circnav_mav.core.values import RangeEstimate, TurnCommand
+from circnav_mav.core.velocity_loop import CopterMotion
 from circnav_mav.mav.autopilots.table import adapters
 from circnav_mav.mav.codec import LinkCounts, Message
 from circnav_mav.mav.frames import YawRate
@@ -92,6 +93,7 @@ class Pilot:
         self._law = ""
         self._cycles = 0
         self._airspeed_told = False
+        self._copter_motion = CopterMotion()
 
     # --- in -------------------------------------------------------------------------------------------------------
 
@@ -138,8 +140,11 @@ class Pilot:
             self._say("altitude", f"altitude jumped, {height.jumped:+.0f} m not counted")
         if not is_attitude:
             return
-        own = self.session.motion.own(now, self._airspeed(now), banks=self.session.adapter.measures_airspeed)
+        adapter = self.session.adapter
+        own = self.session.motion.own(now, self._airspeed(now), banks=adapter.measures_airspeed)
         if own is not None:
+            if adapter.velocity_loop is not None:
+                self._copter_motion, own = self._copter_motion.follow(own, adapter.velocity_loop)
             self.helm.feel(own)
             if self.session.adapter.measures_airspeed or (self._progress.steering and self._flies_as_told()):
                 self.target.move(own)

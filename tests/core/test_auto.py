@@ -17,7 +17,7 @@ def go_on(before: Handover, seconds: float, *, trusted: bool = False, favourite:
     for _ in range(round(seconds / STEP)):
         before = hand_over(
             before, STEP, trusted=trusted, favourite=favourite, by_range=BY_RANGE, by_bank=by_bank, limit=LIMIT,
-            xp=floats,
+            r=200.0, r_d=100.0, xp=floats,
         )  # fmt: skip
         found.append(before)
     return found

@@ -113,10 +113,10 @@ def test_clockwise_is_the_exact_mirror_image_of_counterclockwise():
     assert right == pytest.approx([left[0], -left[1]], abs=1e-9)
 
 
-def step(before, trusted=False, favourite=-1, by_range=0.1, by_bank=-0.3, dt=0.05):
+def step(before, trusted=False, favourite=-1, by_range=0.1, by_bank=-0.3, dt=0.05, r=300.0):
     return hand_over(
         before, dt, trusted=np.array([trusted]), favourite=np.array([favourite]), by_range=np.array([by_range]),
-        by_bank=np.array([by_bank]), limit=LIMIT,
+        by_bank=np.array([by_bank]), limit=LIMIT, r=np.array([r]), r_d=R_D,
     )  # fmt: skip
 
 
@@ -145,6 +145,17 @@ def test_a_guess_is_tried_after_a_while_and_a_new_one_without_a_jump():
         state = step(state, favourite=3)
     other = step(state, favourite=7, by_bank=0.3)
     assert other.command[0] == pytest.approx(state.command[0])
+
+
+def test_a_trial_that_leads_away_ends_and_the_next_one_waits_until_the_way_is_made_good():
+    state, seen = at_start(), []
+    for r in (*np.linspace(300, 340, 100), *np.linspace(340, 360, 50), *np.linspace(360, 305, 100)):
+        state = step(state, favourite=3, r=r)
+        seen.append((float(r), int(state.flies[0])))
+    away = [r for r, flies in seen[20:150] if flies != Flies.TRIAL]
+    assert min(away) == pytest.approx(350.0, abs=1.0)  # half a radius
+    back = [r for r, flies in seen[150:] if flies == Flies.TRIAL]
+    assert max(back) == pytest.approx(310.0, abs=1.0)  # a tenth of one
 
 
 ORBIT = Orbit(R_D, Direction.CLOCKWISE, V, LIMIT)

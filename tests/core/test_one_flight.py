@@ -86,15 +86,15 @@ def remainder_of(value, cut):
 
 
 steps = st.tuples(
-    st.floats(0, 0.5), st.booleans(), st.integers(-1, 3), st.floats(-0.4, 0.4), st.floats(-0.4, 0.4)
+    st.floats(0, 0.5), st.booleans(), st.integers(-1, 3), st.floats(-0.4, 0.4), st.floats(-0.4, 0.4), st.floats(1, 400)
 )  # fmt: skip
 
 
 @given(st.lists(steps, max_size=40))
 def test_the_handover_is_the_same_for_one_flight(steps):
     one, many = ONE_AT_START, at_start()
-    for dt, trusted, favourite, by_range, by_bank in steps:
-        say = {"by_range": by_range, "by_bank": by_bank, "limit": 0.35}
+    for dt, trusted, favourite, by_range, by_bank, r in steps:
+        say = {"by_range": by_range, "by_bank": by_bank, "limit": 0.35, "r": r, "r_d": 100.0}
         one = hand_over(one, dt, trusted=trusted, favourite=favourite, **say, xp=floats)
         many = hand_over(many, dt, trusted=np.array([trusted]), favourite=np.array([favourite]), **say)
         assert (one.flies, one.favourite) == (many.flies[0], many.favourite[0])

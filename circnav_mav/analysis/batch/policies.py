@@ -137,7 +137,7 @@ class Auto:
         since = np.where(self.handover.flies < 0, 0.0, np.minimum(self._unsteered, LONGEST_STEP))
         after = hand_over(
             self.handover, since, trusted=trusted, favourite=favourite, by_range=by_range, by_bank=by_bank,
-            limit=cfg.max_turn_rate,
+            limit=cfg.max_turn_rate, r=np.where(trusted, x[R], r), r_d=cfg.radius,
         )  # fmt: skip
         ready = (ready | trusted) & self._freshness.step(seen)
         self.handover = merged(ready, after, self.handover)  # nothing is handed over before a first command

@@ -11,6 +11,7 @@ from circnav_mav.core.estimators.interface import EstimatorSettings, Fused
 from circnav_mav.core.estimators.kalman import KalmanRangeRate
 from circnav_mav.core.estimators.own_path import Knot, OwnPath
 from circnav_mav.core.estimators.prediction import Belief, Prediction, predict_belief
+from circnav_mav.core.estimators.ring_search import SearchSettings
 from circnav_mav.core.estimators.window import Prior
 from circnav_mav.core.values import OwnMotion, RangeEstimate, RangeSample, RelativeMotion
 
@@ -35,7 +36,9 @@ class DriftEstimator:
 
     def reset(self) -> None:
         """Forget everything."""
-        self.bank = DriftBank(BankSettings(self._settings.speed, gate=self._settings.gate))
+        cfg = self._settings
+        search = SearchSettings(cfg.speed, drift_sigma=cfg.drift_sigma, scale_sigma=cfg.scale_sigma)
+        self.bank = DriftBank(BankSettings(cfg.speed, gate=cfg.gate, search=search))
         self._note_belief()
         self._path = OwnPath()
         self._used: Knot | None = None

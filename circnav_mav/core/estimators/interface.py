@@ -21,7 +21,8 @@ class EstimatorSettings:
 
     speed: V, m/s. max_turn_rate: rad/s. gate: innovation gate in standard deviations.
     restart_after: samples in a row outside the gate, agreeing with each other, that restart the filter.
-    min_samples: samples before the estimate may steer.
+    min_samples: samples before the estimate may steer. drift_sigma: usual drift, in V; scale_sigma: of true over
+    measured airspeed. A vehicle that holds its speed over the ground drifts only as its target moves.
     """
 
     speed: float
@@ -29,6 +30,8 @@ class EstimatorSettings:
     gate: float = 5.0
     restart_after: int = 5
     min_samples: int = 5
+    drift_sigma: float = 0.2
+    scale_sigma: float = 0.05
 
 
 class Estimator(Protocol):

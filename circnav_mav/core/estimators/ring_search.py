@@ -22,7 +22,8 @@ class SearchSettings:
     """When a search has an answer. hypotheses: guesses on the ring. speed: V, m/s.
 
     converged: bound of the position's standard deviation over the range. margin: how much worse (in log likelihood)
-    every other place must fit. drift_sigma, drift_most: of the unknown drift, in V. min_bins: before any answer.
+    every other place must fit. drift_sigma, drift_most: usual and largest size of the unknown drift, in V. scale_sigma:
+    of the airspeed scale. min_bins: before any answer.
     window_psd: how fast the drift may change, m^2/s^3.
     """
 
@@ -30,7 +31,8 @@ class SearchSettings:
     hypotheses: int = 32
     converged: float = 0.12
     margin: float = 5.0
-    drift_sigma: float = 0.4
+    drift_sigma: float = 0.2
+    scale_sigma: float = 0.05
     drift_most: float = 0.85
     min_bins: int = 8
     window_psd: float = 0.01
@@ -114,7 +116,7 @@ class RingSearch:
         return np.concatenate([p, x[2:]])
 
     def _nothing_known(self) -> Prior:
-        return Prior(self._settings.drift_sigma * self._settings.speed)
+        return Prior(self._settings.drift_sigma * self._settings.speed, self._settings.scale_sigma)
 
     def _carry(self) -> None:
         then, path = self._guessed

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
+from circnav_mav.core.velocity_loop import VelocityLoop
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.commands import Command
 from circnav_mav.mav.gate import Steer
@@ -146,6 +147,11 @@ class Autopilot(Protocol):
     def measures_airspeed(self) -> bool:
         """Whether VFR_HUD.airspeed is an airspeed. A copter without a sensor sends its ground speed there, which is a
         velocity and not to be used; it holds the commanded speed instead."""
+        ...
+
+    @property
+    def velocity_loop(self) -> VelocityLoop | None:
+        """How its velocity follows its nose; None where the nose shows the way."""
         ...
 
     def airspeed(self, measured: float | None) -> float:

@@ -11,6 +11,7 @@ from types import MappingProxyType
 
 from pymavlink.dialects.v20 import all as dialect
 
+from circnav_mav.core.velocity_loop import VelocityLoop
 from circnav_mav.mav.autopilots.ardupilot import COPTER_TYPES, coordinated_bank
 from circnav_mav.mav.autopilots.interface import Airspeed, VehicleFacts, VehicleState
 from circnav_mav.mav.autopilots.targets import VELOCITY_AND_YAW_RATE, attitude, body_velocity, custom_mode_request
@@ -70,6 +71,7 @@ class _PX4:
     default_exit = "loiter"
     flies = True
     measures_airspeed = True
+    velocity_loop: VelocityLoop | None = None
 
     def __init__(self, facts: VehicleFacts) -> None:
         self._facts = facts
@@ -100,6 +102,8 @@ class PX4Copter(_PX4):
     shapes: frozenset[tuple[str, int | None]] = frozenset({("SET_POSITION_TARGET_LOCAL_NED", MASK)})
     needs = frozenset({"altitude"})
     measures_airspeed = False
+    velocity_loop = VelocityLoop(proportional=1.8, integral=0.4)
+    """MPC_XY_VEL_P_ACC and MPC_XY_VEL_I_ACC as they come."""
 
     def setpoint(self, steer: Steer, state: VehicleState, now: float) -> Message:
         """Forward speed and yaw rate at the height to hold."""
