@@ -52,6 +52,7 @@ class Helm:
         )
         self._learning = TurnGainSettings(lag=settings.turn_lag)
         self._learnt = TurnGain(gain=settings.turn_gain or 1.0)
+        self._banked: TurnGain | None = None
         self._response = ResponseLearner(settings.turn_lag, SLIP if settings.kind == "plane" else 0.0)
         self._pending = PendingTurn()
         self._link = settings.timing.tick
@@ -67,7 +68,7 @@ class Helm:
     @property
     def turn_gain(self) -> float:
         """Realised over commanded turn rate, as used now."""
-        return self._settings.turn_gain or self._learnt.gain
+        return self._settings.turn_gain or (self._learnt if self._banked is None else self._banked).gain
 
     @property
     def response(self) -> Response:
@@ -105,6 +106,10 @@ class Helm:
         if self._told is None:
             return
         self._response.feel(own.time, self._turned, self._link)
+        if own.bank_turn is not None:
+            # of the bank it has, not of the one it is told: an autopilot with a lower bank limit turns no worse for it
+            before, slips = self._banked or TurnGain(), TurnGainSettings(lag=SLIP)
+            self._banked = learn(before, slips, time=own.time, heading=own.heading, command=TurnRate(own.bank_turn))
         felt = self._learnt.time
         if felt is None or own.time - felt > LONGEST_GAP:
             self._slow_at = self._followed_at = own.time

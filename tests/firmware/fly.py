@@ -103,14 +103,9 @@ def _flown(flown: Flight, bench: Bench, folder: Path) -> dict[str, Any]:
 
 def _start_circnav(flown: Flight, bench: Bench, folder: Path, home: float) -> float:
     """Start it on a mission for this flight; the turn limit of that, rad/s."""
-    height = bench.truth.altitude - home - flown.target_height
-    mission = write_mission(flown, folder / "mission.toml", bench.app_port, height)
-    places = {"{home_amsl}": f"{home:.1f}", "{target_amsl}": f"{home + flown.target_height:.1f}"}
-    chosen = list(flown.set)
-    for place, value in places.items():
-        chosen = [one.replace(place, value) for one in chosen]
+    mission = write_mission(flown, folder / "mission.toml", bench.app_port, home + flown.target_height)
     command = [flown.circnav, "fly", str(folder / "mission.toml"), "--out", str(folder / "circnav"),
-               *[word for one in chosen for word in ("--set", one)]]  # fmt: skip
+               *[word for one in flown.set for word in ("--set", one)]]  # fmt: skip
     log = (folder / "circnav.log").open("wb")
     bench.relaying = True
     environment = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
@@ -122,8 +117,9 @@ def _start_circnav(flown: Flight, bench: Bench, folder: Path, home: float) -> fl
     return G * tan(radians(mission["vehicle"]["max_bank_deg"])) / flown.speed
 
 
-def write_mission(flown: Flight, path: Path, port: int, height: float) -> dict[str, Any]:
-    """The vehicle's mission file as an operator would fill it in, who reads the height off his ground station."""
+def write_mission(flown: Flight, path: Path, port: int, target_altitude: float) -> dict[str, Any]:
+    """The vehicle's mission file as an operator would fill it in, who knows how high the beacon stands (m above sea
+    level, to a tenth)."""
     mission = tomlkit.parse((Path(flown.config) / f"{flown.what.mission}.toml").read_text())
     mission.pop("sim", None)
     mission["link"].pop("sim_speed", None)
@@ -133,7 +129,8 @@ def write_mission(flown: Flight, path: Path, port: int, height: float) -> dict[s
     mission["vehicle"]["speed_mps"] = flown.speed
     mission["orbit"]["radius_m"] = flown.radius
     mission["orbit"]["direction"] = flown.direction
-    mission["orbit"]["height_above_target_m"] = float(round(height))
+    mission["orbit"].pop("height_above_target_m", None)
+    mission["orbit"]["target_altitude_m"] = round(target_altitude, 1)
     sigma = hypot(flown.noise, flown.drift)
     mission["ranging"] |= {"rate_hz": flown.rate, "sigma_m": sigma, "orientation": UP, "component_id": 192}
     mission["limits"]["duration_s"] = flown.duration
