@@ -145,7 +145,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add("--duration", type=float, help="s after engaging")
     add("--takeover", type=float, metavar="T", help="the operator takes the vehicle T s after the start of circnav")
     add(
-        "--set", action="append", default=[], metavar="KEY=VALUE", help="of the mission; {home_amsl}, {target_amsl} (m)"
+        "--set", action="append", default=[], metavar="KEY=VALUE", help="of the mission"
     )
     add("--param", action="append", default=[], metavar="NAME=VALUE", help="of the autopilot, before take-off")
     add("--keep-position", action="store_true", help="do not hide the autopilot's positions from circnav")
