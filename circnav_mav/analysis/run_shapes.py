@@ -102,6 +102,10 @@ SUMMARY: dict[str, Shape] = {
     "turn_at_limit": _or_none(_number),
     "turn_variation_rad_s2": _or_none(_number),
     "turn_limit_cycle": _or_none(_flag),
+    "turn_gain": _or_none(_number),
+    "turn_delay_s": _or_none(_number),
+    "gain_share": _or_none(_number),
+    "law_changes": _count,
     "clock_speed": _or_none(_number),
     "recording_problem": _or_none(_text),
 }

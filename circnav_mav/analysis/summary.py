@@ -1,6 +1,7 @@
 """summary.json of a run: stable keys that later work and users' scripts read."""
 
 from dataclasses import asdict, dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -70,6 +71,7 @@ def summarise(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str
         **_circle(ticks.time[known], ticks.numbers["r"][known], orbit.radius),
         **_height(ticks.numbers["height"][flown & steered]),
         **_turn(ticks, known, orbit),
+        **_vehicle(ticks, flown & steered),
         "samples_accepted": facts.samples_accepted,
         "samples_rejected": facts.samples_rejected,
         "frames_refused": facts.frames_refused,
@@ -126,6 +128,17 @@ def _turn(ticks: Ticks, known: NDArray[np.bool_], orbit: Orbit) -> dict[str, Any
     time, turn, cut = (ticks.numbers[name][known] for name in ("time", "turn_rate", "saturated"))
     figures = late_figures(time, turn, cut, orbit)
     return asdict(figures) if figures else dict.fromkeys(NAMES)
+
+
+def _vehicle(ticks: Ticks, steered: NDArray[np.bool_]) -> dict[str, float | int | None]:
+    """How the vehicle answered turn commands at the end, what was left of the gains, and how often the law changed."""
+    figures: dict[str, float | int | None] = {}
+    for name, column in (("turn_gain", "turn_gain"), ("turn_delay_s", "turn_delay"), ("gain_share", "gain_share")):
+        values = ticks.numbers[column][steered] if column in ticks.numbers else np.array([])
+        known = values[~np.isnan(values)]
+        figures[name] = float(known[-1]) if len(known) else None
+    laws = [law for law, ours in zip(ticks.words.get("law", []), steered, strict=False) if ours and law]
+    return figures | {"law_changes": sum(before != after for before, after in pairwise(laws))}
 
 
 def _commanded(turned: float) -> str | None:

@@ -74,8 +74,14 @@ def _turn(summary: dict[str, Any]) -> list[str]:
         return []
     varies = "" if variation is None else f", varies {variation:.2g} rad/s per s"
     lines = [f"  turn       command sd {std:.1f} deg/s, at the limit {100 * at_limit:.0f} %{varies} in the last third"]
+    gain, delay, share = (summary.get(name) for name in ("turn_gain", "turn_delay_s", "gain_share"))
+    if gain is not None and delay is not None:
+        changes = summary.get("law_changes", 0)
+        lines.append(f"  vehicle    turns at {gain:.2f} of the command, {delay:.2f} s later; law changes {changes}")
     if summary.get("turn_limit_cycle"):
         lines.append("  WARNING    limit cycle: the turn command swings to and fro, however small the radius error is")
+    if share is not None and share < 1:
+        lines.append(f"  WARNING    limit cycle in flight: the gains were lowered to {100 * share:.0f} %")
     return lines
 
 

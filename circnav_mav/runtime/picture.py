@@ -85,13 +85,14 @@ class Picture:
         share = None if tick.r is None else tick.r / orbit.radius - 1
         to_right = None if turn is None else yaw_rate_from_turn_rate(TurnRate(turn)) / limit
         wanted = f" horizontal   wanted {orbit.radius:.1f} m"
-        rate, gain = _with_sigma(tick.r_dot, tick.r_dot_sigma, "+.2f", "m/s", signs), tick.turn_gain
+        rate = _with_sigma(tick.r_dot, tick.r_dot_sigma, "+.2f", "m/s", signs)
+        answer = f"gain {tick.turn_gain:.2f}, delay {tick.turn_delay:.2f} s"
         return [
             ("range", _with_sigma(tick.r, tick.r_sigma, ".2f", "m", signs) + wanted),
             ("", f"0 {self._bar(share)} {2 * orbit.radius:.0f} m"),
             ("error", self._error(tick)),
             ("range rate", rate),
-            ("turn rate", f"{_turn(turn)} of +-{degrees(limit):.1f} deg/s told{at_limit}   turns at {gain:.2f} of it"),
+            ("turn rate", f"commanded {_turn(turn)} deg/s (limit {degrees(limit):.1f}), {answer}{at_limit}"),
             ("", f"left {self._bar(to_right)} right"),
             ("target", target),
         ]

@@ -111,6 +111,8 @@ def _alarms(pilot: Pilot, tick: TickRecord, now: float, rates: Rates | None, pro
         if tick.range_age is not None and tick.range_age > timing.stale:
             patience = f": holds the circle's turn, gives up at {timing.stale + timing.hold:g} s"
             found.append(f"RANGE STALE, {tick.range_age:.1f} s{patience if tick.phase is Phase.HOLDING else ''}")
+        if tick.gain_share < 1:
+            found.append(f"TURN COMMAND SWINGS from limit to limit: gains lowered to {100 * tick.gain_share:.0f} %")
         if pilot.drift_alarm.on:
             found.append(f"DRIFT TOO STRONG: {pilot.drift_alarm.text}")
         if rates is not None and rates.refused > MOST_REJECTED * (rates.taken + rates.refused):

@@ -144,9 +144,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add("--seed", type=int, default=1)
     add("--duration", type=float, help="s after engaging")
     add("--takeover", type=float, metavar="T", help="the operator takes the vehicle T s after the start of circnav")
-    add(
-        "--set", action="append", default=[], metavar="KEY=VALUE", help="of the mission"
-    )
+    add("--set", action="append", default=[], metavar="KEY=VALUE", help="of the mission")
     add("--param", action="append", default=[], metavar="NAME=VALUE", help="of the autopilot, before take-off")
     add("--keep-position", action="store_true", help="do not hide the autopilot's positions from circnav")
     add("--speedup", type=float, default=1.0, help="simulated over real time; only 1 gives figures that count")

@@ -233,11 +233,10 @@ def test_plain_output_tells_once_what_is_waited_for(statuses):
 def test_numbers_say_what_they_are_of(statuses):
     """Which range, what is turned how far, whose bearing."""
     status = statuses(12.0)[-1]
-    tick = replace(status.tick, turn_gain=0.72)
+    tick = replace(status.tick, turn_gain=0.72, turn_delay=0.46)
     lines = "\n".join(
         drawn(replace(status, tick=tick, target="237 deg from the vehicle, drift 0.1 m/s towards 322 deg"))
     )
     assert " m horizontal   wanted 100.0 m" in lines
-    assert "of +-20.0 deg/s told" in lines
-    assert "turns at 0.72 of it" in lines
+    assert "deg/s (limit 20.0), gain 0.72, delay 0.46 s" in lines
     assert "target      237 deg from the vehicle, drift 0.1 m/s towards 322 deg" in lines

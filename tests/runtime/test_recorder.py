@@ -29,7 +29,7 @@ def frames(count):
 def tick(**changes):
     values = dict.fromkeys(TICK_COLUMNS, None) | {
         "time": 1.25, "phase": Phase.ENGAGED, "saturated": True, "mode": "GUIDED", "accepted": 7, "rejected": 2,
-        "r": 101.23456789, "turn_gain": 1.0,
+        "r": 101.23456789, "turn_gain": 1.0, "turn_delay": 0.4, "gain_share": 1.0,
     }  # fmt: skip
     return TickRecord(**(values | changes))
 
