@@ -32,7 +32,7 @@ the phase margin above 45 deg (tests/core/test_margins.py)."""
 SETTLING_SHARE = 0.95
 """Highest crossover in units of how fast the vehicle's answer settles: near its own frequency an inner loop that rings
 is louder than its delay tells."""
-FASTEST = 1.5
+FASTEST = 1.8
 """Highest crossover, rad/s: a radius loop at two fifths of it is quicker than ranges of .5 m at 10 Hz tell anything."""
 RADIAL_SHARE = 0.4
 """Radius loop over heading loop: two fifths, as far apart as two loops should be."""

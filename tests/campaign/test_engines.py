@@ -8,7 +8,6 @@ from circnav_mav.analysis.campaign.draws import BLOCK, Uniforms, gauss
 from circnav_mav.analysis.campaign.figures import row
 from circnav_mav.analysis.campaign.file import load_campaign
 from circnav_mav.analysis.campaign.flights import fly_batch
-from circnav_mav.analysis.campaign.fly import fly_chunk
 from circnav_mav.analysis.campaign.lockstep import fly_lockstep
 from circnav_mav.analysis.campaign.plan import prepare
 from circnav_mav.analysis.campaign.surroundings import Targets
@@ -46,7 +45,7 @@ def both(path, number, runs):
     return row(prepared[number], tracks[number]), row(prepared[number], fly_lockstep(prepared[number]))
 
 
-@pytest.mark.parametrize("law", ["smooth", "bounded", "relay", "pd", "pi", "feedforward", "auto"])
+@pytest.mark.parametrize("law", ["smooth", "bounded", "relay", "pd", "pi", "feedforward"])
 @pytest.mark.parametrize("world", WORLDS)
 def test_batch_and_lockstep_give_the_same_figures_for_the_same_seed(write, world, law):
     path = write(f'{SHORT}{WORLDS[world]}\n"guidance.law" = ["{law}"]')
@@ -89,11 +88,9 @@ def test_batch_and_lockstep_end_in_the_same_way(write, vary, says):
 @pytest.mark.parametrize(
     ("vary", "reason"),
     [
-        ('"guidance.law" = ["auto"]\n"guidance.estimator" = ["kalman"]', "guidance.estimator"),
-        ('"guidance.law" = ["drift"]', "guidance.estimator"),
+        ('"guidance.law" = ["auto"]', "learns how its vehicle answers"),
+        ('"guidance.law" = ["drift"]', "learns how its vehicle answers"),
         ('"guidance.law" = ["smooth"]\n"guidance.estimator" = ["auto"]', "guidance.estimator"),
-        ('"guidance.law" = ["auto"]\n"ranging.rate_hz" = [40.0]\n"sim.ranging.rate_hz" = [40.0]', "20 Hz of attitudes"),
-        ('"guidance.law" = ["auto"]\n"sim.sensors.heading_bias_deg" = [5.0]', "sim.sensors"),
         ('"guidance.law" = ["switching"]', "switches"),
         ('"sim.vehicle.dynamics" = ["realistic"]', "ideal copter"),
         ('"sim.ranging.latency_s" = [0.1]', "latency"),
@@ -121,36 +118,11 @@ def test_outliers_that_the_pilot_takes_for_what_they_are_fly_in_a_batch(write, v
     assert obstacle(prepare(load_campaign(write(vary)), 0)) is None
 
 
-@pytest.mark.parametrize("law", ["smooth", "auto"])
-def test_flights_with_as_many_outliers_as_a_batch_may_have_agree(write, law):
+def test_flights_with_as_many_outliers_as_a_batch_may_have_agree(write):
     """Of 30 m, at the share from which on they fly in lockstep."""
     world = '"sim.ranging.outlier_fraction" = [0.1]\n"sim.ranging.outlier_m" = [30.0]'
-    batch, real = both(write(f'{SHORT}{world}\n"guidance.law" = ["{law}"]'), 1, 3)
+    batch, real = both(write(f'{SHORT}{world}\n"guidance.law" = ["smooth"]'), 1, 3)
     assert batch["rms_m"] == pytest.approx(real["rms_m"], rel=0.02)
-
-
-@pytest.mark.parametrize(
-    "vary",
-    [
-        '"guidance.law" = ["drift"]\n"guidance.estimator" = ["auto"]',
-        '"guidance.law" = ["auto"]\n"ranging.rate_hz" = [20.0]\n"sim.ranging.rate_hz" = [20.0]',
-        '"guidance.law" = ["auto"]\n"ranging.rate_hz" = [5.0]\n"sim.ranging.rate_hz" = [5.0]\n"limits.tick_hz" = [10]',
-        '"guidance.law" = ["auto"]\n"sim.ranging.dropout_fraction" = [0.9]\n"limits.hold_s" = [15.0]',
-    ],
-)
-def test_flights_by_relative_motion_agree_at_any_rate_and_through_holes(write, vary):
-    batch, real = both(write(f'{SHORT}{vary}\n"sim.wind.gust_rms_mps" = [0.7]'), 2, 4)
-    assert batch["outcome"] == real["outcome"]
-    assert batch["rms_m"] == pytest.approx(real["rms_m"], rel=0.002, abs=0.002)
-    assert batch["closest_m"] == pytest.approx(real["closest_m"], abs=0.01)
-    assert batch["right_way"] is real["right_way"]
-
-
-def test_a_batch_hands_on_whoever_must_search_anew_with_what_was_known(write):
-    """After 20 s without ranges the pilot starts its bank with the drift of before, each flight at its own time."""
-    vary = '"guidance.law" = ["auto"]\n"sim.ranging.dropout_fraction" = [0.98]\n"limits.hold_s" = [60.0]'
-    rows = fly_chunk(load_campaign(write(f'"limits.duration_s" = [100.0]\n{vary}')), [2, 3])
-    assert [(row["engine"], row["outcome"]) for row in rows] == [("lockstep", "completed"), ("batch", "completed")]
 
 
 def test_uniforms_and_normals_are_those_of_the_emulators_sensor():
