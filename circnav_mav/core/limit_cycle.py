@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 
 SWING = 0.8
 """A reversal counts where the command has come back by this many times the limit since its last turning point."""
-HALF_PERIOD = 2.6
-"""Longest time between two reversals of a cycle, s; half the period of the slowest one seen, and a little."""
+PERIOD = 5.2
+"""Longest time from a reversal to the one after the next, s: the slowest cycle seen, and a little. A search weaves in
+6 s."""
 REVERSALS = 8
 """Reversals in a row that make a cycle: four periods, which no manoeuvre has."""
 LOWERED, LEAST = 0.7, 0.3
@@ -20,7 +21,7 @@ would have to be six times as quick to turn as it was learnt to be."""
 @dataclass(frozen=True, slots=True)
 class CommandWatch:
     """share: of the gains that is left. cycles: how often they were lowered. extreme: the last turning point of the
-    command, in units of the limit; rising: where it goes from there. reversals: in a row, the last one at `reversed_at`
+    command, in units of the limit; rising: where it goes from there. reversals: in a row, the last two at `reversed_at`
     (s)."""
 
     share: float = 1.0
@@ -28,7 +29,7 @@ class CommandWatch:
     extreme: float = 0.0
     rising: bool = True
     reversals: int = 0
-    reversed_at: float = float("-inf")
+    reversed_at: tuple[float, float] = (float("-inf"), float("-inf"))
 
     def watch(self, time: float, command: float, limit: float) -> "CommandWatch":
         """Take in a command (rad/s) of a time (s) to a vehicle with this limit (rad/s)."""
@@ -37,9 +38,10 @@ class CommandWatch:
             return replace(self, extreme=size)
         if abs(size - self.extreme) < SWING:
             return self
-        follows = time - self.reversed_at <= HALF_PERIOD
-        count = self.reversals + 1 if follows else 1
-        after = replace(self, extreme=size, rising=not self.rising, reversals=count, reversed_at=time)
+        # of two reversals, for a cycle about a turn spends longer on one side
+        before, last = self.reversed_at
+        count = self.reversals + 1 if time - before <= PERIOD else min(self.reversals, 1) + 1
+        after = replace(self, extreme=size, rising=not self.rising, reversals=count, reversed_at=(last, time))
         if count < REVERSALS:
             return after
         return replace(after, share=max(self.share * LOWERED, LEAST), cycles=self.cycles + 1, reversals=0)
