@@ -39,6 +39,9 @@ SPLIT_SIGMA = 0.5
 """Standard deviation of the lag's share of that sum about a half."""
 LEAST_NOISE = 0.01
 """Standard deviation of a bin's mean turn rate, rad/s, that gusts and the gyro make at least."""
+EXPLAINED, LEAST_SLOPE, MOST_SLOPE = 0.6, 0.4, 1.6
+"""Share of the turns' variance that the commands must explain, and bounds of the gain of changes, for them to count as
+answers; vehicles that follow have .8 and more, and .65 .. 1.2."""
 KEPT = 4.0
 """Time for which commands are remembered, s: the longest dead time and link delay."""
 
@@ -203,6 +206,11 @@ class ResponseLearner:
         left = np.maximum(all_ - np.maximum(cov, 0.0) ** 2 / np.maximum(var, 1e-9), 0.0)
         noise = max(float(left.min() / n[0, 0]), LEAST_NOISE**2)
         likely = self._prior - 0.5 * left / noise
+        best = np.unravel_index(likely.argmax(), likely.shape)
+        # a vehicle that does not hear us, or only circles, teaches nothing: its turns are not the answers to our commands
+        slope, explained = cov[best] / max(var[best], 1e-9), EXPLAINED * var[best] * all_[best]
+        if cov[best] ** 2 <= explained or not LEAST_SLOPE < slope < MOST_SLOPE:
+            return
         weight = np.exp(likely - likely.max())
         weight /= weight.sum()
         of_dead, of_answer = weight.sum(axis=1), weight.sum(axis=0)

@@ -9,7 +9,7 @@ from collections.abc import Collection
 
 from circnav_mav.core.noise_check import NoiseCheck
 from circnav_mav.core.slant import horizontal
-from circnav_mav.core.values import RangeSample
+from circnav_mav.core.values import SAME_TIME, RangeSample
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.range_messages import (
     DOWNWARD,
@@ -89,7 +89,7 @@ class RangeReader:
         if message.get_type() != self._kind.type:
             return None
         answer = self._judge(message, now, height, strangers)
-        if isinstance(answer, RangeSample) and one_way > self._settings.max_age:
+        if isinstance(answer, RangeSample) and one_way > self._settings.max_age - SAME_TIME:
             answer = Reject.TOO_OLD
         if isinstance(answer, Reject):
             self.reject(answer)

@@ -17,9 +17,9 @@ from circnav_mav.mav.gate import Limits, SetpointGate, Steer
 from circnav_mav.mav.session import Session
 from circnav_mav.pilot.settings import PilotSettings
 
-SPEED_UP = 1.5
-"""Time, s, of turning as told, from which on a vehicle counts as being as fast as it is told. A multicopter needs 2.5 s
-from standstill to 5 m/s; to wait for the whole of it brought nothing more."""
+SPEED_UP = 2.5
+"""Time, s, of turning as told, from which on a vehicle counts as being as fast as it is told: a multicopter needs so long
+from standstill to 5 m/s, and the path of before would be taken for a drift."""
 LONGEST_GAP = 1.0
 """Gap between two reports of own motion, s, after which the vehicle may have stopped meanwhile."""
 DEAF_AFTER = 1.0

@@ -17,8 +17,9 @@ from circnav_mav.analysis.bound import AlongsideBound
 from circnav_mav.core.estimators.drift import AutoEstimator
 from circnav_mav.core.estimators.interface import EstimatorSettings
 from circnav_mav.core.estimators.kalman import KalmanRangeRate
-from circnav_mav.core.guidance import DEFAULT_LAG, LawChoice, holding, steering
+from circnav_mav.core.guidance import LawChoice, holding, steering
 from circnav_mav.core.laws import LAWS
+from circnav_mav.core.turn_response import PendingTurn, Response
 from circnav_mav.core.values import Direction, Orbit, OwnMotion, RangeSample
 
 WINDY = Situation("windy", wind=Wind(5.0), duration=30.0)
@@ -36,7 +37,10 @@ class InTheAir:
         ways = [Direction.COUNTERCLOCKWISE if s > 0 else Direction.CLOCKWISE for s in sense]
         orbits = [Orbit(circle.radius, way, circle.speed, circle.max_turn_rate) for way in ways]
         gain = LAWS["auto"].default_gain(circle.speed, circle.radius)
-        self.flights = [(o, AutoEstimator(settings), steering(o, LawChoice("auto", gain))) for o in orbits]
+        self.flights = [
+            (o, AutoEstimator(settings), steering(o, LawChoice("auto", gain)), PendingTurn()) for o in orbits
+        ]
+        self.answer = Response(0.0, circle.lag, 1 / circle.lag)
         self.estimate, self.time = (0.0, 0.0), 0.0
         self.newest = [-np.inf] * sense.size
 
@@ -45,15 +49,18 @@ class InTheAir:
         self.time += seen.dt
         return np.array(turns)
 
-    def turn(self, seen, i, orbit, estimator, steer):
+    def turn(self, seen, i, orbit, estimator, steer, under_way):
         estimator.move(OwnMotion(self.time, float(seen.psi[i]), float(seen.turn_rate[i]), float(seen.airspeed[i])))
         if seen.arrived[i]:
             estimator.observe(RangeSample(self.time, self.time, float(seen.z[i]), float(seen.sigma[i])))
             self.newest[i] = self.time
-        estimate = estimator.at(self.time)
+        estimate, pending = estimator.at(self.time), under_way.at(self.time, self.answer, float(seen.turn_rate[i]))
         if estimator.ready and self.time - self.newest[i] < STALE + 1e-6:
-            return steer(estimate).turn_rate
-        return holding(orbit, estimate.relative if estimate else None, DEFAULT_LAG).turn_rate
+            command = steer(estimate, 0.0, pending).turn_rate
+        else:
+            command = holding(orbit, estimate.relative if estimate else None, pending).turn_rate
+        under_way.command(self.time, command)
+        return command
 
 
 def test_the_stack_in_the_air_flies_the_same_numbers_as_the_batch():

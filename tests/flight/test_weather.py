@@ -33,7 +33,7 @@ SITUATIONS: dict[str, tuple[tuple[str, ...], float]] = {  # overrides, largest R
     "plane, wind .33 V": ((wind(0.33),), 0.3),
     "plane, wind .53 V": ((wind(0.53), "orbit.radius_m=200.0"), 0.4),
     "plane, target .2 V, wind .2 V": ((moving("arduplane"), wind(0.2)), 0.3),
-    "plane, target turns": ((moving("arduplane"), "sim.target.turn_rate_deg_s=3.0"), 1.7),
+    "plane, target turns": ((moving("arduplane"), "sim.target.turn_rate_deg_s=3.0"), 4.5),
     "plane, gusts": ((wind(0.33), "sim.wind.gust_rms_mps=1.5", "sim.wind.gust_time_s=10.0"), 3.0),
     "plane, uwb": ((wind(0.2), *radio("uwb", 0.15)), 0.3),
     "plane, lora": ((wind(0.2), *radio("lora", 2.2)), 3.0),
