@@ -207,7 +207,7 @@ class ResponseLearner:
         noise = max(float(left.min() / n[0, 0]), LEAST_NOISE**2)
         likely = self._prior - 0.5 * left / noise
         best = np.unravel_index(likely.argmax(), likely.shape)
-        # a vehicle that does not hear us, or only circles, teaches nothing: its turns are not the answers to our commands
+        # the turns of a vehicle that does not hear us, or only circles, are no answers to our commands
         slope, explained = cov[best] / max(var[best], 1e-9), EXPLAINED * var[best] * all_[best]
         if cov[best] ** 2 <= explained or not LEAST_SLOPE < slope < MOST_SLOPE:
             return

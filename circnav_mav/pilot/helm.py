@@ -18,7 +18,7 @@ from circnav_mav.mav.session import Session
 from circnav_mav.pilot.settings import PilotSettings
 
 SPEED_UP = 2.5
-"""Time, s, of turning as told, from which on a vehicle counts as being as fast as it is told: a multicopter needs so long
+"""Time, s, of turning as told, from which on a vehicle counts as being as fast as it is told: a multicopter needs it
 from standstill to 5 m/s, and the path of before would be taken for a drift."""
 LONGEST_GAP = 1.0
 """Gap between two reports of own motion, s, after which the vehicle may have stopped meanwhile."""
