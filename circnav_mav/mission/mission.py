@@ -82,9 +82,12 @@ class Mission:
         settings = EstimatorSettings(
             orbit.speed, orbit.max_turn_rate, gate=guidance.gate_sigma, min_samples=guidance.min_samples
         )
-        # copters and rovers hold their speed over the ground: the wind does not carry them, and the speed is true
-        holds_ground_speed = self.file.vehicle.kind in ("copter", "rover")
-        return replace(settings, drift_sigma=0.1, scale_sigma=0.02) if holds_ground_speed else settings
+        # copters and rovers hold their speed over the ground: the wind does not carry them, and the speed is true, but
+        # for PX4's copter, which loses some of it to a drag that only the flight tells
+        if self.file.vehicle.kind not in ("copter", "rover"):
+            return settings
+        true = 0.05 if self.file.vehicle.autopilot == "px4" else 0.02
+        return replace(settings, drift_sigma=0.1, scale_sigma=true)
 
     @property
     def height(self) -> HeightSettings:
