@@ -2,8 +2,8 @@
 
 from math import ceil, pi, remainder
 
+from circnav_mav.core.auto import Flies
 from circnav_mav.core.guidance import holding, steering, through_gain
-from circnav_mav.core.laws import LAWS
 from circnav_mav.core.limit_cycle import CommandWatch
 from circnav_mav.core.phases import Phase
 from circnav_mav.core.radius_trim import next_trim
@@ -24,6 +24,7 @@ LONGEST_GAP = 1.0
 """Gap between two reports of own motion, s, after which the vehicle may have stopped meanwhile."""
 DEAF_AFTER = 1.0
 """Time of not turning as told, s, after which a vehicle counts as not hearing us: a reversed turn takes less."""
+DRIFT = Flies.DRIFT.name.lower()
 SLIP = 0.2
 """How much later than its bank a plane's nose turns, s: side-slip, as seen on ArduPlane 4.6.3."""
 LONGEST_DELAY = 2.0
@@ -58,7 +59,6 @@ class Helm:
         self._link = settings.timing.tick
         self._turned, self._felt_at = 0.0, float("inf")
         self._watch = CommandWatch()
-        self._watches = LAWS[settings.law.name].flies_relative_motion
         self._told: TurnRate | None = None
         self._followed_at = self._slow_at = float("-inf")
         self._height: float | None = None
@@ -134,7 +134,7 @@ class Helm:
             command = holding(orbit, motion, pending)
         else:
             return None
-        if self._watches:
+        if command.flies == DRIFT:  # a search that tries one guess after another turns to and fro for a reason
             self._watch = self._watch.watch(now, command.turn_rate, orbit.max_turn_rate)
         return through_gain(command, orbit.max_turn_rate, self.turn_gain)
 

@@ -41,7 +41,7 @@ SITUATIONS: dict[str, tuple[tuple[str, ...], float]] = {  # overrides, largest R
     "plane, outage": ((wind(0.2), SILENT), 1.0),
     "plane, outliers": ((wind(0.2), *WILD), 0.3),
     "plane, compass bias": ((wind(0.2), "sim.sensors.heading_bias_deg=10.0"), 0.3),
-    "plane, heading drift": ((wind(0.2), "sim.sensors.heading_drift_deg_s=0.1"), 0.5),
+    "plane, heading drift": ((wind(0.2), "sim.sensors.heading_drift_deg_s=0.1"), 0.6),
     "plane, airspeed +10 %": ((wind(0.2), "sim.vehicle.airspeed_scale=1.1"), 0.3),
     "copter, target .2 V": ((moving("arducopter"), wind(0.2)), 0.4),
     "copter, uwb": (radio("uwb", 0.15), 0.3),
