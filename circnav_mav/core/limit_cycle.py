@@ -14,8 +14,8 @@ PERIOD = 5.2
 REVERSALS = 8
 """Reversals in a row that make a cycle: four periods, which no manoeuvre has."""
 LOWERED, LEAST = 0.7, 0.3
-"""What a cycle leaves of the gains, and what is always left: the rule has a gain margin of 6 dB, so at .3 of it a vehicle
-that still swings would have to turn more than six times as hard as it was learnt to."""
+"""What a cycle leaves of the gains, and what is always left: the rule has a gain margin of 6 dB, so at .3 of it a
+vehicle that still swings would have to turn more than six times as hard as it was learnt to."""
 
 
 @dataclass(frozen=True, slots=True)
