@@ -6,12 +6,12 @@ from pathlib import Path
 
 import click
 
-from circnav_mav.analysis.batch.policies import POLICIES
-from circnav_mav.analysis.batch.situations import SITUATIONS
-from circnav_mav.analysis.bench import run
-from circnav_mav.analysis.bench_cost import tell_costs
-from circnav_mav.analysis.crew import WorkerDiedError
 from circnav_mav.cli.exits import Exit, Refused, cannot, check_named
+from circnav_mav.experiments.batch.policies import POLICIES
+from circnav_mav.experiments.batch.situations import SITUATIONS
+from circnav_mav.experiments.bench import run
+from circnav_mav.experiments.bench_cost import tell_costs
+from circnav_mav.experiments.worker_pool import WorkerDiedError
 
 
 def fly_bench(

@@ -3,8 +3,8 @@
 from collections.abc import Iterator
 from math import cos, hypot, radians, sin
 
+from circnav_mav.mission.check_result import Check, Grade
 from circnav_mav.mission.checks import drift_allowed
-from circnav_mav.mission.grades import Check, Grade
 from circnav_mav.mission.mission import Mission
 from sim.config import VehicleConfig
 from sim.starting import CRUISE_MPS

@@ -13,17 +13,17 @@ import click
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from circnav_mav.analysis.campaign.batchable import obstacle
-from circnav_mav.analysis.campaign.execute import ExecutionError, cores, on_cores, on_scheduler
-from circnav_mav.analysis.campaign.file import CampaignError, load_campaign
-from circnav_mav.analysis.campaign.fly import Row, chunks
-from circnav_mav.analysis.campaign.plan import Campaign, hopeless, prepare
-from circnav_mav.analysis.campaign.plots import plot_campaign
-from circnav_mav.analysis.campaign.store import TABLE, Store, StoreError
-from circnav_mav.analysis.campaign.summary import SUMMARY, summarise, write_summary
-from circnav_mav.analysis.run import printable
 from circnav_mav.cli.exits import Exit, Refused, check_named
+from circnav_mav.experiments.campaign.batchable import obstacle
+from circnav_mav.experiments.campaign.execute import ExecutionError, cores, on_cores, on_scheduler
+from circnav_mav.experiments.campaign.file import CampaignError, load_campaign
+from circnav_mav.experiments.campaign.fly import Row, chunks
+from circnav_mav.experiments.campaign.plan import Campaign, hopeless, prepare
+from circnav_mav.experiments.campaign.plots import plot_campaign
+from circnav_mav.experiments.campaign.store import TABLE, Store, StoreError
+from circnav_mav.experiments.campaign.summary import SUMMARY, summarise, write_summary
 from circnav_mav.mission.load import MissionError
+from circnav_mav.runlog.run import printable
 from circnav_mav.runtime.clock import local_time_name
 from sim.config import ConfigError
 

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import click
 
-from circnav_mav.analysis.metrics import TOLERANCE
 from circnav_mav.cli.emulate import EmulatedVehicle
 from circnav_mav.cli.exits import Exit, Refused
 from circnav_mav.mav.session import Session
 from circnav_mav.mav.signing import Signing
 from circnav_mav.mission.mission import SIM, Mission
 from circnav_mav.pilot import RANGING, VEHICLE, Pilot
+from circnav_mav.runlog.metrics import TOLERANCE
 from circnav_mav.runtime.clock import AutopilotClock, Clock, RunClock
 from circnav_mav.runtime.keys import KeyFileError, SigningTime, read_key, timestamp_path
 from circnav_mav.runtime.links import Link, LinkError, UdpLink, open_link

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import click
 
-from circnav_mav.analysis.export_mcap import export_mcap
-from circnav_mav.analysis.run import RunError, open_run
 from circnav_mav.cli.exits import Exit, Refused, cannot
+from circnav_mav.runlog.export_mcap import export_mcap
+from circnav_mav.runlog.run import RunError, open_run
 
 MAGIC = b"\x89MCAP0\r\n"
 """How an MCAP file begins."""

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import click
 
-from circnav_mav.analysis.ideal import random_starts
-from circnav_mav.analysis.paper import EXAMPLES, draw, study, table
-from circnav_mav.analysis.whole_file import write_whole
 from circnav_mav.cli.exits import Exit, Refused, cannot, check_named
+from circnav_mav.experiments.ideal import random_starts
+from circnav_mav.experiments.paper import EXAMPLES, draw, study, table
+from circnav_mav.runlog.atomic_write import write_whole
 
 SHOWN = 2
 """The start that the figures show, where there are as many."""

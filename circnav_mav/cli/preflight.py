@@ -10,7 +10,7 @@ import click
 from circnav_mav.cli.check import all_checks, read_mission, show_checks
 from circnav_mav.cli.connect import link_troubles, open_links, open_signing, start_clock, start_vehicle
 from circnav_mav.cli.exits import Exit, Refused
-from circnav_mav.mission.grades import Check, Grade
+from circnav_mav.mission.check_result import Check, Grade
 from circnav_mav.mission.mission import Mission
 from circnav_mav.mission.param_rules import names_for
 from circnav_mav.mission.preflight import judge

@@ -6,22 +6,22 @@ from pathlib import Path
 
 import click
 
-from circnav_mav.analysis.log_clock import LogClock
-from circnav_mav.analysis.plots import plot_replay
-from circnav_mav.analysis.replay import Replayed, as_ticks, differences, held_gain, patient, replay
-from circnav_mav.analysis.run import Run, RunError, open_run, printable
-from circnav_mav.analysis.run_folder import Ticks
-from circnav_mav.analysis.senders import Witness
-from circnav_mav.analysis.summary import UNRECORDED
-from circnav_mav.analysis.tlog import find_damage
-from circnav_mav.analysis.turns import plain_turns, recorded_turns
-from circnav_mav.analysis.whole_file import whole_file
 from circnav_mav.cli.exits import Exit, Refused, cannot, check_named
 from circnav_mav.cli.replay_who import say_who
 from circnav_mav.mav.range_messages import describe_rejected
 from circnav_mav.mission.load import MissionError, load_mission, parse_mission
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import Pilot, PilotSettings, Voice
+from circnav_mav.report.plots import plot_replay
+from circnav_mav.runlog.atomic_write import whole_file
+from circnav_mav.runlog.log_clock import LogClock
+from circnav_mav.runlog.log_sources import Witness
+from circnav_mav.runlog.loop_steps import plain_turns, recorded_turns
+from circnav_mav.runlog.replay import Replayed, as_ticks, differences, held_gain, patient, replay
+from circnav_mav.runlog.run import Run, RunError, open_run, printable
+from circnav_mav.runlog.run_folder import Ticks
+from circnav_mav.runlog.summary import UNRECORDED
+from circnav_mav.runlog.tlog import find_damage
 from circnav_mav.runtime.recorder import write_ticks
 
 UNITS = {"r": ("range", "m"), "r_dot": ("range rate", "m/s"), "demanded": ("law's turn rate", "rad/s"),

@@ -4,8 +4,8 @@ from collections.abc import Iterable, Iterator
 
 import click
 
-from circnav_mav.analysis.senders import MARKS, Heard, Sender, Witness
 from circnav_mav.mav.autopilots.interface import Autopilot
+from circnav_mav.runlog.log_sources import MARKS, Heard, Sender, Witness
 
 MOST = 6
 """Senders that are named; a ground station may plot dozens of values."""

@@ -9,15 +9,15 @@ import numpy as np
 import tomlkit
 
 from circnav_mav import __version__
-from circnav_mav.analysis.plots import plot_estimates, plot_flight
-from circnav_mav.analysis.report import ReportFacts, write_report
-from circnav_mav.analysis.run import Run, RunError, open_run
-from circnav_mav.analysis.run_folder import Column
-from circnav_mav.analysis.summary import FlightFacts, summarise
 from circnav_mav.cli.exits import Exit, Refused, cannot
 from circnav_mav.cli.verdict import verdict
 from circnav_mav.mission.load import MissionError, parse_mission
 from circnav_mav.mission.mission import Mission
+from circnav_mav.report.page import ReportFacts, write_report
+from circnav_mav.report.plots import plot_estimates, plot_flight
+from circnav_mav.runlog.run import Run, RunError, open_run
+from circnav_mav.runlog.run_folder import Column
+from circnav_mav.runlog.summary import FlightFacts, summarise
 
 
 def report_run(folder: str) -> int:

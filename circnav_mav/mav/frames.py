@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from math import asin, atan2, cos, pi, sin, tan
 from typing import NewType
 
-from circnav_mav.core.values import TurnRate
+from circnav_mav.guidance.types import TurnRate
 
 GRAVITY = 9.80665
 YawRate = NewType("YawRate", float)

@@ -6,7 +6,7 @@ Read are VFR_HUD.alt and, of HOME_POSITION, the altitude alone: its latitude, lo
 from dataclasses import dataclass
 
 from circnav_mav.mav.codec import Message
-from circnav_mav.mav.motion import AIR_MAX_AGE, MOST_ALTITUDE
+from circnav_mav.mav.own_motion import AIR_MAX_AGE, MOST_ALTITUDE
 
 MOST_CLIMB = 20.0
 """Climb or sink rate, m/s, that none of our vehicles has: a quicker change is an altitude estimate that was reset."""

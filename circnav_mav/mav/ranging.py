@@ -7,9 +7,9 @@ later, in the estimator. See `range_messages` for what each message says.
 from collections import Counter
 from collections.abc import Collection
 
-from circnav_mav.core.noise_check import NoiseCheck
-from circnav_mav.core.slant import horizontal
-from circnav_mav.core.values import SAME_TIME, RangeSample
+from circnav_mav.guidance.range_noise import NoiseCheck
+from circnav_mav.guidance.slant import horizontal
+from circnav_mav.guidance.types import SAME_TIME, RangeSample
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.range_messages import (
     DOWNWARD,

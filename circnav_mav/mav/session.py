@@ -6,16 +6,16 @@ from collections.abc import Hashable, Mapping
 
 from pymavlink.dialects.v20 import all as dialect
 
-from circnav_mav.mav.announce import Announcer
 from circnav_mav.mav.autopilots.interface import Autopilot
 from circnav_mav.mav.codec import Encoder, Message
 from circnav_mav.mav.commands import Command, CommandResult, CommandSender, once
-from circnav_mav.mav.motion import MotionSensor
-from circnav_mav.mav.pinning import LinkSettings, Peer, Pinning, describe_vehicle, sender
-from circnav_mav.mav.round_trip import RoundTrip
+from circnav_mav.mav.identity import LinkSettings, Peer, Pinning, describe_vehicle, sender
+from circnav_mav.mav.own_motion import MotionSensor
 from circnav_mav.mav.signing import Signing
+from circnav_mav.mav.statustext import Announcer
 from circnav_mav.mav.streams import StreamRequests
-from circnav_mav.mav.told import TELLING, Told
+from circnav_mav.mav.timesync import RoundTrip
+from circnav_mav.mav.vehicle_state import TELLING, Told
 
 __all__ = ["HANDLED", "HEARTBEAT_PERIOD", "LOST_AFTER", "LinkSettings", "Session", "describe_vehicle"]
 

@@ -3,12 +3,12 @@
 from collections.abc import Iterator
 from math import degrees
 
-from circnav_mav.core.laws import LAWS
-from circnav_mav.core.radius_trim import MOST
-from circnav_mav.core.theory import settling_time, tolerated_drift
+from circnav_mav.guidance.laws import LAWS
+from circnav_mav.guidance.radius_trim import MOST
+from circnav_mav.guidance.theory import settling_time, tolerated_drift
 from circnav_mav.mav.autopilots.table import AUTOPILOTS, REFUSED, adapters
+from circnav_mav.mission.check_result import Check, Grade, graded
 from circnav_mav.mission.checks_ranging import check_ranging
-from circnav_mav.mission.grades import Check, Grade, graded
 from circnav_mav.mission.mission import Mission
 
 PLANE_GAIN = 0.72

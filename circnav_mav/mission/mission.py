@@ -3,13 +3,13 @@
 from dataclasses import dataclass, replace
 from math import inf, radians, tan
 
-from circnav_mav.core.bounds import Bounds
-from circnav_mav.core.estimators.interface import EstimatorSettings
-from circnav_mav.core.estimators.steady import SteadyState, steady_state
-from circnav_mav.core.guidance import LawChoice
-from circnav_mav.core.laws import LAWS
-from circnav_mav.core.theory import rate_gain
-from circnav_mav.core.values import Direction, Orbit
+from circnav_mav.guidance.bounds import Bounds
+from circnav_mav.guidance.estimators.interface import EstimatorSettings
+from circnav_mav.guidance.estimators.steady import SteadyState, steady_state
+from circnav_mav.guidance.laws import LAWS
+from circnav_mav.guidance.step import LawChoice
+from circnav_mav.guidance.theory import rate_gain
+from circnav_mav.guidance.types import Direction, Orbit
 from circnav_mav.mav.autopilots.interface import AirLoops, VehicleFacts
 from circnav_mav.mav.frames import GRAVITY
 from circnav_mav.mav.height import HeightSettings

@@ -7,7 +7,7 @@ from math import degrees
 from circnav_mav.mav.autopilots.ardupilot import ArduCopter, ArduPlane, ArduRover
 from circnav_mav.mav.autopilots.interface import Autopilot
 from circnav_mav.mav.autopilots.px4 import PX4Copter, PX4PlaneAttitude, PX4PlaneStick
-from circnav_mav.mission.grades import Check, Grade
+from circnav_mav.mission.check_result import Check, Grade
 from circnav_mav.mission.mission import Mission
 
 PASS, WARN, FAIL = Grade.PASS, Grade.WARN, Grade.FAIL

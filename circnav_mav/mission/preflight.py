@@ -5,7 +5,7 @@ from math import isnan
 
 from pymavlink.dialects.v20 import all as dialect
 
-from circnav_mav.mission.grades import Check, Grade
+from circnav_mav.mission.check_result import Check, Grade
 from circnav_mav.mission.mission import Mission
 from circnav_mav.mission.param_rules import Context, judge_parameters
 from circnav_mav.mission.preflight_ranging import FULL_RATE, SPEED_OFF, judge_ranging

@@ -8,8 +8,8 @@ from statistics import median
 from pymavlink.dialects.v20.all import MAV_AUTOPILOT_PX4
 
 from circnav_mav.mav.range_messages import OTHERS, describe_rejected
+from circnav_mav.mission.check_result import Check, Grade
 from circnav_mav.mission.checks_ranging import height_cost
-from circnav_mav.mission.grades import Check, Grade
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import RANGING, VEHICLE
 from circnav_mav.pilot.survey import Observations, RangeHeard, VehicleSeen, quick_span, span_speed

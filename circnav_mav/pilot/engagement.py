@@ -1,12 +1,12 @@
 """Whether the vehicle may be steered from now on, and asking for its guided mode where the mission says so."""
 
-from circnav_mav.core.phases import Phase
+from circnav_mav.guidance.phases import Phase
 from circnav_mav.mav.session import Session
 from circnav_mav.pilot.authority import Authority
 from circnav_mav.pilot.handover import ModeRequest
 from circnav_mav.pilot.progress import Progress
-from circnav_mav.pilot.reasons import why_not_guided, why_not_told, why_slow, why_withheld
 from circnav_mav.pilot.settings import PilotSettings, Voice
+from circnav_mav.pilot.status_text import why_not_guided, why_not_told, why_slow, why_withheld
 
 LANDED_PATIENCE = 1.5
 """Time, s, that a vehicle is given to tell whether it flies before the first engagement."""

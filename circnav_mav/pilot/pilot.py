@@ -10,26 +10,26 @@ from collections import Counter
 from collections.abc import Hashable
 from dataclasses import replace
 
-from circnav_mav.core.bounds import breach
-from circnav_mav.core.drift_alarm import DriftAlarm, watch_drift
-from circnav_mav.core.phases import Event, Phase
-from circnav_mav.core.values import RangeEstimate, TurnCommand
-from circnav_mav.core.velocity_loop import CopterMotion
+from circnav_mav.guidance.bounds import breach
+from circnav_mav.guidance.drift_alarm import DriftAlarm, watch_drift
+from circnav_mav.guidance.phases import Event, Phase
+from circnav_mav.guidance.types import RangeEstimate, TurnCommand
+from circnav_mav.guidance.velocity_loop import CopterMotion
 from circnav_mav.mav.autopilots.table import adapters
 from circnav_mav.mav.codec import LinkCounts, Message
 from circnav_mav.mav.frames import YawRate
-from circnav_mav.mav.gate import UnsafeSetpointError
 from circnav_mav.mav.ranging import RANGING_MESSAGES
 from circnav_mav.mav.sensor_clock import nobody_tells
 from circnav_mav.mav.session import HANDLED, HEARTBEAT_PERIOD, LOST_AFTER, Session
+from circnav_mav.mav.setpoint_guard import UnsafeSetpointError
 from circnav_mav.mav.signing import Signing
 from circnav_mav.pilot.authority import Authority
-from circnav_mav.pilot.beat import Beat
+from circnav_mav.pilot.controller import Helm
 from circnav_mav.pilot.engagement import Engagement
-from circnav_mav.pilot.helm import Helm
-from circnav_mav.pilot.leaving import Leaving
+from circnav_mav.pilot.exit_action import Leaving
 from circnav_mav.pilot.listening import decoders, more_streams
 from circnav_mav.pilot.progress import Progress
+from circnav_mav.pilot.range_tracker import Target
 from circnav_mav.pilot.record import plot_values, tick_record
 from circnav_mav.pilot.settings import (
     RANGING,
@@ -40,8 +40,8 @@ from circnav_mav.pilot.settings import (
     TickRecord,
     Voice,
 )
-from circnav_mav.pilot.target import Target
-from circnav_mav.pilot.waiting import Waiting
+from circnav_mav.pilot.tick_scheduler import Beat
+from circnav_mav.pilot.timeouts import Waiting
 
 STALL = 0.5
 """Gap between two steps, s, after which everything that came in during it counts as stale."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from circnav_mav.core.phases import STEERING, Event, Phase, advance
+from circnav_mav.guidance.phases import STEERING, Event, Phase, advance
 from circnav_mav.pilot.settings import Ending, Outcome
 
 Say = Callable[[str, str], None]

@@ -2,8 +2,8 @@
 
 from math import isfinite
 
-from circnav_mav.core.phases import Phase
-from circnav_mav.core.values import Orbit, RangeEstimate, RangeSample, TurnCommand
+from circnav_mav.guidance.phases import Phase
+from circnav_mav.guidance.types import Orbit, RangeEstimate, RangeSample, TurnCommand
 from circnav_mav.mav.frames import YawRate, yaw_rate_from_turn_rate
 from circnav_mav.mav.session import Session
 from circnav_mav.pilot.settings import TickRecord

@@ -3,11 +3,11 @@
 from dataclasses import dataclass, field
 from enum import Enum
 
-from circnav_mav.core.bounds import Bounds
-from circnav_mav.core.estimators.interface import EstimatorSettings
-from circnav_mav.core.guidance import LawChoice
-from circnav_mav.core.phases import Phase
-from circnav_mav.core.values import Orbit
+from circnav_mav.guidance.bounds import Bounds
+from circnav_mav.guidance.estimators.interface import EstimatorSettings
+from circnav_mav.guidance.phases import Phase
+from circnav_mav.guidance.step import LawChoice
+from circnav_mav.guidance.types import Orbit
 from circnav_mav.mav.autopilots.interface import VehicleFacts
 from circnav_mav.mav.height import HeightSettings
 from circnav_mav.mav.ranging import RangingSettings

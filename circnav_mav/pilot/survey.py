@@ -15,7 +15,7 @@ from circnav_mav.mav.autopilots.interface import Autopilot
 from circnav_mav.mav.autopilots.table import adapters
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.height import Height
-from circnav_mav.mav.motion import Motion
+from circnav_mav.mav.own_motion import Motion
 from circnav_mav.mav.params import ParameterReader
 from circnav_mav.mav.ranging import RANGING_MESSAGES, RangeReader
 from circnav_mav.mav.session import HANDLED, HEARTBEAT_PERIOD, Session, describe_vehicle

@@ -9,8 +9,8 @@ from textwrap import wrap
 from rich.panel import Panel
 from rich.text import Text
 
-from circnav_mav.core.phases import Phase
-from circnav_mav.core.values import TurnRate
+from circnav_mav.guidance.phases import Phase
+from circnav_mav.guidance.types import TurnRate
 from circnav_mav.mav.frames import yaw_rate_from_turn_rate
 from circnav_mav.pilot import PilotSettings, TickRecord
 from circnav_mav.runtime.status import SILENCED, Status

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from math import degrees, hypot
 from typing import NamedTuple
 
-from circnav_mav.core.phases import Phase
+from circnav_mav.guidance.phases import Phase
 from circnav_mav.mav.frames import compass_from_vector
 from circnav_mav.mav.range_messages import OTHERS
 from circnav_mav.pilot import Ending, Outcome, Pilot, TickRecord, Voice, phase_name

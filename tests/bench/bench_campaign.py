@@ -17,14 +17,14 @@ from pathlib import Path
 
 import numpy as np
 
-from circnav_mav.analysis.campaign.file import load_campaign
-from circnav_mav.analysis.campaign.fly import chunks, fly_chunk
-from circnav_mav.analysis.campaign.lockstep import fly_lockstep
-from circnav_mav.analysis.campaign.plan import Campaign, Run, prepare
-from circnav_mav.core.estimators.kalman import KalmanRangeRate
-from circnav_mav.core.guidance import steering
-from circnav_mav.core.slant import horizontal
-from circnav_mav.core.values import RangeSample
+from circnav_mav.experiments.campaign.file import load_campaign
+from circnav_mav.experiments.campaign.fly import chunks, fly_chunk
+from circnav_mav.experiments.campaign.lockstep import fly_lockstep
+from circnav_mav.experiments.campaign.plan import Campaign, Run, prepare
+from circnav_mav.guidance.estimators.range_rate import KalmanRangeRate
+from circnav_mav.guidance.slant import horizontal
+from circnav_mav.guidance.step import steering
+from circnav_mav.guidance.types import RangeSample
 from sim.airframes.unicycle import Unicycle
 from sim.demands import BodyVelocity
 from sim.sensor import RangeSensor

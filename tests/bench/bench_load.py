@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.pilot.beat import Beat
+from circnav_mav.pilot.tick_scheduler import Beat
 from sim.faults.frames import frames, message_id, write
 from tests.bench.on_port import ROOT, SETPOINT, VehicleOnPort
 from tests.flight.lockstep import true_radius

@@ -20,9 +20,9 @@ import numpy as np
 from filterpy.kalman import KalmanFilter
 from pymavlink.dialects.v20 import all as dialect
 
-from circnav_mav.core.estimators.interface import EstimatorSettings
-from circnav_mav.core.estimators.kalman import KalmanRangeRate
-from circnav_mav.core.values import RangeSample
+from circnav_mav.guidance.estimators.interface import EstimatorSettings
+from circnav_mav.guidance.estimators.range_rate import KalmanRangeRate
+from circnav_mav.guidance.types import RangeSample
 from circnav_mav.mission.load import load_mission
 from circnav_mav.pilot import VEHICLE, Pilot
 from circnav_mav.runtime.clock import Clock

@@ -8,11 +8,11 @@ import tempfile
 import time
 from pathlib import Path
 
-from circnav_mav.analysis.replay import replay
-from circnav_mav.analysis.run import open_run
-from circnav_mav.analysis.turns import recorded_turns
 from circnav_mav.mission.load import parse_mission
 from circnav_mav.pilot import Pilot
+from circnav_mav.runlog.loop_steps import recorded_turns
+from circnav_mav.runlog.replay import replay
+from circnav_mav.runlog.run import open_run
 from tests.flight.recorded import recorded_flight
 
 SECONDS = 600

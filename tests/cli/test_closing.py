@@ -9,7 +9,7 @@ from importlib import import_module
 
 import pytest
 
-from circnav_mav.core.phases import Phase
+from circnav_mav.guidance.phases import Phase
 from tests.process import QUICKSTART, ROOT
 
 SHORT = ("--speed", 2, "--duration", 4)
@@ -56,7 +56,7 @@ def test_a_display_that_fails_ends_no_flight_and_costs_one_line(circnav, monkeyp
     assert strict(tmp_path / "run" / "summary.json")["outcome"] == "completed"
 
 
-@pytest.mark.parametrize("what", ["read_truth", "read_ticks", "analysis.summary._truth"])
+@pytest.mark.parametrize("what", ["read_truth", "read_ticks", "runlog.summary._truth"])
 def test_truth_or_ticks_that_cannot_be_understood_cost_their_figures_alone(circnav, monkeypatch, tmp_path, what):
     monkeypatch.setattr(f"circnav_mav.{what}" if "." in what else f"circnav_mav.cli.closing.{what}", fails)
     ran = flown(circnav, tmp_path / "run")

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from circnav_mav.analysis.run_folder import read_truth
-from circnav_mav.analysis.tlog import read_tlog
+from circnav_mav.runlog.run_folder import read_truth
+from circnav_mav.runlog.tlog import read_tlog
 from tests.flight.recorded import recorded_flight
 
 

@@ -63,7 +63,7 @@ def test_an_export_that_fails_leaves_the_earlier_one_whole(circnav, run, monkeyp
     def full(*arguments):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("circnav_mav.analysis.export_mcap._tick_rows", full)
+    monkeypatch.setattr("circnav_mav.runlog.export_mcap._tick_rows", full)
     assert "No space left on device" in circnav("export", run, "--mcap").line
     assert contents(run) == before
 

@@ -12,7 +12,7 @@ from statistics import mean
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.analysis.tlog import message_id, read_tlog
+from circnav_mav.runlog.tlog import message_id, read_tlog
 from tests.flight.recorded import recorded_flight
 
 

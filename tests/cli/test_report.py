@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.analysis.tlog import message_id, read_tlog
 from circnav_mav.mission.load import load_mission
+from circnav_mav.runlog.tlog import message_id, read_tlog
 from tests.flight.lockstep import CONFIG
 from tests.flight.recorded import recorded_flight
 from tests.process import PATIENCE

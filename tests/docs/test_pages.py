@@ -9,12 +9,10 @@ from pathlib import Path
 import pytest
 from pydantic import BaseModel
 
-from circnav_mav.analysis.run_folder import NO_TICKS
-from circnav_mav.analysis.summary import FlightFacts, summarise
 from circnav_mav.cli import circnav
 from circnav_mav.cli.exits import Exit
-from circnav_mav.core.phases import Phase
-from circnav_mav.core.values import Direction, Orbit
+from circnav_mav.guidance.phases import Phase
+from circnav_mav.guidance.types import Direction, Orbit
 from circnav_mav.mav.autopilots.ardupilot import ArduCopter, ArduPlane, ArduRover
 from circnav_mav.mav.autopilots.interface import Autopilot
 from circnav_mav.mav.autopilots.px4 import PX4Copter, PX4PlaneAttitude, PX4PlaneStick
@@ -22,11 +20,13 @@ from circnav_mav.mav.ranging import Reject
 from circnav_mav.mission.param_rules import RULES
 from circnav_mav.mission.schema import MissionFile
 from circnav_mav.pilot import TickRecord
+from circnav_mav.runlog.run_folder import NO_TICKS
+from circnav_mav.runlog.summary import FlightFacts, summarise
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 PAGES = [ROOT / "README.md", ROOT / "sim" / "README.md", ROOT / "CHANGELOG.md", *sorted(DOCS.glob("*.md"))]
-PAGES += [ROOT / "circnav_mav" / "analysis" / "BENCHMARK.md"]
+PAGES += [ROOT / "circnav_mav" / "experiments" / "BENCHMARK.md"]
 PAGE_OF: dict[type[Autopilot], str] = {
     ArduCopter: "ardupilot-copter.md",
     ArduPlane: "ardupilot-plane.md",

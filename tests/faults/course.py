@@ -12,8 +12,8 @@ from math import hypot, isfinite, nan
 from pathlib import Path
 from typing import Any
 
-from circnav_mav.core.phases import STEERING, Phase
-from circnav_mav.core.values import Direction, RangeSample
+from circnav_mav.guidance.phases import STEERING, Phase
+from circnav_mav.guidance.types import Direction, RangeSample
 from circnav_mav.mav.signing import Signing
 from circnav_mav.mission.load import load_mission
 from circnav_mav.pilot import RANGING, VEHICLE, Pilot, TickRecord

@@ -9,19 +9,19 @@ from io import StringIO
 from pathlib import Path
 from random import Random
 
-from circnav_mav.analysis.campaign.batchable import obstacle
-from circnav_mav.analysis.campaign.file import CampaignError, load_campaign
-from circnav_mav.analysis.campaign.fly import fly_chunk
-from circnav_mav.analysis.campaign.plan import hopeless, prepare
-from circnav_mav.analysis.campaign.store import TABLE, Store, StoreError
-from circnav_mav.analysis.campaign.summary import summarise
-from circnav_mav.analysis.events import events
-from circnav_mav.analysis.run import RunError, open_run
-from circnav_mav.analysis.turns import plain_turns
 from circnav_mav.cli.exits import Refused
 from circnav_mav.cli.replay import ReplayOptions, replay_log
+from circnav_mav.experiments.campaign.batchable import obstacle
+from circnav_mav.experiments.campaign.file import CampaignError, load_campaign
+from circnav_mav.experiments.campaign.fly import fly_chunk
+from circnav_mav.experiments.campaign.plan import hopeless, prepare
+from circnav_mav.experiments.campaign.store import TABLE, Store, StoreError
+from circnav_mav.experiments.campaign.summary import summarise
 from circnav_mav.mission.checks import check_mission
 from circnav_mav.mission.load import MissionError, parse_mission
+from circnav_mav.runlog.events import events
+from circnav_mav.runlog.loop_steps import plain_turns
+from circnav_mav.runlog.run import RunError, open_run
 from sim.config import ConfigError, load_vehicle, parse_vehicle
 from sim.faults.intruders import tlog_frames
 from tests.flight.lockstep import CONFIG

@@ -14,7 +14,7 @@ from random import Random
 
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.core.phases import Phase
+from circnav_mav.guidance.phases import Phase
 from circnav_mav.mav.session import HANDLED
 from circnav_mav.mission.load import load_mission
 from circnav_mav.pilot import RANGING, VEHICLE, Pilot

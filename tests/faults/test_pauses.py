@@ -5,14 +5,14 @@ from itertools import pairwise
 
 import pytest
 
-from circnav_mav.core.phases import Phase
+from circnav_mav.guidance.phases import Phase
 from circnav_mav.pilot.pilot import STALL
 from circnav_mav.runtime.status import Watch
 from sim.faults import UP, Impairment
 from sim.faults.frames import read, rewritten
 from sim.faults.tampering import on
 from tests.faults.course import Course, on_the_circle
-from tests.mav.conftest import Rig, distance
+from tests.rig import Rig, distance
 
 SMOOTH = ('guidance.law="smooth"',)
 PAUSES = [0.2, 0.5, 1.0, 3.0]

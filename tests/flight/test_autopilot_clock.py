@@ -9,7 +9,7 @@ from statistics import median
 
 import pytest
 
-from circnav_mav.analysis.tlog import message_id, read_tlog
+from circnav_mav.runlog.tlog import message_id, read_tlog
 from circnav_mav.runtime.status import Watch
 from tests.flight.lockstep import flight
 from tests.process import COPTER, PATIENCE, circnav

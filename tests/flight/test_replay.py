@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from circnav_mav.analysis.replay import replay
-from circnav_mav.analysis.run import open_run
-from circnav_mav.analysis.turns import recorded_turns
 from circnav_mav.mission.load import parse_mission
 from circnav_mav.pilot import Pilot
+from circnav_mav.runlog.loop_steps import recorded_turns
+from circnav_mav.runlog.replay import replay
+from circnav_mav.runlog.run import open_run
 from tests.process import PATIENCE, QUICKSTART, circnav
 
 

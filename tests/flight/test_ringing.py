@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from circnav_mav.core import guidance
-from circnav_mav.core.drift_law import field_heading
-from circnav_mav.core.turn_response import Pending
-from circnav_mav.core.values import RelativeMotion
+from circnav_mav.guidance import step
+from circnav_mav.guidance.turn_response import Pending
+from circnav_mav.guidance.types import RelativeMotion
+from circnav_mav.guidance.vector_field import field_heading
 from sim.faults.impairment import Impairment
 from sim.faults.pipe import Pipe
 from tests.flight.lockstep import Flight, clockwise_turns, flight, rms_error
@@ -73,7 +73,7 @@ def last_two_laps(flown: Flight, mission: str) -> tuple[float, float, float, lis
 
 
 def test_the_plane_swings_with_the_gains_that_swing_on_firmware(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(guidance._HandingOver, "_by_bank", as_shipped())
+    monkeypatch.setattr(step._HandingOver, "_by_bank", as_shipped())
     rms, sd, turns, rolls = last_two_laps(laps("arduplane"), "arduplane")
     assert 8.0 < sd < 14.1 * 1.5 and 0.8 / 1.5 < rms < 1.7 * 1.5
     assert rolls[0] < -25 and rolls[1] > 45
@@ -81,7 +81,7 @@ def test_the_plane_swings_with_the_gains_that_swing_on_firmware(monkeypatch: pyt
 
 
 def test_the_copter_swings_with_the_gains_that_swing_on_firmware(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(guidance._HandingOver, "_by_bank", as_shipped())
+    monkeypatch.setattr(step._HandingOver, "_by_bank", as_shipped())
     flown = laps("arducopter")
     _, sd, turns, _ = last_two_laps(flown, "arducopter")
     assert 26 / 1.5 < sd < 30 * 1.5
@@ -104,7 +104,7 @@ def test_the_gains_of_today_fly_quietly_and_truly(mission: str, most: float) -> 
 def test_a_command_that_swings_is_said_and_answered_by_lower_gains_until_it_stops(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(guidance._HandingOver, "_by_bank", as_shipped(share_counts=True))
+    monkeypatch.setattr(step._HandingOver, "_by_bank", as_shipped(share_counts=True))
     flown = laps("arducopter", 5)
     _, sd, turns, _ = last_two_laps(flown, "arducopter")
     assert flown.ticks[-1].gain_share < 1.0

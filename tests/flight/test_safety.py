@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from circnav_mav.core.phases import STEERING, Phase
+from circnav_mav.guidance.phases import STEERING, Phase
 from circnav_mav.pilot import VEHICLE, Ending, Pilot, Voice
 from tests.flight.ground_station import Operator
 from tests.flight.lockstep import flight, last_third, message_ids, rms_error

@@ -10,7 +10,7 @@ import pytest
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.core.phases import Phase
+from circnav_mav.guidance.phases import Phase
 from circnav_mav.mav.framing import split_frames
 from circnav_mav.mav.signing import Refusal, is_signed
 from circnav_mav.pilot import Ending

@@ -7,13 +7,13 @@ from math import atan, cos, nan, sin
 
 import pytest
 
-from circnav_mav.core.values import TurnRate
+from circnav_mav.guidance.types import TurnRate
 from circnav_mav.mav.autopilots.interface import Autopilot, VehicleFacts, VehicleState
 from circnav_mav.mav.autopilots.table import AUTOPILOTS
 from circnav_mav.mav.codec import Encoder
 from circnav_mav.mav.frames import yaw_rate_from_turn_rate
-from circnav_mav.mav.gate import Steer
-from circnav_mav.mav.motion import Motion
+from circnav_mav.mav.own_motion import Motion
+from circnav_mav.mav.setpoint_guard import Steer
 
 US, VEHICLE_IDS = (7, 191), (7, 1)
 SPEED, TURN = 10.0, 0.2  # m/s; rad/s, left positive

@@ -3,7 +3,7 @@
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.core.phases import Phase
+from circnav_mav.guidance.phases import Phase
 from circnav_mav.mav.height import Height, HeightSettings
 from circnav_mav.pilot import Voice
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from circnav_mav.core.values import Direction, TurnRate
+from circnav_mav.guidance.types import Direction, TurnRate
 from circnav_mav.mav.autopilots.interface import VehicleState
 from circnav_mav.mav.codec import Encoder
 from circnav_mav.mav.frames import (
@@ -18,8 +18,8 @@ from circnav_mav.mav.frames import (
     turn_rate_from_yaw_rate,
     yaw_rate_from_turn_rate,
 )
-from circnav_mav.mav.gate import Steer
-from circnav_mav.mav.motion import Motion
+from circnav_mav.mav.own_motion import Motion
+from circnav_mav.mav.setpoint_guard import Steer
 
 US = (7, 191)
 VEHICLE = VehicleState(target_system=7, target_component=1, motion=Motion(), height=None)

@@ -9,9 +9,9 @@ from circnav_mav.mav.codec import Decoder
 from circnav_mav.mav.framing import split_frames
 from circnav_mav.mav.signing import MINUTE, Signing, is_signed, without_signature
 from circnav_mav.pilot import RANGING, Pilot
-from tests.mav.conftest import MISSION, heartbeat
 from tests.mav.test_codec import cut, decoded
 from tests.mav.test_signing import KEY, NOW, OTHER, peer, said
+from tests.rig import MISSION, heartbeat
 
 
 def believing(**options):

@@ -6,9 +6,9 @@ from math import degrees
 import numpy as np
 import pytest
 
-from circnav_mav.analysis import dubins
+from circnav_mav.experiments import dubins
+from circnav_mav.mission.check_result import Grade
 from circnav_mav.mission.checks import check_mission
-from circnav_mav.mission.grades import Grade
 
 PASS, WARN, FAIL = Grade.PASS, Grade.WARN, Grade.FAIL
 

@@ -9,9 +9,9 @@ from typing import get_args
 import pytest
 from pydantic import BaseModel
 
-from circnav_mav.core.values import Direction
+from circnav_mav.guidance.types import Direction
+from circnav_mav.mission.check_result import Grade
 from circnav_mav.mission.checks import check_mission
-from circnav_mav.mission.grades import Grade
 from circnav_mav.mission.load import MissionError, load_mission, parse_mission
 from circnav_mav.mission.schema import MissionFile
 from circnav_mav.pilot import Voice

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.mission.grades import Check, Grade
+from circnav_mav.mission.check_result import Check, Grade
 from circnav_mav.mission.load import load_mission
 from circnav_mav.mission.mission import Mission
 from circnav_mav.mission.param_rules import RULES, names_for

@@ -9,7 +9,7 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.mav.signing import Signing
-from circnav_mav.mission.grades import Grade
+from circnav_mav.mission.check_result import Grade
 from circnav_mav.mission.param_rules import names_for
 from circnav_mav.mission.preflight import judge
 from circnav_mav.pilot.survey import Survey

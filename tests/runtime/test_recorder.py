@@ -8,10 +8,10 @@ import pytest
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.analysis.run_folder import read_ticks
-from circnav_mav.analysis.turns import recorded_turns
-from circnav_mav.core.phases import Phase
+from circnav_mav.guidance.phases import Phase
 from circnav_mav.pilot import TickRecord
+from circnav_mav.runlog.loop_steps import recorded_turns
+from circnav_mav.runlog.run_folder import read_ticks
 from circnav_mav.runtime.recorder import TICK_COLUMNS, Recorder, RecorderError, Turn
 
 EPOCH_US = 1_790_000_000_000_000

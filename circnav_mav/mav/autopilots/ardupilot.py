@@ -8,13 +8,13 @@ from types import MappingProxyType
 
 from pymavlink.dialects.v20 import all as dialect
 
-from circnav_mav.core.velocity_loop import VelocityLoop
+from circnav_mav.guidance.velocity_loop import VelocityLoop
 from circnav_mav.mav.autopilots.interface import Airspeed, VehicleFacts, VehicleState
 from circnav_mav.mav.autopilots.targets import VELOCITY_AND_YAW_RATE, attitude, body_velocity, custom_mode_request
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.commands import Command
 from circnav_mav.mav.frames import GRAVITY
-from circnav_mav.mav.gate import Steer
+from circnav_mav.mav.setpoint_guard import Steer
 
 COPTER_TYPES = frozenset(
     (

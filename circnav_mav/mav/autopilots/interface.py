@@ -4,11 +4,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
-from circnav_mav.core.velocity_loop import VelocityLoop
+from circnav_mav.guidance.velocity_loop import VelocityLoop
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.commands import Command
-from circnav_mav.mav.gate import Steer
-from circnav_mav.mav.motion import Motion
+from circnav_mav.mav.own_motion import Motion
+from circnav_mav.mav.setpoint_guard import Steer
 
 PLAUSIBLE_AIRSPEED = (0.5, 1.6)
 """Shares of the commanded airspeed between which a vehicle can fly at all: outside of them it is the sensor that lies

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import circnav_mav
-from circnav_mav.core.phases import Phase
+from circnav_mav.guidance.phases import Phase
 from circnav_mav.mav.truth import is_truth_frame, relative_truth
 from circnav_mav.pilot import Pilot, TickRecord
 from circnav_mav.runtime.recorder import Turn

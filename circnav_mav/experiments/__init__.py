@@ -1,0 +1,1 @@
+"""Many flights: the benchmark, campaigns, the paper's examples."""

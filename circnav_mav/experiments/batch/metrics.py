@@ -1,0 +1,88 @@
+"""How good the flights of a batch were, each number per flight. Tracks have shape (N, B); SI units.
+
+See `circnav_mav.runlog.metrics` for one recorded flight, `turn_command` for what was commanded, `dubins` and `bound`
+for the yardsticks from physics.
+"""
+
+from typing import Any
+
+import numpy as np
+
+Array = Any
+
+
+def last(time: Array, values: Array, seconds: float) -> Array:
+    """The rows of the last so many seconds."""
+    return values[time >= time[-1] - seconds]
+
+
+def rms(values: Array) -> Array:
+    """Root mean square over time, (B,)."""
+    return np.sqrt(np.mean(np.asarray(values, float) ** 2, axis=0))
+
+
+def last_exit(time: Array, r: Array, r_d: float, tolerance: float) -> Array:
+    """Time (B,) after which |r - r_d| stays within tolerance * r_d; infinite if the flight ends outside."""
+    outside = np.abs(r - r_d) > tolerance * r_d
+    step = time[1] - time[0]
+    newest = len(time) - 1 - outside[::-1].argmax(axis=0)
+    settled = np.where(outside.any(axis=0), time[newest] + step, 0.0)
+    return np.where(outside[-1], np.inf, settled)
+
+
+def closest(r: Array) -> Array:
+    """Smallest range, m, (B,)."""
+    return r.min(axis=0)
+
+
+def overshoot(r: Array, r_d: float) -> Array:
+    """How far a flight went beyond the circle after it first reached it, m, (B,); 0 if it never did or never passed.
+
+    For starts outside this is how deep it went inside, for starts inside how far out.
+    """
+    outside = r[0] > r_d
+    e = np.where(outside, r_d - r, r - r_d)
+    reached = np.maximum.accumulate(e >= 0, axis=0)
+    return np.where(reached, e, 0.0).max(axis=0)
+
+
+def swept(angle: Array) -> Array:
+    """Angle swept round the target, rad, counter-clockwise positive, (B,)."""
+    unwrapped = np.unwrap(angle, axis=0)
+    return unwrapped[-1] - unwrapped[0]
+
+
+def right_way(angle: Array, sense: Array) -> Array:
+    """Whether the flight went round in the sense asked for. Range alone cannot tell."""
+    return np.sign(swept(angle)) == sense
+
+
+def went_round(angle: Array) -> Array:
+    """Whether the flight went round at all, (B,): a quarter turn or more, as in `metrics.direction_of`."""
+    return np.abs(swept(angle)) >= np.pi / 2
+
+
+def nees(error: Array, covariance: Array) -> Array:
+    """Normalised estimation error squared of errors (n, ...) under covariances (n, n, ...): chi-square of n degrees."""
+    e, P = np.moveaxis(error, 0, -1), np.moveaxis(covariance, (0, 1), (-2, -1))
+    return (e * np.linalg.solve(P, e[..., None])[..., 0]).sum(axis=-1)
+
+
+def reacquire_time(good: Array, time: Array, end: float) -> Array:
+    """Seconds (B,) from the end of an outage until `good` (N, B) holds again; infinite if never."""
+    after = good & (time >= end - 1e-9)[:, None]
+    return np.where(after.any(axis=0), time[after.argmax(axis=0)] - end, np.inf)
+
+
+def phase_errors(angles: Array) -> tuple[Array, Array]:
+    """For K vehicles on one circle, phases (K, ...): largest error of a gap to the even one, and smallest gap, rad."""
+    ordered = np.sort(np.mod(angles, 2 * np.pi), axis=0)
+    gaps = np.diff(np.concatenate([ordered, ordered[:1] + 2 * np.pi]), axis=0)
+    return np.abs(gaps - 2 * np.pi / len(ordered)).max(axis=0), gaps.min(axis=0)
+
+
+def smallest_separation(positions: Array) -> Array:
+    """Smallest distance between any two of K vehicles at positions (2, K, ...), m."""
+    apart = np.hypot(*(positions[:, :, None] - positions[:, None]))
+    pairs = np.triu_indices(positions.shape[1], 1)
+    return apart[pairs].min(axis=0)

@@ -1,0 +1,47 @@
+"""The rows of the benchmark and what `auto` has to reach in them."""
+
+from dataclasses import dataclass
+from math import radians
+
+from circnav_mav.experiments.batch.flight import Situation
+from circnav_mav.experiments.batch.sensors import LORA, UWB, Compass, Ranging
+from circnav_mav.experiments.batch.world import Target, Wind
+
+LAST = 100.0
+"""The circle is judged over so many seconds at the end of a flight."""
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """A situation with the median RMS radius error, m, that is required of `auto`; None where it is only reported."""
+
+    situation: Situation
+    required: float | None = None
+
+
+def _wind(share: float) -> Wind:
+    return Wind(share * 15.0)
+
+
+SITUATIONS: dict[str, Row] = {
+    row.situation.name: row
+    for row in (
+        Row(Situation("calm"), 0.12),
+        Row(Situation("wind .20 V", wind=_wind(0.20)), 0.25),
+        Row(Situation("wind .33 V", wind=_wind(0.33)), 0.35),
+        Row(Situation("wind .53 V", wind=_wind(0.53)), 0.60),
+        Row(Situation("target .2 V", target=Target(3.0)), 0.30),
+        Row(Situation("target .2 V, wind .2 V", target=Target(3.0), wind=_wind(0.20)), 0.40),
+        Row(Situation("target turns", target=Target(3.0, turn_rate=0.05))),
+        Row(Situation("target accelerates", target=Target(3.0, acceleration=0.3))),
+        Row(Situation("gusts 1.5, wind .33 V", wind=Wind(5.0, 1.5)), 1.0),
+        Row(Situation("uwb, wind .2 V", wind=_wind(0.20), ranging=UWB), 0.35),
+        Row(Situation("lora, wind .2 V", wind=_wind(0.20), ranging=LORA), 2.0),
+        Row(Situation("50 % loss at 5 Hz", wind=_wind(0.20), ranging=Ranging(every=4, loss=0.5))),
+        Row(Situation("outage 10 s a minute", wind=_wind(0.20), ranging=Ranging(outage=10.0))),
+        Row(Situation("10 % outliers of 20 m", wind=_wind(0.20), ranging=Ranging(outlier_share=0.1))),
+        Row(Situation("compass bias 10 deg", wind=_wind(0.20), compass=Compass(bias=radians(10)))),
+        Row(Situation("heading drift .1 deg/s", wind=_wind(0.20), compass=Compass(drift=radians(0.1)))),
+        Row(Situation("airspeed +-10 %", wind=_wind(0.20), airspeed_error=0.10)),
+    )
+}

@@ -1,0 +1,120 @@
+"""Reads a campaign file: which mission, how often, and what varies. Whatever is wrong becomes one line."""
+
+import tomllib
+from collections.abc import Iterable, Iterator, Mapping
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from circnav_mav.experiments.campaign.plan import START, Campaign
+from circnav_mav.experiments.campaign.spec import DRAWS, Spec, SpecError, read_spec
+from circnav_mav.mission.load import MissionError, load_mission
+
+
+class CampaignError(Exception):
+    """A campaign that cannot be flown as written; the message is one line for the person who wrote it."""
+
+
+class CampaignFile(BaseModel):
+    """The whole file."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+    mission: Annotated[str, Field(min_length=1)]
+    runs: Annotated[int, Field(ge=1, le=10_000_000)]
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    engine: Literal["batch", "lockstep"] | None = None
+    vary: dict[str, Any]
+
+
+def load_campaign(path: str | Path, runs: int | None = None) -> Campaign:
+    """Read and validate a campaign file; `runs` replaces its number of flights. Raises CampaignError."""
+    path = Path(path)
+    text = _text(path)
+    try:
+        table = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise CampaignError(f"{path}: not valid TOML: {error}") from None
+    except RecursionError:
+        raise CampaignError(f"{path}: not valid TOML: nested too deeply") from None
+    if "vehicle" in table and "vary" not in table:
+        raise CampaignError(f"{path}: is a mission file, fly it with: circnav fly {path}")
+    try:
+        file = CampaignFile.model_validate(table if runs is None else table | {"runs": runs})
+    except ValidationError as error:
+        raise CampaignError(f"{path}: {_first_problem(error)}") from None
+    mission_path = path.parent / file.mission
+    try:
+        mission = load_mission(mission_path)
+    except MissionError as error:
+        raise CampaignError(f"{path}: mission: {error}") from None
+    if mission.file.sim is None or not mission.flies_sim:
+        raise CampaignError(f'{path}: mission: {file.mission}: needs a [sim] table and link.endpoint = "sim"')
+    return Campaign(
+        where=str(path),
+        mission=tomllib.loads(mission.text),
+        mission_text=mission.text,
+        text=text,
+        runs=file.runs,
+        seed=file.seed,
+        engine=file.engine,
+        specs=_specs(file.vary, str(path)),
+    )
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise CampaignError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except UnicodeDecodeError:
+        raise CampaignError(f"{path}: is not a text file in UTF-8") from None
+
+
+def _specs(vary: Mapping[str, Any], where: str) -> dict[str, Spec]:
+    """The specs by dotted key, whether the file wrote the key in quotes or as nested tables."""
+    specs: dict[str, Spec] = {}
+    for key, value in _flat(vary):
+        _check_alone(key, specs, where)
+        try:
+            specs[key] = read_spec(value)
+        except SpecError as error:
+            raise CampaignError(f"{where}: vary.{key}: {error}") from None
+    if not specs:
+        raise CampaignError(f'{where}: vary: is empty, name what varies: "sim.wind.speed_mps" = [0.0, 5.0]')
+    return specs
+
+
+def _check_alone(key: str, others: Iterable[str], where: str) -> None:
+    """No other key sets what this one does, or a part of it. Raises CampaignError."""
+    sets = f"{START.get(key, key)}."
+    for other in others:
+        if other == key:
+            raise CampaignError(f"{where}: vary: {key} is there twice, in two spellings: keep one")
+        taken = f"{START.get(other, other)}."
+        if sets.startswith(taken) or taken.startswith(sets):
+            raise CampaignError(f"{where}: vary: {other} and {key} set the same key: keep one")
+
+
+def _flat(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
+    """(dotted key, spec) pairs: a table is part of the key, unless it names a distribution, or nearly."""
+    for key, value in table.items():
+        drawn = isinstance(value, Mapping) and any(get_close_matches(name, DRAWS, n=1, cutoff=0.75) for name in value)
+        if isinstance(value, Mapping) and value and not drawn:
+            yield from _flat(value, f"{before}{key}.")
+        else:
+            yield before + key, value
+
+
+def _first_problem(error: ValidationError) -> str:
+    problem = min(error.errors(), key=lambda problem: problem["type"] != "extra_forbidden")
+    key, known = ".".join(map(str, problem["loc"])), list(CampaignFile.model_fields)
+    if problem["type"] == "extra_forbidden":
+        near = get_close_matches(key, known, n=1)
+        return f"{key}: unknown key, " + (f"did you mean {near[0]}?" if near else f"known here: {', '.join(known)}")
+    if problem["type"] == "missing":
+        return f"{key}: missing, add it"
+    said = problem["msg"].removeprefix("Input ")
+    return f"{key}: {said[:1].lower()}{said[1:]}, not {problem['input']!r}"

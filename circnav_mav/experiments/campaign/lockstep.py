@@ -1,0 +1,66 @@
+"""One flight of a campaign as it really is: the pilot and the bundled vehicle in lockstep, MAVLink bytes between them,
+one manual clock, no sockets."""
+
+import numpy as np
+
+from circnav_mav.experiments.campaign.plan import Run
+from circnav_mav.experiments.campaign.track import Track
+from circnav_mav.pilot import RANGING, VEHICLE, Ending, Pilot, TickRecord
+from sim.vehicle import Truth, Vehicle
+
+COMPLETED = "completed"
+EXIT_TIME = 60.0
+"""Time, s, beyond the mission's own that a flight may take to wait, engage and give the vehicle back."""
+
+
+class Lockstep:
+    """A flight under way. ticks: those that commanded a turn."""
+
+    def __init__(self, run: Run) -> None:
+        self.pilot, self.vehicle = Pilot(run.mission.pilot_settings()), Vehicle(run.vehicle)
+        self.now, self.ticks = 0.0, list[TickRecord]()
+        self._links = {"main": VEHICLE} | ({"ranging": RANGING} if self.pilot.settings.ranging_apart else {})
+
+    def step(self, until: float) -> None:
+        """On to the next thing that happens, `until` at the latest."""
+        pilot, vehicle = self.pilot, self.vehicle
+        self.now = max(self.now, min(vehicle.next_event, max(pilot.next_tick, self.now), until))
+        vehicle.advance(self.now)
+        for theirs, ours in self._links.items():
+            for frame in vehicle.outgoing(theirs):
+                pilot.receive(frame, self.now, "sim", ours)
+        out = pilot.step(self.now)
+        if out:
+            vehicle.receive(out)
+        self.ticks += (tick for tick in pilot.take_records() if tick.turn_rate is not None)
+        pilot.take_frames()
+
+
+def fly_lockstep(run: Run) -> Track:
+    """Fly one run to its end."""
+    flight = Lockstep(run)
+    pilot, timing = flight.pilot, flight.pilot.settings.timing
+    start, truths, due = flight.vehicle.truth, list[Truth](), 0.0
+    until = timing.duration + timing.wait_link + timing.wait_ranging + timing.outage + EXIT_TIME
+    while not pilot.done and flight.now < until:
+        flight.step(until)
+        ours = pilot.engaged_at is not None and pilot.outcome is None
+        if ours and flight.now >= due - 1e-9 and flight.now - (pilot.engaged_at or 0.0) < timing.duration - 1e-6:
+            truths.append(flight.vehicle.truth)
+            due = flight.now + timing.tick
+    ended = pilot.outcome
+    outcome = COMPLETED if ended and ended.ending is Ending.COMPLETED else ended.reason if ended else "no end"
+    turns = np.array([(tick.time, tick.turn_rate, tick.saturated) for tick in flight.ticks], float).reshape(-1, 3)
+    path = np.array([(t.time, t.east - t.target_east, t.north - t.target_north) for t in truths]).reshape(-1, 3)
+    return Track(
+        engine="lockstep",
+        start=(start.east - start.target_east, start.north - start.target_north, start.heading),
+        engaged=pilot.engaged_at,
+        time=path[:, 0] - (pilot.engaged_at or 0.0),
+        east=path[:, 1],
+        north=path[:, 2],
+        outcome=outcome,
+        turn_time=turns[:, 0] - (pilot.engaged_at or 0.0),
+        turn=turns[:, 1],
+        turn_cut=turns[:, 2] > 0,
+    )

@@ -1,0 +1,120 @@
+"""What every run of a campaign flies: its values and seed follow from the campaign's seed and its number alone."""
+
+import copy
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import prod
+from typing import Any
+
+import numpy as np
+
+from circnav_mav.experiments.campaign.spec import Drawn, Grid, Spec
+from circnav_mav.mission.load import MissionError, mission_of
+from circnav_mav.mission.mission import Mission
+from sim.config import ConfigError, VehicleConfig, parse_vehicle
+
+START = {f"start.{name}": f"sim.start.random.{name}" for name in ("range_m", "bearing_deg", "heading_deg")}
+"""The start as seen from the target, which the vehicle file only knows as bounds to draw from."""
+SEED = "sim.seed"
+LEAST_TRIED, MOST_TRIED = 32, 256
+"""Runs tried with a value before it is refused: with all the other values of the grid, or so many drawn of them."""
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """A campaign file read. mission: the table of the mission file; mission_text, text: of the files as written."""
+
+    where: str
+    mission: dict[str, Any]
+    mission_text: str
+    text: str
+    runs: int
+    seed: int
+    engine: str | None
+    specs: dict[str, Spec]
+
+    @property
+    def swept(self) -> dict[str, tuple[Any, ...]]:
+        """The keys with lists of values."""
+        return {key: spec.values for key, spec in self.specs.items() if isinstance(spec, Grid)}
+
+    @property
+    def cells(self) -> int:
+        """Points of the grid."""
+        return prod(len(values) for values in self.swept.values())
+
+    def values(self, run: int) -> dict[str, Any]:
+        """What run number `run` sets, by key, the emulator's seed included.
+
+        Runs go round the grid again and again; all points of one round meet the same draws and the same noise.
+        """
+        world, cell = divmod(run, self.cells)
+        values: dict[str, Any] = {}
+        for key, spec in self.specs.items():
+            if isinstance(spec, Drawn):
+                values[key] = spec.draw(np.random.default_rng([self.seed, world, zlib.crc32(key.encode())]))
+            else:
+                cell, which = divmod(cell, len(spec.values))
+                values[key] = spec.values[which]
+        seed = int(np.random.SeedSequence([self.seed, world]).generate_state(1)[0])
+        return {SEED: seed} | values
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run ready to be flown: its number, its values, its mission and its vehicle, both checked."""
+
+    number: int
+    values: dict[str, Any]
+    mission: Mission
+    vehicle: VehicleConfig
+
+
+def prepare(campaign: Campaign, number: int) -> Run:
+    """The mission of a run through the loaders that every mission passes. Raises MissionError, ConfigError."""
+    values = campaign.values(number)
+    table = copy.deepcopy(campaign.mission)
+    where = f"{campaign.where}: vary"
+    for key, value in values.items():
+        _put(table, START.get(key, key), [value, value] if key in START else value, where)
+    mission = mission_of(table, where)
+    if mission.file.sim is None or not mission.flies_sim:
+        raise MissionError(f'{where}: link.endpoint: must stay "sim"')
+    return Run(number, values, mission, parse_vehicle(mission.file.sim, f"{where}: sim"))
+
+
+def hopeless(campaign: Campaign) -> str | None:
+    """Why a listed value, or all that is drawn, can never be flown; None if each can, with some other values."""
+    stride, points = 1, [(1, 1, 0)]
+    for values in campaign.swept.values():
+        points += [(stride, len(values), which) for which in range(len(values))]
+        stride *= len(values)
+    return next(filter(None, (_why_not(campaign, *point) for point in points)), None)
+
+
+def _why_not(campaign: Campaign, stride: int, values: int, which: int) -> str | None:
+    """Why no run can be flown that has value number `which` of a key of so many; None if any of a few can, which lie
+    here and there in the grid and among the draws. stride: of the key in the numbers of the grid's points."""
+    first, others = None, campaign.cells // values
+    rng = np.random.default_rng([campaign.seed, which])
+    for world in range(min(max(others, LEAST_TRIED), MOST_TRIED)):
+        other = world % others if others <= MOST_TRIED else int(rng.random() * others)
+        above, below = divmod(other, stride)
+        cell = (above * values + which) * stride + below
+        try:
+            prepare(campaign, world * campaign.cells + cell)
+            return None
+        except (MissionError, ConfigError) as error:
+            first = first or str(error)
+    return first
+
+
+def _put(table: dict[str, Any], key: str, value: Any, where: str) -> None:
+    *above, last = key.split(".")
+    for part in above:
+        inner = table.setdefault(part, {})
+        if not isinstance(inner, Mapping):
+            raise MissionError(f"{where}: {key}: {part} is a value, not a table")
+        table = inner  # type: ignore[assignment]
+    table[last] = value

@@ -1,0 +1,182 @@
+"""The paper's three examples, flown from many starts, and what it proves checked along every track."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+
+from circnav_mav.experiments import ideal
+from circnav_mav.experiments.ideal import Array, Starts, Tracks
+from circnav_mav.guidance import theory
+from circnav_mav.guidance.laws import LAWS
+from circnav_mav.report.pictures import STYLE, save
+
+V, TARGET, R_D = 1.0, (0.0, -10.0), 10.0
+TOLERANCE = 0.05
+"""Settled: within this fraction of r_d of the predicted radius."""
+SECONDS = 200.0
+MIRRORED = 40
+SLACK = 1e-3
+"""Of r_d: how far the switching law's chatter (V step) may dip below the circle without having entered it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Example:
+    """One of the paper's: law by its mission name, gain, and the radius that the law is fed."""
+
+    number: int
+    law: str
+    k: float
+    fed: float
+
+    @property
+    def predicted(self) -> float:
+        """The radius that the theory says is reached."""
+        return LAWS[self.law].reached_radius(V, self.fed, self.k)
+
+    def fly(self, starts: Starts, seconds: float, sign: int = 1) -> Tracks:
+        """All starts under this law, or under its mirror image (sign -1)."""
+        law = LAWS[self.law].function
+
+        def omega(r: Array, r_dot: Array) -> Array:
+            return np.asarray(law(r, r_dot, V=V, r_d=self.fed, k=sign * self.k))
+
+        return ideal.fly(starts, omega, V=V, target=TARGET, seconds=seconds)
+
+
+EXAMPLES = (
+    Example(1, "smooth", 0.01, R_D),
+    Example(2, "smooth", 0.01, theory.corrected_radius(R_D, 0.01)),
+    Example(3, "switching", 0.12, R_D),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Findings:
+    """What the starts of one example showed. settling: s, one per start, to the band round the predicted radius (inf:
+    never). rise: largest rise of the Lyapunov function in a step, None where the paper gives none. mirror: largest
+    distance of a mirrored track, m."""
+
+    example: Example
+    starts: int
+    reached: tuple[float, float]
+    settling: Array
+    clockwise: int
+    most_entries: int
+    bearings: tuple[float, float]
+    rise: float | None
+    mirror: float
+    mirrored_counterclockwise: int
+
+
+def study(example: Example, starts: Starts, seconds: float = SECONDS) -> tuple[Findings, Tracks]:
+    """Fly one example from all starts and look at every track."""
+    tracks = example.fly(starts, seconds)
+    last = tracks.r[-len(tracks.time) // 5 :].mean(axis=0)
+    few = Starts(starts.x[:MIRRORED], starts.y[:MIRRORED], starts.heading[:MIRRORED])
+    mirror = example.fly(few.mirrored(TARGET), seconds, sign=-1)
+    apart = np.hypot(mirror.x + tracks.x[:, :MIRRORED] - 2 * TARGET[0], mirror.y - tracks.y[:, :MIRRORED])
+    findings = Findings(
+        example,
+        len(starts.x),
+        (float(last.min()), float(last.max())),
+        settling(tracks, example.predicted),
+        clockwise=int((turning(tracks) < 0).sum()),
+        most_entries=int(entries(tracks.r, example.fed).max()),
+        bearings=(float(tracks.theta_b[-1].min()), float(tracks.theta_b[-1].max())),
+        rise=lyapunov_rise(example, tracks) if example.law == "smooth" else None,
+        mirror=float(apart.max()),
+        mirrored_counterclockwise=int((turning(mirror) > 0).sum()),
+    )
+    return findings, tracks
+
+
+def settling(tracks: Tracks, radius: float) -> Array:
+    """Time of each start's last entry into the band round a radius; inf if it ends outside."""
+    outside = np.abs(tracks.r - radius) > TOLERANCE * R_D
+    steps = len(tracks.time)
+    last = np.where(outside.any(axis=0), steps - np.argmax(outside[::-1], axis=0), 0)
+    return np.where(last < steps, tracks.time[np.minimum(last, steps - 1)], np.inf)
+
+
+def turning(tracks: Tracks) -> Array:
+    """Angle swept round the target over the last tenth, by the positions alone; counter-clockwise positive."""
+    tail = slice(-len(tracks.time) // 10, None)
+    angles = np.unwrap(np.arctan2(tracks.y[tail] - TARGET[1], tracks.x[tail] - TARGET[0]), axis=0)
+    return np.asarray(angles[-1] - angles[0])
+
+
+def entries(r: Array, r_d: float) -> Array:
+    """How often each track enters the circle from outside (lemma: at most once); a stay at its start counts as one."""
+    inside = r < r_d * (1 - SLACK)
+    return np.asarray(inside[0] + (inside[1:] & ~inside[:-1]).sum(axis=0))
+
+
+def lyapunov_rise(example: Example, tracks: Tracks) -> float:
+    """Largest rise of the function between two steps with r >= r_d and theta_b in [0, pi]."""
+    holds = (tracks.r >= example.fed) & (tracks.theta_b <= np.pi)
+    values = ideal.lyapunov(
+        np.maximum(tracks.r, example.fed), tracks.theta_b, r_d=example.fed, r_a=example.predicted, k=example.k
+    )
+    rises = np.diff(values, axis=0)[holds[1:] & holds[:-1]]
+    return float(rises.max())
+
+
+def draw(folder: Path, example: Example, tracks: Tracks, start: int) -> list[Path]:
+    """The two figures of an example in the paper's form. Raises OSError."""
+    paths = [folder / f"example_{example.number}_{kind}.png" for kind in ("track", "error")]
+    with mpl.rc_context(STYLE | {"font.size": 11}):
+        figure = Figure(figsize=(6, 6), layout="constrained")
+        axis = figure.subplots()
+        angle = np.linspace(0, 2 * np.pi, 361)
+        circle = TARGET[0] + R_D * np.cos(angle), TARGET[1] + R_D * np.sin(angle)
+        axis.plot(*circle, "k--", lw=1.5, zorder=3, label="desired")
+        axis.plot(tracks.x[:, start], tracks.y[:, start], color="#5b9bd5", lw=2.2, label="UAV")
+        axis.plot(tracks.x[0, start], tracks.y[0, start], "^", color="red", ms=11, label="start")
+        axis.plot(*TARGET, "k*", ms=10, label="target")
+        axis.set_aspect("equal", adjustable="datalim")
+        axis.set(xlabel="x, m", ylabel="y, m", title=_title(example))
+        axis.legend(loc="upper right")
+        save(figure, paths[0], dpi=100)
+        figure = Figure(figsize=(6, 4), layout="constrained")
+        axis = figure.subplots()
+        axis.plot(tracks.time, tracks.r[:, start] - R_D, color="#1f5fa8", lw=1.3)
+        axis.axhline(0, color="black", lw=0.8)
+        axis.set(xlabel="time, s", ylabel="r - r_d, m", title=_title(example), xlim=(0, 120))
+        save(figure, paths[1], dpi=100)
+    return paths
+
+
+def table(found: list[Findings]) -> str:
+    """What was predicted and what was found, in Markdown."""
+    columns = [f"example {one.example.number}" for one in found]
+    rows = [
+        ("law, k, radius fed", [f"{f.example.law}, {f.example.k:g}, {f.example.fed:.5f} m" for f in found]),
+        ("starts", [str(f.starts) for f in found]),
+        ("predicted radius", [f"{f.example.predicted:.5f} m" for f in found]),
+        ("reached radius, least to most", [f"{f.reached[0]:.5f} to {f.reached[1]:.5f} m" for f in found]),
+        ("settled: predicted +-5 % of r_d", [f"{np.isfinite(f.settling).sum()} of {f.starts}" for f in found]),
+        ("settling, median / 95 % / worst", [_settling(f.settling) for f in found]),
+        ("clockwise", [f"{f.clockwise} of {f.starts}" for f in found]),
+        ("enters the circle at most", [f"{f.most_entries} time{'' if f.most_entries == 1 else 's'}" for f in found]),
+        ("theta_b at the end (theory: pi/2)", [f"{f.bearings[0]:.4f} to {f.bearings[1]:.4f} rad" for f in found]),
+        ("largest rise of the Lyapunov function", ["-" if f.rise is None else f"{f.rise:.1e}" for f in found]),
+        ("k < 0: mirrored track differs by", [f"{f.mirror:.1e} m" for f in found]),
+        ("k < 0: counter-clockwise", [f"{f.mirrored_counterclockwise} of {min(MIRRORED, f.starts)}" for f in found]),
+    ]
+    lines = [["", *columns], ["---"] * (len(columns) + 1), *([name, *cells] for name, cells in rows)]
+    widths = [max(len(line[i]) for line in lines) for i in range(len(columns) + 1)]
+    return "\n".join("| " + " | ".join(c.ljust(w) for c, w in zip(line, widths, strict=True)) + " |" for line in lines)
+
+
+def _settling(times: Array) -> str:
+    known = times[np.isfinite(times)]
+    if not len(known):
+        return "never"
+    return f"{np.median(known):.0f} / {np.quantile(known, 0.95):.0f} / {known.max():.0f} s"
+
+
+def _title(example: Example) -> str:
+    return f"Example {example.number}: {example.law} law, k = {example.k:g}, fed {example.fed:.3f} m"

@@ -1,0 +1,221 @@
+"""The bank of relative-motion filters: search round the ring, track with several noise models, search again when lost.
+
+SEARCH: hypotheses in all directions of the newest range, fitted to a window of the last seconds. When one explains
+them and no other does, the flight is in TRACK: one Kalman filter per noise model (drift steady .. gusty, range error
+white .. drifting); the evidence decides which model counts, and a model that lost is started again from the mixture.
+A flight whose samples keep falling outside the gate searches again, at once and with the window that it has.
+
+Every array has a last axis B over flights; in the air B = 1.
+"""
+
+from dataclasses import dataclass
+from enum import IntEnum
+from itertools import product
+
+import numpy as np
+
+from circnav_mav.guidance.estimators import relative_ekf
+from circnav_mav.guidance.estimators.acquisition import Found, RingSearch, SearchSettings
+from circnav_mav.guidance.estimators.acquisition_window import Prior
+from circnav_mav.guidance.estimators.relative_ekf import DX, GX, GY, STATES, THETA, Array, Hypotheses, Noise, R
+
+
+class Stage(IntEnum):
+    """Where a flight's bank stands."""
+
+    EMPTY = 0
+    SEARCH = 1
+    TRACK = 2
+
+
+@dataclass(frozen=True, slots=True)
+class BankSettings:
+    """speed: V, m/s. gate: in standard deviations.
+
+    trusted, lost: bounds of the position's standard deviation over the range: above the first the estimate must not
+    steer, above the second the track is given up. missed: share of recent samples outside the gate that ends the
+    track; recent: memory of it, s. drift_most: largest drift that makes sense, in V. winds, noises: the models, all
+    pairs of (m^2/s^3 of d, gust in V) and (white, drifting) parts of sigma. search: how to search, None for the
+    defaults.
+    """
+
+    speed: float
+    gate: float = 5.0
+    trusted: float = 0.25
+    lost: float = 0.6
+    missed: float = 0.6
+    recent: float = 3.0
+    drift_most: float = 0.85
+    winds: tuple[tuple[float, float], ...] = ((3e-4, 0.0), (5e-2, 0.0), (1e-2, 0.1))
+    noises: tuple[tuple[float, float], ...] = ((1.0, 0.0), (0.4, 0.9))
+    search: SearchSettings | None = None
+
+    def noise(self) -> Noise:
+        """All models, arrays (M, 1)."""
+        models = np.array([(*wind, *noise) for wind, noise in product(self.winds, self.noises)])
+        models[:, 1] *= self.speed
+        return Noise(*models.T[..., None])
+
+
+LEAST_SIGMA, MOST_SIGMA = 1e-3, 1e3
+"""What the standard deviation of a range counts as at least and at most, m: none is known better than the motion in
+between, worse ones tell nothing, and variances that are farther apart cancel to nothing in a covariance."""
+FORGOTTEN, REVIVED = -12.0, -6.0
+"""A model whose log weight falls below the first starts again from the mixture with the second."""
+
+
+class DriftBank:
+    """The banks of B flights that are stepped together. `step` is the only way in; the attributes are what is believed.
+
+    mean (8, B), covariance (8, 8, B), stage, nis, missed, refused, spread (B,): nis of the heaviest hypothesis, share
+    of recent misses, whether the last sample was refused, standard deviation of the position over the range (infinite
+    before it is known where the target is).
+    """
+
+    def __init__(self, settings: BankSettings, flights: int = 1, known: Prior | None = None) -> None:
+        """known: of drift and airspeed scale, before the first range; forgotten with the first lost track."""
+        self.settings = settings
+        self.noise = settings.noise()
+        self.stage = np.full(flights, Stage.EMPTY)
+        self.mean = np.zeros((STATES, flights))
+        self.covariance = np.zeros((STATES, STATES, flights))
+        self.nis = np.full(flights, np.nan)
+        self.missed = np.zeros(flights)
+        self.refused = np.zeros(flights, bool)
+        self.spread = np.full(flights, np.inf)
+        self._since = np.zeros(flights)
+        self._search = RingSearch(settings.search or SearchSettings(settings.speed), flights, known)
+        self._tracking = np.zeros(0, int)
+        self._tracks = _copies(self.mean[:, :0], self.covariance[..., :0], len(self.noise.white))
+
+    @property
+    def trusted(self) -> Array:
+        """Whether the estimate may steer, (B,)."""
+        return self.spread < self.settings.trusted
+
+    @property
+    def favourite(self) -> Array:
+        """Number of the guess that a search thinks most of, (B,); -1 where there is no search."""
+        number = np.full(self.stage.size, -1)
+        number[self._search.at] = self._search.favourite
+        return number
+
+    @property
+    def remembers(self) -> bool:
+        """Whether the drift is known from before."""
+        return self._search.remembers
+
+    @property
+    def likely_noise(self) -> Noise:
+        """What the tracking models assume on average, arrays (1, B); the middle of them for those that search."""
+        n = self.noise
+        weight = np.full((len(n.white), self.stage.size), 1 / len(n.white))
+        weight[:, self._tracking] = self._tracks.weight
+        return Noise(*(part.T @ weight for part in (n.drift_psd, n.gust, n.white, n.drifting)))
+
+    def step(self, dt: Array, chord: Array, z: Array, sigma: Array, valid: Array) -> None:
+        """Carry flights on by dt (B,) along chord (2, B), and take in their ranges z, sigma where valid (B,). Nothing
+        happens to those whose dt and chord are 0 and whose range is not valid."""
+        sigma = np.minimum(np.maximum(sigma, LEAST_SIGMA), MOST_SIGMA)
+        self._since += dt
+        due = self._search.hear(dt, chord, z, sigma, valid)
+        self._track(dt, chord, z, sigma, valid)
+        self._lose(z, valid)
+        found = self._search.go_on(due, sigma) if due.any() else None
+        if found is not None:
+            self._start(found, sigma)
+        self._tell_favourites()
+        self._since[valid] = 0.0
+
+    def _track(self, dt: Array, chord: Array, z: Array, sigma: Array, valid: Array) -> None:
+        at = self._tracking
+        if not at.size:
+            return
+        h = relative_ekf.predict(self._tracks, self.noise, dt[at], chord[:, at], sigma[at])
+        if valid[at].any():
+            h, said = relative_ekf.update(h, self.noise, z[at], sigma[at], valid[at], self.settings.gate)
+            heaviest = (h.log_weight.argmax(axis=0), np.arange(at.size))
+            self._count(at, said.nis[heaviest], said.taken[heaviest], valid[at])
+        mean, covariance = relative_ekf.mixture(h)
+        self._believe(at, mean, covariance)
+        self._tracks = _revive(h, mean, covariance)
+
+    def _believe(self, at: Array, mean: Array, covariance: Array) -> None:
+        self.mean[:, at], self.covariance[:, :, at] = mean, covariance
+        variance = covariance[R, R] / np.maximum(mean[R], 1.0) ** 2 + covariance[THETA, THETA]
+        self.spread[at] = np.sqrt(np.maximum(variance, 0.0))
+
+    def _count(self, at: Array, nis: Array, taken: Array, valid: Array) -> None:
+        """Keep the share of recent samples that were refused."""
+        of = at[valid]
+        weight = np.minimum(self._since[of] / self.settings.recent, 0.2)
+        self.refused[at] = valid & ~taken
+        self.missed[of] += (~taken[valid] - self.missed[of]) * weight
+        self.nis[of] = nis[valid]
+
+    def _lose(self, z: Array, valid: Array) -> None:
+        """Send flights back to the ring whose track does not hold, and those that hear their first range."""
+        cfg = self.settings
+        drift = np.hypot(*relative_ekf.drift(self.mean))
+        astray = (self.missed > cfg.missed) | (self.spread > cfg.lost) | (drift > cfg.drift_most * cfg.speed)
+        sound = np.isfinite(self.mean.sum(axis=0) + self.covariance.sum(axis=(0, 1)))
+        lost = (self.stage == Stage.TRACK) & (astray | ~sound)
+        if lost.any():
+            stay = ~lost[self._tracking]
+            h = self._tracks
+            self._tracks = Hypotheses(h.x[..., stay], h.P[..., stay], h.log_weight[..., stay])
+            self._tracking = self._tracking[stay]
+            self.stage[lost], self.spread[lost] = Stage.EMPTY, np.inf
+            self.mean[:, ~sound], self.covariance[:, :, ~sound] = 0.0, 0.0
+            self._search.forget()
+        begin = np.flatnonzero(valid & (self.stage == Stage.EMPTY))
+        if begin.size:
+            self.stage[begin] = Stage.SEARCH
+            self._search.begin(begin, z[begin])
+
+    def _tell_favourites(self) -> None:
+        """What a search thinks most of, as the mean."""
+        at = self._search.at
+        if at.size:
+            x = self._search.favourites()
+            self.mean[R, at], self.mean[THETA, at] = np.hypot(x[0], x[1]), np.arctan2(x[1], x[0])
+            self.mean[DX : relative_ekf.B, at], self.mean[relative_ekf.B :, at] = x[DX:], 0.0
+
+    def _start(self, found: Found, sigma: Array) -> None:
+        """Start the tracks of flights whose search has ended."""
+        at, known = found.at, slice(0, relative_ekf.B)
+        mean, covariance = np.zeros((STATES, at.size)), np.zeros((STATES, STATES, at.size))
+        mean[known], covariance[known, known] = found.x, found.P
+        covariance[relative_ekf.B, relative_ekf.B] = (0.5 * sigma[at]) ** 2
+        covariance[GX, GX] = covariance[GY, GY] = (0.02 * self.settings.speed) ** 2
+        mean, covariance = relative_ekf.polar(mean, covariance)
+        old, new = self._tracks, _copies(mean, covariance, len(self.noise.white))
+        self._tracks = Hypotheses(
+            np.concatenate([old.x, new.x], axis=-1),
+            np.concatenate([old.P, new.P], axis=-1),
+            np.concatenate([old.log_weight, new.log_weight], axis=-1),
+        )
+        self._tracking = np.concatenate([self._tracking, at])
+        self._believe(at, mean, covariance)
+        self.stage[at], self.missed[at] = Stage.TRACK, 0.0
+
+
+def _copies(mean: Array, covariance: Array, count: int) -> Hypotheses:
+    """The same belief under every model, equally likely."""
+    return Hypotheses(
+        np.repeat(mean[:, None], count, axis=1),
+        np.repeat(covariance[:, :, None], count, axis=2),
+        np.zeros((count, mean.shape[-1])),
+    )
+
+
+def _revive(h: Hypotheses, mean: Array, covariance: Array) -> Hypotheses:
+    """Start models again that lost; what they hold is no use to anybody."""
+    dead = h.log_weight < FORGOTTEN
+    if not dead.any():
+        return h
+    return Hypotheses(
+        np.where(dead, mean[:, None], h.x),
+        np.where(dead, covariance[:, :, None], h.P),
+        np.where(dead, REVIVED, h.log_weight),
+    )

@@ -1,0 +1,88 @@
+"""What the belief of a flight says of a moment soon after its newest range: as `bank.predict`, but only what is asked.
+
+All of it in plain floats for the one flight in the air (xp: `floats`), or arrays (B,) over flights (xp: numpy).
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from circnav_mav.guidance import floats
+from circnav_mav.guidance.estimators.relative_ekf import (
+    DX,
+    DY,
+    GUST_TIME,
+    GX,
+    GY,
+    KAPPA,
+    KAPPA_PSD,
+    Array,
+    axes,
+    motion,
+    steps,
+    wandered,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Belief:
+    """mean: the state of `bank`, 8 numbers. covariance (8, 8) or (B, 8, 8). drift_psd (m^2/s^3), gust (m/s): what it
+    assumes."""
+
+    mean: Array | tuple[float, ...]
+    covariance: Array
+    drift_psd: Array
+    gust: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Prediction:
+    """p = vehicle - target = (x, y), m, at range r. drift: m/s. airspeed: true, m/s. r_dot: m/s. Variances: of r (m^2),
+    of the direction (rad^2), of r_dot (m^2/s^2)."""
+
+    r: Array
+    x: Array
+    y: Array
+    drift: tuple[Array, Array]
+    airspeed: Array
+    r_dot: Array
+    r_variance: Array
+    direction_variance: Array
+    r_dot_variance: Array
+
+
+def predict_belief(
+    belief: Belief, dt: Array, chord: tuple[Array, Array], *, heading: Array, airspeed: Array, xp: Any = floats
+) -> Prediction:
+    """The belief carried on by dt (s) along an air path (m, at the measured airspeed) to where the vehicle flies with
+    that heading (rad) and that measured airspeed (m/s)."""
+    x, calm = belief.mean, xp.exp(-dt / GUST_TIME)
+    r, theta, (out, left) = motion(x, dt, chord, xp)
+    n, t = axes(theta, xp)
+    air = airspeed * xp.cos(heading), airspeed * xp.sin(heading)
+    d = x[DX] + calm * x[GX], x[DY] + calm * x[GY]
+    v = x[KAPPA] * air[0] + d[0], x[KAPPA] * air[1] + d[1]
+    across, ahead = t[0] * v[0] + t[1] * v[1], n[0] * air[0] + n[1] * air[1]
+    rate = [across * entry for entry in left]  # r' = n.v, and an error of the direction turns n
+    for state, gradient in (
+        (DX, n[0]), (DY, n[1]), (KAPPA, ahead), (GX, calm * n[0]), (GY, calm * n[1])
+    ):  # fmt: skip
+        rate[state] += gradient
+    rows = np.array((out, left, rate)).T  # (8, 3) or (B, 8, 3)
+    variances = (belief.covariance @ rows * rows).sum(axis=-2)
+    of_r, of_direction, of_rate = variances.tolist() if xp is floats else variances.T
+    steady, gusty = steps(belief.drift_psd, belief.gust, dt, xp)
+    wander = wandered(steady, gusty, dt)
+    turned = wander / r**2
+    return Prediction(
+        r=r,
+        x=r * n[0],
+        y=r * n[1],
+        drift=d,
+        airspeed=x[KAPPA] * airspeed,
+        r_dot=n[0] * v[0] + n[1] * v[1],
+        r_variance=of_r + wander,
+        direction_variance=of_direction + turned,
+        r_dot_variance=of_rate + across**2 * turned + steady + gusty + KAPPA_PSD * dt * ahead**2,
+    )

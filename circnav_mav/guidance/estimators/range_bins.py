@@ -1,0 +1,115 @@
+"""The last seconds of ranges, averaged in short bins, and how rough they are. The last axis B is over flights, each
+with a clock of its own."""
+
+from typing import Any
+
+import numpy as np
+
+from circnav_mav.guidance.estimators.acquisition_window import Bins
+
+Array = Any
+WIDTH = 0.25
+"""Width of a bin, s: in it the range bends by centimetres."""
+SLOTS = 8
+"""Samples that a bin keeps; more than that in a bin add little."""
+COUNT = 64
+"""Bins kept: 16 s, more than a turn needs to tell all directions apart."""
+ROUGH, ROUGH_ENOUGH = 40, 16
+"""Second differences kept to measure the white part of the noise, and how many it takes at least."""
+EVEN = 0.19
+"""Share by which equal steps may differ; no ratio that lost samples make, or rounding would decide."""
+BIAS_TIME = 2.0
+
+
+class RangeWindow:
+    """Bins of B flights that are stepped together."""
+
+    def __init__(self, flights: int, speed: float, model_psd: float) -> None:
+        self._speed, self._model_psd = speed, model_psd
+        self._open = np.full((4, SLOTS, flights), np.nan)
+        self._filled, self._opened = np.zeros(flights, int), np.zeros(flights)
+        self._bins = np.zeros((5, COUNT, flights))
+        self._bins[4] = np.inf
+        self._closed = np.zeros(flights, int)
+        self._bends = np.full((ROUGH, flights), np.nan)
+        self._before = np.full((4, flights), np.nan)
+        self._seen = np.zeros(flights, int)
+        self.now, self.path = np.zeros(flights), np.zeros((2, flights))
+
+    def add(self, dt: Array, chord: Array, z: Array, sigma: Array, valid: Array) -> Array:
+        """Time (B,) and path (2, B) go on, ranges come in where valid; tells whose bin was closed, (B,)."""
+        self.now = self.now + dt
+        self.path = self.path + chord
+        due = self.now - self._opened >= WIDTH - 1e-9
+        if due.any():
+            self._close(np.flatnonzero(due), sigma)
+        if valid.any():
+            at = np.flatnonzero(valid)
+            self._open[:, self._filled[at] % SLOTS, at] = np.array([self.now, *self.path, z])[:, at]
+            self._filled[at] += 1
+            self._roughen(z, valid)
+        return due
+
+    def forget(self, who: Array) -> None:
+        """Drop what is kept of some flights."""
+        self._bins[4, :, who] = np.inf
+        self._bends[:, who] = np.nan
+        self._before[:, who] = np.nan
+
+    def white(self, sigma: Array) -> Array:
+        """Standard deviation of the white part of the noise, m, (B,): sigma until enough was seen."""
+        known = np.isfinite(self._bends).sum(axis=0) >= ROUGH_ENOUGH
+        middle = _median(np.where(known, self._bends, 0.0))
+        return np.where(known, np.minimum(middle / (0.6745 * np.sqrt(6)), sigma), sigma)
+
+    def bins(self, at: Array, sigma: Array) -> Bins:
+        """The bins of some flights, oldest first, with their variances as of now."""
+        closed = self._closed[at]
+        used = min(closed.max(initial=0), COUNT)
+        order = (closed - used + np.arange(used)[:, None]) % COUNT  # of those with fewer, some that are empty
+        t, x, y, z, n = self._bins[:, order, at]
+        age = self.now[at] - t
+        white = self.white(sigma)[at]
+        drifting = np.maximum(sigma[at] ** 2 - 2 * white**2, 0.0)
+        variance = white**2 * n + drifting * 2 * BIAS_TIME / WIDTH + self._model_psd * age**3 / 3
+        path = self.path[:, None, at] - np.stack([x, y])
+        return Bins(age.T, np.swapaxes(path, 1, 2), z.T, np.maximum(variance, 1e-4).T)
+
+    def filled(self, at: Array) -> Array:
+        """Bins with at least one sample, (B,)."""
+        return np.isfinite(self._bins[4][:, at]).sum(axis=0)
+
+    def _roughen(self, z: Array, valid: Array) -> None:
+        """|z0 - 2 z1 + z2| of equally spaced samples: the motion hardly shows in it, the white noise does."""
+        t2, z2, t1, z1 = self._before
+        steps = self.now - t1, t1 - t2
+        even = valid & (np.abs(steps[0] - steps[1]) < EVEN * steps[0])
+        of = np.flatnonzero(even)
+        self._bends[self._seen[of] % ROUGH, of] = np.abs(z - 2 * z1 + z2)[of]
+        self._seen[of] += 1
+        now = np.array([t1, z1, self.now, z])
+        self._before = np.where(valid, now, self._before)
+
+    def _close(self, at: Array, sigma: Array) -> None:
+        """Average the open bins of some flights without what is far from their medians."""
+        open_ = self._open[..., at]
+        z = open_[3]
+        any_in = np.isfinite(z).any(axis=0)
+        middle = _median(np.where(any_in, z, 0.0))
+        good = np.abs(z - middle) <= self._speed * WIDTH + 4 * sigma[at]
+        count = good.sum(axis=0)
+        slot = self._closed[at] % COUNT
+        with np.errstate(invalid="ignore", divide="ignore"):
+            self._bins[:4, slot, at] = np.where(count > 0, np.where(good, open_, 0.0).sum(axis=1) / count, 0.0)
+            self._bins[4, slot, at] = np.where(count > 0, 1.0 / count, np.inf)
+        self._closed[at] += 1
+        self._open[..., at] = np.nan
+        self._filled[at], self._opened[at] = 0, self.now[at]
+
+
+def _median(values: Array) -> Array:
+    """Median (B,) of what is not NaN in each column of (n, B); none may be empty. As `np.nanmedian`, which takes ten
+    times as long for a few values."""
+    count = np.isfinite(values).sum(axis=0)
+    ordered, column = np.sort(values, axis=0), np.arange(values.shape[1])
+    return (ordered[(count - 1) // 2, column] + ordered[count // 2, column]) / 2

@@ -1,0 +1,215 @@
+"""`drift` and `auto`: the bank of relative-motion filters in flight, fed with ranges and own motion as they come."""
+
+from dataclasses import dataclass, replace
+from math import sqrt
+
+import numpy as np
+
+from circnav_mav.guidance.estimators.acquisition import SearchSettings
+from circnav_mav.guidance.estimators.acquisition_window import Prior
+from circnav_mav.guidance.estimators.dead_reckoning import Knot, OwnPath
+from circnav_mav.guidance.estimators.interface import EstimatorSettings, Fused
+from circnav_mav.guidance.estimators.multiple_model import BankSettings, DriftBank, Stage
+from circnav_mav.guidance.estimators.prediction import Belief, Prediction, predict_belief
+from circnav_mav.guidance.estimators.range_rate import KalmanRangeRate
+from circnav_mav.guidance.estimators.relative_ekf import KAPPA, Array, drift
+from circnav_mav.guidance.types import OwnMotion, RangeEstimate, RangeSample, RelativeMotion
+
+GAP = 20.0
+"""After a longer time without ranges, s, the bank starts anew."""
+MEMORY = 10.0
+"""After such a gap the drift counts that was known so long (s) before it: what came later may be the trouble."""
+REMEMBERED, FORGOTTEN = 0.03, 1e-3
+"""Standard deviation of that drift, in V, and how its variance grows, m^2/s^3."""
+
+
+class DriftEstimator:
+    """Range, heading, turn rate and airspeed in; position relative to the target and drift out.
+
+    Needs own motion that covers the moments of the ranges; without it, it is not ready. Samples that come late, twice
+    or out of order are refused. Ready as long as the bank may be trusted.
+    """
+
+    def __init__(self, settings: EstimatorSettings) -> None:
+        self._settings = settings
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        cfg = self._settings
+        search = SearchSettings(cfg.speed, drift_sigma=cfg.drift_sigma, scale_sigma=cfg.scale_sigma)
+        self.bank = DriftBank(BankSettings(cfg.speed, gate=cfg.gate, search=search))
+        self._note_belief()
+        self._path = OwnPath()
+        self._used: Knot | None = None
+        self._sigma = 1.0
+        self._astray = False
+        self._lately: _Memory | None = None
+        self._before: _Memory | None = None
+
+    @property
+    def ready(self) -> bool:
+        """Whether the bank may be trusted, and has had the newest range."""
+        return self._ready and not self._astray
+
+    @property
+    def nis(self) -> float | None:
+        """Normalised innovation squared of the newest sample; None while searching."""
+        return None if np.isnan(self.bank.nis[0]) else float(self.bank.nis[0])
+
+    def restamp(self) -> None:
+        """Goes by our clock: nothing to do."""
+
+    def move(self, motion: OwnMotion) -> None:
+        """Take in own motion."""
+        self._path.move(motion)
+
+    def observe(self, sample: RangeSample) -> Fused:
+        """Take one sample in, or refuse it."""
+        knot, before = self._path.at(sample.time), self._used
+        if knot is None:
+            self._astray = True  # ranges, but nobody knows how the vehicle flies: it does not do as it is told
+            return Fused.ACCEPTED
+        if before is not None and (knot.piece != before.piece or sample.time - before.motion.time > GAP):
+            self._restart(sample.time)
+            before = None
+        dt = 0.0 if before is None else sample.time - before.motion.time
+        if before is not None and dt <= 0:
+            return Fused.GATED
+        was = self.bank.stage[0]
+        self.bank.step(np.array([dt]), _chord(before or knot, knot), *_arrays(sample))
+        self._used, self._sigma, self._astray = knot, sample.sigma, False
+        self._note_belief()
+        self._remember(sample.time)
+        if was == Stage.TRACK and self.bank.stage[0] != Stage.TRACK:
+            return Fused.RESTARTED
+        return Fused.GATED if self.bank.refused[0] else Fused.ACCEPTED
+
+    def at(self, time: float) -> RangeEstimate | None:
+        """The estimate predicted to a moment of the local clock; None while nothing is known."""
+        knot = self._path.at(time)
+        if knot is None or self._used is None or knot.piece != self._used.piece or self.bank.stage[0] == Stage.EMPTY:
+            return None
+        then, belief, tracks = self._used, self._belief, self.bank.stage[0] == Stage.TRACK
+        dt = max(knot.motion.time - then.motion.time, 0.0)
+        chord, own = (knot.x - then.x, knot.y - then.y), knot.motion
+        at = predict_belief(belief, dt, chord, heading=own.heading, airspeed=own.airspeed)
+        relative = RelativeMotion(
+            x=at.x,
+            y=at.y,
+            sigma=sqrt(max(at.r_variance + at.r**2 * at.direction_variance, 0.0)) if tracks else at.r,
+            drift_x=at.drift[0],
+            drift_y=at.drift[1],
+            heading=knot.motion.heading,
+            turn_rate=knot.motion.turn_rate,
+            airspeed=at.airspeed,
+            scale=belief.mean[KAPPA],
+            trusted=self.ready and self._still_trusted(at),
+            trial=None if tracks else int(self.bank.favourite[0]),
+            drift_remembered=self.bank.remembers,
+        )
+        return RangeEstimate(
+            time, at.r, at.r_dot,
+            sqrt(max(at.r_variance, 0.0)) if tracks else self._sigma,
+            sqrt(max(at.r_dot_variance, 0.0)) if tracks else self._settings.speed,
+            eta=relative.eta, relative=relative, missed=self._missed,
+        )  # fmt: skip
+
+    def _still_trusted(self, at: Prediction) -> bool:
+        """Whether the prediction may steer, for without ranges it gets worse."""
+        return bool(at.r_variance / at.r**2 + at.direction_variance < self.bank.settings.trusted**2)
+
+    def _note_belief(self) -> None:
+        """What the bank believes now, as plain numbers."""
+        bank, noise = self.bank, self.bank.likely_noise
+        mean, covariance = tuple(bank.mean[:, 0].tolist()), bank.covariance[:, :, 0]
+        self._belief = Belief(mean, covariance, float(noise.drift_psd[0, 0]), float(noise.gust[0, 0]))
+        self._ready, self._missed = bool(bank.trusted[0]), float(bank.missed[0])
+
+    def _restart(self, now: float) -> None:
+        """Search anew. The wind, and the way of the target, are likely still what they were; as far as the bank has not
+        seen them change since. What it saw of a vehicle that soon proved not to do as it was told, is nothing."""
+        known = None if self._before is None else self._before.at(now)
+        if known is not None and self.bank.stage[0] == Stage.TRACK and not self._astray:
+            dx, dy = drift(self.bank.mean[:, 0])
+            known = replace(known, drift=max(known.drift, float(np.hypot(dx - known.dx, dy - known.dy))))
+        self._lately = self._before
+        self.bank = DriftBank(self.bank.settings, known=known)
+
+    def _remember(self, now: float) -> None:
+        if self.ready and (self._lately is None or now - self._lately.time > MEMORY):
+            self._before, self._lately = self._lately, _Memory.of(now, self.bank, self._settings.speed)
+
+
+@dataclass(frozen=True, slots=True)
+class _Memory:
+    """What was known of the drift at a time."""
+
+    time: float
+    known: Prior
+
+    @classmethod
+    def of(cls, now: float, bank: DriftBank, speed: float) -> "_Memory":
+        (dx, dy), scale = drift(bank.mean[:, 0]), float(bank.mean[KAPPA, 0])
+        return cls(now, Prior(REMEMBERED * speed, dx=float(dx), dy=float(dy), scale=scale))
+
+    def at(self, now: float) -> Prior:
+        """What is left of it later."""
+        sigma = sqrt(self.known.drift**2 + FORGOTTEN * (now - self.time))
+        return replace(self.known, drift=sigma)
+
+
+class AutoEstimator:
+    """`auto`: range and range rate by `kalman` from the first samples on, everything by `drift` once it is trusted."""
+
+    def __init__(self, settings: EstimatorSettings) -> None:
+        self.kalman, self.drift = KalmanRangeRate(settings), DriftEstimator(settings)
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self.kalman.reset()
+        self.drift.reset()
+
+    @property
+    def ready(self) -> bool:
+        """Whether either may steer."""
+        return self.kalman.ready or self.drift.ready
+
+    @property
+    def nis(self) -> float | None:
+        """Of the one that is believed."""
+        return self.drift.nis if self.drift.ready else self.kalman.nis
+
+    def restamp(self) -> None:
+        """Only `kalman` goes by the sensor's clock; where the target is, stays known."""
+        self.kalman.restamp()
+
+    def move(self, motion: OwnMotion) -> None:
+        """Take in own motion."""
+        self.drift.move(motion)
+
+    def observe(self, sample: RangeSample) -> Fused:
+        """Take one sample in; refused is what fits neither, for a bank that has lost its place refuses the truth."""
+        by_drift, by_range = self.drift.observe(sample), self.kalman.observe(sample)
+        return by_range if by_drift is Fused.GATED or not self.drift.ready else by_drift
+
+    def at(self, time: float) -> RangeEstimate | None:
+        """The estimate predicted to a moment; with the relative motion, trusted or on trial, wherever there is one."""
+        by_drift = self.drift.at(time)
+        if by_drift is not None and by_drift.relative is not None and by_drift.relative.trusted:
+            return by_drift
+        by_range = self.kalman.at(time)
+        if by_drift is None or by_range is None:
+            return by_range
+        return RangeEstimate(
+            time, by_range.r, by_range.r_dot, by_range.r_sigma, by_range.r_dot_sigma,
+            relative=by_drift.relative, missed=by_drift.missed,
+        )  # fmt: skip
+
+
+def _chord(before: Knot, after: Knot) -> Array:
+    return np.array([[after.x - before.x], [after.y - before.y]])
+
+
+def _arrays(sample: RangeSample) -> tuple[Array, Array, Array]:
+    return np.array([sample.r]), np.array([sample.sigma]), np.array([True])

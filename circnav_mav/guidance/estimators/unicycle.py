@@ -1,0 +1,190 @@
+"""`unicycle`: extended Kalman filter on range and the angle to the line of sight, with the turn rate as input.
+
+    r' = -V cos eta,   eta' = (V/r) sin eta - omega,   z = r + noise,   Doppler: z' = -V cos eta + noise
+
+eta = angle from the velocity to the line of sight, the target to the left positive. Knows V and omega but no wind: in
+drift W its r' is off by up to W. Two filters start at eta = +-90 deg, for range alone cannot tell left from right; the
+likelier one counts. Arrays: x (2, 2, B), P (2, 2, 2, B) for state, hypothesis, flight.
+"""
+
+from math import pi, sqrt
+from typing import Any
+
+import numpy as np
+
+from circnav_mav.guidance.air_path import wrap
+from circnav_mav.guidance.estimators.dead_reckoning import Knot, OwnPath
+from circnav_mav.guidance.estimators.interface import EstimatorSettings, Fused
+from circnav_mav.guidance.types import OwnMotion, RangeEstimate, RangeSample
+
+Array = Any
+POSITION_PSD, ANGLE_PSD = 0.05**2, 0.03**2
+"""Process noise of r (m^2/s) and eta (rad^2/s): what wind and slip leave over."""
+CLOSEST = 5.0
+"""The angle is singular at the target: ranges count as at least this, m."""
+WEIGHT_MEMORY = 20.0
+LOST_AFTER = 10
+"""Refused samples in a row that start both filters anew."""
+SURE = 0.5
+"""Standard deviation of eta, rad, above which the range rate is not worth steering by."""
+MOST_TURNED, LEAST_CHORD = pi / 2, 0.9
+"""Turn, rad, over which one step carries the filters, and chord over way of an arc so long: beyond it, the chord tells
+neither way nor turn."""
+
+
+class UnicycleFilter:
+    """Both hypotheses for B flights that are stepped together."""
+
+    def __init__(self, gate: float, flights: int = 1) -> None:
+        self._gate = gate
+        self.x, self.P = np.zeros((2, 2, flights)), np.zeros((2, 2, 2, flights))
+        self.log_weight = np.zeros((2, flights))
+        self.nis = np.full(flights, np.nan)
+        self.refused = np.full(flights, LOST_AFTER)
+        self.samples = np.zeros(flights, int)
+
+    @property
+    def likelier(self) -> tuple[Array, Array]:
+        """State (2, B) and covariance (2, 2, B) of the likelier hypothesis."""
+        best, at = self.log_weight.argmax(axis=0), np.arange(self.nis.size)
+        return self.x[:, best, at], self.P[:, :, best, at]
+
+    def predict(self, V: Array, turned: Array, dt: float) -> None:
+        """Carry on by dt at airspeed V (B,) while the heading turns by `turned` (B,), by the midpoint rule."""
+        if dt <= 0:
+            return
+        r, eta = self.x
+        half = eta + (V / np.maximum(r, CLOSEST) * np.sin(eta) * dt - turned) / 2
+        middle = np.maximum(r - V * np.cos(eta) * dt / 2, CLOSEST)
+        self.x = np.stack([r - V * np.cos(half) * dt, eta + V / middle * np.sin(half) * dt - turned])
+        F = np.zeros_like(self.P)
+        F[0, 0], F[0, 1] = 1.0, V * np.sin(half) * dt
+        F[1, 0], F[1, 1] = -V * np.sin(half) / middle**2 * dt, 1 + V / middle * np.cos(half) * dt
+        self.P = np.einsum("ij...,jk...,lk...->il...", F, self.P, F)
+        self.P[0, 0] += POSITION_PSD * dt
+        self.P[1, 1] += ANGLE_PSD * dt
+        self.log_weight = self.log_weight * np.exp(-dt / WEIGHT_MEMORY)
+
+    def update(self, z: Array, sigma: Array, arrived: Array) -> None:
+        """Take in ranges z (B,) where they arrived; start where nothing fits any more."""
+        fits = self._fuse(z - self.x[0], np.array([1.0, 0.0])[:, None, None], sigma, arrived)
+        refused = arrived & ~fits.any(axis=0)
+        self.refused = np.where(arrived, np.where(refused, self.refused + 1, 0), self.refused)
+        self.samples = self.samples + (arrived & ~refused)
+        self._start(z, sigma, arrived & (self.refused > LOST_AFTER))
+
+    def update_rate(self, z: Array, sigma: Array, V: Array, arrived: Array) -> None:
+        """Take in range rates by Doppler, z (B,), m/s."""
+        eta = self.x[1]
+        self._fuse(z + V * np.cos(eta), np.stack([np.zeros_like(eta), V * np.sin(eta)]), sigma, arrived)
+
+    def _fuse(self, nu: Array, H: Array, sigma: Array, arrived: Array) -> Array:
+        PH = (self.P * H[None]).sum(axis=1)
+        S = (PH * H).sum(axis=0) + sigma**2
+        nis = nu**2 / np.maximum(S, 1e-9)
+        fits = nis <= self._gate**2
+        K = np.where(arrived & fits, PH / np.maximum(S, 1e-9), 0.0)
+        self.x = self.x + K * nu
+        self.x[0] = np.maximum(self.x[0], CLOSEST)
+        self.x[1] = wrap(self.x[1])
+        self.P = self.P - K[:, None] * PH[None]
+        said = np.maximum(-0.5 * nis, -0.5 * self._gate**2) - 0.5 * np.log(np.maximum(S, 1e-9))
+        self.log_weight = self.log_weight + np.where(arrived, said, 0.0)
+        self.log_weight = self.log_weight - self.log_weight.max(axis=0)
+        best = self.log_weight.argmax(axis=0)
+        self.nis = np.where(arrived, nis[best, np.arange(best.size)], self.nis)
+        return fits
+
+    def _start(self, z: Array, sigma: Array, who: Array) -> None:
+        if not who.any():
+            return
+        self.x[0][:, who] = np.maximum(z[who], CLOSEST)
+        self.x[1][:, who] = np.array([[np.pi / 2], [-np.pi / 2]])
+        self.P[..., who] = 0.0
+        self.P[0, 0][:, who], self.P[1, 1][:, who] = sigma[who] ** 2, 1.0
+        self.log_weight[:, who] = 0.0
+        self.refused[who], self.samples[who] = 0, 1
+
+
+class UnicycleEstimator:
+    """The filter in flight. Needs own motion that covers the moments of the ranges; without it, it is not ready."""
+
+    def __init__(self, settings: EstimatorSettings) -> None:
+        self._settings = settings
+        self._longest = MOST_TURNED / settings.max_turn_rate
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self.filter = UnicycleFilter(self._settings.gate)
+        self._path = OwnPath()
+        self._used: Knot | None = None
+
+    @property
+    def ready(self) -> bool:
+        """Enough samples, and the angle known well enough."""
+        _, P = self.filter.likelier
+        return bool(self.filter.samples[0] >= self._settings.min_samples and P[1, 1, 0] < SURE**2)
+
+    @property
+    def nis(self) -> float | None:
+        """Normalised innovation squared of the newest sample; None before the first."""
+        return None if np.isnan(self.filter.nis[0]) else float(self.filter.nis[0])
+
+    def restamp(self) -> None:
+        """Goes by our clock: nothing to do."""
+
+    def move(self, motion: OwnMotion) -> None:
+        """Take in own motion."""
+        self._path.move(motion)
+
+    def observe(self, sample: RangeSample) -> Fused:
+        """Take one sample in, or refuse it."""
+        knot, before = self._path.at(sample.time), self._used
+        if knot is None:
+            return Fused.ACCEPTED
+        if before is not None and (knot.piece != before.piece or self._bent(before, knot)):
+            self.filter, before = UnicycleFilter(self._settings.gate), None
+        if before is not None:
+            if sample.time <= before.motion.time:
+                return Fused.GATED
+            self._carry(self.filter, before, knot)
+        started = self.filter.samples[0]
+        one, sigma = np.array([True]), np.array([sample.sigma])
+        self.filter.update(np.array([sample.r]), sigma, one)
+        if sample.r_dot is not None:
+            V = np.array([knot.motion.airspeed])
+            self.filter.update_rate(np.array([sample.r_dot]), np.array([sample.r_dot_sigma]), V, one)
+        self._used = knot
+        if started and self.filter.samples[0] == 1:
+            return Fused.RESTARTED
+        return Fused.GATED if self.filter.refused[0] else Fused.ACCEPTED
+
+    def at(self, time: float) -> RangeEstimate | None:
+        """The estimate predicted to a moment of the local clock; None while nothing is known."""
+        knot = self._path.at(time)
+        if knot is None or self._used is None or knot.piece != self._used.piece:
+            return None
+        ahead = UnicycleFilter(self._settings.gate)
+        ahead.x, ahead.P, ahead.log_weight = self.filter.x.copy(), self.filter.P.copy(), self.filter.log_weight
+        if time > self._used.motion.time:
+            self._carry(ahead, self._used, knot)
+        (r, eta), P = ahead.likelier
+        V = knot.motion.airspeed
+        rate_sigma = V * abs(np.sin(eta[0])) * sqrt(max(P[1, 1, 0], 0.0))
+        return RangeEstimate(
+            time, float(r[0]), float(-V * np.cos(eta[0])), sqrt(max(P[0, 0, 0], 0.0)), float(rate_sigma),
+            eta=float(eta[0]),
+        )  # fmt: skip
+
+    def _bent(self, before: Knot, after: Knot) -> bool:
+        """Whether the vehicle had the time for more than a quarter turn, and took it."""
+        dt = after.motion.time - before.motion.time
+        way = after.motion.airspeed * dt
+        return dt > self._longest and bool(np.hypot(after.x - before.x, after.y - before.y) < LEAST_CHORD * way)
+
+    def _carry(self, unicycle: UnicycleFilter, before: Knot, after: Knot) -> None:
+        turned = wrap(np.array([after.motion.heading - before.motion.heading]))
+        dt = after.motion.time - before.motion.time
+        V = np.hypot(after.x - before.x, after.y - before.y) / dt if dt > 0 else after.motion.airspeed
+        unicycle.predict(np.array([V]), turned, dt)

@@ -1,0 +1,150 @@
+"""The vehicle's own motion without position: attitude, heading rate, airspeed, height. Never a position or a velocity.
+
+Read from ATTITUDE and VFR_HUD (of which the ground speed is not read). A value that is missing or older than its bound
+is None; who needs it says so.
+"""
+
+from dataclasses import dataclass, replace
+from math import cos, sin, tan
+
+from circnav_mav.guidance.types import OwnMotion
+from circnav_mav.mav.codec import Message
+from circnav_mav.mav.frames import GRAVITY, YawRate, course_from_yaw, push_from_tilt, turn_rate_from_yaw_rate
+from circnav_mav.mav.sensor_clock import SensorClock, Slower, nobody_tells
+
+MOST_TILT = 1.2
+"""Tilt, rad, beyond which no turn is coordinated and no thrust carries the weight any more."""
+ATTITUDE_MAX_AGE = 0.5
+AIR_MAX_AGE = 1.5
+MOST_LATE = 0.4
+"""Longest time on the way, s, that an attitude is believed to have had; less than ATTITUDE_MAX_AGE, so that a clock
+that was set anew never takes the heading away."""
+OVERTAKEN = 0.5
+"""An attitude whose stamp is older than the newest by up to this, s, was overtaken; by more, the vehicle's clock may
+have been set anew (its 32-bit milliseconds do so every 49.7 days), which the next one proves."""
+MOST_ANGLE, MOST_RATE, MOST_AIRSPEED, MOST_ALTITUDE = 6.3, 50.0, 200.0, 1e5
+"""Magnitudes, rad, rad/s, m/s and m, beyond which a value is no measurement of a vehicle that we steer, but rubbish."""
+REPEATED = 0.2
+"""The same stamp again within this time, s, is the same attitude again; later, it is a clock that stands still."""
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """roll, pitch, yaw: rad, NED (yaw clockwise from north). yaw_rate: heading rate, rad/s, clockwise positive.
+    airspeed: m/s, indicated. altitude: m above sea level. climb: m/s, up positive. None: not known now."""
+
+    roll: float | None = None
+    pitch: float | None = None
+    yaw: float | None = None
+    yaw_rate: YawRate | None = None
+    airspeed: float | None = None
+    altitude: float | None = None
+    climb: float | None = None
+
+
+def heading_rate(roll: float, pitch: float, q: float, r: float) -> YawRate:
+    """Heading rate from body rates, rad/s clockwise positive: (q sin(roll) + r cos(roll))/cos(pitch).
+
+    ATTITUDE.yawspeed is the body z rate r: taking it for the heading rate cost 7 m of radius in flight.
+    """
+    return YawRate((q * sin(roll) + r * cos(roll)) / max(cos(pitch), 0.1))
+
+
+def coordinated_yaw_rate(roll: float, airspeed: float) -> YawRate:
+    """Yaw rate of a coordinated turn, rad/s clockwise positive. roll: rad, right positive. airspeed: m/s."""
+    return YawRate(GRAVITY * tan(roll) / max(airspeed, 1.0))
+
+
+class MotionSensor:
+    """Keeps the newest own motion, and forgets what is stale.
+
+    An attitude counts from when it was measured, by the vehicle's own clock: on the way it may have waited, or been
+    overtaken, and a heading that is .2 s off in time is a path that nobody flew.
+    """
+
+    def __init__(self, slower: Slower = nobody_tells) -> None:
+        """slower: tells of the vehicle's link."""
+        self._attitude: Motion | None = None
+        self._attitude_at = float("-inf")
+        self._air = Motion()
+        self._air_at = float("-inf")
+        self._clock = SensorClock(slower)
+        self._stamp_ms: int | None = None
+        self._doubtful_ms: int | None = None
+        self._heard_at = float("-inf")
+
+    def receive(self, message: Message, now: float) -> bool:
+        """Take one message of the pinned vehicle in; tells whether it was a usable ATTITUDE, newer than all before."""
+        if message.get_type() == "VFR_HUD":
+            self._air = Motion(
+                airspeed=_real(message.airspeed, MOST_AIRSPEED, above=0.0),
+                altitude=_real(message.alt, MOST_ALTITUDE),
+                climb=_real(message.climb, MOST_AIRSPEED),
+            )
+            self._air_at = now
+            return False
+        if message.get_type() != "ATTITUDE":
+            return False
+        values = (message.roll, message.pitch, message.yaw, message.pitchspeed, message.yawspeed)
+        bounds = (MOST_ANGLE, MOST_ANGLE, MOST_ANGLE, MOST_RATE, MOST_RATE)
+        if not all(abs(value) <= bound for value, bound in zip(values, bounds, strict=True)):  # NaN is not, either
+            return False
+        measured = self._measured(message.time_boot_ms, now)
+        if measured is None:
+            return False
+        roll, pitch, yaw, q, r = values
+        self._attitude = Motion(roll, pitch, yaw, heading_rate(roll, pitch, q, r))
+        self._attitude_at = max(measured, self._attitude_at)
+        return True
+
+    def _measured(self, stamp_ms: int, now: float) -> float | None:
+        """When an attitude was measured, in our time; None for one that is not newer than the newest."""
+        later = None if self._stamp_ms is None else _later(stamp_ms, self._stamp_ms)
+        if later == 0:
+            return now if now - self._heard_at > REPEATED else None
+        if later is not None and later < 0:
+            doubtful, self._doubtful_ms = self._doubtful_ms, stamp_ms
+            if later >= -OVERTAKEN or doubtful is None or _later(stamp_ms, doubtful) <= 0:
+                return None
+            self._clock.reset()
+        self._stamp_ms, self._heard_at, self._doubtful_ms = stamp_ms, now, None
+        measured = self._clock.local(stamp_ms / 1000, now)
+        if now - measured > MOST_LATE:
+            self._clock.reset()
+            measured = self._clock.local(stamp_ms / 1000, now)
+        return measured
+
+    def own(self, now: float, airspeed: float, *, banks: bool = False) -> OwnMotion | None:
+        """The motion as guidance sees it, at an airspeed (m/s) that the caller stands for; None without attitude.
+        banks: whether the vehicle banks to turn; else it flies by its tilt."""
+        motion = self.at(now)
+        if motion.yaw is None or motion.yaw_rate is None:
+            return None
+        psi = course_from_yaw(motion.yaw)
+        own = OwnMotion(self._attitude_at, psi, turn_rate_from_yaw_rate(motion.yaw_rate), airspeed)
+        if motion.roll is None or motion.pitch is None:
+            return own
+        roll, pitch = (min(max(angle, -MOST_TILT), MOST_TILT) for angle in (motion.roll, motion.pitch))
+        if banks:
+            return replace(own, bank_turn=turn_rate_from_yaw_rate(coordinated_yaw_rate(roll, airspeed)))
+        return replace(own, push=push_from_tilt(roll, pitch, psi))
+
+    def at(self, now: float) -> Motion:
+        """The motion as far as it is known at a moment."""
+        attitude = self._attitude if now - self._attitude_at <= ATTITUDE_MAX_AGE else None
+        air = self._air if now - self._air_at <= AIR_MAX_AGE else Motion()
+        if attitude is None:
+            return air
+        return Motion(
+            attitude.roll, attitude.pitch, attitude.yaw, attitude.yaw_rate, air.airspeed, air.altitude, air.climb
+        )
+
+
+def _later(stamp_ms: int, before_ms: int) -> float:
+    """Seconds from one stamp to another, through the 32-bit wrap."""
+    return ((stamp_ms - before_ms + 2**31) % 2**32 - 2**31) / 1000
+
+
+def _real(value: float, most: float, above: float = float("-inf")) -> float | None:
+    """A value that can be, above a bound, else None: PX4's copter sends NaN airspeed, ArduPilot 0 before take-off."""
+    return value if abs(value) <= most and value > above else None

@@ -1,0 +1,182 @@
+"""From an estimate to the bytes' meaning: law, turn-rate gain, choke point, the vehicle's message."""
+
+from math import ceil, pi, remainder
+
+from circnav_mav.guidance.law_selector import Flies
+from circnav_mav.guidance.limit_cycle import CommandWatch
+from circnav_mav.guidance.phases import Phase
+from circnav_mav.guidance.radius_trim import next_trim
+from circnav_mav.guidance.step import holding, steering, through_gain
+from circnav_mav.guidance.turn_gain import TurnGain, TurnGainSettings, learn
+from circnav_mav.guidance.turn_response import PendingTurn, Response, ResponseLearner
+from circnav_mav.guidance.types import SAME_TIME, OwnMotion, RangeEstimate, TurnCommand, TurnRate
+from circnav_mav.mav.autopilots.interface import VehicleState
+from circnav_mav.mav.codec import Message
+from circnav_mav.mav.frames import YawRate, yaw_rate_from_turn_rate
+from circnav_mav.mav.session import Session
+from circnav_mav.mav.setpoint_guard import Limits, SetpointGate, Steer
+from circnav_mav.pilot.settings import PilotSettings
+
+SPEED_UP = 2.5
+"""Time, s, of turning as told, from which on a vehicle counts as being as fast as it is told: a multicopter needs it
+from standstill to 5 m/s, and the path of before would be taken for a drift."""
+LONGEST_GAP = 1.0
+"""Gap between two reports of own motion, s, after which the vehicle may have stopped meanwhile."""
+DEAF_AFTER = 1.0
+"""Time of not turning as told, s, after which a vehicle counts as not hearing us: a reversed turn takes less."""
+DRIFT = Flies.DRIFT.name.lower()
+SLIP = 0.2
+"""How much later than its bank a plane's nose turns, s: side-slip, as seen on ArduPlane 4.6.3."""
+LONGEST_DELAY = 2.0
+"""Most delay of the link, s, that the gains are made for."""
+LONGEST_TRIM_STEP = 0.2
+"""Most time, s, that the radius integral counts between two steps: a gap is not an error that lasted."""
+
+
+class Helm:
+    """Steers the vehicle of a session. Every message that it gives out has passed the gate."""
+
+    def __init__(self, settings: PilotSettings) -> None:
+        orbit, facts = settings.orbit, settings.facts
+        self._settings = settings
+        self._steer = steering(orbit, settings.law)
+        self._gate = SetpointGate(
+            Limits(
+                max_yaw_rate=orbit.max_turn_rate,
+                max_speed=orbit.speed,
+                max_yaw_acceleration=settings.max_yaw_acceleration,
+                max_bank=facts.max_bank,
+                max_pitch=facts.loops.max_pitch,
+                max_climb=facts.max_climb,
+                max_stick=ceil(facts.stick(facts.max_bank)),
+            )
+        )
+        self._learning = TurnGainSettings(lag=settings.turn_lag)
+        self._learnt = TurnGain(gain=settings.turn_gain or 1.0)
+        self._banked: TurnGain | None = None
+        self._response = ResponseLearner(settings.turn_lag, SLIP if settings.kind == "plane" else 0.0)
+        self._pending = PendingTurn()
+        self._link = settings.timing.tick
+        self._turned, self._felt_at = 0.0, float("inf")
+        self._watch = CommandWatch()
+        self._told: TurnRate | None = None
+        self._followed_at = self._slow_at = float("-inf")
+        self._height: float | None = None
+        self._trim = 0.0
+        self._steered_at: float | None = None
+
+    @property
+    def turn_gain(self) -> float:
+        """Realised over commanded turn rate, as used now."""
+        return self._settings.turn_gain or (self._learnt if self._banked is None else self._banked).gain
+
+    @property
+    def response(self) -> Response:
+        """How the vehicle answers turn commands, as used now."""
+        return self._response.response(self._link)
+
+    @property
+    def cycles(self) -> int:
+        """How often the turn command was found swinging from limit to limit."""
+        return self._watch.cycles
+
+    @property
+    def gain_share(self) -> float:
+        """What that has left of the gains."""
+        return self._watch.share
+
+    @property
+    def followed(self) -> bool:
+        """Whether the vehicle turns as it is told."""
+        return self._learnt.followed
+
+    @property
+    def at_speed(self) -> bool:
+        """Whether the vehicle has flown what it is told for long enough to have the speed that it is told."""
+        felt = self._learnt.time
+        return self._learnt.followed and felt is not None and felt - self._slow_at >= SPEED_UP - SAME_TIME
+
+    def feel(self, own: OwnMotion) -> None:
+        """Learn the turn-rate gain and the delay from the vehicle's heading, and whether it flies what we tell it."""
+        if own.bank_turn is None:
+            self._turned += remainder(own.heading - self._turned, 2 * pi)
+        else:
+            self._turned += own.bank_turn * min(max(own.time - self._felt_at, 0.0), LONGEST_GAP)
+            self._felt_at = own.time
+        if self._told is None:
+            return
+        self._response.feel(own.time, self._turned, self._link)
+        if own.bank_turn is not None:
+            # of the bank it has, not of the one it is told: an autopilot with a lower bank limit turns no worse for it
+            before, slips = self._banked or TurnGain(), TurnGainSettings(lag=SLIP)
+            self._banked = learn(before, slips, time=own.time, heading=own.heading, command=TurnRate(own.bank_turn))
+        felt = self._learnt.time
+        if felt is None or own.time - felt > LONGEST_GAP:
+            self._slow_at = self._followed_at = own.time
+        self._learnt = learn(self._learnt, self._learning, time=own.time, heading=own.heading, command=self._told)
+        if self._learnt.followed:
+            self._followed_at = own.time
+        elif own.time - self._followed_at > DEAF_AFTER:
+            self._slow_at = own.time
+
+    def command(
+        self, phase: Phase, estimate: RangeEstimate | None, round_trip: float | None, now: float
+    ) -> TurnCommand | None:
+        """The turn now: the law's while engaged, the circle's own while holding. round_trip: of the link, s."""
+        orbit = self._settings.orbit
+        self._link = min(self._settings.timing.tick if round_trip is None else round_trip, LONGEST_DELAY)
+        motion = estimate.relative if estimate is not None else None
+        pending = self._pending.at(now, self.response, 0.0 if motion is None else motion.turn_rate)
+        if phase is Phase.ENGAGED and estimate is not None:
+            command = self._steer(estimate, self._trim, pending, self._watch.share)
+            self._trim_radius(estimate, command)
+        elif phase is Phase.HOLDING:
+            command = holding(orbit, motion, pending)
+        else:
+            return None
+        if command.flies == DRIFT:  # a search that tries one guess after another turns to and fro for a reason
+            self._watch = self._watch.watch(now, command.turn_rate, orbit.max_turn_rate)
+        return through_gain(command, orbit.max_turn_rate, self.turn_gain)
+
+    def setpoint(self, command: TurnCommand, session: Session, now: float) -> tuple[Message, YawRate]:
+        """The message that flies a command, and the yaw rate in it. Raises UnsafeSetpointError."""
+        wanted = Steer(yaw_rate_from_turn_rate(command.turn_rate), self._settings.orbit.speed)
+        steer = self._gate.admit(wanted, now)
+        state = self._state(session, now, engaged=True)
+        message = self._gate.check_message(session.adapter.setpoint(steer, state, now), session.adapter.shapes)
+        self._told = command.turn_rate
+        self._response.command(now, command.turn_rate)
+        self._pending.command(now, command.turn_rate * self.turn_gain)
+        return message, steer.yaw_rate
+
+    def safe_setpoint(self, session: Session, now: float, *, engaged: bool = True) -> Message:
+        """The vehicle's safe setpoint. `engaged` holds the height of the engagement. Raises UnsafeSetpointError."""
+        state = self._state(session, now, engaged=engaged)
+        return self._gate.check_message(session.adapter.safe_setpoint(state, now), session.adapter.shapes)
+
+    def let_go(self) -> None:
+        """The vehicle is not ours any more: the next setpoint starts a new stream at a new height."""
+        self._gate.reset()
+        self._response.reset()
+        self._pending.reset()
+        self._told, self._height, self._steered_at = None, None, None
+
+    def _trim_radius(self, estimate: RangeEstimate, command: TurnCommand) -> None:
+        """Let the slow integral run over the time since the last steered step, while the vehicle follows."""
+        before, self._steered_at = self._steered_at, estimate.time
+        if before is not None and self._settings.radius_trim > 0 and self._learnt.followed:
+            self._trim = next_trim(
+                self._trim,
+                rate=self._settings.radius_trim,
+                r=estimate.r,
+                r_d=self._settings.orbit.radius,
+                step=min(estimate.time - before, LONGEST_TRIM_STEP),
+                saturated=command.saturated,
+            )
+
+    def _state(self, session: Session, now: float, *, engaged: bool) -> VehicleState:
+        """What the adapter may know; the height to hold is that at which the vehicle became ours."""
+        motion = session.motion.at(now)
+        if engaged and self._height is None:
+            self._height = motion.altitude
+        return VehicleState(*session.vehicle_ids, motion=motion, height=self._height)

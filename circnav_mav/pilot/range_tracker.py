@@ -1,0 +1,92 @@
+"""What is known of the target: ranges in, an estimate out."""
+
+from collections.abc import Collection
+
+from circnav_mav.guidance.estimators.interface import Fused
+from circnav_mav.guidance.estimators.table import ESTIMATORS
+from circnav_mav.guidance.range_noise import NoiseCheck
+from circnav_mav.guidance.types import SAME_TIME, OwnMotion, RangeEstimate, RangeSample
+from circnav_mav.mav.codec import Message
+from circnav_mav.mav.height import Height
+from circnav_mav.mav.ranging import RangeReader, Reject
+from circnav_mav.mav.sensor_clock import Slower
+from circnav_mav.pilot.progress import Say
+from circnav_mav.pilot.settings import PilotSettings
+
+FRESH = 0.6
+"""Share of `stale` that a range's age must be below to steer again at once after ranges were stale."""
+CALM = 1.0
+"""Time, s, for which ranges must not have been stale to steer again otherwise: a radio whose ranges come at an age near
+`stale` would else start and stop steering with each of them."""
+
+
+class Target:
+    """Reads ranges and keeps the estimator. `fresh`: a range came in that no step has answered yet."""
+
+    def __init__(self, settings: PilotSettings, say: Say, slower: Slower) -> None:
+        """slower: tells of the link that ranges come on."""
+        self._say = say
+        self._stale = settings.timing.stale
+        self._noise = NoiseCheck(settings.orbit.speed, settings.orbit.max_turn_rate)
+        self._noise_told = False
+        self._needs_altitude = settings.height.needs_altitude
+        self.height = Height(settings.height)
+        self.ranging = RangeReader(settings.ranging, self._noise, slower)
+        self.estimator = ESTIMATORS[settings.estimator](settings.estimation)
+        self.newest: RangeSample | None = None
+        self.fresh = False
+        self.accepted = 0
+        self._stale_at = float("-inf")
+
+    def hear(self, message: Message, now: float, *, stalled: bool, strangers: Collection[int], one_way: float) -> bool:
+        """Take in what may be a range; tells whether the estimator took it. stalled: we slept, its age is not known.
+        strangers: systems of other vehicles. one_way: least delay of the link that it came on, s."""
+        height = self.height.at(now)
+        sample = self.ranging.read(message, now, height=height, strangers=strangers, one_way=one_way)
+        if self.ranging.restarted:
+            self.estimator.restamp()
+        if self.ranging.stepped:
+            self._say("clock", f"sensor clock stood still {self.ranging.stepped:.1f} s")
+        if sample is None:
+            return False
+        if stalled:
+            self.ranging.reject(Reject.STALLED)
+            return False
+        if height is None and self._needs_altitude:
+            self.ranging.reject(Reject.NO_HEIGHT)
+            return False
+        self._tell_noise()
+        if self.estimator.observe(sample) is Fused.GATED:
+            self.ranging.reject(Reject.GATED)
+            return False
+        self.accepted += 1
+        self.newest, self.fresh = sample, True
+        return True
+
+    def move(self, own: OwnMotion) -> None:
+        """The vehicle's own motion, where it is as it is told."""
+        self.estimator.move(own)
+
+    def at(self, now: float) -> RangeEstimate | None:
+        """The estimate of this moment."""
+        return self.estimator.at(now)
+
+    def good(self, estimate: RangeEstimate | None, now: float, *, holding: bool) -> bool:
+        """Whether an estimate of now may steer: ready, and of a range that is not stale. holding: whether steering was
+        given up; then the range must be clearly fresh, or ranges must not have been stale for a while."""
+        age = self.age(now)
+        if age is None or age > self._stale + SAME_TIME:
+            self._stale_at = now
+            return False
+        fresh = not holding or age <= FRESH * self._stale or now - self._stale_at > CALM
+        return self.estimator.ready and estimate is not None and fresh
+
+    def age(self, now: float) -> float | None:
+        """Seconds since the newest range was measured."""
+        return None if self.newest is None else now - self.newest.time
+
+    def _tell_noise(self) -> None:
+        """Say, once, that ranges scatter more than they say."""
+        if self._noise.found is not None and not self._noise_told:
+            self._noise_told = True
+            self._say("noise", "ranges scatter {1:.2g} m, not {0:.2g} as told".format(*self._noise.found))

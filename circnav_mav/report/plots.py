@@ -1,0 +1,169 @@
+"""Pictures of a run: flight.png (track as far as it is known, range, error, turn rate) and replay.png."""
+
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+
+from circnav_mav.guidance.types import Orbit
+from circnav_mav.report.pictures import STYLE, literal, save
+from circnav_mav.report.segments import Track, broken, fresh, known_track
+from circnav_mav.runlog.metrics import TOLERANCE
+from circnav_mav.runlog.run_folder import Column, Ticks, Truth
+
+ESTIMATE, MEASURED, TRUE, DESIRED, LIMIT = "#1f5fa8", "#b9c6d6", "#c8501e", "#2e7d32", "#8a8a8a"
+HOLD_BAND = "#f6d8a8"
+
+
+def plot_flight(path: Path, ticks: Ticks, truth: Truth | None, orbit: Orbit, title: str) -> None:
+    """Draw a run and write it as PNG. Raises OSError."""
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(12, 7), layout="constrained")
+        figure.suptitle(literal(title))
+        track = known_track(ticks, truth)
+        grid = figure.add_gridspec(3, 2, width_ratios=[1.1, 1] if track else [0.001, 1])
+        if track is not None:
+            _track(figure.add_subplot(grid[:, 0]), track, orbit)
+        axes = [figure.add_subplot(grid[row, 1]) for row in range(3)]
+        _range(axes[0], ticks, truth, orbit)
+        _error(axes[1], ticks, truth, orbit)
+        _turn_rate(axes[2], ticks, orbit)
+        for axis in axes:
+            _mark_holding(axis, ticks)
+            _legend_above(axis)
+            axis.set_xlim(float(ticks.time[0]), float(ticks.time[-1]))
+        axes[-1].set_xlabel("time, s")
+        save(figure, path)
+
+
+def plot_replay(path: Path, was: Ticks | None, would: Ticks, orbit: Orbit, title: str) -> None:
+    """Draw what was estimated and commanded, if known, and what would have been. Raises OSError."""
+    columns = (
+        ("r", "range, m", 1.0),
+        ("r_dot", "range rate, m/s", 1.0),
+        ("turn_rate", "turn rate, deg/s", 180 / np.pi),
+    )
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(11, 8), layout="constrained")
+        figure.suptitle(literal(title))
+        for axis, (column, label, scale) in zip(figure.subplots(3, 1, sharex=True), columns, strict=True):
+            if was is not None:
+                axis.plot(*broken(was.time, scale * was.numbers[column]), color=MEASURED, lw=2.5, label="as flown")
+            axis.plot(*broken(would.time, scale * would.numbers[column]), color=ESTIMATE, lw=1, label="replayed")
+            axis.set_ylabel(label)
+        figure.axes[0].axhline(orbit.radius, ls="--", color=DESIRED, lw=1, label="desired")
+        _legend_above(figure.axes[0])
+        figure.axes[-1].set_xlabel("time, s")
+        save(figure, path)
+
+
+def plot_estimates(path: Path, ticks: Ticks, gate: float, title: str) -> None:
+    """Draw range rate with its sigma, innovations with their gate, and ranges taken and refused. Raises OSError."""
+    numbers, time = ticks.numbers, ticks.time
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(11, 8), layout="constrained")
+        figure.suptitle(literal(title))
+        rate, innovation, samples = figure.subplots(3, 1, sharex=True)
+        when, r_dot, sigma = broken(time, numbers["r_dot"], numbers["r_dot_sigma"])
+        rate.fill_between(when, r_dot - sigma, r_dot + sigma, color=MEASURED, alpha=0.6, lw=0, label="+-1 sigma")
+        rate.plot(when, r_dot, color=ESTIMATE, lw=0.8, label="estimated")
+        rate.set_ylabel("range rate, m/s")
+        new = fresh(ticks)
+        innovation.plot(time[new], np.sqrt(numbers["nis"][new]), ".", ms=2, color=ESTIMATE, label="innovation")
+        innovation.axhline(gate, ls="--", color=TRUE, lw=1, label="gate")
+        innovation.set_ylabel("standard deviations")
+        samples.stairs(*_per_second(time, numbers["accepted"]), fill=True, color=MEASURED, label="taken")
+        samples.stairs(*_per_second(time, numbers["rejected"]), fill=True, color=TRUE, label="rejected")
+        samples.set_ylabel("ranges, 1/s")
+        samples.set_xlabel("time, s")
+        for axis in (rate, innovation, samples):
+            _legend_above(axis)
+        save(figure, path)
+
+
+def _per_second(time: Column, counted: Column) -> tuple[Column, Column]:
+    """How much a count grew in each second, and the edges of these seconds."""
+    edges = np.arange(time[0], time[-1] + 1.0)
+    before = np.searchsorted(time, edges, side="right") - 1
+    return np.diff(counted[before]), edges
+
+
+def _track(axis: Any, track: Track, orbit: Orbit) -> None:
+    angle = np.linspace(0, 2 * np.pi, 361)
+    circle = orbit.radius * np.cos(angle), orbit.radius * np.sin(angle)
+    colour, label = (TRUE, "flown (truth)") if track.true else (ESTIMATE, "flown (estimate)")
+    axis.plot(*circle, "--", color=DESIRED, lw=1.5, label="desired", zorder=3)  # on the track, not under it
+    axis.plot(track.east, track.north, color=colour, lw=1.0, label=label)
+    east, north = track.east[track.known], track.north[track.known]
+    begins = {"mfc": "red", "label": "start"} if track.true else {"mfc": "none", "label": "first believed"}
+    axis.plot(east[0], north[0], "^", mec="red", ms=9, **begins)
+    axis.plot(0, 0, "k+", ms=12, mew=2, label="target")
+    for at in _arrow_places(east, north):
+        if np.hypot(east[at + 1] - east[at], north[at + 1] - north[at]) > 0:
+            axis.annotate(
+                "",
+                xy=(east[at + 1], north[at + 1]),
+                xytext=(east[at], north[at]),
+                arrowprops={"arrowstyle": "-|>", "color": colour, "mutation_scale": 18},
+            )
+    axis.set_aspect("equal", adjustable="datalim")
+    axis.set_xlabel("east of the target, m")
+    axis.set_ylabel("north of the target, m")
+    axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.08), ncols=4)
+
+
+def _arrow_places(east: Column, north: Column) -> list[int]:
+    """Where arrows show the sense of flight: on the way to the circle, and last in each quarter of it."""
+    late = len(east) // 2
+    bearing = np.arctan2(north, east)[late:-1]
+    quarters = (np.angle(np.exp(1j * (bearing - quarter * np.pi / 2))) for quarter in range(4))
+    found = [late + int(np.flatnonzero(np.abs(off) <= np.abs(off).min() + 0.1)[-1]) for off in quarters if len(off)]
+    return [int(0.05 * (len(east) - 2)), *found]
+
+
+def _legend_above(axis: Any) -> None:
+    """The legend outside the axis, where it covers nothing."""
+    axis.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=6, fontsize=8, frameon=False, borderaxespad=0.1)
+
+
+def _range(axis: Any, ticks: Ticks, truth: Truth | None, orbit: Orbit) -> None:
+    new = fresh(ticks)
+    axis.plot(ticks.time[new], ticks.numbers["measured"][new], ".", ms=2, color=MEASURED, label="measured")
+    axis.plot(*broken(ticks.time, ticks.numbers["r"]), color=ESTIMATE, lw=1, label="estimated")
+    if truth is not None:
+        axis.plot(*broken(truth.time, truth.radius), color=TRUE, lw=0.8, label="true")
+    axis.axhline(orbit.radius, ls="--", color=DESIRED, lw=1, label="desired")
+    axis.set_ylabel("range, m")
+
+
+def _error(axis: Any, ticks: Ticks, truth: Truth | None, orbit: Orbit) -> None:
+    band = TOLERANCE * orbit.radius
+    axis.axhspan(-band, band, color=DESIRED, alpha=0.12, label=f"+-{100 * TOLERANCE:.0f} %")
+    axis.plot(*broken(ticks.time, ticks.numbers["r"] - orbit.radius), color=ESTIMATE, lw=1, label="estimated")
+    if truth is not None:
+        axis.plot(*broken(truth.time, truth.radius - orbit.radius), color=TRUE, lw=0.8, label="true")
+    axis.set_ylim(-3 * band, 3 * band)
+    axis.set_ylabel("range - radius, m")
+
+
+def _turn_rate(axis: Any, ticks: Ticks, orbit: Orbit) -> None:
+    told = "commanded" if np.isfinite(ticks.numbers["yaw_rate_sent"]).any() else "would command"
+    axis.plot(*broken(ticks.time, np.degrees(ticks.numbers["turn_rate"])), color=ESTIMATE, lw=0.8, label=told)
+    axis.axhline(np.degrees(orbit.steady_turn_rate), ls="--", color=DESIRED, lw=1, label="steady circle")
+    limit = np.degrees(orbit.max_turn_rate)
+    for sign in (-1, 1):
+        axis.axhline(sign * limit, ls=":", color=LIMIT, lw=1, label="limit" if sign > 0 else None)
+    axis.set_ylabel("turn rate, deg/s\n(left positive)")
+
+
+def _mark_holding(axis: Any, ticks: Ticks) -> None:
+    """Shade the times without ranges in which the vehicle held its turn."""
+    holding = np.array([phase == "holding" for phase in ticks.phases])
+    if holding.any():
+        low, high = axis.get_ylim()
+        axis.fill_between(
+            ticks.time, low, high, where=holding, color=HOLD_BAND, alpha=0.7, lw=0, label="no range, holding"
+        )
+        axis.set_ylim(low, high)

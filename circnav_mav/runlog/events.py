@@ -1,0 +1,56 @@
+"""What happened in a run, in words: changes of phase, mode and law, refused ranges, texts on the link."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from circnav_mav.mav.codec import Decoder
+from circnav_mav.runlog.run import Run
+from circnav_mav.runlog.run_folder import Ticks
+from circnav_mav.runlog.tlog import message_id, read_tlog
+
+STATUSTEXT = 253
+OUR_COMPONENTS = range(191, 195)
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """A moment of a run. kind: phase, mode, law, rejected, vehicle says, circnav says."""
+
+    time: float
+    kind: str
+    text: str
+
+
+def events(run: Run) -> list[Event]:
+    """All events of a run in the order of time. Raises RunError, OSError."""
+    found = [*_changes(run.ticks), *_texts(run.folder / "flight.tlog", run.epoch_us)]
+    return sorted(found, key=lambda event: event.time)
+
+
+def _changes(ticks: Ticks) -> Iterator[Event]:
+    for kind, words in sorted(ticks.words.items()):
+        before = None
+        for time, word in zip(ticks.time, words, strict=True):
+            if word != before:
+                yield Event(float(time), kind, word)
+            before = word
+    if "rejected" in ticks.numbers and len(ticks.time):
+        steps = np.diff(ticks.numbers["rejected"], prepend=0.0)
+        for at in np.flatnonzero(steps > 0):
+            yield Event(float(ticks.time[at]), "rejected", f"ranges rejected: {steps[at]:.0f}")
+
+
+def _texts(path: Path, epoch_us: int) -> Iterator[Event]:
+    decoder = Decoder()
+    for stamp, frame in read_tlog(path):
+        if message_id(frame) != STATUSTEXT:
+            continue
+        for message in decoder.decode(frame):
+            if message.get_msgId() != STATUSTEXT:
+                continue  # a damaged frame with a whole one inside
+            text = message.text if isinstance(message.text, str) else message.text.decode("ascii", "replace")
+            who = "circnav says" if message.get_srcComponent() in OUR_COMPONENTS else "vehicle says"
+            yield Event((stamp - epoch_us) / 1e6, who, text.rstrip("\0"))

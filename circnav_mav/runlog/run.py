@@ -1,0 +1,115 @@
+"""A run folder opened: what it says of itself, whatever became of the process that wrote it."""
+
+import json
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from circnav_mav.runlog.run_folder import Ticks, Truth, read_ticks, read_truth
+from circnav_mav.runlog.summary_schema import known_manifest, known_summary
+from circnav_mav.runlog.tlog import Damage, find_damage
+
+
+class RunError(Exception):
+    """A run that cannot be opened, in one line."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run folder. manifest, summary: what they say that can be believed; empty when the run did not live to write
+    them, or they are damaged."""
+
+    folder: Path
+    mission_text: str
+    manifest: dict[str, Any]
+    summary: dict[str, Any]
+    epoch_us: int
+
+    @property
+    def voice(self) -> str:
+        """What the pilot was allowed to say."""
+        return str(self.manifest.get("voice", "fly"))
+
+    @property
+    def name(self) -> str:
+        """The mission's name."""
+        return printable(self.manifest.get("mission") or self.summary.get("mission") or self.folder.name)
+
+    @cached_property
+    def ticks(self) -> Ticks:
+        """Every step that acted. Raises RunError."""
+        try:
+            return read_ticks(self.folder)
+        except (OSError, ValueError) as error:
+            raise RunError(f"{self.folder / 'ticks.csv'}: {_said(error)}") from None
+
+    @cached_property
+    def truth(self) -> Truth | None:
+        """The simulator's truth, None when there was none. Raises RunError."""
+        try:
+            return read_truth(self.folder, self.epoch_us, (self.manifest.get("autopilot") or {}).get("system"))
+        except OSError as error:
+            raise RunError(f"{self.folder / 'flight.tlog'}: {_said(error)}") from None
+
+    @cached_property
+    def damage(self) -> Damage | None:
+        """What of flight.tlog cannot be read. Raises RunError."""
+        path = self.folder / "flight.tlog"
+        try:
+            return find_damage(path)
+        except OSError as error:
+            raise RunError(f"{path}: {_said(error)}") from None
+
+    @property
+    def told_damage(self) -> str | None:
+        """The same in words, and where that is in the flight; None if all of it can be read. Raises RunError."""
+        found = self.damage
+        if found is None:
+            return None
+        until, newest = (max(stamp - self.epoch_us, 0) / 1e6 for stamp in (found.until, found.newest))
+        end = max(newest, float(self.ticks.time[-1]) if len(self.ticks.time) else 0.0)
+        first = "" if found.cut else "from "
+        return f"flight.tlog: {found} ({first}{until:.1f} s of {end:.1f} s)"
+
+
+def open_run(folder: Path) -> Run:
+    """Open a run folder. Raises RunError."""
+    if not folder.exists():
+        raise RunError(f"{folder}: no such run folder")
+    if not folder.is_dir() or not (folder / "flight.tlog").is_file() or not (folder / "mission.toml").is_file():
+        raise RunError(f"{folder}: is not a run folder: flight.tlog or mission.toml is missing")
+    manifest = known_manifest(_json(folder / "manifest.json"))
+    try:
+        summary = known_summary(_json(folder / "summary.json"))
+    except RunError:  # a full disk may have left half of it; its figures can be made anew
+        summary = {}
+    epoch = manifest.get("epoch_us") or summary.get("epoch_us")
+    if epoch is None:
+        raise RunError(f"{folder}: neither manifest.json nor summary.json tells when the run began (epoch_us)")
+    try:
+        text = (folder / "mission.toml").read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise RunError(f"{folder}: mission.toml: {_said(error)}") from None
+    return Run(folder, text, manifest, summary, epoch)
+
+
+def printable(name: str) -> str:
+    """A name as text: what of it UTF-8 cannot hold becomes a question mark."""
+    return name.encode("utf-8", "replace").decode()
+
+
+def _json(path: Path) -> Any:
+    """What a JSON file holds; None if there is none. Raises RunError."""
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return None
+    except RecursionError:
+        raise RunError(f"{path}: is nested too deeply") from None
+    except (OSError, ValueError) as error:
+        raise RunError(f"{path}: {_said(error)}") from None
+
+
+def _said(error: Exception) -> str:
+    return getattr(error, "strerror", None) or str(error)

@@ -1,0 +1,166 @@
+"""summary.json of a run: stable keys that later work and users' scripts read."""
+
+from dataclasses import asdict, dataclass, field
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from circnav_mav.guidance.phases import Phase
+from circnav_mav.guidance.types import Direction, Orbit
+from circnav_mav.runlog import metrics
+from circnav_mav.runlog.atomic_write import write_json
+from circnav_mav.runlog.run_folder import Ticks, Truth
+from circnav_mav.runlog.turn_command import NAMES, late_figures
+
+NOT_OURS = frozenset(
+    phase.value for phase in (Phase.WAIT_LINK, Phase.WAIT_RANGING, Phase.READY, Phase.YIELDED, Phase.ENDED)
+)
+"""The phases in which somebody else has the vehicle, or nobody."""
+UNRECORDED = 1.0
+"""Time, s, at the end of a flight from which on it is worth telling that nothing was recorded."""
+
+
+@dataclass(frozen=True, slots=True)
+class FlightFacts:
+    """What the flight itself knows at its end. engaged_s, until_s: run time of the engagement and of the last tick,
+    recorded or not; None: as the recorded ticks say. clock_speed: of the autopilot's time, where it was not ours."""
+
+    mission: str
+    outcome: str
+    reason: str
+    orbit: Orbit
+    samples_accepted: int
+    samples_rejected: dict[str, int]
+    setpoints_sent: int
+    firmware: str | None
+    version: str
+    epoch_us: int
+    recording_problem: str | None
+    frames_refused: dict[str, int] = field(default_factory=dict)
+    voice: str = "fly"
+    clock_speed: float | None = None
+    engaged_s: float | None = None
+    until_s: float | None = None
+
+
+def summarise(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str, Any]:
+    """The summary as plain values. Without an engagement the figures of the circle are null; else they are of what was
+    recorded, and `recording_problem` tells where that is not all; and of the ticks that steered by a fresh range, for a
+    prediction that goes on through an outage is no measurement."""
+    orbit = facts.orbit
+    start = ticks.engaged_at if facts.engaged_s is None else facts.engaged_s
+    end = float(ticks.time[-1]) if facts.until_s is None and len(ticks.time) else facts.until_s or 0.0
+    flown = ticks.time >= (np.inf if start is None else start)
+    steered = np.array([phase == Phase.ENGAGED.value for phase in ticks.phases], bool)
+    known = flown & steered & ~np.isnan(ticks.numbers["r"])
+    turned = np.nansum(metrics.last_part(ticks.time[flown & steered], ticks.numbers["turn_rate"][flown & steered]))
+    return {
+        "mission": facts.mission,
+        "voice": facts.voice,
+        "outcome": facts.outcome,
+        "reason": facts.reason,
+        "desired_radius_m": orbit.radius,
+        "direction": orbit.direction.value,
+        "direction_commanded": _commanded(float(turned)),
+        "engaged_s": start,
+        "flown_s": end - start if start is not None else 0.0,
+        "steered_s": 0.0 if start is None else max(end - start - _time_without_us(ticks, flown), 0.0),
+        **_circle(ticks.time[known], ticks.numbers["r"][known], orbit.radius),
+        **_height(ticks.numbers["height"][flown & steered]),
+        **_turn(ticks, known, orbit),
+        **_vehicle(ticks, flown & steered),
+        "samples_accepted": facts.samples_accepted,
+        "samples_rejected": facts.samples_rejected,
+        "frames_refused": facts.frames_refused,
+        "setpoints_sent": facts.setpoints_sent,
+        "truth": None if truth is None or start is None else _truth(truth, start, end, orbit),
+        "firmware": facts.firmware,
+        "version": facts.version,
+        "epoch_us": facts.epoch_us,
+        "clock_speed": facts.clock_speed,
+        "recording_problem": _problem(facts.recording_problem, ticks, truth, end),
+    }
+
+
+def write_summary(folder: Path, summary: dict[str, Any]) -> None:
+    """Write summary.json, whole or not at all. Raises OSError."""
+    write_json(folder / "summary.json", summary)
+
+
+def _problem(problem: str | None, ticks: Ticks, truth: Truth | None, end: float) -> str | None:
+    """What the recorder said, and up to where the figures go if not to the end of the flight. Truth that ends early
+    without a word of the recorder was not heard."""
+    ends = {"estimates": float(ticks.time[-1]) if len(ticks.time) else 0.0}
+    if truth is not None and problem is not None:
+        ends["truth"] = float(truth.time[-1])
+    short = [f"{what} up to {until:.0f} s" for what, until in ends.items() if end - until > UNRECORDED]
+    said = [problem] if problem else []
+    return "; ".join(said + ([f"figures are of {', '.join(short)} of {end:.0f} s"] if short else [])) or None
+
+
+def _time_without_us(ticks: Ticks, flown: NDArray[np.bool_]) -> float:
+    """Seconds since the engagement in which we did not steer: the operator flew, or the vehicle was not heard. What was
+    not recorded counts as steered."""
+    without = np.array([phase in NOT_OURS for phase in ticks.phases], bool)[:-1]
+    return float(np.diff(ticks.time)[flown[:-1] & without].sum())
+
+
+def _circle(time: metrics.Column, radius: metrics.Column, desired: float) -> dict[str, float | None]:
+    last = metrics.last_part(time, radius)
+    return {
+        "settled_s": metrics.settled(time, radius, desired),
+        "radius_mean_m": metrics.mean(last),
+        "radius_rms_error_m": metrics.rms_error(last, desired),
+    }
+
+
+def _height(height: metrics.Column) -> dict[str, float | None]:
+    known = height[~np.isnan(height)]
+    low, high = (float(known.min()), float(known.max())) if len(known) else (None, None)
+    return {"height_min_m": low, "height_max_m": high}
+
+
+def _turn(ticks: Ticks, known: NDArray[np.bool_], orbit: Orbit) -> dict[str, Any]:
+    """How quiet the turn command was, over the ticks by which the radius is judged."""
+    time, turn, cut = (ticks.numbers[name][known] for name in ("time", "turn_rate", "saturated"))
+    figures = late_figures(time, turn, cut, orbit)
+    return asdict(figures) if figures else dict.fromkeys(NAMES)
+
+
+def _vehicle(ticks: Ticks, steered: NDArray[np.bool_]) -> dict[str, float | int | None]:
+    """How the vehicle answered turn commands at the end, what was left of the gains, and how often the law changed."""
+    figures: dict[str, float | int | None] = {}
+    for name, column in (("turn_gain", "turn_gain"), ("turn_delay_s", "turn_delay"), ("gain_share", "gain_share")):
+        values = ticks.numbers[column][steered] if column in ticks.numbers else np.array([])
+        known = values[~np.isnan(values)]
+        figures[name] = float(known[-1]) if len(known) else None
+    laws = [law for law, ours in zip(ticks.words.get("law", []), steered, strict=False) if ours and law]
+    return figures | {"law_changes": sum(before != after for before, after in pairwise(laws))}
+
+
+def _commanded(turned: float) -> str | None:
+    """The sense in which most turning was commanded in the last third of what was steered: turns on the way count for
+    nothing."""
+    if turned == 0:
+        return None
+    return str((Direction.COUNTERCLOCKWISE if turned > 0 else Direction.CLOCKWISE).value)
+
+
+def _truth(truth: Truth, start: float, end: float, orbit: Orbit) -> dict[str, Any] | None:
+    flown = (truth.time >= start) & (truth.time <= end)
+    if not flown.any():
+        return None
+    time, radius = truth.time[flown], truth.radius[flown]
+    late = time >= time[-1] - metrics.LAST * (time[-1] - time[0])
+    swept = metrics.swept_angle(
+        (truth.north - truth.target_north)[flown][late], (truth.east - truth.target_east)[flown][late]
+    )
+    direction = metrics.direction_of(swept)
+    return {
+        **_circle(time, radius, orbit.radius),
+        "direction": direction.value if direction else None,
+        "closest_approach_m": float(radius.min()),
+    }

@@ -1,0 +1,155 @@
+"""The folder of a campaign: nobody else's files are written over, and one process at a time has it."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from circnav_mav.experiments.campaign.file import load_campaign
+from circnav_mav.experiments.campaign.store import Store, StoreError
+
+VARY = '"guidance.law" = ["smooth", "pi"]\n'
+HOLDS = """
+import sys
+from pathlib import Path
+from circnav_mav.experiments.campaign.file import load_campaign
+from circnav_mav.experiments.campaign.store import Store
+store = Store(Path(sys.argv[2]), load_campaign(sys.argv[1]))
+print("held", flush=True)
+sys.stdin.read()
+"""
+
+
+@pytest.fixture
+def campaign(write):
+    return load_campaign(write(VARY))
+
+
+def contents(folder):
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+@pytest.mark.parametrize("name", ["log.txt", "slurm-17.out", ".DS_Store"])
+def test_a_file_that_no_campaign_writes_is_in_nobodys_way(campaign, tmp_path, name):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / name).write_text("mine\n")
+    Store(tmp_path / "out", campaign).close()
+    assert (tmp_path / "out" / name).read_text() == "mine\n"
+
+
+def test_what_a_full_disk_left_of_our_own_files_is_begun_anew(campaign, tmp_path):
+    Store(tmp_path / "whole", campaign).close()
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "mission.toml").write_bytes((tmp_path / "whole" / "mission.toml").read_bytes()[:100])
+    Store(tmp_path / "out", campaign).close()
+    assert contents(tmp_path / "out") == contents(tmp_path / "whole")
+
+
+@pytest.mark.parametrize("name", ["mission.toml", "campaign.toml", "summary.json", "runs.csv", "flight.png"])
+@pytest.mark.parametrize("resume", [False, True])
+def test_a_folder_with_a_file_of_somebody_elses_is_refused_untouched(campaign, tmp_path, name, resume):
+    folder = tmp_path / "out"
+    folder.mkdir()
+    (folder / name).write_text("mine\n")
+    with pytest.raises(StoreError, match=f"holds {name}, which is not of this campaign: name another --out"):
+        Store(folder, campaign, resume=resume)
+    assert contents(folder) == {name: b"mine\n"}
+
+
+def test_a_table_of_somebody_elses_is_not_taken_up(campaign, tmp_path):
+    folder = tmp_path / "out"
+    folder.mkdir()
+    (folder / "runs.csv").write_text("a,b\n1,2\n3,4\n")
+    with pytest.raises(StoreError, match=r"holds runs\.csv, which is not of this campaign"):
+        Store(folder, campaign)
+    with pytest.raises(StoreError, match=r"cannot resume: campaign\.toml is missing; name another --out"):
+        Store(folder, campaign, resume=True)
+    assert contents(folder) == {"runs.csv": b"a,b\n1,2\n3,4\n"}
+
+
+@pytest.mark.parametrize("name", ["campaign.toml", "mission.toml"])
+def test_a_campaign_that_lost_its_files_is_not_resumed_and_says_which(campaign, tmp_path, name):
+    begun = Store(tmp_path / "out", campaign)
+    begun.add([{"run": 0}])
+    begun.close()
+    (tmp_path / "out" / name).unlink()
+    with pytest.raises(StoreError, match=f"cannot resume: {name} is missing; name another --out"):
+        Store(tmp_path / "out", campaign, resume=True)
+
+
+def test_lengths_have_as_many_digits_as_do_not_hang_on_the_size_of_a_batch(campaign, tmp_path):
+    """The first two are of one flight, among 24 and among 203; what was varied keeps all its digits."""
+    store = Store(tmp_path / "out", campaign)
+    errors = (-0.00968086, -0.00968063, -0.000001, 123.456789)
+    store.add([{"run": run, "mean_error_m": error, "settled_s": 12.3456789} for run, error in enumerate(errors)])
+    store.close()
+    told = [(row["mean_error_m"], row["settled_s"]) for row in store.read()]
+    assert told == [("-0.00968", "12.3457"), ("-0.00968", "12.3457"), ("0", "12.3457"), ("123.457", "12.3457")]
+
+
+def test_an_empty_folder_and_one_of_the_same_campaign_before_its_first_row_are_taken(campaign, tmp_path):
+    (tmp_path / "out").mkdir()
+    for _ in range(2):
+        Store(tmp_path / "out", campaign).close()
+    (tmp_path / "out" / "summary.json").write_text("of no flights: it was interrupted before the first row")
+    for resume in (True, False):
+        Store(tmp_path / "out", campaign, resume=resume).close()
+
+
+@pytest.mark.parametrize("place", ["/proc/circnav", "/dev/null", "/dev/null/out"])
+def test_a_folder_that_cannot_be_had_is_one_line_without_a_word_of_resuming(campaign, place):
+    with pytest.raises(StoreError) as told:
+        Store(Path(place), campaign)
+    assert str(told.value).startswith(place)
+    assert "resume" not in str(told.value)
+    assert "\n" not in str(told.value)
+
+
+@pytest.fixture
+def other(write, tmp_path):
+    """Another process that has the folder."""
+    path = write(VARY)
+    held = subprocess.Popen(
+        [sys.executable, "-c", HOLDS, path, tmp_path / "out"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+        env={"PYTHONPATH": str(Path(__file__).parents[2]), "PATH": "/bin"},
+    )  # fmt: skip
+    assert held.stdout.readline() == "held\n"
+    yield held
+    held.kill()
+    held.communicate()
+
+
+@pytest.mark.parametrize("resume", [False, True])
+def test_a_second_process_in_one_folder_is_refused(campaign, other, tmp_path, resume):
+    with pytest.raises(StoreError, match="another process flies a campaign there: wait, or name another --out"):
+        Store(tmp_path / "out", campaign, resume=resume)
+
+
+def test_a_process_that_was_killed_leaves_no_lock_behind(campaign, other, tmp_path):
+    other.kill()
+    other.communicate()
+    Store(tmp_path / "out", campaign).close()
+
+
+def test_a_machine_without_locks_is_taken_as_it_is(campaign, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "fcntl", None)
+    Store(tmp_path / "out", campaign).close()
+
+
+def test_fewer_runs_than_were_flown_are_refused_with_how_many_there_are(write, tmp_path):
+    begun = Store(tmp_path / "out", load_campaign(write(VARY, "runs = 24")))
+    begun.add([{"run": run} for run in (3, 12, 23)])
+    begun.close()
+    with pytest.raises(StoreError, match=r"runs\.csv: holds run 12 and more: ask for at least 24 --runs"):
+        Store(tmp_path / "out", load_campaign(write(VARY, "runs = 24"), runs=12), resume=True)
+
+
+def test_the_folder_is_free_again_when_its_campaign_is_refused(campaign, tmp_path):
+    begun = Store(tmp_path / "out", campaign)
+    begun.add([{"run": 0}])
+    begun.close()
+    with pytest.raises(StoreError, match="holds a campaign already") as kept:
+        Store(tmp_path / "out", campaign)
+    Store(tmp_path / "out", campaign, resume=True).close()
+    assert kept.value is not None

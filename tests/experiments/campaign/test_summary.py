@@ -1,0 +1,148 @@
+"""Intervals that hold what they say, against the textbook and against chance itself."""
+
+from dataclasses import asdict
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from circnav_mav.cli.campaign import _say
+from circnav_mav.experiments.campaign.plots import _against, _distributions, _starts
+from circnav_mav.experiments.campaign.summary import figures, median_interval, percentile, summarise, wilson
+
+TURN = {
+    "turn_std_deg_s": "1", "turn_at_limit": "0.25", "turn_variation_rad_s2": "0.2", "turn_limit_cycle": "false"
+}  # fmt: skip
+
+
+def rows_of(kept, rms, points=1):
+    """Rows in the order of their runs, at so many points of a grid with the key k."""
+    return [
+        {"run": str(run), "k": str(run % points), "outcome": "completed", "kept": "true" if good else "false",
+         "rms_m": f"{error:.6g}", "settled_s": "5", "closest_m": "3", "right_way": "true", "wind": f"{error:.4g}",
+         **TURN}
+        for run, (good, error) in enumerate(zip(kept, rms, strict=True))
+    ]  # fmt: skip
+
+
+def test_intervals_are_those_of_the_textbook():
+    """Wilson (1927) for 8 of 10; ranks 40 and 61 of 100 hold the median with 95 % (binomial)."""
+    assert wilson(0.8, 10) == pytest.approx((0.4902, 0.9433), abs=1e-4)
+    assert median_interval(list(range(1, 101)), 100) == (40.0, 61.0)
+
+
+@pytest.mark.parametrize("worlds", [1, 7, 30, 1000])
+def test_all_and_none_kept_reach_the_ends_exactly(worlds):
+    assert wilson(1.0, worlds)[1] == 1.0
+    assert wilson(0.0, worlds)[0] == 0.0
+
+
+@pytest.mark.parametrize("n", range(6))
+def test_five_flights_and_fewer_hold_no_median_with_95_percent(n):
+    """The least and the largest of n hold it in 1 - 2 (1/2)^n of all cases: 93.75 % for 5, 96.9 % for 6."""
+    assert median_interval(list(range(n)), n) == (None, None)
+    assert median_interval(list(range(6)), 6) == (0.0, 5.0)
+
+
+def test_intervals_of_flights_that_share_their_worlds_hold_the_truth_in_95_percent():
+    """Four points of a grid that fare alike in each of 25 worlds: the worlds decide, not the hundred rows. The share
+    kept is truly 0.7, the median 0."""
+    chance, shares, medians = np.random.default_rng(5), 0, 0
+    for _ in range(400):
+        world = chance.normal(size=25)
+        rms = np.repeat(world, 4) + 1e-6 * chance.normal(size=100)
+        found = figures(rows_of(np.repeat(chance.random(25) < 0.7, 4), rms, 4), 4)
+        shares += found.kept_interval[0] <= 0.7 <= found.kept_interval[1]
+        medians += found.rms_interval[0] <= 0 <= found.rms_interval[1]
+    assert found.worlds == 25
+    assert shares / 400 > 0.9  # 92 % by the binomial law; with every row for itself 62 %
+    assert medians / 400 > 0.93
+
+
+def test_one_value_of_the_only_swept_key_has_a_world_to_each_flight():
+    rows = rows_of([True] * 40, np.arange(1.0, 41.0), 4)
+    summary = summarise(rows, {"k": (0, 1, 2, 3)})
+    assert (summary["all"]["flights"], summary["all"]["worlds"]) == (40, 10)
+    assert [figures["worlds"] for figures in summary["by"]["k"].values()] == [10, 10, 10, 10]
+
+
+# --- pictures ---
+
+
+def test_the_median_on_the_picture_is_that_of_the_summary():
+    rows = rows_of([True] * 4, [1.0, 2.0, 4.0, 8.0])
+    (legend,) = (axis.get_legend() for axis in _distributions(rows, "x").axes if axis.get_legend())
+    assert [text.get_text() for text in legend.get_texts()] == [f"median {figures(rows).rms_median:.3g} m"]
+    assert figures(rows).rms_median == percentile([1.0, 2.0, 4.0, 8.0], 50) == 4.0
+
+
+def test_errors_within_a_decade_have_labels_that_do_not_overlap_and_counts_are_whole():
+    figure = _distributions(rows_of([True] * 30, np.geomspace(0.12, 0.95, 30)), "x")
+    figure.canvas.draw()
+    error = figure.axes[0]
+    boxes = [label.get_window_extent() for label in error.get_xticklabels(which="both") if label.get_text()]
+    low, high = error.get_window_extent().x0, error.get_window_extent().x1
+    shown = sorted((box.x0, box.x1) for box in boxes if low <= (box.x0 + box.x1) / 2 <= high)
+    assert len(shown) >= 3
+    assert all(left[1] < right[0] for left, right in pairwise(shown))
+    assert all(float(tick).is_integer() for axis in figure.axes for tick in axis.get_yticks())
+
+
+def test_drawn_values_that_are_binned_are_called_so():
+    rows = rows_of([True] * 25, np.geomspace(0.1, 9, 25))
+    assert "25 drawn values, in 12 bins" in _against(rows, "wind", [], "x").axes[1].get_xlabel()
+    assert _against(rows[:12], "wind", [], "x").axes[1].get_xlabel() == "wind"
+
+
+def never_engaged(run, k):
+    """A row as a flight leaves it that ended before it was ours."""
+    return {"run": str(run), "k": k, "outcome": "no range", "kept": "false", "rms_m": "", "settled_s": "",
+            "closest_m": "", "right_way": "", **dict.fromkeys(TURN, "")}  # fmt: skip
+
+
+def test_flights_that_never_engaged_are_told_where_the_error_is_that_of_the_others():
+    rows = [*rows_of([True] * 8, np.arange(1.0, 9.0)), never_engaged(8, "0"), never_engaged(9, "0")]
+    found = figures(rows)
+    assert (found.flights, found.kept_share, found.not_engaged, found.failed) == (10, 0.8, 2, 0)
+
+
+def test_a_percentile_of_the_flights_is_not_printed_as_if_it_were_the_confidence_interval(capsys):
+    _say("all flights", asdict(figures(rows_of([True] * 20, np.arange(1.0, 21.0)))))
+    printed = capsys.readouterr().out
+    assert "kept 20 of 20 (100.0 %, 83.9 .. 100.0)  RMS 11 m (5 .. 16), p95 20 m  settled 5 s, p95 5 s" in printed
+    assert "  turn sd 1.0 deg/s, at the limit 25 %\n" in printed
+
+
+def test_the_share_kept_on_the_picture_is_that_of_the_summary():
+    """Half of the flights at one value never engaged, and all of those at another."""
+    rows = rows_of([True] * 4, [1.0, 2.0, 3.0, 4.0])
+    rows += [never_engaged(run, "0") for run in range(4, 8)] + [never_engaged(run, "7") for run in range(8, 12)]
+    error, share = _against(rows, "k", ["k"], "x").axes
+    shares = {value["kept_share"] for value in summarise(rows, {"k": ("0", "7")})["by"]["k"].values()}
+    assert [100 * one for one in sorted(shares, reverse=True)] == list(share.lines[0].get_ydata()) == [50.0, 0.0]
+    assert np.isnan(error.lines[0].get_ydata()[1])
+    assert "4 flights, 8 more never engaged" in _distributions(rows, "x").get_suptitle()
+
+
+def test_a_flight_that_could_not_be_flown_is_not_told_as_one_that_never_engaged():
+    rows = [*rows_of([True] * 4, [1.0, 2.0, 3.0, 4.0]), never_engaged(4, "0")]
+    rows.append(never_engaged(5, "0") | {"outcome": "error"})
+    title = _distributions(rows, "x").get_suptitle()
+    assert title == "x: 4 flights, 1 more never engaged, 1 more could not be flown"
+
+
+def test_a_place_shows_the_share_kept_of_all_flights_from_there_however_they_were_turned():
+    starts = {"start_range_m": "50", "start_bearing_deg": "90"}
+    rows = [row | starts | {"start_heading_deg": f"{30 * at}"} for at, row in enumerate(rows_of([True] * 4, [1.0] * 4))]
+    rows[3]["kept"] = "false"
+    place, turned, _ = _starts(rows, "x").axes
+    assert list(place.collections[0].get_array()) == [75.0]
+    assert sorted(turned.collections[0].get_array()) == [0.0, 100.0, 100.0, 100.0]
+
+
+def test_errors_within_a_factor_of_two_can_be_read_off():
+    error = _against(rows_of([True] * 30, np.linspace(0.11, 0.19, 30)), "wind", [], "x").axes[0]
+    error.figure.canvas.draw()
+    low, high = error.get_ylim()
+    places = [place for place, text in zip(error.get_yticks(), error.get_yticklabels(), strict=True) if text.get_text()]
+    assert sum(low <= place <= high for place in places) >= 2

@@ -1,0 +1,85 @@
+"""The paper reproduced: numbers of an independent simulation (2000 starts), lemmas, the mirror image, six figures."""
+
+import numpy as np
+import pytest
+
+from circnav_mav.experiments import ideal
+from circnav_mav.experiments.ideal import Tracks
+from circnav_mav.experiments.paper import EXAMPLES, R_D, TARGET, Example, draw, entries, settling, study, table
+
+STARTS = ideal.random_starts(60, 3)
+
+
+@pytest.fixture(scope="module")
+def studied():
+    return {example.number: study(example, STARTS, 150.0) for example in EXAMPLES}
+
+
+@pytest.mark.parametrize(
+    ("number", "radius", "within", "median"), [(1, 10.98684113, 1e-4, 28), (2, 10.0, 1e-4, 30), (3, 10.0, 1e-3, 42)]
+)
+def test_every_start_reaches_the_papers_radius_clockwise(studied, number, radius, within, median):
+    found, _ = studied[number]
+    assert found.reached == pytest.approx((radius, radius), abs=within)
+    assert found.example.predicted == pytest.approx(radius, abs=1e-7)
+    assert found.clockwise == found.starts == 60
+    assert np.isfinite(found.settling).all()
+    assert np.median(found.settling) == pytest.approx(median, abs=5)
+
+
+@pytest.mark.parametrize("number", [1, 2, 3])
+def test_the_lemmas_hold_along_every_track(studied, number):
+    found, _ = studied[number]
+    assert found.most_entries <= 1
+    assert 0 <= found.bearings[0] <= found.bearings[1] <= np.pi
+    assert found.rise is None or found.rise < 1e-9
+
+
+@pytest.mark.parametrize("number", [1, 2, 3])
+def test_a_negative_gain_flies_the_mirror_image(studied, number):
+    found, _ = studied[number]
+    assert found.mirror < 1e-3
+    assert found.mirrored_counterclockwise == 40
+
+
+def test_an_arc_is_exact():
+    """A quarter of a circle of radius 2, to the left: from the origin heading right to (2, 2) heading up."""
+    x, y, heading = ideal.arc(np.zeros(1), np.zeros(1), np.zeros(1), 1.0, np.array([0.5]), np.pi)
+    assert (x[0], y[0], heading[0]) == pytest.approx((2.0, 2.0, np.pi / 2))
+    x, y, heading = ideal.arc(np.zeros(1), np.zeros(1), np.zeros(1), 3.0, np.zeros(1), 2.0)
+    assert (x[0], y[0], heading[0]) == (6.0, 0.0, 0.0)
+
+
+def test_the_lyapunov_functions_integral_is_that_of_the_paper():
+    """Closed form against the trapezoidal rule; zero at r_a with theta_b = pi/2."""
+    r_d, r_a, k = 10.0, 10.98684113, 0.01
+    z = np.linspace(r_a, 25.0, 200_001)
+    values = -1 / z + 2 * k * z * np.cos(np.arcsin(r_d / z))
+    by_hand = np.sum((values[1:] + values[:-1]) / 2) * (z[1] - z[0])
+    lyapunov = ideal.lyapunov(np.array([r_a, 25.0]), np.full(2, np.pi / 2), r_d=r_d, r_a=r_a, k=k)
+    assert lyapunov == pytest.approx([0.0, by_hand], abs=1e-7)
+
+
+def test_entries_and_settling_are_counted_by_hand():
+    r = np.array([[12.0, 9.0], [9.0, 9.0], [12.0, 12.0], [9.0, 12.0], [10.2, 12.0]])
+    assert list(entries(r, R_D)) == [2, 1]
+    tracks = Tracks(np.arange(5.0), r, r, r, r)
+    assert list(settling(tracks, R_D)) == [4.0, np.inf]
+
+
+def test_the_table_shows_another_gain_with_its_own_radius():
+    found, _ = study(Example(1, "smooth", 0.02, R_D), ideal.random_starts(5, 1), 100.0)
+    assert found.reached == pytest.approx((found.example.predicted,) * 2, abs=0.01)
+    assert f"| {found.example.predicted:.5f} m" in table([found])
+
+
+def test_the_figures_are_drawn(studied, tmp_path):
+    paths = [path for example in EXAMPLES for path in draw(tmp_path, example, studied[example.number][1], 0)]
+    assert len(paths) == 6
+    assert all(path.read_bytes().startswith(b"\x89PNG") for path in paths)
+
+
+def test_a_mirrored_start_is_as_far_from_the_target():
+    mirrored = STARTS.mirrored(TARGET)
+    there, here = (ideal.polar(s.x, s.y, s.heading, TARGET) for s in (mirrored, STARTS))
+    assert there[0] == pytest.approx(here[0])

@@ -1,0 +1,66 @@
+"""The path through the air between reports of the vehicle's own motion, and a little beyond the newest."""
+
+from math import cos, pi, sin
+
+import pytest
+
+from circnav_mav.guidance.estimators.dead_reckoning import EXTRAPOLATED, HOLE, OwnPath
+from circnav_mav.guidance.types import OwnMotion
+
+V, OMEGA = 15.0, 0.4
+
+
+def circling(t: float, airspeed: float = V) -> OwnMotion:
+    return OwnMotion(t, (OMEGA * t + 3.0 + pi) % (2 * pi) - pi, OMEGA, airspeed)
+
+
+def arc(t: float) -> tuple[float, float]:
+    """Where a steady turn has come from t = 0, by hand."""
+    return V / OMEGA * (sin(OMEGA * t + 3.0) - sin(3.0)), -V / OMEGA * (cos(OMEGA * t + 3.0) - cos(3.0))
+
+
+def told(*times: float) -> OwnPath:
+    path = OwnPath()
+    for t in times:
+        path.move(circling(t))
+    return path
+
+
+@pytest.mark.parametrize("t", [0.0, 0.07, 0.2, 0.33, 1.0, 1.4, 1.4 + EXTRAPOLATED])
+def test_a_steady_turn_is_an_arc_between_reports_and_beyond_them(t):
+    """Through the cut of the heading at pi, too: it is passed after .35 s."""
+    knot = told(0.0, 0.2, 0.4, 1.4).at(t)
+    x, y = arc(t)
+    assert (knot.x, knot.y) == pytest.approx((x, y), abs=1e-9)
+    assert (knot.motion.time, knot.motion.turn_rate, knot.motion.airspeed) == pytest.approx((t, OMEGA, V))
+    assert (knot.motion.heading - OMEGA * t - 3.0 + pi) % (2 * pi) == pytest.approx(pi)
+
+
+@pytest.mark.parametrize("t", [-0.01, 0.41 + EXTRAPOLATED])
+def test_what_was_before_the_first_report_or_comes_long_after_the_newest_is_not_known(t):
+    assert told(0.0, 0.2, 0.4).at(t) is None
+    assert OwnPath().at(t) is None
+
+
+def test_between_two_reports_turn_rate_goes_from_one_to_the_other_and_airspeed_is_their_mean():
+    path = OwnPath()
+    path.move(OwnMotion(0.0, 0.0, 0.0, 10.0))
+    path.move(OwnMotion(1.0, 0.0, 0.2, 14.0))
+    knot = path.at(0.25)
+    assert (knot.motion.turn_rate, knot.motion.airspeed, knot.x) == pytest.approx((0.05, 12.0, 3.0))
+    assert path.at(1.0).x == pytest.approx(12.0)
+
+
+def test_a_report_that_is_late_or_told_twice_moves_nothing():
+    path, late = told(0.0, 0.2, 0.4), told(0.0, 0.2, 0.4)
+    for t in (0.4, 0.3, 0.0):
+        late.move(circling(t, airspeed=3.0))
+    for t in (0.1, 0.3, 0.4, 0.6):
+        assert late.at(t) == path.at(t)
+
+
+def test_a_long_silence_breaks_the_path():
+    whole, broken = told(0.0, HOLE), told(0.0, HOLE + 0.01, HOLE + 0.2)
+    assert whole.at(1.0).piece == whole.at(HOLE).piece == 0
+    assert broken.at(1.0) is None
+    assert (broken.at(HOLE + 0.1).piece, broken.at(HOLE + 0.3).piece) == (1, 1)

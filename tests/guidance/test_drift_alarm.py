@@ -1,0 +1,62 @@
+"""When the drift is more than the circle allows: raised once, after a while, and ended with a margin."""
+
+from math import sqrt
+
+import pytest
+
+from circnav_mav.guidance.drift_alarm import DriftAlarm, watch_drift
+from circnav_mav.guidance.types import Direction, Orbit, RangeEstimate, RelativeMotion
+
+V, R, LIMIT = 15.0, 100.0, 0.35
+ORBIT = Orbit(R, Direction.CLOCKWISE, V, LIMIT)
+ALLOWED = sqrt(R * V * LIMIT) - V
+"""(V + W)^2 = V omega_max r_d, solved for W: 7.91 m/s."""
+
+
+QUIET = DriftAlarm()
+
+
+def after(drifts, gain=1.0, *, alarm=QUIET, start=0.0, trusted=True):
+    """The alarm after estimates of drift, 10 a second."""
+    for at, drift in enumerate(drifts):
+        motion = RelativeMotion(
+            100.0,
+            0.0,
+            1.0,
+            0.6 * drift,
+            0.8 * drift,
+            heading=0.0,
+            turn_rate=0.0,
+            airspeed=V,
+            scale=1.0,
+            trusted=trusted,
+        )
+        alarm = watch_drift(alarm, RangeEstimate(start + 0.1 * at, 100.0, 0.0, 0.5, 0.1, relative=motion), ORBIT, gain)
+    return alarm
+
+
+@pytest.mark.parametrize(("gain", "allowed"), [(1.0, ALLOWED), (0.72, sqrt(0.72 * R * V * LIMIT) - V)])
+def test_it_is_raised_at_the_drift_that_the_turn_rate_really_reached_allows(gain, allowed):
+    assert not after([allowed - 0.01] * 100, gain).on
+    raised = after([allowed + 0.01] * 100, gain)
+    assert raised.on
+    assert raised.allowed == pytest.approx(allowed)
+
+
+def test_a_gust_raises_nothing_and_a_lull_does_not_end_it():
+    gusts = ([ALLOWED + 2] * 25 + [ALLOWED - 0.1] * 5) * 4
+    assert not after(gusts).on
+    raised = after([ALLOWED + 2] * 40)
+    assert after([0.95 * ALLOWED], alarm=raised, start=5.0).on
+    assert not after([0.89 * ALLOWED], alarm=raised, start=5.0).on
+
+
+def test_a_drift_that_is_not_trusted_changes_nothing():
+    raised = after([ALLOWED + 2] * 40)
+    assert after([0.0] * 40, alarm=raised, trusted=False) == raised
+    assert after([ALLOWED + 2] * 40, trusted=False) == watch_drift(QUIET, None, ORBIT, 1.0) == QUIET
+
+
+def test_its_words_fit_a_statustext_with_our_name():
+    assert after([ALLOWED + 2] * 40).text == "drift 9.9 m/s, this circle allows 7.9"
+    assert len("circnav: " + DriftAlarm(drift=99.9, allowed=99.9).text) <= 50

@@ -1,0 +1,118 @@
+"""The stability margins of the heading and radius loop over the plants that real vehicles are.
+
+The loop is linear round the circle, so the margins are computed, not flown. Independent of the law's code but for the
+gains: theta is the heading inward of the tangent, e the radius error, c the turn command, P the vehicle.
+
+    theta' = P c,   e' = -V theta,   pending' = (1 - M) c,   M = e^(-s dead)/(lag s + 1)
+    c = -(heading + radial V (1 + heading T)) (theta + pending) + heading radial e,   T = dead + lag
+
+Family: Airframes and links as flown on ArduPilot 4.6.3 and PX4: dead time .05 .. .6 s, answers of first order
+(.1 .. 1.2 s) or of second order (3 .. 8 rad/s, damping .3 .. .8), and .05 s of link.
+"""
+
+from itertools import product
+
+import numpy as np
+import pytest
+
+from circnav_mav.guidance.turn_response import ResponseLearner
+from circnav_mav.guidance.vector_field import drift_gains
+
+W = np.logspace(-2, 1.8, 4000)
+S = 1j * W
+LINK = 0.05
+V = 15.0
+DEAD = (0.05, 0.2, 0.4, 0.6)
+PLANTS = [
+    *((dead, "first", lag, 0.0) for dead, lag in product(DEAD, (0.1, 0.4, 0.8, 1.2))),
+    *((dead, "second", w, damping) for dead, w, damping in product(DEAD, (3.0, 5.0, 8.0), (0.3, 0.55, 0.8))),
+]
+
+
+def answer(kind, a, damping):
+    """Transfer function, mean delay (s) and settling rate (1/s) of a vehicle's answer."""
+    if kind == "first":
+        return 1 / (a * S + 1), a, 1 / a
+    return a * a / (S * S + 2 * damping * a * S + a * a), 2 * damping / a, damping * a
+
+
+def loop(P, dead, lag, settles):
+    """The loop opened at the vehicle, with the gains for the dead time, lag and settling rate that are believed."""
+    T = dead + lag
+    gains = drift_gains(V, T, settles)
+    heading, across = float(gains.heading), float(gains.radial) * V
+    direct = heading + across * (1 + heading * T)
+    model = np.exp(-S * dead) / (lag * S + 1)
+    return P * (direct / S + heading * across / S**2) / (1 + direct * (1 - model) / S)
+
+
+def margins(L):
+    """Gain margin (dB) and phase margin (deg) of a loop that begins at -180 deg."""
+    gain, phase = np.abs(L), np.unwrap(np.angle(L))
+    phase -= 2 * np.pi * np.round((phase[0] + np.pi) / (2 * np.pi))
+    through = np.nonzero((gain[:-1] >= 1) != (gain[1:] >= 1))[0]
+    turned = np.nonzero((phase[:-1] > -np.pi) & (phase[1:] <= -np.pi) & (W[:-1] > 0.05))[0]
+    return float(-20 * np.log10(gain[turned].max())), float(180 + np.degrees(phase[through].min()))
+
+
+@pytest.mark.parametrize("known", [0.8, 1.0, 1.2])
+@pytest.mark.parametrize("plant", PLANTS, ids=str)
+def test_margins_hold_for_every_vehicle_whose_delay_is_known_to_a_fifth(plant, known):
+    dead, *shape = plant
+    F, lag, settles = answer(*shape)
+    gain, phase = margins(loop(F * np.exp(-S * (dead + LINK)), (dead + LINK) * known, lag * known, settles))
+    assert gain >= 6.0
+    assert phase >= 45.0
+
+
+def flown(dead, kind, a, damping, seconds=25.0, dt=0.01, gain=0.75):
+    """Turned angles of a vehicle under the turns of an approach, then on the circle: times, commands, angles."""
+    time = np.arange(0.0, seconds, dt)
+    command = np.where(time < 14.0, 0.3 * np.sign(np.sin(0.7 * time)), 0.15)
+    late = gain * command[np.maximum(np.arange(time.size) - round(dead / dt), 0)]
+    angle, rate, acceleration, angles = 0.0, 0.0, 0.0, []
+    for wanted in late:
+        if kind == "first":
+            rate += (wanted - rate) * dt / a
+        else:
+            acceleration += (a * a * (wanted - rate) - 2 * damping * a * acceleration) * dt
+            rate += acceleration * dt
+        angle += rate * dt
+        angles.append(angle)
+    return time, command, np.array(angles)
+
+
+def learnt(plant, expected=0.5):
+    """What is learnt of a plant that was expected to take half a second, from headings at 25 Hz."""
+    time, command, angles = flown(*plant)
+    rng, learner = np.random.default_rng(3), ResponseLearner(expected)
+    for i in range(0, time.size, 4):
+        learner.command(float(time[i]), float(command[i]))
+        learner.feel(float(time[i]), float(angles[i] + 0.005 * rng.standard_normal()), 0.0)
+    return learner.response(LINK)
+
+
+@pytest.mark.parametrize("plant", PLANTS[::2], ids=str)
+def test_margins_hold_with_what_a_flight_teaches_of_its_vehicle(plant):
+    dead, *shape = plant
+    F, _, _ = answer(*shape)
+    known = learnt(plant)
+    assert known.learnt
+    gain, phase = margins(loop(F * np.exp(-S * (dead + LINK)), known.dead + LINK, known.lag, known.settles))
+    assert gain >= 6.0
+    assert phase >= 45.0
+
+
+@pytest.mark.parametrize("plant", [(0.5, "first", 0.25, 0.0), (0.22, "second", 5.8, 0.46), (0.6, "first", 0.9, 0.0)])
+def test_the_delay_is_learnt_from_the_turns_of_an_approach(plant):
+    dead, *shape = plant
+    assert learnt(plant).delay - LINK == pytest.approx(dead + answer(*shape)[1], abs=0.12)
+
+
+def test_a_vehicle_that_only_circles_teaches_nothing_of_its_delay():
+    learner = ResponseLearner(0.5)
+    for i in range(1000):
+        learner.command(0.04 * i, 0.15)
+        learner.feel(0.04 * i, 0.15 * 0.04 * i, 0.0)
+    assert not learner.response(0.0).learnt
+    assert learner.response(0.0).delay == pytest.approx(0.5)

@@ -1,0 +1,127 @@
+"""The bank of filters stays a bank of numbers, whatever its ranges claim to be worth."""
+
+from copy import deepcopy
+from math import hypot
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from circnav_mav.guidance.air_path import chord
+from circnav_mav.guidance.estimators.multiple_model import BankSettings, DriftBank, Stage
+from circnav_mav.guidance.estimators.relative_ekf import CLOSEST, KAPPA, Hypotheses, Noise, R, update
+
+V, TURN, STEP = 15.0, 0.15, 0.05
+WIND, TARGET = (3.0, -2.0), (150.0, 80.0)
+ROUNDING = 1e-9
+"""Of an eigenvalue of a matrix whose diagonal is 1."""
+
+
+class Flown:
+    """A bank and the vehicle that it listens to, which turns steadily in the wind."""
+
+    def __init__(self, flights=1):
+        self.bank, self.t, self.p = DriftBank(BankSettings(V), flights), 0.0, np.array(TARGET)
+
+    def hear(self, dt, sigma, r=None, error=0.0):
+        """Fly on for dt, s, and hear a range of standard deviation sigma, m: r, or the true one and its error, m."""
+        path = chord(V, TURN * self.t, TURN * dt, dt)
+        self.t, self.p = self.t + dt, self.p + path + dt * np.array(WIND)
+        z = hypot(*self.p) + error if r is None else r
+        all_ = np.ones(self.bank.stage.size)
+        self.bank.step(dt * all_, path[:, None] * all_, z * all_, sigma * all_, all_ > 0)
+
+    def listen(self, seconds):
+        """Ordinary ranges for a time."""
+        rng = np.random.default_rng(0)
+        for _ in range(round(seconds / STEP)):
+            self.hear(STEP, 0.5, error=rng.normal(0, 0.5))
+        return self
+
+    @property
+    def off(self):
+        """How far from its true place the vehicle is believed to be, m."""
+        r, theta = self.bank.mean[:2, 0]
+        return hypot(*(r * np.array([np.cos(theta), np.sin(theta)]) - self.p))
+
+
+@pytest.fixture(scope="module")
+def tracking():
+    flown = Flown().listen(25.0)
+    assert flown.bank.stage[0] == Stage.TRACK
+    return flown
+
+
+heard = st.lists(
+    st.tuples(
+        st.one_of(st.just(STEP), st.floats(-3, 1.3).map(lambda power: 10**power)),
+        st.one_of(st.sampled_from([0.0, 1e-4, 0.5, 1e7, 4294967.294]), st.floats(-12, 12).map(lambda power: 10**power)),
+        st.one_of(st.none(), st.floats(0.0, 1e6)),
+        st.floats(-5, 5),
+    ),
+    min_size=1,
+    max_size=60,
+)
+
+
+@given(heard)
+def test_no_sequence_of_ranges_leaves_numbers_that_are_none_or_covariances_that_cannot_be(tracking, sequence):
+    flown = deepcopy(tracking)
+    for one in sequence:
+        flown.hear(*one)
+        bank = flown.bank
+        assert np.isfinite(bank.mean).all()
+        assert np.isfinite(bank.covariance).all()
+        assert np.isfinite(bank.spread[0]) == (bank.stage[0] == Stage.TRACK)
+        P = np.moveaxis(bank._tracks.P[..., 0], -1, 0) if bank._tracks.P.size else np.eye(8)[None]
+        assert np.array_equal(P, P.swapaxes(1, 2))
+        deviation = np.sqrt(np.einsum("nii->ni", P))
+        assert np.linalg.eigvalsh(P / deviation[:, :, None] / deviation[:, None, :]).min() > -ROUNDING
+
+
+@pytest.mark.parametrize("sigma", [4294967.294, 1e-4, 0.0])
+def test_after_ranges_that_claim_what_none_can_the_target_is_known_again(tracking, sigma):
+    """4294967.294 m: the largest range_accuracy that RANGING_BEACON can tell. Searched anew or not."""
+    flown = deepcopy(tracking)
+    for _ in range(200):
+        flown.hear(STEP, sigma)
+    flown.listen(30.0)
+    assert flown.bank.trusted[0]
+    assert flown.off < 5.0
+
+
+def test_a_track_that_is_no_number_any_more_is_searched_anew(tracking):
+    flown = deepcopy(tracking)
+    flown.bank._tracks.x[KAPPA, 0] = np.nan
+    flown.hear(STEP, 0.5)
+    bank = flown.bank
+    assert (bank.stage[0], bank.trusted[0]) == (Stage.SEARCH, False)
+    assert np.isfinite(bank.mean).all() and np.isfinite(bank.covariance).all()
+    flown.listen(30.0)
+    assert flown.bank.trusted[0]
+    assert flown.off < 5.0
+
+
+def test_a_flight_whose_track_is_no_number_takes_no_other_with_it():
+    """Two flights in one bank hear the same; the track of the first breaks."""
+    broken, whole = Flown(flights=2).listen(30.0), Flown(flights=2).listen(30.0)
+    assert (broken.bank.stage == Stage.TRACK).all()
+    broken.bank._tracks.P[R, R, :, 0] = np.nan
+    for flown in (broken, whole):
+        flown.hear(STEP, 0.5)
+    assert broken.bank.stage.tolist() == [Stage.SEARCH, Stage.TRACK]
+    assert np.array_equal(broken.bank.mean[:, 1], whole.bank.mean[:, 1])
+    assert np.array_equal(broken.bank.covariance[..., 1], whole.bank.covariance[..., 1])
+
+
+def test_a_variance_that_rounding_has_made_negative_is_none():
+    """A range much better than the rest of what is known: what is left of the variance may be below zero by a bit."""
+    x, P = np.zeros((8, 1, 1)), 1e-3 * np.eye(8)[..., None, None]
+    x[R], x[KAPPA], P[R, R], P[5, 5] = 100.0, 1.0, -2e-9, 1e-9
+    noise = Noise(*(np.array([[value]]) for value in (1e-2, 0.0, 1.0, 0.0)))
+    one = np.array([100.0]), np.array([1e-6]), np.array([True])
+    after, said = update(Hypotheses(x, P, np.zeros((1, 1))), noise, *one, 5.0)
+    assert np.isfinite(after.P).all() and np.isfinite(after.log_weight).all()
+    assert said.nis[0, 0] >= 0.0
+    assert after.x[R, 0, 0] >= CLOSEST

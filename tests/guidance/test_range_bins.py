@@ -1,0 +1,78 @@
+"""The window of averaged ranges: its median against numpy's, its bins and what it measures of the noise by hand."""
+
+import numpy as np
+import pytest
+
+from circnav_mav.guidance.estimators.range_bins import WIDTH, RangeWindow, _median
+
+V, SIGMA = 15.0, 0.5
+
+
+@pytest.mark.parametrize("rows", [1, 2, 7, 8, 40])
+def test_the_median_of_what_is_there_is_numpys(rows):
+    rng = np.random.default_rng(rows)
+    for missing in (0.0, 0.3, 0.9):
+        values = rng.normal(size=(rows, 200))
+        values[rng.random(values.shape) < missing] = np.nan
+        values[0] = np.where(np.isnan(values).all(axis=0), 1.0, values[0])
+        assert np.array_equal(_median(values), np.nanmedian(values, axis=0))
+
+
+def listened(steps, ranges, valid, path=(0.0, 0.0)):
+    """A window of two flights: steps (N,) in s, ranges (N, 2) in m, valid (N, 2); path: m in each step."""
+    window = RangeWindow(2, V, 0.0)
+    for dt, z, arrived in zip(steps, ranges, valid, strict=True):
+        window.add(np.full(2, dt), np.array(path)[:, None] + np.zeros(2), z, np.full(2, SIGMA), arrived)
+    return window
+
+
+def test_the_white_part_of_the_noise_is_measured_of_each_flight_though_the_range_drifts_and_moves():
+    """0.1 m white beside an error that comes and goes in seconds; the second flight hears every other time."""
+    chance, t = np.random.default_rng(4), 0.05 * np.arange(400)
+    slow = 0.4 * np.sin(t)[:, None]
+    ranges = 100 + 10 * t[:, None] + slow + chance.normal(0, [0.1, 0.2], (400, 2))
+    valid = np.stack([np.ones(400, bool), np.arange(400) % 2 == 0], axis=1)
+    white = listened(np.full(400, 0.05), ranges, valid).white(np.full(2, SIGMA))
+    assert white == pytest.approx([0.1, 0.2], rel=0.35)
+
+
+def test_what_the_sensor_says_stands_for_the_white_part_until_it_is_measured_and_bounds_it():
+    chance = np.random.default_rng(4)
+    ranges, every = chance.normal(100, 5.0, (400, 2)), np.ones((400, 2), bool)
+    assert listened(np.full(10, 0.05), ranges[:10], every[:10]).white(np.full(2, SIGMA)).tolist() == [SIGMA, SIGMA]
+    assert listened(np.full(400, 0.05), ranges, every).white(np.full(2, SIGMA)).tolist() == [SIGMA, SIGMA]
+    uneven = np.where(np.arange(400) % 2, 0.04, 0.06)
+    still = np.full((400, 2), 100.0)
+    assert listened(uneven, still, every).white(np.full(2, SIGMA)).tolist() == [SIGMA, SIGMA]
+    assert listened(np.full(400, 0.05), still, every).white(np.full(2, SIGMA)).tolist() == [0.0, 0.0]
+
+
+def test_what_was_measured_is_forgotten_with_the_bins_of_a_flight():
+    window = listened(np.full(400, 0.05), np.full((400, 2), 100.0), np.ones((400, 2), bool))
+    window.forget(np.array([1]))
+    assert window.white(np.full(2, SIGMA)).tolist() == [0.0, SIGMA]
+    assert window.filled(np.arange(2)).tolist() == [64, 0]
+
+
+def test_a_bin_is_the_mean_of_a_quarter_of_a_second_without_what_is_far_off():
+    """Five ranges to a bin: of the second flight one is 50 m off, and the one in the middle is lost."""
+    ranges = np.array([[100.0, 200.0], [101.0, 250.0], [102.0, 202.0], [103.0, 203.0], [104.0, 204.0]] * 2)
+    valid = np.ones((10, 2), bool)
+    valid[[2, 7], 1] = False
+    window = listened(np.full(10, WIDTH / 5), ranges, valid, path=(0.5, -0.25))
+    bins = window.bins(np.arange(2), np.full(2, SIGMA))
+    # a step closes the bin before it takes in its own range: four of the first five, and all of the next
+    assert bins.z[0] == pytest.approx([101.5, (104 + 100 + 101 + 102 + 103) / 5])
+    assert bins.z[1] == pytest.approx([(200 + 203) / 2, (204 + 200 + 203) / 3])
+    assert bins.age[0] == pytest.approx([7.5 * 0.05, 3 * 0.05])
+    assert bins.path[0, 0] == pytest.approx([7.5 * 0.5, 3 * 0.5])
+    assert bins.path[1, 0] == pytest.approx([7.5 * -0.25, 3 * -0.25])
+    assert bins.variance[0] == pytest.approx([SIGMA**2 / 4, SIGMA**2 / 5])
+
+
+def test_a_bin_without_a_range_says_nothing():
+    valid = np.ones((20, 2), bool)
+    valid[4:15, 1] = False
+    bins = listened(np.full(20, WIDTH / 5), np.full((20, 2), 100.0), valid).bins(np.arange(2), np.full(2, SIGMA))
+    assert np.isinf(bins.variance[1]).tolist() == [False, True, True, False]
+    assert np.isfinite(bins.variance[0]).all()

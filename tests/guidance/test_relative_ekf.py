@@ -1,0 +1,125 @@
+"""The relative-motion filters against filterpy's, and what they believe in flight."""
+
+import numpy as np
+import pytest
+from filterpy.kalman import ExtendedKalmanFilter
+
+from circnav_mav.guidance.air_path import chord
+from circnav_mav.guidance.estimators.relative_ekf import (
+    BIAS_TIME,
+    GUST_TIME,
+    KAPPA_PSD,
+    POSITION_PSD,
+    STATES,
+    Hypotheses,
+    Noise,
+    mixture,
+    polar,
+    position,
+    predict,
+    update,
+)
+
+DT, SIGMA = 0.1, 0.7
+PSD, GUST, WHITE, DRIFTING = 0.02, 1.2, 0.6, 0.8
+NOISE = Noise(*(np.array([[value]]) for value in (PSD, GUST, WHITE, DRIFTING)))
+
+
+def moved(x, path):
+    """The model, written down once more: Cartesian, one state at a time."""
+    p = x[0] * np.array([np.cos(x[1]), np.sin(x[1])]) + x[4] * path + (x[2:4] + x[6:8]) * DT
+    bias, gust = x[5] * np.exp(-DT / BIAS_TIME), x[6:8] * np.exp(-DT / GUST_TIME)
+    turned = np.arctan2(p[1], p[0])
+    return np.array([np.hypot(*p), x[1] + np.angle(np.exp(1j * (turned - x[1]))), x[2], x[3], x[4], bias, *gust])
+
+
+def jacobian(x, path):
+    """By central differences."""
+    columns = []
+    for i in range(STATES):
+        h = 1e-6 * max(1.0, abs(x[i]))
+        step = np.eye(STATES)[i] * h
+        columns.append((moved(x + step, path) - moved(x - step, path)) / (2 * h))
+    return np.array(columns).T
+
+
+def process_noise(x):
+    """Cartesian noise turned into the polar frame of the state after the step."""
+    steady, gusty = PSD * DT, (1 - np.exp(-2 * DT / GUST_TIME)) * GUST**2
+    Q = np.zeros((STATES, STATES))
+    Q[:2, :2] = np.eye(2) * ((steady + gusty) * DT**2 / 3 + POSITION_PSD * DT)
+    for first, q in ((2, steady), (6, gusty)):
+        at = slice(first, first + 2)
+        Q[at, at] = np.eye(2) * q
+        Q[:2, at] = Q[at, :2] = np.eye(2) * q * DT / 2
+    Q[4, 4], Q[5, 5] = KAPPA_PSD * DT, (1 - np.exp(-2 * DT / BIAS_TIME)) * (DRIFTING * SIGMA) ** 2
+    c, s = np.cos(x[1]), np.sin(x[1])
+    T = np.eye(STATES)
+    T[:2, :2] = [[c, s], [-s / x[0], c / x[0]]]
+    return T @ Q @ T.T
+
+
+def test_one_hypothesis_is_filterpys_extended_kalman_filter():
+    rng = np.random.default_rng(4)
+    x = np.array([180.0, 2.0, 1.0, -2.0, 1.02, 0.1, 0.3, -0.2])
+    P = np.diag([4.0, 0.05, 9.0, 9.0, 2.5e-3, 0.2, 1.0, 1.0])
+    reference = ExtendedKalmanFilter(dim_x=STATES, dim_z=1)
+    reference.x, reference.P = x[:, None].copy(), P.copy()
+    H = np.eye(STATES)[[0]] + np.eye(STATES)[[5]]
+    ours = Hypotheses(x[:, None, None], P[:, :, None, None], np.zeros((1, 1)))
+    psi = 0.3
+    for _ in range(150):
+        path = chord(15.0, psi, 0.03, DT)
+        psi += 0.03
+        state = reference.x[:, 0]
+        F = jacobian(state, path)
+        reference.x = moved(state, path)[:, None]
+        reference.P = F @ reference.P @ F.T + process_noise(reference.x[:, 0])
+        z = float(reference.x[0, 0] + rng.normal(0, 1.0))
+        reference.update(np.array([[z]]), lambda _: H, lambda s: H @ s, R=(WHITE * SIGMA) ** 2)
+        ours = predict(ours, NOISE, np.array([DT]), path[:, None], np.array([SIGMA]))
+        ours, _ = update(ours, NOISE, np.array([z]), np.array([SIGMA]), np.array([True]), gate=1e3)
+    assert ours.x[:, 0, 0] == pytest.approx(reference.x[:, 0], rel=1e-6, abs=1e-6)
+    assert ours.P[:, :, 0, 0] == pytest.approx(reference.P, rel=1e-4, abs=1e-7)
+
+
+def test_flights_of_a_batch_do_not_touch_each_other():
+    rng = np.random.default_rng(0)
+    x = rng.normal(size=(STATES, 3, 5)) + np.array([200, 1, 0, 0, 1, 0, 0, 0])[:, None, None]
+    A = rng.normal(size=(STATES, STATES, 3, 5))
+    P = np.einsum("ik...,jk...->ij...", A, A)
+    h = Hypotheses(x, P, rng.normal(size=(3, 5)))
+    path, z, sigma = rng.normal(size=(2, 5)), 200 + rng.normal(size=5), np.full(5, SIGMA)
+    valid = np.array([True, False, True, True, False])
+    together, _ = update(predict(h, NOISE, np.full(len(z), DT), path, sigma), NOISE, z, sigma, valid, 5.0)
+    one = [4]
+    alone = Hypotheses(x[..., one], P[..., one], h.log_weight[:, one])
+    alone = predict(alone, NOISE, np.array([DT]), path[:, one], sigma[one])
+    alone, _ = update(alone, NOISE, z[one], sigma[one], valid[one], 5.0)
+    assert np.array_equal(together.x[..., 4], alone.x[..., 0])
+    assert np.array_equal(together.P[..., 4], alone.P[..., 0])
+
+
+def test_an_outlier_is_refused_and_changes_nothing():
+    h = Hypotheses(
+        np.array([100.0, 0, 0, 0, 1, 0, 0, 0])[:, None, None], 0.01 * np.eye(STATES)[..., None, None], np.zeros((1, 1))
+    )
+    after, said = update(h, NOISE, np.array([120.0]), np.array([SIGMA]), np.array([True]), 5.0)
+    assert not said.taken[0, 0]
+    assert np.array_equal(after.x, h.x)
+
+
+def test_directions_are_averaged_across_the_cut_at_pi():
+    x = np.zeros((STATES, 2, 1))
+    x[0], x[1, 0], x[1, 1] = 100.0, np.pi - 0.01, -np.pi + 0.01
+    mean, P = mixture(Hypotheses(x, np.zeros((STATES, STATES, 2, 1)), np.zeros((2, 1))))
+    assert abs(np.cos(mean[1, 0]) + 1) < 1e-6
+    assert P[1, 1, 0] == pytest.approx(1e-4, rel=1e-6)
+
+
+def test_polar_keeps_the_position_and_its_uncertainty():
+    p = np.array([30.0, -40.0, 1, 2, 1, 0, 0, 0])[:, None]
+    P = np.diag([4.0, 4.0, 1, 1, 1, 1, 1, 1])[..., None]
+    x, polar_P = polar(p, P)
+    assert position(x)[:, 0] == pytest.approx([30.0, -40.0])
+    assert (polar_P[0, 0, 0], polar_P[1, 1, 0]) == pytest.approx((4.0, 4.0 / 50**2))

@@ -1,0 +1,49 @@
+"""A vehicle that does not hear us teaches the turn-rate gain nothing."""
+
+from math import exp, sin
+
+import pytest
+
+from circnav_mav.guidance.turn_gain import TurnGain, TurnGainSettings, learn
+from circnav_mav.guidance.types import TurnRate
+
+COMMAND = TurnRate(-0.2)
+STEP = 0.05
+
+
+def turned(state: TurnGain, start: float, seconds: float, rate: float) -> TurnGain:
+    """The state after the heading has turned at a rate (rad/s) for some time under the same command."""
+    heading = state.heading
+    for n in range(round(seconds / STEP)):
+        heading += rate * STEP
+        state = learn(state, TurnGainSettings(), time=start + n * STEP, heading=heading, command=COMMAND)
+    return state
+
+
+def test_gain_survives_a_minute_in_which_the_vehicle_stands_still() -> None:
+    flown = turned(TurnGain(), 0.0, 60.0, 0.9 * COMMAND)
+    assert flown.gain == pytest.approx(0.9, abs=0.02)
+    unheard = turned(flown, 60.0, 60.0, 0.0)
+    assert not unheard.followed
+    assert unheard.gain == pytest.approx(0.9, abs=0.06)
+    heard = turned(unheard, 120.0, 5.0, 0.9 * COMMAND)
+    assert heard.followed
+    assert heard.gain == pytest.approx(0.9, abs=0.08)
+
+
+def test_poor_turning_is_still_learnt() -> None:
+    slipping = turned(TurnGain(), 0.0, 120.0, 0.65 * COMMAND)
+    assert slipping.followed
+    assert slipping.gain == pytest.approx(0.65, abs=0.02)
+
+
+@pytest.mark.parametrize("swing", [0.3, 1.0])
+def test_the_lag_of_a_vehicle_whose_command_swings_hides_no_lack_of_turn(swing: float) -> None:
+    """A swing of 0.3 or 1 rad/s, and a lag of .4 s: seven and twenty degrees of phase."""
+    settings, state, heading, rate = TurnGainSettings(), TurnGain(), 0.0, 0.0
+    for n in range(2400):
+        command = TurnRate(0.2 * sin(swing * n * STEP))
+        rate += (0.8 * command - rate) * (1 - exp(-STEP / settings.lag))
+        heading += rate * STEP
+        state = learn(state, settings, time=n * STEP, heading=heading, command=command)
+    assert state.gain == pytest.approx(0.8, abs=0.03)

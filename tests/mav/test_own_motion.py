@@ -1,0 +1,162 @@
+"""Own motion from ATTITUDE and VFR_HUD: when it was measured, what is stale, what is missing."""
+
+import random
+from math import atan2, cos, nan, pi, sin
+
+import pytest
+from pymavlink.dialects.v20 import all as mavlink
+
+from circnav_mav.mav.own_motion import MotionSensor, heading_rate
+
+RATE = 0.3
+"""Yaw rate of the vehicle, rad/s."""
+
+
+def attitude(ms, yaw=0.0, **rest):
+    fields = {"roll": 0.0, "pitch": 0.0, "rollspeed": 0.0, "pitchspeed": 0.0, "yawspeed": RATE} | rest
+    return mavlink.MAVLink_attitude_message(time_boot_ms=ms, yaw=yaw, **fields)
+
+
+def hud(**rest):
+    fields = {"airspeed": 15.0, "groundspeed": 99.0, "heading": 0, "throttle": 0, "alt": 50.0, "climb": 0.1} | rest
+    return mavlink.MAVLink_vfr_hud_message(**fields)
+
+
+def heard(delays, boot_ms=0, seconds=20.0):
+    """(own motion, true time of it) for attitudes at 20 Hz that are each under way for as long as delays() says."""
+    sensor, found = MotionSensor(), []
+    sent = [(i / 20, (boot_ms + 50 * i) % 2**32) for i in range(round(20 * seconds))]
+    for now, at, ms in sorted((at + delays(), at, ms) for at, ms in sent):
+        if sensor.receive(attitude(ms, (RATE * at + pi) % (2 * pi) - pi), now):
+            found.append((sensor.own(now, 15.0), at))
+    return found
+
+
+@pytest.mark.parametrize("boot_ms", [0, 2**32 - 8000])
+def test_an_attitude_counts_from_when_it_was_measured_not_from_when_it_came(boot_ms):
+    """Also across the wrap of the vehicle's 32-bit milliseconds."""
+    chance = random.Random(1)
+    found = heard(lambda: chance.uniform(0.0, 0.2), boot_ms)
+    late = [own.time - at for own, at in found if at > 10]
+    assert len(late) > 50
+    assert max(late) < 0.03 and min(late) > -1e-6
+
+
+def test_a_vehicles_clock_that_stood_still_is_followed_within_a_second():
+    """A simulator's, for 0.3 s: its headings count from when they were measured again."""
+    sensor = MotionSensor()
+    for i in range(200):
+        now = i / 20 + (0.3 if i >= 100 else 0.0)
+        sensor.receive(attitude(50 * i), now)
+        if i >= 112:
+            assert sensor.own(now, 15.0).time == pytest.approx(now, abs=0.001)
+
+
+def test_motion_never_goes_back_in_time():
+    chance = random.Random(2)
+    times = [own.time for own, _ in heard(lambda: chance.uniform(0.0, 0.5))]
+    assert times == sorted(set(times))
+
+
+def test_a_repeated_attitude_is_no_news():
+    sensor = MotionSensor()
+    assert sensor.receive(attitude(1000), 1.0)
+    assert not sensor.receive(attitude(1000), 1.02)
+
+
+@pytest.mark.parametrize("jump_ms", [3_600_000, -3_600_000])
+def test_a_vehicles_clock_that_is_set_anew_costs_two_attitudes_at_most(jump_ms):
+    sensor, used = MotionSensor(), []
+    for i in range(200):
+        ms = 10_000_000 + 50 * i + (jump_ms if i >= 100 else 0)
+        used.append(sensor.receive(attitude(ms), i / 20))
+    assert used[:100] == [True] * 100
+    assert used[102:] == [True] * 98
+    assert sensor.own(199 / 20, 15.0).time == pytest.approx(199 / 20, abs=0.06)
+
+
+def test_turn_and_heading_are_the_papers_and_need_no_ground_speed():
+    sensor = MotionSensor()
+    sensor.receive(attitude(0, yaw=pi / 2), 0.0)  # east
+    own = sensor.own(0.0, 15.0)
+    assert own.heading == pytest.approx(0.0)  # the paper's x axis
+    assert own.turn_rate == pytest.approx(-RATE)  # counter-clockwise positive
+    assert own.airspeed == 15.0
+
+
+def test_what_is_stale_or_not_a_number_is_not_known():
+    sensor = MotionSensor()
+    sensor.receive(hud(airspeed=nan, alt=nan), 0.0)
+    sensor.receive(attitude(0), 0.0)
+    motion = sensor.at(0.1)
+    assert (motion.airspeed, motion.altitude) == (None, None)
+    assert motion.yaw is not None
+    assert sensor.at(0.6).yaw is None and sensor.own(0.6, 15.0) is None
+    assert not sensor.receive(attitude(700, yaw=nan), 0.7)
+    sensor.receive(hud(), 1.0)
+    assert sensor.at(2.4).airspeed == 15.0 and sensor.at(2.6).airspeed is None
+
+
+@pytest.mark.parametrize("hz", [10, 20, 50])
+@pytest.mark.parametrize("ahead_ms", [250, 800, 3_600_000])
+def test_one_stamp_of_the_future_does_not_take_the_heading_away(ahead_ms, hz):
+    sensor, known = MotionSensor(), []
+    for i in range(20 * hz):
+        sensor.receive(attitude(10_000 + round(1000 * i / hz) + (ahead_ms if i == 5 * hz else 0)), i / hz)
+        known.append(sensor.own(i / hz, 15.0) is not None)
+    assert all(known)
+
+
+@pytest.mark.parametrize("stamp", [lambda t: 0, lambda t: 5000, lambda t: 500 * t, lambda t: 5000 * t])
+def test_a_clock_that_stands_or_runs_wrong_does_not_take_the_heading_away(stamp):
+    sensor, known = MotionSensor(), []
+    for i in range(1200):
+        sensor.receive(attitude(round(stamp(i / 20))), i / 20)
+        known.append(sensor.own(i / 20, 15.0) is not None)
+    assert all(known)
+
+
+def test_of_a_backlog_the_newest_counts():
+    sensor = MotionSensor()
+    for i in range(100):
+        sensor.receive(attitude(50 * i), i / 20)
+    for i in range(100, 130):
+        sensor.receive(attitude(50 * i, yaw=0.01 * i), 6.5)
+    assert sensor.at(6.5).yaw == pytest.approx(1.29)
+
+
+def test_one_frame_that_comes_seconds_late_by_another_way_is_refused():
+    sensor = MotionSensor()
+    for i in range(100):
+        sensor.receive(attitude(10_000 + 50 * i), i / 20)
+    assert not sensor.receive(attitude(11_000, yaw=3.0), 5.0)
+    assert sensor.receive(attitude(15_000, yaw=0.5), 5.01)
+    assert sensor.at(5.01).yaw == 0.5
+
+
+@pytest.mark.parametrize("rubbish", [{"airspeed": 3.4e38}, {"airspeed": 201.0}, {"alt": -2e5}, {"climb": 1e12}])
+def test_rubbish_from_an_air_data_computer_is_not_known(rubbish):
+    sensor = MotionSensor()
+    sensor.receive(hud(**rubbish), 0.0)
+    name = {"alt": "altitude"}.get(*rubbish, *rubbish)
+    told = {"airspeed": 15.0, "altitude": 50.0, "climb": 0.1}
+    known = {key: getattr(sensor.at(0.1), key) for key in told}
+    assert known == pytest.approx({**told, name: None})
+
+
+@pytest.mark.parametrize("rubbish", [{"yaw": 7.0}, {"roll": -1e30}, {"pitchspeed": 51.0}, {"yawspeed": -3e38}])
+def test_an_attitude_that_cannot_be_is_none(rubbish):
+    sensor = MotionSensor()
+    assert not sensor.receive(attitude(0, **rubbish), 0.0)
+    assert sensor.own(0.1, 15.0) is None
+
+
+@pytest.mark.parametrize("pitch", [0.0, 0.5, -1.0])
+@pytest.mark.parametrize("roll", [0.0, 0.7, -0.7])
+def test_the_heading_rate_is_that_of_the_heading_and_not_of_the_body_axis(roll, pitch):
+    """Against the attitude itself, turned a little by the body rates: R_z(yaw) R_y(pitch) R_x(roll) exp(omega dt)."""
+    q, r, dt = 0.2, 0.3, 1e-6
+    x_axis = (1.0, r * dt, -q * dt)  # where the nose points after dt, in the body's axes of before
+    y, z = x_axis[1] * cos(roll) - x_axis[2] * sin(roll), x_axis[1] * sin(roll) + x_axis[2] * cos(roll)
+    turned = atan2(y, cos(pitch) * x_axis[0] + sin(pitch) * z)
+    assert heading_rate(roll, pitch, q, r) == pytest.approx(turned / dt, rel=1e-4)

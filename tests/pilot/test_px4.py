@@ -1,0 +1,112 @@
+"""What PX4 asks of a pilot: setpoints before its OFFBOARD mode can be entered, and a height that we hold."""
+
+import pytest
+from pymavlink.dialects.v20 import all as mavlink
+
+from circnav_mav.guidance.phases import Phase
+
+OFFBOARD, POSCTL, LOITER = 6 << 16, 3 << 16, 4 << 16 | 3 << 24
+PX4 = 12
+SLOW, QUICK = 1.5, 0.0
+"""Times that a question and its answer take, s; the mission's bound is 0.6 s."""
+
+
+@pytest.fixture
+def px4(make_rig, say):
+    """A rig whose vehicle is a PX4 multicopter, in OFFBOARD, at 104 m above the sea."""
+
+    class Rig(make_rig):
+        altitude = 104.0
+
+        def heartbeat(self):
+            self.hear(say.heartbeat(self.mode, armed=self.armed, autopilot=PX4))
+            self.hear(mavlink.MAVLink_extended_sys_state_message(0, 2))
+            self.hear(mavlink.MAVLink_vfr_hud_message(float("nan"), 15.0, 0, 50, self.altitude, 0.0))
+
+    def make(mode=OFFBOARD, **settings):
+        rig = Rig(autopilot="px4", kind="copter", **settings)
+        rig.mode = mode
+        return rig
+
+    return make
+
+
+def test_setpoints_flow_before_the_mode_and_ask_for_nothing(px4):
+    rig = px4(POSCTL).run(3.0)
+    assert rig.pilot.phase is Phase.READY
+    assert len(rig.setpoints()) > 20
+    assert {(message.vx, message.vz, message.yaw_rate) for message in rig.setpoints()} == {(0.0, 0.0, 0.0)}
+
+
+@pytest.mark.parametrize("end", [True, False], ids=["ends", "waits"])
+def test_after_a_takeover_no_setpoints_let_offboard_be_entered_again(px4, end):
+    rig = px4(end_on_takeover=end).engage()
+    rig.mode = LOITER
+    rig.run(0.3)
+    since = rig.now
+    rig.run(3.0)
+    assert rig.pilot.phase is (Phase.ENDED if end else Phase.YIELDED)
+    assert rig.setpoints(since) == []
+
+
+def test_a_vehicle_disarmed_by_its_operator_is_sent_nothing_when_it_comes_back_armed_in_offboard(px4):
+    """The mission is ready, but nobody has left the mode and entered it since: there is no consent."""
+    rig = px4(end_on_takeover=False).engage()
+    rig.armed = False
+    rig.run(0.3)
+    since = rig.now
+    rig.run(1.0)
+    rig.speaks = False
+    rig.run(4.0)
+    rig.speaks = rig.armed = True
+    rig.run(3.0)
+    assert (rig.pilot.phase, rig.pilot.session.in_our_mode) == (Phase.READY, True)
+    assert rig.setpoints(since) == []
+
+
+def test_over_a_slow_link_offboard_is_not_made_possible(px4):
+    rig = px4(POSCTL)
+    rig.round_trip = SLOW
+    rig.run(8.0)
+    assert rig.pilot.phase is Phase.READY
+    assert rig.setpoints() == []
+    rig.round_trip = QUICK
+    since = rig.now
+    rig.run(6.0)
+    assert rig.setpoints(since)
+
+
+def test_a_vehicle_in_offboard_over_a_slow_link_keeps_its_setpoints_and_is_not_steered(px4):
+    """They were another's until now; without ours its failsafe would act."""
+    rig = px4(OFFBOARD)
+    rig.round_trip = SLOW
+    rig.run(8.0)
+    assert rig.pilot.phase is Phase.READY
+    assert len(rig.setpoints()) > 20
+    assert {message.vx for message in rig.setpoints()} == {0.0}
+
+
+def test_each_engagement_holds_the_height_at_which_it_began(px4):
+    rig = px4(end_on_takeover=False).engage()
+    assert rig.setpoints()[-1].vz == 0.0
+    rig.altitude = 105.0
+    rig.run(0.5)
+    assert rig.setpoints()[-1].vz == pytest.approx(0.5), "1 m too high: down"
+    rig.mode = LOITER
+    rig.run(1.0)
+    rig.mode, rig.altitude = OFFBOARD, 130.0
+    since = rig.now
+    rig.run(3.0)
+    assert rig.pilot.phase is Phase.ENGAGED
+    assert {message.vz for message in rig.setpoints(since)} == {0.0}
+
+
+def test_the_height_to_hold_is_not_that_at_which_the_setpoints_began(px4):
+    rig = px4(POSCTL).run(3.0)
+    rig.altitude = 120.0
+    rig.run(1.0)
+    since = rig.now
+    rig.mode = OFFBOARD
+    rig.run(2.0)
+    assert rig.pilot.phase is Phase.ENGAGED
+    assert {message.vz for message in rig.setpoints(since)} == {0.0}

@@ -1,0 +1,65 @@
+"""When the pilot steps without a range."""
+
+import itertools
+import random
+
+import pytest
+
+from circnav_mav.pilot.tick_scheduler import Beat
+
+TICK = 0.05
+
+
+def stepped(hz: float, jitter: float = 0.0, seconds: float = 20.0, lost: float = 0.0) -> tuple[list[float], int]:
+    """Times of the steps of a pilot that hears ranges at `hz`, each late by up to `jitter`; and how many it heard.
+
+    Times are whole microseconds, as the clocks of the loop give them."""
+    beat, chance, now = Beat(TICK), random.Random(4), 0.0
+    times = [round(n / hz + chance.uniform(0.0, jitter), 6) for n in range(round(seconds * hz))]
+    ranges = [time for time in times if chance.random() >= lost]
+    heard, steps = len(ranges), []
+    while now < seconds:
+        now = round(max(min([beat.due, *ranges[:1]]), 0.0), 6)
+        if ranges and ranges[0] <= now:
+            beat.heard(ranges.pop(0))
+        beat.stepped(now)
+        steps.append(now)
+    return steps, heard
+
+
+def gaps(steps: list[float]) -> list[float]:
+    return [after - before for before, after in itertools.pairwise(steps[60:-1])]
+
+
+@pytest.mark.parametrize("hz", [1.0, 2.0, 4.98, 5.0, 9.9, 9.98, 10.0, 10.02, 12.0, 19.9, 19.98, 20.0, 20.1])
+@pytest.mark.parametrize("jitter", [0.0, 0.004])
+def test_no_tick_comes_just_before_a_range_and_no_gap_is_long(hz: float, jitter: float) -> None:
+    apart = gaps(stepped(hz, jitter)[0])
+    assert sum(gap < 0.005 for gap in apart) <= 0.05 * len(apart)
+    assert max(apart) <= 1.5 * TICK + 1e-9
+    assert 18 <= len(apart) / sum(apart) <= 24.5
+
+
+def test_every_range_is_answered_even_where_they_are_faster_than_ticks() -> None:
+    steps, heard = stepped(100.0)
+    assert len(steps) == pytest.approx(heard, abs=3)
+
+
+def test_a_range_that_does_not_come_is_not_waited_for_twice() -> None:
+    apart = gaps(stepped(9.98, lost=0.4)[0])
+    assert max(apart) <= 1.5 * TICK + 1e-9
+    assert sum(gap > 1.2 * TICK for gap in apart) < 0.25 * len(apart)
+
+
+def test_on_one_grid_with_the_ranges_the_ticks_stay_on_it() -> None:
+    """As batches of flights assume, lost ranges or not."""
+    steps, _ = stepped(10.0, lost=0.4)
+    assert max(abs(step / TICK - round(step / TICK)) for step in steps) < 1e-6
+
+
+def test_what_cannot_wait_is_due_at_once() -> None:
+    beat = Beat(TICK)
+    beat.stepped(1.0)
+    assert beat.due == 1.0 + TICK
+    beat.at_once()
+    assert beat.due < 0

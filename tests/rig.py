@@ -1,0 +1,211 @@
+"""The other side of the link, from pymavlink alone: a vehicle's voice, and a pilot that is fed with it by the tick."""
+
+from collections.abc import Callable, Hashable
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import all as mavlink
+
+from circnav_mav.guidance.bounds import Bounds
+from circnav_mav.guidance.estimators.interface import EstimatorSettings
+from circnav_mav.guidance.step import LawChoice
+from circnav_mav.guidance.types import Direction, Orbit
+from circnav_mav.mav.autopilots.interface import VehicleFacts
+from circnav_mav.mav.autopilots.table import AUTOPILOTS
+from circnav_mav.mav.ranging import RangingSettings
+from circnav_mav.mav.session import LinkSettings, Session
+from circnav_mav.pilot import VEHICLE, Pilot, PilotSettings, Timing
+
+GUIDED, LOITER = 4, 5
+ARMED = 128 | 1
+"""MAV_MODE_FLAG_SAFETY_ARMED and CUSTOM_MODE_ENABLED."""
+TICK = 0.05
+
+ORBIT = Orbit(radius=100.0, direction=Direction.CLOCKWISE, speed=15.0, max_turn_rate=0.35)
+MISSION = PilotSettings(
+    orbit=ORBIT,
+    law=LawChoice("smooth", 1e-4),
+    estimator="kalman",
+    estimation=EstimatorSettings(speed=15.0, max_turn_rate=0.35),
+    ranging=RangingSettings(message="distance_sensor", orientation=24),
+    link=LinkSettings(),
+    autopilot="ardupilot",
+    kind="copter",
+    facts=VehicleFacts(speed=15.0),
+    timing=Timing(duration=600.0),
+    bounds=Bounds(),
+)
+
+
+class Voice:
+    """A MAVLink speaker: packs messages as one component would, MAVLink 2 unless told otherwise."""
+
+    def __init__(self, system: int = 1, component: int = 1, *, version: int = 2) -> None:
+        self._mavlink = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
+        self._version = version
+
+    def say(self, message: Any) -> bytes:
+        frame = bytes(message.pack(self._mavlink, force_mavlink1=self._version == 1))
+        self._mavlink.seq = (self._mavlink.seq + 1) % 256
+        return frame
+
+    def message(self, message: Any) -> Any:
+        """The message as a receiver gets it: packed and unpacked."""
+        return mavlink.MAVLink(None).decode(bytearray(self.say(message)))
+
+
+def heartbeat(mode: int = GUIDED, *, armed: bool = True, kind: int = 2, autopilot: int = 3) -> Any:
+    return mavlink.MAVLink_heartbeat_message(kind, autopilot, ARMED if armed else 1, mode, 4, 3)
+
+
+def distance(cm: int, stamp_ms: int, **rest: Any) -> Any:
+    fields = {"min_distance": 20, "max_distance": 60000, "type": 4, "id": 0, "orientation": 24, "covariance": 0}
+    fields |= {"signal_quality": 0, **rest}
+    return mavlink.MAVLink_distance_sensor_message(time_boot_ms=stamp_ms, current_distance=cm, **fields)
+
+
+def beacon(mm: int, stamp_us: int, sequence: int, **rest: Any) -> Any:
+    fields = {"target_system": 0, "target_component": 0, "beacon_id": 0, "lat": 2**31 - 1, "lon": 2**31 - 1}
+    fields |= {"alt": float("nan"), "alt_type": 0, "hacc_est": 2**32 - 1, "vacc_est": 2**32 - 1, "carrier_freq": 0}
+    fields |= {"range_accuracy": 2**32 - 1, "status": 0, **rest}
+    return mavlink.MAVLink_ranging_beacon_message(time_usec=stamp_us, range=mm, sequence=sequence, **fields)
+
+
+def decode(data: bytes) -> list[Any]:
+    """Everything in our own output, by pymavlink's parser."""
+    parser = mavlink.MAVLink(None)
+    return parser.parse_buffer(bytearray(data)) or []
+
+
+class Rig:
+    """A pilot on a bench. Every 0.05 s the vehicle may speak (heartbeat 4 Hz, range 10 Hz) and the pilot steps."""
+
+    def __init__(self, **changes: Any) -> None:
+        self.pilot = Pilot(replace(MISSION, **changes))
+        self.vehicle = Voice()
+        self.source: Hashable = "vehicle"
+        self.mode, self.armed = GUIDED, True
+        self.landed_state: int | None = 2  # MAV_LANDED_STATE_IN_AIR
+        self.speaks, self.ranges = True, True
+        self.round_trip: float | None = 0.0
+        """Time that an answer to TIMESYNC takes, s; None: no answer."""
+        self.answers: list[tuple[float, int]] = []
+        self.range_cm = 15000
+        self.tick = 0
+        self.now = 0.0
+        self.sent: list[tuple[float, Any]] = []
+        self.raw: list[bytes] = []
+
+    def hear(self, message: Any, *, voice: Voice | None = None, link: str = VEHICLE, source: Hashable = None) -> None:
+        """Let the pilot hear a message now."""
+        self.pilot.receive((voice or self.vehicle).say(message), self.now, source or self.source, link)
+
+    def heartbeat(self) -> None:
+        self.hear(heartbeat(self.mode, armed=self.armed))
+        if self.landed_state is not None:
+            self.hear(mavlink.MAVLink_extended_sys_state_message(0, self.landed_state))
+
+    def answer(self) -> None:
+        """The answers to TIMESYNC that are due."""
+        due = [stamp for at, stamp in self.answers if at <= self.now + 1e-9]
+        self.answers = [one for one in self.answers if one[1] not in due]
+        for stamp in due if self.speaks else ():
+            self.hear(mavlink.MAVLink_timesync_message(round(self.now * 1e9), stamp))
+
+    def range(self, cm: int | None = None) -> None:
+        self.hear(distance(cm or self.range_cm, 1_000_000 + round(self.now * 1000)))
+
+    def step(self) -> list[Any]:
+        """One step of the pilot; what it sent."""
+        data = self.pilot.step(self.now)
+        self.raw.append(data)
+        messages = decode(data)
+        self.sent += [(self.now, message) for message in messages]
+        if self.round_trip is not None:
+            asked = [message.ts1 for message in messages if message.get_type() == "TIMESYNC" and not message.tc1]
+            self.answers += [(self.now + self.round_trip, stamp) for stamp in asked]
+        return messages
+
+    def run(self, seconds: float) -> "Rig":
+        """Let time pass."""
+        for _ in range(round(seconds / TICK)):
+            self.tick += 1
+            self.now = round(self.tick * TICK, 6)
+            if self.speaks and self.tick % 5 == 0:
+                self.heartbeat()
+            if self.ranges and self.tick % 2 == 0:
+                self.range()
+            self.answer()
+            self.step()
+        return self
+
+    def engage(self) -> "Rig":
+        """Fly until engaged, and then some."""
+        self.run(3.0)
+        assert self.pilot.phase.name == "ENGAGED"
+        return self
+
+    def pass_time(self, seconds: float) -> None:
+        """The clock alone moves on."""
+        self.tick += round(seconds / TICK)
+        self.now = round(self.tick * TICK, 6)
+
+    def of(self, kind: str, since: float = -1.0) -> list[Any]:
+        """Messages of a kind sent after a moment."""
+        return [message for then, message in self.sent if then > since and message.get_type() == kind]
+
+    def setpoints(self, since: float = -1.0) -> list[Any]:
+        return self.of("SET_POSITION_TARGET_LOCAL_NED", since)
+
+    def texts(self, since: float = -1.0) -> list[str]:
+        return [message.text for message in self.of("STATUSTEXT", since)]
+
+    def commands(self, number: int, since: float = -1.0) -> list[Any]:
+        return [message for message in self.of("COMMAND_LONG", since) if message.command == number]
+
+    def acknowledge(self, number: int, result: int = 0) -> None:
+        self.hear(mavlink.MAVLink_command_ack_message(number, result))
+
+
+@pytest.fixture
+def rig() -> Rig:
+    return Rig()
+
+
+@pytest.fixture(scope="session")
+def make_rig() -> type[Rig]:
+    return Rig
+
+
+@pytest.fixture(scope="session")
+def voice() -> type[Voice]:
+    return Voice
+
+
+class Bench:
+    """What the tests say in MAVLink, as one fixture."""
+
+    heartbeat = staticmethod(heartbeat)
+    distance = staticmethod(distance)
+    beacon = staticmethod(beacon)
+    decode = staticmethod(decode)
+    mission = MISSION
+    orbit = ORBIT
+
+
+@pytest.fixture(scope="session")
+def say() -> type[Bench]:
+    return Bench
+
+
+@pytest.fixture(scope="session")
+def copter() -> Any:
+    """The adapter of ArduCopter in GUIDED."""
+    return AUTOPILOTS["ardupilot", "copter"](VehicleFacts(speed=15.0))
+
+
+@pytest.fixture
+def make_session(copter: Any) -> Callable[..., Session]:
+    """A session with an ArduCopter to be heard."""
+    return lambda **settings: Session(LinkSettings(**settings), (copter,))

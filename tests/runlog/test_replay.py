@@ -1,0 +1,217 @@
+"""Replay: the same flight gives the same bytes, another mission other ones, and half a log half a flight."""
+
+import dataclasses
+import math
+import struct
+
+import pytest
+from pymavlink.dialects.v20 import all as mavlink
+
+from circnav_mav.guidance.phases import Phase
+from circnav_mav.mission.load import parse_mission
+from circnav_mav.pilot import Pilot, Voice
+from circnav_mav.runlog.log_clock import LogClock
+from circnav_mav.runlog.loop_steps import plain_turns, recorded_turns
+from circnav_mav.runlog.replay import as_ticks, differences, patient, replay
+from circnav_mav.runlog.run import open_run
+from circnav_mav.runlog.tlog import read_tlog
+from tests.flight.recorded import EPOCH_US, recorded_flight
+
+APART = ('ranging.message="ranging_beacon"', 'ranging.endpoint="sim"', "ranging.beacon_id=9",
+         'sim.ranging.message="ranging_beacon"', 'sim.ranging.via="direct"', "sim.ranging.beacon_id=9")  # fmt: skip
+SHORT = "limits.duration_s=20"
+PLAIN = ('guidance.law="smooth"', 'guidance.estimator="kalman"')
+
+
+def settings_of(folder, *overrides):
+    run = open_run(folder)
+    return parse_mission(run.mission_text, "mission.toml", overrides).pilot_settings(Voice(run.voice))
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory):
+    """20 s of the quickstart under the paper's first law, whose estimator does not look at the commands."""
+    folder = tmp_path_factory.mktemp("flown")
+    flight = recorded_flight(folder, "quickstart", SHORT, *PLAIN).fly(30)
+    flight.recorder.close()
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("overrides", "voice"),
+    [
+        ((SHORT,), Voice.FLY),
+        ((SHORT, *PLAIN), Voice.FLY),
+        ((SHORT, *APART), Voice.FLY),
+        ((SHORT,), Voice.DRY_RUN),
+        ((SHORT,), Voice.SHADOW),
+    ],
+    ids=["fly", "plain law", "ranging apart", "dry run", "shadow"],
+)
+def test_nothing_changed_gives_every_frame_byte_for_byte_at_its_time(tmp_path, overrides, voice):
+    flight = recorded_flight(tmp_path, "quickstart", *overrides, voice=voice).fly(30)
+    flight.recorder.close()
+    done = replay(Pilot(settings_of(tmp_path)), recorded_turns(tmp_path))
+    assert done.identical
+    assert done.first_difference is None
+    assert len(done.was_said) > 80
+    assert bool(done.was_setpoints) == (voice is Voice.FLY)
+    assert not [gap for gap in differences(open_run(tmp_path).ticks, as_ticks(done.ticks)) if gap.most > 1e-6]
+
+
+def test_an_interrupt_is_replayed_with_its_safe_setpoints(tmp_path):
+    flight = recorded_flight(tmp_path, "quickstart", SHORT)
+    flight.interrupt_at = 8.0
+    flight.fly(30).recorder.close()
+    pilot = Pilot(settings_of(tmp_path))
+    done = replay(pilot, recorded_turns(tmp_path))
+    assert done.identical
+    assert pilot.outcome.reason == "SIGINT"
+    assert done.until < 12
+
+
+def test_a_turn_that_was_held_back_is_replayed_as_such(tmp_path):
+    """Nothing of it was sent, and neither ticks nor summary count it."""
+    flight = recorded_flight(tmp_path, "quickstart", SHORT)
+    flight.slow_at = 12.0
+    flight.fly(30).recorder.close()
+    pilot = Pilot(settings_of(tmp_path))
+    done = replay(pilot, recorded_turns(tmp_path))
+    assert done.identical
+    assert pilot.setpoints_sent == flight.pilot.setpoints_sent == len(done.was_setpoints)
+    steered = [tick for tick in done.ticks if tick.phase is Phase.ENGAGED and tick.time > 11]
+    assert [tick.yaw_rate_sent is None for tick in steered].count(True) == 1
+
+
+def test_an_impostor_with_the_vehicles_ids_is_told_apart_by_its_source(tmp_path):
+    """A heartbeat in LOITER from elsewhere moves nothing; with its source forgotten it would end the flight."""
+    flight = recorded_flight(tmp_path, "quickstart", SHORT)
+    loiter = mavlink.MAVLink_heartbeat_message(2, 3, 0x81, 5, 4, 3).pack(mavlink.MAVLink(None, 1, 1))
+    flight.fly(5)
+    flight.noise = [bytes(loiter)]
+    flight.fly(30).recorder.close()
+    pilot = Pilot(settings_of(tmp_path))
+    assert replay(pilot, recorded_turns(tmp_path)).identical
+    assert pilot.outcome.reason == "flown to its end"
+
+
+def test_another_law_commands_other_turns_from_the_same_estimates(flown):
+    done = replay(Pilot(settings_of(flown, 'guidance.law="switching"')), recorded_turns(flown))
+    assert not done.identical
+    gaps = {gap.column: gap for gap in differences(open_run(flown).ticks, as_ticks(done.ticks))}
+    assert gaps["r"].most < 1e-6
+    assert gaps["turn_rate"].most > 0.05
+    assert done.first_difference > 0
+
+
+def test_another_radius_shows_in_the_setpoints_alone(flown):
+    done = replay(Pilot(settings_of(flown, "orbit.radius_m=80")), recorded_turns(flown))
+    assert len(done.setpoints) == len(done.was_setpoints)
+    assert not done.identical
+
+
+@pytest.mark.parametrize("kept", [0.7, 0.31, 0.001])
+def test_a_log_that_was_cut_off_is_replayed_up_to_there(flown, tmp_path, kept):
+    for path in flown.iterdir():
+        data = path.read_bytes()
+        cut = kept if path.name in ("flight.tlog", "turns.csv") else 1
+        (tmp_path / path.name).write_bytes(data[: int(cut * len(data))])
+    done = replay(Pilot(settings_of(tmp_path)), recorded_turns(tmp_path))
+    assert done.identical
+    assert done.until == pytest.approx(kept * 21, abs=3)
+
+
+def test_a_plain_tlog_is_steered_by_its_ranges_and_our_own_frames_are_left_out(flown):
+    settings = patient(settings_of(flown))
+    pilot = Pilot(dataclasses.replace(settings, voice=Voice.DRY_RUN))
+    done = replay(pilot, plain_turns(flown / "flight.tlog", 191), ticking=True)
+    assert pilot.engaged_at is not None
+    assert pilot.session.ignored["twin"] == pilot.session.ignored["echo"] == 0
+    assert done.setpoints == []
+    was = open_run(flown).ticks
+    steered = as_ticks(done.ticks).numbers["r"]
+    assert steered[-1] == pytest.approx(was.numbers["r"][-1], abs=1.0)
+    steps = [b.time - a.time for a, b in zip(done.ticks, done.ticks[1:], strict=False)]
+    assert max(steps) <= settings.timing.tick + 1e-6
+
+
+def test_a_gap_in_a_plain_tlog_loses_the_vehicle_and_does_not_tick_for_hours(flown):
+    turns = [turn for turn in plain_turns(flown / "flight.tlog", 191) if turn.time < 10]
+    later = [dataclasses.replace(turn, time=turn.time + 1e5) for turn in turns]
+    pilot = Pilot(dataclasses.replace(patient(settings_of(flown)), voice=Voice.DRY_RUN))
+    done = replay(pilot, [*turns, *later], ticking=True)
+    assert len(done.ticks) < 2000
+    assert pilot.outcome is None
+    assert not math.isclose(pilot.engaged_at, 0)
+
+
+def test_what_comes_after_the_pilots_end_is_not_counted(tmp_path):
+    """Replayed for 5 s of the 20 that were flown: the ranges of the other 15 do not count as stalled."""
+    recorded_flight(tmp_path, "quickstart", SHORT).fly(30).recorder.close()
+    pilot = Pilot(settings_of(tmp_path, "limits.duration_s=5"))
+    done = replay(pilot, recorded_turns(tmp_path))
+    assert done.ended < 10 < done.until
+    assert "stalled" not in pilot.target.ranging.rejected
+    assert len(done.was_setpoints) > len(done.setpoints) > 0
+
+
+# --- stamps of a clock that was set ---
+
+HOUR, YEAR = 3600, 31_536_000
+
+
+def restamped(flown, tmp_path, stamp):
+    """A plain tlog of the flight with other stamps: stamp(number of the record, us) -> us; its turns and its clock."""
+    records = enumerate(read_tlog(flown / "flight.tlog"))
+    data = [struct.pack(">Q", round(stamp(number, us))) + frame for number, (us, frame) in records]
+    (tmp_path / "x.tlog").write_bytes(b"".join(data))
+    clock = LogClock()
+    return [turn.time for turn in plain_turns(tmp_path / "x.tlog", 191, clock)], clock
+
+
+@pytest.mark.parametrize(
+    ("stamp", "steps", "lone", "says"),
+    [
+        (lambda at, us: us, [], 0, ""),
+        (lambda at, us: us - (HOUR * 1e6 if at >= 1000 else 0), [-HOUR], 0, "steps 1 time by -3600.0 s"),
+        (lambda at, us: us + (2 * HOUR * 1e6 if at >= 1000 else 0), [2 * HOUR], 0, "steps 1 time by +7200.0 s"),
+        (lambda at, us: us - (1.5e6 if at >= 1000 else 0), [-1.5], 0, "by -1.5 s"),
+        (lambda at, us: us + (YEAR * 1e6 if at == 1000 else 0), [], 1, "1 lone stamp is off by +31536000.0 s"),
+        (lambda at, us: us - (YEAR * 1e6 if at == 1000 else 0), [], 1, "off by -31536000.0 s"),
+        (lambda at, us: us + (HOUR * 5e5 if at == 1000 else 0), [], 1, "off by +1800.0 s"),
+        (lambda at, us: us + (YEAR * 1e6 if at == 0 else 0), [-YEAR], 0, "steps 1 time"),
+        (lambda at, us: us - (EPOCH_US if at < 1000 else 0), [EPOCH_US / 1e6], 0, "steps 1 time"),
+        (lambda at, us: 0 if at < 1000 else us, [EPOCH_US / 1e6], 0, "steps 1 time"),
+        (lambda at, us: us - (at // 500 * HOUR * 1e6), None, 0, "times, at most by -3600.0 s"),
+        (lambda at, us: us - (at % 3 * 2e4), [], 0, ""),
+    ],
+    ids=["as it was", "an hour back", "two hours ahead", "a little back", "one a year ahead", "one a year back",
+         "one half an hour ahead", "the first ahead", "from 1970", "from 0", "again and again", "disorder"],
+)  # fmt: skip
+def test_a_clock_that_was_set_takes_no_time_and_is_told(flown, tmp_path, stamp, steps, lone, says):
+    """The same flight in the same time: what is lost is a turn for each step, what disorder may add is 40 ms."""
+    as_it_was = [turn.time for turn in plain_turns(flown / "flight.tlog", 191)]
+    times, clock = restamped(flown, tmp_path, stamp)
+    assert times == sorted(times)
+    until_zero = stamp(0, EPOCH_US) == stamp(1, EPOCH_US + 1) == 0
+    spent = as_it_was[-1] * (0.3 if until_zero else 1.0)
+    assert spent - 0.5 < times[-1] - times[0] < as_it_was[-1] + 0.05
+    assert says in str(clock)
+    assert bool(says) == bool(str(clock))
+    assert len(clock.lone) == lone
+    if steps is not None:
+        assert [size for _, size in clock.steps] == pytest.approx(steps, abs=5.0, rel=1e-4)
+
+
+def test_a_gap_of_half_an_hour_is_time(flown, tmp_path):
+    times, clock = restamped(flown, tmp_path, lambda at, us: us + (1800e6 if at >= 1000 else 0))
+    assert times[-1] == pytest.approx(1820, abs=3)
+    assert str(clock) == ""
+
+
+def test_a_log_twice_over_is_replayed_twice_in_twice_the_time(flown, tmp_path):
+    data = (flown / "flight.tlog").read_bytes()
+    (tmp_path / "twice.tlog").write_bytes(data + data)
+    times = [turn.time for turn in plain_turns(tmp_path / "twice.tlog", 191)]
+    assert times == sorted(times)
+    assert times[-1] == pytest.approx(42, abs=3)

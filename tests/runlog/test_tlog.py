@@ -1,0 +1,97 @@
+"""Tlogs that are whole, cut off, and damaged."""
+
+import random
+import struct
+
+import pytest
+from pymavlink.dialects.v20 import all as mavlink
+
+from circnav_mav.runlog import tlog
+from circnav_mav.runlog.tlog import STAMP, find_damage, read_tlog, read_unbroken
+from tests.runlog.conftest import EPOCH_US, truth_frame
+
+RECORDS = 200
+
+
+def heartbeat(number, v1=False):
+    """A record of a short frame."""
+    sender = mavlink.MAVLink(None, srcSystem=1)
+    sender.seq = number % 256
+    frame = mavlink.MAVLink_heartbeat_message(2, 3, 0, number, 4, 3).pack(sender, force_mavlink1=v1)
+    return struct.pack(">Q", EPOCH_US + 1000 * number) + bytes(frame)
+
+
+@pytest.fixture
+def records():
+    """Frames of both versions, and long ones."""
+    kinds = (heartbeat, lambda number: heartbeat(number, v1=True), lambda number: truth_frame(number / 1e3, 1.0, 2.0))
+    return [kinds[number % 3](number) for number in range(RECORDS)]
+
+
+@pytest.fixture
+def log(tmp_path):
+    """What is read of a log of these bytes."""
+
+    def read(data, read=read_tlog):
+        path = tmp_path / "some.tlog"
+        path.write_bytes(data)
+        return [struct.pack(">Q", stamp) + frame for stamp, frame in read(path)]
+
+    return read
+
+
+def test_a_log_is_read_to_where_it_was_cut_off(log, records, tmp_path):
+    data, one, two = b"".join(records), len(records[-1]), len(records[0])
+    ends = [sum(map(len, records[: n + 1])) for n in range(RECORDS)]
+    for kept in (len(data) - 1, len(data) - one, len(data) - one - 1, two + 9, two - 1, 7):
+        fits = [record for record, end in zip(records, ends, strict=True) if end <= kept]
+        assert log(data[:kept]) == fits
+        damage, whole = find_damage(tmp_path / "some.tlog"), sum(map(len, fits))
+        if whole == kept:
+            assert damage is None
+        else:
+            assert str(damage) == f"cut off or damaged at byte {whole} of {kept}"
+
+
+@pytest.mark.parametrize("data", [b"", b"this is no log at all", bytes(3000), b"\xfd" * 3000], ids=range(4))
+def test_a_log_that_is_none_ends_at_once(log, data):
+    assert log(data) == []
+
+
+def test_bare_frames_without_stamps_are_no_log(log, records):
+    assert log(b"".join(record[STAMP:] for record in records)) == []
+
+
+@pytest.mark.parametrize("chunk", [600, 1 << 20], ids=["a small window", "a large one"])
+def test_behind_a_damage_the_next_good_record_is_found(log, records, tmp_path, monkeypatch, chunk):
+    monkeypatch.setattr(tlog, "CHUNK", chunk)
+    rng = random.Random(3)
+    for at in (0, 50, RECORDS - 1):
+        for torn in (b"", b"\0" * 64, b"\xff" * 5000, rng.randbytes(3000), records[at][:20], records[at][9:]):
+            kept = [*records[:at], *records[at + 1 :]]
+            data = b"".join([*records[:at], torn, *records[at + 1 :]])
+            assert log(data) == kept, (at, torn[:20])
+            damage = find_damage(tmp_path / "some.tlog")
+            assert (damage.lost if damage else 0) == len(torn)
+
+
+@pytest.mark.parametrize("at", range(11), ids=lambda at: f"byte {at}")
+def test_a_bit_that_flipped_costs_no_other_record(log, records, at):
+    """Of the stamp, the magic byte, the length and the flags."""
+    for bit in range(8):
+        torn = bytearray(records[60])
+        torn[at] ^= 1 << bit
+        read = log(b"".join([*records[:60], torn, *records[61:]]))
+        assert read[:60] + read[-(RECORDS - 61) :] == [*records[:60], *records[61:]]
+        assert len(read) <= RECORDS
+
+
+def test_what_is_left_out_is_counted_and_the_unbroken_part_is_the_first(log, records, tmp_path):
+    data = b"".join([*records[:50], b"torn", *records[50:90], bytes(40), *records[90:], b"end"])
+    assert log(data) == records
+    damage, size = find_damage(tmp_path / "some.tlog"), len(data)
+    assert (damage.places, damage.lost, damage.cut) == (3, 47, False)
+    assert (damage.until, damage.newest) == (EPOCH_US + 49_000, EPOCH_US + 1000 * (RECORDS - 1))
+    first = sum(map(len, records[:50]))
+    assert str(damage) == f"damaged at byte {first} of {size} and in 2 more places, 47 bytes left out"
+    assert log(data, read_unbroken) == records[:50]
