@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-CONFIG = Path(__file__).parents[2] / "config"
+CONFIG = Path(__file__).parents[3] / "config"
 START = """
 "start.range_m" = {uniform = [40, 300]}
 "start.bearing_deg" = {uniform = [0, 360]}

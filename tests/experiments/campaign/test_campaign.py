@@ -25,7 +25,7 @@ from circnav_mav.mission.load import load_mission
 from sim.config import parse_vehicle
 from tests.process import PATIENCE
 
-CONFIG = Path(__file__).parents[2] / "config"
+CONFIG = Path(__file__).parents[3] / "config"
 SHORT = '"limits.duration_s" = [20.0]\n"guidance.law" = ["smooth", "pi"]\n'
 
 
@@ -39,7 +39,7 @@ def flown(campaign, folder, results=None):
     return (folder / "runs.csv").read_bytes()
 
 
-ENVIRONMENT = {"PYTHONPATH": str(Path(__file__).parents[2]), "PATH": "/bin"}
+ENVIRONMENT = {"PYTHONPATH": str(Path(__file__).parents[3]), "PATH": "/bin"}
 
 
 def circnav(*arguments, cwd=None):
@@ -369,6 +369,6 @@ def test_a_mission_that_no_batch_flies_is_refused_where_a_batch_is_asked_for(wri
 
 
 def test_the_campaign_that_ships_is_flown_in_batches_but_for_the_law_that_learns_its_vehicle():
-    campaign = load_campaign(Path(__file__).parents[2] / "config" / "campaigns" / "wind.toml")
+    campaign = load_campaign(Path(__file__).parents[3] / "config" / "campaigns" / "wind.toml")
     runs = [prepare(campaign, number) for number in range(campaign.cells)]
     assert {run.mission.law.name for run in runs if obstacle(run)} == {"auto"}

@@ -15,7 +15,7 @@ from circnav_mav.experiments.campaign.file import load_campaign
 from circnav_mav.experiments.campaign.fly import chunks, fly_chunk, fly_part
 from tests.process import PATIENCE
 
-ENVIRONMENT = {"PYTHONPATH": str(Path(__file__).parents[2]), "PATH": "/bin"}
+ENVIRONMENT = {"PYTHONPATH": str(Path(__file__).parents[3]), "PATH": "/bin"}
 SHORT = '"limits.duration_s" = [5.0]\n'
 MIXED = SHORT + '"guidance.law" = ["switching", "pd"]\n'
 

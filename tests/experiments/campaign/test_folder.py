@@ -112,7 +112,7 @@ def other(write, tmp_path):
     path = write(VARY)
     held = subprocess.Popen(
         [sys.executable, "-c", HOLDS, path, tmp_path / "out"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
-        env={"PYTHONPATH": str(Path(__file__).parents[2]), "PATH": "/bin"},
+        env={"PYTHONPATH": str(Path(__file__).parents[3]), "PATH": "/bin"},
     )  # fmt: skip
     assert held.stdout.readline() == "held\n"
     yield held
