@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from circnav_mav.guidance.estimators.relative_ekf import Felt
 from circnav_mav.guidance.estimators.multiple_model import BankSettings, DriftBank
 
 Array = Any
@@ -17,10 +18,13 @@ class Banks:
         self._slices = [slice(first, min(first + BLOCK, flights)) for first in range(0, flights, BLOCK)]
         self._banks = [DriftBank(settings, part.stop - part.start) for part in self._slices]
 
-    def step(self, dt: Array, chord: Array, z: Array, sigma: Array, valid: Array) -> None:
+    def step(
+        self, dt: Array, chord: Array, z: Array, sigma: Array, valid: Array, felt: Felt | None = None
+    ) -> None:
         """See `DriftBank.step`."""
         for part, bank in zip(self._slices, self._banks, strict=True):
-            bank.step(dt[part], chord[:, part], z[part], sigma[part], valid[part])
+            theirs = None if felt is None else Felt(felt.change[:, part], felt.air[:, part], felt.nose[:, part])
+            bank.step(dt[part], chord[:, part], z[part], sigma[part], valid[part], theirs)
 
     @property
     def mean(self) -> Array:

@@ -55,6 +55,7 @@ class Seen:
     z: Array
     sigma: Array
     arrived: Array
+    felt: Array | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,6 +156,8 @@ def fly_in(world: World, situation: Situation, make: Make) -> Tracks:
     steps = round(situation.duration / dt)
     kept = {name: np.zeros((steps, w.sense.size), np.float32) for name in ROWS}
     start = None
+    felt, seen = None, None
+    bias = situation.noise.acceleration_bias * w.noise.standard_normal((2, w.sense.size)) if situation.noise.acceleration is not None else None
     for step in range(steps):
         d = w.air.velocity - w.targets.velocity
         true = Truth(w.p, d, w.psi, w.turn_rate)
@@ -163,7 +166,11 @@ def fly_in(world: World, situation: Situation, make: Make) -> Tracks:
         z, arrived = w.radio.measure(r, step, dt)
         of_heading, of_rate, of_speed = situation.noise.draw(w.sense.size, w.noise)
         psi = w.psi + w.compass + w.compass_drift * step * dt + of_heading
-        seen = Seen(dt, psi, w.turn_rate + of_rate, w.airspeed + of_speed, z, w.sigma, arrived)
+        if felt is not None:
+            mean = seen.psi + wrap(psi - seen.psi) / 2
+            c, s = np.cos(mean), np.sin(mean)
+            felt = np.stack([c * felt[0] - s * felt[1], s * felt[0] + c * felt[1]])
+        seen = Seen(dt, psi, w.turn_rate + of_rate, w.airspeed + of_speed, z, w.sigma, arrived, felt)
         command = policy.command(seen, true)
         command = np.clip(command, -cfg.max_turn_rate, cfg.max_turn_rate)
         v = cfg.speed * np.stack([np.cos(w.psi), np.sin(w.psi)]) + d
@@ -172,9 +179,15 @@ def fly_in(world: World, situation: Situation, make: Make) -> Tracks:
         for name, value in zip(ROWS, row, strict=True):
             kept[name][step] = value
         w.p = w.p + flown(cfg.speed, w.psi, w.turn_rate, command, cfg.lag, dt) + d * dt
+        was = cfg.speed * np.stack([np.cos(w.psi), np.sin(w.psi)]) + w.air.velocity
         w.turn_rate, turned = turn_step(w.turn_rate, command, cfg.lag, dt)
         w.psi = w.psi + turned
         w.air.step(dt)
+        if bias is not None:
+            change = cfg.speed * np.stack([np.cos(w.psi), np.sin(w.psi)]) + w.air.velocity - was
+            c, s = np.cos(w.psi - turned / 2), np.sin(w.psi - turned / 2)
+            felt = np.stack([c * change[0] + s * change[1], -s * change[0] + c * change[1]])
+            felt = felt + (bias + situation.noise.acceleration * w.noise.standard_normal(bias.shape)) * dt
         w.targets.step(dt)
     assert start is not None
     return Tracks(time=np.arange(steps) * dt, sense=w.sense, start=start, **kept)

@@ -9,7 +9,7 @@ from circnav_mav.experiments.batch.filters import BatchKalman
 from circnav_mav.experiments.batch.flight import Circle, Make, Seen, Truth
 from circnav_mav.guidance.air_path import chord, wrap
 from circnav_mav.guidance.estimators.multiple_model import BankSettings, Stage
-from circnav_mav.guidance.estimators.relative_ekf import KAPPA, R, position
+from circnav_mav.guidance.estimators.relative_ekf import KAPPA, Felt, R, position
 from circnav_mav.guidance.estimators.relative_ekf import drift as drift_of
 from circnav_mav.guidance.estimators.unicycle import SURE, UnicycleFilter
 from circnav_mav.guidance.law_selector import at_start, hand_over, merged
@@ -122,8 +122,12 @@ class Auto:
         r, r_dot, ready = self._kalman.step(seen)
         (before, V_before), dt = ((seen.psi, seen.airspeed), 0.0) if self._before is None else (self._before, seen.dt)
         path = chord((V_before + seen.airspeed) / 2, before, wrap(seen.psi - before), dt)
+        felt = None
+        if seen.felt is not None and self._before is not None:
+            nose = lambda psi, V: V * np.stack([np.cos(psi), np.sin(psi)])
+            felt = Felt(seen.felt, nose(seen.psi, seen.airspeed) - nose(before, V_before), dt * (nose(seen.psi, 1.0) + nose(before, 1.0)) / 2)
         self._before = seen.psi, seen.airspeed
-        self.bank.step(np.full(s.size, dt), path, seen.z, seen.sigma, seen.arrived)
+        self.bank.step(np.full(s.size, dt), path, seen.z, seen.sigma, seen.arrived, felt)
         x, trusted = self.bank.mean, self.bank.trusted
         V, p, d = x[KAPPA] * seen.airspeed, position(x), drift_of(x)
         pending = self._answer.pending(seen)

@@ -54,6 +54,8 @@ class MotionNoise:
     heading: float = 0.02
     turn_rate: float = 0.01
     airspeed: float = 0.3
+    acceleration: float | None = None
+    acceleration_bias: float = 0.1
 
     def draw(self, flights: int, rng: np.random.Generator) -> Array:
         """Errors of heading, turn rate and airspeed in one step, (3, B)."""

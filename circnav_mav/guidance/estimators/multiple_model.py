@@ -17,7 +17,21 @@ import numpy as np
 from circnav_mav.guidance.estimators import relative_ekf
 from circnav_mav.guidance.estimators.acquisition import Found, RingSearch, SearchSettings
 from circnav_mav.guidance.estimators.acquisition_window import Prior
-from circnav_mav.guidance.estimators.relative_ekf import DX, GX, GY, STATES, THETA, Array, Hypotheses, Noise, R
+from circnav_mav.guidance.estimators.relative_ekf import (
+    DX,
+    FELT_BIAS,
+    FORWARD,
+    GX,
+    GY,
+    LEFT,
+    STATES,
+    THETA,
+    Array,
+    Felt,
+    Hypotheses,
+    Noise,
+    R,
+)
 
 
 class Stage(IntEnum):
@@ -35,7 +49,7 @@ class BankSettings:
     trusted, lost: bounds of the position's standard deviation over the range: above the first the estimate must not
     steer, above the second the track is given up. missed: share of recent samples outside the gate that ends the
     track; recent: memory of it, s. drift_most: largest drift that makes sense, in V. winds, noises: the models, all
-    pairs of (m^2/s^3 of d, gust in V) and (white, drifting) parts of sigma. search: how to search, None for the
+    pairs of (m^2/s^3 of d, gust in V, whether accelerations count) and (white, drifting) parts of sigma. search: how to search, None for the
     defaults.
     """
 
@@ -46,14 +60,16 @@ class BankSettings:
     missed: float = 0.6
     recent: float = 3.0
     drift_most: float = 0.85
-    winds: tuple[tuple[float, float], ...] = ((3e-4, 0.0), (5e-2, 0.0), (1e-2, 0.1))
+    winds: tuple[tuple[float, float, float, float], ...] = (
+        (3e-4, 0, 0, 0), (5e-2, 0, 0, 0), (1e-2, 0.1, 0, 0), (3e-4, 0.1, 0.03, 1),
+    )  # fmt: skip
     noises: tuple[tuple[float, float], ...] = ((1.0, 0.0), (0.4, 0.9))
     search: SearchSettings | None = None
 
     def noise(self) -> Noise:
         """All models, arrays (M, 1)."""
         models = np.array([(*wind, *noise) for wind, noise in product(self.winds, self.noises)])
-        models[:, 1] *= self.speed
+        models[:, 1:3] *= self.speed
         return Noise(*models.T[..., None])
 
 
@@ -67,7 +83,7 @@ FORGOTTEN, REVIVED = -12.0, -6.0
 class DriftBank:
     """The banks of B flights that are stepped together. `step` is the only way in; the attributes are what is believed.
 
-    mean (8, B), covariance (8, 8, B), stage, nis, missed, refused, spread (B,): nis of the heaviest hypothesis, share
+    mean (10, B), covariance (10, 10, B), stage, nis, missed, refused, spread (B,): nis of the heaviest hypothesis, share
     of recent misses, whether the last sample was refused, standard deviation of the position over the range (infinite
     before it is known where the target is).
     """
@@ -111,15 +127,17 @@ class DriftBank:
         n = self.noise
         weight = np.full((len(n.white), self.stage.size), 1 / len(n.white))
         weight[:, self._tracking] = self._tracks.weight
-        return Noise(*(part.T @ weight for part in (n.drift_psd, n.gust, n.white, n.drifting)))
+        return Noise(*(part.T @ weight for part in (n.drift_psd, n.gust, n.nose, n.feels, n.white, n.drifting)))
 
-    def step(self, dt: Array, chord: Array, z: Array, sigma: Array, valid: Array) -> None:
+    def step(
+        self, dt: Array, chord: Array, z: Array, sigma: Array, valid: Array, felt: Felt | None = None
+    ) -> None:
         """Carry flights on by dt (B,) along chord (2, B), and take in their ranges z, sigma where valid (B,). Nothing
-        happens to those whose dt and chord are 0 and whose range is not valid."""
+        happens to those whose dt and chord are 0 and whose range is not valid. felt: the accelerations meanwhile."""
         sigma = np.minimum(np.maximum(sigma, LEAST_SIGMA), MOST_SIGMA)
         self._since += dt
         due = self._search.hear(dt, chord, z, sigma, valid)
-        self._track(dt, chord, z, sigma, valid)
+        self._track(dt, chord, z, sigma, valid, felt)
         self._lose(z, valid)
         found = self._search.go_on(due, sigma) if due.any() else None
         if found is not None:
@@ -127,11 +145,12 @@ class DriftBank:
         self._tell_favourites()
         self._since[valid] = 0.0
 
-    def _track(self, dt: Array, chord: Array, z: Array, sigma: Array, valid: Array) -> None:
+    def _track(self, dt: Array, chord: Array, z: Array, sigma: Array, valid: Array, felt: Felt | None) -> None:
         at = self._tracking
         if not at.size:
             return
-        h = relative_ekf.predict(self._tracks, self.noise, dt[at], chord[:, at], sigma[at])
+        theirs = None if felt is None else Felt(felt.change[:, at], felt.air[:, at], felt.nose[:, at])
+        h = relative_ekf.predict(self._tracks, self.noise, dt[at], chord[:, at], sigma[at], theirs)
         if valid[at].any():
             h, said = relative_ekf.update(h, self.noise, z[at], sigma[at], valid[at], self.settings.gate)
             heaviest = (h.log_weight.argmax(axis=0), np.arange(at.size))
@@ -188,6 +207,7 @@ class DriftBank:
         mean[known], covariance[known, known] = found.x, found.P
         covariance[relative_ekf.B, relative_ekf.B] = (0.5 * sigma[at]) ** 2
         covariance[GX, GX] = covariance[GY, GY] = (0.02 * self.settings.speed) ** 2
+        covariance[FORWARD, FORWARD] = covariance[LEFT, LEFT] = FELT_BIAS**2
         mean, covariance = relative_ekf.polar(mean, covariance)
         old, new = self._tracks, _copies(mean, covariance, len(self.noise.white))
         self._tracks = Hypotheses(

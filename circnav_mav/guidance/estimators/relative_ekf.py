@@ -1,12 +1,15 @@
 """The relative-motion filters as arrays: one step serves one flight and a thousand, one hypothesis and thirty-two.
 
-State x = (r, theta, d_x, d_y, kappa, b, g_x, g_y), shape (8, M, B) for M hypotheses of each of B flights: r, theta =
-range (m) and direction (rad) of p = vehicle - target, d + g = wind - target velocity (m/s), of which d is steady and g
-comes and goes (gusts, a turning target), kappa = true over measured airspeed, b = slowly drifting error of the range
-(m). Frame: the paper's, turned by whatever constant error the compass has.
+State x = (r, theta, d_x, d_y, kappa, b, g_x, g_y, f, l), shape (10, M, B) for M hypotheses of each of B flights: r,
+theta = range (m) and direction (rad) of p = vehicle - target, d + g = wind - target velocity (m/s), of which d is
+steady and g comes and goes (gusts, side-slip, a turning target), kappa = true over measured airspeed, b = slowly
+drifting error of the range (m), f, l = error of the measured acceleration, forward and to the left (m/s^2). Frame: the
+paper's, turned by whatever constant error the compass has.
 
     p' = kappa V u(psi) + d + g,   d' = white noise,   g' = -g/tau_g + white noise,   b' = -b/tau_b + white noise,
-    z = r + b + white noise
+    z = r + b + white noise,   measured acceleration = (kappa V u(psi) + d + g)' + (f, l) turned by psi + white noise
+
+The acceleration is what tells a gust from a sluggish vehicle: d + g are known by their change, whatever the nose does.
 
 Polar, because then the measurement is linear: a Cartesian filter draws each range along another bearing than the last
 and so believes that it sees the bearing (in gusts its NEES reaches hundreds; this one's stays near 2). The motion is
@@ -23,8 +26,8 @@ from circnav_mav.guidance.air_path import wrap
 
 Array = Any
 Row = tuple[Array, ...]
-R, THETA, DX, DY, KAPPA, B, GX, GY = range(8)
-STATES = 8
+R, THETA, DX, DY, KAPPA, B, GX, GY, FORWARD, LEFT, EX, EY = range(12)
+STATES = 12
 BIAS_TIME = 2.0
 """Correlation time of the drifting range error, s: what UWB and LoRa radios show (1..3 s)."""
 GUST_TIME = 10.0
@@ -35,6 +38,11 @@ CLOSEST = 1.0
 """The bearing is singular at the target: ranges count as at least this, m."""
 POSITION_PSD, KAPPA_PSD = 1e-4, 1e-7
 """Process noise for what the model leaves out: m^2/s and 1/s."""
+FELT_PSD = 1e-2
+"""White part of the measured acceleration, m^2/s^3: .3 m/s^2 that lasts .1 s, from vibration and late attitudes."""
+FELT_BIAS, FELT_BIAS_PSD = 0.2, 1e-5
+"""Error of the measured acceleration: standard deviation at first, m/s^2 (1 deg of attitude is .17), and how it grows,
+m^2/s^5."""
 OUTLIER_SHARE, OUTLIER_SPREAD = 0.05, 100.0
 """A range may be worthless: with this probability it is anywhere within so many metres."""
 WEIGHT_MEMORY = 20.0
@@ -45,19 +53,34 @@ WEIGHT_MEMORY = 20.0
 class Noise:
     """What each of M hypotheses assumes, arrays of shape (M, 1).
 
-    drift_psd: of d', m^2/s^3. gust: standard deviation of each component of g, m/s. white, drifting: the two parts of
-    the range error, in units of the sample's sigma.
+    drift_psd: of d', m^2/s^3. gust: standard deviation of each component of g, m/s. feels: 1 where the measured
+    acceleration counts, else 0. white, drifting: the two parts of the range error, in units of the sample's sigma.
     """
 
     drift_psd: Array
     gust: Array
+    nose: Array
+    feels: Array
     white: Array
     drifting: Array
 
 
 @dataclass(frozen=True, slots=True)
+class Felt:
+    """What was measured of the acceleration over a step of B flights, arrays (2, B) in the paper's frame.
+
+    change: its integral, m/s. air: the change of V u(psi) at the measured airspeed meanwhile, m/s. nose: the integral
+    of u(psi), s.
+    """
+
+    change: Array
+    air: Array
+    nose: Array
+
+
+@dataclass(frozen=True, slots=True)
 class Hypotheses:
-    """M filters for each of B flights: x (8, M, B), P (8, 8, M, B), log_weight (M, B) with maximum 0 per flight."""
+    """M filters for each of B flights: x (10, M, B), P (10, 10, M, B), log_weight (M, B) with maximum 0 per flight."""
 
     x: Array
     P: Array
@@ -78,8 +101,11 @@ class Innovation:
     taken: Array
 
 
-def predict(h: Hypotheses, noise: Noise, dt: Array, chord: Array, sigma: Array) -> Hypotheses:
-    """Carry on by dt (B,), in s, along air paths whose chords are (2, B), in m at the measured airspeed."""
+def predict(
+    h: Hypotheses, noise: Noise, dt: Array, chord: Array, sigma: Array, felt: Felt | None = None
+) -> Hypotheses:
+    """Carry on by dt (B,), in s, along air paths whose chords are (2, B), in m at the measured airspeed; felt: where
+    the acceleration was measured meanwhile."""
     x, keep = h.x.copy(), kept(dt)[:, None]
     x[R], x[THETA], rows = motion(h.x, dt, chord)
     x[B:] *= keep[B:]
@@ -90,7 +116,9 @@ def predict(h: Hypotheses, noise: Noise, dt: Array, chord: Array, sigma: Array) 
     steady, gusty = steps(noise.drift_psd, noise.gust, dt)
     moved *= keep
     moved[:, DX:KAPPA] += F[:, DX:KAPPA] * (steady / 2)
-    moved[:, GX:] += F[:, GX:] * (gusty / 2)
+    moved[:, GX:FORWARD] += F[:, GX:FORWARD] * (gusty / 2)
+    fresh = noise.nose**2
+    moved[:, EX:] += F[:, EX:] * fresh
     wander = wandered(steady, gusty, dt)
     place[0, 0] += wander
     place[1, 1] += wander / x[R] ** 2
@@ -98,9 +126,52 @@ def predict(h: Hypotheses, noise: Noise, dt: Array, chord: Array, sigma: Array) 
     P[:2], P[:, :2] = moved, np.swapaxes(moved, 0, 1)
     P[:2, :2] = place
     drifting = (1 - keep[B] ** 2) * (noise.drifting * sigma) ** 2
-    for i, q in ((DX, steady), (DY, steady), (GX, gusty), (GY, gusty), (KAPPA, KAPPA_PSD * dt), (B, drifting)):
+    bias = FELT_BIAS_PSD * dt
+    for i, q in (
+        (DX, steady), (DY, steady), (GX, gusty), (GY, gusty), (KAPPA, KAPPA_PSD * dt), (B, drifting),
+        (FORWARD, bias), (LEFT, bias), (EX, fresh), (EY, fresh),
+    ):  # fmt: skip
         P[i, i] += q
-    return Hypotheses(x, P, h.log_weight * np.exp(-dt / WEIGHT_MEMORY))
+    after = Hypotheses(x, P, h.log_weight * np.exp(-dt / WEIGHT_MEMORY))
+    return after if felt is None else _felt(h, after, F, noise, dt, felt)
+
+
+def _felt(h: Hypotheses, after: Hypotheses, F: Array, noise: Noise, dt: Array, felt: Felt) -> Hypotheses:
+    """The prediction corrected by the measured acceleration, a measurement of kappa, g and the noise of the step:
+
+    change = kappa air + (g + d) after - (g + d) before + (f, l) turned by the nose + white noise
+    """
+    keep = kept(dt)[:, None]
+    steady, gusty = steps(noise.drift_psd, noise.gust, dt)
+    (c, s), fades = felt.nose, keep[GX] - 1
+    rows = (
+        ((KAPPA, felt.air[0]), (GX, fades), (FORWARD, c), (LEFT, -s), (EX, -1.0)),
+        ((KAPPA, felt.air[1]), (GY, fades), (FORWARD, s), (LEFT, c), (EY, -1.0)),
+    )
+    nu = [felt.change[i] - sum(of * h.x[state] for state, of in row) for i, row in enumerate(rows)]
+    seen = [sum(of * h.P[:, state] for state, of in row) for row in rows]
+    S = [[sum(of * seen[j][state] for state, of in rows[i]) for j in (0, 1)] for i in (0, 1)]
+    fresh = noise.nose**2
+    more = steady + gusty + fresh + FELT_PSD * dt
+    C = []
+    for i in (0, 1):
+        crossed = keep * seen[i]
+        crossed[:2] = (F * seen[i]).sum(axis=1) + F[:, DX + i] * ((steady + gusty) / 2) + F[:, EX + i] * fresh
+        crossed[DX + i] += steady
+        crossed[GX + i] += gusty
+        crossed[EX + i] += fresh
+        C.append(crossed)
+    # the 2 x 2 system by its Cholesky factor: what is symmetric stays so
+    a = np.sqrt(S[0][0] + more)
+    b = S[0][1] / a
+    e = np.sqrt(np.maximum(S[1][1] + more - b * b, 1e-12))
+    first = noise.feels * C[0] / a
+    second = noise.feels * (C[1] - b * C[0] / a) / e
+    x = after.x + first * (nu[0] / a) + second * ((nu[1] - b * nu[0] / a) / e)
+    P = after.P - first[:, None] * first[None, :] - second[:, None] * second[None, :]
+    np.maximum(x[R], CLOSEST, out=x[R])
+    np.clip(x[KAPPA], *KAPPA_RANGE, out=x[KAPPA])
+    return Hypotheses(x, P, after.log_weight)
 
 
 def motion(x: Any, dt: Array, chord: Any, xp: Any = np) -> tuple[Array, Array, tuple[Row, Row]]:
@@ -109,21 +180,24 @@ def motion(x: Any, dt: Array, chord: Any, xp: Any = np) -> tuple[Array, Array, t
     The other states are multiplied by `kept`. x: by state, arrays or floats. xp: numpy, or `floats` for one flight.
     """
     c, s = xp.cos(x[THETA]), xp.sin(x[THETA])
-    east, north = x[KAPPA] * chord[0] + (x[DX] + x[GX]) * dt, x[KAPPA] * chord[1] + (x[DY] + x[GY]) * dt
+    half = dt / 2
+    east = x[KAPPA] * chord[0] + (x[DX] + x[GX]) * dt + x[EX] * half
+    north = x[KAPPA] * chord[1] + (x[DY] + x[GY]) * dt + x[EY] * half
     along, across = x[R] + c * east + s * north, c * north - s * east
     r, turn = xp.maximum(xp.hypot(along, across), CLOSEST), xp.arctan2(across, along)
     theta = x[THETA] + turn
     n, t = axes(theta, xp)
     c, s, none = xp.cos(turn), xp.sin(turn), 0.0 * r
-    out = c, x[R] * s, n[0] * dt, n[1] * dt, n[0] * chord[0] + n[1] * chord[1], none, n[0] * dt, n[1] * dt
-    left = -s, x[R] * c, t[0] * dt, t[1] * dt, t[0] * chord[0] + t[1] * chord[1], none, t[0] * dt, t[1] * dt
+    along, aside = n[0] * chord[0] + n[1] * chord[1], t[0] * chord[0] + t[1] * chord[1]
+    out = c, x[R] * s, n[0] * dt, n[1] * dt, along, none, n[0] * dt, n[1] * dt, none, none, n[0] * half, n[1] * half
+    left = -s, x[R] * c, t[0] * dt, t[1] * dt, aside, none, t[0] * dt, t[1] * dt, none, none, t[0] * half, t[1] * half
     return r, theta, (out, tuple(entry / r for entry in left))
 
 
 def kept(dt: Array) -> Array:
-    """What is left of each state but range and direction after dt (B,), (8, B): the range error and gusts fade."""
+    """What is left of each state but range and direction after dt (B,), (10, B): the range error and gusts fade."""
     fade, calm, all_ = np.exp(-dt / BIAS_TIME), np.exp(-dt / GUST_TIME), np.ones_like(dt)
-    return np.array([all_, all_, all_, all_, all_, fade, calm, calm])
+    return np.array([all_, all_, all_, all_, all_, fade, calm, calm, all_, all_, 0 * all_, 0 * all_])
 
 
 def steps(drift_psd: Array, gust: Array, dt: Array, xp: Any = np) -> tuple[Array, Array]:
@@ -163,7 +237,7 @@ def axes(theta: Array, xp: Any = np) -> tuple[tuple[Array, Array], tuple[Array, 
 
 
 def mixture(h: Hypotheses) -> tuple[Array, Array]:
-    """Mean (8, B) and covariance (8, 8, B) of the weighted hypotheses; directions are averaged about the heaviest."""
+    """Mean (10, B) and covariance (10, 10, B) of the weighted hypotheses; directions are averaged about the heaviest."""
     w = h.weight
     heaviest = h.x[THETA, h.log_weight.argmax(axis=0), np.arange(w.shape[1])]
     x = h.x.copy()
@@ -174,7 +248,7 @@ def mixture(h: Hypotheses) -> tuple[Array, Array]:
 
 
 def polar(p: Array, P: Array) -> tuple[Array, Array]:
-    """State (p_x, p_y, ...) of shape (8, B) with covariance (8, 8, B) as (r, theta, ...)."""
+    """State (p_x, p_y, ...) of shape (10, B) with covariance (10, 10, B) as (r, theta, ...)."""
     r = np.maximum(np.hypot(p[0], p[1]), CLOSEST)
     n = p[:2] / r
     T = np.zeros_like(P)
@@ -193,5 +267,5 @@ def position(x: Array) -> Array:
 
 
 def drift(x: Array) -> Array:
-    """d + g (2, ...), m/s."""
-    return x[DX : DY + 1] + x[GX : GY + 1]
+    """d + g + e (2, ...), m/s."""
+    return x[DX : DY + 1] + x[GX : GY + 1] + x[EX : EY + 1]
