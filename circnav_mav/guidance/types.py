@@ -44,6 +44,15 @@ class RangeSample:
 
 
 @dataclass(frozen=True, slots=True)
+class FeltVelocity:
+    """The integral of the measured horizontal acceleration since a time, m/s (x, y) in the paper's frame."""
+
+    x: float
+    y: float
+    since: float
+
+
+@dataclass(frozen=True, slots=True)
 class OwnMotion:
     """What the autopilot knows of itself without GPS.
 
@@ -51,6 +60,7 @@ class OwnMotion:
     heading, rad/s, counter-clockwise positive (not the body's z rate). airspeed: as measured, m/s. bank_turn: turn rate
     of the coordinated turn at this bank, rad/s; None for vehicles that do not bank to turn. push: horizontal
     acceleration (x, y) by the tilt of the thrust, m/s^2, in the paper's frame; None for those that do not fly by it.
+    felt: what the accelerometers tell; None without them.
     """
 
     time: float
@@ -59,6 +69,7 @@ class OwnMotion:
     airspeed: float
     bank_turn: float | None = None
     push: tuple[float, float] | None = None
+    felt: FeltVelocity | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +79,8 @@ class RelativeMotion:
     x, y: vehicle minus target, m. sigma: standard deviation of that, m. drift_x, drift_y: wind minus target velocity,
     m/s. heading (rad), turn_rate (rad/s): own motion at this moment. airspeed: true, m/s; scale: true over measured.
     trusted: whether it may steer. trial: number of the guess, where it is no more than a guess; None without grounds.
-    drift_remembered: whether a search began with the drift known from before.
+    drift_remembered: whether a search began with the drift known from before. feels: how far the measured accelerations
+    are believed, 0 .. 1.
     """
 
     x: float
@@ -83,6 +95,7 @@ class RelativeMotion:
     trusted: bool
     trial: int | None = None
     drift_remembered: bool = False
+    feels: float = 0.0
 
     @property
     def eta(self) -> float:

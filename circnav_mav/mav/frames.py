@@ -35,6 +35,18 @@ def push_from_tilt(roll: float, pitch: float, psi: float) -> tuple[float, float]
     """Horizontal acceleration (m/s^2; x, y in the paper's frame) of a thrust that carries the weight, by roll (right
     positive) and pitch (nose up positive), rad, with the nose at psi in the paper's frame."""
     forward, right = -GRAVITY * tan(pitch), GRAVITY * tan(roll) / cos(pitch)
+    return vector_from_level(forward, right, psi)
+
+
+def level_from_body(force: tuple[float, float, float], roll: float, pitch: float) -> tuple[float, float]:
+    """Horizontal acceleration forward and to the right of the nose (m/s^2) of a specific force in the body frame
+    (forward, right, down, m/s^2; gravity has no horizontal part) at that roll and pitch, rad."""
+    x, y, z = force
+    return cos(pitch) * x + sin(pitch) * (sin(roll) * y + cos(roll) * z), cos(roll) * y - sin(roll) * z
+
+
+def vector_from_level(forward: float, right: float, psi: float) -> tuple[float, float]:
+    """A horizontal vector (forward, right of the nose) in the paper's frame, the nose at psi in it."""
     return forward * cos(psi) + right * sin(psi), forward * sin(psi) - right * cos(psi)
 
 

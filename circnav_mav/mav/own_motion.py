@@ -1,13 +1,14 @@
 """The vehicle's own motion without position: attitude, heading rate, airspeed, height. Never a position or a velocity.
 
-Read from ATTITUDE and VFR_HUD (of which the ground speed is not read). A value that is missing or older than its bound
-is None; who needs it says so.
+Read from ATTITUDE, VFR_HUD (of which the ground speed is not read) and the IMU messages (`accelerations`). A value that
+is missing or older than its bound is None; who needs it says so.
 """
 
 from dataclasses import dataclass, replace
-from math import cos, sin, tan
+from math import tan
 
 from circnav_mav.guidance.types import OwnMotion
+from circnav_mav.mav.accelerations import Accelerations, Attitude
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.frames import GRAVITY, YawRate, course_from_yaw, push_from_tilt, turn_rate_from_yaw_rate
 from circnav_mav.mav.sensor_clock import SensorClock, Slower, nobody_tells
@@ -42,14 +43,6 @@ class Motion:
     climb: float | None = None
 
 
-def heading_rate(roll: float, pitch: float, q: float, r: float) -> YawRate:
-    """Heading rate from body rates, rad/s clockwise positive: (q sin(roll) + r cos(roll))/cos(pitch).
-
-    ATTITUDE.yawspeed is the body z rate r: taking it for the heading rate cost 7 m of radius in flight.
-    """
-    return YawRate((q * sin(roll) + r * cos(roll)) / max(cos(pitch), 0.1))
-
-
 def coordinated_yaw_rate(roll: float, airspeed: float) -> YawRate:
     """Yaw rate of a coordinated turn, rad/s clockwise positive. roll: rad, right positive. airspeed: m/s."""
     return YawRate(GRAVITY * tan(roll) / max(airspeed, 1.0))
@@ -68,6 +61,8 @@ class MotionSensor:
         self._attitude_at = float("-inf")
         self._air = Motion()
         self._air_at = float("-inf")
+        self._body: Attitude | None = None
+        self._accelerations = Accelerations()
         self._clock = SensorClock(slower)
         self._stamp_ms: int | None = None
         self._doubtful_ms: int | None = None
@@ -84,16 +79,19 @@ class MotionSensor:
             self._air_at = now
             return False
         if message.get_type() != "ATTITUDE":
+            self._accelerations.receive(message, self._body, now)
             return False
-        values = (message.roll, message.pitch, message.yaw, message.pitchspeed, message.yawspeed)
-        bounds = (MOST_ANGLE, MOST_ANGLE, MOST_ANGLE, MOST_RATE, MOST_RATE)
+        values = (
+            message.roll, message.pitch, message.yaw, message.rollspeed, message.pitchspeed, message.yawspeed
+        )  # fmt: skip
+        bounds = (MOST_ANGLE, MOST_ANGLE, MOST_ANGLE, MOST_RATE, MOST_RATE, MOST_RATE)
         if not all(abs(value) <= bound for value, bound in zip(values, bounds, strict=True)):  # NaN is not, either
             return False
         measured = self._measured(message.time_boot_ms, now)
         if measured is None:
             return False
-        roll, pitch, yaw, q, r = values
-        self._attitude = Motion(roll, pitch, yaw, heading_rate(roll, pitch, q, r))
+        self._body = body = Attitude(message.time_boot_ms / 1e3, *values)
+        self._attitude = Motion(body.roll, body.pitch, body.yaw, body.yaw_rate)
         self._attitude_at = max(measured, self._attitude_at)
         return True
 
@@ -121,7 +119,8 @@ class MotionSensor:
         if motion.yaw is None or motion.yaw_rate is None:
             return None
         psi = course_from_yaw(motion.yaw)
-        own = OwnMotion(self._attitude_at, psi, turn_rate_from_yaw_rate(motion.yaw_rate), airspeed)
+        turn_rate = turn_rate_from_yaw_rate(motion.yaw_rate)
+        own = OwnMotion(self._attitude_at, psi, turn_rate, airspeed, felt=self._accelerations.felt)
         if motion.roll is None or motion.pitch is None:
             return own
         roll, pitch = (min(max(angle, -MOST_TILT), MOST_TILT) for angle in (motion.roll, motion.pitch))

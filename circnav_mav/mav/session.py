@@ -6,6 +6,7 @@ from collections.abc import Hashable, Mapping
 
 from pymavlink.dialects.v20 import all as dialect
 
+from circnav_mav.mav.accelerations import UNITS
 from circnav_mav.mav.autopilots.interface import Autopilot
 from circnav_mav.mav.codec import Encoder, Message
 from circnav_mav.mav.commands import Command, CommandResult, CommandSender, once
@@ -29,7 +30,7 @@ TWIN_FRAMES, TWIN_WITHIN = 4, 10.0
 heartbeat a second. A stray one now and then is nobody's."""
 MOST_REPLIES = 4
 HANDLED = frozenset(
-    getattr(dialect, f"MAVLINK_MSG_ID_{name}") for name in (*TELLING, "COMMAND_ACK", "TIMESYNC", "VFR_HUD")
+    getattr(dialect, f"MAVLINK_MSG_ID_{name}") for name in (*TELLING, "COMMAND_ACK", "TIMESYNC", "VFR_HUD", *UNITS)
 )
 """Ids of the messages that a session or the motion sensor reads."""
 

@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from circnav_mav.guidance.estimators.relative_ekf import Felt
 from circnav_mav.guidance.estimators.multiple_model import BankSettings, DriftBank
+from circnav_mav.guidance.estimators.relative_ekf import Felt
 
 Array = Any
 BLOCK = 250
@@ -18,9 +18,7 @@ class Banks:
         self._slices = [slice(first, min(first + BLOCK, flights)) for first in range(0, flights, BLOCK)]
         self._banks = [DriftBank(settings, part.stop - part.start) for part in self._slices]
 
-    def step(
-        self, dt: Array, chord: Array, z: Array, sigma: Array, valid: Array, felt: Felt | None = None
-    ) -> None:
+    def step(self, dt: Array, chord: Array, z: Array, sigma: Array, valid: Array, felt: Felt | None = None) -> None:
         """See `DriftBank.step`."""
         for part, bank in zip(self._slices, self._banks, strict=True):
             theirs = None if felt is None else Felt(felt.change[:, part], felt.air[:, part], felt.nose[:, part])

@@ -6,7 +6,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from circnav_mav.experiments.batch.sensors import GAUSSIAN, Compass, MotionNoise, Radio, Ranging
+from circnav_mav.experiments.batch.sensors import GAUSSIAN, Compass, ImuNoise, MotionNoise, Radio, Ranging
 from circnav_mav.experiments.batch.world import Air, Target, Targets, Wind, flown, turn_step
 from circnav_mav.guidance.air_path import wrap
 
@@ -35,6 +35,7 @@ class Situation:
     compass: Compass = field(default_factory=Compass)
     noise: MotionNoise = field(default_factory=MotionNoise)
     airspeed_error: float = 0.0
+    imu: ImuNoise | None = None
     circle: Circle = field(default_factory=Circle)
     duration: float = 400.0
     dt: float = 0.05
@@ -46,7 +47,8 @@ class Situation:
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """What a policy gets in one step, arrays (B,): heading, turn rate, airspeed; range where arrived."""
+    """What a policy gets in one step, arrays (B,): heading, turn rate, airspeed; range where arrived; felt (2, B):
+    change of the velocity since the step before, m/s, by accelerometers."""
 
     dt: float
     psi: Array
@@ -156,8 +158,8 @@ def fly_in(world: World, situation: Situation, make: Make) -> Tracks:
     steps = round(situation.duration / dt)
     kept = {name: np.zeros((steps, w.sense.size), np.float32) for name in ROWS}
     start = None
-    felt, seen = None, None
-    bias = situation.noise.acceleration_bias * w.noise.standard_normal((2, w.sense.size)) if situation.noise.acceleration is not None else None
+    felt: Array | None = None
+    imu = None if situation.imu is None else Imu(situation.imu, w.sense.size, w.noise)
     for step in range(steps):
         d = w.air.velocity - w.targets.velocity
         true = Truth(w.p, d, w.psi, w.turn_rate)
@@ -166,10 +168,6 @@ def fly_in(world: World, situation: Situation, make: Make) -> Tracks:
         z, arrived = w.radio.measure(r, step, dt)
         of_heading, of_rate, of_speed = situation.noise.draw(w.sense.size, w.noise)
         psi = w.psi + w.compass + w.compass_drift * step * dt + of_heading
-        if felt is not None:
-            mean = seen.psi + wrap(psi - seen.psi) / 2
-            c, s = np.cos(mean), np.sin(mean)
-            felt = np.stack([c * felt[0] - s * felt[1], s * felt[0] + c * felt[1]])
         seen = Seen(dt, psi, w.turn_rate + of_rate, w.airspeed + of_speed, z, w.sigma, arrived, felt)
         command = policy.command(seen, true)
         command = np.clip(command, -cfg.max_turn_rate, cfg.max_turn_rate)
@@ -179,16 +177,14 @@ def fly_in(world: World, situation: Situation, make: Make) -> Tracks:
         for name, value in zip(ROWS, row, strict=True):
             kept[name][step] = value
         w.p = w.p + flown(cfg.speed, w.psi, w.turn_rate, command, cfg.lag, dt) + d * dt
-        was = cfg.speed * np.stack([np.cos(w.psi), np.sin(w.psi)]) + w.air.velocity
+        before = cfg.speed * np.stack([np.cos(w.psi), np.sin(w.psi)]) + w.air.velocity
         w.turn_rate, turned = turn_step(w.turn_rate, command, cfg.lag, dt)
         w.psi = w.psi + turned
         w.air.step(dt)
-        if bias is not None:
-            change = cfg.speed * np.stack([np.cos(w.psi), np.sin(w.psi)]) + w.air.velocity - was
-            c, s = np.cos(w.psi - turned / 2), np.sin(w.psi - turned / 2)
-            felt = np.stack([c * change[0] + s * change[1], -s * change[0] + c * change[1]])
-            felt = felt + (bias + situation.noise.acceleration * w.noise.standard_normal(bias.shape)) * dt
         w.targets.step(dt)
+        if imu is not None:
+            now = cfg.speed * np.stack([np.cos(w.psi), np.sin(w.psi)]) + w.air.velocity
+            felt = imu.measure(now - before, w.psi - turned / 2, w.compass + w.compass_drift * step * dt, dt)
     assert start is not None
     return Tracks(time=np.arange(steps) * dt, sense=w.sense, start=start, **kept)
 

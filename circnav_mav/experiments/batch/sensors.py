@@ -54,8 +54,6 @@ class MotionNoise:
     heading: float = 0.02
     turn_rate: float = 0.01
     airspeed: float = 0.3
-    acceleration: float | None = None
-    acceleration_bias: float = 0.1
 
     def draw(self, flights: int, rng: np.random.Generator) -> Array:
         """Errors of heading, turn rate and airspeed in one step, (3, B)."""
@@ -64,6 +62,32 @@ class MotionNoise:
 
 
 NO_NOISE = MotionNoise(0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class ImuNoise:
+    """Standard deviations of measured accelerations, m/s^2. white: from step to step. bias: constant in a flight,
+    forward and to the left: of the sensor, and of the attitude that frees it of gravity."""
+
+    white: float = 0.2
+    bias: float = 0.1
+
+
+class Imu:
+    """Accelerometers of B flights."""
+
+    def __init__(self, noise: ImuNoise, flights: int, rng: np.random.Generator) -> None:
+        self._noise, self._rng = noise, rng
+        self._bias = noise.bias * rng.standard_normal((2, flights))
+
+    def measure(self, change: Array, psi: Array, compass: Array, dt: float) -> Array:
+        """The change of the velocity (2, B), m/s, in a step, as it is felt by a vehicle with its nose at psi (B,), rad,
+        and turned by what its compass says."""
+        error = (self._bias + self._noise.white * self._rng.standard_normal(change.shape)) * dt
+        c, s = np.cos(psi), np.sin(psi)
+        x, y = change[0] + c * error[0] - s * error[1], change[1] + s * error[0] + c * error[1]
+        c, s = np.cos(compass), np.sin(compass)
+        return np.stack([c * x - s * y, s * x + c * y])
 
 
 class Radio:

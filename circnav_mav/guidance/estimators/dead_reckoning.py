@@ -1,11 +1,11 @@
 """The path through the air, from heading, turn rate and airspeed that come at their own times."""
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from circnav_mav.guidance import floats
 from circnav_mav.guidance.air_path import chord_parts, wrap
-from circnav_mav.guidance.types import OwnMotion
+from circnav_mav.guidance.types import FeltVelocity, OwnMotion
 
 KEPT = 64
 """Reports kept: more than a second at the fastest rate, and ranges are younger than that."""
@@ -17,12 +17,32 @@ HOLE = 3.0
 
 @dataclass(frozen=True, slots=True)
 class Knot:
-    """A report and how far the path had come: x, y in m at the measured airspeed. piece: counts the holes before."""
+    """A report and how far the path had come: x, y in m at the measured airspeed. piece: counts the holes before.
+    nose_x, nose_y: integral of the unit vector of the nose, s. report: the newest report that it is made from, for
+    accelerations are not carried on."""
 
     motion: OwnMotion
     x: float
     y: float
     piece: int
+    nose_x: float = 0.0
+    nose_y: float = 0.0
+    report: OwnMotion | None = None
+
+    def felt_since(self, before: "Knot") -> tuple[float, ...] | None:
+        """What was felt from a knot to this one: change of the velocity (2), of the air velocity by nose and airspeed
+        (2), m/s, and the integral of the nose (2), s. None where the accelerations do not cover it."""
+        new, old = self.report or self.motion, before.report or before.motion
+        if new.felt is None or old.felt is None or new.felt.since != old.felt.since:
+            return None
+        return (
+            new.felt.x - old.felt.x,
+            new.felt.y - old.felt.y,
+            new.airspeed * floats.cos(new.heading) - old.airspeed * floats.cos(old.heading),
+            new.airspeed * floats.sin(new.heading) - old.airspeed * floats.sin(old.heading),
+            self.nose_x - before.nose_x,
+            self.nose_y - before.nose_y,
+        )
 
 
 class OwnPath:
@@ -45,7 +65,7 @@ class OwnPath:
             return
         turned = float(wrap(motion.heading - last.motion.heading))
         x, y = _arc(last, (last.motion.airspeed + motion.airspeed) / 2, turned, step)
-        self._knots.append(Knot(motion, x, y, last.piece))
+        self._knots.append(Knot(motion, x, y, last.piece, *_nose(last, turned, step)))
 
     def at(self, time: float) -> Knot | None:
         """Where the path was, or will soon be; None outside of what is known."""
@@ -54,7 +74,10 @@ class OwnPath:
         newest = self._knots[-1]
         ahead = time - newest.motion.time
         if ahead >= 0:
-            return _carried(newest, newest.motion.turn_rate * ahead, ahead) if ahead <= EXTRAPOLATED else None
+            if ahead > EXTRAPOLATED:
+                return None
+            carried = _carried(newest, newest.motion.turn_rate * ahead, ahead)
+            return replace(carried, nose_x=newest.nose_x, nose_y=newest.nose_y, report=newest.motion)
         for after, before in zip(reversed(self._knots), list(self._knots)[-2::-1], strict=False):
             if before.motion.time <= time:
                 return _between(before, after, time) if before.piece == after.piece else None
@@ -66,9 +89,14 @@ def _between(before: Knot, after: Knot, time: float) -> Knot:
     share = step / (after.motion.time - before.motion.time)
     turned = float(wrap(after.motion.heading - before.motion.heading)) * share
     airspeed = (before.motion.airspeed + after.motion.airspeed) / 2
-    return _carried(
+    knot = _carried(
         before, turned, step, airspeed, after.motion.turn_rate * share + before.motion.turn_rate * (1 - share)
     )
+    new, old = after.motion.felt, before.motion.felt
+    if new is None or old is None or new.since != old.since:
+        return knot
+    felt = FeltVelocity(old.x + share * (new.x - old.x), old.y + share * (new.y - old.y), new.since)
+    return replace(knot, motion=replace(knot.motion, felt=felt))
 
 
 def _carried(knot: Knot, turned: float, step: float, airspeed: float | None = None, rate: float | None = None) -> Knot:
@@ -77,7 +105,13 @@ def _carried(knot: Knot, turned: float, step: float, airspeed: float | None = No
     V = m.airspeed if airspeed is None else airspeed
     x, y = _arc(knot, V, turned, step)
     motion = OwnMotion(m.time + step, m.heading + turned, m.turn_rate if rate is None else rate, V)
-    return Knot(motion, x, y, knot.piece)
+    return Knot(motion, x, y, knot.piece, *_nose(knot, turned, step))
+
+
+def _nose(knot: Knot, turned: float, step: float) -> tuple[float, float]:
+    """The integral of the nose's direction at the end of the arc, its middle standing for it."""
+    middle = knot.motion.heading + turned / 2
+    return knot.nose_x + step * floats.cos(middle), knot.nose_y + step * floats.sin(middle)
 
 
 def _arc(knot: Knot, V: float, turned: float, step: float) -> tuple[float, float]:

@@ -49,8 +49,8 @@ class BankSettings:
     trusted, lost: bounds of the position's standard deviation over the range: above the first the estimate must not
     steer, above the second the track is given up. missed: share of recent samples outside the gate that ends the
     track; recent: memory of it, s. drift_most: largest drift that makes sense, in V. winds, noises: the models, all
-    pairs of (m^2/s^3 of d, gust in V, whether accelerations count) and (white, drifting) parts of sigma. search: how to search, None for the
-    defaults.
+    pairs of (m^2/s^3 of d, gust in V, noise of the nose in V, whether accelerations count) and (white, drifting) parts
+    of sigma. search: how to search, None for the defaults.
     """
 
     speed: float
@@ -70,7 +70,8 @@ class BankSettings:
         """All models, arrays (M, 1)."""
         models = np.array([(*wind, *noise) for wind, noise in product(self.winds, self.noises)])
         models[:, 1:3] *= self.speed
-        return Noise(*models.T[..., None])
+        psd, gust, nose, feels, white, drifting = models.T[..., None]
+        return Noise(psd, gust, white, drifting, nose, feels)
 
 
 LEAST_SIGMA, MOST_SIGMA = 1e-3, 1e3
@@ -83,9 +84,9 @@ FORGOTTEN, REVIVED = -12.0, -6.0
 class DriftBank:
     """The banks of B flights that are stepped together. `step` is the only way in; the attributes are what is believed.
 
-    mean (10, B), covariance (10, 10, B), stage, nis, missed, refused, spread (B,): nis of the heaviest hypothesis, share
-    of recent misses, whether the last sample was refused, standard deviation of the position over the range (infinite
-    before it is known where the target is).
+    mean (12, B), covariance (12, 12, B), stage, nis, missed, refused, spread (B,): nis of the heaviest hypothesis,
+    share of recent misses, whether the last sample was refused, standard deviation of the position over the range
+    (infinite before it is known where the target is).
     """
 
     def __init__(self, settings: BankSettings, flights: int = 1, known: Prior | None = None) -> None:
@@ -127,11 +128,9 @@ class DriftBank:
         n = self.noise
         weight = np.full((len(n.white), self.stage.size), 1 / len(n.white))
         weight[:, self._tracking] = self._tracks.weight
-        return Noise(*(part.T @ weight for part in (n.drift_psd, n.gust, n.nose, n.feels, n.white, n.drifting)))
+        return Noise(*(part.T @ weight for part in (n.drift_psd, n.gust, n.white, n.drifting, n.nose, n.feels)))
 
-    def step(
-        self, dt: Array, chord: Array, z: Array, sigma: Array, valid: Array, felt: Felt | None = None
-    ) -> None:
+    def step(self, dt: Array, chord: Array, z: Array, sigma: Array, valid: Array, felt: Felt | None = None) -> None:
         """Carry flights on by dt (B,) along chord (2, B), and take in their ranges z, sigma where valid (B,). Nothing
         happens to those whose dt and chord are 0 and whose range is not valid. felt: the accelerations meanwhile."""
         sigma = np.minimum(np.maximum(sigma, LEAST_SIGMA), MOST_SIGMA)

@@ -12,11 +12,15 @@ from circnav_mav.guidance import floats
 from circnav_mav.guidance.estimators.relative_ekf import (
     DX,
     DY,
+    EX,
+    EY,
+    FORWARD,
     GUST_TIME,
     GX,
     GY,
     KAPPA,
     KAPPA_PSD,
+    LEFT,
     Array,
     axes,
     motion,
@@ -27,13 +31,14 @@ from circnav_mav.guidance.estimators.relative_ekf import (
 
 @dataclass(frozen=True, slots=True)
 class Belief:
-    """mean: the state of `bank`, 8 numbers. covariance (8, 8) or (B, 8, 8). drift_psd (m^2/s^3), gust (m/s): what it
-    assumes."""
+    """mean: the state of `relative_ekf`, 12 numbers. covariance (12, 12) or (B, 12, 12). drift_psd (m^2/s^3), gust
+    (m/s), feels (0 .. 1): what it assumes."""
 
     mean: Array | tuple[float, ...]
     covariance: Array
     drift_psd: Array
     gust: Array
+    feels: Array = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,15 +58,25 @@ class Prediction:
 
 
 def predict_belief(
-    belief: Belief, dt: Array, chord: tuple[Array, Array], *, heading: Array, airspeed: Array, xp: Any = floats
-) -> Prediction:
+    belief: Belief, dt: Array, chord: tuple[Array, Array], *, heading: Array, airspeed: Array,
+    felt: tuple[float, ...] | None = None, xp: Any = floats,
+) -> Prediction:  # fmt: skip
     """The belief carried on by dt (s) along an air path (m, at the measured airspeed) to where the vehicle flies with
-    that heading (rad) and that measured airspeed (m/s)."""
+    that heading (rad) and that measured airspeed (m/s). felt: what was felt meanwhile, as `Knot.felt_since`."""
     x, calm = belief.mean, xp.exp(-dt / GUST_TIME)
     r, theta, (out, left) = motion(x, dt, chord, xp)
     n, t = axes(theta, xp)
     air = airspeed * xp.cos(heading), airspeed * xp.sin(heading)
     d = x[DX] + calm * x[GX], x[DY] + calm * x[GY]
+    if felt is not None:
+        # the measured change in the place of the assumed one, as far as the models that feel it are believed
+        *change, air_x, air_y, c, s = felt
+        stays = calm + belief.feels * (1 - calm)
+        wrong = c * x[FORWARD] - s * x[LEFT], s * x[FORWARD] + c * x[LEFT]
+        d = tuple(
+            x[DX + i] + stays * x[GX + i] + x[EX + i] + belief.feels * (change[i] - x[KAPPA] * at) - wrong[i]
+            for i, at in enumerate((air_x, air_y))
+        )
     v = x[KAPPA] * air[0] + d[0], x[KAPPA] * air[1] + d[1]
     across, ahead = t[0] * v[0] + t[1] * v[1], n[0] * air[0] + n[1] * air[1]
     rate = [across * entry for entry in left]  # r' = n.v, and an error of the direction turns n
@@ -69,6 +84,8 @@ def predict_belief(
         (DX, n[0]), (DY, n[1]), (KAPPA, ahead), (GX, calm * n[0]), (GY, calm * n[1])
     ):  # fmt: skip
         rate[state] += gradient
+    if felt is not None:
+        rate[EX], rate[EY] = rate[EX] + n[0], rate[EY] + n[1]
     rows = np.array((out, left, rate)).T  # (8, 3) or (B, 8, 3)
     variances = (belief.covariance @ rows * rows).sum(axis=-2)
     of_r, of_direction, of_rate = variances.tolist() if xp is floats else variances.T

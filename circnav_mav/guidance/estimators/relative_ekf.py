@@ -1,15 +1,16 @@
 """The relative-motion filters as arrays: one step serves one flight and a thousand, one hypothesis and thirty-two.
 
-State x = (r, theta, d_x, d_y, kappa, b, g_x, g_y, f, l), shape (10, M, B) for M hypotheses of each of B flights: r,
-theta = range (m) and direction (rad) of p = vehicle - target, d + g = wind - target velocity (m/s), of which d is
-steady and g comes and goes (gusts, side-slip, a turning target), kappa = true over measured airspeed, b = slowly
-drifting error of the range (m), f, l = error of the measured acceleration, forward and to the left (m/s^2). Frame: the
-paper's, turned by whatever constant error the compass has.
+State x = (r, theta, d_x, d_y, kappa, b, g_x, g_y, f, l, e_x, e_y), shape (12, M, B) for M hypotheses of each of B
+flights: r, theta = range (m) and direction (rad) of p = vehicle - target, d + g + e = wind - target velocity (m/s), of
+which d is steady, g comes and goes (gusts, side-slip, a turning target) and e is new at every step (noise of heading
+and airspeed), kappa = true over measured airspeed, b = slowly drifting error of the range (m), f, l = error of the
+measured acceleration, forward and to the left (m/s^2). Frame: the paper's, turned by the compass' constant error.
 
-    p' = kappa V u(psi) + d + g,   d' = white noise,   g' = -g/tau_g + white noise,   b' = -b/tau_b + white noise,
-    z = r + b + white noise,   measured acceleration = (kappa V u(psi) + d + g)' + (f, l) turned by psi + white noise
+    p' = v = kappa V u(psi) + d + g + e,   d' = white noise,   g' = -g/tau_g + white noise,   b' likewise,
+    z = r + b + white noise,   measured acceleration = v' + (f, l) turned by psi + white noise
 
-The acceleration is what tells a gust from a sluggish vehicle: d + g are known by their change, whatever the nose does.
+The acceleration tells how d + g + e change, whatever the nose does: a gust, and a vehicle that slips or lags, are known
+before the range shows them. Without it e is nothing.
 
 Polar, because then the measurement is linear: a Cartesian filter draws each range along another bearing than the last
 and so believes that it sees the bearing (in gusts its NEES reaches hundreds; this one's stays near 2). The motion is
@@ -53,16 +54,17 @@ WEIGHT_MEMORY = 20.0
 class Noise:
     """What each of M hypotheses assumes, arrays of shape (M, 1).
 
-    drift_psd: of d', m^2/s^3. gust: standard deviation of each component of g, m/s. feels: 1 where the measured
-    acceleration counts, else 0. white, drifting: the two parts of the range error, in units of the sample's sigma.
+    drift_psd: of d', m^2/s^3. gust: standard deviation of each component of g, m/s. white, drifting: the two parts of
+    the range error, in units of the sample's sigma. nose: of each component of e, m/s. feels: 1 where the measured
+    acceleration counts, else 0.
     """
 
     drift_psd: Array
     gust: Array
-    nose: Array
-    feels: Array
     white: Array
     drifting: Array
+    nose: Array = 0.0
+    feels: Array = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +82,7 @@ class Felt:
 
 @dataclass(frozen=True, slots=True)
 class Hypotheses:
-    """M filters for each of B flights: x (10, M, B), P (10, 10, M, B), log_weight (M, B) with maximum 0 per flight."""
+    """M filters for each of B flights: x (12, M, B), P (12, 12, M, B), log_weight (M, B) with maximum 0 per flight."""
 
     x: Array
     P: Array
@@ -101,9 +103,7 @@ class Innovation:
     taken: Array
 
 
-def predict(
-    h: Hypotheses, noise: Noise, dt: Array, chord: Array, sigma: Array, felt: Felt | None = None
-) -> Hypotheses:
+def predict(h: Hypotheses, noise: Noise, dt: Array, chord: Array, sigma: Array, felt: Felt | None = None) -> Hypotheses:
     """Carry on by dt (B,), in s, along air paths whose chords are (2, B), in m at the measured airspeed; felt: where
     the acceleration was measured meanwhile."""
     x, keep = h.x.copy(), kept(dt)[:, None]
@@ -195,7 +195,7 @@ def motion(x: Any, dt: Array, chord: Any, xp: Any = np) -> tuple[Array, Array, t
 
 
 def kept(dt: Array) -> Array:
-    """What is left of each state but range and direction after dt (B,), (10, B): the range error and gusts fade."""
+    """What is left of each state but range and direction after dt (B,), (12, B): the range error and gusts fade."""
     fade, calm, all_ = np.exp(-dt / BIAS_TIME), np.exp(-dt / GUST_TIME), np.ones_like(dt)
     return np.array([all_, all_, all_, all_, all_, fade, calm, calm, all_, all_, 0 * all_, 0 * all_])
 
@@ -237,7 +237,9 @@ def axes(theta: Array, xp: Any = np) -> tuple[tuple[Array, Array], tuple[Array, 
 
 
 def mixture(h: Hypotheses) -> tuple[Array, Array]:
-    """Mean (10, B) and covariance (10, 10, B) of the weighted hypotheses; directions are averaged about the heaviest."""
+    """Mean (12, B) and covariance (12, 12, B) of the weighted hypotheses.
+
+    Directions are averaged about the heaviest."""
     w = h.weight
     heaviest = h.x[THETA, h.log_weight.argmax(axis=0), np.arange(w.shape[1])]
     x = h.x.copy()
@@ -248,7 +250,7 @@ def mixture(h: Hypotheses) -> tuple[Array, Array]:
 
 
 def polar(p: Array, P: Array) -> tuple[Array, Array]:
-    """State (p_x, p_y, ...) of shape (10, B) with covariance (10, 10, B) as (r, theta, ...)."""
+    """State (p_x, p_y, ...) of shape (12, B) with covariance (12, 12, B) as (r, theta, ...)."""
     r = np.maximum(np.hypot(p[0], p[1]), CLOSEST)
     n = p[:2] / r
     T = np.zeros_like(P)

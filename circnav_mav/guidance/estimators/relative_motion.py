@@ -12,7 +12,7 @@ from circnav_mav.guidance.estimators.interface import EstimatorSettings, Fused
 from circnav_mav.guidance.estimators.multiple_model import BankSettings, DriftBank, Stage
 from circnav_mav.guidance.estimators.prediction import Belief, Prediction, predict_belief
 from circnav_mav.guidance.estimators.range_rate import KalmanRangeRate
-from circnav_mav.guidance.estimators.relative_ekf import KAPPA, Array, drift
+from circnav_mav.guidance.estimators.relative_ekf import KAPPA, Array, Felt, drift
 from circnav_mav.guidance.types import OwnMotion, RangeEstimate, RangeSample, RelativeMotion
 
 GAP = 20.0
@@ -77,7 +77,9 @@ class DriftEstimator:
         if before is not None and dt <= 0:
             return Fused.GATED
         was = self.bank.stage[0]
-        self.bank.step(np.array([dt]), _chord(before or knot, knot), *_arrays(sample))
+        felt = None if before is None else knot.felt_since(before)
+        of = None if felt is None else Felt(*np.array(felt).reshape(3, 2, 1))
+        self.bank.step(np.array([dt]), _chord(before or knot, knot), *_arrays(sample), of)
         self._used, self._sigma, self._astray = knot, sample.sigma, False
         self._note_belief()
         self._remember(sample.time)
@@ -93,7 +95,8 @@ class DriftEstimator:
         then, belief, tracks = self._used, self._belief, self.bank.stage[0] == Stage.TRACK
         dt = max(knot.motion.time - then.motion.time, 0.0)
         chord, own = (knot.x - then.x, knot.y - then.y), knot.motion
-        at = predict_belief(belief, dt, chord, heading=own.heading, airspeed=own.airspeed)
+        felt = knot.felt_since(then)
+        at = predict_belief(belief, dt, chord, heading=own.heading, airspeed=own.airspeed, felt=felt)
         relative = RelativeMotion(
             x=at.x,
             y=at.y,
@@ -107,6 +110,7 @@ class DriftEstimator:
             trusted=self.ready and self._still_trusted(at),
             trial=None if tracks else int(self.bank.favourite[0]),
             drift_remembered=self.bank.remembers,
+            feels=belief.feels if tracks and felt is not None else 0.0,
         )
         return RangeEstimate(
             time, at.r, at.r_dot,
@@ -123,7 +127,9 @@ class DriftEstimator:
         """What the bank believes now, as plain numbers."""
         bank, noise = self.bank, self.bank.likely_noise
         mean, covariance = tuple(bank.mean[:, 0].tolist()), bank.covariance[:, :, 0]
-        self._belief = Belief(mean, covariance, float(noise.drift_psd[0, 0]), float(noise.gust[0, 0]))
+        self._belief = Belief(
+            mean, covariance, float(noise.drift_psd[0, 0]), float(noise.gust[0, 0]), float(noise.feels[0, 0])
+        )
         self._ready, self._missed = bool(bank.trusted[0]), float(bank.missed[0])
 
     def _restart(self, now: float) -> None:

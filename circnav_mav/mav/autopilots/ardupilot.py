@@ -35,6 +35,7 @@ STREAMS = MappingProxyType(
         dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 1.0,
         dialect.MAVLINK_MSG_ID_ATTITUDE: 20.0,  # plane and rover refuse more than about 40 Hz
         dialect.MAVLINK_MSG_ID_VFR_HUD: 5.0,
+        dialect.MAVLINK_MSG_ID_RAW_IMU: 25.0,
     }
 )
 

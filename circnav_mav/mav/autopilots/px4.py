@@ -56,6 +56,7 @@ STREAMS = MappingProxyType(
         dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 1.0,
         dialect.MAVLINK_MSG_ID_ATTITUDE: 20.0,
         dialect.MAVLINK_MSG_ID_VFR_HUD: 10.0,
+        dialect.MAVLINK_MSG_ID_HIGHRES_IMU: 25.0,
         dialect.MAVLINK_MSG_ID_CURRENT_MODE: 2.0,  # HEARTBEAT stays at 1 Hz whatever is asked
     }
 )
