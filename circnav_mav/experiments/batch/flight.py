@@ -6,7 +6,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from circnav_mav.experiments.batch.sensors import GAUSSIAN, Compass, ImuNoise, MotionNoise, Radio, Ranging
+from circnav_mav.experiments.batch.sensors import GAUSSIAN, Compass, Imu, ImuNoise, MotionNoise, Radio, Ranging
 from circnav_mav.experiments.batch.world import Air, Target, Targets, Wind, flown, turn_step
 from circnav_mav.guidance.air_path import wrap
 
