@@ -9,7 +9,7 @@ from circnav_mav.guidance.law_selector import ONE_AT_START, Flies, hand_over
 from circnav_mav.guidance.laws import LAWS, Kind, pi
 from circnav_mav.guidance.turn_response import Pending
 from circnav_mav.guidance.types import SAME_TIME, Orbit, RangeEstimate, RelativeMotion, TurnCommand, TurnRate
-from circnav_mav.guidance.vector_field import drift, drift_gains, lasting_turn, mirrored, orbit_turn_rate
+from circnav_mav.guidance.vector_field import drift, drift_gains, mirrored, orbit_turn_rate
 
 LONGEST_STEP = 0.5
 """A longer time between two commands counts as this, s: nothing may build up over a gap."""
@@ -136,7 +136,6 @@ class _HandingOver:
         self._feedforward = _by_range(orbit, choice)
         self._lag = choice.lag
         self._handover = ONE_AT_START
-        self._lasting = 0.0
         self._time: float | None = None
 
     def __call__(
@@ -147,9 +146,8 @@ class _HandingOver:
         self._time = estimate.time
         s, motion = self._orbit.direction.turn_sign, estimate.relative
         if motion is not None and motion.trusted:
-            by_bank = by_range = self._by_bank(motion, trim, pending, share, dt)
+            by_bank = by_range = self._by_bank(motion, trim, pending, share)
         else:
-            self._lasting = 0.0
             by_range = s * self._feedforward(estimate, trim).demanded
             by_bank = by_range if motion is None else self._by_bank(motion, trim, pending, share)
         self._handover = hand_over(
@@ -174,15 +172,11 @@ class _HandingOver:
         patient = self._handover.untrusted < CIRCLING_PATIENCE - SAME_TIME
         return -1 if motion.drift_remembered and circling and patient else motion.trial
 
-    def _by_bank(self, motion: RelativeMotion, trim: float, pending: Pending, share: float, dt: float = 0.0) -> float:
+    def _by_bank(self, motion: RelativeMotion, trim: float, pending: Pending, share: float) -> float:
         """The drift law, seen so that the orbit is counter-clockwise."""
         orbit = self._orbit
         p, d, sense = (motion.x, motion.y), (motion.drift_x, motion.drift_y), orbit.direction.turn_sign
         here = mirrored(p, d, motion.heading, pending, sense)
         V, limit = max(motion.airspeed, 0.1 * orbit.speed), orbit.max_turn_rate
         gains = drift_gains(V, pending.ahead, pending.settles, share, floats)
-        turn, rotation = drift(
-            *here, V=V, r_d=orbit.radius + trim, max_turn_rate=limit, gains=gains, lasting=self._lasting, xp=floats
-        )
-        self._lasting = lasting_turn(self._lasting, dt, turn, rotation, gains=gains, max_turn_rate=limit, xp=floats)
-        return float(turn)
+        return float(drift(*here, V=V, r_d=orbit.radius + trim, max_turn_rate=limit, gains=gains, xp=floats))

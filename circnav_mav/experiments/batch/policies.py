@@ -16,7 +16,7 @@ from circnav_mav.guidance.law_selector import at_start, hand_over, merged
 from circnav_mav.guidance.laws import LAWS, Kind, pi
 from circnav_mav.guidance.step import LONGEST_STEP
 from circnav_mav.guidance.turn_response import Pending, PendingTurn, Response
-from circnav_mav.guidance.vector_field import drift, drift_gains, lasting_turn, mirrored, orbit_turn_rate
+from circnav_mav.guidance.vector_field import drift, drift_gains, mirrored, orbit_turn_rate
 
 Array = Any
 STALE = 0.5
@@ -57,7 +57,6 @@ class FullInformation:
 
     def __init__(self, circle: Circle, sense: Array) -> None:
         self._circle, self._sense, self._answer = circle, sense, _Answer(circle)
-        self._lasting: Array = 0.0
         self.belief: tuple[Array, Array] | None = None
         self.estimate: tuple[Array, Array] = (0.0, 0.0)
 
@@ -68,11 +67,7 @@ class FullInformation:
         pending = self._answer.pending(seen)
         here = mirrored(true.p, true.d, true.psi, pending, self._sense)
         gains = drift_gains(cfg.speed, pending.ahead, pending.settles)
-        most = cfg.max_turn_rate
-        turn, rotation = drift(
-            *here, V=cfg.speed, r_d=cfg.radius, max_turn_rate=most, gains=gains, lasting=self._lasting
-        )
-        self._lasting = lasting_turn(self._lasting, seen.dt, turn, rotation, gains=gains, max_turn_rate=most)
+        turn = drift(*here, V=cfg.speed, r_d=cfg.radius, max_turn_rate=cfg.max_turn_rate, gains=gains)
         return self._answer.told(self._sense * turn)
 
 
@@ -114,7 +109,6 @@ class Auto:
         self._kalman = _Kalman(circle, flights)
         self.bank = Banks(BankSettings(circle.speed), flights)
         self._answer = _Answer(circle)
-        self._lasting: Array = 0.0
         self._law = LAWS["feedforward"]
         self._k = self._law.default_gain(circle.speed, circle.radius)
         self._before: tuple[Array, Array] | None = None
@@ -140,10 +134,7 @@ class Auto:
         here = mirrored(p, d, seen.psi, pending, s)
         safe = np.where(self.bank.stage == Stage.EMPTY, cfg.speed, np.maximum(V, 0.1 * cfg.speed))
         gains = drift_gains(safe, pending.ahead, pending.settles)
-        most = cfg.max_turn_rate
-        by_bank, rotation = drift(*here, V=safe, r_d=cfg.radius, max_turn_rate=most, gains=gains, lasting=self._lasting)
-        lasting = lasting_turn(self._lasting, seen.dt, by_bank, rotation, gains=gains, max_turn_rate=most)
-        self._lasting = np.where(trusted, lasting, 0.0)
+        by_bank = drift(*here, V=safe, r_d=cfg.radius, max_turn_rate=cfg.max_turn_rate, gains=gains)
         by_range = self._law.function(r, r_dot, V=cfg.speed, r_d=cfg.radius, k=-self._k)
         favourite = self.bank.favourite if self._tries else np.full(s.size, -1)
         self._unsteered += seen.dt
