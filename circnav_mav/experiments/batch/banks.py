@@ -21,7 +21,7 @@ class Banks:
     def step(self, dt: Array, chord: Array, z: Array, sigma: Array, valid: Array, felt: Felt | None = None) -> None:
         """See `DriftBank.step`."""
         for part, bank in zip(self._slices, self._banks, strict=True):
-            theirs = None if felt is None else Felt(felt.change[:, part], felt.air[:, part], felt.nose[:, part])
+            theirs = None if felt is None else felt.of(part)
             bank.step(dt[part], chord[:, part], z[part], sigma[part], valid[part], theirs)
 
     @property

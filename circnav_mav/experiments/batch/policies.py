@@ -125,7 +125,7 @@ class Auto:
         felt = None
         if seen.felt is not None and self._before is not None:
             air = seen.airspeed * _nose(seen.psi) - V_before * _nose(before)
-            felt = Felt(seen.felt, air, dt * (_nose(seen.psi) + _nose(before)) / 2)
+            felt = Felt(seen.felt, air, dt * (_nose(seen.psi) + _nose(before)) / 2, seen.airspeed * seen.turn_rate)
         self._before = seen.psi, seen.airspeed
         self.bank.step(np.full(s.size, dt), path, seen.z, seen.sigma, seen.arrived, felt)
         x, trusted = self.bank.mean, self.bank.trusted

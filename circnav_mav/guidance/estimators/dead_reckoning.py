@@ -31,7 +31,8 @@ class Knot:
 
     def felt_since(self, before: "Knot") -> tuple[float, ...] | None:
         """What was felt from a knot to this one: change of the velocity (2), of the air velocity by nose and airspeed
-        (2), m/s, and the integral of the nose (2), s. None where the accelerations do not cover it."""
+        (2), m/s, integral of the nose (2), s, airspeed times turn rate, m/s^2. None where the accelerations do not
+        cover it."""
         new, old = self.report or self.motion, before.report or before.motion
         if new.felt is None or old.felt is None or new.felt.since != old.felt.since:
             return None
@@ -42,6 +43,7 @@ class Knot:
             new.airspeed * floats.sin(new.heading) - old.airspeed * floats.sin(old.heading),
             self.nose_x - before.nose_x,
             self.nose_y - before.nose_y,
+            new.airspeed * new.turn_rate,
         )
 
 

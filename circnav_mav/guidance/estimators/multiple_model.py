@@ -148,7 +148,7 @@ class DriftBank:
         at = self._tracking
         if not at.size:
             return
-        theirs = None if felt is None else Felt(felt.change[:, at], felt.air[:, at], felt.nose[:, at])
+        theirs = None if felt is None else felt.of(at)
         h = relative_ekf.predict(self._tracks, self.noise, dt[at], chord[:, at], sigma[at], theirs)
         if valid[at].any():
             h, said = relative_ekf.update(h, self.noise, z[at], sigma[at], valid[at], self.settings.gate)

@@ -70,7 +70,7 @@ def predict_belief(
     d = x[DX] + calm * x[GX], x[DY] + calm * x[GY]
     if felt is not None:
         # the measured change in the place of the assumed one, as far as the models that feel it are believed
-        *change, air_x, air_y, c, s = felt
+        *change, air_x, air_y, c, s, _ = felt
         stays = calm + belief.feels * (1 - calm)
         wrong = c * x[FORWARD] - s * x[LEFT], s * x[FORWARD] + c * x[LEFT]
         d = tuple(

@@ -72,12 +72,17 @@ class Felt:
     """What was measured of the acceleration over a step of B flights, arrays (2, B) in the paper's frame.
 
     change: its integral, m/s. air: the change of V u(psi) at the measured airspeed meanwhile, m/s. nose: the integral
-    of u(psi), s.
+    of u(psi), s. across: of shape (B,), airspeed times turn rate, m/s^2.
     """
 
     change: Array
     air: Array
     nose: Array
+    across: Array
+
+    def of(self, flights: Any) -> "Felt":
+        """Some of the flights."""
+        return Felt(self.change[:, flights], self.air[:, flights], self.nose[:, flights], self.across[flights])
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +124,7 @@ def predict(h: Hypotheses, noise: Noise, dt: Array, chord: Array, sigma: Array, 
     moved[:, GX:FORWARD] += F[:, GX:FORWARD] * (gusty / 2)
     fresh = noise.nose**2
     moved[:, EX:] += F[:, EX:] * fresh
-    wander = wandered(steady, gusty, dt)
+    wander = wandered(steady, gusty, dt) + fresh * (dt / 2) ** 2
     place[0, 0] += wander
     place[1, 1] += wander / x[R] ** 2
     P = h.P * (keep[:, None] * keep)
@@ -144,11 +149,16 @@ def _felt(h: Hypotheses, after: Hypotheses, F: Array, noise: Noise, dt: Array, f
     keep = kept(dt)[:, None]
     steady, gusty = steps(noise.drift_psd, noise.gust, dt)
     (c, s), fades = felt.nose, keep[GX] - 1
+    # kappa is learnt from the turn that the gyros tell: noise of the nose in `air` would drag it down
+    turned = -felt.across * s, felt.across * c
     rows = (
-        ((KAPPA, felt.air[0]), (GX, fades), (FORWARD, c), (LEFT, -s), (EX, -1.0)),
-        ((KAPPA, felt.air[1]), (GY, fades), (FORWARD, s), (LEFT, c), (EY, -1.0)),
+        ((KAPPA, turned[0]), (GX, fades), (FORWARD, c), (LEFT, -s), (EX, -1.0)),
+        ((KAPPA, turned[1]), (GY, fades), (FORWARD, s), (LEFT, c), (EY, -1.0)),
     )
-    nu = [felt.change[i] - sum(of * h.x[state] for state, of in row) for i, row in enumerate(rows)]
+    nu = [
+        felt.change[i] - h.x[KAPPA] * felt.air[i] - sum(of * h.x[state] for state, of in row[1:])
+        for i, row in enumerate(rows)
+    ]
     seen = [sum(of * h.P[:, state] for state, of in row) for row in rows]
     S = [[sum(of * seen[j][state] for state, of in rows[i]) for j in (0, 1)] for i in (0, 1)]
     fresh = noise.nose**2
