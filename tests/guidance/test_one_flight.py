@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from circnav_mav.guidance import floats
 from circnav_mav.guidance.estimators.prediction import Belief, predict_belief
-from circnav_mav.guidance.estimators.relative_ekf import GX, KAPPA, STATES, THETA, Hypotheses, Noise, R, predict
+from circnav_mav.guidance.estimators.relative_ekf import KAPPA, STATES, THETA, Hypotheses, Noise, R, predict
 from circnav_mav.guidance.law_selector import ONE_AT_START, at_start, hand_over
 from circnav_mav.guidance.turn_response import Pending
 from circnav_mav.guidance.vector_field import drift, drift_gains, orbit_turn_rate
@@ -22,7 +22,7 @@ few = st.floats(-10, 10)
 @given(seed=st.integers(0, 2**32 - 1), dt=st.floats(0.0, 20.0), heading=angles, airspeed=st.floats(0.5, 30))
 def test_one_flight_is_predicted_as_the_bank_predicts_it(seed, dt, heading, airspeed):
     rng = np.random.default_rng(seed)
-    mean = rng.normal(size=STATES) * [80, 2, 3, 3, 0.05, 0.3, 1, 1] + [150, 0, 0, 0, 1, 0, 0, 0]
+    mean = rng.normal(size=STATES) * [80, 2, 3, 3, 0.05, 0.3, 1, 1, 0.1, 0.1, 0, 0] + [150, 0, 0, 0, 1, *[0] * 7]
     mean[R] = max(mean[R], 1.0)
     root = rng.normal(size=(STATES, STATES)) * 0.1
     P, chord, psd, gust = root @ root.T, rng.normal(size=2) * 10 * dt, 0.02, 1.3
@@ -35,9 +35,9 @@ def test_one_flight_is_predicted_as_the_bank_predicts_it(seed, dt, heading, airs
     ours = predict_belief(belief, dt, (chord[0], chord[1]), heading=heading, airspeed=airspeed)
 
     n, air = np.array([np.cos(x[THETA]), np.sin(x[THETA])]), airspeed * np.array([np.cos(heading), np.sin(heading)])
-    v = x[KAPPA] * air + x[2:4] + x[GX:]
-    gradient = np.array([0.0, n[0] * v[1] - n[1] * v[0], *n, n @ air, 0.0, *n])
-    assert [ours.r, ours.x, ours.y, *ours.drift] == pytest.approx([x[R], *(x[R] * n), *(x[2:4] + x[GX:])], abs=1e-9)
+    v = x[KAPPA] * air + x[2:4] + x[6:8]
+    gradient = np.array([0.0, n[0] * v[1] - n[1] * v[0], *n, n @ air, 0.0, *n, 0, 0, 0, 0])
+    assert [ours.r, ours.x, ours.y, *ours.drift] == pytest.approx([x[R], *(x[R] * n), *(x[2:4] + x[6:8])], abs=1e-9)
     assert (ours.r_dot, ours.airspeed) == pytest.approx((n @ v, x[KAPPA] * airspeed), abs=1e-9)
     assert ours.r_variance == pytest.approx(Q[R, R], rel=1e-9)
     assert ours.direction_variance == pytest.approx(Q[THETA, THETA], rel=1e-9)
@@ -46,7 +46,7 @@ def test_one_flight_is_predicted_as_the_bank_predicts_it(seed, dt, heading, airs
 
 def test_many_flights_are_predicted_as_one():
     rng, few = np.random.default_rng(2), 4
-    mean = rng.normal(size=(STATES, few)) + np.array([100, 0, 0, 0, 1, 0, 0, 0])[:, None]
+    mean = rng.normal(size=(STATES, few)) + np.array([100, 0, 0, 0, 1, *[0] * 7])[:, None]
     root = rng.normal(size=(few, STATES, STATES))
     P, dt, chord = root @ np.swapaxes(root, 1, 2), rng.uniform(0, 2, few), rng.normal(size=(2, few)) * 10
     psd, gust, heading, airspeed = rng.uniform(0.01, 1, (4, few))

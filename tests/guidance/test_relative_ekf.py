@@ -7,10 +7,13 @@ from filterpy.kalman import ExtendedKalmanFilter
 from circnav_mav.guidance.air_path import chord
 from circnav_mav.guidance.estimators.relative_ekf import (
     BIAS_TIME,
+    FELT_BIAS_PSD,
+    FELT_PSD,
     GUST_TIME,
     KAPPA_PSD,
     POSITION_PSD,
     STATES,
+    Felt,
     Hypotheses,
     Noise,
     mixture,
@@ -27,10 +30,12 @@ NOISE = Noise(*(np.array([[value]]) for value in (PSD, GUST, WHITE, DRIFTING)))
 
 def moved(x, path):
     """The model, written down once more: Cartesian, one state at a time."""
-    p = x[0] * np.array([np.cos(x[1]), np.sin(x[1])]) + x[4] * path + (x[2:4] + x[6:8]) * DT
+    p = x[0] * np.array([np.cos(x[1]), np.sin(x[1])]) + x[4] * path + (x[2:4] + x[6:8] + x[10:] / 2) * DT
     bias, gust = x[5] * np.exp(-DT / BIAS_TIME), x[6:8] * np.exp(-DT / GUST_TIME)
     turned = np.arctan2(p[1], p[0])
-    return np.array([np.hypot(*p), x[1] + np.angle(np.exp(1j * (turned - x[1]))), x[2], x[3], x[4], bias, *gust])
+    return np.array(
+        [np.hypot(*p), x[1] + np.angle(np.exp(1j * (turned - x[1]))), x[2], x[3], x[4], bias, *gust, *x[8:10], 0, 0]
+    )
 
 
 def jacobian(x, path):
@@ -52,6 +57,7 @@ def process_noise(x):
         at = slice(first, first + 2)
         Q[at, at] = np.eye(2) * q
         Q[:2, at] = Q[at, :2] = np.eye(2) * q * DT / 2
+    Q[8, 8] = Q[9, 9] = FELT_BIAS_PSD * DT
     Q[4, 4], Q[5, 5] = KAPPA_PSD * DT, (1 - np.exp(-2 * DT / BIAS_TIME)) * (DRIFTING * SIGMA) ** 2
     c, s = np.cos(x[1]), np.sin(x[1])
     T = np.eye(STATES)
@@ -61,8 +67,8 @@ def process_noise(x):
 
 def test_one_hypothesis_is_filterpys_extended_kalman_filter():
     rng = np.random.default_rng(4)
-    x = np.array([180.0, 2.0, 1.0, -2.0, 1.02, 0.1, 0.3, -0.2])
-    P = np.diag([4.0, 0.05, 9.0, 9.0, 2.5e-3, 0.2, 1.0, 1.0])
+    x = np.array([180.0, 2.0, 1.0, -2.0, 1.02, 0.1, 0.3, -0.2, 0.1, -0.2, 0.3, 0.1])
+    P = np.diag([4.0, 0.05, 9.0, 9.0, 2.5e-3, 0.2, 1.0, 1.0, 0.04, 0.04, 0.1, 0.1])
     reference = ExtendedKalmanFilter(dim_x=STATES, dim_z=1)
     reference.x, reference.P = x[:, None].copy(), P.copy()
     H = np.eye(STATES)[[0]] + np.eye(STATES)[[5]]
@@ -85,7 +91,7 @@ def test_one_hypothesis_is_filterpys_extended_kalman_filter():
 
 def test_flights_of_a_batch_do_not_touch_each_other():
     rng = np.random.default_rng(0)
-    x = rng.normal(size=(STATES, 3, 5)) + np.array([200, 1, 0, 0, 1, 0, 0, 0])[:, None, None]
+    x = rng.normal(size=(STATES, 3, 5)) + np.array([200, 1, 0, 0, 1, *[0] * 7])[:, None, None]
     A = rng.normal(size=(STATES, STATES, 3, 5))
     P = np.einsum("ik...,jk...->ij...", A, A)
     h = Hypotheses(x, P, rng.normal(size=(3, 5)))
@@ -102,7 +108,7 @@ def test_flights_of_a_batch_do_not_touch_each_other():
 
 def test_an_outlier_is_refused_and_changes_nothing():
     h = Hypotheses(
-        np.array([100.0, 0, 0, 0, 1, 0, 0, 0])[:, None, None], 0.01 * np.eye(STATES)[..., None, None], np.zeros((1, 1))
+        np.array([100.0, 0, 0, 0, 1, *[0] * 7])[:, None, None], 0.01 * np.eye(STATES)[..., None, None], np.zeros((1, 1))
     )
     after, said = update(h, NOISE, np.array([120.0]), np.array([SIGMA]), np.array([True]), 5.0)
     assert not said.taken[0, 0]
@@ -118,8 +124,43 @@ def test_directions_are_averaged_across_the_cut_at_pi():
 
 
 def test_polar_keeps_the_position_and_its_uncertainty():
-    p = np.array([30.0, -40.0, 1, 2, 1, 0, 0, 0])[:, None]
-    P = np.diag([4.0, 4.0, 1, 1, 1, 1, 1, 1])[..., None]
+    p = np.array([30.0, -40.0, 1, 2, 1, *[0] * 7])[:, None]
+    P = np.diag([4.0, 4.0, *[1] * 10])[..., None]
     x, polar_P = polar(p, P)
     assert position(x)[:, 0] == pytest.approx([30.0, -40.0])
     assert (polar_P[0, 0, 0], polar_P[1, 1, 0]) == pytest.approx((4.0, 4.0 / 50**2))
+
+
+def test_a_measured_acceleration_is_bayes_rule_for_what_happened_in_the_step():
+    """The prediction conditioned on the measured change of velocity, with the noises of the step written out: states
+    before (12), steps of d and g, new e, their effect on the place, and the accelerometer's own noise."""
+    nose, psi, turn = 0.4, 0.7, 2.2
+    noise = Noise(*(np.array([[value]]) for value in (PSD, GUST, WHITE, DRIFTING, nose, 1.0)))
+    x = np.array([180.0, 2.0, 1.0, -2.0, 1.02, 0.1, 0.3, -0.2, 0.1, -0.2, 0.3, 0.1])
+    root = np.random.default_rng(1).normal(size=(STATES, STATES)) * 0.05
+    P, path = root @ root.T, np.array([1.2, 0.7])
+    change, air = np.array([0.35, 0.1]), np.array([-0.1, 0.2])
+    u, left = np.array([np.cos(psi), np.sin(psi)]), np.array([-np.sin(psi), np.cos(psi)])
+    felt = Felt(change[:, None], air[:, None], (u * DT)[:, None], np.array([turn]))
+    before = Hypotheses(x[:, None, None], P[:, :, None, None], np.zeros((1, 1)))
+    step = np.array([DT]), path[:, None], np.array([SIGMA])
+    plain, ours = predict(before, noise, *step), predict(before, noise, *step, felt)
+
+    F, I2 = jacobian(x, path), np.eye(2)
+    steady, gusty = PSD * DT, (1 - np.exp(-2 * DT / GUST_TIME)) * GUST**2
+    H = np.zeros((2, STATES))
+    H[:, 4], H[:, 6:8], H[:, 8], H[:, 9] = turn * DT * left, (np.exp(-DT / GUST_TIME) - 1) * I2, u * DT, left * DT
+    H[:, 10:] = -I2
+    c, s = np.cos(plain.x[1, 0, 0]), np.sin(plain.x[1, 0, 0])
+    polar = np.array([[c, s], [-s / plain.x[0, 0, 0], c / plain.x[0, 0, 0]]])
+    crossed = F @ P @ H.T
+    crossed[:2] += polar * ((steady + gusty + nose**2) * DT / 2)
+    crossed[2:4] += steady * I2
+    crossed[6:8] += gusty * I2
+    crossed[10:] += nose**2 * I2
+    S = H @ P @ H.T + (steady + gusty + nose**2 + FELT_PSD * DT) * I2
+    foreseen = x[4] * air + H[:, 6:] @ x[6:]
+    expected = plain.x[:, 0, 0] + crossed @ np.linalg.solve(S, change - foreseen)
+    assert ours.x[:, 0, 0] == pytest.approx(expected, abs=1e-6)
+    less = plain.P[..., 0, 0] - crossed @ np.linalg.solve(S, crossed.T)
+    assert ours.P[..., 0, 0] == pytest.approx(less, abs=1e-6)

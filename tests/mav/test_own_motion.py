@@ -6,7 +6,8 @@ from math import atan2, cos, nan, pi, sin
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.mav.own_motion import MotionSensor, heading_rate
+from circnav_mav.mav.accelerations import Attitude
+from circnav_mav.mav.own_motion import MotionSensor
 
 RATE = 0.3
 """Yaw rate of the vehicle, rad/s."""
@@ -159,4 +160,40 @@ def test_the_heading_rate_is_that_of_the_heading_and_not_of_the_body_axis(roll, 
     x_axis = (1.0, r * dt, -q * dt)  # where the nose points after dt, in the body's axes of before
     y, z = x_axis[1] * cos(roll) - x_axis[2] * sin(roll), x_axis[1] * sin(roll) + x_axis[2] * cos(roll)
     turned = atan2(y, cos(pitch) * x_axis[0] + sin(pitch) * z)
-    assert heading_rate(roll, pitch, q, r) == pytest.approx(turned / dt, rel=1e-4)
+    assert Attitude(0.0, roll, pitch, 0.0, 0.0, q, r).yaw_rate == pytest.approx(turned / dt, rel=1e-4)
+
+
+def imu(ms, force, type_="raw"):
+    """A specific force in the body frame, m/s^2, as the message that autopilots send."""
+    if type_ == "highres":
+        return mavlink.MAVLink_highres_imu_message(1000 * ms, *force, *[0.0] * 10, 0xFFFF)
+    counts = [round(value / 9.80665 * 1000) for value in force]
+    if type_ == "raw":
+        return mavlink.MAVLink_raw_imu_message(1000 * ms, *counts, *[0] * 6)
+    return mavlink.MAVLink_scaled_imu_message(ms, *counts, *[0] * 6)
+
+
+@pytest.mark.parametrize("type_", ["raw", "highres", "scaled"])
+@pytest.mark.parametrize("yaw", [0.0, 2.1])
+def test_a_coordinated_turn_to_the_right_is_felt_as_velocity_to_the_right(type_, yaw):
+    """By hand: bank .4 rad, specific force g/cos(.4) along the body's up, .5 m/s^2 more along the nose; over 1 s the
+    velocity changes by .5 m/s forward and g tan(.4) = 4.146 m/s to the right. Paper's frame: x east, y north."""
+    sensor = MotionSensor()
+    for ms in range(0, 1001, 40):
+        sensor.receive(attitude(ms, yaw, roll=0.4, yawspeed=0.0), ms / 1000)
+        sensor.receive(imu(ms, (0.5, 0.0, -9.80665 / cos(0.4)), type_), ms / 1000)
+    felt = sensor.own(1.0, 15.0).felt
+    north, east = 0.5 * cos(yaw) - 4.146 * sin(yaw), 0.5 * sin(yaw) + 4.146 * cos(yaw)
+    assert (felt.x, felt.y) == pytest.approx((east, north), abs=0.02)
+
+
+def test_accelerations_begin_anew_after_a_gap_and_end_with_what_cannot_be():
+    sensor, since = MotionSensor(), set()
+    for ms in (*range(0, 400, 40), *range(1000, 1400, 40)):
+        sensor.receive(attitude(ms, yawspeed=0.0), ms / 1000)
+        sensor.receive(imu(ms, (0.0, 0.0, -9.8)), ms / 1000)
+        felt = sensor.own(ms / 1000, 15.0).felt
+        since.add(None if felt is None else felt.since)
+    assert len(since) == 3  # nothing yet, before the gap, after it
+    sensor.receive(imu(1400, (nan, 0.0, -9.8), "highres"), 10.0)
+    assert sensor.own(1.4, 15.0).felt is None

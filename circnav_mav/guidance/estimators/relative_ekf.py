@@ -122,7 +122,7 @@ def predict(h: Hypotheses, noise: Noise, dt: Array, chord: Array, sigma: Array, 
     moved *= keep
     moved[:, DX:KAPPA] += F[:, DX:KAPPA] * (steady / 2)
     moved[:, GX:FORWARD] += F[:, GX:FORWARD] * (gusty / 2)
-    fresh = noise.nose**2
+    fresh = (dt > 0) * noise.nose**2
     moved[:, EX:] += F[:, EX:] * fresh
     wander = wandered(steady, gusty, dt) + fresh * (dt / 2) ** 2
     place[0, 0] += wander
@@ -161,7 +161,7 @@ def _felt(h: Hypotheses, after: Hypotheses, F: Array, noise: Noise, dt: Array, f
     ]
     seen = [sum(of * h.P[:, state] for state, of in row) for row in rows]
     S = [[sum(of * seen[j][state] for state, of in rows[i]) for j in (0, 1)] for i in (0, 1)]
-    fresh = noise.nose**2
+    fresh = (dt > 0) * noise.nose**2
     more = steady + gusty + fresh + FELT_PSD * dt
     C = []
     for i in (0, 1):
@@ -205,9 +205,10 @@ def motion(x: Any, dt: Array, chord: Any, xp: Any = np) -> tuple[Array, Array, t
 
 
 def kept(dt: Array) -> Array:
-    """What is left of each state but range and direction after dt (B,), (12, B): the range error and gusts fade."""
+    """What is left of each state but range and direction after dt (B,), (12, B)."""
     fade, calm, all_ = np.exp(-dt / BIAS_TIME), np.exp(-dt / GUST_TIME), np.ones_like(dt)
-    return np.array([all_, all_, all_, all_, all_, fade, calm, calm, all_, all_, 0 * all_, 0 * all_])
+    still = np.where(dt > 0, 0.0, 1.0)
+    return np.array([all_, all_, all_, all_, all_, fade, calm, calm, all_, all_, still, still])
 
 
 def steps(drift_psd: Array, gust: Array, dt: Array, xp: Any = np) -> tuple[Array, Array]:
