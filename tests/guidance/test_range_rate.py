@@ -7,7 +7,7 @@ import pytest
 
 from circnav_mav.guidance.estimators.interface import EstimatorSettings, Fused
 from circnav_mav.guidance.estimators.range_rate import KalmanRangeRate
-from circnav_mav.guidance.estimators.steady import steady_state
+from circnav_mav.guidance.estimators.range_rate import steady_state
 from circnav_mav.guidance.estimators.table import ESTIMATORS
 from circnav_mav.guidance.types import RangeSample
 
