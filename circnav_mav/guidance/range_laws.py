@@ -54,8 +54,8 @@ def pd(r: Number, r_dot: Number, *, V: Number, r_d: Number, k_p: Number, k_d: Nu
 
 
 def pi(
-    r: Number, r_dot: Number, memory: Number, dt: Number, *, r_d: Number, k_p: Number, k_i: Number, c: Number, delta: Number,
-    I_max: Number,
+    r: Number, r_dot: Number, memory: Number, dt: Number, *, r_d: Number, k_p: Number, k_i: Number, c: Number,
+    delta: Number, I_max: Number,
 ) -> tuple[Number, Number]:  # fmt: skip
     """s = r' + c tanh(e/delta); omega = k_p s + k_i int s. Memory (the integral, m) in, turn rate and memory out.
 

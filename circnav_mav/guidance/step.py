@@ -6,8 +6,6 @@ from math import inf, isfinite
 from types import ModuleType
 from typing import Protocol
 
-import numpy as np
-
 from circnav_mav.guidance import floats
 from circnav_mav.guidance.floats import Flag, Number, magnitude
 from circnav_mav.guidance.law_selector import ONE_AT_START, Flies, Handover, hand_over

@@ -6,7 +6,7 @@ from circnav_mav.guidance.law_selector import Flies
 from circnav_mav.guidance.limit_cycle import CommandWatch
 from circnav_mav.guidance.phases import Phase
 from circnav_mav.guidance.radius_trim import next_trim
-from circnav_mav.guidance.step import holding, steering, compensate_turn_gain
+from circnav_mav.guidance.step import compensate_turn_gain, holding, steering
 from circnav_mav.guidance.turn_gain import TurnGain, TurnGainSettings, learn
 from circnav_mav.guidance.turn_response import PendingTurn, Response, ResponseLearner
 from circnav_mav.guidance.types import SAME_TIME, OwnMotion, RangeEstimate, TurnCommand, TurnRate
