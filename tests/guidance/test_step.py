@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from circnav_mav.guidance.law_selector import Flies
 from circnav_mav.guidance.laws import pi as pi_law
-from circnav_mav.guidance.step import LawChoice, limit, steering, compensate_turn_gain
+from circnav_mav.guidance.step import LawChoice, compensate_turn_gain, limit, steering
 from circnav_mav.guidance.types import Direction, Orbit, RangeEstimate, RelativeMotion, TurnRate
 
 PAPER = Orbit(radius=10.0, direction=Direction.CLOCKWISE, speed=1.0, max_turn_rate=10.0)

@@ -78,8 +78,8 @@ class Kalman(Estimator):
         self._settings, self._age = settings, np.zeros(flights)
         nothing = RangeRate()
         self._state = RangeRate(*(np.full(flights, getattr(nothing, field.name)) for field in fields(nothing)))
-        self.r = self.r_dot = np.zeros(flights)
-        self.ready = self.taken = np.zeros(flights, bool)
+        self.r, self.r_dot = np.zeros((2, flights))
+        self.ready, self.taken = np.zeros((2, flights), bool)
 
     def observe(self, seen: Seen, true: Truth) -> None:
         self._age = self._age + seen.dt
@@ -87,9 +87,10 @@ class Kalman(Estimator):
             after = observe(self._state, self._settings, h=self._age, z=seen.z, sigma=seen.sigma, xp=np)
             self._state = merged(seen.arrived, after, self._state)
             self._age = np.where(seen.arrived, 0.0, self._age)
-            self.ready = self._state.ready(self._settings)
+            self.ready = np.asarray(self._state.ready(self._settings))
         self.taken = seen.arrived & (self._state.refused == 0)
-        self.r, self.r_dot = self._state.r + self._state.r_dot * self._age, self._state.r_dot
+        self.r_dot = np.asarray(self._state.r_dot)
+        self.r = self._state.r + self.r_dot * self._age
 
 
 class Unicycle(Estimator):
