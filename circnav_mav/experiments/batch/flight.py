@@ -141,7 +141,9 @@ def policy(name: str) -> Make:
 
     def make(circle: Circle, sense: Array) -> Guidance:
         of_flights = estimator(source, circle.estimation, sense.size)
-        return Guidance(circle.settings(law, sense), of_flights, sense.size, lag=circle.lag, stale=STALE)
+        return Guidance(
+            circle.settings(law, sense), of_flights, sense.size, lag=circle.lag, stale=STALE, answers=circle.lag
+        )
 
     return make
 

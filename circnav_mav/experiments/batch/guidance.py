@@ -38,6 +38,8 @@ POLICIES: dict[str, tuple[str, str]] = {
     "full information": ("drift", "truth"),
 }
 """What the benchmark flies: law and estimator."""
+SHORTEST = 0.05
+"""Shortest lag, s, that the gains are made for."""
 
 
 def estimator(name: str, settings: EstimatorSettings, flights: int) -> Estimator:
@@ -52,17 +54,20 @@ def estimator(name: str, settings: EstimatorSettings, flights: int) -> Estimator
 
 
 class Guidance:
-    """Estimator and law of B flights. lag: of the vehicles' turn, s. stale: oldest range that may steer, s. learns
-    (B,): whose turn gain is learnt in flight; the others keep `turn_gain`."""
+    """Estimator and law of B flights. lag: of the vehicles' turn as the missions have it, s. stale: oldest range that may
+    steer, s. answers: the vehicles' true lag, s, which a flight learns within some turns and a batch knows. learns (B,):
+    whose turn gain is learnt in flight; the others keep `turn_gain`."""
 
     def __init__(
         self, settings: StepSettings, estimator: Estimator, flights: int, *, lag: Array, stale: float,
+        answers: float = 0.4,
         turn_gain: Array = 1.0, learns: Array = False,
     ) -> None:  # fmt: skip
         self.settings, self.estimator, self._stale = settings, estimator, stale
         self._state = StepState(np.full(flights, -np.inf), np.zeros(flights), at_start(flights))
         self._at_rest, self._pending_turn = Pending(0.0, lag), PendingTurn()
         self._lag, self._learns = lag, learns + np.zeros(flights, bool)
+        self._response = Response(0.0, answers, 1 / max(answers, SHORTEST), learnt=True)
         gain = TurnGain(gain=turn_gain)
         self._gain = TurnGain(*(getattr(gain, field.name) + np.zeros(flights) for field in fields(gain)))
         self._sure_at, self._now = np.full(flights, -np.inf), 0.0
@@ -102,8 +107,7 @@ class Guidance:
         return told.turn, told.cut
 
     def _pend(self, seen: Seen) -> Pending:
-        """What is commanded but not turned yet, of vehicles that answer as they are said to."""
+        """What is commanded but not turned yet."""
         if not self.settings.law.flies_relative_motion:
             return self._at_rest
-        lag = float(np.max(self._lag))
-        return self._pending_turn.at(self._now, Response(0.0, lag, 1 / lag, learnt=True), seen.turn_rate)
+        return self._pending_turn.at(self._now, self._response, seen.turn_rate)

@@ -13,11 +13,11 @@ OWN = frozenset({
     "orbit.height_above_target_m", "guidance.gain", "guidance.correct_radius", "guidance.min_samples",
     "ranging.sigma_m", "ranging.min_range_m", "ranging.max_range_m", "link.sim_speed", "sim.seed", "sim.start.north_m",
     "sim.start.east_m", "sim.start.altitude_m", "sim.start.heading_deg", "sim.vehicle.max_turn_rate_deg_s",
-    "sim.vehicle.turn_lag_s", "sim.ranging.preset", "sim.ranging.noise_m", "sim.ranging.bias_m",
+    "sim.ranging.preset", "sim.ranging.noise_m", "sim.ranging.bias_m",
     "sim.ranging.outlier_fraction", "sim.ranging.outlier_m", "sim.ranging.dropout_fraction",
     "sim.ranging.clock_offset_s", "sim.ranging.max_range_m", "sim.ranging.report_accuracy", "sim.truth.rate_hz",
 })  # fmt: skip
-OWN_OF_KALMAN = OWN | {"vehicle.speed_mps", "vehicle.turn_lag_s", "guidance.gate_sigma"}
+OWN_OF_KALMAN = OWN | {"vehicle.speed_mps", "vehicle.turn_lag_s", "guidance.gate_sigma", "sim.vehicle.turn_lag_s"}
 OWN_TABLES = ("sim.start.random.", "sim.target.", "sim.wind.")
 """What each flight of a batch has of its own; flights of one batch share everything else."""
 MOST_SCATTER = 1.5

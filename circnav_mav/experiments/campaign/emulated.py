@@ -109,6 +109,7 @@ def guidance(runs: Sequence[Run]) -> Guidance:
         len(runs),
         lag=_array(mission.file.vehicle.turn_lag_s for mission in missions),
         stale=missions[0].file.limits.stale_s,
+        answers=runs[0].vehicle.vehicle.turn_lag_s,
         turn_gain=_array(1.0 if gain == "learn" else gain for gain in gains),
         learns=np.array([gain == "learn" for gain in gains]),
     )

@@ -95,7 +95,8 @@ def test_what_a_batch_cannot_fly_has_a_reason(write, vary, reason):
 def test_a_range_that_never_comes_engages_nothing_and_flies_alone(write):
     """The pilot waits for another beacon than the emulator's: a batch, which knows no numbers, is not flown."""
     vary = ('"ranging.message" = ["ranging_beacon"]\n"ranging.endpoint" = ["sim"]\n"ranging.beacon_id" = [9]\n'
-            '"sim.ranging.message" = ["ranging_beacon"]\n"sim.ranging.via" = ["direct"]\n"link.wait_s" = [3.0]')  # fmt: skip
+            '"sim.ranging.message" = ["ranging_beacon"]\n"sim.ranging.via" = ["direct"]\n'
+            '"link.wait_s" = [3.0]')  # fmt: skip
     assert fly_batch([prepare(load_campaign(write(vary)), 0)]) is None
 
 
@@ -137,7 +138,8 @@ def test_radios_err_as_the_emulators_do(write, preset):
     """40 radios for 100 s at 25 m, where the near bias counts: same mean, same scatter, same share lost."""
     vary = (f'"sim.ranging.preset" = ["{preset}"]\n"sim.ranging.bias_m" = [1.0]\n"sim.ranging.noise_m" = [0.4]\n'
             '"sim.ranging.dropout_fraction" = [0.2]\n"sim.ranging.outlier_fraction" = [0.1]\n'
-            '"sim.ranging.outlier_m" = [6.0]\n"orbit.height_above_target_m" = [0.0]\n"sim.start.altitude_m" = [20.0]')  # fmt: skip
+            '"sim.ranging.outlier_m" = [6.0]\n"orbit.height_above_target_m" = [0.0]\n'
+            '"sim.start.altitude_m" = [20.0]')  # fmt: skip
     runs = [prepare(load_campaign(write(vary)), n) for n in range(40)]
     radio, ours, theirs = emulated.radio(runs, 1), [], []
     sensors = [RangeSensor(run.vehicle.ranging, run.vehicle.seed) for run in runs]
