@@ -63,6 +63,8 @@ class Estimator(Protocol):
 
 def merged(which: Array, after: T, before: T) -> T:
     """A frozen state of B flights: after a step for some (mask), before it for the others."""
+    if which.all() or not which.any():
+        return after if which.any() else before
 
     def one(name: str) -> Any:
         new, old = getattr(after, name), getattr(before, name)

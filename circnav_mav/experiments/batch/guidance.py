@@ -54,14 +54,13 @@ def estimator(name: str, settings: EstimatorSettings, flights: int) -> Estimator
 
 
 class Guidance:
-    """Estimator and law of B flights. lag: of the vehicles' turn as the missions have it, s. stale: oldest range that may
-    steer, s. answers: the vehicles' true lag, s, which a flight learns within some turns and a batch knows. learns (B,):
-    whose turn gain is learnt in flight; the others keep `turn_gain`."""
+    """Estimator and law of B flights. lag: of the vehicles' turn as the missions have it, s. stale: oldest range that
+    may steer, s. answers: the vehicles' true lag, s, which a flight learns within some turns and a batch knows.
+    learns (B,): whose turn gain is learnt in flight; the others keep `turn_gain`."""
 
     def __init__(
         self, settings: StepSettings, estimator: Estimator, flights: int, *, lag: Array, stale: float,
-        answers: float = 0.4,
-        turn_gain: Array = 1.0, learns: Array = False,
+        answers: float = 0.4, turn_gain: Array = 1.0, learns: Array = False,
     ) -> None:  # fmt: skip
         self.settings, self.estimator, self._stale = settings, estimator, stale
         self._state = StepState(np.full(flights, -np.inf), np.zeros(flights), at_start(flights))
