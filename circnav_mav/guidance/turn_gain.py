@@ -74,7 +74,7 @@ def learn(
     followed = _followed(rate, told)
     age = xp.where(followed, state.age + step, 0.0)
     # until then the low-pass has not yet forgotten its start, or what was not followed
-    learns = followed & (age >= 4 * settings.smoothing - SAME_TIME) & xp.logical_not(begins)
+    learns = followed & (age >= 4 * settings.smoothing - SAME_TIME)
     forget = xp.exp(-step / settings.memory)
     square = xp.where(learns, state.square * forget + told**2 * step, state.square)
     product = xp.where(learns, state.product * forget + told * rate * step, state.product)

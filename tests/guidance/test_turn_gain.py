@@ -27,6 +27,8 @@ def test_gain_survives_a_minute_in_which_the_vehicle_stands_still() -> None:
     unheard = turned(flown, 60.0, 60.0, 0.0)
     assert not unheard.followed
     assert unheard.gain == pytest.approx(0.9, abs=0.06)
+    soon = turned(unheard, 120.0, 2.0, 0.9 * COMMAND)
+    assert soon.gain == unheard.gain, "the low-pass still remembers the vehicle that stood"
     heard = turned(unheard, 120.0, 5.0, 0.9 * COMMAND)
     assert heard.followed
     assert heard.gain == pytest.approx(0.9, abs=0.08)
@@ -62,4 +64,4 @@ def test_many_flights_learn_what_one_does_over_gaps_and_the_turn_of_the_compass(
         told = {"heading": np.full(2, said), "command": np.full(2, command)}
         many = learn(many, settings, time=time, **told, xp=np)
         assert many.gain == pytest.approx(np.full(2, one.gain), abs=1e-9)
-    assert one.gain == pytest.approx(0.85, abs=0.05)
+        assert step < 300 or one.gain == pytest.approx(0.85, abs=0.05)
