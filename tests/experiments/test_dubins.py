@@ -26,9 +26,7 @@ def test_the_right_sense_counts():
 
 
 @given(r=st.floats(180, 900), bearing=st.floats(-pi, pi), psi=st.floats(-pi, pi), sense=st.sampled_from([-1.0, 1.0]))
-def test_the_way_lies_between_straight_to_the_circle_and_a_turn_about_with_the_tangent(
-    r, bearing, psi, sense
-):
+def test_the_way_lies_between_straight_to_the_circle_and_a_turn_about_with_the_tangent(r, bearing, psi, sense):
     """A whole turn at the limit, and its width, are the most that comes on top of the tangent from here."""
     p = np.array([[r * np.cos(bearing)], [r * np.sin(bearing)]])
     way = 15.0 * tangent_time(p, np.array([psi]), np.array([sense]), **SPEED)[0]
