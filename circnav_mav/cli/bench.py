@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from circnav_mav.cli.exits import Exit, Refused, cannot, check_named
-from circnav_mav.experiments.batch.policies import POLICIES
+from circnav_mav.experiments.batch.guidance import POLICIES
 from circnav_mav.experiments.batch.situations import SITUATIONS
 from circnav_mav.experiments.bench import run
 from circnav_mav.experiments.bench_cost import tell_costs

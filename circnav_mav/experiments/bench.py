@@ -20,8 +20,8 @@ import numpy as np
 
 from circnav_mav.experiments import dubins
 from circnav_mav.experiments.batch import metrics
-from circnav_mav.experiments.batch.flight import Tracks, fly
-from circnav_mav.experiments.batch.policies import POLICIES
+from circnav_mav.experiments.batch.flight import Tracks, fly_situation, policy
+from circnav_mav.experiments.batch.guidance import POLICIES
 from circnav_mav.experiments.batch.situations import LAST, SITUATIONS, Row
 from circnav_mav.experiments.bench_table import markdown
 from circnav_mav.experiments.worker_pool import Job, worked
@@ -123,12 +123,13 @@ def every_cell() -> Iterator[tuple[str, str]]:
     return ((row, policy) for row in SITUATIONS for policy in POLICIES)
 
 
-def fly_cell(situation: str, policy: str, flights: int, seed: int) -> Cell:
+def fly_cell(situation: str, law: str, flights: int, seed: int) -> Cell:
     """Fly one cell. Its worlds depend on seed and situation only: all policies meet the same."""
     row = SITUATIONS[situation]
     began = time.perf_counter()
-    tracks = fly(row.situation, POLICIES[policy], flights, seed + zlib.crc32(situation.encode()) % 1_000_000)
-    return judged(row, policy, tracks, time.perf_counter() - began)
+    world = seed + zlib.crc32(situation.encode()) % 1_000_000
+    tracks = fly_situation(row.situation, policy(law), flights, world)
+    return judged(row, law, tracks, time.perf_counter() - began)
 
 
 def judged(row: Row, policy: str, tracks: Tracks, seconds: float) -> Cell:

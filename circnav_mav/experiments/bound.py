@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from circnav_mav.experiments.batch.flight import Circle, Policy, Seen, Truth
+from circnav_mav.experiments.batch.estimators import Estimator, Seen, Truth
 from circnav_mav.guidance.air_path import chord, wrap
 from circnav_mav.guidance.estimators.relative_ekf import DX, GX, KAPPA, STATES, THETA, Hypotheses, Noise, R, predict
 
@@ -18,13 +18,13 @@ START = (4.0, 0.1, 1.0, 1.0, 2.5e-3, 0.0, 0.0, 0.0)
 
 
 class AlongsideBound:
-    """Flies another policy and keeps the bound (B,) of the standard deviation of r', m/s, as `rate_bound` step by step.
+    """An estimator, and beside it the bound (B,) of the standard deviation of r', m/s, as `rate_bound` step by step.
 
     drift_psd (m^2/s^3), gust (m/s): of the assumed model; range noise white with the sample's sigma.
     """
 
-    def __init__(self, policy: Policy, circle: Circle, flights: int, drift_psd: float, gust: float) -> None:
-        self._policy, self._circle = policy, circle
+    def __init__(self, estimator: Estimator, speed: float, flights: int, drift_psd: float, gust: float) -> None:
+        self._estimator, self._speed = estimator, speed
         self._noise = Noise(*(np.array([[value]]) for value in (drift_psd, gust, 1.0, 0.0)))
         P = np.zeros((STATES, STATES, 1, flights))
         for i, variance in enumerate(START):
@@ -35,27 +35,23 @@ class AlongsideBound:
 
     _before: Truth | None
 
-    @property
-    def estimate(self) -> tuple[Array, Array]:
-        return self._policy.estimate
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._estimator, name)
 
-    @property
-    def belief(self) -> tuple[Array, Array] | None:
-        return self._policy.belief
-
-    def command(self, seen: Seen, true: Truth) -> Array:
+    def observe(self, seen: Seen, true: Truth) -> None:
+        """As the estimator does, and carry the bound on."""
         if self._before is not None:
             self._step(self._before, true, seen)
         self._before = true
-        air = self._circle.speed * np.stack([np.cos(true.psi), np.sin(true.psi)])
+        air = self._speed * np.stack([np.cos(true.psi), np.sin(true.psi)])
         self.rate_bound.append(_rate_sigma(self._P[:, :, 0], true, air))
-        return self._policy.command(seen, true)
+        self._estimator.observe(seen, true)
 
     def _step(self, before: Truth, true: Truth, seen: Seen) -> None:
         x = np.zeros((STATES, 1, true.psi.size))
         x[R, 0], x[THETA, 0] = np.hypot(before.p[0], before.p[1]), np.arctan2(before.p[1], before.p[0])
         x[DX : DX + 2, 0], x[KAPPA] = before.d, 1.0
-        path = chord(self._circle.speed, before.psi, wrap(true.psi - before.psi), seen.dt)
+        path = chord(self._speed, before.psi, wrap(true.psi - before.psi), seen.dt)
         h, dt = Hypotheses(x, self._P, np.zeros((1, true.psi.size))), np.full(true.psi.size, seen.dt)
         P = predict(h, self._noise, dt, path, seen.sigma).P
         PH = P[:, R]

@@ -12,12 +12,20 @@ from math import atan2 as arctan2
 from math import cos, exp, hypot, isfinite, pi, sin, sqrt
 from typing import TypeVar
 
+import numpy as np
+from numpy.typing import NDArray
+
 __all__ = [
-    "arccos", "arcsin", "arctan2", "clip", "cos", "exp", "hypot", "isfinite", "logical_not", "maximum", "minimum", "pi",
-    "sin", "sinc", "sqrt", "where",
+    "all", "arccos", "arcsin", "arctan2", "clip", "cos", "exp", "hypot", "isfinite", "logical_not", "maximum",
+    "minimum", "pi", "rint", "sin", "sinc", "sqrt", "where",
 ]  # fmt: skip
 
+Number = float | NDArray[np.float64]
+"""A float for one flight, or an array whose last axis is flights: the same equation serves both."""
+Flag = bool | NDArray[np.bool_]
+"""The same of yes and no."""
 T = TypeVar("T")
+all, rint = bool, round
 logical_not = operator.not_
 minimum, maximum = min, max
 
@@ -25,6 +33,11 @@ minimum, maximum = min, max
 def clip(value: float, low: float, high: float) -> float:
     """The value, or the nearer bound."""
     return min(max(value, low), high)
+
+
+def magnitude(x: Number) -> Number:
+    """|x| of a float or an array: mypy knows no `abs` of either."""
+    return abs(x)  # type: ignore[return-value]
 
 
 def sinc(x: float) -> float:

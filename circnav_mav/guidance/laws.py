@@ -8,14 +8,12 @@ counter-clockwise (the paper's remark after its second theorem). A law knows not
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from circnav_mav.guidance import range_laws, theory
-
-Array = Any
-"""A float or an array of floats: the same equation serves one flight and a thousand."""
+from circnav_mav.guidance.floats import Number, magnitude
 
 
 class Kind(Enum):
@@ -30,10 +28,10 @@ class Kind(Enum):
 class LawFunction(Protocol):
     """The equation of a law: the paper's symbols in, turn rate (rad/s, counter-clockwise positive) out."""
 
-    def __call__(self, r: Array, r_dot: Array, *, V: float, r_d: float, k: float) -> Array: ...
+    def __call__(self, r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number) -> Number: ...
 
 
-def smooth(r: Array, r_dot: Array, *, V: float, r_d: float, k: float) -> Array:
+def smooth(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number) -> Number:
     """Law 1 of the paper, smooth and unsaturated (eq. `omega`).
 
     omega = k [2 r V cos(pi - asin(r_d/r)) - 2 r r_dot] where r >= r_d, else 0. k in 1/m^2.
@@ -41,7 +39,7 @@ def smooth(r: Array, r_dot: Array, *, V: float, r_d: float, k: float) -> Array:
     return np.where(r >= r_d, k * (2 * r * _tangent_rate(r, V, r_d) - 2 * r * r_dot), 0.0)
 
 
-def switching(r: Array, r_dot: Array, *, V: float, r_d: float, k: float) -> Array:
+def switching(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number) -> Number:
     """Law 2 of the paper, switching and saturated (eq. `omega-sign-version`).
 
     omega = k sign(V cos(pi - asin(r_d/r)) - r_dot) where r >= r_d, else 0. k in rad/s; |omega| <= |k|.
@@ -49,7 +47,7 @@ def switching(r: Array, r_dot: Array, *, V: float, r_d: float, k: float) -> Arra
     return np.where(r >= r_d, k * np.sign(_tangent_rate(r, V, r_d) - r_dot), 0.0)
 
 
-def _tangent_rate(r: Array, V: float, r_d: float) -> Array:
+def _tangent_rate(r: Number, V: Number, r_d: Number) -> Number:
     """Range rate while flying at the tangent point of the circle, m/s; inside the circle it is not used."""
     return V * np.cos(np.pi - np.arcsin(np.minimum(r_d / np.maximum(r, 1e-9), 1.0)))
 
@@ -63,7 +61,7 @@ def _as_asked(V: float, r_d: float, k: float) -> float:
 class Law:
     """A law with what a mission and its check need to know of it.
 
-    default_gain, gain_bound: (V, r_d) -> magnitude of k; the bound is exclusive and the source's condition.
+    gain_bound: (V, r_d) -> magnitude of k, exclusive: the source's condition. Default gains are in `tuning`.
     reached_radius: (V, r_d, k) -> radius flown when fed r_d. fed_radius: the r_d to feed to fly a given radius.
     """
 
@@ -72,7 +70,6 @@ class Law:
     gain_unit: str
     gain_condition: str
     gain_bound: Callable[[float, float], float]
-    default_gain: Callable[[float, float], float]
     reached_radius: Callable[[float, float, float], float] = _as_asked
     fed_radius: Callable[[float, float, float], float] = _as_asked
     switches: bool = False
@@ -84,51 +81,50 @@ class Law:
         return self.kind in (Kind.RELATIVE, Kind.AUTO)
 
 
-def bounded(r: Array, r_dot: Array, *, V: float, r_d: float, k: float) -> Array:
+def bounded(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number) -> Number:
     """`range_laws.bounded` with the sense in the sign of k. |k| > 1/r_d."""
-    return -np.sign(k) * range_laws.bounded(r, r_dot, V=V, r_d=r_d, k=abs(k))
+    return -np.sign(k) * range_laws.bounded(r, r_dot, V=V, r_d=r_d, k=magnitude(k))
 
 
-def relay(r: Array, r_dot: Array, *, V: float, r_d: float, k: float) -> Array:
+RELAY_LAG = 0.55
+"""Lag of turn and filter, s, that the relay's boundary layer is made for."""
+
+
+def relay(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number) -> Number:
     """`range_laws.relay` with w = |k|: approach at half the speed at most; the boundary layer makes the slope w/phi
     what the loop bears."""
     return -np.sign(k) * range_laws.relay(
-        r, r_dot, V=V, r_d=r_d, w=abs(k), gamma=V / r_d, v_star=range_laws.closing_speed(V, 0.0, 0.5),
-        phi=abs(k) / _damped(V, r_d),
+        r, r_dot, V=V, r_d=r_d, w=magnitude(k), gamma=V / r_d, v_star=range_laws.closing_speed(V, 0.0, 0.5),
+        phi=magnitude(k) / theory.rate_gain(V, r_d, RELAY_LAG),
     )  # fmt: skip
 
 
-def pd(r: Array, r_dot: Array, *, V: float, r_d: float, k: float) -> Array:
+def pd(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number) -> Number:
     """`range_laws.pd` with k_d = |k| and k_p for a damping of 1; e is cut where it asks for half the speed."""
-    k_p = abs(k) ** 2 * V / 4
-    return -np.sign(k) * range_laws.pd(r, r_dot, V=V, r_d=r_d, k_p=k_p, k_d=abs(k), e_max=abs(k) * 0.5 * V / k_p)
+    k_p = magnitude(k) ** 2 * V / 4
+    return -np.sign(k) * range_laws.pd(
+        r, r_dot, V=V, r_d=r_d, k_p=k_p, k_d=magnitude(k), e_max=magnitude(k) * 0.5 * V / k_p
+    )
 
 
-def feedforward(r: Array, r_dot: Array, *, V: float, r_d: float, k: float) -> Array:
+def feedforward(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number) -> Number:
     """`range_laws.feedforward` with gamma = |k| V/6 and an approach at 0.55 V, which a wind of 0.3 V leaves flyable."""
     return -np.sign(k) * range_laws.feedforward(
-        r, r_dot, V=V, r_d=r_d, k=abs(k), gamma=abs(k) * V / 6,
+        r, r_dot, V=V, r_d=r_d, k=magnitude(k), gamma=magnitude(k) * V / 6,
         v_star=range_laws.closing_speed(V, 0.3 * V, 0.55), r_floor=0.43 * r_d,
     )  # fmt: skip
 
 
-def pi(r: Array, r_dot: Array, memory: Array, dt: float, *, V: float, r_d: float, k: float) -> tuple[Array, Array]:
+def pi(
+    r: Number, r_dot: Number, memory: Number, dt: Number, *, V: Number, r_d: Number, k: Number
+) -> tuple[Number, Number]:
     """`range_laws.pi` with k_p = |k| and an integral ten times slower than the turn; memory in, memory out."""
-    k_i = abs(k) * V / r_d
+    k_i = magnitude(k) * V / r_d
     turn, memory = range_laws.pi(
-        r, r_dot, memory, dt, r_d=r_d, k_p=abs(k), k_i=k_i, c=range_laws.closing_speed(V, 0.0, 0.5),
+        r, r_dot, memory, dt, r_d=r_d, k_p=magnitude(k), k_i=k_i, c=range_laws.closing_speed(V, 0.0, 0.5),
         delta=0.5 * r_d, I_max=2 * V / (r_d * k_i),
     )  # fmt: skip
     return -np.sign(k) * turn, memory
-
-
-TYPICAL_LAG = 0.55
-"""Turn lag plus filter lag, s, that the default gains of a law are made for where nobody names them."""
-
-
-def _damped(V: Array, r_d: Array) -> Array:
-    """Gain of the range rate by the rule k V lag <= 0.5, at the typical lag; see `theory.rate_gain`."""
-    return theory.rate_gain(V, r_d, TYPICAL_LAG)
 
 
 LAWS: dict[str, Law] = {
@@ -137,55 +133,45 @@ LAWS: dict[str, Law] = {
         Law(
             "smooth", smooth, "1/m^2", "k > 1/(2 r_d^2)",
             gain_bound=lambda V, r_d: theory.smooth_gain_bound(r_d),
-            default_gain=lambda V, r_d: 2 * theory.smooth_gain_bound(r_d),
             reached_radius=lambda V, r_d, k: theory.reached_radius(r_d, k),
             fed_radius=lambda V, r_d, k: theory.corrected_radius(r_d, k),
         ),
         Law(
             "switching", switching, "rad/s", "k > V/r_d",
             gain_bound=lambda V, r_d: theory.switching_gain_bound(V, r_d),
-            default_gain=lambda V, r_d: 1.2 * theory.switching_gain_bound(V, r_d),
             switches=True,
         ),
         Law(
             "bounded", bounded, "1/m", "k > 1/r_d",
             gain_bound=lambda V, r_d: 1 / r_d,
-            default_gain=lambda V, r_d: max(0.5 * _damped(V, r_d), 1.5 / r_d),  # its slope in r is k^2 V, so half
         ),
         Law(
             "relay", relay, "rad/s", "k > V/r_d",
             gain_bound=lambda V, r_d: V / r_d,
-            default_gain=lambda V, r_d: 1.33 * V / r_d,
         ),
         Law(
             "pd", pd, "rad/m", "k > 0",
             gain_bound=lambda V, r_d: 0.0,
-            default_gain=_damped,
         ),
         Law(
             "pi", feedforward, "rad/m", "k > 0",
             gain_bound=lambda V, r_d: 0.0,
-            default_gain=_damped,
             kind=Kind.MEMORY,
         ),
         Law(
             "feedforward", feedforward, "rad/m", "k > 0",
             gain_bound=lambda V, r_d: 0.0,
-            default_gain=_damped,
         ),
         Law(
             "drift", feedforward, "rad/m", "k > 0",
             gain_bound=lambda V, r_d: 0.0,
-            default_gain=_damped,
             kind=Kind.RELATIVE,
         ),
         Law(
             "auto", feedforward, "rad/m", "k > 0",
             gain_bound=lambda V, r_d: 0.0,
-            default_gain=_damped,
             kind=Kind.AUTO,
         ),
     )
 }  # fmt: skip
-"""The laws by their mission names. Default gains of the paper's are its examples': twice and 1.2 times the bound. The
-gain of `drift` and `auto` is that of the feedforward law, which they fly without a trusted relative motion."""
+"""The laws by their mission names."""

@@ -5,21 +5,20 @@ do not change under reflection. r (m), r_dot (m/s): scalars or arrays; the turn 
 e = r - r_d. chi(e), where it appears, is the closing speed asked for; it never exceeds v*, see `closing_speed`.
 """
 
-from typing import Any
-
 import numpy as np
 
-Array = Any
+from circnav_mav.guidance.floats import Number
+
 SHARE_OF_MARGIN = 0.8
 """v* <= this times (V - W): a faster approach against the wind W cannot be flown, and asking for it turns for ever."""
 
 
-def closing_speed(V: Array, W: Array, wish: float) -> Array:
+def closing_speed(V: Number, W: Number, wish: Number) -> Number:
     """v*, m/s: the wish, cut to what is flyable in wind W on every bearing."""
     return np.minimum(wish * V, SHARE_OF_MARGIN * (V - W))
 
 
-def bounded(r: Array, r_dot: Array, *, V: float, r_d: float, k: float) -> Array:
+def bounded(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number) -> Number:
     """omega = k [r' + V sqrt(1 - (r_s/r)^2)] outside r_s = sqrt(r_d^2 - 1/k^2), k [r' - V sqrt(1 - (r/r_s)^2)] inside.
 
     k > 1/r_d, in 1/m; exact radius, |omega| <= 2 k V. Source: Cao, "UAV circumnavigating an unknown target under a
@@ -32,7 +31,9 @@ def bounded(r: Array, r_dot: Array, *, V: float, r_d: float, k: float) -> Array:
     return k * (r_dot + np.where(r >= r_s, outside, -inside))
 
 
-def relay(r: Array, r_dot: Array, *, V: float, r_d: float, w: float, gamma: float, v_star: float, phi: float) -> Array:
+def relay(
+    r: Number, r_dot: Number, *, V: Number, r_d: Number, w: Number, gamma: Number, v_star: Number, phi: Number
+) -> Number:
     """omega = w sat((r' + chi)/phi) + V/r_d with chi = clip(gamma e, -v*, v*): sliding on r' = -chi.
 
     w > V/r_d, rad/s; v* < V - W; phi > 0, m/s, is the boundary layer, without which it chatters. Copes with a moving
@@ -43,7 +44,7 @@ def relay(r: Array, r_dot: Array, *, V: float, r_d: float, w: float, gamma: floa
     return w * np.clip((r_dot + chi) / phi, -1.0, 1.0) + V / r_d
 
 
-def pd(r: Array, r_dot: Array, *, V: float, r_d: float, k_p: float, k_d: float, e_max: float) -> Array:
+def pd(r: Number, r_dot: Number, *, V: Number, r_d: Number, k_p: Number, k_d: Number, e_max: Number) -> Number:
     """omega = V/r_d + k_p sat(e) + k_d r', e cut to +-e_max. k_p in rad/(s m), k_d in rad/m.
 
     Source: Dong, You, Xie, Hu, coordinate-free circumnavigation with range-based PD control. Condition (closing speed
@@ -53,9 +54,9 @@ def pd(r: Array, r_dot: Array, *, V: float, r_d: float, k_p: float, k_d: float, 
 
 
 def pi(
-    r: Array, r_dot: Array, memory: Array, dt: float, *, r_d: float, k_p: float, k_i: float, c: float, delta: float,
-    I_max: float,
-) -> tuple[Array, Array]:  # fmt: skip
+    r: Number, r_dot: Number, memory: Number, dt: Number, *, r_d: Number, k_p: Number, k_i: Number, c: Number,
+    delta: Number, I_max: Number,
+) -> tuple[Number, Number]:  # fmt: skip
     """s = r' + c tanh(e/delta); omega = k_p s + k_i int s. Memory (the integral, m) in, turn rate and memory out.
 
     c < V - W, m/s; the integral comes to rest at V/(r_d k_i) by itself and is held within 0..I_max, so that it cannot
@@ -68,8 +69,8 @@ def pi(
 
 
 def feedforward(
-    r: Array, r_dot: Array, *, V: float, r_d: float, k: float, gamma: float, v_star: float, r_floor: float
-) -> Array:
+    r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number, gamma: Number, v_star: Number, r_floor: Number
+) -> Number:
     """omega = sqrt(V^2 - r'^2)/max(r, r_floor) + k (r' + chi), chi = v* tanh(gamma e/v*). k in rad/m, gamma in 1/s.
 
     The first term is the turn of the circle through the present point, so the radius has no bias for any k. Condition:

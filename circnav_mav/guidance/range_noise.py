@@ -30,7 +30,7 @@ class NoiseCheck:
         self.found: tuple[float, float] | None = None
         """The standard deviations said and measured, m, of the first range that said too little."""
 
-    def believed(self, stamp: float, r: float, sigma: float) -> float:
+    def inflate(self, stamp: float, r: float, sigma: float) -> float:
         """Standard deviation, m, of a range r (m; measured at stamp, s) that says sigma (m): as measured, where it says
         less than a third of that."""
         self._bend(stamp, r)

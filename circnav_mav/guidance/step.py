@@ -1,12 +1,15 @@
-"""From an estimate to a turn rate: the law, then the vehicle's limit."""
+"""From an estimate to a turn rate: the law, then the vehicle's limit. One definition for the flight in the air, in
+plain floats, and for B flights of an experiment, in arrays."""
 
 from dataclasses import dataclass, replace
-from math import isfinite
+from math import inf, isfinite
+from types import ModuleType
 from typing import Protocol
 
 from circnav_mav.guidance import floats
-from circnav_mav.guidance.law_selector import ONE_AT_START, Flies, hand_over
-from circnav_mav.guidance.laws import LAWS, Kind, pi
+from circnav_mav.guidance.floats import Flag, Number, magnitude
+from circnav_mav.guidance.law_selector import ONE_AT_START, Flies, Handover, hand_over
+from circnav_mav.guidance.laws import LAWS, Kind, Law, pi
 from circnav_mav.guidance.turn_response import Pending
 from circnav_mav.guidance.types import SAME_TIME, Orbit, RangeEstimate, RelativeMotion, TurnCommand, TurnRate
 from circnav_mav.guidance.vector_field import drift, drift_gains, mirrored, orbit_turn_rate
@@ -35,6 +38,163 @@ class LawChoice:
     lag: float = DEFAULT_LAG
 
 
+@dataclass(frozen=True, slots=True)
+class StepSettings:
+    """What a step needs to know: a law, and floats or arrays (B,). sense: +1 counter-clockwise. V: m/s. r_d: m. fed:
+    the radius that the law is fed, m. k: gain with the sign of the sense (the paper: k > 0 flies clockwise). limit: of
+    the turn rate, rad/s."""
+
+    law: Law
+    sense: Number
+    V: Number
+    r_d: Number
+    fed: Number
+    k: Number
+    limit: Number
+
+    @classmethod
+    def of(cls, orbit: Orbit, choice: LawChoice) -> "StepSettings":
+        """Of one mission. Raises ValueError when the radius correction does not exist for this gain."""
+        law, sense = LAWS[choice.name], orbit.direction.turn_sign
+        fed = law.fed_radius(orbit.speed, orbit.radius, choice.gain) if choice.correct_radius else orbit.radius
+        return cls(law, sense, orbit.speed, orbit.radius, fed, -sense * choice.gain, orbit.max_turn_rate)
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """Position relative to the target x, y (m), drift (m/s), heading (rad), true airspeed (m/s): in the paper's frame.
+
+    trusted: whether it may steer. trial: number of the guess where it is one, else -1. remembered: whether the drift
+    was known before the search.
+    """
+
+    x: Number
+    y: Number
+    drift_x: Number
+    drift_y: Number
+    heading: Number
+    airspeed: Number
+    trusted: Flag
+    trial: Number = -1
+    remembered: Flag = False
+
+
+@dataclass(frozen=True, slots=True)
+class Inputs:
+    """What a step goes by. time: s. r, r_dot: m, m/s. found: None without grounds. pending: what is commanded but not
+    turned yet. trim: m, added to the radius that the law is fed. share: of the gains that the rule gives."""
+
+    time: float
+    r: Number
+    r_dot: Number
+    pending: Pending
+    found: Found | None = None
+    trim: Number = 0.0
+    share: Number = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class StepState:
+    """What a step remembers: time: of the command before, s, at first -inf; memory: the integral of `pi`, m."""
+
+    time: Number = -inf
+    memory: Number = 0.0
+    handover: Handover = ONE_AT_START
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """turn: within the limit, rad/s. demanded: by the law that flies. cut: whether the limit cut it."""
+
+    turn: Number
+    demanded: Number
+    cut: Flag
+
+
+def step(
+    before: StepState, settings: StepSettings, inputs: Inputs, xp: ModuleType = floats
+) -> tuple[StepState, Wanted]:
+    """One step of the guidance: what it remembers now, and the turn it wants."""
+    gap = xp.clip(inputs.time - before.time, 0.0, LONGEST_STEP)
+    dt = xp.where(before.time > -inf, gap, 0.0)
+    if settings.law.flies_relative_motion:
+        return _with_relative_motion(before, settings, inputs, dt, xp)
+    V, k, radius, memory = settings.V, settings.k, settings.fed + inputs.trim, before.memory
+    if settings.law.kind is Kind.MEMORY:
+        demanded, memory = pi(inputs.r, inputs.r_dot, memory, dt, V=V, r_d=radius, k=k)
+    else:
+        demanded = settings.law.function(inputs.r, inputs.r_dot, V=V, r_d=radius, k=k)
+    turn = xp.clip(demanded, -settings.limit, settings.limit)
+    return StepState(inputs.time, memory, before.handover), Wanted(turn, demanded, turn != demanded)
+
+
+def _with_relative_motion(
+    before: StepState, settings: StepSettings, inputs: Inputs, dt: Number, xp: ModuleType
+) -> tuple[StepState, Wanted]:
+    """`auto` and `drift`: see `circnav_mav.guidance.law_selector`. `drift` does not try guesses out. All is seen so
+    that the orbit is counter-clockwise; only what leaves has its sense again."""
+    s, found, V, radius = settings.sense, inputs.found, settings.V, settings.fed + inputs.trim
+    trusted = False if found is None else found.trusted
+    by_drift = None if found is None else _by_drift(settings, found, inputs, xp)
+    if by_drift is not None and xp.all(trusted):
+        by_range = by_drift
+    else:
+        by_range = s * settings.law.function(inputs.r, inputs.r_dot, V=V, r_d=radius, k=settings.k)
+    by_bank = by_range if by_drift is None else by_drift
+    handover = hand_over(
+        before.handover, dt, trusted=trusted, favourite=_tried(before.handover, settings, inputs, xp),
+        by_range=by_range, by_bank=by_bank, limit=settings.limit, r=inputs.r, r_d=settings.r_d, xp=xp,
+    )  # fmt: skip
+    demanded = xp.where(handover.flies == Flies.FEEDFORWARD, by_range, by_bank)
+    cut = magnitude(handover.command) >= AT_LIMIT * settings.limit
+    return StepState(inputs.time, before.memory, handover), Wanted(s * handover.command, s * demanded, cut)
+
+
+def _tried(before: Handover, settings: StepSettings, inputs: Inputs, xp: ModuleType) -> Number:
+    """Number of the guess that is worth flying at; -1: none. On the circle, with the drift known from before, the
+    circle itself soon tells the guesses apart, and trying a wrong one would leave it."""
+    found = inputs.found
+    if found is None or settings.law.kind is not Kind.AUTO:
+        return -1
+    near = magnitude(inputs.r - settings.r_d) < NEAR * settings.r_d
+    circling = near & (magnitude(inputs.r_dot) < ALONG * settings.V)
+    patient = before.untrusted < CIRCLING_PATIENCE - SAME_TIME
+    waits = found.remembered & circling & patient
+    return xp.where(waits, -1, found.trial)  # type: ignore[no-any-return]
+
+
+def _by_drift(settings: StepSettings, found: Found, inputs: Inputs, xp: ModuleType) -> Number:
+    """The drift law, seen so that the orbit is counter-clockwise."""
+    p, d, sense = (found.x, found.y), (found.drift_x, found.drift_y), settings.sense
+    here = mirrored(p, d, found.heading, inputs.pending, sense)
+    V, r_d = xp.maximum(found.airspeed, 0.1 * settings.V), settings.r_d + inputs.trim
+    gains = drift_gains(V, inputs.pending.ahead, inputs.pending.settles, inputs.share, xp)
+    turn: Number = drift(*here, V=V, r_d=r_d, max_turn_rate=settings.limit, gains=gains, xp=xp)
+    return turn
+
+
+def hold(settings: StepSettings, found: Found | None, pending: Pending, xp: ModuleType = floats) -> Wanted:
+    """The circle's own turn, which no range enters: V/r_d; where the drift is trusted, what drift and heading ask for.
+
+    pending: what is commanded but not turned yet, by which the heading is looked ahead.
+    """
+    s, turn = settings.sense, settings.V / settings.r_d
+    if found is not None:
+        d, V = (found.drift_x, s * found.drift_y), xp.maximum(found.airspeed, 0.1 * settings.V)
+        heading = s * (found.heading + pending.turn)
+        turn = xp.where(found.trusted, orbit_turn_rate(d, heading, V=V, r_d=settings.r_d, xp=xp), turn)
+    demanded = s * turn
+    cut = xp.clip(demanded, -settings.limit, settings.limit)
+    return Wanted(cut, demanded, cut != demanded)
+
+
+def compensated(wanted: Wanted, limit: Number, gain: Number, xp: ModuleType = floats) -> Wanted:
+    """What to command to vehicles that turn at `gain` times what is commanded, within +-limit (rad/s)."""
+    commanded = wanted.turn / gain
+    turn = xp.clip(commanded, -limit, limit)
+    return Wanted(turn, wanted.demanded, wanted.cut | (turn != commanded))
+
+
 class Steering(Protocol):
     """A law ready to steer."""
 
@@ -49,29 +209,38 @@ class Steering(Protocol):
 def steering(orbit: Orbit, choice: LawChoice) -> Steering:
     """The mission's guidance as one function from estimate to limited command.
 
-    Some laws remember: give every flight its own. Raises ValueError when the radius correction does not exist for
-    this gain.
+    It remembers: give every flight its own. Raises ValueError when the radius correction does not exist for this gain.
     """
-    law = LAWS[choice.name]
-    if law.kind is Kind.MEMORY:
-        return _Integrating(orbit, choice)
-    if law.flies_relative_motion:
-        return _HandingOver(orbit, choice)
-    return _by_range(orbit, choice)
+    settings, at_rest = StepSettings.of(orbit, choice), Pending(0.0, choice.lag)
+    state = StepState()
+
+    def steer(
+        estimate: RangeEstimate, trim: float = 0.0, pending: Pending | None = None, share: float = 1.0
+    ) -> TurnCommand:
+        nonlocal state
+        found = None if estimate.relative is None else _found(estimate.relative)
+        inputs = Inputs(estimate.time, estimate.r, estimate.r_dot, pending or at_rest, found, trim, share)
+        state, wanted = step(state, settings, inputs)
+        if not settings.law.flies_relative_motion:
+            return _command(wanted)
+        flies = state.handover.flies
+        return _command(wanted, flies.name.lower(), flies.why)
+
+    return steer
 
 
 def holding(orbit: Orbit, motion: RelativeMotion | None, pending: Pending) -> TurnCommand:
-    """The circle's own turn, which no range enters: V/r_d; where the drift is trusted, what drift and heading ask for.
+    """`hold` of one flight; without trusted, finite relative motion V/r_d."""
+    trusts = motion is not None and motion.trusted and _finite(motion)
+    settings = StepSettings.of(orbit, LawChoice("drift", 0.0))
+    return _command(hold(settings, _found(motion) if motion is not None and trusts else None, pending))
 
-    pending: what is commanded but not turned yet, by which the heading is looked ahead.
-    """
-    if motion is None or not motion.trusted or not _finite(motion):
-        return limit(orbit.steady_turn_rate, orbit.max_turn_rate)
-    s = orbit.direction.turn_sign
-    d, V = (motion.drift_x, s * motion.drift_y), max(motion.airspeed, 0.1 * orbit.speed)
-    heading = s * (motion.heading + pending.turn)
-    turn = s * orbit_turn_rate(d, heading, V=V, r_d=orbit.radius, xp=floats)
-    return limit(TurnRate(turn), orbit.max_turn_rate)
+
+def _found(motion: RelativeMotion) -> Found:
+    return Found(
+        motion.x, motion.y, motion.drift_x, motion.drift_y, motion.heading, motion.airspeed, motion.trusted,
+        -1 if motion.trial is None else motion.trial, motion.drift_remembered,
+    )  # fmt: skip
 
 
 def _finite(motion: RelativeMotion) -> bool:
@@ -80,103 +249,19 @@ def _finite(motion: RelativeMotion) -> bool:
     return all(map(isfinite, carried))
 
 
+def _command(wanted: Wanted, flies: str = "", why: str = "") -> TurnCommand:
+    turn, demanded = TurnRate(float(wanted.turn)), TurnRate(float(wanted.demanded))
+    return TurnCommand(turn, demanded, bool(wanted.cut), flies=flies, why=why)
+
+
 def limit(demanded: TurnRate, max_turn_rate: float) -> TurnCommand:
     """Cut a turn rate to the vehicle's limit, both in rad/s, and say whether it was cut."""
-    cut = min(max(demanded, -max_turn_rate), max_turn_rate)
+    cut = floats.clip(demanded, -max_turn_rate, max_turn_rate)
     return TurnCommand(TurnRate(cut), demanded, saturated=cut != demanded)
 
 
-def through_gain(command: TurnCommand, max_turn_rate: float, gain: float) -> TurnCommand:
-    """What to tell a vehicle that turns at `gain` times what it is told, within +-max_turn_rate (rad/s)."""
-    told = command.turn_rate / gain
-    cut = min(max(told, -max_turn_rate), max_turn_rate)
-    return replace(command, turn_rate=TurnRate(cut), saturated=command.saturated or cut != told)
-
-
-def _by_range(orbit: Orbit, choice: LawChoice) -> Steering:
-    law = LAWS[choice.name]
-    k = -orbit.direction.turn_sign * choice.gain  # the paper: k > 0 flies clockwise
-    fed = law.fed_radius(orbit.speed, orbit.radius, choice.gain) if choice.correct_radius else orbit.radius
-
-    def steer(
-        estimate: RangeEstimate, trim: float = 0.0, pending: Pending | None = None, share: float = 1.0
-    ) -> TurnCommand:
-        demanded = float(law.function(estimate.r, estimate.r_dot, V=orbit.speed, r_d=fed + trim, k=k))
-        return limit(TurnRate(demanded), orbit.max_turn_rate)
-
-    return steer
-
-
-class _Integrating:
-    """The PI law with its memory."""
-
-    def __init__(self, orbit: Orbit, choice: LawChoice) -> None:
-        self._orbit, self._k = orbit, -orbit.direction.turn_sign * choice.gain
-        self._memory, self._time = 0.0, None
-
-    _time: float | None
-
-    def __call__(
-        self, estimate: RangeEstimate, trim: float = 0.0, pending: Pending | None = None, share: float = 1.0
-    ) -> TurnCommand:
-        orbit = self._orbit
-        dt = 0.0 if self._time is None else min(max(estimate.time - self._time, 0.0), LONGEST_STEP)
-        self._time = estimate.time
-        radius = orbit.radius + trim
-        demanded, memory = pi(estimate.r, estimate.r_dot, self._memory, dt, V=orbit.speed, r_d=radius, k=self._k)
-        self._memory = float(memory)
-        return limit(TurnRate(float(demanded)), orbit.max_turn_rate)
-
-
-class _HandingOver:
-    """`auto` and `drift`: see `circnav_mav.guidance.law_selector`. `drift` does not try guesses out."""
-
-    def __init__(self, orbit: Orbit, choice: LawChoice) -> None:
-        self._orbit, self._tries = orbit, LAWS[choice.name].kind is Kind.AUTO
-        self._feedforward = _by_range(orbit, choice)
-        self._lag = choice.lag
-        self._handover = ONE_AT_START
-        self._time: float | None = None
-
-    def __call__(
-        self, estimate: RangeEstimate, trim: float = 0.0, pending: Pending | None = None, share: float = 1.0
-    ) -> TurnCommand:
-        pending = pending or Pending(0.0, self._lag)
-        dt = 0.0 if self._time is None else min(max(estimate.time - self._time, 0.0), LONGEST_STEP)
-        self._time = estimate.time
-        s, motion = self._orbit.direction.turn_sign, estimate.relative
-        if motion is not None and motion.trusted:
-            by_bank = by_range = self._by_bank(motion, trim, pending, share)
-        else:
-            by_range = s * self._feedforward(estimate, trim).demanded
-            by_bank = by_range if motion is None else self._by_bank(motion, trim, pending, share)
-        self._handover = hand_over(
-            self._handover, dt, trusted=motion is not None and motion.trusted, favourite=self._tried(estimate),
-            by_range=by_range, by_bank=by_bank, limit=self._orbit.max_turn_rate, r=estimate.r, r_d=self._orbit.radius,
-            xp=floats,
-        )  # fmt: skip
-        flies, command = self._handover.flies, self._handover.command
-        demanded = by_range if flies is Flies.FEEDFORWARD else by_bank
-        saturated = abs(command) >= AT_LIMIT * self._orbit.max_turn_rate
-        return TurnCommand(
-            TurnRate(s * command), TurnRate(s * demanded), saturated, flies=flies.name.lower(), why=flies.why
-        )
-
-    def _tried(self, estimate: RangeEstimate) -> int:
-        """Number of the guess that is worth flying at; -1: none. On the circle, with the drift known from before, the
-        circle itself soon tells the guesses apart, and trying a wrong one would leave it."""
-        orbit, motion = self._orbit, estimate.relative
-        if not self._tries or motion is None or motion.trial is None:
-            return -1
-        circling = abs(estimate.r - orbit.radius) < NEAR * orbit.radius and abs(estimate.r_dot) < ALONG * orbit.speed
-        patient = self._handover.untrusted < CIRCLING_PATIENCE - SAME_TIME
-        return -1 if motion.drift_remembered and circling and patient else motion.trial
-
-    def _by_bank(self, motion: RelativeMotion, trim: float, pending: Pending, share: float) -> float:
-        """The drift law, seen so that the orbit is counter-clockwise."""
-        orbit = self._orbit
-        p, d, sense = (motion.x, motion.y), (motion.drift_x, motion.drift_y), orbit.direction.turn_sign
-        here = mirrored(p, d, motion.heading, pending, sense)
-        V, limit = max(motion.airspeed, 0.1 * orbit.speed), orbit.max_turn_rate
-        gains = drift_gains(V, pending.ahead, pending.settles, share, floats)
-        return float(drift(*here, V=V, r_d=orbit.radius + trim, max_turn_rate=limit, gains=gains, xp=floats))
+def compensate_turn_gain(command: TurnCommand, max_turn_rate: float, gain: float) -> TurnCommand:
+    """`compensated` of one command."""
+    wanted = Wanted(command.turn_rate, command.demanded, command.saturated)
+    told = compensated(wanted, max_turn_rate, gain)
+    return replace(command, turn_rate=TurnRate(float(told.turn)), saturated=bool(told.cut))

@@ -1,11 +1,12 @@
 """What the paper proves about its laws: radius reached, gain conditions, kinematics. SI units, radians."""
 
 from math import cos, pi, sin, sqrt
-from typing import Any
+from types import ModuleType
 
 import numpy as np
 
-Array = Any
+from circnav_mav.guidance import floats
+from circnav_mav.guidance.floats import Number
 
 
 def smooth_gain_bound(r_d: float) -> float:
@@ -44,20 +45,22 @@ def bearing_rate(V: float, r: float, theta_b: float, omega: float) -> float:
     return omega + V * sin(theta_b) / r
 
 
-def max_range_acceleration(V: float, max_turn_rate: float, r: float) -> float:
+def max_range_acceleration(V: Number, max_turn_rate: Number, r: Number, xp: ModuleType = floats) -> Number:
     """Bound of |r''| = |V sin(theta_b) theta_b'| <= V^2/r + V omega_max, m/s^2.
 
     Nearer than the tightest turn, V/omega_max, the first term is held at its value there.
     """
-    return V**2 / max(r, V / max_turn_rate) + V * max_turn_rate
+    nearest: Number = xp.maximum(r, V / max_turn_rate)
+    return V**2 / nearest + V * max_turn_rate
 
 
-def rate_gain(V: Array, r_d: Array, lag: float) -> Array:
+def rate_gain(V: Number, r_d: Number, lag: Number) -> Number:
     """Gain k of the range rate, rad/m, that a loop with so much lag (course + filter, s) bears: k V lag = 0.5.
 
     Above about that value the laws limit-cycle, as flown on real autopilots. No more than 6/r_d, where nothing is won.
     """
-    return np.minimum(0.5 / (V * lag), 6 / r_d)
+    gain: Number = np.minimum(0.5 / (V * lag), 6 / r_d)
+    return gain
 
 
 def smallest_radius(V: float, max_turn_rate: float, W: float = 0.0, turn_gain: float = 1.0) -> float:

@@ -133,7 +133,7 @@ class RangeReader:
         if now - time > settings.max_age:
             return Reject.CLOCK if self._clock.doubted else Reject.TOO_OLD
         sigma = reading.sigma or settings.sigma
-        flat = (reading.slant, sigma if self._noise is None else self._noise.believed(stamp, reading.slant, sigma))
+        flat = (reading.slant, sigma if self._noise is None else self._noise.inflate(stamp, reading.slant, sigma))
         if flat[1] > settings.max_sigma:
             return Reject.TOO_NOISY
         if height:

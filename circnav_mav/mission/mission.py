@@ -5,10 +5,9 @@ from math import inf, radians, tan
 
 from circnav_mav.guidance.bounds import Bounds
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
-from circnav_mav.guidance.estimators.steady import SteadyState, steady_state
-from circnav_mav.guidance.laws import LAWS
+from circnav_mav.guidance.estimators.range_rate import SteadyState, steady_state
 from circnav_mav.guidance.step import LawChoice
-from circnav_mav.guidance.theory import rate_gain
+from circnav_mav.guidance.tuning import default_gain, loop_lag
 from circnav_mav.guidance.types import Direction, Orbit
 from circnav_mav.mav.autopilots.interface import AirLoops, VehicleFacts
 from circnav_mav.mav.frames import GRAVITY
@@ -18,10 +17,6 @@ from circnav_mav.mav.session import LinkSettings
 from circnav_mav.mission.schema import MissionFile
 from circnav_mav.pilot import LINKS, RANGING, VEHICLE, PilotSettings, Timing, Voice
 
-DEFAULT_LOOP = 0.35
-"""What 2 k r_d V (turn lag + filter lag) is for a default gain; from about .45 on, vehicles limit-cycle."""
-LEAST_GAIN = 1.2
-"""Default gains stay this many times above the paper's bound."""
 MOST_NOISE = 0.5
 """Standard deviation of a range, of the radius, above which it is of no use for the circle."""
 SIM = "sim"
@@ -50,13 +45,8 @@ class Mission:
 
     @property
     def default_gain(self) -> float:
-        """The law's default, lowered where the lags of turn and filter would make the circle oscillate."""
-        law, orbit = LAWS[self.file.guidance.law], self.orbit
-        gain = law.default_gain(orbit.speed, orbit.radius)
-        least = LEAST_GAIN * law.gain_bound(orbit.speed, orbit.radius)
-        if law.name == "smooth":
-            return max(least, min(gain, DEFAULT_LOOP / (2 * orbit.radius * orbit.speed * self.loop_lag)))
-        return max(least, rate_gain(orbit.speed, orbit.radius, self.loop_lag)) if law.gain_unit == "rad/m" else gain
+        """The law's default for this circle and the delay of this loop."""
+        return default_gain(self.file.guidance.law, self.orbit.speed, self.orbit.radius, self.loop_lag)
 
     @property
     def estimator(self) -> str:
@@ -67,7 +57,9 @@ class Mission:
     @property
     def loop_lag(self) -> float:
         """Delay from a change of range rate to the vehicle's turn, s: the filter's and the vehicle's."""
-        return self.file.vehicle.turn_lag_s + self.steady_estimate.lag
+        ranging, lag = self.file.ranging, self.file.vehicle.turn_lag_s
+        period = 1 / ranging.rate_hz
+        return loop_lag(lag, self.estimation, r_d=self.orbit.radius, sigma=ranging.sigma_m, period=period)
 
     @property
     def steady_estimate(self) -> SteadyState:

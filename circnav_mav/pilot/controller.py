@@ -6,7 +6,7 @@ from circnav_mav.guidance.law_selector import Flies
 from circnav_mav.guidance.limit_cycle import CommandWatch
 from circnav_mav.guidance.phases import Phase
 from circnav_mav.guidance.radius_trim import next_trim
-from circnav_mav.guidance.step import holding, steering, through_gain
+from circnav_mav.guidance.step import compensate_turn_gain, holding, steering
 from circnav_mav.guidance.turn_gain import TurnGain, TurnGainSettings, learn
 from circnav_mav.guidance.turn_response import PendingTurn, Response, ResponseLearner
 from circnav_mav.guidance.types import SAME_TIME, OwnMotion, RangeEstimate, TurnCommand, TurnRate
@@ -68,7 +68,7 @@ class Helm:
     @property
     def turn_gain(self) -> float:
         """Realised over commanded turn rate, as used now."""
-        return self._settings.turn_gain or (self._learnt if self._banked is None else self._banked).gain
+        return self._settings.turn_gain or float((self._learnt if self._banked is None else self._banked).gain)
 
     @property
     def response(self) -> Response:
@@ -88,13 +88,12 @@ class Helm:
     @property
     def followed(self) -> bool:
         """Whether the vehicle turns as it is told."""
-        return self._learnt.followed
+        return bool(self._learnt.followed)
 
     @property
     def at_speed(self) -> bool:
         """Whether the vehicle has flown what it is told for long enough to have the speed that it is told."""
-        felt = self._learnt.time
-        return self._learnt.followed and felt is not None and felt - self._slow_at >= SPEED_UP - SAME_TIME
+        return self.followed and float(self._learnt.time) - self._slow_at >= SPEED_UP - SAME_TIME
 
     def feel(self, own: OwnMotion) -> None:
         """Learn the turn-rate gain and the delay from the vehicle's heading, and whether it flies what we tell it."""
@@ -110,8 +109,7 @@ class Helm:
             # of the bank it has, not of the one it is told: an autopilot with a lower bank limit turns no worse for it
             before, slips = self._banked or TurnGain(), TurnGainSettings(lag=SLIP)
             self._banked = learn(before, slips, time=own.time, heading=own.heading, command=TurnRate(own.bank_turn))
-        felt = self._learnt.time
-        if felt is None or own.time - felt > LONGEST_GAP:
+        if own.time - self._learnt.time > LONGEST_GAP:
             self._slow_at = self._followed_at = own.time
         self._learnt = learn(self._learnt, self._learning, time=own.time, heading=own.heading, command=self._told)
         if self._learnt.followed:
@@ -136,7 +134,7 @@ class Helm:
             return None
         if command.flies == DRIFT:  # a search that tries one guess after another turns to and fro for a reason
             self._watch = self._watch.watch(now, command.turn_rate, orbit.max_turn_rate)
-        return through_gain(command, orbit.max_turn_rate, self.turn_gain)
+        return compensate_turn_gain(command, orbit.max_turn_rate, self.turn_gain)
 
     def setpoint(self, command: TurnCommand, session: Session, now: float) -> tuple[Message, YawRate]:
         """The message that flies a command, and the yaw rate in it. Raises UnsafeSetpointError."""

@@ -1,6 +1,6 @@
 """Metrics on flights drawn by hand."""
 
-from math import inf, pi
+from math import inf
 
 import numpy as np
 import pytest
@@ -36,30 +36,6 @@ def test_overshoot_is_inward_for_starts_outside_and_outward_for_starts_inside():
     inward, outward = metrics.overshoot(r, 100.0)
     assert inward == pytest.approx(outward)
     assert inward == pytest.approx(100 - r[:, 0].min())
-
-
-def test_nees_of_the_assumed_noise_is_the_number_of_states():
-    rng = np.random.default_rng(0)
-    P = np.array([[2.0, 0.5], [0.5, 1.0]])
-    error = rng.multivariate_normal([0, 0], P, 20000).T
-    assert metrics.nees(error, np.broadcast_to(P[..., None], (2, 2, 20000))).mean() == pytest.approx(2.0, abs=0.05)
-
-
-def test_reacquired_when_good_again_after_the_outage():
-    good = column((TIME < 20) | (TIME > 33.95), TIME < 20)
-    assert metrics.reacquire_time(good, TIME, 30.0) == pytest.approx([4.0, inf], abs=0.01)
-
-
-def test_evenly_spread_vehicles_have_no_phase_error():
-    error, gap = metrics.phase_errors(np.array([0.1, 0.1 + pi, 0.1 + pi / 2, 0.1 - pi / 2]))
-    assert error == pytest.approx(0.0, abs=1e-9) and gap == pytest.approx(pi / 2)
-    error, gap = metrics.phase_errors(np.array([0.0, 0.1]))
-    assert (error, gap) == pytest.approx((pi - 0.1, 0.1))
-
-
-def test_smallest_separation_is_of_the_nearest_pair():
-    positions = np.array([[0.0, 3.0, 10.0], [0.0, 4.0, 0.0]])
-    assert metrics.smallest_separation(positions) == pytest.approx(5.0)
 
 
 def test_who_is_blown_away_has_not_gone_round_the_wrong_way():

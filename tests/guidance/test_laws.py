@@ -77,18 +77,6 @@ def test_law_2_does_not_turn_on_the_tangent_itself():
 
 
 @pytest.mark.parametrize("law", LAWS.values(), ids=LAWS.keys())
-@given(V=speeds, r_d=radii)
-def test_every_default_gain_meets_its_own_condition(law, V, r_d):
-    assert law.default_gain(V, r_d) > law.gain_bound(V, r_d)
-
-
-def test_default_gains_are_those_of_the_papers_examples():
-    """k = 0.01 in examples 1 and 2, k = 0.12 in example 3, at V = 1 and r_d = 10."""
-    assert LAWS["smooth"].default_gain(1.0, 10.0) == pytest.approx(0.01)
-    assert LAWS["switching"].default_gain(1.0, 10.0) == pytest.approx(0.12)
-
-
-@pytest.mark.parametrize("law", LAWS.values(), ids=LAWS.keys())
 @given(V=speeds, r_d=radii, above=st.floats(1.01, 100))
 def test_the_radius_fed_is_the_one_that_reaches_the_radius_asked_for(law, V, r_d, above):
     k = above * law.gain_bound(V, r_d)

@@ -11,6 +11,7 @@ from circnav_mav.guidance import range_laws, theory
 from circnav_mav.guidance.laws import LAWS, Kind
 from circnav_mav.guidance.laws import pi as pi_law
 from circnav_mav.guidance.radius_trim import MOST
+from circnav_mav.guidance.tuning import default_gain
 
 V, R_D = 15.0, 100.0
 STATELESS = [law for law in LAWS.values() if law.kind is Kind.RANGE]
@@ -18,7 +19,7 @@ FEEDBACK = [law for law in STATELESS if law.name not in ("smooth", "switching", 
 
 
 def gain(law):
-    return law.default_gain(V, R_D)
+    return default_gain(law.name, V, R_D, 0.55)
 
 
 @pytest.mark.parametrize("law", STATELESS, ids=lambda law: law.name)

@@ -26,7 +26,7 @@ def ranges(told: float, sigma: float, *, hz: float = 10.0, seconds: float = 20.0
 
 def believed(samples) -> list[float]:
     check = NoiseCheck(V, LIMIT)
-    return [check.believed(sample.stamp, sample.r, sample.sigma) for sample in samples]
+    return [check.inflate(sample.stamp, sample.r, sample.sigma) for sample in samples]
 
 
 @pytest.mark.parametrize("hz", [2.0, 5.0, 10.0, 50.0])
@@ -62,8 +62,8 @@ def test_lost_ranges_and_outliers_do_not_confuse_it():
 def test_what_was_found_first_is_kept_for_telling():
     check = NoiseCheck(V, LIMIT)
     for sample in ranges(0.5, 0.5):
-        check.believed(sample.stamp, sample.r, sample.sigma)
+        check.inflate(sample.stamp, sample.r, sample.sigma)
     assert check.found is None
     for sample in ranges(0.01, 0.5):
-        check.believed(sample.stamp + 100, sample.r, sample.sigma)
+        check.inflate(sample.stamp + 100, sample.r, sample.sigma)
     assert check.found == pytest.approx((0.01, 0.5), rel=0.6)

@@ -1,13 +1,13 @@
 """The range-rate filter against a matrix-form Kalman filter that stands in this file and is not filterpy."""
 
+from dataclasses import fields
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from circnav_mav.guidance.estimators.interface import EstimatorSettings, Fused
-from circnav_mav.guidance.estimators.range_rate import KalmanRangeRate
-from circnav_mav.guidance.estimators.steady import steady_state
+from circnav_mav.guidance.estimators.range_rate import KalmanRangeRate, RangeRate, observe, steady_state
 from circnav_mav.guidance.estimators.table import ESTIMATORS
 from circnav_mav.guidance.types import RangeSample
 
@@ -270,3 +270,18 @@ def test_the_steady_lag_is_the_one_seen_under_constant_acceleration():
         kalman.observe(sample(t, 1e6 + acceleration * t**2 / 2))
     lag = (acceleration * t - kalman.at(t).r_dot) / acceleration
     assert steady_state(SETTINGS, r=1e6, sigma=0.5, period=period).lag == pytest.approx(lag, rel=1e-3)
+
+
+def test_many_flights_are_filtered_as_one_is():
+    """Outliers, a jump that starts the filter anew, and samples that do not come."""
+    rng, nothing = np.random.default_rng(1), RangeRate()
+    one, many = RangeRate(), RangeRate(*(np.full(3, getattr(nothing, field.name)) for field in fields(nothing)))
+    for i in range(300):
+        h, z = rng.choice([0.05, 0.1, 0.4]), 200 - 0.25 * i + rng.normal(0, 0.5)
+        z += 50.0 if i % 40 == 7 or 200 < i < 210 else 0.0
+        one = observe(one, SETTINGS, h=h, z=z, sigma=0.5)
+        many = observe(many, SETTINGS, h=np.full(3, h), z=np.full(3, z), sigma=np.full(3, 0.5), xp=np)
+        for field in fields(one):
+            assert getattr(many, field.name)[1] == pytest.approx(getattr(one, field.name), rel=1e-9, abs=1e-9)
+        assert many.ready(SETTINGS)[1] == one.ready(SETTINGS)
+    assert one.samples < 120, "the jump started it anew"

@@ -6,10 +6,10 @@ from math import cos, hypot, pi, sin
 import numpy as np
 import pytest
 
-from circnav_mav.experiments.batch.flight import Circle, Situation, fly
-from circnav_mav.experiments.batch.policies import Auto
+from circnav_mav.experiments.batch.estimators import Auto
+from circnav_mav.experiments.batch.flight import Situation, fly_situation
+from circnav_mav.experiments.batch.guidance import Guidance
 from circnav_mav.experiments.batch.sensors import ImuNoise
-from circnav_mav.experiments.batch.world import Wind
 from circnav_mav.guidance.air_path import chord
 from circnav_mav.guidance.estimators.interface import EstimatorSettings, Fused
 from circnav_mav.guidance.estimators.multiple_model import BankSettings, DriftBank, Stage
@@ -429,24 +429,24 @@ def test_the_bank_is_ready_again_once_it_takes_ranges_in():
 def in_gusts(imu: ImuNoise | None, lie: str = "") -> tuple[float, float]:
     """Median RMS radius error (m) of flights in gusts of .1 V, and how far accelerations are believed. lie: what is
     wrong with them."""
-    made = []
+    shakes, banks = np.random.default_rng(3), []
 
     class Deceived(Auto):
-        def command(self, seen, true):
+        def observe(self, seen, true):
             if seen.felt is not None and lie:
-                wrong = {"frozen": 0 * seen.felt + 0.02, "turned": seen.felt[::-1], "shaking": seen.felt + SHAKE.pop()}
+                shaken = seen.felt + shakes.normal(0, 0.15, seen.felt.shape)  # 3 m/s^2 in steps of .05 s
+                wrong = {"frozen": 0 * seen.felt + 0.02, "turned": seen.felt[::-1], "shaking": shaken}
                 seen = replace(seen, felt=wrong[lie])
-            return super().command(seen, true)
+            super().observe(seen, true)
 
     def make(circle, sense):
-        made.append(Deceived(circle, sense))
-        return made[0]
+        banks.append(Deceived(circle.estimation, sense.size, circle.speed))
+        return Guidance(circle.settings("auto", sense), banks[0], sense.size, lag=circle.lag, stale=0.5)
 
-    SHAKE = list(np.random.default_rng(3).normal(0, 0.15, (4000, 2, 8)))  # 3 m/s^2 in steps of .05 s
-    gusts = Situation("gusts", wind=Wind(5.0, 1.5), imu=imu, circle=Circle(start=(80, 150)), duration=150.0)
-    tracks = fly(gusts, make, 8, 5)
+    gusts = Situation("gusts", wind=5.0, gust=1.5, imu=imu, start=(80, 150), duration=150.0)
+    tracks = fly_situation(gusts, make, 8, 5)
     late = tracks.r[tracks.time > 60] - 100.0
-    return float(np.median(np.sqrt((late**2).mean(axis=0)))), float(made[0].bank._banks[0].likely_noise.feels.mean())
+    return float(np.median(np.sqrt((late**2).mean(axis=0)))), float(banks[0]._banks[0].likely_noise.feels.mean())
 
 
 def test_accelerations_show_a_gust_before_the_ranges_do():

@@ -60,29 +60,3 @@ def right_way(angle: Array, sense: Array) -> Array:
 def went_round(angle: Array) -> Array:
     """Whether the flight went round at all, (B,): a quarter turn or more, as in `metrics.direction_of`."""
     return np.abs(swept(angle)) >= np.pi / 2
-
-
-def nees(error: Array, covariance: Array) -> Array:
-    """Normalised estimation error squared of errors (n, ...) under covariances (n, n, ...): chi-square of n degrees."""
-    e, P = np.moveaxis(error, 0, -1), np.moveaxis(covariance, (0, 1), (-2, -1))
-    return (e * np.linalg.solve(P, e[..., None])[..., 0]).sum(axis=-1)
-
-
-def reacquire_time(good: Array, time: Array, end: float) -> Array:
-    """Seconds (B,) from the end of an outage until `good` (N, B) holds again; infinite if never."""
-    after = good & (time >= end - 1e-9)[:, None]
-    return np.where(after.any(axis=0), time[after.argmax(axis=0)] - end, np.inf)
-
-
-def phase_errors(angles: Array) -> tuple[Array, Array]:
-    """For K vehicles on one circle, phases (K, ...): largest error of a gap to the even one, and smallest gap, rad."""
-    ordered = np.sort(np.mod(angles, 2 * np.pi), axis=0)
-    gaps = np.diff(np.concatenate([ordered, ordered[:1] + 2 * np.pi]), axis=0)
-    return np.abs(gaps - 2 * np.pi / len(ordered)).max(axis=0), gaps.min(axis=0)
-
-
-def smallest_separation(positions: Array) -> Array:
-    """Smallest distance between any two of K vehicles at positions (2, K, ...), m."""
-    apart = np.hypot(*(positions[:, :, None] - positions[:, None]))
-    pairs = np.triu_indices(positions.shape[1], 1)
-    return apart[pairs].min(axis=0)

@@ -1,49 +1,102 @@
 """What the vehicles of a batch measure: ranges with the errors of real radios, heading and airspeed with theirs."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+
+from circnav_mav.experiments.batch.draws import Draws
+from circnav_mav.guidance.slant import MAX_SIGMA_GROWTH
 
 Array = Any
 
 
 @dataclass(frozen=True, slots=True)
 class Ranging:
-    """white: standard deviation, m. drifting: of a Gauss-Markov error with correlation time drift_time, s.
+    """How radios err; numbers or arrays (B,). white: standard deviation, m. drifting: of a Gauss-Markov error with
+    correlation time drift_time, s. bias: m. loss: share of samples that never arrives. outlier_share: share that is off
+    by up to +-outlier, m. near_bias: bias at zero range, gone at `near`, m. farthest: m; from 0.85 of it on gaps of
+    `gap` s come gap_rate times a second. outage: s without samples in every minute. every: simulation steps from sample
+    to sample."""
 
-    every: simulation steps from sample to sample. loss: share that never arrives. outlier_share: share that is off
-    by +-outlier, m. outage: s without samples in every minute. near_bias: m of bias at zero range, gone at 50 m.
-    """
-
-    white: float = 0.5
-    drifting: float = 0.0
-    drift_time: float = 2.0
-    every: int = 1
-    loss: float = 0.0
-    outlier_share: float = 0.0
-    outlier: float = 20.0
+    white: Array = 0.5
+    drifting: Array = 0.0
+    drift_time: Array = 2.0
+    bias: Array = 0.0
+    loss: Array = 0.0
+    outlier_share: Array = 0.0
+    outlier: Array = 20.0
+    near_bias: Array = 0.0
+    near: Array = 50.0
+    farthest: Array = np.inf
+    gap_rate: Array = 0.0
+    gap: Array = 2.0
     outage: float = 0.0
-    near_bias: float = 0.0
+    every: int = 1
 
     @property
-    def sigma(self) -> float:
-        """What the radio says of itself: the standard deviation of all of it, m."""
-        return float(np.hypot(self.white, self.drifting))
+    def sigma(self) -> Array:
+        """The standard deviation of all of it, m."""
+        return np.hypot(self.white, self.drifting)
 
 
 GAUSSIAN = Ranging()
 UWB = Ranging(white=0.02, drifting=0.15)
 LORA = Ranging(white=1.0, drifting=2.0, every=2, loss=0.1, near_bias=3.0)
-PRESETS = {"gaussian": GAUSSIAN, "uwb": UWB, "lora": LORA}
 
 
 @dataclass(frozen=True, slots=True)
-class Compass:
-    """bias: rad, either sign. drift: rad/s, either sign."""
+class Reading:
+    """What a receiver makes of ranges; numbers or arrays (B,), m. sigma: standard deviation said or assumed. least,
+    most: ranges that count. height: above the target, by which slant ranges are made horizontal."""
 
-    bias: float = 0.0
-    drift: float = 0.0
+    sigma: Array
+    least: Array = 0.0
+    most: Array = np.inf
+    height: Array = 0.0
+
+
+class Radio:
+    """Ranges of B flights. height (B,): of the vehicles above their targets, m."""
+
+    def __init__(self, ranging: Ranging, reading: Reading, seeds: Sequence[Sequence[int]], height: Array = 0.0) -> None:
+        self._ranging, self._reading, self._height = ranging, reading, height
+        self._draws = Draws(seeds, 1, 2, 5)
+        first = self._draws.next()
+        self._error, self._outage_from = ranging.drifting * first[0], 20.0 + 40.0 * first[2]
+        self._deaf_until = np.zeros(len(seeds))
+        nothing = np.zeros(len(seeds))
+        self._newest = nothing, nothing + 1.0
+
+    def measure(self, r: Array, step: int, dt: float) -> tuple[Array, Array, Array]:
+        """Of horizontal ranges (B,) what is read, its standard deviation, and which of them count, (B,). Called once in
+        every simulation step."""
+        cfg, now = self._ranging, step * dt
+        if step % cfg.every:
+            return *self._newest, np.zeros(r.shape, bool)
+        white, fresh, lost, wild, spread, gap, _ = self._draws.next()
+        kept = np.exp(-dt * cfg.every / cfg.drift_time)
+        self._error = kept * self._error + cfg.drifting * np.sqrt(1 - kept**2) * fresh
+        slant = np.hypot(r, self._height)
+        begins = (slant > 0.85 * cfg.farthest) & (gap < cfg.gap_rate * dt * cfg.every)
+        self._deaf_until = np.where(begins, now + cfg.gap, self._deaf_until)
+        arrived = (lost >= cfg.loss) & (slant <= cfg.farthest) & (now >= self._deaf_until)
+        if cfg.outage:
+            arrived &= (now - self._outage_from) % 60.0 >= cfg.outage
+        z = slant + cfg.bias + self._error + cfg.white * white
+        z = z + cfg.near_bias * np.maximum(1 - slant / cfg.near, 0.0)
+        z = z + (wild < cfg.outlier_share) * cfg.outlier * (2 * spread - 1)
+        return self._read(np.maximum(z, 0.0), arrived)
+
+    def _read(self, z: Array, arrived: Array) -> tuple[Array, Array, Array]:
+        """As `slant.horizontal` and the reader of ranges do in flight."""
+        cfg = self._reading
+        rho = np.sqrt(np.maximum(z**2 - cfg.height**2, 1e-9))
+        growth = np.where(cfg.height > 0, z / rho, 1.0)
+        counts = (z > 0) & (z >= cfg.least) & (z <= cfg.most) & (growth <= MAX_SIGMA_GROWTH)
+        self._newest = rho, cfg.sigma * growth
+        return *self._newest, arrived & counts
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,11 +107,6 @@ class MotionNoise:
     heading: float = 0.02
     turn_rate: float = 0.01
     airspeed: float = 0.3
-
-    def draw(self, flights: int, rng: np.random.Generator) -> Array:
-        """Errors of heading, turn rate and airspeed in one step, (3, B)."""
-        sigma = np.array([self.heading, self.turn_rate, self.airspeed])
-        return sigma[:, None] * rng.standard_normal((3, flights))
 
 
 NO_NOISE = MotionNoise(0.0, 0.0, 0.0)
@@ -73,45 +121,43 @@ class ImuNoise:
     bias: float = 0.1
 
 
-class Imu:
-    """Accelerometers of B flights."""
+class OwnSenses:
+    """What B autopilots report of their own motion: compass bias (rad) and drift (rad/s), airspeed scale, and noise.
+    Accelerations where there is an `imu`."""
 
-    def __init__(self, noise: ImuNoise, flights: int, rng: np.random.Generator) -> None:
-        self._noise, self._rng = noise, rng
-        self._bias = noise.bias * rng.standard_normal((2, flights))
+    def __init__(
+        self, noise: MotionNoise, seeds: Sequence[Sequence[int]], bias: Array = 0.0, drift: Array = 0.0,
+        airspeed_scale: Array = 1.0, imu: ImuNoise | None = None,
+    ) -> None:  # fmt: skip
+        self._sigma = np.array([[noise.heading], [noise.turn_rate], [noise.airspeed]])
+        self._bias, self._drift, self._scale = bias, drift, airspeed_scale
+        self._draws = Draws(seeds, 2, 3) if self._sigma.any() else None
+        self._imu, self._felt_at = imu, None
+        if imu is not None:
+            self._shakes = Draws(seeds, 4, 2)
+            self._imu_bias = imu.bias * self._shakes.next()
 
-    def measure(self, change: Array, psi: Array, compass: Array, dt: float) -> Array:
-        """The change of the velocity (2, B), m/s, in a step, as it is felt by a vehicle with its nose at psi (B,), rad,
-        and turned by what its compass says."""
-        error = (self._bias + self._noise.white * self._rng.standard_normal(change.shape)) * dt
-        c, s = np.cos(psi), np.sin(psi)
-        x, y = change[0] + c * error[0] - s * error[1], change[1] + s * error[0] + c * error[1]
-        c, s = np.cos(compass), np.sin(compass)
-        return np.stack([c * x - s * y, s * x + c * y])
+    _felt_at: tuple[Array, Array, float] | None
+
+    def report(self, psi: Array, turn_rate: Array, airspeed: Array, now: float) -> tuple[Array, Array, Array]:
+        """Heading, turn rate and airspeed as reported."""
+        errors = self._sigma if self._draws is None else self._sigma * self._draws.next()
+        heading = psi + self._bias + self._drift * now
+        return heading + errors[0], turn_rate + errors[1], airspeed * self._scale + errors[2]
+
+    def feel(self, psi: Array, velocity: Array, now: float) -> Array | None:
+        """The change of the velocity (2, B), m/s, since the last call, as accelerometers tell it by a compass that errs;
+        psi: true heading."""
+        before, self._felt_at = self._felt_at, (psi, velocity, now)
+        if self._imu is None or before is None:
+            return None
+        dt = now - before[2]
+        wrong = (self._imu_bias + self._imu.white * self._shakes.next()) * dt
+        nose = (psi + before[0]) / 2
+        return _turned(velocity - before[1] + _turned(wrong, nose), self._bias + self._drift * now)
 
 
-class Radio:
-    """Ranges of B flights."""
-
-    def __init__(self, ranging: Ranging, flights: int, rng: np.random.Generator) -> None:
-        self._ranging, self._rng = ranging, rng
-        self._error = ranging.drifting * rng.standard_normal(flights)
-        self._outage_from = rng.uniform(20.0, 60.0, flights)
-
-    def measure(self, r: Array, step: int, dt: float) -> tuple[Array, Array]:
-        """Ranges (B,) and which of them arrived (B,). Called once in every simulation step."""
-        cfg, rng = self._ranging, self._rng
-        if cfg.drifting:
-            keep = np.exp(-dt / cfg.drift_time)
-            self._error = keep * self._error + cfg.drifting * np.sqrt(1 - keep**2) * rng.standard_normal(r.shape)
-        z = r + self._error + cfg.white * rng.standard_normal(r.shape)
-        z = z + cfg.near_bias * np.maximum(1 - r / 50.0, 0.0)
-        arrived = np.full(r.shape, step % cfg.every == 0)
-        if cfg.outlier_share:
-            wild = rng.random(r.shape) < cfg.outlier_share
-            z = z + wild * cfg.outlier * rng.choice([-1.0, 1.0], r.shape)
-        if cfg.loss:
-            arrived &= rng.random(r.shape) >= cfg.loss
-        if cfg.outage:
-            arrived &= (step * dt - self._outage_from) % 60.0 >= cfg.outage
-        return np.maximum(z, 0.1), arrived
+def _turned(vector: Array, angle: Array) -> Array:
+    """Vectors (2, B) turned to the left by angles (B,), rad."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.stack([c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]])

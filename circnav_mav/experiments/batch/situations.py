@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 from math import radians
 
-from circnav_mav.experiments.batch.flight import Situation
-from circnav_mav.experiments.batch.sensors import LORA, UWB, Compass, Ranging
-from circnav_mav.experiments.batch.world import Target, Wind
+from circnav_mav.experiments.batch.flight import Circle, Situation
+from circnav_mav.experiments.batch.sensors import LORA, UWB, Ranging
 
+V = Circle().speed
 LAST = 100.0
 """The circle is judged over so many seconds at the end of a flight."""
 
@@ -19,29 +19,25 @@ class Row:
     required: float | None = None
 
 
-def _wind(share: float) -> Wind:
-    return Wind(share * 15.0)
-
-
 SITUATIONS: dict[str, Row] = {
     row.situation.name: row
     for row in (
         Row(Situation("calm"), 0.12),
-        Row(Situation("wind .20 V", wind=_wind(0.20)), 0.25),
-        Row(Situation("wind .33 V", wind=_wind(0.33)), 0.35),
-        Row(Situation("wind .53 V", wind=_wind(0.53)), 0.60),
-        Row(Situation("target .2 V", target=Target(3.0)), 0.30),
-        Row(Situation("target .2 V, wind .2 V", target=Target(3.0), wind=_wind(0.20)), 0.40),
-        Row(Situation("target turns", target=Target(3.0, turn_rate=0.05))),
-        Row(Situation("target accelerates", target=Target(3.0, acceleration=0.3))),
-        Row(Situation("gusts 1.5, wind .33 V", wind=Wind(5.0, 1.5)), 1.0),
-        Row(Situation("uwb, wind .2 V", wind=_wind(0.20), ranging=UWB), 0.35),
-        Row(Situation("lora, wind .2 V", wind=_wind(0.20), ranging=LORA), 2.0),
-        Row(Situation("50 % loss at 5 Hz", wind=_wind(0.20), ranging=Ranging(every=4, loss=0.5))),
-        Row(Situation("outage 10 s a minute", wind=_wind(0.20), ranging=Ranging(outage=10.0))),
-        Row(Situation("10 % outliers of 20 m", wind=_wind(0.20), ranging=Ranging(outlier_share=0.1))),
-        Row(Situation("compass bias 10 deg", wind=_wind(0.20), compass=Compass(bias=radians(10)))),
-        Row(Situation("heading drift .1 deg/s", wind=_wind(0.20), compass=Compass(drift=radians(0.1)))),
-        Row(Situation("airspeed +-10 %", wind=_wind(0.20), airspeed_error=0.10)),
+        Row(Situation("wind .20 V", wind=0.20 * V), 0.25),
+        Row(Situation("wind .33 V", wind=0.33 * V), 0.35),
+        Row(Situation("wind .53 V", wind=0.53 * V), 0.60),
+        Row(Situation("target .2 V", target=3.0), 0.30),
+        Row(Situation("target .2 V, wind .2 V", target=3.0, wind=0.20 * V), 0.40),
+        Row(Situation("target turns", target=3.0, target_turn=0.05)),
+        Row(Situation("target accelerates", target=3.0, target_walk=0.3)),
+        Row(Situation("gusts 1.5, wind .33 V", wind=5.0, gust=1.5), 1.0),
+        Row(Situation("uwb, wind .2 V", wind=0.20 * V, ranging=UWB), 0.35),
+        Row(Situation("lora, wind .2 V", wind=0.20 * V, ranging=LORA), 2.0),
+        Row(Situation("50 % loss at 5 Hz", wind=0.20 * V, ranging=Ranging(every=4, loss=0.5))),
+        Row(Situation("outage 10 s a minute", wind=0.20 * V, ranging=Ranging(outage=10.0))),
+        Row(Situation("10 % outliers of 20 m", wind=0.20 * V, ranging=Ranging(outlier_share=0.1))),
+        Row(Situation("compass bias 10 deg", wind=0.20 * V, compass_bias=radians(10))),
+        Row(Situation("heading drift .1 deg/s", wind=0.20 * V, compass_drift=radians(0.1))),
+        Row(Situation("airspeed +-10 %", wind=0.20 * V, airspeed_error=0.10)),
     )
 }

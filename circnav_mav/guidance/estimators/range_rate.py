@@ -1,61 +1,142 @@
-"""`kalman`: constant-velocity Kalman filter on (r, r'), built on filterpy."""
+"""`kalman`: constant-velocity Kalman filter on (r, r'), one definition for the flight in the air and for B flights.
 
+State (r, r') in m and m/s, driven by an unknown acceleration that is constant over a sample interval. Its standard
+deviation is a third of the physical bound |r''| <= V^2/r + V omega_max. The first sample starts the filter with r' = 0
+and variance V^2/2: what -V cos(theta_b) has for a bearing nobody knows.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
 from math import sqrt
+from types import ModuleType
 
 import numpy as np
-from filterpy.kalman import KalmanFilter
 
+from circnav_mav.guidance import floats
 from circnav_mav.guidance.estimators.interface import EstimatorSettings, Fused
-from circnav_mav.guidance.estimators.steady import acceleration_variance
+from circnav_mav.guidance.floats import Flag, Number, magnitude
+from circnav_mav.guidance.theory import max_range_acceleration
 from circnav_mav.guidance.types import OwnMotion, RangeEstimate, RangeSample
+
+ACCELERATION_SIGMAS = 3.0
+"""The physical bound on |r''| is taken as this many standard deviations of the process noise."""
+STEPS = 500
+"""Samples after which the filter counts as settled."""
+
+
+@dataclass(frozen=True, slots=True)
+class RangeRate:
+    """The filter at its newest sample, floats or arrays (B,). rr, rv, vv: covariance of (r, r').
+
+    samples: taken in since the start; 0: not started, and rr is only there to divide by. refused: samples in a row
+    outside the gate that agree with each other; refused_r, refused_sigma: the newest of them. nis: normalised
+    innovation squared of the newest sample.
+    """
+
+    r: Number = 0.0
+    r_dot: Number = 0.0
+    rr: Number = 1.0
+    rv: Number = 0.0
+    vv: Number = 0.0
+    samples: Number = 0
+    refused: Number = 0
+    refused_r: Number = 0.0
+    refused_sigma: Number = 0.0
+    nis: Number = 0.0
+
+    def ready(self, settings: EstimatorSettings) -> Flag:
+        """Whether it may steer: enough samples, and r' better known than before them (a deviation of V/sqrt 2)."""
+        return (self.samples >= settings.min_samples) & (self.vv < settings.speed**2 / 4)
+
+
+Covariance = tuple[Number, Number, Number]
+
+
+def acceleration_variance(settings: EstimatorSettings, r: Number, xp: ModuleType = floats) -> Number:
+    """Variance of the unknown acceleration at range r (m), m^2/s^4."""
+    bound = max_range_acceleration(settings.speed, settings.max_turn_rate, r, xp)
+    return (bound / ACCELERATION_SIGMAS) ** 2
+
+
+def carried(P: Covariance, h: Number, q: Number) -> Covariance:
+    """The covariance (rr, rv, vv) after h seconds of an unknown acceleration with variance q."""
+    rr, rv, vv = P
+    return rr + 2 * h * rv + h**2 * vv + q * h**4 / 4, rv + h * vv + q * h**3 / 2, vv + q * h**2
+
+
+def fused(P: Covariance, gain_r: Number, gain_v: Number) -> Covariance:
+    """The covariance after a range was taken in with these gains."""
+    rr, rv, vv = P
+    return rr - gain_r * rr, rv - gain_r * rv, vv - gain_v * rv
+
+
+def observe(
+    before: RangeRate, settings: EstimatorSettings, *, h: Number, z: Number, sigma: Number, xp: ModuleType = floats
+) -> RangeRate:
+    """The filter after a range z (m) of deviation sigma (m), measured h seconds after the sample before.
+
+    A run of samples outside the gate that agree with each other means that the filter is the outlier: it starts anew.
+    """
+    P = carried((before.rr, before.rv, before.vv), h, acceleration_variance(settings, before.r, xp))
+    rr, rv, _ = P
+    S, nu = rr + sigma**2, z - (before.r + before.r_dot * h)
+    started, nis = before.samples > 0, nu**2 / S
+    taken = started & (nis <= settings.gate**2)
+    gain_r, gain_v = xp.where(taken, rr / S, 0.0), xp.where(taken, rv / S, 0.0)
+    # of one motion: no farther apart than twice the speed carries, plus noise
+    reach = 2 * settings.speed * h + settings.gate * xp.sqrt(before.refused_sigma**2 + sigma**2)
+    agree = (before.refused == 0) | (magnitude(z - before.refused_r) <= reach)
+    refused = xp.where(taken, 0, xp.where(agree, before.refused + 1, 1))
+    starts = xp.logical_not(started) | (refused >= settings.restart_after)
+    rr, rv, vv = fused(P, gain_r, gain_v)
+    return RangeRate(
+        r=xp.where(starts, z, before.r + before.r_dot * h + gain_r * nu),
+        r_dot=xp.where(starts, 0.0, before.r_dot + gain_v * nu),
+        rr=xp.where(starts, sigma**2, rr),
+        rv=xp.where(starts, 0.0, rv),
+        vv=xp.where(starts, settings.speed**2 / 2, vv),
+        samples=xp.where(starts, 1, before.samples + taken),
+        refused=xp.where(starts, 0, refused),
+        refused_r=z,
+        refused_sigma=sigma,
+        nis=nis,
+    )
 
 
 class KalmanRangeRate:
-    """State (r, r') in m and m/s, driven by an unknown acceleration that is constant over a sample interval.
-
-    Its standard deviation is a third of the physical bound |r''| <= V^2/r + V omega_max. The time step is the
-    difference of two sensor stamps, so jitter on the way costs nothing. The first sample starts the filter with
-    r' = 0 and variance V^2/2: what -V cos(theta_b) has for a bearing nobody knows.
-    """
+    """The filter in flight. The time step is the difference of two sensor stamps: jitter on the way costs nothing."""
 
     def __init__(self, settings: EstimatorSettings) -> None:
         self._settings = settings
-        self._filter = KalmanFilter(dim_x=2, dim_z=1)
-        self._filter.H = np.array([[1.0, 0.0]])
-        self._filter.inv = np.reciprocal  # the innovation covariance is 1 x 1
         self.reset()
 
     def reset(self) -> None:
         """Forget everything."""
-        self._newest: RangeSample | None = None
-        self._refused: list[RangeSample] = []
-        self._accepted = 0
-        self._nis: float | None = None
+        self._state, self._newest, self._fused = RangeRate(), None, Fused.ACCEPTED
+
+    _newest: RangeSample | None
 
     @property
     def ready(self) -> bool:
-        """Enough samples, and r' better known than before the first of them (a standard deviation of V/sqrt 2)."""
-        return self._accepted >= self._settings.min_samples and self._filter.P[1, 1] < self._settings.speed**2 / 4
+        """Whether it may steer."""
+        return bool(self._state.ready(self._settings))
 
     @property
     def nis(self) -> float | None:
         """Normalised innovation squared of the newest sample, taken in or not; chi-square with 1 degree of freedom."""
-        return self._nis
+        state = self._state
+        begun = state.samples == 0 or (state.samples == 1 and state.refused == 0)
+        return None if begun else float(state.nis)
 
     def observe(self, sample: RangeSample) -> Fused:
         """Take one sample in, or refuse it at the gate. Stamps must rise from call to call."""
-        if self._newest is None:
-            self._start(sample)
-            return Fused.ACCEPTED
-        self._predict_to(sample)
-        variance = self._filter.P[0, 0] + sample.sigma**2
-        self._nis = float((sample.r - self._filter.x[0, 0]) ** 2 / variance)
-        if self._nis > self._settings.gate**2:
-            return self._refuse(sample)
-        self._filter.update(sample.r, R=sample.sigma**2)
-        self._accepted += 1
-        self._refused.clear()
-        return Fused.ACCEPTED
+        before, newest = self._state, self._newest
+        h = 0.0 if newest is None else sample.stamp - newest.stamp
+        self._state = observe(before, self._settings, h=h, z=sample.r, sigma=sample.sigma)
+        self._newest = sample
+        if self._state.refused:
+            return Fused.GATED
+        return Fused.RESTARTED if before.samples and self._state.samples == 1 else Fused.ACCEPTED
 
     def restamp(self) -> None:
         """Start anew: the steps of this filter are those of the sensor's clock."""
@@ -68,48 +149,32 @@ class KalmanRangeRate:
         """The estimate predicted to a moment of the local clock; None before the first sample."""
         if self._newest is None:
             return None
-        ahead = max(time - self._newest.time, 0.0)
-        (r,), (r_dot,) = self._filter.x.tolist()  # plain numbers: several times faster than numpy's
-        (p_rr, p_rv), (_, p_vv) = self._filter.P.tolist()
-        q = acceleration_variance(self._settings, r)
-        return RangeEstimate(
-            time=time,
-            r=r + r_dot * ahead,
-            r_dot=r_dot,
-            r_sigma=sqrt(p_rr + 2 * ahead * p_rv + ahead**2 * p_vv + q * ahead**4 / 4),
-            r_dot_sigma=sqrt(p_vv + q * ahead**2),
-        )
+        state, ahead = self._state, max(time - self._newest.time, 0.0)
+        q = acceleration_variance(self._settings, state.r)
+        rr, _, vv = carried((state.rr, state.rv, state.vv), ahead, q)
+        r, r_dot = float(state.r), float(state.r_dot)
+        return RangeEstimate(time, r + r_dot * ahead, r_dot, sqrt(rr), sqrt(vv))
 
-    def _start(self, sample: RangeSample) -> None:
-        self._filter.x = np.array([[sample.r], [0.0]])
-        self._filter.P = np.diag([sample.sigma**2, self._settings.speed**2 / 2])
-        self._newest, self._accepted, self._nis = sample, 1, None
-        self._refused.clear()
 
-    def _refuse(self, sample: RangeSample) -> Fused:
-        """Count a sample outside the gate; a run of them that agree with each other means that we are the outlier."""
-        if self._refused and not self._agree(self._refused[-1], sample):
-            self._refused.clear()
-        self._refused.append(sample)
-        if len(self._refused) < self._settings.restart_after:
-            return Fused.GATED
-        self._start(sample)
-        return Fused.RESTARTED
+@dataclass(frozen=True, slots=True)
+class SteadyState:
+    """r_dot_sigma: standard deviation of the estimated range rate, m/s. lag: its delay under acceleration, s."""
 
-    def _agree(self, before: RangeSample, after: RangeSample) -> bool:
-        """Whether two samples can be of one motion: no farther apart than twice the speed carries, plus noise."""
-        reach = 2 * self._settings.speed * (after.stamp - before.stamp)
-        return abs(after.r - before.r) <= reach + self._settings.gate * sqrt(before.sigma**2 + after.sigma**2)
+    r_dot_sigma: float
+    lag: float
 
-    def _acceleration_variance(self) -> float:
-        """Variance of the unknown acceleration at the present range, m^2/s^4."""
-        return acceleration_variance(self._settings, float(self._filter.x[0, 0]))
 
-    def _predict_to(self, sample: RangeSample) -> None:
-        """Carry the state to the moment of a sample by the sensor's own clock."""
-        assert self._newest is not None
-        step = sample.stamp - self._newest.stamp
-        F = np.array([[1.0, step], [0.0, 1.0]])
-        Q = self._acceleration_variance() * np.array([[step**4 / 4, step**3 / 2], [step**3 / 2, step**2]])
-        self._filter.predict(F=F, Q=Q)
-        self._newest = sample
+@lru_cache(maxsize=1024)
+def steady_state(settings: EstimatorSettings, *, r: float, sigma: float, period: float) -> SteadyState:
+    """What the filter settles to after many samples of noise sigma (m) every `period` (s) at range r.
+
+    The lag is that of an alpha-beta filter under constant acceleration, T (2 alpha - beta)/(2 beta).
+    """
+    q = acceleration_variance(settings, r)
+    P: Covariance = (sigma**2, 0.0, settings.speed**2 / 2)
+    alpha = beta = 0.0
+    for _ in range(STEPS):
+        rr, rv, _ = P = carried(P, period, q)
+        alpha, beta = float(rr / (rr + sigma**2)), float(rv / (rr + sigma**2))
+        P = fused(P, alpha, beta)
+    return SteadyState(float(np.sqrt(P[2])), period * (2 * alpha - beta * period) / (2 * beta * period))

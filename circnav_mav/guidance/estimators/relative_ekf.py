@@ -122,7 +122,7 @@ def predict(h: Hypotheses, noise: Noise, dt: Array, chord: Array, sigma: Array, 
     moved *= keep
     moved[:, DX:KAPPA] += F[:, DX:KAPPA] * (steady / 2)
     moved[:, GX:FORWARD] += F[:, GX:FORWARD] * (gusty / 2)
-    fresh = (dt > 0) * noise.nose**2
+    fresh = 0.0 if felt is None else (dt > 0) * noise.nose**2
     moved[:, EX:] += F[:, EX:] * fresh
     wander = wandered(steady, gusty, dt) + fresh * (dt / 2) ** 2
     place[0, 0] += wander

@@ -78,7 +78,11 @@ class DriftEstimator:
             return Fused.GATED
         was = self.bank.stage[0]
         felt = None if before is None else knot.felt_since(before)
-        of = None if felt is None else Felt(*np.array(felt[:6]).reshape(3, 2, 1), np.array(felt[6:]))
+        of = (
+            None
+            if felt is None
+            else Felt(np.array([felt[:2]]).T, np.array([felt[2:4]]).T, np.array([felt[4:6]]).T, np.array(felt[6:]))
+        )
         self.bank.step(np.array([dt]), _chord(before or knot, knot), *_arrays(sample), of)
         self._used, self._sigma, self._astray = knot, sample.sigma, False
         self._note_belief()

@@ -17,7 +17,7 @@ from tests.process import PATIENCE
 
 ENVIRONMENT = {"PYTHONPATH": str(Path(__file__).parents[3]), "PATH": "/bin"}
 SHORT = '"limits.duration_s" = [5.0]\n'
-MIXED = SHORT + '"guidance.law" = ["switching", "pd"]\n'
+MIXED = SHORT + '"guidance.radius_trim_per_s" = [0.05, 0.0]\n'
 
 
 @pytest.fixture
@@ -76,7 +76,7 @@ def test_a_sigterm_keeps_what_was_flown_as_ctrl_c_does(begun):
 
 @pytest.mark.parametrize("processes", [1, 2])
 def test_rows_of_a_mixed_grid_come_one_by_one_and_are_those_of_the_whole(write, processes):
-    """Each flight of a law that no batch flies is a piece of work of its own, whatever run 0 is."""
+    """Each flight that no batch flies is a piece of work of its own, whatever run 0 is."""
     campaign = load_campaign(write(MIXED, "runs = 8"))
     pieces = list(on_cores(campaign, [range(8)] if processes == 1 else chunks(campaign), processes))
     assert sorted(row["run"] for rows in pieces for row in rows) == list(range(8))
@@ -98,7 +98,7 @@ def test_a_grid_of_lockstep_alone_is_cut_into_single_flights(write):
 def test_a_chunk_that_was_torn_is_flown_as_the_batch_that_it_was_and_gives_the_rows_that_are_missing(
     write, monkeypatch
 ):
-    """Of 8 runs 5 are there, one of them of a law that flies alone."""
+    """Of 8 runs 5 are there, one of them of those that fly alone."""
     together, alone = [], []
     fly_batch, lockstep = fly.fly_batch, fly.fly_lockstep
     monkeypatch.setattr(fly, "fly_batch", lambda runs: together.append([run.number for run in runs]) or fly_batch(runs))

@@ -1,7 +1,8 @@
-"""A vehicle that does not hear us teaches the turn-rate gain nothing."""
+"""The turn-rate gain: what a vehicle that does not hear us teaches, and many flights at once."""
 
-from math import exp, sin
+from math import exp, inf, pi, remainder, sin
 
+import numpy as np
 import pytest
 
 from circnav_mav.guidance.turn_gain import TurnGain, TurnGainSettings, learn
@@ -26,6 +27,8 @@ def test_gain_survives_a_minute_in_which_the_vehicle_stands_still() -> None:
     unheard = turned(flown, 60.0, 60.0, 0.0)
     assert not unheard.followed
     assert unheard.gain == pytest.approx(0.9, abs=0.06)
+    soon = turned(unheard, 120.0, 2.0, 0.9 * COMMAND)
+    assert soon.gain == unheard.gain, "the low-pass still remembers the vehicle that stood"
     heard = turned(unheard, 120.0, 5.0, 0.9 * COMMAND)
     assert heard.followed
     assert heard.gain == pytest.approx(0.9, abs=0.08)
@@ -47,3 +50,18 @@ def test_the_lag_of_a_vehicle_whose_command_swings_hides_no_lack_of_turn(swing: 
         heading += rate * STEP
         state = learn(state, settings, time=n * STEP, heading=heading, command=command)
     assert state.gain == pytest.approx(0.8, abs=0.03)
+
+
+def test_many_flights_learn_what_one_does_over_gaps_and_the_turn_of_the_compass() -> None:
+    settings, rng, time, heading = TurnGainSettings(lag=0.3), np.random.default_rng(0), 0.0, 3.0
+    one, many = TurnGain(), TurnGain(time=np.full(2, -inf))
+    for step in range(900):
+        time += 1.0 if step == 300 else 0.0 if step % 50 == 9 else STEP
+        command = 0.2 * sin(step / 40) + 0.1
+        heading += 0.85 * command * STEP + rng.normal(0, 1e-3)
+        said = remainder(heading, 2 * pi)
+        one = learn(one, settings, time=time, heading=said, command=command)
+        told = {"heading": np.full(2, said), "command": np.full(2, command)}
+        many = learn(many, settings, time=time, **told, xp=np)
+        assert many.gain == pytest.approx(np.full(2, one.gain), abs=1e-9)
+        assert step < 300 or one.gain == pytest.approx(0.85, abs=0.05)

@@ -1,0 +1,112 @@
+"""The guidance of the flight for B flights: an estimator, the step, the circle's own turn without ranges, turn gain."""
+
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+from circnav_mav.experiments.batch.estimators import (
+    Auto,
+    Estimator,
+    FullInformation,
+    Kalman,
+    Seen,
+    Truth,
+    Unicycle,
+    merged,
+)
+from circnav_mav.guidance.estimators.interface import EstimatorSettings
+from circnav_mav.guidance.law_selector import at_start
+from circnav_mav.guidance.step import Inputs, StepSettings, StepState, compensated, hold, step
+from circnav_mav.guidance.turn_gain import TurnGain, TurnGainSettings, learn
+from circnav_mav.guidance.turn_response import Pending, PendingTurn, Response
+from circnav_mav.guidance.types import SAME_TIME
+
+Array = Any
+POLICIES: dict[str, tuple[str, str]] = {
+    "auto": ("auto", "auto"),
+    "drift": ("drift", "auto"),
+    "feedforward": ("feedforward", "kalman"),
+    "feedforward+unicycle": ("feedforward", "unicycle"),
+    "smooth": ("smooth", "kalman"),
+    "smooth+unicycle": ("smooth", "unicycle"),
+    "switching": ("switching", "kalman"),
+    "bounded": ("bounded", "kalman"),
+    "relay": ("relay", "kalman"),
+    "pd": ("pd", "kalman"),
+    "pi": ("pi", "kalman"),
+    "full information": ("drift", "truth"),
+}
+"""What the benchmark flies: law and estimator."""
+SHORTEST = 0.05
+"""Shortest lag, s, that the gains are made for."""
+
+
+def estimator(name: str, settings: EstimatorSettings, flights: int) -> Estimator:
+    """An estimator by name. The settings may hold arrays (B,) for `kalman` alone."""
+    if name == "kalman":
+        return Kalman(settings, flights)
+    if name == "unicycle":
+        return Unicycle(settings, flights)
+    if name == "truth":
+        return FullInformation(settings.speed, flights)
+    return Auto(settings, flights, float(np.max(settings.speed)))
+
+
+class Guidance:
+    """Estimator and law of B flights. lag: of the vehicles' turn as the missions have it, s. stale: oldest range that
+    may steer, s. answers: the vehicles' true lag, s, which a flight learns within some turns and a batch knows.
+    learns (B,): whose turn gain is learnt in flight; the others keep `turn_gain`."""
+
+    def __init__(
+        self, settings: StepSettings, estimator: Estimator, flights: int, *, lag: Array, stale: float,
+        answers: float = 0.4, turn_gain: Array = 1.0, learns: Array = False,
+    ) -> None:  # fmt: skip
+        self.settings, self.estimator, self._stale = settings, estimator, stale
+        self._state = StepState(np.full(flights, -np.inf), np.zeros(flights), at_start(flights))
+        self._at_rest, self._pending_turn = Pending(0.0, lag), PendingTurn()
+        self._lag, self._learns = lag, learns + np.zeros(flights, bool)
+        self._response = Response(0.0, answers, 1 / max(answers, SHORTEST), learnt=True)
+        gain = TurnGain(gain=turn_gain)
+        self._gain = TurnGain(*(getattr(gain, field.name) + np.zeros(flights) for field in fields(gain)))
+        self._sure_at, self._now = np.full(flights, -np.inf), 0.0
+        self._told: Array = np.zeros(flights)
+
+    @property
+    def good(self) -> Array:
+        """Whose estimate may steer: ready, and of a range that is not stale, (B,)."""
+        return self.estimator.ready & (self._now - self._sure_at <= self._stale + SAME_TIME)
+
+    def see(self, now: float, seen: Seen, true: Truth) -> None:
+        """What is reported and heard at a time, s."""
+        self._now = now
+        self.estimator.observe(seen, true)
+        self._sure_at = np.where(self.estimator.taken, now, self._sure_at)
+        self._pending = self._pend(seen)
+
+    def feel(self, now: float, heading: Array, flies: Array) -> None:
+        """Learn the turn gain from a heading (B,)."""
+        if (flies & self._learns).any():
+            after = learn(
+                self._gain, TurnGainSettings(lag=self._lag), time=now, heading=heading, command=self._told, xp=np
+            )
+            self._gain = merged(flies & self._learns, after, self._gain)
+
+    def command(self, steers: Array) -> tuple[Array, Array]:
+        """The commanded turn rates (B,) and whether the limit cut them: the law's for those who steer, the circle's own
+        for the others."""
+        e, cfg = self.estimator, self.settings
+        after, wanted = step(self._state, cfg, Inputs(self._now, e.r, e.r_dot, self._pending, e.found), np)
+        self._state = merged(steers, after, self._state)
+        held = hold(cfg, e.found, self._pending, np)
+        told = compensated(merged(steers, wanted, held), cfg.limit, self._gain.gain, np)
+        self._told = told.turn
+        if cfg.law.flies_relative_motion:
+            self._pending_turn.command(self._now, told.turn * self._gain.gain)
+        return told.turn, told.cut
+
+    def _pend(self, seen: Seen) -> Pending:
+        """What is commanded but not turned yet."""
+        if not self.settings.law.flies_relative_motion:
+            return self._at_rest
+        return self._pending_turn.at(self._now, self._response, seen.turn_rate)
