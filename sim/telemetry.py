@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 from pymavlink.dialects.v20 import all as mavlink
 
+from sim.body import GRAVITY
 from sim.demands import BodyVelocity, EarthVelocity, Tilt
 from sim.flight import Flight
 from sim.geo import HOME_AMSL_M, HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG, to_degrees
@@ -16,6 +17,7 @@ EKF_GOOD, EKF_NO_POSITION = 0x33F, 0xA7
 GPS_FIX_RTK, GPS_NO_FIX = 6, 1
 UNKNOWN_VOLTAGE = 65535
 ONLY_VELOCITY = 3079
+IMU_FIELDS_UPDATED = 0x3F  # HIGHRES_IMU: acceleration and rates
 GPS_SENSOR, FENCE_KEPT = 0x20, 0x100000
 SENSORS = 0x1 | 0x2 | 0x4 | 0x8 | GPS_SENSOR | 0x200000 | 0x2000000 | 0x10000000  # gyro .. GPS, AHRS, battery, pre-arm
 
@@ -70,8 +72,31 @@ def attitude_quaternion(flight: Flight) -> Message:
     return mavlink.MAVLink_attitude_quaternion_message(flight.boot_ms, *flight.shown().quaternion(), *rates)
 
 
+def raw_imu(flight: Flight) -> Message:
+    return mavlink.MAVLink_raw_imu_message(flight.now - flight.booted, *_milli_imu(flight), 0, 0, 0)
+
+
+def scaled_imu2(flight: Flight) -> Message:
+    return mavlink.MAVLink_scaled_imu2_message(flight.boot_ms, *_milli_imu(flight), 0, 0, 0)
+
+
+def highres_imu(flight: Flight) -> Message:
+    acceleration, rates = flight.imu()
+    nothing = [0.0] * 7  # magnetometer, barometer, temperature: not told to be updated
+    return mavlink.MAVLink_highres_imu_message(
+        flight.now - flight.booted, *acceleration, *rates, *nothing, IMU_FIELDS_UPDATED
+    )
+
+
+def _milli_imu(flight: Flight) -> list[int]:
+    """Thousandths of g and of rad/s, as ArduPilot tells them."""
+    acceleration, rates = flight.imu()
+    values = [value / GRAVITY for value in acceleration] + list(rates)
+    return [max(-32768, min(32767, round(value * 1000))) for value in values]
+
+
 def local_position_ned(flight: Flight) -> Message | None:
-    body = flight.body
+    body = flight.shown()
     if not flight.autopilot.has_position():
         return None
     return mavlink.MAVLink_local_position_ned_message(
@@ -252,6 +277,7 @@ BUILDERS: dict[int, Callable[[Flight], Message | None]] = {
     1: sys_status,
     2: system_time,
     24: gps_raw_int,
+    27: raw_imu,
     30: attitude,
     31: attitude_quaternion,
     32: local_position_ned,
@@ -260,7 +286,9 @@ BUILDERS: dict[int, Callable[[Flight], Message | None]] = {
     62: nav_controller_output,
     83: attitude_target,
     85: position_target,
+    105: highres_imu,
     111: timesync,
+    116: scaled_imu2,
     132: own_distance_sensor,
     147: battery_status,
     148: autopilot_version,

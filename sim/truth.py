@@ -4,7 +4,6 @@ import math
 
 from pymavlink.dialects.v20 import all as mavlink
 
-from sim.body import GRAVITY
 from sim.flight import Flight
 from sim.geo import HOME_AMSL_M, to_degrees
 from sim.wire import Message
@@ -21,9 +20,7 @@ def sim_state(flight: Flight) -> Message:
         body.roll,
         body.pitch,
         body.heading,
-        0.0,
-        0.0,
-        -GRAVITY,
+        *flight.specific_force(),
         *body.body_rates(),
         latitude,
         longitude,

@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import all as mavlink
 from sim.agenda import NEVER, Agenda
 from sim.commands import COMMAND_INT, COMMAND_LONG, Commands
 from sim.config import Event, VehicleConfig
-from sim.flight import Flight, Truth
+from sim.flight import DRIFT_STEP_US, Flight, Truth
 from sim.links import HEARTBEAT, TYPE_GCS, Link, Router
 from sim.ranging_radio import SECOND, RangingRadio
 from sim.sensor import Sample
@@ -170,6 +170,8 @@ class Vehicle:
             self._agenda.every(("truth",), round(SECOND / rate), 0, self._send_truth)
         if self._flight.air.gusty:
             self._agenda.every(("gusts",), Air.GUST_STEP_US, 0, self._flight.air.gust)
+        if self._flight.velocity_error_rms > 0:
+            self._agenda.every(("estimate",), DRIFT_STEP_US, 0, self._flight.drift_estimate)
         for i, event in enumerate(self.config.events):
             self._agenda.put(("event", i), round(event.at_s * SECOND), partial(self._happen, event))
 
@@ -185,6 +187,8 @@ class Vehicle:
             self._reboot(REBOOT_S if event.value is None else event.value)
         elif action == "battery":
             flight.charge(max(0.0, min(100.0, event.value or 0.0)))
+        elif action.startswith("imu_"):
+            flight.instruments.imu_state = action.removeprefix("imu_")
         elif action == "wind":
             flight.air.blow(event.value or 0.0)
         else:

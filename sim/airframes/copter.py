@@ -31,7 +31,7 @@ class CopterAirframe:
             return self._through_air(body, demand, dt, wind)
         if isinstance(self.by_velocity, Unicycle):
             return self.by_velocity.step(body, demand, dt)
-        return self.by_velocity.step(body, over_ground(demand, body.heading), dt)
+        return self.by_velocity.step(body, over_ground(demand, body.heading), dt, wind)
 
     def _through_air(self, body: Body, demand: BodyVelocity, dt: float, wind: tuple[float, float]) -> Body:
         """The ideal airframe in the frame of the air, and the air with it."""

@@ -36,7 +36,10 @@ class DraggedCopter:
         return body
 
     def _small_step(self, body: Body, wanted: EarthVelocity, h: float, wind: tuple[float, float]) -> Body:
-        missing_north, missing_east = wanted.north - body.velocity_north, wanted.east - body.velocity_east
+        # The loop closes round the estimate: what it holds is off by the estimate's error.
+        error_north, error_east = body.velocity_error
+        missing_north = wanted.north - body.velocity_north - error_north
+        missing_east = wanted.east - body.velocity_east - error_east
         north, east = _limited(
             PROPORTIONAL * missing_north + body.push_north, PROPORTIONAL * missing_east + body.push_east
         )

@@ -21,24 +21,27 @@ COURSE_LAG = 0.3  # s, course rate behind its command: the time to bank
 SPEED_LAG = 0.5  # s
 MOST_ACCELERATION = 2.5  # m/s^2, WPNAV_ACCEL
 SLOW = 0.5  # m/s: below, a course means nothing
+STOPPED = 0.1  # m/s: a brake gives way to the velocity loop
+DRAG = 0.185  # 1/s: 4 deg of pitch hold 3.7 m/s
+TRIM_TIME = 2.0  # s in which the loop's integrator (PSC_VELXY_P / I) holds a new wind
 
 
 @dataclass(frozen=True)
 class Multicopter:
-    """Flies velocities over the ground; the wind is held against."""
+    """Flies velocities over the ground; the wind is held against, a gust pushes until it is."""
 
     max_turn_rate: float
 
-    def step(self, body: Body, demand: EarthVelocity | Brake, dt: float) -> Body:
+    def step(self, body: Body, demand: EarthVelocity | Brake, dt: float, wind: tuple[float, float]) -> Body:
         pieces = max(1, math.ceil(dt / STEP - 1e-9))
         for _ in range(pieces):
-            body = self._small_step(body, demand, dt / pieces)
+            body = self._small_step(_pushed(body, wind, dt / pieces), demand, dt / pieces)
         return body
 
     def _small_step(self, body: Body, demand: EarthVelocity | Brake, h: float) -> Body:
         wanted = demand if isinstance(demand, EarthVelocity) else EarthVelocity(0.0, 0.0, demand.down)
         turned = self._yaw(body, wanted, h)
-        if isinstance(demand, Brake):
+        if isinstance(demand, Brake) and turned.ground_speed > STOPPED:
             moved = _brake(turned, demand.deceleration, h)
         elif min(math.hypot(wanted.north, wanted.east), body.ground_speed) < SLOW:
             moved = _towards(turned, wanted, h)
@@ -60,6 +63,17 @@ class Multicopter:
             turn_acceleration=turn_acceleration,
             on_the_way=line,
         )
+
+
+def _pushed(body: Body, wind: tuple[float, float], h: float) -> Body:
+    """What the wind has changed by since the loop was trimmed pushes, and is trimmed away in time."""
+    gust_north, gust_east = wind[0] - body.trimmed_wind[0], wind[1] - body.trimmed_wind[1]
+    share = h / TRIM_TIME
+    return body._replace(
+        velocity_north=body.velocity_north + DRAG * gust_north * h,
+        velocity_east=body.velocity_east + DRAG * gust_east * h,
+        trimmed_wind=(body.trimmed_wind[0] + gust_north * share, body.trimmed_wind[1] + gust_east * share),
+    )
 
 
 def _follow(body: Body, wanted: EarthVelocity, h: float) -> Body:
@@ -119,9 +133,10 @@ def _displaced(moved: Body, before: Body, down: float, h: float) -> Body:
 
 
 def _tilted(moved: Body, before: Body, h: float) -> Body:
-    """The attitude that makes the acceleration just flown."""
-    north = (moved.velocity_north - before.velocity_north) / h
-    east = (moved.velocity_east - before.velocity_east) / h
+    """The attitude whose thrust, against the drag in the wind it knows, makes the acceleration just flown."""
+    wind = before.trimmed_wind
+    north = (moved.velocity_north - before.velocity_north) / h + DRAG * (before.velocity_north - wind[0])
+    east = (moved.velocity_east - before.velocity_east) / h + DRAG * (before.velocity_east - wind[1])
     cos, sin = math.cos(moved.heading), math.sin(moved.heading)
     roll = math.atan((east * cos - north * sin) / GRAVITY)
     pitch = -math.atan((north * cos + east * sin) / GRAVITY)

@@ -17,6 +17,7 @@ DEAD_RECKONING_US = 8_000_000  # from the loss of the GPS to "EKF variance"
 
 # REQUEST_DATA_STREAM groups (GCS_Mavlink.cpp of the vehicles).
 STREAM_GROUPS: Mapping[int, tuple[int, ...]] = {
+    1: (27, 116),
     2: (1, 24, 62),
     3: (65,),
     6: (33, 32),

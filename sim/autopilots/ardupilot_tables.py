@@ -23,7 +23,7 @@ STREAMABLE = message_ids(
 TIMESYNC_EVERY = {111: 10_000_000}
 
 # What plane and rover send at 1 Hz without being asked; a copter sends nothing.
-UNASKED = dict.fromkeys((1, 2, 24, 30, 33, 62, 65, 74, 147, 193), 1_000_000) | TIMESYNC_EVERY
+UNASKED = dict.fromkeys((1, 2, 24, 27, 30, 33, 62, 65, 74, 116, 147, 193), 1_000_000) | TIMESYNC_EVERY
 
 COPTER = Identity(
     mav_type=2,

@@ -3,7 +3,7 @@
 import math
 
 from sim.agenda import NEVER
-from sim.airframes.fixedwing import FixedWing
+from sim.airframes.fixedwing import FixedWing, falling
 from sim.autopilots.ardupilot import CUSTOM_MODE_ENABLED, Core, Sensed
 from sim.autopilots.ardupilot_tables import PLANE, plane_parameters
 from sim.autopilots.circling import Loiter, bank_for_heading, bank_on_loiter
@@ -80,7 +80,7 @@ class ArduPlane:
 
     def fly(self, body: Body, dt: float, wind: tuple[float, float]) -> Body:
         if not self.armed:
-            return _falling(body, dt)
+            return falling(body, dt)
         forced = self._forced or Forced(None, None, None)
         speed = self._speed * self._scale
         self._here = self._airframe.step(
@@ -242,19 +242,3 @@ class ArduPlane:
 
     def has_gps(self) -> bool:
         return self._core.gps
-
-
-def _falling(body: Body, dt: float) -> Body:
-    """Without an engine: down it goes."""
-    down = min(0.0, body.down + 5.0 * dt)
-    moving = 0.0 if down >= 0 else 1.0
-    return body._replace(
-        north=body.north + body.velocity_north * dt * moving,
-        east=body.east + body.velocity_east * dt * moving,
-        down=down,
-        velocity_north=body.velocity_north * moving,
-        velocity_east=body.velocity_east * moving,
-        velocity_down=5.0 * moving,
-        turn_rate=0.0,
-        air_speed=body.air_speed * moving,
-    )

@@ -4,7 +4,7 @@ import math
 from dataclasses import replace
 
 from sim.agenda import NEVER
-from sim.airframes.fixedwing import FixedWing
+from sim.airframes.fixedwing import FixedWing, falling
 from sim.autopilots.circling import Loiter, bank_on_loiter
 from sim.autopilots.contract import ERROR, IN_AIR, ON_GROUND, Command, Say
 from sim.autopilots.modes import PX4 as MODES
@@ -72,14 +72,14 @@ class Px4Plane:
     # -- what is flown ------------------------------------------------------------------------------------------------
 
     def fly(self, body: Body, dt: float, wind: tuple[float, float]) -> Body:
+        if not self.armed:
+            return falling(body, dt)
         demand = self._demand()
         airframe = self._by_attitude if isinstance(demand, Glide) else self._by_stick
         self._here = airframe.step(body, demand, dt, wind)
         return self._here
 
     def _demand(self) -> Bank | Glide:
-        if not self.armed:
-            return Glide(0.0, 0.0, 0.0)
         setpoint = self._setpoint
         if self.mode == OFFBOARD and isinstance(setpoint, Tilt):
             limit = math.radians(self.params["FW_R_LIM"])
