@@ -2,11 +2,16 @@
 
 import math
 from collections import deque
+from collections.abc import Callable
 from random import Random
 from typing import NamedTuple
 
-from sim.autopilots.build import build_autopilot
-from sim.autopilots.contract import Say
+from sim.autopilots.arducopter import ArduCopter
+from sim.autopilots.arduplane import ArduPlane
+from sim.autopilots.ardurover import ArduRover
+from sim.autopilots.contract import Autopilot, Say
+from sim.autopilots.px4_copter import Px4Copter
+from sim.autopilots.px4_plane import Px4Plane
 from sim.body import GRAVITY, Body, Vector
 from sim.config import VehicleConfig
 from sim.instruments import Instruments
@@ -16,6 +21,14 @@ from sim.world import Air, TargetMotion
 
 IMU_WINDOW_US = 20_000  # what an accelerometer's reading is averaged over: autopilots filter at 20 .. 30 Hz
 DRIFT_STEP_US = 100_000
+AUTOPILOTS: dict[str, Callable[[VehicleConfig, Say, Body], Autopilot]] = {
+    "arducopter": ArduCopter,
+    "arducopter_nogps": ArduCopter,
+    "arduplane": ArduPlane,
+    "ardurover": ArduRover,
+    "px4_copter": Px4Copter,
+    "px4_plane": Px4Plane,
+}
 
 
 class Truth(NamedTuple):
@@ -56,7 +69,7 @@ class Flight:
         self.battery = config.battery.percent
         self._battery_at = 0
         self.body = starting_body(config, self.air.velocity)
-        self.autopilot = build_autopilot(config, say, self.body)
+        self.autopilot = self._build_autopilot(config)
         self._velocities: deque[tuple[int, Vector]] = deque([(0, self._velocity())])
         self._estimator_rng = Random(f"{config.seed}:estimator")
 
@@ -115,7 +128,10 @@ class Flight:
         fresh = self.config.rebooted()
         self.booted = self.now
         self.rangefinder = Rangefinder()
-        self.autopilot = build_autopilot(fresh, self._say, self.body)
+        self.autopilot = self._build_autopilot(fresh)
+
+    def _build_autopilot(self, config: VehicleConfig) -> Autopilot:
+        return AUTOPILOTS[config.vehicle.profile](config, self._say, self.body)
 
     @property
     def seconds(self) -> float:

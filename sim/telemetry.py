@@ -8,9 +8,9 @@ from pymavlink.dialects.v20 import all as mavlink
 from sim.body import GRAVITY
 from sim.demands import BodyVelocity, EarthVelocity, Tilt
 from sim.flight import Flight
-from sim.geo import HOME_AMSL_M, HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG, to_degrees
-from sim.radio import centimetres
+from sim.ranging_radio import centimetres
 from sim.wire import Message
+from sim.world import HOME_AMSL_M, HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG, to_degrees
 
 EPOCH_US = 1_750_000_000_000_000  # SYSTEM_TIME's wall clock at simulated time zero: fixed, so that runs repeat
 EKF_GOOD, EKF_NO_POSITION = 0x33F, 0xA7
@@ -35,7 +35,7 @@ def heartbeat(flight: Flight) -> Message:
 
 
 def sys_status(flight: Flight) -> Message:
-    healthy = FENCE_KEPT | (SENSORS if flight.autopilot.has_gps() else SENSORS & ~GPS_SENSOR)
+    healthy = FENCE_KEPT | (SENSORS if flight.autopilot.gps else SENSORS & ~GPS_SENSOR)
     percent = flight.battery_percent()
     return mavlink.MAVLink_sys_status_message(
         SENSORS, SENSORS, healthy, 200, _millivolts(percent), 1500, round(percent), 0, 0, 0, 0, 0, 0
@@ -48,7 +48,7 @@ def system_time(flight: Flight) -> Message:
 
 def gps_raw_int(flight: Flight) -> Message:
     body = flight.body
-    if not flight.autopilot.has_gps():
+    if not flight.autopilot.gps:
         return mavlink.MAVLink_gps_raw_int_message(
             flight.now - flight.booted, GPS_NO_FIX, 0, 0, 0, 65535, 65535, 0, 65535, 0
         )
@@ -97,7 +97,7 @@ def _milli_imu(flight: Flight) -> list[int]:
 
 def local_position_ned(flight: Flight) -> Message | None:
     body = flight.shown()
-    if not flight.autopilot.has_position():
+    if not flight.autopilot.position:
         return None
     return mavlink.MAVLink_local_position_ned_message(
         flight.boot_ms,
@@ -112,7 +112,7 @@ def local_position_ned(flight: Flight) -> Message | None:
 
 def global_position_int(flight: Flight) -> Message:
     body = flight.shown()
-    latitude, longitude = _degrees_e7(flight) if flight.autopilot.has_position() else (0, 0)
+    latitude, longitude = _degrees_e7(flight) if flight.autopilot.position else (0, 0)
     return mavlink.MAVLink_global_position_int_message(
         flight.boot_ms,
         latitude,
@@ -147,7 +147,7 @@ def battery_status(flight: Flight) -> Message:
 
 
 def ekf_status_report(flight: Flight) -> Message:
-    flags = EKF_GOOD if flight.autopilot.has_position() else EKF_NO_POSITION
+    flags = EKF_GOOD if flight.autopilot.position else EKF_NO_POSITION
     return mavlink.MAVLink_ekf_status_report_message(flags, 0.02, 0.03, 0.01, 0.02, 0.0, 0.0)
 
 
@@ -207,7 +207,7 @@ def autopilot_version(flight: Flight) -> Message:
 
 def current_mode(flight: Flight) -> Message:
     pilot = flight.autopilot
-    return mavlink.MAVLink_current_mode_message(0, pilot.mode, pilot.intended_mode())
+    return mavlink.MAVLink_current_mode_message(0, pilot.mode, pilot.intended)
 
 
 def timesync(flight: Flight) -> Message:

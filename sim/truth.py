@@ -5,8 +5,8 @@ import math
 from pymavlink.dialects.v20 import all as mavlink
 
 from sim.flight import Flight
-from sim.geo import HOME_AMSL_M, to_degrees
 from sim.wire import Message
+from sim.world import HOME_AMSL_M, to_degrees
 
 NAME = b"SIM_TRUTH"
 ZEROS = [0.0] * 41
