@@ -32,7 +32,10 @@ AUTOPILOTS: dict[str, Callable[[VehicleConfig, Say, Body], Autopilot]] = {
 
 
 class Truth(NamedTuple):
-    """What really happens. NED metres from home, radians, m/s; angles and rates clockwise seen from above."""
+    """What really happens. NED metres from home, radians, m/s; angles and rates clockwise seen from above.
+
+    SIM_TRUTH sends north .. wind_east in this order.
+    """
 
     time: float
     north: float

@@ -63,7 +63,8 @@ class RangingRadio:
 
     def _heartbeat(self) -> None:
         if not self.muted:
-            self._send(mavlink.MAVLink_heartbeat_message(0, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 4, 3))
+            kind, no_autopilot = mavlink.MAV_TYPE_ONBOARD_CONTROLLER, mavlink.MAV_AUTOPILOT_INVALID
+            self._send(mavlink.MAVLink_heartbeat_message(kind, no_autopilot, 0, 0, 4, 3))
 
 
 def centimetres(metres: float) -> int:

@@ -7,7 +7,6 @@ from functools import partial
 from pymavlink.dialects.v20 import all as mavlink
 
 from sim.agenda import NEVER, Agenda
-from sim.commands import COMMAND_INT, COMMAND_LONG, Commands
 from sim.config import Event, VehicleConfig
 from sim.flight import DRIFT_STEP_US, Flight, Truth
 from sim.links import HEARTBEAT, TYPE_GCS, Link, Router
@@ -47,8 +46,7 @@ class Vehicle:
         own = (config.vehicle.system_id, AUTOPILOT_COMPONENT)
         self._router = Router(own, identity.unknown_ids, identity.adopts_strays)
         self._streams = Streams(self._agenda, self._flight)
-        self._services = Services(self._flight, self._streams)
-        self._commands = Commands(self._flight, self._streams, self._say)
+        self._services = Services(self._flight, self._streams, self._say)
         self._setpoints: deque[tuple[float, str]] = deque(maxlen=REMEMBERED)
         self._link(MAIN)
         self._set_up_radio()
@@ -114,9 +112,7 @@ class Vehicle:
         if not self._router.pass_on(message, source, self._autopilot_links()):
             return
         flight, number = self._flight, message.get_msgId()
-        if number in (COMMAND_LONG, COMMAND_INT):
-            self._commands.obey(message, source)
-        elif number in SETPOINTS:
+        if number in SETPOINTS:
             if flight.autopilot.setpoint(message, flight.now, flight.body):
                 self._setpoints.append((flight.seconds, message.get_type()))
         elif not self._services.answer(message, source):

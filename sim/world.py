@@ -46,6 +46,13 @@ def _path(speed: float, acceleration: float, course: float, turn: float, t: floa
     return north, east
 
 
+def from_degrees(latitude: float, longitude: float) -> tuple[float, float]:
+    """Degrees to metres north and east of home."""
+    north = math.radians(latitude - HOME_LATITUDE_DEG) * EARTH_RADIUS_M
+    east = math.radians(longitude - HOME_LONGITUDE_DEG) * EARTH_RADIUS_M * math.cos(math.radians(HOME_LATITUDE_DEG))
+    return north, east
+
+
 class Air:
     """The wind as a velocity over the ground, north and east, m/s: a steady part and first-order gusts."""
 

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from sim.airframes.multicopter import Multicopter
+from sim.airframes.multicopter import Multicopter, yaw_loop
 from sim.airframes.tilting import TiltingCopter
 from sim.airframes.unicycle import Unicycle
 from sim.body import Body
@@ -60,5 +60,5 @@ def over_ground(demand: Velocity, heading: float) -> EarthVelocity | Brake:
 def copter_airframe(config: Airframe) -> CopterAirframe:
     limit = math.radians(config.max_turn_rate_deg_s)
     ideal = Unicycle(limit, config.turn_lag_s, config.speed_lag_s)
-    held = Multicopter(limit) if config.dynamics == "realistic" else ideal
+    held = Multicopter(yaw_loop(limit)) if config.dynamics == "realistic" else ideal
     return CopterAirframe(held, TiltingCopter(limit), carried=config.dynamics == "airborne")

@@ -8,13 +8,11 @@ error (a slip of 5 deg at 3 m/s and 0.2 rad/s, 10 at 5 and 0.3), unless the cent
 import math
 from dataclasses import dataclass
 
-from sim.airframes.following import second_order, through_line
+from sim.airframes.following import YawLoop
 from sim.body import GRAVITY, Body
 from sim.demands import Brake, EarthVelocity
 
 STEP = 0.02
-YAW_DEAD_TIME, YAW_FREQUENCY, YAW_DAMPING = 0.18, 7.5, 0.46  # s, rad/s
-MOST_YAW_ACCELERATION = 3.5  # rad/s^2: swings of +-45 deg/s at 1 Hz came back 1.19 times as large, no more
 YAW_EXCESS = 0.23  # of the centripetal acceleration in g
 FEED_SHARE, FEED_LAG = 0.9, 0.8  # of the acceleration fed forward, s
 COURSE_LAG = 0.3  # s, course rate behind its command: the time to bank
@@ -26,11 +24,16 @@ DRAG = 0.185  # 1/s: 4 deg of pitch hold 3.7 m/s
 TRIM_TIME = 2.0  # s in which the loop's integrator (PSC_VELXY_P / I) holds a new wind
 
 
+def yaw_loop(limit: float) -> YawLoop:
+    """Swings of +-45 deg/s at 1 Hz came back 1.19 times as large, no more: the acceleration is limited."""
+    return YawLoop(limit, dead_time=0.18, frequency=7.5, damping=0.46, most_acceleration=3.5)
+
+
 @dataclass(frozen=True)
 class Multicopter:
     """Flies velocities over the ground; the wind is held against, a gust pushes until it is."""
 
-    max_turn_rate: float
+    yaw_loop: YawLoop
 
     def step(self, body: Body, demand: EarthVelocity | Brake, dt: float, wind: tuple[float, float]) -> Body:
         pieces = max(1, math.ceil(dt / STEP - 1e-9))
@@ -50,19 +53,9 @@ class Multicopter:
         return _tilted(_displaced(moved, body, wanted.down, h), body, h)
 
     def _yaw(self, body: Body, wanted: EarthVelocity, h: float) -> Body:
-        command = max(-self.max_turn_rate, min(self.max_turn_rate, wanted.yaw_rate))
+        command = self.yaw_loop.limited(wanted.yaw_rate)
         command *= 1 + YAW_EXCESS * abs(body.ground_speed * command) / GRAVITY
-        line = through_line(body.on_the_way, command, YAW_DEAD_TIME, h)
-        error = line[0][1] - body.turn_rate
-        turn_acceleration = second_order(error, body.turn_acceleration, YAW_FREQUENCY, YAW_DAMPING, h)
-        turn_acceleration = max(-MOST_YAW_ACCELERATION, min(MOST_YAW_ACCELERATION, turn_acceleration))
-        turn_rate = body.turn_rate + turn_acceleration * h
-        return body._replace(
-            heading=math.remainder(body.heading + (body.turn_rate + turn_rate) / 2 * h, math.tau),
-            turn_rate=turn_rate,
-            turn_acceleration=turn_acceleration,
-            on_the_way=line,
-        )
+        return self.yaw_loop.turn(body, command, h)
 
 
 def _pushed(body: Body, wind: tuple[float, float], h: float) -> Body:

@@ -112,11 +112,9 @@ class ArduPlane(ArduPilot):
         return super().command(command, now, body)
 
     def own_command(self, command: Command, now: int, body: Body) -> int:
-        if command.number == DO_CHANGE_SPEED:
-            return ACCEPTED
         if command.number in (DO_CHANGE_ALTITUDE, CHANGE_ALTITUDE):
             return self._change_altitude(command)
-        if command.number == CHANGE_SPEED:
+        if command.number in (CHANGE_SPEED, DO_CHANGE_SPEED):
             return self._change_speed(command)
         return self._change_heading(command) if command.number == CHANGE_HEADING else UNSUPPORTED
 
@@ -129,10 +127,11 @@ class ArduPlane(ArduPilot):
 
     def _change_speed(self, command: Command) -> int:
         kind, speed = command.params[0], command.params[1]
-        if self.mode != GUIDED:
+        mission = command.number == DO_CHANGE_SPEED  # a mission's item, for any mode that flies by itself
+        if self.mode != GUIDED and not (mission and self.mode in self.GUIDED_MODES):
             return FAILED
         if kind != 0 or not self.params["AIRSPEED_MIN"] <= speed <= self.params["AIRSPEED_MAX"]:
-            return DENIED
+            return FAILED if mission else DENIED
         self._speed = speed
         return ACCEPTED
 

@@ -1,5 +1,6 @@
 """What the PX4 vehicles have in common: modes and what they require, OFFBOARD's watchdog, the double acks."""
 
+import math
 from abc import abstractmethod
 
 from sim.agenda import NEVER
@@ -28,6 +29,7 @@ from sim.config import Event, VehicleConfig
 from sim.demands import Spin, Tilt
 from sim.params import Parameters
 from sim.wire import Message
+from sim.world import HOME_AMSL_M, from_degrees
 
 MANUAL, ALTCTL, POSCTL, TAKEOFF = MODES["MANUAL"], MODES["ALTCTL"], MODES["POSCTL"], MODES["TAKEOFF"]
 LOITER, RTL, LAND, OFFBOARD = MODES["LOITER"], MODES["RTL"], MODES["LAND"], MODES["OFFBOARD"]
@@ -53,11 +55,16 @@ class Px4(Autopilot):
         super().__init__(identity, params, config, say)
         self.sticks = Sticks(config.vehicle.system_id)
         self.take_off_to: float | None = None
+        self.cruise: float | None = None  # m/s asked for by DO_CHANGE_SPEED, for the modes that fly by themselves
         self._setpoint: Trajectory | Tilt | Spin | None = None
         self._setpoint_at: int | None = 0 if self.mode == OFFBOARD else None
         self._sticks_lost = False  # their failsafe is on: until somebody chooses a mode
         self._missed: int | None = None  # the last stick before a loss that was dealt with
         self._act_at = NEVER
+
+    @abstractmethod
+    def hold_at(self, place: tuple[float, float] | None, down: float | None) -> None:
+        """Hold at a place (north, east) and a height; None is where it is."""
 
     @abstractmethod
     def entered(self, mode: int, now: int) -> None: ...
@@ -192,11 +199,20 @@ class Px4(Autopilot):
             self.take_off_to = command.z
             return (self.change_mode(TAKEOFF, now),)
         if number == DO_REPOSITION:
-            return (self.change_mode(LOITER, now),)
+            return (self._reposition(command, now),)
         if number == DO_CHANGE_SPEED:
+            self.cruise = command.params[1] if command.params[1] > 0 else None
             return (ACCEPTED,)
         mode = MODE_COMMANDS.get(number)
         return (UNSUPPORTED if mode is None else self.change_mode(mode, now),)
+
+    def _reposition(self, command: Command, now: int) -> int:
+        """Hold there, in degrees and metres above sea level; what is no number or no place is kept as it is."""
+        ack = self.change_mode(LOITER, now)
+        if ack == ACCEPTED:
+            place = from_degrees(command.x, command.y) if abs(command.x) <= 90 and abs(command.y) <= 180 else None
+            self.hold_at(place, HOME_AMSL_M - command.z if math.isfinite(command.z) else None)
+        return ack
 
     def _set_mode(self, command: Command, now: int) -> int:
         base, main, sub = command.params[0], command.params[1], command.params[2]

@@ -3,7 +3,7 @@
 import math
 
 from sim.agenda import NEVER
-from sim.airframes.dragged import DraggedCopter
+from sim.airframes.dragged import DraggedCopter, yaw_loop
 from sim.airframes.tilting import TiltingCopter
 from sim.airframes.unicycle import Unicycle
 from sim.autopilots.contract import IN_AIR, LANDING, ON_GROUND, TAKING_OFF, Command, Say
@@ -42,7 +42,7 @@ class Px4Copter(Px4):
         self._by_velocity = (
             Unicycle(limit, vehicle.turn_lag_s, vehicle.speed_lag_s)
             if ideal
-            else DraggedCopter(limit, vehicle.drag_per_s)
+            else DraggedCopter(yaw_loop(limit), vehicle.drag_per_s)
         )
         self._by_attitude = TiltingCopter(limit, drag=vehicle.drag_per_s)
         self._hold = (start.north, start.east, start.down)
@@ -96,7 +96,7 @@ class Px4Copter(Px4):
             return self._going_home(body)
         if mode == TAKEOFF:
             return self._taking_off(body)
-        return _towards(body, *self._hold)
+        return _towards(body, *self._hold, min(FASTEST, self.cruise or FASTEST))
 
     def _from_trajectory(self, setpoint: Trajectory | None, body: Body) -> Demand:
         """Velocities as they are, positions through the position loop; an incomplete one hovers."""
@@ -157,6 +157,10 @@ class Px4Copter(Px4):
     def command(self, command: Command, now: int, body: Body) -> tuple[int, ...]:
         self._hold = (body.north, body.east, body.down)
         return super().command(command, now, body)
+
+    def hold_at(self, place: tuple[float, float] | None, down: float | None) -> None:
+        north, east = place or self._hold[:2]
+        self._hold = (north, east, self._hold[2] if down is None else down)
 
     def entered(self, mode: int, now: int) -> None:
         self._think_at = now

@@ -71,7 +71,10 @@ class Px4Plane(Px4):
         if self.mode == OFFBOARD and isinstance(setpoint, Tilt):
             limit = math.radians(self.params["FW_R_LIM"])
             return Glide(max(-limit, min(limit, setpoint.roll)), setpoint.pitch, setpoint.thrust or 0.0)
-        return Bank(self._bank, self.params["FW_AIRSPD_TRIM"] * self._scale, self._height)
+        speed = self.params["FW_AIRSPD_TRIM"]
+        if self.cruise is not None and self.mode not in BANKED_BY_STICKS:
+            speed = max(self.params["FW_AIRSPD_MIN"], min(self.params["FW_AIRSPD_MAX"], self.cruise))
+        return Bank(self._bank, speed * self._scale, self._height)
 
     def wake_us(self) -> int:
         return min(super().wake_us(), self._think_at if self.armed else NEVER)
@@ -108,6 +111,11 @@ class Px4Plane(Px4):
     def command(self, command: Command, now: int, body: Body) -> tuple[int, ...]:
         self._here = body
         return super().command(command, now, body)
+
+    def hold_at(self, place: tuple[float, float] | None, down: float | None) -> None:
+        if place is not None:
+            self._loiter = Loiter(*place, self.params["NAV_LOITER_RAD"])
+        self._height = self._height if down is None else down
 
     def entered(self, mode: int, now: int) -> None:
         self._think_at = now

@@ -139,3 +139,11 @@ def test_a_pilots_override_of_the_roll_channel_counts_too(build: Build, station:
     message = mavlink.MAVLink_rc_channels_override_message(1, 1, 1685, *[65535] * 7)
     pilot.repeat(3.0, lambda: pilot.send(message))
     assert math.degrees(pilot.vehicle.truth.roll) == pytest.approx(24.05, abs=0.3)
+
+
+def test_a_change_of_speed_is_flown_within_the_airspeed_limits(build: Build, station: Stations) -> None:
+    companion = station(build(vehicle={"profile": "arduplane"}, start={"mode": "LOITER"}))
+    assert companion.command(178, 0, 25.0, -1) == [0]
+    companion.wait(20.0)
+    assert companion.vehicle.truth.airspeed == pytest.approx(25.0 * 1.065, abs=0.1)
+    assert companion.command(178, 0, 60.0, -1) == [4] and companion.command(43000, 0, 20.0) == [4]

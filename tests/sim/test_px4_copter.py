@@ -284,3 +284,22 @@ def test_attitude_setpoints_turn_only_with_the_yaw_led_round(build: Build, stati
 
     companion.repeat(8.0, lead)
     assert companion.vehicle.truth.turn_rate == pytest.approx(0.3, abs=0.005)
+
+
+def test_a_reposition_is_flown_to_and_refused_without_a_position(build: Build, station: Stations) -> None:
+    """100 m north of home at 20 m above it, at the speed asked for."""
+    companion = px4(build, station)
+    assert companion.command(178, 1, 4.0, -1) == [0]
+    north = -35.3632621 + math.degrees(100 / 6_378_137)
+    assert companion.command(192, -1, 1, 0, math.nan, north, 149.1652374, 584.0 + 20.0) == [0]
+    companion.wait(20.0)
+    assert companion.vehicle.truth.ground_speed == pytest.approx(4.0, abs=0.1)
+    companion.wait(100.0)
+    truth = companion.vehicle.truth
+    assert (truth.north, truth.east, truth.down) == (
+        pytest.approx(100, abs=0.5),
+        pytest.approx(0, abs=0.5),
+        pytest.approx(-20, abs=0.5),
+    )
+    denied = px4(build, station, vehicle={"gps": False}, start={"mode": "ALTCTL"})
+    assert denied.command(192, -1, 1, 0, math.nan, north, 149.1652374, 604.0) == [1]
