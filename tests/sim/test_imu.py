@@ -3,16 +3,14 @@
 import itertools
 import math
 import statistics
-from collections.abc import Callable
 from typing import Any
 
 import pytest
 
 from sim.body import GRAVITY
-from sim.vehicle import Truth, Vehicle
+from sim.vehicle import Truth
+from tests.sim.station import Station, build
 
-Build = Callable[..., Vehicle]
-Stations = type[Any]
 QUIET = {"truth": {"rate_hz": 0}, "ranging": {"rate_hz": 0.0}}
 EXACT = {"accel_noise_mps2": 0.0, "accel_bias_mps2": 0.0, "velocity_error_mps": 0.0}
 FIELDS = ("xacc", "yacc", "zacc", "xgyro", "ygyro", "zgyro")
@@ -37,11 +35,9 @@ def si(message: Any) -> list[float]:
         ("px4_plane", 105, "HIGHRES_IMU"),
     ],
 )
-def test_at_rest_the_accelerometers_feel_one_g_upwards(
-    build: Build, station: Stations, profile: str, number: int, kind: str
-) -> None:
+def test_at_rest_the_accelerometers_feel_one_g_upwards(profile: str, number: int, kind: str) -> None:
     """Noise of 0.2 m/s^2 about a bias of 0.05 .. 0.1 that the seed draws and keeps."""
-    companion = station(build(vehicle={"profile": profile}, start={"armed": False}, **QUIET))
+    companion = Station(build(vehicle={"profile": profile}, start={"armed": False}, **QUIET))
     assert companion.command(511, number, 25_000) == [0]
     companion.wait(20.0)
     readings = list(zip(*[si(message) for message in companion.listen(kind)], strict=True))
@@ -52,27 +48,27 @@ def test_at_rest_the_accelerometers_feel_one_g_upwards(
     assert all(statistics.pstdev(values) == pytest.approx(0.2, rel=0.15) for values in readings[:3])
 
 
-def test_px4_streams_it_fifty_times_a_second_and_a_plane_of_ardupilot_once(build: Build, station: Stations) -> None:
+def test_px4_streams_it_fifty_times_a_second_and_a_plane_of_ardupilot_once() -> None:
     for profile, kind, rate in (("px4_copter", "HIGHRES_IMU", 50), ("arduplane", "RAW_IMU", 1)):
-        companion = station(build(vehicle={"profile": profile}, **QUIET))
+        companion = Station(build(vehicle={"profile": profile}, **QUIET))
         companion.wait(10.0)
         assert len(companion.listen(kind)) == pytest.approx(rate * 10, abs=1)
-    companion = station(build(**QUIET))
+    companion = Station(build(**QUIET))
     companion.wait(2.0)
     assert not companion.listen("RAW_IMU", "SCALED_IMU2")  # a copter sends nothing unasked
 
 
-def turning(build: Build, station: Stations, **sensors: Any) -> list[float]:
+def turning(**sensors: Any) -> list[float]:
     """What the IMU of an ideal plane reads in a turn with 30 deg of bank."""
     vehicle = {"profile": "arduplane", "dynamics": "unicycle"}
-    companion = station(build(vehicle=vehicle, start={"mode": "GUIDED"}, sensors=EXACT | sensors, **QUIET))
+    companion = Station(build(vehicle=vehicle, start={"mode": "GUIDED"}, sensors=EXACT | sensors, **QUIET))
     companion.command(511, 27, 40_000)
     companion.repeat(6.0, lambda: companion.attitude(0xC6, math.radians(30)))
     return si(companion.listen("RAW_IMU")[-1])
 
 
-def test_a_coordinated_turn_presses_straight_into_the_seat(build: Build, station: Stations) -> None:
-    x, y, z, p, q, r = turning(build, station)
+def test_a_coordinated_turn_presses_straight_into_the_seat() -> None:
+    x, y, z, p, q, r = turning()
     turn = G * math.tan(math.radians(30)) / (22.0 * 1.065)
     assert (y, z) == (pytest.approx(0.0, abs=0.02), pytest.approx(-G / math.cos(math.radians(30)), abs=0.03))
     assert x == pytest.approx(G * math.sin(0.03), abs=0.05)  # the nose is held 0.03 rad above the path
@@ -83,39 +79,37 @@ def test_a_coordinated_turn_presses_straight_into_the_seat(build: Build, station
     )
 
 
-def test_a_sensor_that_lies(build: Build, station: Stations) -> None:
-    x, y, z, p, q, _ = turning(build, station)
-    assert turning(build, station, imu="rotated")[:5] == pytest.approx([y, -x, z, q, -p], abs=0.02)
-    assert turning(build, station, imu="clipped")[2] == pytest.approx(-8.0, abs=0.01)
-    frozen = turning(build, station, imu="frozen")  # as in the straight flight it began with
+def test_a_sensor_that_lies() -> None:
+    x, y, z, p, q, _ = turning()
+    assert turning(imu="rotated")[:5] == pytest.approx([y, -x, z, q, -p], abs=0.02)
+    assert turning(imu="clipped")[2] == pytest.approx(-8.0, abs=0.01)
+    frozen = turning(imu="frozen")  # as in the straight flight it began with
     assert frozen[2] == pytest.approx(-G, abs=0.05) and frozen[5] < 0.05
-    assert turning(build, station, accel_bias_mps2=0.5)[2] in (
+    assert turning(accel_bias_mps2=0.5)[2] in (
         pytest.approx(z - 0.5, 0.01),
         pytest.approx(z + 0.5, 0.01),
     )
-    shaken = turning(build, station, accel_vibration_mps2=20.0)
+    shaken = turning(accel_vibration_mps2=20.0)
     assert max(abs(a - b) for a, b in zip(shaken[:3], (x, y, z), strict=True)) > 5.0
 
 
-def test_a_sensor_begins_to_lie_in_flight(build: Build, station: Stations) -> None:
+def test_a_sensor_begins_to_lie_in_flight() -> None:
     events = [{"at_s": 1.0, "action": "imu_frozen"}, {"at_s": 2.0, "action": "imu_good"}]
-    companion = station(build(vehicle={"profile": "px4_copter"}, events=events, **QUIET))
+    companion = Station(build(vehicle={"profile": "px4_copter"}, events=events, **QUIET))
     companion.wait(3.0)
     seen = {round(m.time_usec / 1e6, 2): m.zacc for m in companion.listen("HIGHRES_IMU")}
     assert seen[1.1] == seen[1.9] and seen[0.5] != seen[0.9] and seen[2.1] != seen[2.9]
 
 
 @pytest.mark.parametrize("profile", ["arducopter", "arduplane", "ardurover", "px4_copter"])
-def test_accelerometers_and_attitude_add_up_to_the_change_of_velocity(
-    build: Build, station: Stations, profile: str
-) -> None:
+def test_accelerometers_and_attitude_add_up_to_the_change_of_velocity(profile: str) -> None:
     """Turned to NED by ATTITUDE_QUATERNION and with gravity added; in gusts, hard turns and changes of speed."""
     vehicle = {"profile": profile, "dynamics": "realistic"}
     wind = {"speed_mps": 4.0, "gust_rms_mps": 2.0}
     vehicle_built = build(
         vehicle=vehicle, start={"mode": "GUIDED"} if "px4" not in profile else {}, wind=wind, sensors=EXACT, **QUIET
     )
-    companion = station(vehicle_built)
+    companion = Station(vehicle_built)
     if profile == "px4_copter":
         companion.fly(0.5, 0.0, 0.0)
         assert companion.command(176, 1, 6) == [0, 0]
@@ -159,11 +153,11 @@ def to_north_east(attitude: Any, body: list[float]) -> tuple[float, float]:
     )
 
 
-def test_a_plane_turns_into_a_side_gust_and_is_carried_along_later(build: Build, station: Stations) -> None:
+def test_a_plane_turns_into_a_side_gust_and_is_carried_along_later() -> None:
     """A gust of 3 m/s across the nose: 7.3 deg of slip at once, the ground velocity follows by a share and smoothly."""
     events = [{"at_s": 1.0, "action": "wind", "value": 3.0}]
     vehicle = {"profile": "arduplane", "airspeed_scale": 1.0}
-    companion = station(build(vehicle=vehicle, start={"mode": "FBWA"}, wind={"from_deg": 90.0}, events=events, **QUIET))
+    companion = Station(build(vehicle=vehicle, start={"mode": "FBWA"}, wind={"from_deg": 90.0}, events=events, **QUIET))
     companion.vehicle.advance(0.99)
     truths = []
     for tick in range(300):
@@ -176,10 +170,10 @@ def test_a_plane_turns_into_a_side_gust_and_is_carried_along_later(build: Build,
     assert truths[2].airspeed == pytest.approx(math.hypot(22.0, 3.0), abs=0.1)
 
 
-def test_a_head_gust_is_airspeed_first_and_ground_speed_later(build: Build, station: Stations) -> None:
+def test_a_head_gust_is_airspeed_first_and_ground_speed_later() -> None:
     events = [{"at_s": 1.0, "action": "wind", "value": 4.0}]
     vehicle = {"profile": "arduplane", "airspeed_scale": 1.0}
-    companion = station(build(vehicle=vehicle, start={"mode": "FBWA"}, events=events, **QUIET))
+    companion = Station(build(vehicle=vehicle, start={"mode": "FBWA"}, events=events, **QUIET))
     companion.vehicle.advance(1.05)
     struck = companion.vehicle.truth
     companion.vehicle.advance(4.0)
@@ -191,12 +185,10 @@ def test_a_head_gust_is_airspeed_first_and_ground_speed_later(build: Build, stat
 
 
 @pytest.mark.parametrize(("profile", "most"), [("arducopter", 1.0), ("px4_copter", 2.5)])
-def test_a_gust_pushes_a_copter_until_its_loop_leans_against_it(
-    build: Build, station: Stations, profile: str, most: float
-) -> None:
+def test_a_gust_pushes_a_copter_until_its_loop_leans_against_it(profile: str, most: float) -> None:
     events = [{"at_s": 1.0, "action": "wind", "value": 5.0}]
     vehicle = {"profile": profile, "dynamics": "realistic"}
-    companion = station(build(vehicle=vehicle, start={"mode": "LOITER"}, sensors=EXACT, events=events, **QUIET))
+    companion = Station(build(vehicle=vehicle, start={"mode": "LOITER"}, sensors=EXACT, events=events, **QUIET))
     speeds = []
     for tick in range(300):
         companion.vehicle.advance(0.9 + tick * 0.05)
@@ -206,9 +198,9 @@ def test_a_gust_pushes_a_copter_until_its_loop_leans_against_it(
     assert force[0] < -0.5 and math.hypot(*force) == pytest.approx(GRAVITY, abs=0.02)  # leans, and feels it
 
 
-def test_a_px4_copter_flies_by_a_velocity_that_is_off_by_a_third_of_a_metre(build: Build, station: Stations) -> None:
+def test_a_px4_copter_flies_by_a_velocity_that_is_off_by_a_third_of_a_metre() -> None:
     """SIH: 0.3 m/s rms, forgotten within 4 s; what is reported differs from the flown and agrees with the commanded."""
-    companion = station(build(vehicle={"profile": "px4_copter"}, **QUIET))
+    companion = Station(build(vehicle={"profile": "px4_copter"}, **QUIET))
     companion.fly(0.5, 0.0, 0.0)
     companion.command(176, 1, 6)
     companion.fly(10.0, 5.0, 0.0)
