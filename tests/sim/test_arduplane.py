@@ -113,6 +113,9 @@ def test_only_its_own_ground_station_moves_the_sticks() -> None:
     assert math.degrees(vehicle.truth.roll) == pytest.approx(24.05, abs=0.3)
     pilot.wait(6.0)
     assert abs(vehicle.truth.roll) < 0.01  # RC_OVERRIDE_TIME
+    override = mavlink.MAVLink_rc_channels_override_message(1, 1, 1685, *[65535] * 7)
+    pilot.repeat(3.0, lambda: pilot.send(override))
+    assert math.degrees(vehicle.truth.roll) == pytest.approx(24.05, abs=0.3)
 
 
 def test_it_streams_without_being_asked() -> None:
@@ -127,13 +130,6 @@ def test_without_gps_it_flies_on() -> None:
     companion.repeat(60.0, lambda: companion.attitude(ROLL_ONLY, 0.3), 5.0)
     assert companion.vehicle.truth.mode == 15 and companion.vehicle.truth.roll == pytest.approx(0.3, abs=0.01)
     assert companion.command(176, 1, 12) == [0]
-
-
-def test_a_pilots_override_of_the_roll_channel_counts_too() -> None:
-    pilot = Station(plane(start={"mode": "CRUISE"}).vehicle, 255, 190)
-    message = mavlink.MAVLink_rc_channels_override_message(1, 1, 1685, *[65535] * 7)
-    pilot.repeat(3.0, lambda: pilot.send(message))
-    assert math.degrees(pilot.vehicle.truth.roll) == pytest.approx(24.05, abs=0.3)
 
 
 def test_a_change_of_speed_is_flown_within_the_airspeed_limits() -> None:

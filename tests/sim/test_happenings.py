@@ -64,6 +64,9 @@ def test_gps_loss_lands_a_guided_copter_after_eight_seconds() -> None:
 def test_the_ground_stations_failsafe_watches_only_its_own_heartbeat() -> None:
     vehicle = build(start={"mode": "GUIDED"})
     companion, operator = Station(vehicle), Station(vehicle, 255, 190, link="gcs")
+    operator.heartbeat(6)
+    companion.fly(10.0, 3.0, 0.1)
+    assert vehicle.truth.mode == 4  # off by default
     operator.send(mavlink.MAVLink_param_set_message(1, 1, b"FS_GCS_ENABLE", 1.0, 2))
     operator.heartbeat(6)
     for _ in range(4):
@@ -72,13 +75,6 @@ def test_the_ground_stations_failsafe_watches_only_its_own_heartbeat() -> None:
     assert vehicle.truth.mode == 4
     companion.fly(0.5, 3.0, 0.1)
     assert vehicle.truth.mode == 6 and companion.texts() == ["GCS Failsafe"]
-
-
-def test_it_is_off_by_default() -> None:
-    vehicle = build(start={"mode": "GUIDED"})
-    Station(vehicle, 255, 190, link="gcs").heartbeat(6)
-    vehicle.advance(20.0)
-    assert vehicle.truth.mode == 4
 
 
 def test_a_reboot_is_silence_then_a_clock_at_zero_and_nobody_remembered() -> None:

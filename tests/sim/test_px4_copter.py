@@ -1,9 +1,11 @@
 """PX4's multicopter as flown: OFFBOARD, its watchdog, its droop and crab, its ways with acks and texts."""
 
 import math
+import struct
 from typing import Any
 
 import pytest
+from pymavlink.dialects.v20 import all as mavlink
 
 from sim.autopilots.modes import PX4
 from tests.sim.station import Station, build
@@ -36,16 +38,12 @@ def test_offboard_without_setpoints_is_accepted_then_rejected() -> None:
     assert companion.vehicle.truth.mode == 6 << 16
 
 
-def test_disarmed_offboard_needs_no_setpoints() -> None:
-    companion = px4(start={"armed": False})
-    assert companion.command(176, *OFFBOARD) == [0, 0]
-
-
 def test_the_base_mode_must_say_custom() -> None:
     companion = px4()
     companion.velocity(0.0, 0.0)
     assert companion.command(176, 0, 6) == [0, 1] and companion.command(176, 128, 6) == [0, 1]
     assert companion.command(176, 209, 6) == [0, 0]
+    assert px4(start={"armed": False}).command(176, *OFFBOARD) == [0, 0]  # disarmed, without setpoints
 
 
 @pytest.mark.parametrize(
@@ -87,8 +85,6 @@ def test_no_vertical_speed_does_not_hold_the_height_but_a_loop_on_it_does() -> N
     sunk = companion.vehicle.truth.down + 50.0
     assert 2.0 < sunk < 8.0
 
-    from pymavlink.dialects.v20 import all as mavlink
-
     def hold() -> None:
         climb = 0.5 * (-50.0 - companion.vehicle.truth.down)
         companion.send(
@@ -122,10 +118,6 @@ def test_the_loss_of_setpoints_is_a_failsafe_after_a_second_and_it_comes_back_by
 
 @pytest.mark.parametrize(("action", "mode"), [(0, "RTL"), (3, "RTL"), (4, "LAND"), (5, "LOITER")])
 def test_the_failsafe_is_a_parameter_sent_byte_by_byte(action: int, mode: str) -> None:
-    import struct
-
-    from pymavlink.dialects.v20 import all as mavlink
-
     companion = px4()
     value = struct.unpack("<f", struct.pack("<i", action))[0]
     companion.send(mavlink.MAVLink_param_set_message(1, 1, b"COM_OBL_RC_ACT", value, 6))
@@ -190,8 +182,6 @@ def test_too_much_is_limited() -> None:
     [((1, 1), True), ((1, 0), True), ((0, 0), True), ((0, 1), True), ((1, 191), False), ((2, 1), False)],
 )
 def test_addresses(target: tuple[int, int], obeyed: bool) -> None:
-    from pymavlink.dialects.v20 import all as mavlink
-
     companion = px4()
     companion.send(
         mavlink.MAVLink_set_position_target_local_ned_message(0, *target, 8, 0x5C7, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0)

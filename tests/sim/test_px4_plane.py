@@ -198,3 +198,15 @@ def test_attitude_goes_on_without_gps() -> None:
     companion.command(176, 1, 6)
     companion.repeat(30.0, lambda: loops(companion, 0.3))
     assert companion.vehicle.truth.mode == PX4["OFFBOARD"]
+
+
+def test_a_reposition_is_circled_at_its_height_and_the_speed_asked_for() -> None:
+    """200 m east of home and 120 m above it; the radius is NAV_LOITER_RAD."""
+    companion = plane()
+    east = 149.1652374 + math.degrees(200 / (6_378_137 * math.cos(math.radians(35.3632621))))
+    assert companion.command(178, 0, 12.0, -1) == [0]
+    assert companion.command(192, -1, 1, 0, math.nan, -35.3632621, east, 584.0 + 120.0) == [0]
+    companion.wait(150.0)
+    truth = companion.vehicle.truth
+    assert math.hypot(truth.north, truth.east - 200.0) == pytest.approx(80.0, abs=8.0)
+    assert (truth.down, truth.airspeed) == (pytest.approx(-120.0, abs=0.5), pytest.approx(12.0, abs=0.2))
