@@ -6,8 +6,8 @@ import signal
 import sys
 
 from sim.config import ConfigError, load_vehicle, parse_vehicle
-from sim.endpoints import EndpointError
 from sim.server import serve
+from sim.wires import EndpointError
 
 BAD_USAGE = 2
 

@@ -4,6 +4,7 @@ import math
 from typing import NamedTuple
 
 GRAVITY = 9.80665
+Vector = tuple[float, float, float]
 
 
 class Body(NamedTuple):
@@ -29,6 +30,9 @@ class Body(NamedTuple):
     air_speed: float = 0.0  # true, of vehicles that fly by it
     climb_angle: float = 0.0  # flight path angle of a fixed wing, rad
     slip: float = 0.0  # of a fixed wing: from the nose to the direction of flight through the air, rad
+    gust_slip: float = 0.0  # the part of it that a gust made
+    trimmed_wind: tuple[float, float] = (0.0, 0.0)  # what the vehicle has settled in; what differs is a gust
+    velocity_error: tuple[float, float] = (0.0, 0.0)  # of the estimate: it is reported, and PX4's copter flies by it
     on_the_way: tuple[tuple[float, float], ...] = ()  # commands within the dead time (airframes/following.py)
 
     @property
@@ -62,6 +66,16 @@ class Body(NamedTuple):
             self.pitch_rate * cos_roll + self.turn_rate * sin_roll * cos_pitch,
             self.turn_rate * cos_roll * cos_pitch - self.pitch_rate * sin_roll,
         )
+
+    def from_earth(self, vector: Vector) -> Vector:
+        """A vector in NED as it is seen from the vehicle: forward, right, down."""
+        cr, sr = math.cos(self.roll), math.sin(self.roll)
+        cp, sp = math.cos(self.pitch), math.sin(self.pitch)
+        cy, sy = math.cos(self.heading), math.sin(self.heading)
+        north, east, down = vector
+        level, right = north * cy + east * sy, east * cy - north * sy
+        forward, below = level * cp - down * sp, level * sp + down * cp
+        return forward, right * cr + below * sr, below * cr - right * sr
 
     def quaternion(self) -> tuple[float, float, float, float]:
         """Attitude, w first."""

@@ -15,6 +15,7 @@ __all__ = ["ConfigError", "VehicleConfig", "load_vehicle", "parse_vehicle"]
 MESSAGES = ("distance_sensor", "ranging_beacon", "named_value_float")
 VIAS = ("forwarded", "direct", "autopilot")
 PRESETS = ("gaussian", "uwb", "lora")
+IMU_STATES = ("good", "frozen", "clipped", "rotated")
 ACTIONS = (
     "mode",
     "arm",
@@ -29,6 +30,7 @@ ACTIONS = (
     "mute_autopilot",
     "unmute_autopilot",
     "reboot",
+    *(f"imu_{state}" for state in IMU_STATES),
 )
 TURN_RATE = {"low": 0.0, "above": 0.0, "high": 720.0}
 
@@ -145,12 +147,23 @@ class TruthStream:
 
 @dataclass(frozen=True)
 class Sensors:
-    """[sensors]: how the reported heading, turn and airspeed differ from the truth."""
+    """[sensors]: how what is reported differs from the truth.
+
+    accel_noise_mps2: rms of each reading. accel_bias_mps2: constant, signs drawn by the seed; None draws .05 .. 0.1.
+    imu: "frozen" repeats its last reading, "clipped" ends at 8 m/s^2, "rotated" is mounted 90 deg to the right.
+    velocity_error_mps: rms of the velocity estimate's slow error, horizontal; None: 0.3 of a realistic px4_copter.
+    """
 
     heading_bias_deg: float = key(0.0, low=-180.0, high=180.0)
     heading_drift_deg_s: float = key(0.0, low=-10.0, high=10.0)
     gyro_scale: float = key(1.0, low=0.5, high=1.5)
     airspeed_noise_mps: float = key(0.0, low=0.0, high=10.0)
+    accel_noise_mps2: float = key(0.2, low=0.0, high=50.0)
+    accel_bias_mps2: float | None = key(None, low=0.0, high=10.0)
+    accel_vibration_mps2: float = key(0.0, low=0.0, high=100.0)
+    imu: str = key("good", choices=IMU_STATES)
+    velocity_error_mps: float | None = key(None, low=0.0, high=10.0)
+    velocity_error_time_s: float = key(4.0, low=0.1, high=600.0)
 
 
 @dataclass(frozen=True)

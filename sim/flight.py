@@ -1,20 +1,41 @@
 """The physical side of the vehicle: body, air, target and autopilot, carried forward in simulated time."""
 
 import math
+from collections import deque
+from collections.abc import Callable
+from random import Random
 from typing import NamedTuple
 
-from sim.autopilots.build import build_autopilot
-from sim.autopilots.contract import Say
-from sim.body import Body
+from sim.autopilots.arducopter import ArduCopter
+from sim.autopilots.arduplane import ArduPlane
+from sim.autopilots.ardurover import ArduRover
+from sim.autopilots.contract import Autopilot, Say
+from sim.autopilots.px4_copter import Px4Copter
+from sim.autopilots.px4_plane import Px4Plane
+from sim.body import GRAVITY, Body, Vector
 from sim.config import VehicleConfig
 from sim.instruments import Instruments
 from sim.sensor import Rangefinder
 from sim.starting import starting_body
 from sim.world import Air, TargetMotion
 
+IMU_WINDOW_US = 20_000  # what an accelerometer's reading is averaged over: autopilots filter at 20 .. 30 Hz
+DRIFT_STEP_US = 100_000
+AUTOPILOTS: dict[str, Callable[[VehicleConfig, Say, Body], Autopilot]] = {
+    "arducopter": ArduCopter,
+    "arducopter_nogps": ArduCopter,
+    "arduplane": ArduPlane,
+    "ardurover": ArduRover,
+    "px4_copter": Px4Copter,
+    "px4_plane": Px4Plane,
+}
+
 
 class Truth(NamedTuple):
-    """What really happens. NED metres from home, radians, m/s; angles and rates clockwise seen from above."""
+    """What really happens. NED metres from home, radians, m/s; angles and rates clockwise seen from above.
+
+    SIM_TRUTH sends north .. wind_east in this order.
+    """
 
     time: float
     north: float
@@ -51,7 +72,9 @@ class Flight:
         self.battery = config.battery.percent
         self._battery_at = 0
         self.body = starting_body(config, self.air.velocity)
-        self.autopilot = build_autopilot(config, say, self.body)
+        self.autopilot = self._build_autopilot(config)
+        self._velocities: deque[tuple[int, Vector]] = deque([(0, self._velocity())])
+        self._estimator_rng = Random(f"{config.seed}:estimator")
 
     def next_due(self) -> int:
         return max(self.now, self.autopilot.wake_us())
@@ -70,13 +93,48 @@ class Flight:
         if to > self.now:
             self.body = self.autopilot.fly(self.body, (to - self.now) * 1e-6, self.air.velocity)
             self.now = to
+            trail = self._velocities
+            trail.append((to, self._velocity()))
+            while trail[1][0] <= to - IMU_WINDOW_US:
+                trail.popleft()
+
+    def _velocity(self) -> Vector:
+        return self.body.velocity_north, self.body.velocity_east, self.body.velocity_down
+
+    def specific_force(self) -> Vector:
+        """What accelerometers feel: acceleration without gravity, m/s^2, forward, right, down; at rest (0, 0, -g)."""
+        (began, before), (ended, after) = self._velocities[0], self._velocities[-1]
+        seconds = max(1, ended - began) * 1e-6
+        north, east, down = ((b - a) / seconds for a, b in zip(before, after, strict=True))
+        return self.body.from_earth((north, east, down - GRAVITY))
+
+    def imu(self) -> tuple[Vector, Vector]:
+        return self.instruments.imu(self.body, self.specific_force(), self.seconds)
+
+    @property
+    def velocity_error_rms(self) -> float:
+        """Of the estimated horizontal velocity, m/s. PX4's copter under SIH: 0.3, forgotten within 4 s."""
+        given, vehicle = self.config.sensors.velocity_error_mps, self.config.vehicle
+        if given is not None:
+            return given
+        return 0.3 if vehicle.profile == "px4_copter" and vehicle.dynamics != "unicycle" else 0.0
+
+    def drift_estimate(self) -> None:
+        """One step of 0.1 s of the velocity estimate's error."""
+        kept = math.exp(-DRIFT_STEP_US * 1e-6 / self.config.sensors.velocity_error_time_s)
+        fresh = self.velocity_error_rms * math.sqrt((1 - kept * kept) / 2)  # of each axis
+        north, east = (kept * error + self._estimator_rng.gauss(0.0, fresh) for error in self.body.velocity_error)
+        self.body = self.body._replace(velocity_error=(north, east))
 
     def reboot(self) -> None:
         """The autopilot starts afresh: disarmed, in its first mode, its clock at zero. The body stays where it is."""
         fresh = self.config.rebooted()
         self.booted = self.now
         self.rangefinder = Rangefinder()
-        self.autopilot = build_autopilot(fresh, self._say, self.body)
+        self.autopilot = self._build_autopilot(fresh)
+
+    def _build_autopilot(self, config: VehicleConfig) -> Autopilot:
+        return AUTOPILOTS[config.vehicle.profile](config, self._say, self.body)
 
     @property
     def seconds(self) -> float:

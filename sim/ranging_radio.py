@@ -1,18 +1,24 @@
-"""The ranging radio as a device: samples at its rate, reports by its way, can be muted."""
+"""The ranging radio: samples at its rate, reports by its way, can be muted.
 
+Its messages carry centimetres, millimetres or a bare float, stamped when the range was taken.
+"""
+
+import math
 from collections.abc import Callable
 from functools import partial
 
 from pymavlink.dialects.v20 import all as mavlink
 
 from sim.agenda import Agenda
-from sim.config import VehicleConfig
+from sim.config import Ranging, VehicleConfig
 from sim.flight import Flight
-from sim.radio import MESSAGES
 from sim.sensor import RangeSensor, Sample
 from sim.wire import Message
 
 SECOND = 1_000_000
+UNKNOWN_U32, UNKNOWN_COVARIANCE, UNKNOWN_LATLON = 4_294_967_295, 255, 2_147_483_647
+MOST_CM = 65_535
+RADAR = 3
 
 
 class RangingRadio:
@@ -57,4 +63,63 @@ class RangingRadio:
 
     def _heartbeat(self) -> None:
         if not self.muted:
-            self._send(mavlink.MAVLink_heartbeat_message(0, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 4, 3))
+            kind, no_autopilot = mavlink.MAV_TYPE_ONBOARD_CONTROLLER, mavlink.MAV_AUTOPILOT_INVALID
+            self._send(mavlink.MAVLink_heartbeat_message(kind, no_autopilot, 0, 0, 4, 3))
+
+
+def centimetres(metres: float) -> int:
+    """As DISTANCE_SENSOR carries a distance: whole centimetres, saturating at 655.35 m."""
+    return min(MOST_CM, round(metres * 100))
+
+
+def distance_sensor(config: Ranging, sample: Sample) -> Message:
+    return mavlink.MAVLink_distance_sensor_message(
+        _stamp_us(config, sample) // 1000 & 0xFFFFFFFF,
+        1,
+        centimetres(config.max_range_m),
+        centimetres(sample.distance),
+        RADAR,
+        config.sensor_id,
+        config.orientation,
+        _covariance(config),
+    )
+
+
+def ranging_beacon(config: Ranging, sample: Sample) -> Message:
+    accuracy = max(1, round(config.noise_m * 1000)) if config.report_accuracy else UNKNOWN_U32
+    return mavlink.MAVLink_ranging_beacon_message(
+        _stamp_us(config, sample),
+        0,
+        0,
+        config.beacon_id,
+        min(UNKNOWN_U32 - 1, round(sample.distance * 1000)),
+        UNKNOWN_LATLON,
+        UNKNOWN_LATLON,
+        math.nan,
+        0,
+        UNKNOWN_U32,
+        UNKNOWN_U32,
+        0,
+        accuracy,
+        sample.sequence,
+        0,
+    )
+
+
+def named_value(config: Ranging, sample: Sample) -> Message:
+    stamp = _stamp_us(config, sample) // 1000 & 0xFFFFFFFF
+    return mavlink.MAVLink_named_value_float_message(stamp, config.name.encode(), sample.distance)
+
+
+def _stamp_us(config: Ranging, sample: Sample) -> int:
+    """The radio's own clock, which may run ahead of everybody else's."""
+    return sample.taken_us + round(config.clock_offset_s * 1e6)
+
+
+def _covariance(config: Ranging) -> int:
+    """Variance in cm^2 when it is wanted and fits the byte: up to 15.9 cm of noise."""
+    variance = max(1, round((config.noise_m * 100) ** 2))
+    return variance if config.report_accuracy and variance < UNKNOWN_COVARIANCE else UNKNOWN_COVARIANCE
+
+
+MESSAGES = {"distance_sensor": distance_sensor, "ranging_beacon": ranging_beacon, "named_value_float": named_value}

@@ -5,9 +5,8 @@ import time
 from collections.abc import Callable
 
 from sim.config import VehicleConfig
-from sim.endpoints import EndpointError, parse_endpoint
 from sim.vehicle import MAIN, RANGING, Vehicle
-from sim.wires import Wire, open_wire
+from sim.wires import EndpointError, Wire, open_wire, parse_endpoint
 
 LONGEST_SLEEP = 0.25  # s of wall time: signals and the end of the flight are seen by then
 BURST = 0.5  # s of simulated time at most caught up in one go

@@ -1,15 +1,22 @@
-"""The small protocols every ground station speaks: parameters, missions, time, requests."""
+"""What every ground station speaks: commands, parameters, missions, time, requests.
+
+The vehicle itself answers commands about its streams, the rest goes to the autopilot.
+"""
 
 from pymavlink.dialects.v20 import all as mavlink
 
 from sim.autopilots.ardupilot import STREAM_GROUPS
+from sim.autopilots.contract import ACCEPTED, DENIED, FAILED, Command, Say
 from sim.flight import Flight
 from sim.links import Link
 from sim.streams import Streams
 from sim.wire import Message
 
+COMMAND_INT, COMMAND_LONG = 75, 76
+GET_INTERVAL, SET_INTERVAL, REQUEST_MESSAGE, REQUEST_CAPABILITIES, GET_HOME = 510, 511, 512, 520, 410
+AUTOPILOT_VERSION, HOME_POSITION = 148, 242
 PARAM_READ, PARAM_LIST, PARAM_SET = 20, 21, 23
-MISSION_LIST, MISSION_COUNT, MISSION_ACK = 43, 44, 47
+MISSION_LIST, MISSION_COUNT = 43, 44
 DATA_STREAM, TIMESYNC, FILE_TRANSFER = 66, 111, 110
 FTP_REFUSED, FTP_FILE_NOT_FOUND = 129, 10
 MISSION_UNSUPPORTED, MISSION_ACCEPTED = 3, 0
@@ -19,10 +26,13 @@ ALL_STREAMS = 0
 class Services:
     """Answers to one message at a time, on the link it came from."""
 
-    def __init__(self, flight: Flight, streams: Streams) -> None:
+    def __init__(self, flight: Flight, streams: Streams, say: Say) -> None:
         self._flight = flight
         self._streams = streams
+        self._say = say
         self._actions = {
+            COMMAND_LONG: self._command,
+            COMMAND_INT: self._command,
             PARAM_READ: self._param_read,
             PARAM_LIST: self._param_list,
             PARAM_SET: self._param_set,
@@ -39,6 +49,36 @@ class Services:
         if action is not None:
             action(message, link)
         return action is not None
+
+    def _command(self, message: Message, link: Link) -> None:
+        command = read_command(message)
+        for result in self._results(command, link):
+            link.send(mavlink.MAVLink_command_ack_message(command.number, result, 0, 0, *command.sender))
+
+    def _results(self, command: Command, link: Link) -> tuple[int, ...]:
+        first = _whole(command.params[0])
+        if command.number == SET_INTERVAL:
+            return (self._streams.ask(link, first, command.params[1], self._say),)
+        if command.number == GET_INTERVAL:
+            return (self._tell_interval(link, first),)
+        if command.number == REQUEST_MESSAGE:
+            return (self._send_once(link, first),)
+        if command.number == REQUEST_CAPABILITIES:
+            return (self._send_once(link, AUTOPILOT_VERSION),)
+        if command.number == GET_HOME:
+            return (self._send_once(link, HOME_POSITION),)
+        return self._flight.autopilot.command(command, self._flight.now, self._flight.body)
+
+    def _send_once(self, link: Link, number: int) -> int:
+        if number not in self._flight.autopilot.identity.streamable:
+            return DENIED
+        return ACCEPTED if self._streams.send_once(link, number) else FAILED
+
+    def _tell_interval(self, link: Link, number: int) -> int:
+        if not 0 <= number <= 65535:
+            return DENIED
+        link.send(mavlink.MAVLink_message_interval_message(number, self._streams.interval(link, number)))
+        return ACCEPTED
 
     def _param_read(self, message: Message, link: Link) -> None:
         self._reply(link, self._flight.autopilot.params.read(_text(message.param_id), message.param_index))
@@ -94,3 +134,17 @@ def _text(field: str | bytes) -> str:
 
 def _sender(message: Message) -> tuple[int, int]:
     return message.get_srcSystem(), message.get_srcComponent()
+
+
+def read_command(message: Message) -> Command:
+    """Either message as a Command; COMMAND_INT's scaled integers become degrees."""
+    params = (message.param1, message.param2, message.param3, message.param4)
+    sender = (message.get_srcSystem(), message.get_srcComponent())
+    if message.get_msgId() == COMMAND_INT:
+        return Command(message.command, params, message.x * 1e-7, message.y * 1e-7, message.z, sender)
+    return Command(message.command, params, message.param5, message.param6, message.param7, sender)
+
+
+def _whole(value: float) -> int:
+    """A message id sent as a float; anything else is no id."""
+    return int(value) if 0 <= value < 2**24 else -1

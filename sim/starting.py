@@ -33,6 +33,7 @@ def starting_body(config: VehicleConfig, wind: tuple[float, float]) -> Body:
         velocity_north=speed * math.cos(heading) + drift[0],
         velocity_east=speed * math.sin(heading) + drift[1],
         air_speed=air_speed,
+        trimmed_wind=wind,
     )
 
 

@@ -5,17 +5,19 @@ from collections.abc import Callable
 
 from pymavlink.dialects.v20 import all as mavlink
 
+from sim.body import GRAVITY
 from sim.demands import BodyVelocity, EarthVelocity, Tilt
 from sim.flight import Flight
-from sim.geo import HOME_AMSL_M, HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG, to_degrees
-from sim.radio import centimetres
+from sim.ranging_radio import centimetres
 from sim.wire import Message
+from sim.world import HOME_AMSL_M, HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG, to_degrees
 
 EPOCH_US = 1_750_000_000_000_000  # SYSTEM_TIME's wall clock at simulated time zero: fixed, so that runs repeat
 EKF_GOOD, EKF_NO_POSITION = 0x33F, 0xA7
 GPS_FIX_RTK, GPS_NO_FIX = 6, 1
 UNKNOWN_VOLTAGE = 65535
 ONLY_VELOCITY = 3079
+IMU_FIELDS_UPDATED = 0x3F  # HIGHRES_IMU: acceleration and rates
 GPS_SENSOR, FENCE_KEPT = 0x20, 0x100000
 SENSORS = 0x1 | 0x2 | 0x4 | 0x8 | GPS_SENSOR | 0x200000 | 0x2000000 | 0x10000000  # gyro .. GPS, AHRS, battery, pre-arm
 
@@ -33,7 +35,7 @@ def heartbeat(flight: Flight) -> Message:
 
 
 def sys_status(flight: Flight) -> Message:
-    healthy = FENCE_KEPT | (SENSORS if flight.autopilot.has_gps() else SENSORS & ~GPS_SENSOR)
+    healthy = FENCE_KEPT | (SENSORS if flight.autopilot.gps else SENSORS & ~GPS_SENSOR)
     percent = flight.battery_percent()
     return mavlink.MAVLink_sys_status_message(
         SENSORS, SENSORS, healthy, 200, _millivolts(percent), 1500, round(percent), 0, 0, 0, 0, 0, 0
@@ -46,7 +48,7 @@ def system_time(flight: Flight) -> Message:
 
 def gps_raw_int(flight: Flight) -> Message:
     body = flight.body
-    if not flight.autopilot.has_gps():
+    if not flight.autopilot.gps:
         return mavlink.MAVLink_gps_raw_int_message(
             flight.now - flight.booted, GPS_NO_FIX, 0, 0, 0, 65535, 65535, 0, 65535, 0
         )
@@ -70,9 +72,32 @@ def attitude_quaternion(flight: Flight) -> Message:
     return mavlink.MAVLink_attitude_quaternion_message(flight.boot_ms, *flight.shown().quaternion(), *rates)
 
 
+def raw_imu(flight: Flight) -> Message:
+    return mavlink.MAVLink_raw_imu_message(flight.now - flight.booted, *_milli_imu(flight), 0, 0, 0)
+
+
+def scaled_imu2(flight: Flight) -> Message:
+    return mavlink.MAVLink_scaled_imu2_message(flight.boot_ms, *_milli_imu(flight), 0, 0, 0)
+
+
+def highres_imu(flight: Flight) -> Message:
+    acceleration, rates = flight.imu()
+    nothing = [0.0] * 7  # magnetometer, barometer, temperature: not told to be updated
+    return mavlink.MAVLink_highres_imu_message(
+        flight.now - flight.booted, *acceleration, *rates, *nothing, IMU_FIELDS_UPDATED
+    )
+
+
+def _milli_imu(flight: Flight) -> list[int]:
+    """Thousandths of g and of rad/s, as ArduPilot tells them."""
+    acceleration, rates = flight.imu()
+    values = [value / GRAVITY for value in acceleration] + list(rates)
+    return [max(-32768, min(32767, round(value * 1000))) for value in values]
+
+
 def local_position_ned(flight: Flight) -> Message | None:
-    body = flight.body
-    if not flight.autopilot.has_position():
+    body = flight.shown()
+    if not flight.autopilot.position:
         return None
     return mavlink.MAVLink_local_position_ned_message(
         flight.boot_ms,
@@ -87,7 +112,7 @@ def local_position_ned(flight: Flight) -> Message | None:
 
 def global_position_int(flight: Flight) -> Message:
     body = flight.shown()
-    latitude, longitude = _degrees_e7(flight) if flight.autopilot.has_position() else (0, 0)
+    latitude, longitude = _degrees_e7(flight) if flight.autopilot.position else (0, 0)
     return mavlink.MAVLink_global_position_int_message(
         flight.boot_ms,
         latitude,
@@ -122,7 +147,7 @@ def battery_status(flight: Flight) -> Message:
 
 
 def ekf_status_report(flight: Flight) -> Message:
-    flags = EKF_GOOD if flight.autopilot.has_position() else EKF_NO_POSITION
+    flags = EKF_GOOD if flight.autopilot.position else EKF_NO_POSITION
     return mavlink.MAVLink_ekf_status_report_message(flags, 0.02, 0.03, 0.01, 0.02, 0.0, 0.0)
 
 
@@ -182,7 +207,7 @@ def autopilot_version(flight: Flight) -> Message:
 
 def current_mode(flight: Flight) -> Message:
     pilot = flight.autopilot
-    return mavlink.MAVLink_current_mode_message(0, pilot.mode, pilot.intended_mode())
+    return mavlink.MAVLink_current_mode_message(0, pilot.mode, pilot.intended)
 
 
 def timesync(flight: Flight) -> Message:
@@ -252,6 +277,7 @@ BUILDERS: dict[int, Callable[[Flight], Message | None]] = {
     1: sys_status,
     2: system_time,
     24: gps_raw_int,
+    27: raw_imu,
     30: attitude,
     31: attitude_quaternion,
     32: local_position_ned,
@@ -260,7 +286,9 @@ BUILDERS: dict[int, Callable[[Flight], Message | None]] = {
     62: nav_controller_output,
     83: attitude_target,
     85: position_target,
+    105: highres_imu,
     111: timesync,
+    116: scaled_imu2,
     132: own_distance_sensor,
     147: battery_status,
     148: autopilot_version,

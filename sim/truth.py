@@ -4,10 +4,9 @@ import math
 
 from pymavlink.dialects.v20 import all as mavlink
 
-from sim.body import GRAVITY
 from sim.flight import Flight
-from sim.geo import HOME_AMSL_M, to_degrees
 from sim.wire import Message
+from sim.world import HOME_AMSL_M, to_degrees
 
 NAME = b"SIM_TRUTH"
 ZEROS = [0.0] * 41
@@ -21,9 +20,7 @@ def sim_state(flight: Flight) -> Message:
         body.roll,
         body.pitch,
         body.heading,
-        0.0,
-        0.0,
-        -GRAVITY,
+        *flight.specific_force(),
         *body.body_rates(),
         latitude,
         longitude,
@@ -39,25 +36,7 @@ def sim_state(flight: Flight) -> Message:
 
 
 def truth_array(flight: Flight) -> Message:
-    """DEBUG_FLOAT_ARRAY: data[0..15] in the order below, SI and radians, NED from home; time_usec is simulated time."""
+    """DEBUG_FLOAT_ARRAY: Truth's north .. wind_east and then its time; SI and radians, NED from home."""
     t = flight.truth()
-    values = [
-        t.north,
-        t.east,
-        t.down,
-        math.remainder(t.heading, math.tau),
-        t.course,
-        t.ground_speed,
-        t.airspeed,
-        t.turn_rate,
-        t.roll,
-        t.target_north,
-        t.target_east,
-        t.target_down,
-        t.range,
-        t.wind_north,
-        t.wind_east,
-        t.time,
-        0.0,
-    ]
+    values = [*t[1:4], math.remainder(t.heading, math.tau), *t[5:16], t.time, 0.0]
     return mavlink.MAVLink_debug_float_array_message(flight.now, NAME, 0, values + ZEROS)

@@ -7,9 +7,8 @@ from functools import partial
 from pymavlink.dialects.v20 import all as mavlink
 
 from sim.agenda import NEVER, Agenda
-from sim.commands import COMMAND_INT, COMMAND_LONG, Commands
 from sim.config import Event, VehicleConfig
-from sim.flight import Flight, Truth
+from sim.flight import DRIFT_STEP_US, Flight, Truth
 from sim.links import HEARTBEAT, TYPE_GCS, Link, Router
 from sim.ranging_radio import SECOND, RangingRadio
 from sim.sensor import Sample
@@ -47,8 +46,7 @@ class Vehicle:
         own = (config.vehicle.system_id, AUTOPILOT_COMPONENT)
         self._router = Router(own, identity.unknown_ids, identity.adopts_strays)
         self._streams = Streams(self._agenda, self._flight)
-        self._services = Services(self._flight, self._streams)
-        self._commands = Commands(self._flight, self._streams, self._say)
+        self._services = Services(self._flight, self._streams, self._say)
         self._setpoints: deque[tuple[float, str]] = deque(maxlen=REMEMBERED)
         self._link(MAIN)
         self._set_up_radio()
@@ -114,9 +112,7 @@ class Vehicle:
         if not self._router.pass_on(message, source, self._autopilot_links()):
             return
         flight, number = self._flight, message.get_msgId()
-        if number in (COMMAND_LONG, COMMAND_INT):
-            self._commands.obey(message, source)
-        elif number in SETPOINTS:
+        if number in SETPOINTS:
             if flight.autopilot.setpoint(message, flight.now, flight.body):
                 self._setpoints.append((flight.seconds, message.get_type()))
         elif not self._services.answer(message, source):
@@ -170,6 +166,8 @@ class Vehicle:
             self._agenda.every(("truth",), round(SECOND / rate), 0, self._send_truth)
         if self._flight.air.gusty:
             self._agenda.every(("gusts",), Air.GUST_STEP_US, 0, self._flight.air.gust)
+        if self._flight.velocity_error_rms > 0:
+            self._agenda.every(("estimate",), DRIFT_STEP_US, 0, self._flight.drift_estimate)
         for i, event in enumerate(self.config.events):
             self._agenda.put(("event", i), round(event.at_s * SECOND), partial(self._happen, event))
 
@@ -185,6 +183,8 @@ class Vehicle:
             self._reboot(REBOOT_S if event.value is None else event.value)
         elif action == "battery":
             flight.charge(max(0.0, min(100.0, event.value or 0.0)))
+        elif action.startswith("imu_"):
+            flight.instruments.imu_state = action.removeprefix("imu_")
         elif action == "wind":
             flight.air.blow(event.value or 0.0)
         else:

@@ -1,15 +1,44 @@
-"""Sockets as bundles of clients: every address or connection heard is a link of its own, as on an autopilot's ports."""
+"""Endpoints and their sockets: every address or connection heard is a link of its own, as on an autopilot's ports.
+
+udpin:HOST:PORT, udpout:HOST:PORT or tcpin:HOST:PORT, with or without slashes.
+"""
 
 import contextlib
+import re
 import socket
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
-from sim.endpoints import Endpoint, EndpointError
-
+KINDS = ("udpin", "udpout", "tcpin")
+PATTERN = re.compile(r"^(?P<kind>\w+):(?://)?(?P<host>[^:/]*):(?P<port>\d+)/?$")
 Datagram = tuple[str, bytes]
 BIGGEST = 65_535
 BATCH = 1_000
 MOST_PEERS = 32
+
+
+class EndpointError(ValueError):
+    """An endpoint that cannot be used, in one line."""
+
+
+class Endpoint(NamedTuple):
+    kind: str
+    host: str
+    port: int
+
+    def __str__(self) -> str:
+        return f"{self.kind}:{self.host}:{self.port}"
+
+
+def parse_endpoint(text: str) -> Endpoint:
+    match = PATTERN.match(text.strip())
+    if match is None or match["kind"] not in KINDS or not match["host"]:
+        raise EndpointError(
+            f'"{text}" is not an endpoint, write udpin:127.0.0.1:14550, udpout:HOST:PORT or tcpin:HOST:PORT'
+        )
+    port = int(match["port"])
+    if not 0 < port < 65536:
+        raise EndpointError(f'"{text}": port {port} is outside 1 .. 65535')
+    return Endpoint(match["kind"], match["host"], port)
 
 
 class Wire(Protocol):
@@ -37,10 +66,10 @@ class UdpWire:
 
     def __init__(self, endpoint: Endpoint, first: str) -> None:
         self._first = first
-        self._socket = _bound(socket.SOCK_DGRAM, endpoint)
+        self._socket = bound(socket.SOCK_DGRAM, endpoint)
         self._peers: dict[tuple[str, int], str] = {}
         if endpoint.kind == "udpout":
-            self._peers[_resolved(endpoint)] = first
+            self._peers[resolved(endpoint)] = first
 
     def receive(self) -> list[Datagram]:
         heard = []
@@ -87,7 +116,7 @@ class TcpWire:
 
     def __init__(self, endpoint: Endpoint, first: str) -> None:
         self._first = first
-        self._listener = _bound(socket.SOCK_STREAM, endpoint)
+        self._listener = bound(socket.SOCK_STREAM, endpoint)
         self._listener.listen()
         self._open: dict[str, socket.socket] = {}
         self._count = 0
@@ -148,13 +177,14 @@ def open_wire(endpoint: Endpoint, first: str) -> Wire:
     return TcpWire(endpoint, first) if endpoint.kind == "tcpin" else UdpWire(endpoint, first)
 
 
-def _bound(kind: socket.SocketKind, endpoint: Endpoint) -> socket.socket:
+def bound(kind: socket.SocketKind, endpoint: Endpoint) -> socket.socket:
+    """A socket at the endpoint, of any port for udpout; raises EndpointError in one line."""
     made = socket.socket(socket.AF_INET, kind)
     if kind == socket.SOCK_STREAM:
         made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         if endpoint.kind == "udpout":
-            _resolved(endpoint)
+            resolved(endpoint)
             made.bind(("", 0))
         else:
             made.bind((endpoint.host, endpoint.port))
@@ -165,5 +195,5 @@ def _bound(kind: socket.SocketKind, endpoint: Endpoint) -> socket.socket:
     return made
 
 
-def _resolved(endpoint: Endpoint) -> tuple[str, int]:
+def resolved(endpoint: Endpoint) -> tuple[str, int]:
     return socket.gethostbyname(endpoint.host), endpoint.port

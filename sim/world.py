@@ -1,10 +1,22 @@
-"""The air and the target: what the vehicle cannot change."""
+"""Home, the air and the target: what the vehicle cannot change. Flat-earth conversion near home."""
 
 import math
 from dataclasses import dataclass
 from random import Random
 
 from sim.config import Target, Wind
+
+HOME_LATITUDE_DEG = -35.3632621
+HOME_LONGITUDE_DEG = 149.1652374
+HOME_AMSL_M = 584.0
+EARTH_RADIUS_M = 6_378_137.0
+
+
+def to_degrees(north: float, east: float) -> tuple[float, float]:
+    """Metres from home to latitude and longitude in degrees (equirectangular: centimetres over a few kilometres)."""
+    latitude = HOME_LATITUDE_DEG + math.degrees(north / EARTH_RADIUS_M)
+    longitude = HOME_LONGITUDE_DEG + math.degrees(east / (EARTH_RADIUS_M * math.cos(math.radians(HOME_LATITUDE_DEG))))
+    return latitude, longitude
 
 
 @dataclass(frozen=True)
@@ -31,6 +43,13 @@ def _path(speed: float, acceleration: float, course: float, turn: float, t: floa
     east = (speed * math.cos(course) - last * math.cos(end)) / turn
     north += acceleration * (math.cos(end) - math.cos(course)) / turn**2
     east += acceleration * (math.sin(end) - math.sin(course)) / turn**2
+    return north, east
+
+
+def from_degrees(latitude: float, longitude: float) -> tuple[float, float]:
+    """Degrees to metres north and east of home."""
+    north = math.radians(latitude - HOME_LATITUDE_DEG) * EARTH_RADIUS_M
+    east = math.radians(longitude - HOME_LONGITUDE_DEG) * EARTH_RADIUS_M * math.cos(math.radians(HOME_LATITUDE_DEG))
     return north, east
 
 

@@ -12,8 +12,8 @@ import click
 import sim
 from circnav_mav.cli.exits import Exit, Refused
 from sim.config import ConfigError, load_vehicle, parse_vehicle
-from sim.endpoints import EndpointError
 from sim.server import serve
+from sim.wires import EndpointError
 
 START_PATIENCE = 20.0
 """Seconds that the vehicle's process may take to say that it is ready."""

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from sim.airframes.multicopter import Multicopter
+from sim.airframes.multicopter import Multicopter, yaw_loop
 from sim.airframes.tilting import TiltingCopter
 from sim.airframes.unicycle import Unicycle
 from sim.body import Body
@@ -31,7 +31,7 @@ class CopterAirframe:
             return self._through_air(body, demand, dt, wind)
         if isinstance(self.by_velocity, Unicycle):
             return self.by_velocity.step(body, demand, dt)
-        return self.by_velocity.step(body, over_ground(demand, body.heading), dt)
+        return self.by_velocity.step(body, over_ground(demand, body.heading), dt, wind)
 
     def _through_air(self, body: Body, demand: BodyVelocity, dt: float, wind: tuple[float, float]) -> Body:
         """The ideal airframe in the frame of the air, and the air with it."""
@@ -60,5 +60,5 @@ def over_ground(demand: Velocity, heading: float) -> EarthVelocity | Brake:
 def copter_airframe(config: Airframe) -> CopterAirframe:
     limit = math.radians(config.max_turn_rate_deg_s)
     ideal = Unicycle(limit, config.turn_lag_s, config.speed_lag_s)
-    held = Multicopter(limit) if config.dynamics == "realistic" else ideal
+    held = Multicopter(yaw_loop(limit)) if config.dynamics == "realistic" else ideal
     return CopterAirframe(held, TiltingCopter(limit), carried=config.dynamics == "airborne")

@@ -9,23 +9,27 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from sim.airframes.following import second_order, through_line
+from sim.airframes.following import YawLoop
 from sim.body import GRAVITY, Body
 from sim.demands import Brake, EarthVelocity
 
 STEP = 0.02
 PROPORTIONAL, INTEGRAL = 1.8, 0.4
 MOST_ACCELERATION = GRAVITY  # 45 deg of tilt
-YAW_DEAD_TIME, YAW_FREQUENCY, YAW_DAMPING = 0.12, 5.0, 0.7  # s, rad/s: 63 % of a step after 0.45 .. 0.5 s
 SINKING = 0.06  # m/s: what vz = 0 loses
 CLIMB_LAG = 0.3
 
 
+def yaw_loop(limit: float) -> YawLoop:
+    """63 % of a step after 0.45 .. 0.5 s."""
+    return YawLoop(limit, dead_time=0.12, frequency=5.0, damping=0.7)
+
+
 @dataclass(frozen=True)
 class DraggedCopter:
-    """Drag in 1/s, turn rate limit in rad/s."""
+    """Drag in 1/s."""
 
-    max_turn_rate: float
+    yaw_loop: YawLoop
     drag: float
 
     def step(self, body: Body, demand: EarthVelocity | Brake, dt: float, wind: tuple[float, float]) -> Body:
@@ -36,7 +40,10 @@ class DraggedCopter:
         return body
 
     def _small_step(self, body: Body, wanted: EarthVelocity, h: float, wind: tuple[float, float]) -> Body:
-        missing_north, missing_east = wanted.north - body.velocity_north, wanted.east - body.velocity_east
+        # The loop closes round the estimate: what it holds is off by the estimate's error.
+        error_north, error_east = body.velocity_error
+        missing_north = wanted.north - body.velocity_north - error_north
+        missing_east = wanted.east - body.velocity_east - error_east
         north, east = _limited(
             PROPORTIONAL * missing_north + body.push_north, PROPORTIONAL * missing_east + body.push_east
         )
@@ -44,7 +51,7 @@ class DraggedCopter:
         velocity_north = body.velocity_north + (north - self.drag * (body.velocity_north - wind[0])) * h
         velocity_east = body.velocity_east + (east - self.drag * (body.velocity_east - wind[1])) * h
         sink = body.velocity_down + (wanted.down + SINKING - body.velocity_down) * (1 - math.exp(-h / CLIMB_LAG))
-        return self._turn(body, wanted.yaw_rate, h)._replace(
+        return self.yaw_loop.turn(body, self.yaw_loop.limited(wanted.yaw_rate), h)._replace(
             north=body.north + (body.velocity_north + velocity_north) / 2 * h,
             east=body.east + (body.velocity_east + velocity_east) / 2 * h,
             down=min(body.down + sink * h, 0.0),
@@ -54,19 +61,6 @@ class DraggedCopter:
             push_north=body.push_north + (0.0 if limited else INTEGRAL * missing_north * h),
             push_east=body.push_east + (0.0 if limited else INTEGRAL * missing_east * h),
             **_leaning(body, north, east, h),
-        )
-
-    def _turn(self, body: Body, yaw_rate: float, h: float) -> Body:
-        command = max(-self.max_turn_rate, min(self.max_turn_rate, yaw_rate))
-        line = through_line(body.on_the_way, command, YAW_DEAD_TIME, h)
-        error = line[0][1] - body.turn_rate
-        acceleration = second_order(error, body.turn_acceleration, YAW_FREQUENCY, YAW_DAMPING, h)
-        rate = body.turn_rate + acceleration * h
-        return body._replace(
-            turn_rate=rate,
-            turn_acceleration=acceleration,
-            on_the_way=line,
-            heading=math.remainder(body.heading + rate * h, math.tau),
         )
 
 

@@ -12,6 +12,7 @@ SPEED_LAG, HEIGHT_LAG, CLIMB_LAG = 3.0, 2.0, 1.0  # s
 MOST_CLIMB = 3.0  # m/s
 MOST_ROLL_RATE = math.radians(100)
 NOSE_DAMPING = 0.7  # of the tail fin, which turns the nose into the air
+SIDE_FORCE = 3.0  # 1/s: how fast side-slip bends the path (ArduPilot's SITL plane at 22 m/s: 65 m/s^2 per rad)
 
 # PX4's built-in plane: drag at trim is that of a 27 deg glide, trim thrust 0.63; a fifth of the drag comes from lift.
 TRIM_DRAG, TRIM_THRUST, INDUCED = 4.45, 0.63, 0.17
@@ -24,7 +25,9 @@ class FixedWing:
 
     The bank follows after dead_time in s by a loop of second order with roll_frequency in rad/s, or of first order with
     roll_lag in s when that is 0. A bank bends the path at once; the nose follows it by the tail fin with nose_frequency
-    in rad/s (0: at once), so that a turn begins with side-slip. trim_speed is the true airspeed of TRIM_THRUST, m/s.
+    in rad/s (0: at once), so that a turn begins with side-slip. A gust changes airspeed and slip, not the
+    ground velocity; the tail fin then turns the nose into it and the side force carries the plane along (0: it is
+    carried at once). trim_speed is the true airspeed of TRIM_THRUST, m/s.
     """
 
     effectiveness: float
@@ -39,10 +42,29 @@ class FixedWing:
         pieces = max(1, math.ceil(dt / STEP - 1e-9))
         for _ in range(pieces):
             h = dt / pieces
+            body = self._gusted(body, wind)
             rolled = self._roll(body, demand.roll, h)
             shaped = _held(rolled, demand, h) if isinstance(demand, Bank) else self._glide(rolled, demand, h)
             body = self._fly(shaped, body, h, wind)
         return body
+
+    def _gusted(self, body: Body, wind: tuple[float, float]) -> Body:
+        """The wind has changed: the same velocity over the ground is another one through the air."""
+        if wind == body.trimmed_wind or self.nose_frequency == 0:
+            return body
+        north, east = wind[0] - body.trimmed_wind[0], wind[1] - body.trimmed_wind[1]
+        course, sink = body.heading + body.slip, body.velocity_down
+        cos, sin = math.cos(course), math.sin(course)
+        ahead = body.air_speed * math.cos(body.climb_angle) - north * cos - east * sin
+        right = north * sin - east * cos
+        turn = math.atan2(right, ahead)
+        return body._replace(
+            air_speed=math.hypot(ahead, right, sink),
+            climb_angle=math.atan2(-sink, math.hypot(ahead, right)),
+            slip=body.slip + turn,
+            gust_slip=body.gust_slip + turn,
+            trimmed_wind=wind,
+        )
 
     def _roll(self, body: Body, commanded: float, h: float) -> Body:
         line = through_line(body.on_the_way, commanded, self.dead_time, h)
@@ -73,6 +95,7 @@ class FixedWing:
     def _fly(self, shaped: Body, before: Body, h: float, wind: tuple[float, float]) -> Body:
         flat = shaped.air_speed * math.cos(shaped.climb_angle)
         bend = self.effectiveness * GRAVITY * math.tan(shaped.roll) / max(3.0, shaped.air_speed)
+        bend -= SIDE_FORCE * before.gust_slip
         course = before.heading + before.slip  # through the air
         after = course + bend * h
         rate = bend
@@ -87,6 +110,7 @@ class FixedWing:
             heading=math.remainder(heading, math.tau),
             turn_rate=rate,
             slip=after - heading,
+            gust_slip=before.gust_slip * math.exp(-(SIDE_FORCE + self.nose_frequency / (2 * NOSE_DAMPING)) * h),
             velocity_north=flat * math.cos(after) + wind[0],
             velocity_east=flat * math.sin(after) + wind[1],
             velocity_down=sink,
@@ -108,4 +132,20 @@ def _held(body: Body, demand: Bank, h: float) -> Body:
     pitch = climb_angle + 0.03
     return body._replace(
         climb_angle=climb_angle, air_speed=speed + change, pitch=pitch, pitch_rate=(pitch - body.pitch) / h
+    )
+
+
+def falling(body: Body, dt: float) -> Body:
+    """Without an engine: down it goes."""
+    down = min(0.0, body.down + 5.0 * dt)
+    moving = 0.0 if down >= 0 else 1.0
+    return body._replace(
+        north=body.north + body.velocity_north * dt * moving,
+        east=body.east + body.velocity_east * dt * moving,
+        down=down,
+        velocity_north=body.velocity_north * moving,
+        velocity_east=body.velocity_east * moving,
+        velocity_down=5.0 * moving,
+        turn_rate=0.0,
+        air_speed=body.air_speed * moving,
     )

@@ -8,37 +8,43 @@ error (a slip of 5 deg at 3 m/s and 0.2 rad/s, 10 at 5 and 0.3), unless the cent
 import math
 from dataclasses import dataclass
 
-from sim.airframes.following import second_order, through_line
+from sim.airframes.following import YawLoop
 from sim.body import GRAVITY, Body
 from sim.demands import Brake, EarthVelocity
 
 STEP = 0.02
-YAW_DEAD_TIME, YAW_FREQUENCY, YAW_DAMPING = 0.18, 7.5, 0.46  # s, rad/s
-MOST_YAW_ACCELERATION = 3.5  # rad/s^2: swings of +-45 deg/s at 1 Hz came back 1.19 times as large, no more
 YAW_EXCESS = 0.23  # of the centripetal acceleration in g
 FEED_SHARE, FEED_LAG = 0.9, 0.8  # of the acceleration fed forward, s
 COURSE_LAG = 0.3  # s, course rate behind its command: the time to bank
 SPEED_LAG = 0.5  # s
 MOST_ACCELERATION = 2.5  # m/s^2, WPNAV_ACCEL
 SLOW = 0.5  # m/s: below, a course means nothing
+STOPPED = 0.1  # m/s: a brake gives way to the velocity loop
+DRAG = 0.185  # 1/s: 4 deg of pitch hold 3.7 m/s
+TRIM_TIME = 2.0  # s in which the loop's integrator (PSC_VELXY_P / I) holds a new wind
+
+
+def yaw_loop(limit: float) -> YawLoop:
+    """Swings of +-45 deg/s at 1 Hz came back 1.19 times as large, no more: the acceleration is limited."""
+    return YawLoop(limit, dead_time=0.18, frequency=7.5, damping=0.46, most_acceleration=3.5)
 
 
 @dataclass(frozen=True)
 class Multicopter:
-    """Flies velocities over the ground; the wind is held against."""
+    """Flies velocities over the ground; the wind is held against, a gust pushes until it is."""
 
-    max_turn_rate: float
+    yaw_loop: YawLoop
 
-    def step(self, body: Body, demand: EarthVelocity | Brake, dt: float) -> Body:
+    def step(self, body: Body, demand: EarthVelocity | Brake, dt: float, wind: tuple[float, float]) -> Body:
         pieces = max(1, math.ceil(dt / STEP - 1e-9))
         for _ in range(pieces):
-            body = self._small_step(body, demand, dt / pieces)
+            body = self._small_step(_pushed(body, wind, dt / pieces), demand, dt / pieces)
         return body
 
     def _small_step(self, body: Body, demand: EarthVelocity | Brake, h: float) -> Body:
         wanted = demand if isinstance(demand, EarthVelocity) else EarthVelocity(0.0, 0.0, demand.down)
         turned = self._yaw(body, wanted, h)
-        if isinstance(demand, Brake):
+        if isinstance(demand, Brake) and turned.ground_speed > STOPPED:
             moved = _brake(turned, demand.deceleration, h)
         elif min(math.hypot(wanted.north, wanted.east), body.ground_speed) < SLOW:
             moved = _towards(turned, wanted, h)
@@ -47,19 +53,20 @@ class Multicopter:
         return _tilted(_displaced(moved, body, wanted.down, h), body, h)
 
     def _yaw(self, body: Body, wanted: EarthVelocity, h: float) -> Body:
-        command = max(-self.max_turn_rate, min(self.max_turn_rate, wanted.yaw_rate))
+        command = self.yaw_loop.limited(wanted.yaw_rate)
         command *= 1 + YAW_EXCESS * abs(body.ground_speed * command) / GRAVITY
-        line = through_line(body.on_the_way, command, YAW_DEAD_TIME, h)
-        error = line[0][1] - body.turn_rate
-        turn_acceleration = second_order(error, body.turn_acceleration, YAW_FREQUENCY, YAW_DAMPING, h)
-        turn_acceleration = max(-MOST_YAW_ACCELERATION, min(MOST_YAW_ACCELERATION, turn_acceleration))
-        turn_rate = body.turn_rate + turn_acceleration * h
-        return body._replace(
-            heading=math.remainder(body.heading + (body.turn_rate + turn_rate) / 2 * h, math.tau),
-            turn_rate=turn_rate,
-            turn_acceleration=turn_acceleration,
-            on_the_way=line,
-        )
+        return self.yaw_loop.turn(body, command, h)
+
+
+def _pushed(body: Body, wind: tuple[float, float], h: float) -> Body:
+    """What the wind has changed by since the loop was trimmed pushes, and is trimmed away in time."""
+    gust_north, gust_east = wind[0] - body.trimmed_wind[0], wind[1] - body.trimmed_wind[1]
+    share = h / TRIM_TIME
+    return body._replace(
+        velocity_north=body.velocity_north + DRAG * gust_north * h,
+        velocity_east=body.velocity_east + DRAG * gust_east * h,
+        trimmed_wind=(body.trimmed_wind[0] + gust_north * share, body.trimmed_wind[1] + gust_east * share),
+    )
 
 
 def _follow(body: Body, wanted: EarthVelocity, h: float) -> Body:
@@ -119,9 +126,10 @@ def _displaced(moved: Body, before: Body, down: float, h: float) -> Body:
 
 
 def _tilted(moved: Body, before: Body, h: float) -> Body:
-    """The attitude that makes the acceleration just flown."""
-    north = (moved.velocity_north - before.velocity_north) / h
-    east = (moved.velocity_east - before.velocity_east) / h
+    """The attitude whose thrust, against the drag in the wind it knows, makes the acceleration just flown."""
+    wind = before.trimmed_wind
+    north = (moved.velocity_north - before.velocity_north) / h + DRAG * (before.velocity_north - wind[0])
+    east = (moved.velocity_east - before.velocity_east) / h + DRAG * (before.velocity_east - wind[1])
     cos, sin = math.cos(moved.heading), math.sin(moved.heading)
     roll = math.atan((east * cos - north * sin) / GRAVITY)
     pitch = -math.atan((north * cos + east * sin) / GRAVITY)

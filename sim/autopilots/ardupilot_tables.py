@@ -23,7 +23,7 @@ STREAMABLE = message_ids(
 TIMESYNC_EVERY = {111: 10_000_000}
 
 # What plane and rover send at 1 Hz without being asked; a copter sends nothing.
-UNASKED = dict.fromkeys((1, 2, 24, 30, 33, 62, 65, 74, 147, 193), 1_000_000) | TIMESYNC_EVERY
+UNASKED = dict.fromkeys((1, 2, 24, 27, 30, 33, 62, 65, 74, 116, 147, 193), 1_000_000) | TIMESYNC_EVERY
 
 COPTER = Identity(
     mav_type=2,
@@ -64,12 +64,9 @@ ROVER = Identity(
 
 
 def copter_parameters(config: VehicleConfig) -> Parameters:
-    table = (
-        Parameter("SYSID_THISMAV", config.vehicle.system_id, INT16),
-        Parameter("SYSID_MYGCS", 255, INT16),
-        Parameter("ARMING_CHECK", 1, INT16),
-        Parameter("FS_GCS_ENABLE", 0, INT8),
-        Parameter("FS_GCS_TIMEOUT", 5.0),
+    return _parameters(
+        config,
+        "FS_GCS_ENABLE",
         Parameter("FS_EKF_ACTION", 1, INT8),
         Parameter("GUID_OPTIONS", 0, INT16),
         Parameter("GUID_TIMEOUT", config.vehicle.setpoint_timeout_s or 3.0),
@@ -80,38 +77,42 @@ def copter_parameters(config: VehicleConfig) -> Parameters:
         Parameter("WPNAV_SPEED_DN", 150.0),
         Parameter("WPNAV_ACCEL", 250.0),
     )
-    return Parameters(table, bytewise=False)
 
 
 def plane_parameters(config: VehicleConfig) -> Parameters:
-    bank, cruise = config.vehicle.max_bank_deg or 65.0, config.vehicle.cruise_speed_mps or 22.0
-    table = (
-        Parameter("SYSID_THISMAV", config.vehicle.system_id, INT16),
-        Parameter("SYSID_MYGCS", 255, INT16),
-        Parameter("ARMING_CHECK", 1, INT16),
-        Parameter("FS_GCS_ENABL", 0, INT8),
-        Parameter("FS_GCS_TIMEOUT", 5.0),
+    cruise = config.vehicle.cruise_speed_mps or 22.0
+    return _parameters(
+        config,
+        "FS_GCS_ENABL",
         Parameter("FS_LONG_ACTN", 0, INT8),
-        Parameter("ROLL_LIMIT_DEG", bank),
+        Parameter("ROLL_LIMIT_DEG", config.vehicle.max_bank_deg or 65.0),
         Parameter("AIRSPEED_CRUISE", cruise),
         Parameter("AIRSPEED_MIN", round(cruise * 0.6)),
         Parameter("AIRSPEED_MAX", round(cruise * 1.4)),
         Parameter("WP_LOITER_RAD", 60.0, INT16),
         Parameter("RC_OVERRIDE_TIME", 3.0),
     )
-    return Parameters(table, bytewise=False)
 
 
 def rover_parameters(config: VehicleConfig) -> Parameters:
+    cruise = config.vehicle.cruise_speed_mps or 5.0
+    return _parameters(
+        config,
+        "FS_GCS_ENABLE",
+        Parameter("FS_TIMEOUT", 1.5),
+        Parameter("FS_EKF_ACTION", 1, INT8),
+        Parameter("CRUISE_SPEED", cruise),
+        Parameter("WP_SPEED", cruise),
+    )
+
+
+def _parameters(config: VehicleConfig, gcs_switch: str, *own: Parameter) -> Parameters:
     table = (
         Parameter("SYSID_THISMAV", config.vehicle.system_id, INT16),
         Parameter("SYSID_MYGCS", 255, INT16),
         Parameter("ARMING_CHECK", 1, INT16),
-        Parameter("FS_GCS_ENABLE", 0, INT8),
+        Parameter(gcs_switch, 0, INT8),
         Parameter("FS_GCS_TIMEOUT", 5.0),
-        Parameter("FS_TIMEOUT", 1.5),
-        Parameter("FS_EKF_ACTION", 1, INT8),
-        Parameter("CRUISE_SPEED", config.vehicle.cruise_speed_mps or 5.0),
-        Parameter("WP_SPEED", config.vehicle.cruise_speed_mps or 5.0),
+        *own,
     )
     return Parameters(table, bytewise=False)

@@ -1,11 +1,13 @@
-"""What every autopilot profile offers to the vehicle around it."""
+"""What every autopilot is to the vehicle around it, and what all of them do alike."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
+from sim.agenda import NEVER
 from sim.body import Body
-from sim.config import Event
+from sim.config import Event, VehicleConfig
 from sim.demands import Demand
 from sim.params import Parameters
 from sim.wire import Message
@@ -14,7 +16,7 @@ Say = Callable[[int, str], None]
 """Send a STATUSTEXT of this severity."""
 
 ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED, FAILED = 0, 1, 2, 3, 4
-EMERGENCY, CRITICAL, ERROR, WARNING, NOTICE, INFO = 0, 2, 3, 4, 5, 6
+EMERGENCY, CRITICAL, ERROR, WARNING, INFO = 0, 2, 3, 4, 6
 STATUS_STANDBY, STATUS_ACTIVE, STATUS_CRITICAL = 3, 4, 5
 ON_GROUND, IN_AIR, TAKING_OFF, LANDING = 1, 2, 3, 4
 FORCE = 21196  # the magic number that overrides arming checks
@@ -57,61 +59,96 @@ class Identity:
     ranges_on_update: bool = False  # DISTANCE_SENSOR once per sample, not once per interval
 
 
-class Autopilot(Protocol):
-    """Decides what the airframe shall do. Times are sim time in microseconds; acks are MAV_RESULT values."""
+class Autopilot(ABC):
+    """Decides what the airframe shall do. Times are sim time in microseconds; acks are MAV_RESULT values.
 
-    @property
-    def identity(self) -> Identity: ...
+    gps: whether the receiver has a fix. position: whether the estimator knows where it is.
+    """
 
-    @property
-    def params(self) -> Parameters: ...
+    FIRST_MODE: str
+    POSITION_LOSS_US: int  # from the loss of the GPS to the estimator's
 
-    @property
-    def mode(self) -> int: ...
+    def __init__(self, identity: Identity, params: Parameters, config: VehicleConfig, say: Say) -> None:
+        self.identity = identity
+        self.params = params
+        self.say = say
+        self.mode = self.intended = identity.modes[config.start.mode or self.FIRST_MODE]
+        self.armed = config.start.armed
+        self.gps = self.position = config.vehicle.gps
+        self._position_until = NEVER
 
-    @property
-    def armed(self) -> bool: ...
-
+    @abstractmethod
     def wake_us(self) -> int:
         """When the demand may change by itself (a timeout, a waypoint leg)."""
 
+    @abstractmethod
     def wake(self, now: int, body: Body) -> None: ...
 
+    @abstractmethod
     def fly(self, body: Body, dt: float, wind: tuple[float, float]) -> Body:
         """The body after `dt` seconds of the present demand."""
 
+    @abstractmethod
     def setpoint(self, message: Message, now: int, body: Body) -> bool:
         """Take a setpoint; True if it is now flown."""
 
+    @abstractmethod
     def command(self, command: Command, now: int, body: Body) -> tuple[int, ...]:
         """The acks to send, in order."""
 
-    def shown_airspeed(self, body: Body, wind: tuple[float, float]) -> float:
-        """VFR_HUD.airspeed: what this vehicle reports, which need not be the true airspeed."""
+    @abstractmethod
+    def change_mode(self, mode: int, now: int) -> int:
+        """Enter a mode unless something stands against it; the ack."""
 
-    def has_position(self) -> bool:
-        """Whether the estimator knows where it is."""
+    @abstractmethod
+    def set_armed(self, armed: bool, now: int) -> None: ...
 
-    def has_gps(self) -> bool:
-        """Whether the receiver has a fix."""
+    @abstractmethod
+    def radio_lost(self, now: int) -> None:
+        """The pilot's radio is gone."""
 
-    def happen(self, event: Event, now: int) -> None:
-        """A scripted event."""
-
+    @abstractmethod
     def heard(self, message: Message, now: int) -> None:
         """Any other message for the autopilot (a ground station's heartbeat, sticks)."""
 
+    def happen(self, event: Event, now: int) -> None:
+        """A scripted event that the autopilot itself notices."""
+        if event.action == "mode":
+            self.change_mode(self.identity.modes[event.mode or ""], now)
+        elif event.action in ("arm", "disarm"):
+            self.set_armed(event.action == "arm", now)
+        elif event.action == "rc_failsafe":
+            self.radio_lost(now)
+        elif event.action == "gps_off" and self.gps:
+            self.gps, self._position_until = False, now + self.POSITION_LOSS_US
+        elif event.action == "gps_on":
+            self.gps, self.position, self._position_until = True, True, NEVER
+
+    def mode_name(self, mode: int) -> str:
+        return next((name for name, number in self.identity.modes.items() if number == mode), str(mode))
+
+    # -- what is reported ---------------------------------------------------------------------------------------------
+
+    def flying(self, body: Body) -> bool:
+        return self.armed and body.down < -0.1
+
+    @abstractmethod
     def base_mode(self) -> int: ...
 
+    @abstractmethod
     def system_status(self, body: Body) -> int: ...
+
+    @abstractmethod
+    def shown_airspeed(self, body: Body, wind: tuple[float, float]) -> float:
+        """VFR_HUD.airspeed: what this vehicle reports, which need not be the true airspeed."""
 
     def flown(self) -> Demand | None:
         """The setpoint being flown, of vehicles that echo it (POSITION_TARGET_LOCAL_NED, ATTITUDE_TARGET)."""
+        return None
 
     def wanted_roll(self) -> float | None:
         """The bank asked for after its limits, rad, of vehicles that tell (NAV_CONTROLLER_OUTPUT)."""
+        return None
 
-    def intended_mode(self) -> int:
-        """The mode that is wanted, which a failsafe may keep from being flown."""
-
-    def landed_state(self, body: Body) -> int: ...
+    def landed_state(self, body: Body) -> int:
+        return IN_AIR if self.flying(body) else ON_GROUND

@@ -1,18 +1,22 @@
-"""SET_POSITION_TARGET_LOCAL_NED as ArduCopter reads it (GCS_Mavlink.cpp, handle_message_set_position_target_local_ned).
+"""SET_POSITION_TARGET_LOCAL_NED and SET_ATTITUDE_TARGET as ArduCopter 4.6.3 reads them (GCS_Mavlink.cpp).
 
-Any of a group's three ignore bits ignores the whole group; whatever is no known combination stops the vehicle.
+Of a position target any of a group's three ignore bits ignores the whole group; whatever is no known combination stops
+the vehicle.
 """
 
 import math
 from typing import NamedTuple
 
-from sim.body import Body
-from sim.demands import BodyVelocity, EarthVelocity
+from sim.body import Body, euler
+from sim.demands import BodyVelocity, EarthVelocity, Spin, Tilt
+from sim.params import Parameters
 from sim.wire import Message
 
 LOCAL_NED, LOCAL_OFFSET_NED, BODY_NED, BODY_OFFSET_NED = 1, 7, 8, 9
 POSITION, VELOCITY, ACCELERATION = 0x007, 0x038, 0x1C0
 FORCE, YAW_RATE = 0x200, 0x800
+RATES, THROTTLE, ATTITUDE = 0x07, 0x40, 0x80
+THRUST_AS_THRUST = 8  # GUID_OPTIONS bit 3
 INSANE = 1000.0  # m/s: ArduCopter's sane_vel_or_acc_vector
 
 
@@ -79,3 +83,34 @@ def _position(message: Message, body: Body) -> Target:
 def _rotate(forward: float, right: float, heading: float) -> tuple[float, float]:
     cos, sin = math.cos(heading), math.sin(heading)
     return forward * cos - right * sin, forward * sin + right * cos
+
+
+def read_attitude_target(message: Message, params: Parameters) -> Tilt | Spin | Stop | Poison | None:
+    """The demand; Stop when ill-defined, None when it is silently dropped."""
+    mask = message.type_mask
+    if mask & THROTTLE:
+        return None
+    given = mask & RATES
+    if given not in (0, RATES):  # all three rates or none
+        return Stop()
+    rates = (0.0, 0.0, 0.0) if given else (message.body_roll_rate, message.body_pitch_rate, message.body_yaw_rate)
+    climb, thrust = _lift(message.thrust, params)
+    if not all(map(math.isfinite, (*rates, climb))):
+        return Poison()
+    if mask & ATTITUDE:
+        return Spin(rates[0], rates[1], rates[2], climb, thrust)
+    q = tuple(message.q)
+    if not all(map(math.isfinite, q)) or abs(sum(v * v for v in q) - 1) > 1e-3:
+        return Stop()
+    roll, pitch, heading = euler(q)
+    return Tilt(roll, pitch, heading, rates[2], climb, thrust)
+
+
+def _lift(thrust: float, params: Parameters) -> tuple[float, float | None]:
+    """A climb rate, m/s: 0.5 holds the height; or the raw thrust if the parameters say so."""
+    if int(params["GUID_OPTIONS"]) & THRUST_AS_THRUST:
+        return 0.0, max(-1.0, min(1.0, thrust))
+    if not math.isfinite(thrust):
+        return math.nan, None
+    share = (max(0.0, min(1.0, thrust)) - 0.5) * 2
+    return share * params["WPNAV_SPEED_UP" if share > 0 else "WPNAV_SPEED_DN"] / 100, None

@@ -1,71 +1,77 @@
 """What the PX4 vehicles have in common: modes and what they require, OFFBOARD's watchdog, the double acks."""
 
-from typing import Protocol
+import math
+from abc import abstractmethod
 
 from sim.agenda import NEVER
 from sim.autopilots.contract import (
     ACCEPTED,
     CRITICAL,
     DENIED,
+    ERROR,
     FORCE,
     INFO,
+    STATUS_ACTIVE,
+    STATUS_CRITICAL,
+    STATUS_STANDBY,
     TEMPORARILY_REJECTED,
     UNSUPPORTED,
+    Autopilot,
     Command,
     Identity,
     Say,
 )
 from sim.autopilots.modes import PX4 as MODES
+from sim.autopilots.px4_targets import Rejected, Trajectory, read_setpoint
 from sim.autopilots.sticks import Sticks
 from sim.body import Body
 from sim.config import Event, VehicleConfig
+from sim.demands import Spin, Tilt
 from sim.params import Parameters
 from sim.wire import Message
+from sim.world import HOME_AMSL_M, from_degrees
 
 MANUAL, ALTCTL, POSCTL, TAKEOFF = MODES["MANUAL"], MODES["ALTCTL"], MODES["POSCTL"], MODES["TAKEOFF"]
 LOITER, RTL, LAND, OFFBOARD = MODES["LOITER"], MODES["RTL"], MODES["LAND"], MODES["OFFBOARD"]
 NEEDS_STICKS = frozenset(MODES[name] for name in ("MANUAL", "ALTCTL", "POSCTL", "ACRO", "STABILIZED", "ALT_CRUISE"))
 NEEDS_POSITION = frozenset({POSCTL, LOITER, RTL, TAKEOFF, MODES["MISSION"]})
 MAIN_AUTO = 4
-SET_MODE = 11
+SET_MODE, MANUAL_CONTROL = 11, 69
 DO_SET_MODE, ARM_DISARM, DO_CHANGE_SPEED, DO_REPOSITION, TAKEOFF_COMMAND = 176, 400, 178, 192, 22
 MODE_COMMANDS = {20: RTL, 21: LAND, 17: LOITER}
 LOSS_DELAY_US = 50_000
-POSITION_LOSS_US = 5_000_000
 LOSS_ACTIONS = {3: RTL, 4: LAND, 5: LOITER}  # COM_OBL_RC_ACT; anything else falls through to RTL without sticks
 STICK_LOSS_ACTIONS = {1: LOITER, 2: RTL, 3: LAND}  # NAV_RCL_ACT; 5 (terminate) and 6 (disarm) stop the motors
 STICK_LOSS_EXCEPTIONS = {MODES["MISSION"]: 1, LOITER: 2, TAKEOFF: 2, OFFBOARD: 4}  # bits of COM_RCL_EXCEPT
 
 
-class Rules(Protocol):
-    """What copter and plane decide differently."""
+class Px4(Autopilot):
+    """Commander: the mode that is wanted, the mode that is flown, and the watchdogs between them."""
 
+    FIRST_MODE = "LOITER"
+    POSITION_LOSS_US = 5_000_000
+
+    def __init__(self, identity: Identity, params: Parameters, config: VehicleConfig, say: Say) -> None:
+        super().__init__(identity, params, config, say)
+        self.sticks = Sticks(config.vehicle.system_id)
+        self.take_off_to: float | None = None
+        self.cruise: float | None = None  # m/s asked for by DO_CHANGE_SPEED, for the modes that fly by themselves
+        self._setpoint: Trajectory | Tilt | Spin | None = None
+        self._setpoint_at: int | None = 0 if self.mode == OFFBOARD else None
+        self._sticks_lost = False  # their failsafe is on: until somebody chooses a mode
+        self._missed: int | None = None  # the last stick before a loss that was dealt with
+        self._act_at = NEVER
+
+    @abstractmethod
+    def hold_at(self, place: tuple[float, float] | None, down: float | None) -> None:
+        """Hold at a place (north, east) and a height; None is where it is."""
+
+    @abstractmethod
     def entered(self, mode: int, now: int) -> None: ...
 
     def needs_velocity(self) -> bool:
         """Whether what OFFBOARD flies needs a velocity estimate."""
-
-    def flying(self, body: Body) -> bool: ...
-
-
-class Core:
-    """Commander: the mode that is wanted, the mode that is flown, and the watchdogs between them."""
-
-    def __init__(self, identity: Identity, params: Parameters, config: VehicleConfig, say: Say, rules: Rules) -> None:
-        self.identity = identity
-        self.params = params
-        self.say = say
-        self.sticks = Sticks(config.vehicle.system_id)
-        self.mode = self.intended = MODES[config.start.mode or "LOITER"]
-        self.armed = config.start.armed
-        self.gps = self.position = config.vehicle.gps
-        self.take_off_to: float | None = None
-        self._rules = rules
-        self._setpoint_at: int | None = 0 if self.mode == OFFBOARD else None
-        self._position_until = NEVER
-        self._sticks_lost = False  # their failsafe is on: until somebody chooses a mode
-        self._missed: int | None = None  # the last stick before a loss that was dealt with
-        self._act_at = NEVER
+        return not isinstance(self._setpoint, (Tilt, Spin))
 
     @property
     def failsafe(self) -> bool:
@@ -73,10 +79,19 @@ class Core:
 
     # -- setpoints and their absence ----------------------------------------------------------------------------------
 
-    def setpoint_taken(self, now: int) -> None:
+    def setpoint(self, message: Message, now: int, body: Body) -> bool:
         """An accepted setpoint feeds the watchdog, and brings OFFBOARD back by itself when that is still wanted."""
-        self._setpoint_at = now
+        if message.get_msgId() == MANUAL_CONTROL:
+            return self.sticks.heard(message, now, None)
+        taken = read_setpoint(message, body)
+        if isinstance(taken, Rejected):
+            self.say(ERROR, taken.text)
+            return False
+        if taken is None:
+            return False
+        self._setpoint, self._setpoint_at = taken, now
         self._return_to_offboard(now)
+        return True
 
     def _return_to_offboard(self, now: int) -> None:
         """Only a failsafe of OFFBOARD's own clears by itself, the one of lost sticks does not."""
@@ -87,10 +102,10 @@ class Core:
     def wake_us(self) -> int:
         return min(self._offboard_deadline(), self._sticks_deadline(), self._position_until, self._act_at)
 
-    def wake(self, now: int) -> None:
+    def wake(self, now: int, body: Body) -> None:
         if now >= self._position_until:
             self._position_until, self.position = NEVER, False
-            if self.mode == POSCTL or (self.mode == OFFBOARD and self._rules.needs_velocity()):
+            if self.mode == POSCTL or (self.mode == OFFBOARD and self.needs_velocity()):
                 self._fail_to(ALTCTL, now)
         if now >= self._offboard_deadline():
             action = int(self.params["COM_OBL_RC_ACT"])
@@ -108,7 +123,7 @@ class Core:
         action = STICK_LOSS_ACTIONS.get(number)
         if action is None:
             if number in (5, 6):
-                self.disarm(now)
+                self.set_armed(False, now)
         elif action == RTL and self.intended == LAND:
             self.say(CRITICAL, "Failsafe activated")  # a warning: it lands already
         else:
@@ -135,10 +150,12 @@ class Core:
     # -- modes --------------------------------------------------------------------------------------------------------
 
     def change_mode(self, mode: int, now: int) -> int:
-        """What somebody wants; the ack."""
         reason = self._obstacle(mode, now)
         if reason is not None:
-            self.say(CRITICAL, f"Switching to mode '{self._name(mode)}' is currently not available: {reason}")
+            self.say(
+                CRITICAL,
+                f"Switching to mode '{self.mode_name(mode).capitalize()}' is currently not available: {reason}",
+            )
             return TEMPORARILY_REJECTED
         self.intended = mode
         self._end_stick_failsafe()
@@ -151,7 +168,7 @@ class Core:
 
     def _fly_mode(self, mode: int, now: int) -> None:
         self.mode = mode
-        self._rules.entered(mode, now)
+        self.entered(mode, now)
 
     def _obstacle(self, mode: int, now: int) -> str | None:
         if mode not in self.identity.modes.values():
@@ -162,16 +179,13 @@ class Core:
             age = NEVER if self._setpoint_at is None else now - self._setpoint_at
             if age > self.params["COM_OF_LOSS_T"] * 1e6:
                 return "no offboard signal"
-            return "no velocity estimate" if self._rules.needs_velocity() and not self.position else None
+            return "no velocity estimate" if self.needs_velocity() and not self.position else None
         if mode in NEEDS_STICKS and not self.sticks_alive(now):
             return "no manual control input"
         return "no position estimate" if mode in NEEDS_POSITION and not self.position else None
 
     def sticks_alive(self, now: int) -> bool:
         return self.sticks.alive(now, round(self.params["COM_RC_LOSS_T"] * 1e6))
-
-    def _name(self, mode: int) -> str:
-        return next((name.capitalize() for name, number in self.identity.modes.items() if number == mode), str(mode))
 
     # -- commands -----------------------------------------------------------------------------------------------------
 
@@ -185,11 +199,20 @@ class Core:
             self.take_off_to = command.z
             return (self.change_mode(TAKEOFF, now),)
         if number == DO_REPOSITION:
-            return (self.change_mode(LOITER, now),)
+            return (self._reposition(command, now),)
         if number == DO_CHANGE_SPEED:
+            self.cruise = command.params[1] if command.params[1] > 0 else None
             return (ACCEPTED,)
         mode = MODE_COMMANDS.get(number)
         return (UNSUPPORTED if mode is None else self.change_mode(mode, now),)
+
+    def _reposition(self, command: Command, now: int) -> int:
+        """Hold there, in degrees and metres above sea level; what is no number or no place is kept as it is."""
+        ack = self.change_mode(LOITER, now)
+        if ack == ACCEPTED:
+            place = from_degrees(command.x, command.y) if abs(command.x) <= 90 and abs(command.y) <= 180 else None
+            self.hold_at(place, HOME_AMSL_M - command.z if math.isfinite(command.z) else None)
+        return ack
 
     def _set_mode(self, command: Command, now: int) -> int:
         base, main, sub = command.params[0], command.params[1], command.params[2]
@@ -201,45 +224,37 @@ class Core:
     def _arm(self, wish: float, force: bool, now: int, body: Body) -> int:
         if wish not in (0, 1):
             return DENIED
-        if wish == 0 and self.armed and self._rules.flying(body) and not force:
+        if wish == 0 and self.armed and self.flying(body) and not force:
             self.say(CRITICAL, "Disarming denied: not landed")
             return TEMPORARILY_REJECTED
         if wish == 1 and not self.armed and not force and self.mode in NEEDS_STICKS and not self.sticks_alive(now):
             self.say(CRITICAL, "Arming denied: no manual control input")
             return TEMPORARILY_REJECTED
         if self.armed != (wish == 1):
-            self._set_armed(wish == 1, now)
+            self.set_armed(wish == 1, now)
             self.say(INFO, "Armed by external command" if self.armed else "Disarmed by external command")
         return ACCEPTED
 
-    def disarm(self, now: int) -> None:
-        self._set_armed(False, now)
-
-    def _set_armed(self, armed: bool, now: int) -> None:
+    def set_armed(self, armed: bool, now: int) -> None:
         """Sticks that are already silent when it is armed are not missed until they are heard again."""
         self.armed = armed
         self._end_stick_failsafe()
         if not self.sticks_alive(now):
             self._missed = self.sticks.last
-        self._rules.entered(self.mode, now)
+        self.entered(self.mode, now)
 
     def heard(self, message: Message, now: int) -> None:
         if message.get_msgId() == SET_MODE and message.base_mode & 1:
             self.change_mode(message.custom_mode, now)
 
     def happen(self, event: Event, now: int) -> None:
-        if event.action == "mode":
-            self.change_mode(self.identity.modes[event.mode or ""], now)
-        elif event.action in ("arm", "disarm"):
-            self._set_armed(event.action == "arm", now)
-        elif event.action == "rc_failsafe":
-            self.intended = RTL
-            self._fail_to(RTL, now)
-        elif event.action == "gps_off" and self.gps:
-            self.gps, self._position_until = False, now + POSITION_LOSS_US
-        elif event.action == "gps_on":
-            self.gps, self.position, self._position_until = True, True, NEVER
+        super().happen(event, now)
+        if event.action == "gps_on":
             self._return_to_offboard(now)
+
+    def radio_lost(self, now: int) -> None:
+        self.intended = RTL
+        self._fail_to(RTL, now)
 
     # -- reports ------------------------------------------------------------------------------------------------------
 
@@ -250,7 +265,7 @@ class Core:
             flags = 16 | 8 | (4 if self.mode != OFFBOARD else 0)
         return 1 | flags | (128 if self.armed else 0)
 
-    def system_status(self) -> int:
+    def system_status(self, body: Body) -> int:
         if self.failsafe:
-            return 5
-        return 4 if self.armed else 3
+            return STATUS_CRITICAL
+        return STATUS_ACTIVE if self.armed else STATUS_STANDBY

@@ -3,30 +3,20 @@
 import math
 
 from sim.agenda import NEVER
-from sim.airframes.dragged import DraggedCopter
+from sim.airframes.dragged import DraggedCopter, yaw_loop
 from sim.airframes.tilting import TiltingCopter
 from sim.airframes.unicycle import Unicycle
-from sim.autopilots.contract import ERROR, IN_AIR, LANDING, ON_GROUND, TAKING_OFF, Command, Say
-from sim.autopilots.modes import PX4 as MODES
-from sim.autopilots.px4 import (
-    LAND,
-    LOITER,
-    NEEDS_STICKS,
-    OFFBOARD,
-    RTL,
-    TAKEOFF,
-    Core,
-)
+from sim.autopilots.contract import IN_AIR, LANDING, ON_GROUND, TAKING_OFF, Command, Say
+from sim.autopilots.px4 import LAND, LOITER, MANUAL_CONTROL, NEEDS_STICKS, OFFBOARD, RTL, TAKEOFF, Px4
 from sim.autopilots.px4_tables import px4_identity, px4_parameters
-from sim.autopilots.px4_targets import NOTHING, Rejected, Trajectory, read_setpoint
+from sim.autopilots.px4_targets import NOTHING, Trajectory
 from sim.body import Body
-from sim.config import Event, VehicleConfig
+from sim.config import VehicleConfig
 from sim.demands import BodyVelocity, Brake, Demand, EarthVelocity, Spin, Tilt
-from sim.geo import HOME_AMSL_M
 from sim.params import Parameter
 from sim.wire import Message
+from sim.world import HOME_AMSL_M
 
-MANUAL_CONTROL = 69
 THINK_US, IDLE_US = 20_000, 500_000
 MOST_YAW_RATE = 2.25  # rad/s, what MC_YAWRATE_MAX 200 deg/s comes to
 POSITION_GAIN, YAW_GAIN, HEIGHT_GAIN = 0.95, 2.8, 1.0
@@ -35,40 +25,29 @@ UNHELD_SINK = 0.7  # m/s: ALTCTL without sticks or position, as flown
 IDENTITY = px4_identity(mav_type=2)
 
 
-class Px4Copter:
+class Px4Copter(Px4):
     """PX4's multicopter: what OFFBOARD flies is the last accepted setpoint."""
 
     def __init__(self, config: VehicleConfig, say: Say, start: Body) -> None:
         vehicle = config.vehicle
-        self.identity = IDENTITY
         own = (
             Parameter("MC_YAWRATE_MAX", 200.0),
             Parameter("MPC_XY_VEL_MAX", FASTEST),
             Parameter("MIS_TAKEOFF_ALT", 2.5),
             Parameter("RTL_RETURN_ALT", 60.0),
         )
-        self.params = px4_parameters(config, *own)
-        self._core = Core(IDENTITY, self.params, config, say, self)
+        super().__init__(IDENTITY, px4_parameters(config, *own), config, say)
         limit = min(MOST_YAW_RATE, math.radians(vehicle.max_turn_rate_deg_s))
         ideal = vehicle.dynamics == "unicycle"
         self._by_velocity = (
             Unicycle(limit, vehicle.turn_lag_s, vehicle.speed_lag_s)
             if ideal
-            else DraggedCopter(limit, vehicle.drag_per_s)
+            else DraggedCopter(yaw_loop(limit), vehicle.drag_per_s)
         )
         self._by_attitude = TiltingCopter(limit, drag=vehicle.drag_per_s)
-        self._setpoint: Trajectory | Tilt | Spin | None = None
         self._hold = (start.north, start.east, start.down)
         self._think_at = 0
         self._demand: Demand = Brake()
-
-    @property
-    def mode(self) -> int:
-        return self._core.mode
-
-    @property
-    def armed(self) -> bool:
-        return self._core.armed
 
     # -- what is flown ------------------------------------------------------------------------------------------------
 
@@ -84,10 +63,10 @@ class Px4Copter:
         return self._by_velocity.step(body, demand, dt, wind)
 
     def wake_us(self) -> int:
-        return min(self._core.wake_us(), self._think_at if self.armed else NEVER)
+        return min(super().wake_us(), self._think_at if self.armed else NEVER)
 
     def wake(self, now: int, body: Body) -> None:
-        self._core.wake(now)
+        super().wake(now, body)
         if now >= self._think_at:
             self._think(now, body)
 
@@ -109,15 +88,15 @@ class Px4Copter:
             if isinstance(self._setpoint, (Tilt, Spin)):
                 return self._setpoint
             return self._from_trajectory(self._setpoint, body)
-        if mode in NEEDS_STICKS and not self._core.position:
+        if mode in NEEDS_STICKS and not self.position:
             return EarthVelocity(body.velocity_north * 0.9, body.velocity_east * 0.9, UNHELD_SINK)
-        if mode == LAND or not self._core.position:
+        if mode == LAND or not self.position:
             return self._landing(body)
         if mode == RTL:
             return self._going_home(body)
         if mode == TAKEOFF:
             return self._taking_off(body)
-        return _towards(body, *self._hold)
+        return _towards(body, *self._hold, min(FASTEST, self.cruise or FASTEST))
 
     def _from_trajectory(self, setpoint: Trajectory | None, body: Body) -> Demand:
         """Velocities as they are, positions through the position loop; an incomplete one hovers."""
@@ -147,7 +126,7 @@ class Px4Copter:
 
     def _landing(self, body: Body) -> Demand:
         if body.down >= -0.05:
-            self._core.disarm(self._think_at)
+            self.set_armed(False, self._think_at)
             return Brake()
         return EarthVelocity(0.0, 0.0, 0.7)
 
@@ -160,81 +139,44 @@ class Px4Copter:
         return _towards(body, 0.0, 0.0, cruise, 5.0)
 
     def _taking_off(self, body: Body) -> Demand:
-        asked = self._core.take_off_to
+        asked = self.take_off_to
         height = asked - HOME_AMSL_M if asked is not None and math.isfinite(asked) else self.params["MIS_TAKEOFF_ALT"]
         if body.down <= -height + 0.2:
             self._hold = (body.north, body.east, -height)
-            self._core.change_mode(LOITER, self._think_at)
+            self.change_mode(LOITER, self._think_at)
         return EarthVelocity(0.0, 0.0, max(-1.5, min(0.0, -height - body.down - 0.1)))
 
     # -- what is obeyed -----------------------------------------------------------------------------------------------
 
     def setpoint(self, message: Message, now: int, body: Body) -> bool:
-        if message.get_msgId() == MANUAL_CONTROL:
-            return self._core.sticks.heard(message, now, None)
-        taken = read_setpoint(message, body)
-        if isinstance(taken, Rejected):
-            self._core.say(ERROR, taken.text)
-            return False
-        if taken is None:
-            return False
-        self._setpoint = taken
-        self._core.setpoint_taken(now)
-        if self.mode == OFFBOARD and self.armed:
+        taken = super().setpoint(message, now, body)
+        if taken and message.get_msgId() != MANUAL_CONTROL and self.mode == OFFBOARD and self.armed:
             self._think(now, body)
-        return True
+        return taken
 
     def command(self, command: Command, now: int, body: Body) -> tuple[int, ...]:
         self._hold = (body.north, body.east, body.down)
-        return self._core.command(command, now, body)
+        return super().command(command, now, body)
 
-    def heard(self, message: Message, now: int) -> None:
-        self._core.heard(message, now)
-
-    def happen(self, event: Event, now: int) -> None:
-        self._core.happen(event, now)
-
-    # -- the copter's own rules ---------------------------------------------------------------------------------------
+    def hold_at(self, place: tuple[float, float] | None, down: float | None) -> None:
+        north, east = place or self._hold[:2]
+        self._hold = (north, east, self._hold[2] if down is None else down)
 
     def entered(self, mode: int, now: int) -> None:
         self._think_at = now
 
-    def needs_velocity(self) -> bool:
-        return not isinstance(self._setpoint, (Tilt, Spin))
-
-    def flying(self, body: Body) -> bool:
-        return self.armed and body.down < -0.1
-
     # -- what is reported ---------------------------------------------------------------------------------------------
-
-    def base_mode(self) -> int:
-        return self._core.base_mode()
-
-    def system_status(self, body: Body) -> int:
-        return self._core.system_status()
 
     def flown(self) -> Demand | None:
         return self._demand if self.mode == OFFBOARD else None
 
-    def wanted_roll(self) -> float | None:
-        return None
-
-    def intended_mode(self) -> int:
-        return self._core.intended
-
     def landed_state(self, body: Body) -> int:
         if not self.flying(body):
             return ON_GROUND
-        return {MODES["TAKEOFF"]: TAKING_OFF, LAND: LANDING}.get(self.mode, IN_AIR)
+        return {TAKEOFF: TAKING_OFF, LAND: LANDING}.get(self.mode, IN_AIR)
 
     def shown_airspeed(self, body: Body, wind: tuple[float, float]) -> float:
         return math.nan
-
-    def has_position(self) -> bool:
-        return self._core.position
-
-    def has_gps(self) -> bool:
-        return self._core.gps
 
 
 def _towards(body: Body, north: float, east: float, down: float, speed: float = FASTEST) -> EarthVelocity:

@@ -5,12 +5,10 @@ import socket
 import time
 from collections.abc import Callable
 
-from sim.endpoints import Endpoint, EndpointError, parse_endpoint
 from sim.faults.link import DOWN, UP, FaultLink
+from sim.wires import BATCH, BIGGEST, Endpoint, EndpointError, bound, parse_endpoint, resolved
 
 LONGEST_SLEEP = 0.05
-BIGGEST = 65_535
-BATCH = 1_000
 
 
 class Proxy:
@@ -72,12 +70,4 @@ class Proxy:
 def _open(endpoint: Endpoint) -> tuple[socket.socket, tuple[str, int] | None]:
     if endpoint.kind == "tcpin":
         raise EndpointError(f"{endpoint}: the fault link speaks UDP only: udpin:HOST:PORT or udpout:HOST:PORT")
-    port = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    try:
-        peer = (socket.gethostbyname(endpoint.host), endpoint.port) if endpoint.kind == "udpout" else None
-        port.bind(("", 0) if peer else (endpoint.host, endpoint.port))
-    except OSError as error:
-        port.close()
-        raise EndpointError(f"{endpoint}: cannot be opened: {(error.strerror or str(error)).lower()}") from error
-    port.setblocking(False)
-    return port, peer
+    return bound(socket.SOCK_DGRAM, endpoint), resolved(endpoint) if endpoint.kind == "udpout" else None

@@ -11,8 +11,8 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from sim.faults import DOWN, UP, FaultLink, Impairment
-from sim.faults.damage import corrupted
 from sim.faults.frames import message_id, read, rewritten, write
+from sim.faults.impairment import corrupted
 from sim.faults.pipe import Pipe
 from sim.faults.tampering import dropping, on, outliers
 from tests.process import PATIENCE

@@ -3,22 +3,17 @@
 import itertools
 import math
 import statistics
-from collections.abc import Callable
-from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from sim.config import Target, parse_vehicle
-from sim.vehicle import Vehicle
 from sim.world import TargetMotion
-
-Build = Callable[..., Vehicle]
-Stations = type[Any]
+from tests.sim.station import Station, build
 
 
-def test_a_scripted_operator_changes_the_mode(build: Build, station: Stations) -> None:
-    companion = station(build(start={"mode": "GUIDED"}, events=[{"at_s": 2.5, "action": "mode", "mode": "BRAKE"}]))
+def test_a_scripted_operator_changes_the_mode() -> None:
+    companion = Station(build(start={"mode": "GUIDED"}, events=[{"at_s": 2.5, "action": "mode", "mode": "BRAKE"}]))
     companion.fly(2.45, 5.0, 0.1)
     assert companion.vehicle.truth.mode == 4
     companion.fly(1.0, 5.0, 0.1)
@@ -28,8 +23,8 @@ def test_a_scripted_operator_changes_the_mode(build: Build, station: Stations) -
     assert [b.custom_mode for b in beats] == [4, 4, 4, 17]
 
 
-def test_disarmed_in_the_air_it_falls(build: Build, station: Stations) -> None:
-    companion = station(build(start={"mode": "GUIDED"}, events=[{"at_s": 1.0, "action": "disarm"}]))
+def test_disarmed_in_the_air_it_falls() -> None:
+    companion = Station(build(start={"mode": "GUIDED"}, events=[{"at_s": 1.0, "action": "disarm"}]))
     companion.fly(10.0, 5.0, 0.1)
     truth = companion.vehicle.truth
     assert not truth.armed and truth.down == 0.0
@@ -39,11 +34,9 @@ def test_disarmed_in_the_air_it_falls(build: Build, station: Stations) -> None:
 @pytest.mark.parametrize(
     ("profile", "guided", "after"), [("arducopter", 4, 6), ("arduplane", 15, 11), ("ardurover", 15, 4)]
 )
-def test_a_radio_failsafe_takes_the_mode(
-    build: Build, station: Stations, profile: str, guided: int, after: int
-) -> None:
+def test_a_radio_failsafe_takes_the_mode(profile: str, guided: int, after: int) -> None:
     events = [{"at_s": 1.0, "action": "rc_failsafe"}]
-    companion = station(build(vehicle={"profile": profile}, start={"mode": "GUIDED"}, events=events))
+    companion = Station(build(vehicle={"profile": profile}, start={"mode": "GUIDED"}, events=events))
     companion.wait(0.9)
     assert companion.vehicle.truth.mode == guided
     companion.wait(0.2)
@@ -52,8 +45,8 @@ def test_a_radio_failsafe_takes_the_mode(
     assert companion.listen("HEARTBEAT", source=(1, 1))[-1].system_status == 5
 
 
-def test_gps_loss_lands_a_guided_copter_after_eight_seconds(build: Build, station: Stations) -> None:
-    companion = station(build(start={"mode": "GUIDED"}, events=[{"at_s": 2.0, "action": "gps_off"}]))
+def test_gps_loss_lands_a_guided_copter_after_eight_seconds() -> None:
+    companion = Station(build(start={"mode": "GUIDED"}, events=[{"at_s": 2.0, "action": "gps_off"}]))
     companion.command(511, 24, 1_000_000)
     companion.command(511, 193, 1_000_000)
     companion.fly(9.9, 5.0, 0.2)
@@ -68,9 +61,12 @@ def test_gps_loss_lands_a_guided_copter_after_eight_seconds(build: Build, statio
     assert companion.command(176, 1, 4) == [4] and companion.command(176, 1, 2) == [0]
 
 
-def test_the_ground_stations_failsafe_watches_only_its_own_heartbeat(build: Build, station: Stations) -> None:
+def test_the_ground_stations_failsafe_watches_only_its_own_heartbeat() -> None:
     vehicle = build(start={"mode": "GUIDED"})
-    companion, operator = station(vehicle), station(vehicle, 255, 190, link="gcs")
+    companion, operator = Station(vehicle), Station(vehicle, 255, 190, link="gcs")
+    operator.heartbeat(6)
+    companion.fly(10.0, 3.0, 0.1)
+    assert vehicle.truth.mode == 4  # off by default
     operator.send(mavlink.MAVLink_param_set_message(1, 1, b"FS_GCS_ENABLE", 1.0, 2))
     operator.heartbeat(6)
     for _ in range(4):
@@ -81,16 +77,9 @@ def test_the_ground_stations_failsafe_watches_only_its_own_heartbeat(build: Buil
     assert vehicle.truth.mode == 6 and companion.texts() == ["GCS Failsafe"]
 
 
-def test_it_is_off_by_default(build: Build, station: Stations) -> None:
-    vehicle = build(start={"mode": "GUIDED"})
-    station(vehicle, 255, 190, link="gcs").heartbeat(6)
-    vehicle.advance(20.0)
-    assert vehicle.truth.mode == 4
-
-
-def test_a_reboot_is_silence_then_a_clock_at_zero_and_nobody_remembered(build: Build, station: Stations) -> None:
+def test_a_reboot_is_silence_then_a_clock_at_zero_and_nobody_remembered() -> None:
     events = [{"at_s": 5.0, "action": "reboot", "value": 3.0}]
-    companion = station(build(start={"mode": "GUIDED"}, truth={"rate_hz": 0}, events=events))
+    companion = Station(build(start={"mode": "GUIDED"}, truth={"rate_hz": 0}, events=events))
     companion.heartbeat()
     companion.command(511, 30, 100_000)
     companion.wait(5.0)
@@ -108,18 +97,18 @@ def test_a_reboot_is_silence_then_a_clock_at_zero_and_nobody_remembered(build: B
     assert companion.listen("SYSTEM_TIME")[-1].time_boot_ms == 2100
 
 
-def test_a_muted_radio_is_silent_and_comes_back(build: Build, station: Stations) -> None:
+def test_a_muted_radio_is_silent_and_comes_back() -> None:
     events = [{"at_s": 1.0, "action": "mute_ranging"}, {"at_s": 2.0, "action": "unmute_ranging"}]
-    companion = station(build(events=events))
+    companion = Station(build(events=events))
     companion.heartbeat()
     companion.wait(3.0)
     stamps = [m.time_boot_ms for m in companion.listen("DISTANCE_SENSOR")]
     assert not [s for s in stamps if 1000 <= s < 2000] and [s for s in stamps if s >= 2000]
 
 
-def test_a_muted_autopilot_says_nothing_but_flies_on(build: Build, station: Stations) -> None:
+def test_a_muted_autopilot_says_nothing_but_flies_on() -> None:
     events = [{"at_s": 1.0, "action": "mute_autopilot"}, {"at_s": 3.0, "action": "unmute_autopilot"}]
-    companion = station(build(start={"mode": "GUIDED"}, events=events))
+    companion = Station(build(start={"mode": "GUIDED"}, events=events))
     companion.fly(1.0, 5.0, 0.1)
     companion.forget()
     companion.fly(1.9, 5.0, 0.1)
@@ -128,8 +117,8 @@ def test_a_muted_autopilot_says_nothing_but_flies_on(build: Build, station: Stat
     assert companion.listen("HEARTBEAT", source=(1, 1)) != []
 
 
-def test_the_battery_drains_and_can_be_set(build: Build, station: Stations) -> None:
-    companion = station(
+def test_the_battery_drains_and_can_be_set() -> None:
+    companion = Station(
         build(
             battery={"percent": 80.0, "drain_percent_per_min": 6.0},
             events=[{"at_s": 100.0, "action": "battery", "value": 15.0}],
@@ -142,14 +131,14 @@ def test_the_battery_drains_and_can_be_set(build: Build, station: Stations) -> N
     assert companion.listen("BATTERY_STATUS")[-1].battery_remaining in (14, 15)
 
 
-def test_the_wind_can_change_in_flight(build: Build, station: Stations) -> None:
+def test_the_wind_can_change_in_flight() -> None:
     vehicle = build(wind={"speed_mps": 2.0, "from_deg": 0.0}, events=[{"at_s": 1.0, "action": "wind", "value": 7.0}])
     assert vehicle.truth.wind_north == pytest.approx(-2.0)
     vehicle.advance(1.5)
     assert vehicle.truth.wind_north == pytest.approx(-7.0)
 
 
-def test_gusts_have_their_strength_and_memory(build: Build) -> None:
+def test_gusts_have_their_strength_and_memory() -> None:
     vehicle = build(seed=4, wind={"speed_mps": 5.0, "from_deg": 90.0, "gust_rms_mps": 1.5, "gust_time_s": 2.0})
     north, east = [], []
     for i in range(20_000):
@@ -176,7 +165,7 @@ def test_a_target_turns_and_accelerates_along_its_course() -> None:
 
 
 @pytest.mark.parametrize(("preset", "slow", "loss"), [("gaussian", 0.0, 0.0), ("uwb", 0.15, 0.0), ("lora", 2.0, 0.1)])
-def test_radios_have_their_character(build: Build, station: Stations, preset: str, slow: float, loss: float) -> None:
+def test_radios_have_their_character(preset: str, slow: float, loss: float) -> None:
     vehicle = build(
         seed=2,
         truth={"rate_hz": 0},
@@ -185,7 +174,7 @@ def test_radios_have_their_character(build: Build, station: Stations, preset: st
         ranging={"preset": preset, "message": "ranging_beacon", "via": "direct", "noise_m": 0.5, "max_range_m": 1000.0},
     )
     vehicle.advance(1000.0)
-    heard = [m.range / 1000 - 200.0 for m in station(vehicle, link="ranging").listen()]
+    heard = [m.range / 1000 - 200.0 for m in Station(vehicle, link="ranging").listen()]
     assert len(heard) == pytest.approx(10_000 * (1 - loss), rel=0.02)
     means = [statistics.fmean(heard[i : i + 10]) for i in range(0, len(heard) - 10, 10)]  # over a second
     assert statistics.pstdev(means) == pytest.approx(slow, abs=0.25 * slow + 0.2)
@@ -201,11 +190,9 @@ def test_an_unknown_action_or_mode_is_refused() -> None:
 
 
 @pytest.mark.parametrize(("profile", "guided"), [("arducopter", 4), ("ardurover", 15)])
-def test_odometry_serves_without_gps_once_an_origin_is_set(
-    build: Build, station: Stations, profile: str, guided: int
-) -> None:
+def test_odometry_serves_without_gps_once_an_origin_is_set(profile: str, guided: int) -> None:
     vehicle = build(vehicle={"profile": profile, "gps": False, "odometry": True}, start={"mode": "ACRO"})
-    companion = station(vehicle)
+    companion = Station(vehicle)
     assert companion.command(176, 1, guided) == [4]
     companion.send(mavlink.MAVLink_set_gps_global_origin_message(1, -353632621, 1491652374, 584000))
     assert companion.command(176, 1, guided) == [0]
@@ -213,20 +200,20 @@ def test_odometry_serves_without_gps_once_an_origin_is_set(
     assert vehicle.truth.turn_rate == pytest.approx(0.2, rel=0.02)
 
 
-def test_a_copter_shows_its_ground_speed_for_airspeed_unless_it_has_a_sensor(build: Build, station: Stations) -> None:
+def test_a_copter_shows_its_ground_speed_for_airspeed_unless_it_has_a_sensor() -> None:
     for sensor, shown in ((False, 5.0), (True, math.hypot(5.0, 8.0))):
         vehicle = build(
             vehicle={"airspeed_sensor": sensor}, start={"mode": "GUIDED"}, wind={"speed_mps": 8.0, "from_deg": 90.0}
         )
-        companion = station(vehicle)
+        companion = Station(vehicle)
         companion.command(511, 74, 100_000)
         companion.fly(2.0, 5.0, 0.0)
         assert companion.listen("VFR_HUD")[-1].airspeed == pytest.approx(shown, abs=0.01)
 
 
-def test_reports_are_bent_as_the_file_says_and_the_truth_is_not(build: Build, station: Stations) -> None:
+def test_reports_are_bent_as_the_file_says_and_the_truth_is_not() -> None:
     sensors = {"heading_bias_deg": 10.0, "heading_drift_deg_s": 0.5, "gyro_scale": 1.1, "airspeed_noise_mps": 0.3}
-    companion = station(
+    companion = Station(
         build(vehicle={"profile": "arduplane"}, start={"mode": "GUIDED"}, sensors=sensors, truth={"rate_hz": 0})
     )
     companion.command(511, 74, 100_000)

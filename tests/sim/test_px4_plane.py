@@ -1,30 +1,25 @@
 """PX4's fixed wing as flown: sticks with height and speed held, or attitude and thrust with nothing held."""
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 import pytest
 
 from sim.autopilots.modes import PX4
-from sim.vehicle import Vehicle
+from tests.sim.station import Station, build
 
-Build = Callable[..., Vehicle]
-Stations = type[Any]
 G = 9.80665
 
 
-def plane(build: Build, station: Stations, **tables: Any) -> Any:
+def plane(**tables: Any) -> Any:
     vehicle = {"profile": "px4_plane", "default_streams": False}
-    return station(build(vehicle=vehicle, truth={"rate_hz": 0}, ranging={"rate_hz": 0.0}, **tables))
+    return Station(build(vehicle=vehicle, truth={"rate_hz": 0}, ranging={"rate_hz": 0.0}, **tables))
 
 
 @pytest.mark.parametrize("mode", ["ALTCTL", "ALT_CRUISE"])
 @pytest.mark.parametrize(("stick", "bank", "rate"), [(0.3, 15.0, 0.261), (0.6, 30.0, 0.550), (-0.6, -30.0, -0.550)])
-def test_the_roll_stick_banks_and_height_and_speed_are_held(
-    build: Build, station: Stations, mode: str, stick: float, bank: float, rate: float
-) -> None:
-    companion = plane(build, station)
+def test_the_roll_stick_banks_and_height_and_speed_are_held(mode: str, stick: float, bank: float, rate: float) -> None:
+    companion = plane()
     companion.sticks(0.0)
     assert companion.command(176, 1, PX4[mode] >> 16) == [0, 0]
     companion.repeat(20.0, lambda: companion.sticks(stick))
@@ -34,8 +29,8 @@ def test_the_roll_stick_banks_and_height_and_speed_are_held(
     assert truth.down == pytest.approx(-100.0, abs=0.6) and truth.airspeed == pytest.approx(10.0, abs=0.2)
 
 
-def test_sticks_lost_hold_then_return_and_do_not_come_back(build: Build, station: Stations) -> None:
-    companion = plane(build, station)
+def test_sticks_lost_hold_then_return_and_do_not_come_back() -> None:
+    companion = plane()
     companion.sticks(0.0)
     companion.command(176, 1, 2)
     companion.repeat(2.0, lambda: companion.sticks(0.3))
@@ -51,12 +46,10 @@ HOLD, OFFBOARD_TOO = 2, 4  # bits of COM_RCL_EXCEPT
 LOITER, LAND, ALTCTL, OFFBOARD = (4, 3), (4, 6), (2, 0), (6, 0)
 
 
-def after_the_sticks_end(
-    build: Build, station: Stations, left_in: tuple[int, int], **parameters: float
-) -> tuple[Any, list[str]]:
+def after_the_sticks_end(left_in: tuple[int, int], **parameters: float) -> tuple[Any, list[str]]:
     """A plane that had sticks for two seconds and is left in a mode without them, and where it is then: at once, while
     it may hold, and in the end."""
-    companion = plane(build, station)
+    companion = plane()
     companion.heartbeat(6)
     for name, value in parameters.items():
         companion.vehicle._flight.autopilot.params.set(name, value)
@@ -87,21 +80,21 @@ def after_the_sticks_end(
     ],
 )
 def test_sticks_that_were_heard_once_are_missed_in_every_mode_that_is_not_excepted(
-    build: Build, station: Stations, left_in: tuple[int, int], parameters: dict[str, float], seen: list[str]
+    left_in: tuple[int, int], parameters: dict[str, float], seen: list[str]
 ) -> None:
-    assert after_the_sticks_end(build, station, left_in, **parameters)[1] == seen
+    assert after_the_sticks_end(left_in, **parameters)[1] == seen
 
 
-def test_the_loss_of_sticks_is_told_and_a_mode_chosen_afterwards_lasts(build: Build, station: Stations) -> None:
-    companion, seen = after_the_sticks_end(build, station, LOITER)
+def test_the_loss_of_sticks_is_told_and_a_mode_chosen_afterwards_lasts() -> None:
+    companion, seen = after_the_sticks_end(LOITER)
     assert companion.texts() == ["Failsafe activated: entering Hold for 5 seconds", "Failsafe activated"]
     assert companion.command(176, 1, *LOITER) == [0, 0]
     companion.wait(30.0)
     assert (seen[-1], companion.vehicle.truth.mode) == ("RTL", PX4["LOITER"])
 
 
-def test_sticks_never_heard_and_sticks_silent_at_arming_are_not_missed(build: Build, station: Stations) -> None:
-    companion = plane(build, station)
+def test_sticks_never_heard_and_sticks_silent_at_arming_are_not_missed() -> None:
+    companion = plane()
     companion.wait(10.0)
     assert companion.vehicle.truth.mode == PX4["LOITER"]
     companion.command(400, 0, 21196)
@@ -112,8 +105,8 @@ def test_sticks_never_heard_and_sticks_silent_at_arming_are_not_missed(build: Bu
     assert companion.vehicle.truth.mode == PX4["LOITER"]
 
 
-def test_a_velocity_alone_is_taken_and_has_no_effect(build: Build, station: Stations) -> None:
-    companion = plane(build, station)
+def test_a_velocity_alone_is_taken_and_has_no_effect() -> None:
+    companion = plane()
     companion.velocity(10.0, 0.3)
     assert companion.command(176, 1, 6) == [0, 0]
     companion.wait(0.5)
@@ -122,10 +115,10 @@ def test_a_velocity_alone_is_taken_and_has_no_effect(build: Build, station: Stat
     assert truth.mode == PX4["OFFBOARD"] and abs(truth.turn_rate) < 0.01 and truth.down == pytest.approx(-100, abs=0.2)
 
 
-def test_a_position_is_flown_to_at_0835_sin_eta(build: Build, station: Stations) -> None:
+def test_a_position_is_flown_to_at_0835_sin_eta() -> None:
     from pymavlink.dialects.v20 import all as mavlink
 
-    companion = plane(build, station)
+    companion = plane()
     angle = math.asin(0.2 / 0.835)
 
     def carrot() -> None:
@@ -158,10 +151,8 @@ def loops(companion: Any, bank: float) -> None:
 
 
 @pytest.mark.parametrize("bank", [0.0, 10.0, 20.0, 30.0, -40.0])
-def test_attitude_setpoints_turn_exactly_and_a_clients_own_loops_hold_height_and_speed(
-    build: Build, station: Stations, bank: float
-) -> None:
-    companion = plane(build, station)
+def test_attitude_setpoints_turn_exactly_and_a_clients_own_loops_hold_height_and_speed(bank: float) -> None:
+    companion = plane()
     companion.attitude(7, thrust=0.63)
     assert companion.command(176, 1, 6) == [0, 0]
     companion.repeat(40.0, lambda: loops(companion, math.radians(bank)))
@@ -171,16 +162,16 @@ def test_attitude_setpoints_turn_exactly_and_a_clients_own_loops_hold_height_and
     assert truth.airspeed == pytest.approx(10.0, abs=0.3) and truth.down == pytest.approx(-100.0, abs=2.5)
 
 
-def test_without_loops_nothing_holds_the_height(build: Build, station: Stations) -> None:
-    companion = plane(build, station)
+def test_without_loops_nothing_holds_the_height() -> None:
+    companion = plane()
     companion.attitude(7, thrust=0.63)
     companion.command(176, 1, 6)
     companion.repeat(30.0, lambda: companion.attitude(7, math.radians(40.0), thrust=0.63))
     assert companion.vehicle.truth.down > -95.0
 
 
-def test_no_throttle_is_no_thrust(build: Build, station: Stations) -> None:
-    companion = plane(build, station)
+def test_no_throttle_is_no_thrust() -> None:
+    companion = plane()
     companion.attitude(7, thrust=0.63)
     companion.command(176, 1, 6)
     companion.repeat(15.0, lambda: companion.attitude(7 | 64, thrust=0.63))
@@ -191,8 +182,8 @@ def test_no_throttle_is_no_thrust(build: Build, station: Stations) -> None:
     assert path == pytest.approx(27.0, abs=3.0)  # flown: -27 deg
 
 
-def test_a_loss_of_setpoints_returns_and_resumes(build: Build, station: Stations) -> None:
-    companion = plane(build, station)
+def test_a_loss_of_setpoints_returns_and_resumes() -> None:
+    companion = plane()
     companion.attitude(7, thrust=0.63)
     companion.command(176, 1, 6)
     companion.wait(1.1)
@@ -201,9 +192,21 @@ def test_a_loss_of_setpoints_returns_and_resumes(build: Build, station: Stations
     assert companion.vehicle.truth.mode == PX4["OFFBOARD"]
 
 
-def test_attitude_goes_on_without_gps(build: Build, station: Stations) -> None:
-    companion = plane(build, station, events=[{"at_s": 1.0, "action": "gps_off"}])
+def test_attitude_goes_on_without_gps() -> None:
+    companion = plane(events=[{"at_s": 1.0, "action": "gps_off"}])
     companion.attitude(7, thrust=0.63)
     companion.command(176, 1, 6)
     companion.repeat(30.0, lambda: loops(companion, 0.3))
     assert companion.vehicle.truth.mode == PX4["OFFBOARD"]
+
+
+def test_a_reposition_is_circled_at_its_height_and_the_speed_asked_for() -> None:
+    """200 m east of home and 120 m above it; the radius is NAV_LOITER_RAD."""
+    companion = plane()
+    east = 149.1652374 + math.degrees(200 / (6_378_137 * math.cos(math.radians(35.3632621))))
+    assert companion.command(178, 0, 12.0, -1) == [0]
+    assert companion.command(192, -1, 1, 0, math.nan, -35.3632621, east, 584.0 + 120.0) == [0]
+    companion.wait(150.0)
+    truth = companion.vehicle.truth
+    assert math.hypot(truth.north, truth.east - 200.0) == pytest.approx(80.0, abs=8.0)
+    assert (truth.down, truth.airspeed) == (pytest.approx(-120.0, abs=0.5), pytest.approx(12.0, abs=0.2))

@@ -2,26 +2,24 @@
 
 import math
 import statistics
-from collections.abc import Callable
 from typing import Any
 
 import pytest
 
 from sim.vehicle import Vehicle
+from tests.sim.station import Station, build
 
-Build = Callable[..., Vehicle]
-Stations = type[Any]
 STILL = {"north_m": -300.0, "altitude_m": 40.0}
 SLANT = math.hypot(300.0, 40.0)
 RADIO, AUTOPILOT = (1, 192), (1, 1)
 
 
-def ranging(build: Build, **keys: Any) -> Vehicle:
+def ranging(**keys: Any) -> Vehicle:
     return build(start=STILL, truth={"rate_hz": 0}, ranging={"noise_m": 0.0, **keys})
 
 
-def test_distance_sensor_is_the_slant_range_in_whole_centimetres(build: Build, station: Stations) -> None:
-    companion = station(ranging(build, sensor_id=7, orientation=24))
+def test_distance_sensor_is_the_slant_range_in_whole_centimetres() -> None:
+    companion = Station(ranging(sensor_id=7))
     companion.heartbeat()
     companion.vehicle.advance(0.95)
     heard = companion.listen("DISTANCE_SENSOR", source=RADIO)
@@ -30,24 +28,17 @@ def test_distance_sensor_is_the_slant_range_in_whole_centimetres(build: Build, s
     assert {(m.id, m.orientation, m.covariance) for m in heard} == {(7, 24, 255)}
 
 
-def test_a_radio_that_nobody_described_looks_up_as_the_templates_want_it(build: Build, station: Stations) -> None:
-    companion = station(ranging(build))
-    companion.heartbeat()
-    companion.vehicle.advance(0.25)
-    assert {message.orientation for message in companion.listen("DISTANCE_SENSOR", source=RADIO)} == {24}
-
-
-def test_distance_sensor_saturates_at_65535(build: Build, station: Stations) -> None:
+def test_distance_sensor_saturates_at_65535() -> None:
     vehicle = build(start={"north_m": -900.0}, ranging={"noise_m": 0.0})
-    companion = station(vehicle)
+    companion = Station(vehicle)
     companion.heartbeat()
     vehicle.advance(0.1)
     assert companion.listen("DISTANCE_SENSOR")[0].current_distance == 65535
 
 
-def test_ranging_beacon_counts_millimetres_and_says_what_it_does_not_know(build: Build, station: Stations) -> None:
-    vehicle = ranging(build, message="ranging_beacon", via="direct", beacon_id=9)
-    radio = station(vehicle, link="ranging")
+def test_ranging_beacon_counts_millimetres_and_says_what_it_does_not_know() -> None:
+    vehicle = ranging(message="ranging_beacon", via="direct", beacon_id=9)
+    radio = Station(vehicle, link="ranging")
     vehicle.advance(0.35)
     heard = radio.listen()
     assert [m.range for m in heard] == [round(SLANT * 1000)] * 4
@@ -56,29 +47,29 @@ def test_ranging_beacon_counts_millimetres_and_says_what_it_does_not_know(build:
     assert (first.beacon_id, first.target_system, first.target_component) == (9, 0, 0)
     assert (first.lat, first.lon, first.range_accuracy) == (2**31 - 1, 2**31 - 1, 2**32 - 1)
     assert math.isnan(first.alt)
-    assert station(vehicle).listen("RANGING_BEACON") == []  # not on the autopilot's link
+    assert Station(vehicle).listen("RANGING_BEACON") == []  # not on the autopilot's link
 
 
-def test_a_named_value_is_a_single_precision_float(build: Build, station: Stations) -> None:
-    companion = station(ranging(build, message="named_value_float", name="RNG"))
+def test_a_named_value_is_a_single_precision_float() -> None:
+    companion = Station(ranging(message="named_value_float", name="RNG"))
     companion.heartbeat()
     companion.vehicle.advance(0.1)
     value = companion.listen("NAMED_VALUE_FLOAT")[0]
     assert value.name == "RNG" and value.value == pytest.approx(SLANT, rel=1e-7)
 
 
-def test_accuracy_is_reported_where_it_fits(build: Build, station: Stations) -> None:
+def test_accuracy_is_reported_where_it_fits() -> None:
     for noise, covariance in ((0.1, 100), (0.5, 255)):
-        companion = station(ranging(build, noise_m=noise, report_accuracy=True))
+        companion = Station(ranging(noise_m=noise, report_accuracy=True))
         companion.heartbeat()
         companion.vehicle.advance(0.1)
         assert companion.listen("DISTANCE_SENSOR")[0].covariance == covariance
-    vehicle = ranging(build, noise_m=0.5, report_accuracy=True, message="ranging_beacon", via="direct")
+    vehicle = ranging(noise_m=0.5, report_accuracy=True, message="ranging_beacon", via="direct")
     vehicle.advance(0.1)
-    assert station(vehicle, link="ranging").listen()[0].range_accuracy == 500
+    assert Station(vehicle, link="ranging").listen()[0].range_accuracy == 500
 
 
-def errors(build: Build, station: Stations, **keys: Any) -> list[float]:
+def errors(**keys: Any) -> list[float]:
     vehicle = build(
         seed=3,
         start=STILL,
@@ -86,33 +77,33 @@ def errors(build: Build, station: Stations, **keys: Any) -> list[float]:
         ranging={"message": "ranging_beacon", "via": "direct", "rate_hz": 100.0, **keys},
     )
     vehicle.advance(50.0)
-    return [m.range / 1000 - SLANT for m in station(vehicle, link="ranging").listen()]
+    return [m.range / 1000 - SLANT for m in Station(vehicle, link="ranging").listen()]
 
 
-def test_noise_and_bias_are_as_configured(build: Build, station: Stations) -> None:
-    noise = errors(build, station, noise_m=2.0, bias_m=1.5)
+def test_noise_and_bias_are_as_configured() -> None:
+    noise = errors(noise_m=2.0, bias_m=1.5)
     assert statistics.fmean(noise) == pytest.approx(1.5, abs=4 * 2.0 / math.sqrt(5000))
     assert statistics.stdev(noise) == pytest.approx(2.0, rel=0.05)
 
 
-def test_outliers_and_dropouts_come_as_often_as_configured(build: Build, station: Stations) -> None:
-    spread = errors(build, station, noise_m=0.0, outlier_fraction=0.2, outlier_m=40.0, dropout_fraction=0.3)
+def test_outliers_and_dropouts_come_as_often_as_configured() -> None:
+    spread = errors(noise_m=0.0, outlier_fraction=0.2, outlier_m=40.0, dropout_fraction=0.3)
     assert len(spread) == pytest.approx(3500, abs=4 * math.sqrt(5000 * 0.3 * 0.7))
     wild = [e for e in spread if abs(e) > 0.01]
     assert len(wild) / len(spread) == pytest.approx(0.2, abs=0.03) and max(map(abs, wild)) <= 40.0
 
 
-def test_another_seed_draws_other_noise(build: Build, station: Stations) -> None:
+def test_another_seed_draws_other_noise() -> None:
     def noise(seed: int) -> list[int]:
         vehicle = build(seed=seed, ranging={"message": "ranging_beacon", "via": "direct"})
         vehicle.advance(1.0)
-        return [m.range for m in station(vehicle, link="ranging").listen()]
+        return [m.range for m in Station(vehicle, link="ranging").listen()]
 
     assert noise(1) == noise(1) != noise(2)
 
 
-def test_latency_delays_the_message_but_not_its_stamp(build: Build, station: Stations) -> None:
-    companion = station(ranging(build, latency_s=0.25))
+def test_latency_delays_the_message_but_not_its_stamp() -> None:
+    companion = Station(ranging(latency_s=0.25))
     companion.heartbeat()
     companion.vehicle.advance(0.249)
     assert companion.listen("DISTANCE_SENSOR") == []
@@ -120,15 +111,15 @@ def test_latency_delays_the_message_but_not_its_stamp(build: Build, station: Sta
     assert [m.time_boot_ms for m in companion.listen("DISTANCE_SENSOR")] == [0]
 
 
-def test_beyond_its_range_the_radio_is_silent(build: Build, station: Stations) -> None:
-    companion = station(ranging(build, max_range_m=200.0))
+def test_beyond_its_range_the_radio_is_silent() -> None:
+    companion = Station(ranging(max_range_m=200.0))
     companion.heartbeat()
     companion.vehicle.advance(2.0)
     assert companion.listen("DISTANCE_SENSOR") == []
 
 
-def test_the_autopilot_forwards_only_to_a_link_it_has_heard(build: Build, station: Stations) -> None:
-    companion = station(ranging(build))
+def test_the_autopilot_forwards_only_to_a_link_it_has_heard() -> None:
+    companion = Station(ranging())
     companion.vehicle.advance(1.0)
     assert companion.listen("DISTANCE_SENSOR") == []
     assert companion.listen("HEARTBEAT", source=RADIO) != []  # heartbeats go everywhere
@@ -137,9 +128,9 @@ def test_the_autopilot_forwards_only_to_a_link_it_has_heard(build: Build, statio
     assert len(companion.listen("DISTANCE_SENSOR", source=RADIO)) == 9
 
 
-def test_through_the_rangefinder_driver_values_repeat_with_send_time_stamps(build: Build, station: Stations) -> None:
+def test_through_the_rangefinder_driver_values_repeat_with_send_time_stamps() -> None:
     vehicle = build(start={"mode": "GUIDED", "speed_mps": 10.0}, ranging={"via": "autopilot", "rate_hz": 5.0})
-    companion = station(vehicle)
+    companion = Station(vehicle)
     companion.heartbeat()
     vehicle.advance(0.5)
     assert companion.listen("DISTANCE_SENSOR") == []  # silent until asked
@@ -151,12 +142,12 @@ def test_through_the_rangefinder_driver_values_repeat_with_send_time_stamps(buil
     assert {(m.id, m.covariance, m.type) for m in heard} == {(0, 0, 0)}
 
 
-def test_the_driver_stops_when_its_input_is_older_than_450_ms(build: Build, station: Stations) -> None:
+def test_the_driver_stops_when_its_input_is_older_than_450_ms() -> None:
     vehicle = build(
         start={"mode": "GUIDED", "speed_mps": 20.0, "heading_deg": 180.0, "north_m": -100.0},
         ranging={"via": "autopilot", "max_range_m": 130.0, "noise_m": 0.0},
     )
-    companion = station(vehicle)
+    companion = Station(vehicle)
     companion.command(511, 132, 50_000)
     vehicle.advance(2.9)
     last = companion.listen("DISTANCE_SENSOR")[-1]

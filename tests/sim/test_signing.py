@@ -8,7 +8,7 @@ from pymavlink.dialects.v20 import all as mavlink
 from sim.config import ConfigError, load_vehicle, parse_vehicle
 from sim.signing import EPOCH_S, TICKS_PER_S
 from sim.vehicle import Vehicle
-from tests.sim.conftest import Station
+from tests.sim.station import Station
 
 KEY, OTHER = bytes(range(32)), bytes(range(100, 132))
 UNIX = 1_790_000_000.0

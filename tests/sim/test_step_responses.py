@@ -11,10 +11,9 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from sim.vehicle import Truth, Vehicle
+from sim.vehicle import Truth
+from tests.sim.station import Station, build
 
-Build = Callable[..., Vehicle]
-Stations = type[Any]
 QUIET = {"truth": {"rate_hz": 0}, "ranging": {"rate_hz": 0.0}}
 TICK = 0.01
 
@@ -56,37 +55,33 @@ def lead(truth: Truth) -> float:
     return math.degrees(math.remainder(truth.heading - truth.course, math.tau))
 
 
-def arduplane(build: Build, station: Stations) -> Any:
-    return station(build(vehicle={"profile": "arduplane"}, start={"mode": "GUIDED"}, **QUIET))
+def arduplane() -> Any:
+    return Station(build(vehicle={"profile": "arduplane"}, start={"mode": "GUIDED"}, **QUIET))
 
 
-def banked(build: Build, station: Stations, before: float, after: float) -> list[Truth]:
+def banked(before: float, after: float) -> list[Truth]:
     """ArduPlane told one bank, deg, for six seconds and then another."""
-    companion = arduplane(build, station)
+    companion = arduplane()
     companion.repeat(6.0, lambda: companion.attitude(0xC6, math.radians(before)))
     return flown(companion, lambda: companion.attitude(0xC6, math.radians(after)))
 
 
 @pytest.mark.parametrize(("before", "after"), [(0.0, 20.0), (17.0, -28.6)])
-def test_a_plane_banks_after_a_dead_time_and_overshoots(
-    build: Build, station: Stations, before: float, after: float
-) -> None:
+def test_a_plane_banks_after_a_dead_time_and_overshoots(before: float, after: float) -> None:
     """Flown: half at .36 .. .5 s, 90 % at .5 .. .75 s, 15 % too far; +17 to -28.6 deg goes to -33."""
-    roll = measured([truth.roll for truth in banked(build, station, before, after)])
+    roll = measured([truth.roll for truth in banked(before, after)])
     assert 0.36 <= roll.half <= 0.5 and 0.5 <= roll.nearly <= 0.75
     assert roll.peak == pytest.approx(1.12, abs=0.04)
 
 
-def test_a_plane_shows_nothing_of_a_command_within_its_dead_time(build: Build, station: Stations) -> None:
-    truths = banked(build, station, 0.0, 20.0)
+def test_a_plane_shows_nothing_of_a_command_within_its_dead_time() -> None:
+    truths = banked(0.0, 20.0)
     assert all(truth.roll == 0.0 for truth in truths[:16])
 
 
-def test_a_planes_path_follows_its_bank_at_once_and_its_nose_a_fifth_of_a_second_later(
-    build: Build, station: Stations
-) -> None:
+def test_a_planes_path_follows_its_bank_at_once_and_its_nose_a_fifth_of_a_second_later() -> None:
     """Flown: the ground track turns with the bank, the heading some .15 .. .25 s behind it, because of side-slip."""
-    truths = banked(build, station, 17.0, -28.6)
+    truths = banked(17.0, -28.6)
     roll = measured([truth.roll for truth in truths])
     path = measured(rates([truth.course for truth in truths]))
     nose = measured([truth.turn_rate for truth in truths])
@@ -96,9 +91,9 @@ def test_a_planes_path_follows_its_bank_at_once_and_its_nose_a_fifth_of_a_second
     assert max(abs(lead(truth) - lead(truths[-1])) for truth in truths) > 2.0  # and much more while it enters one
 
 
-def test_a_copters_yaw_rate_follows_after_a_dead_time_and_overshoots(build: Build, station: Stations) -> None:
+def test_a_copters_yaw_rate_follows_after_a_dead_time_and_overshoots() -> None:
     """Flown, .2 to -.4 rad/s: through zero at .25 s, -.53 at .64 s; closed loop: dead time .22 s, then a lag of .18."""
-    truths = turned(build, station, 0.2, -0.4)
+    truths = turned(0.2, -0.4)
     yaw = measured([truth.turn_rate for truth in truths])
     assert all(truth.turn_rate == pytest.approx(truths[0].turn_rate, abs=1e-3) for truth in truths[:15])
     assert next(i for i, truth in enumerate(truths) if truth.turn_rate < 0) * TICK == pytest.approx(0.25, abs=0.07)
@@ -107,24 +102,25 @@ def test_a_copters_yaw_rate_follows_after_a_dead_time_and_overshoots(build: Buil
     assert truths[-1].turn_rate == pytest.approx(-0.42, abs=0.03)
 
 
-def test_a_copters_path_follows_its_nose_by_half_a_second(build: Build, station: Stations) -> None:
+def test_a_copters_path_follows_its_nose_by_half_a_second() -> None:
     """Flown: half of the step at .7 .. .78 s, 90 % at 1.1 s; the nose leads."""
-    truths = turned(build, station, 0.2, -0.4)
+    truths = turned(0.2, -0.4)
     path = measured(rates([truth.course for truth in truths]))
     assert path.half == pytest.approx(0.74, abs=0.05) and path.nearly == pytest.approx(1.1, abs=0.06)
     assert min(lead(truth) for truth in truths) < -8.0
 
 
-def turned(build: Build, station: Stations, before: float, after: float) -> list[Truth]:
+def turned(before: float, after: float) -> list[Truth]:
     """ArduCopter at 5 m/s told one turn rate, rad/s, with its acceleration fed forward, and then another."""
     vehicle = {"dynamics": "realistic", "max_turn_rate_deg_s": 200.0}
-    companion = station(build(vehicle=vehicle, start={"mode": "GUIDED", "speed_mps": 5.0}, **QUIET))
+    companion = Station(build(vehicle=vehicle, start={"mode": "GUIDED", "speed_mps": 5.0}, **QUIET))
     companion.repeat(8.0, lambda: companion.turn(5.0, before))
     return flown(companion, lambda: companion.turn(5.0, after))
 
 
-def test_a_px4_copters_yaw_rate_is_two_thirds_there_after_half_a_second(build: Build, station: Stations) -> None:
-    companion = station(build(vehicle={"profile": "px4_copter", "default_streams": False}, **QUIET))
+def test_a_px4_copters_yaw_rate_is_two_thirds_there_after_half_a_second() -> None:
+    vehicle, exact = {"profile": "px4_copter", "default_streams": False}, {"velocity_error_mps": 0.0}
+    companion = Station(build(vehicle=vehicle, sensors=exact, **QUIET))
     companion.fly(0.5, 0.0, 0.0)
     companion.command(176, 1, 6)
     companion.fly(10.0, 5.0, 0.0)
@@ -137,10 +133,10 @@ def test_a_px4_copters_yaw_rate_is_two_thirds_there_after_half_a_second(build: B
 
 @pytest.mark.parametrize(("stick", "earliest", "latest"), [(False, 0.45, 0.58), (True, 0.58, 0.70)])
 def test_a_px4_plane_banks_two_thirds_after_half_a_second_and_later_by_stick(
-    build: Build, station: Stations, stick: bool, earliest: float, latest: float
+    stick: bool, earliest: float, latest: float
 ) -> None:
     """Flown: 63 % after .5 s by attitude, .6 .. .7 s by stick, then exact."""
-    companion = station(build(vehicle={"profile": "px4_plane", "default_streams": False}, **QUIET))
+    companion = Station(build(vehicle={"profile": "px4_plane", "default_streams": False}, **QUIET))
 
     def send(bank: float) -> None:
         if stick:
@@ -157,9 +153,9 @@ def test_a_px4_plane_banks_two_thirds_after_half_a_second_and_later_by_stick(
     assert math.degrees(truths[-1].roll) == pytest.approx(30.0, abs=0.1)
 
 
-def test_what_is_reported_in_a_slipping_turn_is_the_noses(build: Build, station: Stations) -> None:
+def test_what_is_reported_in_a_slipping_turn_is_the_noses() -> None:
     """ATTITUDE's yaw and body rates agree with each other and not with the ground track; airspeed is indicated."""
-    companion = arduplane(build, station)
+    companion = arduplane()
     companion.command(511, 30, 40_000)
     companion.command(511, 74, 200_000)
     companion.repeat(4.0, lambda: companion.attitude(0xC6, math.radians(-20.0)))

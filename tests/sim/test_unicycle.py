@@ -10,17 +10,11 @@ from sim.airframes.copter import copter_airframe
 from sim.airframes.unicycle import Unicycle
 from sim.body import Body
 from sim.config import Airframe, ConfigError, parse_vehicle
-from sim.demands import BodyVelocity, Brake, EarthVelocity
+from sim.demands import BodyVelocity, Brake
 
 IDEAL = Unicycle(max_turn_rate=1.0, turn_lag=0.0, speed_lag=0.0)
 LAGGED = Unicycle(max_turn_rate=1.0, turn_lag=0.4, speed_lag=0.8)
 NORTHBOUND = Body(0.0, 0.0, -50.0, 0.0)
-
-
-def test_positive_yaw_rate_turns_from_north_to_east() -> None:
-    quarter = IDEAL.step(NORTHBOUND, BodyVelocity(10.0, yaw_rate=0.5), math.pi)
-    assert quarter.heading == pytest.approx(math.pi / 2)
-    assert (quarter.north, quarter.east) == pytest.approx((20.0, 20.0))
 
 
 @given(speed=st.floats(1.0, 40.0), rate=st.floats(-1.0, 1.0), heading=st.floats(-3.0, 3.0), dt=st.floats(0.001, 30.0))
@@ -58,12 +52,6 @@ def test_the_turn_rate_follows_a_first_order_lag() -> None:
 def test_the_turn_rate_is_limited() -> None:
     assert IDEAL.step(NORTHBOUND, BodyVelocity(10.0, yaw_rate=100.0), 0.1).turn_rate == 1.0
     assert IDEAL.step(NORTHBOUND, BodyVelocity(10.0, yaw_rate=-100.0), 0.1).turn_rate == -1.0
-
-
-def test_an_earth_velocity_flies_straight_while_the_body_spins() -> None:
-    after = IDEAL.step(NORTHBOUND, EarthVelocity(5.0, 0.0, yaw_rate=0.3), 10.0)
-    assert (after.north, after.east) == pytest.approx((50.0, 0.0))
-    assert after.heading == pytest.approx(3.0)
 
 
 def test_braking_stops_along_the_course_and_stays() -> None:

@@ -4,7 +4,6 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from sim.config import parse_vehicle
@@ -111,30 +110,14 @@ class Station:
         self.repeat(seconds, lambda: self.velocity(vx, yaw_rate, **rest), rate)
 
 
-@pytest.fixture
-def build() -> Callable[..., Vehicle]:
+def build(**tables: Any) -> Vehicle:
     """A vehicle from TOML-like tables."""
-
-    def make(**tables: Any) -> Vehicle:
-        return Vehicle(parse_vehicle(tables, "test.toml"))
-
-    return make
+    return Vehicle(parse_vehicle(tables, "test.toml"))
 
 
-@pytest.fixture
-def station() -> type[Station]:
-    """The station's class, for tests that put one on a vehicle or a link of their own."""
-    return Station
-
-
-@pytest.fixture
-def guided(build: Callable[..., Vehicle]) -> Callable[..., Station]:
+def guided(**tables: Any) -> Station:
     """A copter in the air in GUIDED, and its companion."""
-
-    def make(**tables: Any) -> Station:
-        tables.setdefault("vehicle", {"turn_lag_s": 0.0})
-        tables.setdefault("start", {"mode": "GUIDED"})
-        tables.setdefault("truth", {"rate_hz": 0})
-        return Station(build(**tables))
-
-    return make
+    tables.setdefault("vehicle", {"turn_lag_s": 0.0})
+    tables.setdefault("start", {"mode": "GUIDED"})
+    tables.setdefault("truth", {"rate_hz": 0})
+    return Station(build(**tables))
