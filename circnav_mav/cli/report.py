@@ -15,9 +15,9 @@ from circnav_mav.mission.load import MissionError, parse_mission
 from circnav_mav.mission.mission import Mission
 from circnav_mav.report.page import ReportFacts, write_report
 from circnav_mav.report.plots import plot_estimates, plot_flight
-from circnav_mav.runlog.run import Run, RunError, open_run
-from circnav_mav.runlog.run_folder import Column
+from circnav_mav.runlog.run_folder import Run, RunError, open_run
 from circnav_mav.runlog.summary import FlightFacts, summarise
+from circnav_mav.runlog.ticks import Column
 
 
 def report_run(folder: str) -> int:
@@ -30,9 +30,9 @@ def report_run(folder: str) -> int:
             raise Refused(f"{folder}: a single tick was recorded, too little for a report", Exit.NOTHING_HEARD)
         mission = parse_mission(run.mission_text, str(run.folder / "mission.toml"))
         summary = _unfinished(run, mission) | run.summary
-        if run.told_damage is not None:
-            click.echo(f"  WARNING    {run.told_damage}")
-            summary["recording_problem"] = "; ".join(filter(None, (summary["recording_problem"], run.told_damage)))
+        if run.damage_text is not None:
+            click.echo(f"  WARNING    {run.damage_text}")
+            summary["recording_problem"] = "; ".join(filter(None, (summary["recording_problem"], run.damage_text)))
         click.echo(write_report(run, report_facts(run, mission, summary)))
         title = f"{run.name}: {mission.orbit.radius:g} m {mission.orbit.direction.value}"
         plot_flight(run.folder / "flight.png", run.ticks, run.truth, mission.orbit, title)

@@ -13,11 +13,11 @@ from circnav_mav.pilot import Voice, phase_name
 from circnav_mav.report import svg
 from circnav_mav.report.segments import fresh, known_track
 from circnav_mav.report.svg import Chart, Line
-from circnav_mav.runlog.atomic_write import write_whole
+from circnav_mav.runlog.atomic_write import write_text
 from circnav_mav.runlog.events import events
 from circnav_mav.runlog.metrics import TOLERANCE
-from circnav_mav.runlog.run import Run
-from circnav_mav.runlog.run_folder import Column, Ticks, Truth
+from circnav_mav.runlog.run_folder import Run
+from circnav_mav.runlog.ticks import Column, Ticks, Truth
 
 ESTIMATE, MEASURED, TRUE, DESIRED, LIMIT, REJECTED = "#1f5fa8", "#9fb3cc", "#c8501e", "#2e7d32", "#777", "#c62828"
 PHASES = {
@@ -84,7 +84,7 @@ def report(run: Run, facts: ReportFacts) -> str:
 def write_report(run: Run, facts: ReportFacts) -> Path:
     """Write report.html into the run folder, whole or not at all. Raises RunError, OSError."""
     path = run.folder / "report.html"
-    write_whole(path, report(run, facts))
+    write_text(path, report(run, facts))
     return path
 
 

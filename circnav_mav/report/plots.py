@@ -11,7 +11,7 @@ from circnav_mav.guidance.types import Orbit
 from circnav_mav.report.pictures import STYLE, literal, save
 from circnav_mav.report.segments import Track, broken, fresh, known_track
 from circnav_mav.runlog.metrics import TOLERANCE
-from circnav_mav.runlog.run_folder import Column, Ticks, Truth
+from circnav_mav.runlog.ticks import Column, Ticks, Truth
 
 ESTIMATE, MEASURED, TRUE, DESIRED, LIMIT = "#1f5fa8", "#b9c6d6", "#c8501e", "#2e7d32", "#8a8a8a"
 HOLD_BAND = "#f6d8a8"

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from circnav_mav.runlog.run_folder import Column, Ticks, Truth
+from circnav_mav.runlog.ticks import Column, Ticks, Truth
 
 GAP = 5.0
 """Usual steps between two samples beyond which nothing is known of what lies between."""

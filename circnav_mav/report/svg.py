@@ -9,7 +9,7 @@ from math import floor, log10
 import numpy as np
 
 from circnav_mav.report.segments import broken
-from circnav_mav.runlog.run_folder import Column
+from circnav_mav.runlog.ticks import Column
 
 WIDTH, LEFT, RIGHT, TOP, BOTTOM = 960, 64, 12, 8, 22
 COLUMNS = 800

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from circnav_mav.mav.codec import Decoder
-from circnav_mav.runlog.run import Run
-from circnav_mav.runlog.run_folder import Ticks
+from circnav_mav.runlog.run_folder import Run
+from circnav_mav.runlog.ticks import Ticks
 from circnav_mav.runlog.tlog import message_id, read_tlog
 
 STATUSTEXT = 253

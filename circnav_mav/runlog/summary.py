@@ -12,7 +12,7 @@ from circnav_mav.guidance.phases import Phase
 from circnav_mav.guidance.types import Direction, Orbit
 from circnav_mav.runlog import metrics
 from circnav_mav.runlog.atomic_write import write_json
-from circnav_mav.runlog.run_folder import Ticks, Truth
+from circnav_mav.runlog.ticks import Ticks, Truth
 from circnav_mav.runlog.turn_command import NAMES, late_figures
 
 NOT_OURS = frozenset(

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from circnav_mav.runlog.run_folder import read_truth
+from circnav_mav.runlog.ticks import read_truth
 from circnav_mav.runlog.tlog import read_tlog
 from tests.flight.recorded import recorded_flight
 

@@ -6,7 +6,7 @@ import pytest
 from circnav_mav.guidance.types import Direction, Orbit
 from circnav_mav.report import plots
 from circnav_mav.report.plots import plot_estimates, plot_flight, plot_replay
-from circnav_mav.runlog.run_folder import read_ticks, read_truth
+from circnav_mav.runlog.ticks import read_ticks, read_truth
 
 ORBIT = Orbit(100.0, Direction.CLOCKWISE, 15.0, 0.35)
 

@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.mav.ranging import Reject
 from circnav_mav.pilot import TickRecord
-from circnav_mav.runlog.run_folder import read_ticks, read_truth
+from circnav_mav.runlog.ticks import read_ticks, read_truth
 
 
 def test_ticks_are_columns_and_an_empty_cell_is_no_number(run_folder):

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from circnav_mav.guidance.types import Direction, Orbit
-from circnav_mav.runlog.run_folder import NO_TICKS, read_ticks, read_truth
 from circnav_mav.runlog.summary import FlightFacts, summarise, write_summary
+from circnav_mav.runlog.ticks import NO_TICKS, read_ticks, read_truth
 from circnav_mav.runlog.turn_command import NAMES
 
 
