@@ -33,10 +33,10 @@ def report_run(folder: str) -> int:
         if run.damage_text is not None:
             click.echo(f"  WARNING    {run.damage_text}")
             summary["recording_problem"] = "; ".join(filter(None, (summary["recording_problem"], run.damage_text)))
-        click.echo(write_report(run, report_facts(run, mission, summary)))
         title = f"{run.name}: {mission.orbit.radius:g} m {mission.orbit.direction.value}"
         plot_flight(run.folder / "flight.png", run.ticks, run.truth, mission.orbit, title)
         plot_estimates(run.folder / "estimates.png", run.ticks, mission.file.guidance.gate_sigma, title)
+        click.echo(write_report(run, report_facts(run, mission, summary)))  # it holds the picture
         click.echo(f"{run.folder / 'flight.png'}\n{run.folder / 'estimates.png'}")
     except (RunError, MissionError) as error:
         raise Refused(str(error)) from None

@@ -15,7 +15,7 @@ RADIUS, TURN = 100.0, 0.15
 def truth_frame(seconds: float, north: float, east: float, name: bytes = b"SIM_TRUTH") -> bytes:
     """What the bundled vehicle tells of itself: 0, 1 north and east, 8, 9 the target's."""
     data = [0.0] * 58
-    data[0], data[1], data[7], data[9], data[10] = north, east, -TURN, 5.0, 7.0
+    data[0], data[1], data[7], data[9], data[10] = north, east, TURN, 5.0, 7.0
     message = mavlink.MAVLink_debug_float_array_message(round(seconds * 1e6), name, 0, data)
     frame = bytes(message.pack(mavlink.MAVLink(None, srcSystem=1, srcComponent=1)))
     return struct.pack(">Q", EPOCH_US + round(seconds * 1e6)) + frame
