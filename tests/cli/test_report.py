@@ -1,6 +1,5 @@
 """`circnav report`: one page without network that shows the flight, also in a real browser; one line for bad runs."""
 
-import csv
 import importlib
 import json
 import re
@@ -17,6 +16,7 @@ from circnav_mav.runlog.tlog import message_id, read_tlog
 from tests.flight.lockstep import CONFIG
 from tests.flight.recorded import recorded_flight
 from tests.process import PATIENCE
+from tests.runlog.conftest import rewrite_ticks
 
 cli_report = importlib.import_module("circnav_mav.cli.report")  # the package's `report` is the command
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -89,17 +89,6 @@ def test_the_curve_of_turn_rates_that_never_left_is_called_so(circnav, flown, tm
     assert data_of((folder / "report.html").read_text())["flight"]["commanded"] == curve
 
 
-def rewritten(folder, change):
-    """ticks.csv with other rows: change(number, row as a dict) changes it or returns False to leave it out."""
-    with (folder / "ticks.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    kept = [row for at, row in enumerate(rows) if change(at, row) is not False]
-    with (folder / "ticks.csv").open("w", newline="") as file:
-        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(kept)
-
-
 def without_truth(folder):
     """As of a vehicle that tells none."""
     frames = read_tlog(folder / "flight.tlog")
@@ -112,12 +101,11 @@ def test_an_estimated_track_says_when_it_was_first_believed_and_breaks_where_it_
     folder = copy_of(flown, tmp_path / "run")
     without_truth(folder)
 
-    def believed(at, row):
-        time = float(row["time"])
+    def believed(time, row):
         known = 10 <= time < 12 or time >= 14
         row["x"], row["y"] = (f"{time:.2f}", "50.0") if known else ("", "")
 
-    rewritten(folder, believed)
+    rewrite_ticks(folder, believed)
     assert circnav("report", folder).code == 0
     page = (folder / "report.html").read_text()
     assert "Estimated position relative to the target, where it was known: first believed at 10.0 s" in page
@@ -130,7 +118,7 @@ def test_an_estimated_track_says_when_it_was_first_believed_and_breaks_where_it_
 def test_lines_break_where_no_tick_was_made(circnav, flown, tmp_path):
     """A stall of 1.5 s at second 15, in a chart of what was estimated: no ramp leads over it."""
     folder = copy_of(flown, tmp_path / "run")
-    rewritten(folder, lambda at, row: not 15 < float(row["time"]) < 16.5)
+    rewrite_ticks(folder, lambda time, row: not 15 < time < 16.5)
     assert circnav("report", folder).code == 0
     page = (folder / "report.html").read_text()
     times, values = data_of(page)["columns"]["r"]
@@ -142,12 +130,12 @@ def test_innovations_and_ranges_are_dots_of_new_ranges_alone(circnav, flown, tmp
     """The first second of every ten has its ranges, the others repeat the last."""
     folder, last = copy_of(flown, tmp_path / "run"), {}
 
-    def seldom(at, row):
-        if float(row["time"]) % 10 < 1 or not last:
+    def seldom(time, row):
+        if time % 10 < 1 or not last:
             last.update({name: row[name] for name in ("measured", "nis", "accepted", "rejected")})
         row.update(last)
 
-    rewritten(folder, seldom)
+    rewrite_ticks(folder, seldom)
     assert circnav("report", folder).code == 0
     page = (folder / "report.html").read_text()
     for name in ("innovation", "measured"):
@@ -159,13 +147,13 @@ def test_innovations_and_ranges_are_dots_of_new_ranges_alone(circnav, flown, tmp
 def test_of_very_many_events_the_first_and_the_last_are_told(circnav, flown, tmp_path):
     folder = copy_of(flown, tmp_path / "run")
 
-    def flapping(at, row):
-        if at > 20:
-            row["mode"] = ("LOITER", "GUIDED")[at % 2]
-        if float(row["time"]) > 29.5:
+    def flapping(time, row):
+        if time > 1:
+            row["mode"] = ("LOITER", "GUIDED")[round(20 * time) % 2]
+        if time > 29.5:
             row["phase"] = "ended"
 
-    rewritten(folder, flapping)
+    rewrite_ticks(folder, flapping)
     assert circnav("report", folder).code == 0
     events = (folder / "report.html").read_text().partition("<h2>Events</h2>")[2].partition("</table>")[0]
     rows = re.findall("<tr>.*?</tr>", events)

@@ -12,6 +12,7 @@ from circnav_mav.report.chart_data import alarms, as_script, chart_data, peaks, 
 from circnav_mav.runlog.events import Event
 from circnav_mav.runlog.ticks import read_ticks, read_truth
 from circnav_mav.runtime.web import CHARTS
+from tests.runlog.conftest import EPOCH_US
 
 FLIGHT = {"radius": 100.0, "tolerance": 5.0, "limit": 0.35, "steady": -0.15, "gate": 5.0}
 WIDTH, LEFT, WIDE, TALL = 1000, 54, 934, 162  # of a strip and of what is drawn inside its frame
@@ -165,11 +166,11 @@ def test_a_long_line_keeps_every_peak_and_every_gap_in_few_points():
     assert list(peaks(values[:10], 500)) == list(range(10)), "a short line is left alone"
 
 
-def test_the_columns_are_those_of_the_run_on_its_own_time(run_folder, epoch_us):
+def test_the_columns_are_those_of_the_run_on_its_own_time(run_folder):
     """By hand: 120 m for 100 s, then 101 m, clockwise at .15 rad/s; one range a second, none rejected."""
     folder = run_folder()
     ticks = read_ticks(folder)
-    data = chart_data(ticks, read_truth(folder, epoch_us), Orbit(100.0, Direction.CLOCKWISE, 15.0, 0.35), {})
+    data = chart_data(ticks, read_truth(folder, EPOCH_US), Orbit(100.0, Direction.CLOCKWISE, 15.0, 0.35), {})
     columns = {name: dict(zip(*column, strict=True)) for name, column in data["columns"].items()}
     assert (columns["r"][50.0], columns["r"][200.0]) == (120.0, 101.0)
     assert columns["true_r"][200.0] == pytest.approx(101.0, abs=1e-3)

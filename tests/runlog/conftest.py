@@ -1,8 +1,10 @@
 """A run folder made by hand."""
 
+import csv
 import struct
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,6 +21,18 @@ def truth_frame(seconds: float, north: float, east: float, name: bytes = b"SIM_T
     message = mavlink.MAVLink_debug_float_array_message(round(seconds * 1e6), name, 0, data)
     frame = bytes(message.pack(mavlink.MAVLink(None, srcSystem=1, srcComponent=1)))
     return struct.pack(">Q", EPOCH_US + round(seconds * 1e6)) + frame
+
+
+def rewrite_ticks(folder: Path, change: Callable[[float, dict[str, str]], Any]) -> Path:
+    """ticks.csv with other rows: change(time, row as a dict) changes it, or returns False to leave it out."""
+    with (folder / "ticks.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    kept = [row for row in rows if change(float(row["time"]), row) is not False]
+    with (folder / "ticks.csv").open("w", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(kept)
+    return folder
 
 
 @pytest.fixture
@@ -42,8 +56,3 @@ def run_folder(tmp_path: Path) -> Callable[..., Path]:
         return tmp_path
 
     return make
-
-
-@pytest.fixture
-def epoch_us() -> int:
-    return EPOCH_US
