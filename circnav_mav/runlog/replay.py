@@ -17,7 +17,7 @@ SETPOINT_IDS = frozenset({69, 82, 84})
 LONGEST_GAP = 10.0
 """Time, s, for which ticks go on in a gap of a plain tlog."""
 STEERING = ("orbit", "law", "estimator", "estimation", "ranging", "height", "radius_trim", "turn_gain")
-"""The settings on which the turns hang that a pilot commands."""
+"""The settings that decide which turns a pilot commands."""
 COMPARED = ("r", "r_dot", "demanded", "turn_rate")
 
 Sent = list[tuple[float, bytes]]
@@ -148,12 +148,9 @@ def as_ticks(records: list[TickRecord]) -> Ticks:
         return np.array([np.nan if (v := getattr(record, name)) is None else float(v) for record in records])
 
     names = [name for name in TickRecord.__dataclass_fields__ if name not in WORDS]
-    words = {name: [_word(getattr(record, name)) for record in records] for name in WORDS}
+    words = {name: [str(getattr(record, name)) for record in records] for name in WORDS - {"phase"}}
+    words["phase"] = [record.phase.value for record in records]
     return Ticks({name: column(name) for name in names}, words)
-
-
-def _word(value: str | Phase) -> str:
-    return value.value if isinstance(value, Phase) else value
 
 
 def _setpoints(sent: Sent) -> Sent:

@@ -1,6 +1,9 @@
 """A run folder opened: what it says of itself, whatever became of the process that wrote it."""
 
+import csv
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -39,27 +42,20 @@ class Run:
     @cached_property
     def ticks(self) -> Ticks:
         """Every step that acted. Raises RunError."""
-        try:
+        with _refusing(self.folder / "ticks.csv"):
             return read_ticks(self.folder)
-        except (OSError, ValueError) as error:
-            raise RunError(f"{self.folder / 'ticks.csv'}: {_reason(error)}") from None
 
     @cached_property
     def truth(self) -> Truth | None:
         """The simulator's truth, None when there was none. Raises RunError."""
-        try:
+        with _refusing(self.folder / "flight.tlog"):
             return read_truth(self.folder, self.epoch_us, (self.manifest.get("autopilot") or {}).get("system"))
-        except OSError as error:
-            raise RunError(f"{self.folder / 'flight.tlog'}: {_reason(error)}") from None
 
     @cached_property
     def damage(self) -> Damage | None:
         """What of flight.tlog cannot be read. Raises RunError."""
-        path = self.folder / "flight.tlog"
-        try:
-            return find_damage(path)
-        except OSError as error:
-            raise RunError(f"{path}: {_reason(error)}") from None
+        with _refusing(self.folder / "flight.tlog"):
+            return find_damage(self.folder / "flight.tlog")
 
     @property
     def damage_text(self) -> str | None:
@@ -87,10 +83,8 @@ def open_run(folder: Path) -> Run:
     epoch = manifest.get("epoch_us") or summary.get("epoch_us")
     if epoch is None:
         raise RunError(f"{folder}: neither manifest.json nor summary.json tells when the run began (epoch_us)")
-    try:
+    with _refusing(folder / "mission.toml"):
         text = (folder / "mission.toml").read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise RunError(f"{folder}: mission.toml: {_reason(error)}") from None
     return Run(folder, text, manifest, summary, epoch)
 
 
@@ -101,15 +95,19 @@ def printable(name: str) -> str:
 
 def _json(path: Path) -> Any:
     """What a JSON file holds; None if there is none. Raises RunError."""
+    with _refusing(path):
+        try:
+            return json.loads(path.read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            return None
+
+
+@contextmanager
+def _refusing(path: Path) -> Iterator[None]:
+    """What is wrong with a file, in one line. Raises RunError."""
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        return None
+        yield
     except RecursionError:
         raise RunError(f"{path}: is nested too deeply") from None
-    except (OSError, ValueError) as error:
-        raise RunError(f"{path}: {_reason(error)}") from None
-
-
-def _reason(error: Exception) -> str:
-    return getattr(error, "strerror", None) or str(error)
+    except (OSError, ValueError, csv.Error) as error:
+        raise RunError(f"{path}: {getattr(error, 'strerror', None) or error}") from None

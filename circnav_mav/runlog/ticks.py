@@ -2,12 +2,10 @@
 
 import csv
 from array import array
-from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from math import isfinite, nan
 from pathlib import Path
 from sys import intern
-from typing import IO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,10 +78,10 @@ class Truth:
 
 def read_ticks(folder: Path) -> Ticks:
     """ticks.csv of a run folder; a last line that was cut off is left out, a column that is not there is empty, and so
-    is a cell that is no number of a flight. Raises OSError, and ValueError that names the line for a cell that is no
-    number at all and for a time that does not go on."""
+    is a cell that is no number of a flight. Raises OSError, csv.Error, and ValueError that names the line of a cell
+    that is no number at all, or of a time that does not go on."""
     with (folder / "ticks.csv").open(newline="", encoding="utf-8") as file:
-        reader = _rows(file)
+        reader = csv.reader(file)
         header = next(reader, [])
         words: dict[str, list[str]] = {name: [] for name in header if name in WORDS}
         numbers = {name: array("d") for name in header if name not in WORDS}
@@ -101,12 +99,11 @@ def read_ticks(folder: Path) -> Ticks:
     count = len(times)
     if count > 1 and times[0] == times[-1]:
         raise ValueError("line 3: time: stands still to the end")
-    for name in (field.name for field in fields(TickRecord) if field.name not in header):
-        if name in WORDS:
-            words[name] = [""] * count
-        else:
-            numbers[name] = array("d", [nan]) * count
-    return Ticks({name: _believable(np.array(cells)) for name, cells in numbers.items()}, words)
+    missing = {field.name for field in fields(TickRecord)} - set(header)
+    words |= {name: [""] * count for name in missing & WORDS}
+    numbers |= {name: array("d", [nan]) * count for name in missing - WORDS}
+    columns = {name: np.array(cells) for name, cells in numbers.items()}
+    return Ticks({name: np.where(np.abs(column) < MOST, column, nan) for name, column in columns.items()}, words)
 
 
 def _number(cell: str, name: str, line: int) -> float:
@@ -124,18 +121,6 @@ def _check_time(times: "array[float]", line: int) -> None:
         raise ValueError(f"line {line}: time: must be seconds of the run, not {newest:g}")
     if len(times) > 1 and newest < times[-2]:
         raise ValueError(f"line {line}: time: {newest:.6f} comes after {times[-2]:.6f}")
-
-
-def _believable(numbers: Column) -> Column:
-    return np.where(np.abs(numbers) < MOST, numbers, nan)
-
-
-def _rows(file: IO[str]) -> Iterator[list[str]]:
-    """The rows of a CSV file. Raises ValueError."""
-    try:
-        yield from csv.reader(file)
-    except csv.Error as error:
-        raise ValueError(str(error)) from None
 
 
 def read_truth(folder: Path, epoch_us: int, system: int | None = None) -> Truth | None:

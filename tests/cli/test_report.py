@@ -8,18 +8,19 @@ import struct
 import subprocess
 from pathlib import Path
 
+import numpy as np
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.mission.load import load_mission
 from circnav_mav.runlog.tlog import message_id, read_tlog
+from tests.browser import CHROMIUM, Browser
 from tests.flight.lockstep import CONFIG
 from tests.flight.recorded import recorded_flight
 from tests.process import PATIENCE
 from tests.runlog.conftest import rewrite_ticks
 
 cli_report = importlib.import_module("circnav_mav.cli.report")  # the package's `report` is the command
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 CHARTS = ("phase", "range", "error, range - radius", "range rate", "turn rate, left positive", "innovation", "ranges",
           "vehicle mode", "law")  # fmt: skip
 
@@ -251,6 +252,35 @@ def test_a_browser_draws_it_and_logs_no_error(circnav, flown, tmp_path):
     dumped = subprocess.run([*show, "--dump-dom", page], capture_output=True, text=True, timeout=PATIENCE, check=False)
     drawn = dumped.stdout.partition("<script")[0]
     assert re.findall("<figcaption><b>([^<]*)</b>", drawn) == ["track", *CHARTS]
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here")
+@pytest.mark.parametrize("width", [1100, 390], ids=["desk", "phone"])
+def test_dragging_over_a_chart_zooms_all_of_them_and_pointing_at_it_tells_the_values(circnav, flown, tmp_path, width):
+    assert circnav("report", flown).code == 0
+    browser = Browser(tmp_path / "profile")
+    try:
+        browser.open((flown / "report.html").as_uri(), width=width, dark=True)
+        assert browser.value("document.documentElement.scrollWidth <= innerWidth")
+        box = browser.value("document.querySelectorAll('svg.strip')[1].getBoundingClientRect().toJSON()")
+        at = [(box["left"] + share * box["width"], box["top"] + 20) for share in (0.4, 0.6, 0.5)]
+        browser.mouse("mousePressed", *at[0])
+        browser.mouse("mouseReleased", *at[1])
+        browser.mouse("mouseMoved", *at[2])
+        seconds = (
+            "[...{}.querySelectorAll(':scope > text[text-anchor=middle]')].map(label => Number(label.textContent))"
+        )
+        axes = browser.value(f"[...document.querySelectorAll('svg.strip')].map(one => {seconds.format('one')})")
+        assert len(axes) == len(CHARTS)
+        assert all(8 < min(axis) < max(axis) < 20 for axis in axes), "of 30 s, the middle"
+        time = float(browser.value("document.querySelector('#tools output').textContent").split()[0])
+        shown = browser.value("document.querySelectorAll('figcaption')[2].innerText")
+        data = data_of((flown / "report.html").read_text())["columns"]["r"]
+        estimated = np.interp(time, *(np.array(column, float) for column in data))
+        assert float(re.search(r"estimated ([\d.]+)", shown)[1]) == pytest.approx(estimated, abs=1.0)
+        assert browser.complaints == []
+    finally:
+        browser.close()
 
 
 def test_the_settings_of_the_report_stand_as_in_a_mission_file():
