@@ -72,6 +72,7 @@ def test_a_browser_follows_a_flight_to_its_verdict_and_logs_no_error(tmp_path):
             assert min(drawn) > 300  # px of line in every chart
             assert browser.value("document.getElementById('link').innerText") == "live"
             assert browser.value(DESIRED_ON_TOP)
+            assert re.fullmatch(r"\d{3} deg", browser.value("document.getElementById('heading').innerText"))
             browser.picture(tmp_path / "page.png")
             assert (tmp_path / "page.png").stat().st_size > 50_000
             browser.until("!document.getElementById('outcome').hidden")
