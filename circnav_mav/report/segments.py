@@ -25,6 +25,7 @@ def broken(time: Column, *columns: Column) -> tuple[Column, ...]:
 def fresh(ticks: Ticks) -> NDArray[np.bool_]:
     """The ticks that answered a new range, also one that was refused for its innovation; the others repeat the last."""
     nis = ticks.numbers["nis"]
+    # A rejected range leaves the count of accepted ones as it is; its innovation is what changes.
     judged = np.isfinite(nis) & (np.diff(nis, prepend=np.nan) != 0)
     answered: NDArray[np.bool_] = judged | (np.diff(ticks.numbers["accepted"], prepend=0.0) > 0)
     return answered

@@ -46,7 +46,7 @@ def recorded_steps(folder: Path) -> Iterator[LoopStep]:
                     return
                 yield step
         except (ValueError, KeyError, csv.Error):
-            return
+            return  # frames are counted off one by one: behind a damaged line nobody knows whose they are
 
 
 def _step(row: list[str], frames: Iterator[bytes]) -> LoopStep | None:
@@ -103,6 +103,8 @@ class LogClock:
         """Run time, s, of a stamp. following: the stamp after it, None at the end of the log."""
         newest = stamp if self._newest is None else self._newest
         moved = stamp - newest
+        # One stamp alone cannot tell a clock that was set from a damaged record: the stamp after it decides. Where it
+        # goes on from the old time, the far one was damaged; where it stays at the new time, the clock was set.
         alone = following is not None and _is_lone(moved, following - newest)
         if -DISORDER <= moved <= USUAL or (0 < moved <= LONGEST_SILENCE and not alone):
             self._newest, self._run = newest + max(moved, 0), self._run + max(moved, 0)

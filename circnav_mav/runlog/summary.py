@@ -154,6 +154,7 @@ def _truth(truth: Truth, start: float, end: float, orbit: Orbit) -> dict[str, An
     if not flown.any():
         return None
     time, radius = truth.time[flown], truth.radius[flown]
+    # The sense of rotation is that of the circle, not that of the way there.
     late = time >= time[-1] - metrics.LAST * (time[-1] - time[0])
     swept = metrics.swept_angle(
         (truth.north - truth.target_north)[flown][late], (truth.east - truth.target_east)[flown][late]
