@@ -56,6 +56,11 @@ class Browser:
         said = "" if self.value(asked) else self.value("document.body.innerText")
         assert not said, f"never became true: {condition}; the page says: {said}"
 
+    def mouse(self, what: str, x: float, y: float) -> None:
+        """A mousePressed, mouseMoved or mouseReleased at a place of the window."""
+        button = {} if what == "mouseMoved" else {"button": "left", "clickCount": 1}
+        self._ask("Input.dispatchMouseEvent", type=what, x=x, y=y, **button)
+
     def picture(self, path: Path) -> None:
         """A PNG of the page."""
         path.write_bytes(base64.b64decode(self._ask("Page.captureScreenshot")["data"]))

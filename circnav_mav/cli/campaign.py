@@ -23,7 +23,7 @@ from circnav_mav.experiments.campaign.plots import plot_campaign
 from circnav_mav.experiments.campaign.store import TABLE, Store, StoreError
 from circnav_mav.experiments.campaign.summary import SUMMARY, summarise, write_summary
 from circnav_mav.mission.load import MissionError
-from circnav_mav.runlog.run import printable
+from circnav_mav.runlog.run_folder import printable
 from circnav_mav.runtime.clock import local_time_name
 from sim.config import ConfigError
 

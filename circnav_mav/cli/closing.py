@@ -8,8 +8,8 @@ from circnav_mav import __version__
 from circnav_mav.cli.exits import Exit
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import Ending, Pilot
-from circnav_mav.runlog.run_folder import NO_TICKS, Ticks, Truth, read_ticks, read_truth
 from circnav_mav.runlog.summary import FlightFacts, summarise, write_summary
+from circnav_mav.runlog.ticks import NO_TICKS, Ticks, Truth, read_ticks, read_truth
 from circnav_mav.runtime.clock import RunClock
 from circnav_mav.runtime.manifest import Manifest
 from circnav_mav.runtime.recorder import Recorder

@@ -6,7 +6,7 @@ import click
 
 from circnav_mav.cli.exits import Exit, Refused, cannot
 from circnav_mav.runlog.export_mcap import export_mcap
-from circnav_mav.runlog.run import RunError, open_run
+from circnav_mav.runlog.run_folder import RunError, open_run
 
 MAGIC = b"\x89MCAP0\r\n"
 """How an MCAP file begins."""
@@ -27,8 +27,8 @@ def export_run(folder: str, out: str | None) -> int:
         raise Refused(str(error)) from None
     except OSError as error:
         raise cannot(path, error) from None
-    if run.told_damage is not None:
-        click.echo(f"  WARNING    {run.told_damage}")
+    if run.damage_text is not None:
+        click.echo(f"  WARNING    {run.damage_text}")
     click.echo(f"{path}: " + ", ".join(f"{count} messages on {topic}" for topic, count in counts.items()))
     return Exit.DONE
 

@@ -7,7 +7,7 @@ import click
 from circnav_mav.cli.exits import Exit, Refused, cannot, check_named
 from circnav_mav.experiments.ideal import random_starts
 from circnav_mav.experiments.paper import EXAMPLES, draw, study, table
-from circnav_mav.runlog.atomic_write import write_whole
+from circnav_mav.runlog.atomic_write import write_text
 
 SHOWN = 2
 """The start that the figures show, where there are as many."""
@@ -29,7 +29,7 @@ def reproduce(out: str, starts: int, seed: int) -> int:
             found.append(findings)
             for path in draw(folder, example, tracks, min(SHOWN, starts - 1)):
                 click.echo(path)
-        write_whole(folder / "table.md", table(found) + "\n")
+        write_text(folder / "table.md", table(found) + "\n")
     except OSError as error:
         raise cannot(folder, error) from None
     click.echo(f"{folder / 'table.md'}\n\n{table(found)}")

@@ -13,14 +13,13 @@ from circnav_mav.mission.load import MissionError, load_mission, parse_mission
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import Pilot, PilotSettings, Voice
 from circnav_mav.report.plots import plot_replay
-from circnav_mav.runlog.atomic_write import whole_file
-from circnav_mav.runlog.log_clock import LogClock
-from circnav_mav.runlog.log_sources import Witness
-from circnav_mav.runlog.loop_steps import plain_turns, recorded_turns
-from circnav_mav.runlog.replay import Replayed, as_ticks, differences, held_gain, patient, replay
-from circnav_mav.runlog.run import Run, RunError, open_run, printable
-from circnav_mav.runlog.run_folder import Ticks
+from circnav_mav.runlog.atomic_write import atomic_write
+from circnav_mav.runlog.log_sources import LogSources
+from circnav_mav.runlog.loop_steps import LogClock, recorded_steps, tlog_steps
+from circnav_mav.runlog.replay import Replayed, as_ticks, differences, held_gain, replay, without_timeouts
+from circnav_mav.runlog.run_folder import Run, RunError, open_run, printable
 from circnav_mav.runlog.summary import UNRECORDED
+from circnav_mav.runlog.ticks import Ticks
 from circnav_mav.runlog.tlog import find_damage
 from circnav_mav.runtime.recorder import write_ticks
 
@@ -60,7 +59,7 @@ def replay_log(options: ReplayOptions) -> int:
 
 
 def _replay_run(run: Run, options: ReplayOptions) -> int:
-    """A run folder: every turn of the loop as it was."""
+    """A run folder: every step of the loop as it was."""
     if not (run.folder / "turns.csv").is_file():
         raise Refused(f"{run.folder}: has no turns.csv; copy its flight.tlog out and replay that with --mission")
     mission = _mission(run.mission_text, str(run.folder / "mission.toml"), options)
@@ -72,9 +71,9 @@ def _replay_run(run: Run, options: ReplayOptions) -> int:
     gain = _held_gain(run, settings)
     pilot = Pilot(settings if gain is None else replace(settings, turn_gain=gain))
     began = time.perf_counter()
-    done = replay(pilot, recorded_turns(run.folder))
+    done = replay(pilot, recorded_steps(run.folder))
     took = time.perf_counter() - began
-    if not done.turns:
+    if not done.steps:
         raise Refused(f"{run.folder}: an empty run, nothing was recorded", Exit.NOTHING_HEARD)
     _say_size(str(run.folder), done, took)
     whole = _say_damage(run, done, pilot)
@@ -92,13 +91,13 @@ def _replay_plain(path: Path, options: ReplayOptions) -> int:
     if options.mission is None:
         raise Refused(f"{path}: a plain tlog needs --mission: which vehicle, circle and ranging to replay it with")
     mission = _mission("", str(path), options)
-    pilot = Pilot(patient(mission.pilot_settings(Voice.DRY_RUN)))
+    pilot = Pilot(without_timeouts(mission.pilot_settings(Voice.DRY_RUN)))
     began = time.perf_counter()
-    clock, witness = LogClock(), Witness(pilot.settings.ranging)
-    turns = witness.watch(plain_turns(path, mission.file.link.component_id, clock), pilot)
-    done = replay(pilot, turns, ticking=True)
+    clock, sources = LogClock(), LogSources(pilot.settings.ranging)
+    steps = sources.watch(tlog_steps(path, mission.file.link.component_id, clock), pilot)
+    done = replay(pilot, steps, ticking=True)
     took = time.perf_counter() - began
-    if not done.turns:
+    if not done.steps:
         raise Refused(f"{path}: no MAVLink frame in it: not a tlog, or an empty one", Exit.NOTHING_HEARD)
     if done.until == 0:
         raise Refused(f"{path}: its stamps never go on: there is no time in it to replay it by", Exit.NOTHING_HEARD)
@@ -111,7 +110,7 @@ def _replay_plain(path: Path, options: ReplayOptions) -> int:
         click.echo(f"  WARNING    {path.name}: left out as damaged: {spoilt} of the frames")
     if said := str(clock):
         click.echo(f"  WARNING    {path.name}: {said}")
-    say_who(witness, pilot.session.adapter)
+    say_who(sources, pilot.session.adapter)
     _check_steered(str(path), pilot)
     _say_ticks(done, pilot, None)
     _write(options, done, None, mission)
@@ -170,7 +169,7 @@ def _say_damage(run: Run, done: Replayed, pilot: Pilot) -> bool:
     end = float(run.ticks.time[-1]) if len(run.ticks.time) else 0.0
     short = end - done.until > UNRECORDED
     spoilt = pilot.counts().bad
-    problems = [run.told_damage] if run.told_damage else []
+    problems = [run.damage_text] if run.damage_text else []
     if short and not (run.damage and run.damage.cut):
         where = "is damaged" if run.damage else "ends"
         problems.append(f"replayed up to {done.until:.1f} s of {end:.1f} s, where flight.tlog or turns.csv {where}")
@@ -199,8 +198,8 @@ def _say_ticks(done: Replayed, pilot: Pilot, was: Ticks | None) -> None:
     if was is not None:
         for gap in differences(was, would):
             name, unit = UNITS[gap.column]
-            far = f"differs by {gap.rms:.4g} {unit} RMS, {gap.most:.4g} {unit} at most"
-            says = far if gap.most > LAST_DIGIT else "the same"
+            far = f"differs by {gap.rms:.4g} {unit} RMS, {gap.largest:.4g} {unit} at most"
+            says = far if gap.largest > LAST_DIGIT else "the same"
             click.echo(f"  {name:<16} {says}, in {gap.ticks} ticks")
     steered = sum(phase == "engaged" for phase in would.phases)
     saturated = sum(record.saturated for record in done.ticks)
@@ -221,7 +220,7 @@ def _write(options: ReplayOptions, done: Replayed, was: Ticks | None, mission: M
     folder = Path(options.out)
     folder.mkdir(parents=True, exist_ok=True)
     plot_replay(folder / PICTURE, was, as_ticks(done.ticks), mission.orbit, f"{printable(options.log)}, replayed")
-    with whole_file(folder / TICKS) as fresh:
+    with atomic_write(folder / TICKS) as fresh:
         write_ticks(fresh, done.ticks)
     click.echo(f"  written    {folder}/{TICKS}, {folder}/{PICTURE}")
 

@@ -5,47 +5,47 @@ from collections.abc import Iterable, Iterator
 import click
 
 from circnav_mav.mav.autopilots.interface import Autopilot
-from circnav_mav.runlog.log_sources import MARKS, Heard, Sender, Witness
+from circnav_mav.runlog.log_sources import MARKS, LogSources, RangeCounts, RangeSource
 
 MOST = 6
 """Senders that are named; a ground station may plot dozens of values."""
 
 
-def say_who(witness: Witness, adapter: Autopilot) -> None:
-    """The vehicle and the sender of ranges that were used, and who else speaks in the log."""
-    if witness.vehicle is not None:
-        system, component = witness.vehicle
-        kind = witness.vehicles.get(witness.vehicle, "unknown")
+def say_who(sources: LogSources, adapter: Autopilot) -> None:
+    """The vehicle and the source of ranges that were used, and who else speaks in the log."""
+    if sources.vehicle is not None:
+        system, component = sources.vehicle
+        kind = sources.vehicles.get(sources.vehicle, "unknown")
         click.echo(f"  vehicle    system {system}, component {component}: {kind}, flown as {adapter.name}")
-    senders = witness.senders
-    for sender, heard in senders.items():
-        if heard.taken:
-            click.echo(f"  ranging    {_name(sender)}: {heard.taken} of {heard.messages} usable")
-    idle = {sender: heard for sender, heard in senders.items() if not heard.taken}
+    ranging = sources.ranging
+    for source, counts in ranging.items():
+        if counts.taken:
+            click.echo(f"  ranging    {_name(source)}: {counts.taken} of {counts.messages} usable")
+    idle = {source: counts for source, counts in ranging.items() if not counts.taken}
     if idle:
         click.echo(f"  unused     {_some(_unused(idle))}")
     others = (
-        f"system {system}, component {component}: {kind}, {witness.heartbeats[system, component]} heartbeats"
-        for (system, component), kind in witness.vehicles.items()
-        if (system, component) != witness.vehicle
+        f"system {system}, component {component}: {kind}, {sources.heartbeats[system, component]} heartbeats"
+        for (system, component), kind in sources.vehicles.items()
+        if (system, component) != sources.vehicle
     )
     if said := _some(others):
         click.echo(f"  others     {said}")
-    if rivals := witness.rivals:
-        keys = " or ".join(witness.choosing)
-        mixed = sum(senders[rival].taken > 0 for rival in rivals) > 1
+    if candidates := sources.candidates:
+        keys = " or ".join(sources.distinguishing_keys)
+        mixed = sum(ranging[candidate].taken > 0 for candidate in candidates) > 1
         done = "their ranges were mixed" if mixed else "the first heard was taken"
-        click.echo(f"  WARNING    {len(rivals)} sensors fit the mission, {done}: name yours with {keys}")
+        click.echo(f"  WARNING    {len(candidates)} sensors fit the mission, {done}: name yours with {keys}")
 
 
-def _unused(idle: dict[Sender, Heard]) -> Iterator[str]:
-    for sender, heard in sorted(idle.items(), key=lambda item: -item[1].messages):
-        yield f"{_name(sender)}: {heard.messages}"
+def _unused(idle: dict[RangeSource, RangeCounts]) -> Iterator[str]:
+    for source, counts in sorted(idle.items(), key=lambda item: -item[1].messages):
+        yield f"{_name(source)}: {counts.messages}"
 
 
-def _name(sender: Sender) -> str:
-    marks = ", ".join(f"{mark} {value}" for mark, value in zip(MARKS[sender.message], sender.marks, strict=True))
-    return f"{sender.message.upper()} of {sender.system}/{sender.component} ({marks})"
+def _name(source: RangeSource) -> str:
+    marks = ", ".join(f"{mark} {value}" for mark, value in zip(MARKS[source.message], source.marks, strict=True))
+    return f"{source.message.upper()} of {source.system}/{source.component} ({marks})"
 
 
 def _some(names: Iterable[str]) -> str:

@@ -15,9 +15,9 @@ from circnav_mav.mission.load import MissionError, parse_mission
 from circnav_mav.mission.mission import Mission
 from circnav_mav.report.page import ReportFacts, write_report
 from circnav_mav.report.plots import plot_estimates, plot_flight
-from circnav_mav.runlog.run import Run, RunError, open_run
-from circnav_mav.runlog.run_folder import Column
+from circnav_mav.runlog.run_folder import Run, RunError, open_run
 from circnav_mav.runlog.summary import FlightFacts, summarise
+from circnav_mav.runlog.ticks import Column
 
 
 def report_run(folder: str) -> int:
@@ -30,13 +30,13 @@ def report_run(folder: str) -> int:
             raise Refused(f"{folder}: a single tick was recorded, too little for a report", Exit.NOTHING_HEARD)
         mission = parse_mission(run.mission_text, str(run.folder / "mission.toml"))
         summary = _unfinished(run, mission) | run.summary
-        if run.told_damage is not None:
-            click.echo(f"  WARNING    {run.told_damage}")
-            summary["recording_problem"] = "; ".join(filter(None, (summary["recording_problem"], run.told_damage)))
-        click.echo(write_report(run, report_facts(run, mission, summary)))
+        if run.damage_text is not None:
+            click.echo(f"  WARNING    {run.damage_text}")
+            summary["recording_problem"] = "; ".join(filter(None, (summary["recording_problem"], run.damage_text)))
         title = f"{run.name}: {mission.orbit.radius:g} m {mission.orbit.direction.value}"
         plot_flight(run.folder / "flight.png", run.ticks, run.truth, mission.orbit, title)
         plot_estimates(run.folder / "estimates.png", run.ticks, mission.file.guidance.gate_sigma, title)
+        click.echo(write_report(run, report_facts(run, mission, summary)))  # it holds the picture
         click.echo(f"{run.folder / 'flight.png'}\n{run.folder / 'estimates.png'}")
     except (RunError, MissionError) as error:
         raise Refused(str(error)) from None

@@ -26,7 +26,7 @@ from circnav_mav.experiments.batch.situations import LAST, SITUATIONS, Row
 from circnav_mav.experiments.bench_table import markdown
 from circnav_mav.experiments.worker_pool import Job, worked
 from circnav_mav.guidance.types import Direction, Orbit
-from circnav_mav.runlog.atomic_write import whole_file, write_whole
+from circnav_mav.runlog.atomic_write import atomic_write, write_text
 from circnav_mav.runlog.turn_command import turn_figures
 
 Array = Any
@@ -90,7 +90,7 @@ def run(
                 tell(line(cell))
             if out is not None:
                 write_csv(done, out / "table.csv")
-                write_whole(out / "table.md", markdown(done))
+                write_text(out / "table.md", markdown(done))
     if out is not None:
         from circnav_mav.experiments.bench_picture import draw
 
@@ -205,7 +205,7 @@ def line(cell: Cell) -> str:
 def write_csv(cells: list[Cell], path: Path) -> None:
     """All numbers of all cells."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    with whole_file(path) as fresh, fresh.open("w", newline="", encoding="utf-8") as file:
+    with atomic_write(path) as fresh, fresh.open("w", newline="", encoding="utf-8") as file:
         rows = [asdict(cell) for cell in cells]
         writer = csv.DictWriter(file, list(rows[0]))
         writer.writeheader()

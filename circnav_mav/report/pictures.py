@@ -5,7 +5,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from circnav_mav.runlog.atomic_write import whole_file
+from circnav_mav.runlog.atomic_write import atomic_write
 
 STYLE: Any = {"font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "axes.axisbelow": True}
 
@@ -17,5 +17,5 @@ def literal(text: str) -> str:
 
 def save(figure: Figure, path: Path, dpi: int = 110) -> None:
     """Write a PNG. Raises OSError; an older one is then still there."""
-    with whole_file(path) as fresh:
+    with atomic_write(path) as fresh:
         figure.savefig(fresh, dpi=dpi, format="png")

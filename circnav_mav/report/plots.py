@@ -11,9 +11,9 @@ from circnav_mav.guidance.types import Orbit
 from circnav_mav.report.pictures import STYLE, literal, save
 from circnav_mav.report.segments import Track, broken, fresh, known_track
 from circnav_mav.runlog.metrics import TOLERANCE
-from circnav_mav.runlog.run_folder import Column, Ticks, Truth
+from circnav_mav.runlog.ticks import Column, Ticks, Truth
 
-ESTIMATE, MEASURED, TRUE, DESIRED, LIMIT = "#1f5fa8", "#b9c6d6", "#c8501e", "#2e7d32", "#8a8a8a"
+ESTIMATE, MEASURED, TRUE, DESIRED, LIMIT = "#0063a6", "#9aa9ba", "#d55e00", "#007a5a", "#777777"
 HOLD_BAND = "#f6d8a8"
 
 
@@ -131,9 +131,7 @@ def _legend_above(axis: Any) -> None:
 def _range(axis: Any, ticks: Ticks, truth: Truth | None, orbit: Orbit) -> None:
     new = fresh(ticks)
     axis.plot(ticks.time[new], ticks.numbers["measured"][new], ".", ms=2, color=MEASURED, label="measured")
-    axis.plot(*broken(ticks.time, ticks.numbers["r"]), color=ESTIMATE, lw=1, label="estimated")
-    if truth is not None:
-        axis.plot(*broken(truth.time, truth.radius), color=TRUE, lw=0.8, label="true")
+    _estimated_and_true(axis, ticks, truth, less=0.0)
     axis.axhline(orbit.radius, ls="--", color=DESIRED, lw=1, label="desired")
     axis.set_ylabel("range, m")
 
@@ -141,16 +139,21 @@ def _range(axis: Any, ticks: Ticks, truth: Truth | None, orbit: Orbit) -> None:
 def _error(axis: Any, ticks: Ticks, truth: Truth | None, orbit: Orbit) -> None:
     band = TOLERANCE * orbit.radius
     axis.axhspan(-band, band, color=DESIRED, alpha=0.12, label=f"+-{100 * TOLERANCE:.0f} %")
-    axis.plot(*broken(ticks.time, ticks.numbers["r"] - orbit.radius), color=ESTIMATE, lw=1, label="estimated")
-    if truth is not None:
-        axis.plot(*broken(truth.time, truth.radius - orbit.radius), color=TRUE, lw=0.8, label="true")
+    _estimated_and_true(axis, ticks, truth, less=orbit.radius)
     axis.set_ylim(-3 * band, 3 * band)
     axis.set_ylabel("range - radius, m")
 
 
+def _estimated_and_true(axis: Any, ticks: Ticks, truth: Truth | None, less: float) -> None:
+    """The range, less so many metres."""
+    axis.plot(*broken(ticks.time, ticks.numbers["r"] - less), color=ESTIMATE, lw=1, label="estimated")
+    if truth is not None:
+        axis.plot(*broken(truth.time, truth.radius - less), color=TRUE, lw=0.8, label="true")
+
+
 def _turn_rate(axis: Any, ticks: Ticks, orbit: Orbit) -> None:
-    told = "commanded" if np.isfinite(ticks.numbers["yaw_rate_sent"]).any() else "would command"
-    axis.plot(*broken(ticks.time, np.degrees(ticks.numbers["turn_rate"])), color=ESTIMATE, lw=0.8, label=told)
+    name = "commanded" if np.isfinite(ticks.numbers["yaw_rate_sent"]).any() else "would command"
+    axis.plot(*broken(ticks.time, np.degrees(ticks.numbers["turn_rate"])), color=ESTIMATE, lw=0.8, label=name)
     axis.axhline(np.degrees(orbit.steady_turn_rate), ls="--", color=DESIRED, lw=1, label="steady circle")
     limit = np.degrees(orbit.max_turn_rate)
     for sign in (-1, 1):

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from circnav_mav.runlog.run_folder import Column, Ticks, Truth
+from circnav_mav.runlog.ticks import Column, Ticks, Truth
 
 GAP = 5.0
 """Usual steps between two samples beyond which nothing is known of what lies between."""
@@ -25,6 +25,7 @@ def broken(time: Column, *columns: Column) -> tuple[Column, ...]:
 def fresh(ticks: Ticks) -> NDArray[np.bool_]:
     """The ticks that answered a new range, also one that was refused for its innovation; the others repeat the last."""
     nis = ticks.numbers["nis"]
+    # A rejected range leaves the count of accepted ones as it is; its innovation is what changes.
     judged = np.isfinite(nis) & (np.diff(nis, prepend=np.nan) != 0)
     answered: NDArray[np.bool_] = judged | (np.diff(ticks.numbers["accepted"], prepend=0.0) > 0)
     return answered

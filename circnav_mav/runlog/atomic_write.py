@@ -10,7 +10,7 @@ from typing import Any
 
 
 @contextmanager
-def whole_file(path: Path) -> Iterator[Path]:
+def atomic_write(path: Path) -> Iterator[Path]:
     """Where to write a file: it takes the place of the one at `path` when all of it is there. Raises OSError."""
     fresh = path.with_name(f"{path.name}.tmp")
     try:
@@ -24,17 +24,17 @@ def whole_file(path: Path) -> Iterator[Path]:
         raise
 
 
-def write_whole(path: Path, text: str) -> None:
+def write_text(path: Path, text: str) -> None:
     """Write a text as a whole file; what UTF-8 cannot hold, as in some names of folders, becomes a question mark.
     Raises OSError."""
-    with whole_file(path) as fresh:
+    with atomic_write(path) as fresh:
         fresh.write_text(text, encoding="utf-8", errors="replace")
 
 
 def write_json(path: Path, what: Any) -> None:
     """Write plain values as a whole JSON file; a number that JSON does not know, NaN or an infinity, becomes null.
     Raises OSError."""
-    write_whole(path, json.dumps(_known_to_json(what), indent=2, allow_nan=False) + "\n")
+    write_text(path, json.dumps(_known_to_json(what), indent=2, allow_nan=False) + "\n")
 
 
 def _known_to_json(value: Any) -> Any:

@@ -1,4 +1,4 @@
-"""What happened in a run, in words: changes of phase, mode and law, refused ranges, texts on the link."""
+"""What happened in a run, in words: changes of phase, mode and law, rejected ranges, texts on the link."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -7,21 +7,25 @@ from pathlib import Path
 import numpy as np
 
 from circnav_mav.mav.codec import Decoder
-from circnav_mav.runlog.run import Run
-from circnav_mav.runlog.run_folder import Ticks
+from circnav_mav.runlog.run_folder import Run
+from circnav_mav.runlog.ticks import Ticks
 from circnav_mav.runlog.tlog import message_id, read_tlog
 
 STATUSTEXT = 253
 OUR_COMPONENTS = range(191, 195)
+SEVERE = 3
+"""MAV_SEVERITY_ERROR; what is worse has a smaller number."""
 
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """A moment of a run. kind: phase, mode, law, rejected, vehicle says, circnav says."""
+    """A moment of a run. kind: phase, mode, law, rejected, vehicle says, circnav says. severe: a text that
+    its sender calls an error or worse."""
 
     time: float
     kind: str
     text: str
+    severe: bool = False
 
 
 def events(run: Run) -> list[Event]:
@@ -53,4 +57,4 @@ def _texts(path: Path, epoch_us: int) -> Iterator[Event]:
                 continue  # a damaged frame with a whole one inside
             text = message.text if isinstance(message.text, str) else message.text.decode("ascii", "replace")
             who = "circnav says" if message.get_srcComponent() in OUR_COMPONENTS else "vehicle says"
-            yield Event((stamp - epoch_us) / 1e6, who, text.rstrip("\0"))
+            yield Event((stamp - epoch_us) / 1e6, who, text.rstrip("\0"), message.severity <= SEVERE)

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from circnav_mav.runlog.atomic_write import whole_file
+from circnav_mav.runlog.atomic_write import atomic_write
 from circnav_mav.runlog.events import Event, events
-from circnav_mav.runlog.run import Run
-from circnav_mav.runlog.run_folder import Ticks, Truth
+from circnav_mav.runlog.run_folder import Run
+from circnav_mav.runlog.ticks import Ticks, Truth
 
 Row = tuple[float, dict[str, Any]]
 TRUTH_COLUMNS = ("time", "north", "east", "target_north", "target_east", "radius", "turn_rate")
@@ -45,7 +45,7 @@ def export_mcap(run: Run, path: Path) -> dict[str, int]:
     if run.truth is not None:
         topics.append(("/truth", "circnav.Truth", _schema(TRUTH_COLUMNS, ()), _truth_rows(run.truth)))
     counts = {}
-    with whole_file(path.resolve()) as fresh, fresh.open("wb") as file:
+    with atomic_write(path.resolve()) as fresh, fresh.open("wb") as file:
         writer = Writer(file)
         writer.start(profile="", library=f"circnav {run.manifest.get('versions', {}).get('circnav', '')}".strip())
         for topic, name, schema, rows in topics:

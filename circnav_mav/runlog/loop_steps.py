@@ -1,70 +1,75 @@
-"""A flight as the turns of its loop: exactly those of a run folder, and those that a plain tlog can stand for."""
+"""A flight as the steps of its loop: exactly those of a run folder, and those that a plain tlog can stand for."""
 
 import csv
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import chain, groupby, islice, pairwise
 from pathlib import Path
 
-from circnav_mav.runlog.log_clock import LogClock
 from circnav_mav.runlog.tlog import read_tlog, read_unbroken
 
 LINKS = {"v": "vehicle", "r": "ranging"}
 HELD_BACK = "held"
-"""In the place of a count: nothing of what there was to say was sent."""
+"""In the place of a count: nothing of what there was to send was sent."""
 MOST_FRAMES = 10_000
 """More than a datagram of any size can hold."""
+DISORDER = 100_000
+"""Time, us, by which a stamp may lie before the last: two threads of a logger, and no clock that was set."""
+USUAL = 1_000_000
+"""Time, us, from one stamp to the next beyond which the stamp after it must agree."""
+LONGEST_SILENCE = 3_600_000_000
+"""Time, us, that a log may be silent; a longer way ahead is a clock that was set, as from 1970 to now."""
 
 
 @dataclass(frozen=True, slots=True)
-class Turn:
-    """One turn of the loop: (link, source, frame) of all that came in, our own frames, why it was interrupted, and
-    whether what there was to say was not sent."""
+class LoopStep:
+    """One step of the loop. received: (link, source, frame) of all that came in. sent: our own frames. interrupt: why
+    it was ended from outside. held_back: whether what there was to send was not sent."""
 
     time: float
-    heard: tuple[tuple[str, str, bytes], ...]
-    said: tuple[bytes, ...] = ()
+    received: tuple[tuple[str, str, bytes], ...]
+    sent: tuple[bytes, ...] = ()
     interrupt: str = ""
     held_back: bool = False
 
 
-def recorded_turns(folder: Path) -> Iterator[Turn]:
-    """The turns of a run folder, up to where its files were cut off or damaged. Raises OSError."""
+def recorded_steps(folder: Path) -> Iterator[LoopStep]:
+    """The steps of a run folder, up to where its files were cut off or damaged. Raises OSError."""
     frames = (frame for _, frame in read_unbroken(folder / "flight.tlog"))
     with (folder / "turns.csv").open(newline="", encoding="utf-8", errors="replace") as file:
         rows = csv.reader(file)
         try:
             next(rows, ())
             for row in rows:
-                turn = _turn(row, frames)
-                if turn is None:
+                step = _step(row, frames)
+                if step is None:
                     return
-                yield turn
+                yield step
         except (ValueError, KeyError, csv.Error):
-            return
+            return  # frames are counted off one by one: behind a damaged line nobody knows whose they are
 
 
-def _turn(row: list[str], frames: Iterator[bytes]) -> Turn | None:
+def _step(row: list[str], frames: Iterator[bytes]) -> LoopStep | None:
     """A line of turns.csv with its frames out of the tlog; None if they are not all there. Raises ValueError, KeyError
     for what the recorder never wrote."""
-    time_us, datagrams, said, hello, interrupt = row
+    time_us, datagrams, sent, hello, interrupt = row
     sources = []
     for datagram in datagrams.split():
         source, _, count = datagram.partition("*")
         sources += [source] * min(int(count), MOST_FRAMES)
-    heard = tuple((LINKS[source[:1]], source, frame) for source, frame in zip(sources, frames, strict=False))
-    held_back = said == HELD_BACK
-    ours = (0 if held_back else int(said or 0)) + int(hello or 0)
-    spoken = tuple(islice(frames, ours))
-    if len(heard) < len(sources) or len(spoken) < ours:
+    received = tuple((LINKS[source[:1]], source, frame) for source, frame in zip(sources, frames, strict=False))
+    held_back = sent == HELD_BACK
+    ours = (0 if held_back else int(sent or 0)) + int(hello or 0)
+    sent_frames = tuple(islice(frames, ours))
+    if len(received) < len(sources) or len(sent_frames) < ours:
         return None
-    return Turn(int(time_us) / 1e6, heard, spoken, interrupt, held_back)
+    return LoopStep(int(time_us) / 1e6, received, sent_frames, interrupt, held_back)
 
 
-def plain_turns(path: Path, ours: int, clock: LogClock | None = None) -> Iterator[Turn]:
-    """The turns that a plain tlog stands for: frames of one stamp come in together, on one link.
+def tlog_steps(path: Path, ours: int, clock: "LogClock | None" = None) -> Iterator[LoopStep]:
+    """The steps that a plain tlog stands for: frames of one stamp come in together, on one link.
 
-    ours: our own component id, whose frames went out and did not come in. clock: takes down where the stamps' own clock
+    ours: our own component id, whose frames went out and did not come in. clock: notes where the clock of the stamps
     was set. Times count from the first stamp and never go back. Raises OSError.
     """
     clock = LogClock() if clock is None else clock
@@ -74,10 +79,55 @@ def plain_turns(path: Path, ours: int, clock: LogClock | None = None) -> Iterato
     for (stamp, frames), (following, _) in pairwise(chain(stamped, [end])):
         assert stamp is not None
         time = clock.at(stamp, following)
-        heard = tuple(("vehicle", "tlog", frame) for frame in frames if _component(frame) != ours)
-        if heard:
-            yield Turn(time, heard)
+        received = tuple(("vehicle", "tlog", frame) for frame in frames if _component(frame) != ours)
+        if received:
+            yield LoopStep(time, received)
 
 
 def _component(frame: bytes) -> int:
     return frame[6] if frame[0] == 0xFD else frame[4]
+
+
+@dataclass(slots=True)
+class LogClock:
+    """Run time from the stamps (us) of a plain tlog, whose clock may have been set while it was written. A step of the
+    clock takes no time; a lone stamp that is far off moves nothing. steps: (run time, size) of each step, s. lone: how
+    far, s, the lone ones were off."""
+
+    steps: list[tuple[float, float]] = field(default_factory=list)
+    lone: list[float] = field(default_factory=list)
+    _newest: int | None = None
+    _run: int = 0
+
+    def at(self, stamp: int, following: int | None) -> float:
+        """Run time, s, of a stamp. following: the stamp after it, None at the end of the log."""
+        newest = stamp if self._newest is None else self._newest
+        moved = stamp - newest
+        # One stamp alone cannot tell a clock that was set from a damaged record: the stamp after it decides. Where it
+        # goes on from the old time, the far one was damaged; where it stays at the new time, the clock was set.
+        alone = following is not None and _is_lone(moved, following - newest)
+        if -DISORDER <= moved <= USUAL or (0 < moved <= LONGEST_SILENCE and not alone):
+            self._newest, self._run = newest + max(moved, 0), self._run + max(moved, 0)
+        elif alone:
+            self.lone.append(moved / 1e6)
+        else:
+            self.steps.append((self._run / 1e6, moved / 1e6))
+            self._newest = stamp
+        return self._run / 1e6
+
+    def __str__(self) -> str:
+        """What was wrong with the stamps, in words; empty where nothing was."""
+        problems = []
+        if self.steps:
+            at, size = max(self.steps, key=lambda step: abs(step[1]))
+            how_many = "1 time" if len(self.steps) == 1 else f"{len(self.steps)} times, at most"
+            problems.append(f"its clock steps {how_many} by {size:+.1f} s (at {at:.1f} s), which is taken for no time")
+        if self.lone:
+            how_many = "1 lone stamp is" if len(self.lone) == 1 else f"{len(self.lone)} lone stamps are, at most,"
+            problems.append(f"{how_many} off by {max(self.lone, key=abs):+.1f} s")
+        return "; ".join(problems)
+
+
+def _is_lone(moved: int, then: int) -> bool:
+    """Whether the stamp after a far one goes on where the last one stood. Both count from the last one, us."""
+    return -DISORDER <= then <= LONGEST_SILENCE and (moved < 0 or then < moved - DISORDER)

@@ -1,4 +1,4 @@
-"""What a pilot would have said in a flight that already happened. The vehicle does not answer: its path is as flown."""
+"""What a pilot would have sent in a flight that already happened. The vehicle does not answer: its path is as flown."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
@@ -9,80 +9,80 @@ import numpy as np
 from circnav_mav.guidance.phases import Phase
 from circnav_mav.mav.framing import split_frames
 from circnav_mav.pilot import Pilot, PilotSettings, TickRecord, Timing, Voice
-from circnav_mav.runlog.loop_steps import Turn
-from circnav_mav.runlog.run_folder import WORDS, Column, Ticks
+from circnav_mav.runlog.loop_steps import LoopStep
+from circnav_mav.runlog.ticks import WORDS, Column, Ticks
 
 SETPOINT_IDS = frozenset({69, 82, 84})
 """MANUAL_CONTROL, SET_ATTITUDE_TARGET, SET_POSITION_TARGET_LOCAL_NED."""
 LONGEST_GAP = 10.0
 """Time, s, for which ticks go on in a gap of a plain tlog."""
 STEERING = ("orbit", "law", "estimator", "estimation", "ranging", "height", "radius_trim", "turn_gain")
-"""The settings on which the turns hang that a pilot commands."""
+"""The settings that decide which turns a pilot commands."""
 COMPARED = ("r", "r_dot", "demanded", "turn_rate")
 
-Said = list[tuple[float, bytes]]
+Sent = list[tuple[float, bytes]]
 
 
 @dataclass(slots=True)
 class Replayed:
-    """What came of a replay, beside what the log holds. said, was_said: (time, frame) of ours, in order. until: time of
-    the last turn. ended: when the pilot was done, None while it was not; nothing that came later counts."""
+    """What came of a replay, beside what the log holds. sent, was_sent: (time, frame) of ours, in order. until: time of
+    the last step. ended: when the pilot was done, None while it was not; nothing that came later counts."""
 
     ticks: list[TickRecord] = field(default_factory=list)
-    said: Said = field(default_factory=list)
-    was_said: Said = field(default_factory=list)
-    turns: int = 0
+    sent: Sent = field(default_factory=list)
+    was_sent: Sent = field(default_factory=list)
+    steps: int = 0
     frames: int = 0
     until: float = 0.0
     ended: float | None = None
 
     @property
-    def setpoints(self) -> Said:
+    def setpoints(self) -> Sent:
         """The setpoints of the replay."""
-        return _setpoints(self.said)
+        return _setpoints(self.sent)
 
     @property
-    def was_setpoints(self) -> Said:
+    def was_setpoints(self) -> Sent:
         """The setpoints in the log."""
-        return _setpoints(self.was_said)
+        return _setpoints(self.was_sent)
 
     @property
     def identical(self) -> bool:
         """Whether every frame of ours is the one in the log, byte for byte and at its time."""
-        return self.said == self.was_said
+        return self.sent == self.was_sent
 
     @property
     def first_difference(self) -> float | None:
         """Time of the first frame of ours that differs, None if none does."""
-        pairs = zip(self.said, self.was_said, strict=False)
+        pairs = zip(self.sent, self.was_sent, strict=False)
         differing = next((min(a[0], b[0]) for a, b in pairs if a != b), None)
-        if differing is None and len(self.said) != len(self.was_said):
-            shorter = min(len(self.said), len(self.was_said))
-            return max(self.said, self.was_said, key=len)[shorter][0]
+        if differing is None and len(self.sent) != len(self.was_sent):
+            shorter = min(len(self.sent), len(self.was_sent))
+            return max(self.sent, self.was_sent, key=len)[shorter][0]
         return differing
 
 
-def replay(pilot: Pilot, turns: Iterable[Turn], *, ticking: bool = False) -> Replayed:
-    """Feed turns to a pilot at their times. ticking: the turns are not all there, so that ticks are added as due."""
+def replay(pilot: Pilot, steps: Iterable[LoopStep], *, ticking: bool = False) -> Replayed:
+    """Feed steps to a pilot at their times. ticking: the steps are not all there, so that ticks are added as due."""
     done = Replayed()
-    for turn in turns:
-        while ticking and done.turns and pilot.next_tick < min(turn.time, done.until + LONGEST_GAP) and not pilot.done:
+    for step in steps:
+        while ticking and done.steps and pilot.next_tick < min(step.time, done.until + LONGEST_GAP) and not pilot.done:
             _step(pilot, pilot.next_tick, done)
         if not pilot.done:
-            _take(pilot, turn, done)
-        done.was_said += [(turn.time, frame) for frame in turn.said]
-        done.frames += len(turn.heard)
-        done.turns += 1
-        done.until = turn.time
+            _take(pilot, step, done)
+        done.was_sent += [(step.time, frame) for frame in step.sent]
+        done.frames += len(step.received)
+        done.steps += 1
+        done.until = step.time
     return done
 
 
-def _take(pilot: Pilot, turn: Turn, done: Replayed) -> None:
-    for link, source, frame in turn.heard:
-        pilot.receive(frame, turn.time, source, link)
-    if turn.interrupt and pilot.outcome is None:
-        pilot.interrupt(turn.time, turn.interrupt)
-    _step(pilot, turn.time, done, held_back=turn.held_back)
+def _take(pilot: Pilot, step: LoopStep, done: Replayed) -> None:
+    for link, source, frame in step.received:
+        pilot.receive(frame, step.time, source, link)
+    if step.interrupt and pilot.outcome is None:
+        pilot.interrupt(step.time, step.interrupt)
+    _step(pilot, step.time, done, held_back=step.held_back)
     pilot.take_frames()
 
 
@@ -93,13 +93,13 @@ def _step(pilot: Pilot, now: float, done: Replayed, *, held_back: bool = False) 
         pilot.hold_back()
     if pilot.settings.ranging_apart:
         out += pilot.hello(now)
-    done.said += [(now, frame) for frame in split_frames(out)]
+    done.sent += [(now, frame) for frame in split_frames(out)]
     done.ticks += pilot.take_records()
     done.ended = now if pilot.done else None
 
 
-def patient(settings: PilotSettings) -> PilotSettings:
-    """Settings that replay a plain tlog from end to end: no patience runs out, and there is one link."""
+def without_timeouts(settings: PilotSettings) -> PilotSettings:
+    """Settings that replay a plain tlog from end to end: no timeout runs out, and there is one link."""
     timing = settings.timing
     endless = Timing(
         duration=inf, wait_link=inf, wait_ranging=inf, stale=timing.stale, hold=inf, outage=inf, tick=timing.tick
@@ -121,11 +121,11 @@ def held_gain(settings: PilotSettings, flown: PilotSettings, was: Ticks) -> floa
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """How far a column of the ticks moved: root mean square and most, in its own unit, over the ticks both have."""
+    """How far a column of the ticks moved: root mean square and largest, in its own unit, over the ticks both have."""
 
     column: str
     rms: float
-    most: float
+    largest: float
     ticks: int
 
 
@@ -148,13 +148,10 @@ def as_ticks(records: list[TickRecord]) -> Ticks:
         return np.array([np.nan if (v := getattr(record, name)) is None else float(v) for record in records])
 
     names = [name for name in TickRecord.__dataclass_fields__ if name not in WORDS]
-    words = {name: [_word(getattr(record, name)) for record in records] for name in WORDS}
+    words = {name: [str(getattr(record, name)) for record in records] for name in WORDS - {"phase"}}
+    words["phase"] = [record.phase.value for record in records]
     return Ticks({name: column(name) for name in names}, words)
 
 
-def _word(value: str | Phase) -> str:
-    return value.value if isinstance(value, Phase) else value
-
-
-def _setpoints(said: Said) -> Said:
-    return [(time, frame) for time, frame in said if int.from_bytes(frame[7:10], "little") in SETPOINT_IDS]
+def _setpoints(sent: Sent) -> Sent:
+    return [(time, frame) for time, frame in sent if int.from_bytes(frame[7:10], "little") in SETPOINT_IDS]

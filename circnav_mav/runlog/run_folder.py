@@ -1,158 +1,113 @@
-"""Reads a run folder back: ticks.csv as columns, the simulator's truth out of flight.tlog."""
+"""A run folder opened: what it says of itself, whatever became of the process that wrote it."""
 
 import csv
-from array import array
+import json
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
-from math import isfinite, nan
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from sys import intern
-from typing import IO
+from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from circnav_mav.guidance.phases import Phase
-from circnav_mav.mav.truth import read_truth_frame
-from circnav_mav.pilot import TickRecord
-from circnav_mav.runlog.tlog import read_tlog
-
-Column = NDArray[np.float64]
-
-WORDS = frozenset(field.name for field in fields(TickRecord) if field.type in (str, Phase))
-"""The columns of ticks.csv that hold words."""
-LONGEST = 1e9
-"""Time, s, that no run takes."""
-MOST = 1e30
-"""No number of a tick is as large."""
+from circnav_mav.runlog.summary_schema import known_manifest, known_summary
+from circnav_mav.runlog.ticks import Ticks, Truth, read_ticks, read_truth
+from circnav_mav.runlog.tlog import Damage, find_damage
 
 
-@dataclass(frozen=True, slots=True)
-class Ticks:
-    """ticks.csv: numbers as arrays over ticks (NaN where a cell is empty), words as lists."""
+class RunError(Exception):
+    """A run that cannot be opened, in one line."""
 
-    numbers: dict[str, Column]
-    words: dict[str, list[str]]
+
+@dataclass(frozen=True)
+class Run:
+    """A run folder. manifest, summary: what they say that can be believed; empty when the run did not live to write
+    them, or they are damaged."""
+
+    folder: Path
+    mission_text: str
+    manifest: dict[str, Any]
+    summary: dict[str, Any]
+    epoch_us: int
 
     @property
-    def phases(self) -> list[str]:
-        """The phase of each tick."""
-        return self.words.get("phase", [])
+    def voice(self) -> str:
+        """What the pilot was allowed to say."""
+        return str(self.manifest.get("voice", "fly"))
 
     @property
-    def modes(self) -> list[str]:
-        """The vehicle's mode at each tick."""
-        return self.words.get("mode", [])
+    def name(self) -> str:
+        """The mission's name."""
+        return printable(self.manifest.get("mission") or self.summary.get("mission") or self.folder.name)
+
+    @cached_property
+    def ticks(self) -> Ticks:
+        """Every step that acted. Raises RunError."""
+        with _refusing(self.folder / "ticks.csv"):
+            return read_ticks(self.folder)
+
+    @cached_property
+    def truth(self) -> Truth | None:
+        """The simulator's truth, None when there was none. Raises RunError."""
+        with _refusing(self.folder / "flight.tlog"):
+            return read_truth(self.folder, self.epoch_us, (self.manifest.get("autopilot") or {}).get("system"))
+
+    @cached_property
+    def damage(self) -> Damage | None:
+        """What of flight.tlog cannot be read. Raises RunError."""
+        with _refusing(self.folder / "flight.tlog"):
+            return find_damage(self.folder / "flight.tlog")
 
     @property
-    def time(self) -> Column:
-        """Run time of each tick, s."""
-        return self.numbers["time"]
-
-    @property
-    def engaged_at(self) -> float | None:
-        """Run time of the first engaged tick, s."""
-        return next((float(t) for t, phase in zip(self.time, self.phases, strict=True) if phase == "engaged"), None)
-
-
-NO_TICKS = Ticks({name: np.array([]) for name in ("time", "r", "height", "turn_rate", "saturated")}, {})
-"""What is left of a run whose ticks could not be written."""
+    def damage_text(self) -> str | None:
+        """The same in words, and where that is in the flight; None if all of it can be read. Raises RunError."""
+        found = self.damage
+        if found is None:
+            return None
+        until, newest = (max(stamp - self.epoch_us, 0) / 1e6 for stamp in (found.until, found.newest))
+        end = max(newest, float(self.ticks.time[-1]) if len(self.ticks.time) else 0.0)
+        first = "" if found.cut else "from "
+        return f"flight.tlog: {found} ({first}{until:.1f} s of {end:.1f} s)"
 
 
-@dataclass(frozen=True, slots=True)
-class Truth:
-    """What the simulator says really happened, arrays over samples: run time at which it arrived (s), north and east
-    of the origin (m), of the vehicle and of the target, turn rate (rad/s, clockwise), the simulator's own time (s)."""
-
-    time: Column
-    north: Column
-    east: Column
-    target_north: Column
-    target_east: Column
-    turn_rate: Column
-    sim_time: Column
-
-    @property
-    def radius(self) -> Column:
-        """Horizontal distance to the target, m."""
-        return np.hypot(self.north - self.target_north, self.east - self.target_east)
-
-
-def read_ticks(folder: Path) -> Ticks:
-    """ticks.csv of a run folder; a last line that was cut off is left out, a column that is not there is empty, and so
-    is a cell that is no number of a flight. Raises OSError, and ValueError that names the line for a cell that is no
-    number at all and for a time that does not go on."""
-    with (folder / "ticks.csv").open(newline="", encoding="utf-8") as file:
-        reader = _rows(file)
-        header = next(reader, [])
-        words: dict[str, list[str]] = {name: [] for name in header if name in WORDS}
-        numbers = {name: array("d") for name in header if name not in WORDS}
-        if "time" not in numbers or len(words) + len(numbers) < len(header):
-            raise ValueError("has no header")
-        times = numbers["time"]
-        for line, row in enumerate(reader, 2):  # one by one: the text of a long flight is ten times what it says
-            if len(row) == len(header):
-                for name, cell in zip(header, row, strict=True):
-                    if name in words:
-                        words[name].append(intern(cell))
-                    else:
-                        numbers[name].append(_number(cell, name, line))
-                _check_time(times, line)
-    count = len(times)
-    if count > 1 and times[0] == times[-1]:
-        raise ValueError("line 3: time: stands still to the end")
-    for name in (field.name for field in fields(TickRecord) if field.name not in header):
-        if name in WORDS:
-            words[name] = [""] * count
-        else:
-            numbers[name] = array("d", [nan]) * count
-    return Ticks({name: _believable(np.array(cells)) for name, cells in numbers.items()}, words)
-
-
-def _number(cell: str, name: str, line: int) -> float:
-    """A cell as a number, NaN if it is empty. Raises ValueError."""
+def open_run(folder: Path) -> Run:
+    """Open a run folder. Raises RunError."""
+    if not folder.exists():
+        raise RunError(f"{folder}: no such run folder")
+    if not folder.is_dir() or not (folder / "flight.tlog").is_file() or not (folder / "mission.toml").is_file():
+        raise RunError(f"{folder}: is not a run folder: flight.tlog or mission.toml is missing")
+    manifest = known_manifest(_json(folder / "manifest.json"))
     try:
-        return float(cell) if cell else nan
-    except ValueError:
-        raise ValueError(f"line {line}: {name}: {cell[:40]!r} is not a number") from None
+        summary = known_summary(_json(folder / "summary.json"))
+    except RunError:  # a full disk may have left half of it; its figures can be made anew
+        summary = {}
+    epoch = manifest.get("epoch_us") or summary.get("epoch_us")
+    if epoch is None:
+        raise RunError(f"{folder}: neither manifest.json nor summary.json tells when the run began (epoch_us)")
+    with _refusing(folder / "mission.toml"):
+        text = (folder / "mission.toml").read_text(encoding="utf-8")
+    return Run(folder, text, manifest, summary, epoch)
 
 
-def _check_time(times: "array[float]", line: int) -> None:
-    """The newest time lies within a run and is not before the last. Raises ValueError."""
-    newest = times[-1]
-    if not 0 <= newest < LONGEST:
-        raise ValueError(f"line {line}: time: must be seconds of the run, not {newest:g}")
-    if len(times) > 1 and newest < times[-2]:
-        raise ValueError(f"line {line}: time: {newest:.6f} comes after {times[-2]:.6f}")
+def printable(name: str) -> str:
+    """A name as text: what of it UTF-8 cannot hold becomes a question mark."""
+    return name.encode("utf-8", "replace").decode()
 
 
-def _believable(numbers: Column) -> Column:
-    return np.where(np.abs(numbers) < MOST, numbers, nan)
+def _json(path: Path) -> Any:
+    """What a JSON file holds; None if there is none. Raises RunError."""
+    with _refusing(path):
+        try:
+            return json.loads(path.read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            return None
 
 
-def _rows(file: IO[str]) -> Iterator[list[str]]:
-    """The rows of a CSV file. Raises ValueError."""
+@contextmanager
+def _refusing(path: Path) -> Iterator[None]:
+    """What is wrong with a file, in one line. Raises RunError."""
     try:
-        yield from csv.reader(file)
-    except csv.Error as error:
-        raise ValueError(str(error)) from None
-
-
-def read_truth(folder: Path, epoch_us: int, system: int | None = None) -> Truth | None:
-    """The simulator's truth of a run whose clock began at `epoch_us`, None when there was none. A frame with a number
-    that is none is left out: anybody may have sent it.
-
-    system: of the vehicle that was flown; None: of the first that tells.
-    """
-    rows = array("d")
-    for stamp, frame in read_tlog(folder / "flight.tlog"):
-        numbers = read_truth_frame(frame)
-        if numbers is None or not all(map(isfinite, numbers)):
-            continue
-        system = frame[5] if system is None else system  # MAVLink 2, or it would hold no truth
-        if frame[5] == system:
-            rows.extend(((stamp - epoch_us) / 1e6, *numbers))
-    if not rows:
-        return None
-    table = np.array(rows).reshape(-1, 17)
-    return Truth(table[:, 0], table[:, 1], table[:, 2], table[:, 10], table[:, 11], table[:, 8], table[:, 16])
+        yield
+    except RecursionError:
+        raise RunError(f"{path}: is nested too deeply") from None
+    except (OSError, ValueError, csv.Error) as error:
+        raise RunError(f"{path}: {getattr(error, 'strerror', None) or error}") from None

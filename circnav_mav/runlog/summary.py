@@ -12,7 +12,7 @@ from circnav_mav.guidance.phases import Phase
 from circnav_mav.guidance.types import Direction, Orbit
 from circnav_mav.runlog import metrics
 from circnav_mav.runlog.atomic_write import write_json
-from circnav_mav.runlog.run_folder import Ticks, Truth
+from circnav_mav.runlog.ticks import Ticks, Truth
 from circnav_mav.runlog.turn_command import NAMES, late_figures
 
 NOT_OURS = frozenset(
@@ -154,6 +154,7 @@ def _truth(truth: Truth, start: float, end: float, orbit: Orbit) -> dict[str, An
     if not flown.any():
         return None
     time, radius = truth.time[flown], truth.radius[flown]
+    # The sense of rotation is that of the circle, not that of the way there.
     late = time >= time[-1] - metrics.LAST * (time[-1] - time[0])
     swept = metrics.swept_angle(
         (truth.north - truth.target_north)[flown][late], (truth.east - truth.target_east)[flown][late]

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from circnav_mav.runlog.run_folder import read_truth
+from circnav_mav.runlog.ticks import read_truth
 from circnav_mav.runlog.tlog import read_tlog
 from tests.flight.recorded import recorded_flight
 
@@ -100,7 +100,7 @@ def verdict_of(circnav, run, summary):
     (run / "summary.json").write_text(summary if isinstance(summary, str) else json.dumps(summary))
     ran = circnav("report", run)
     assert (ran.code, ran.err) == (0, "")
-    return (run / "report.html").read_text().partition("<pre>")[2].partition("</pre>")[0]
+    return (run / "report.html").read_text().partition('<div class="outcome')[2].partition("</pre>")[0]
 
 
 @pytest.mark.parametrize("missing", WHOLE)

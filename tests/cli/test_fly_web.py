@@ -63,17 +63,20 @@ def test_a_browser_follows_a_flight_to_its_verdict_and_logs_no_error(tmp_path):
             said = next(line for line in flight.stdout if line.startswith("live page at "))
             browser.open(said.split()[-1])
             browser.until("document.getElementById('phase').innerText.toLowerCase() === 'engaged'")
-            browser.until("document.querySelectorAll('#charts svg').length === 4")
-            browser.until("points.length > 20 && document.querySelector('#track path[stroke=\"var(--true)\"]')")
+            browser.until("document.querySelectorAll('#charts svg.strip').length === 7")
+            browser.until("points.length > 20 && document.querySelector('#track path.line.true')")
             longest = "svg => Math.max(...[...svg.querySelectorAll('path.line')].map(path => path.getTotalLength()))"
-            drawn = browser.value(f"[...document.querySelectorAll('#charts svg')].map({longest})")
+            lines = "[...document.querySelectorAll('#charts svg.strip')].filter(svg => svg.querySelector('.line'))"
+            drawn = browser.value(f"{lines}.map({longest})")
+            assert len(drawn) == 4
             assert min(drawn) > 300  # px of line in every chart
             assert browser.value("document.getElementById('link').innerText") == "live"
             assert browser.value(DESIRED_ON_TOP)
+            assert re.fullmatch(r"\d{3} deg", browser.value("document.getElementById('heading').innerText"))
             browser.picture(tmp_path / "page.png")
             assert (tmp_path / "page.png").stat().st_size > 50_000
-            browser.until("!document.getElementById('verdict').hidden")
-            assert "COMPLETED: flown to its end" in browser.value("document.getElementById('verdict').innerText")
+            browser.until("!document.getElementById('outcome').hidden")
+            assert "COMPLETED: flown to its end" in browser.value("document.getElementById('outcome').innerText")
             assert browser.value("document.getElementById('link').innerText") == "stream ended"
             assert browser.complaints == []
         finally:

@@ -1,28 +1,33 @@
 """`circnav report`: one page without network that shows the flight, also in a real browser; one line for bad runs."""
 
-import csv
 import importlib
 import json
 import re
 import shutil
 import struct
 import subprocess
-from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.mission.load import load_mission
 from circnav_mav.runlog.tlog import message_id, read_tlog
+from tests.browser import CHROMIUM, Browser
 from tests.flight.lockstep import CONFIG
 from tests.flight.recorded import recorded_flight
 from tests.process import PATIENCE
+from tests.runlog.conftest import rewrite_ticks
 
 cli_report = importlib.import_module("circnav_mav.cli.report")  # the package's `report` is the command
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 CHARTS = ("phase", "range", "error, range - radius", "range rate", "turn rate, left positive", "innovation", "ranges",
-          "vehicle mode")  # fmt: skip
+          "vehicle mode", "law")  # fmt: skip
+
+
+def data_of(page: str) -> dict:
+    """What the charts of a page are drawn from."""
+    return json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', page)[1])
 
 
 @pytest.fixture(scope="module")
@@ -42,11 +47,15 @@ def test_the_page_holds_every_part_and_needs_nobody(circnav, flown):
     ran = circnav("report", flown)
     assert (ran.code, ran.err) == (0, "")
     page = (flown / "report.html").read_text()
-    assert [title for title in CHARTS if f"<figcaption><b>{title}</b>" not in page] == []
+    columns = "measured r true_r r_dot true_r_dot turn_rate true_turn innovation taken rejected"
+    assert set(columns.split()) <= set(data_of(page)["columns"])
+    assert '<div class="outcome bad">UNFINISHED: ' in page, "the outcome in words and colour, first"
+    assert "2026-09-21 14:13 UTC, vehicle not known" in page
+    assert page.index("<noscript><img") < page.index('id="charts"'), "the flight without a script"
     for part in ("UNFINISHED", "The simulator's truth", "orbit.radius_m", "pymavlink", "exit code", "engaged", "gate"):
         assert part in page
     assert not re.search(r"""(src|href)=["'](?!data:)|https?://|@import|url\((?!#)""", page)
-    assert not re.search(r"@[A-Z]+@|\bnan\b", page)
+    assert not re.search(r"@[A-Z.]+@|\bnan\b", page)
     assert {path.name for path in flown.glob("*.png")} == {"flight.png", "estimates.png"}
 
 
@@ -56,27 +65,8 @@ def test_a_run_without_truth_tells_ranges_and_no_track(circnav, tmp_path):
     assert circnav("report", tmp_path / "run").code == 0
     page = (tmp_path / "run" / "report.html").read_text()
     assert "Range alone does not tell where it flew" in page
-    assert "differenced over 1 s" in page
-
-
-def colour(page: str, word: str) -> str:
-    (found,) = set(re.findall(rf'background:(#\w+)"></i>{re.escape(word)}<', page))
-    return found
-
-
-def test_a_mode_and_a_law_have_the_same_colour_in_every_report(circnav, flown, tmp_path):
-    """Whatever modes came before; and what is well is not the red of refusals."""
-    folder = copy_of(flown, tmp_path / "run")
-    rows = (folder / "ticks.csv").read_text().splitlines()
-    early = [row.replace("LOITER", ("ACRO", "STABILIZE")[at % 2]) for at, row in enumerate(rows)]
-    (folder / "ticks.csv").write_text("\n".join(early) + "\n")
-    pages = []
-    for run in (flown, folder):
-        assert circnav("report", run).code == 0
-        pages.append((run / "report.html").read_text())
-    assert "ACRO" in pages[1]
-    for word in ("GUIDED", "drift"):
-        assert colour(pages[0], word) == colour(pages[1], word) != colour(pages[0], "rejected")
+    assert "differenced" in data_of(page)["columns"]
+    assert data_of(page)["ways"] == []
 
 
 def test_a_dry_run_would_steer_and_never_is_engaged(circnav, flown, tmp_path):
@@ -84,9 +74,9 @@ def test_a_dry_run_would_steer_and_never_is_engaged(circnav, flown, tmp_path):
     manifest = json.loads((folder / "manifest.json").read_text())
     (folder / "manifest.json").write_text(json.dumps(manifest | {"voice": "dry run"}))
     assert circnav("report", folder).code == 0
-    page = (folder / "report.html").read_text()
-    assert "</i>would steer<" in page
-    assert "</i>engaged<" not in page
+    words = {word for _, _, word in data_of((folder / "report.html").read_text())["bands"]["phase"]}
+    assert "would steer" in words
+    assert "engaged" not in words
 
 
 @pytest.mark.parametrize(
@@ -97,18 +87,7 @@ def test_the_curve_of_turn_rates_that_never_left_is_called_so(circnav, flown, tm
     manifest = json.loads((folder / "manifest.json").read_text())
     (folder / "manifest.json").write_text(json.dumps(manifest | {"voice": voice}))
     assert circnav("report", folder).code == 0
-    assert re.findall(r"</i>([a-z ]*command(?:ed)?)<", (folder / "report.html").read_text()) == [curve]
-
-
-def rewritten(folder, change):
-    """ticks.csv with other rows: change(number, row as a dict) changes it or returns False to leave it out."""
-    with (folder / "ticks.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    kept = [row for at, row in enumerate(rows) if change(at, row) is not False]
-    with (folder / "ticks.csv").open("w", newline="") as file:
-        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(kept)
+    assert data_of((folder / "report.html").read_text())["flight"]["commanded"] == curve
 
 
 def without_truth(folder):
@@ -123,61 +102,59 @@ def test_an_estimated_track_says_when_it_was_first_believed_and_breaks_where_it_
     folder = copy_of(flown, tmp_path / "run")
     without_truth(folder)
 
-    def believed(at, row):
-        time = float(row["time"])
+    def believed(time, row):
         known = 10 <= time < 12 or time >= 14
         row["x"], row["y"] = (f"{time:.2f}", "50.0") if known else ("", "")
 
-    rewritten(folder, believed)
+    rewrite_ticks(folder, believed)
     assert circnav("report", folder).code == 0
     page = (folder / "report.html").read_text()
     assert "Estimated position relative to the target, where it was known: first believed at 10.0 s" in page
-    drawn = re.search(r'<svg viewBox="0 0 520 520".*?</svg>', page)[0]
-    assert re.search(r'<path d="(M[^"]*)" fill="none" stroke="#1f5fa8"', drawn)[1].count("M") == 2
-    assert 'fill="none" stroke="red"' in drawn
+    (way,) = data_of(page)["ways"]
+    known = [time for time, east in zip(way["times"], way["east"], strict=True) if east is not None]
+    assert (way["name"], known[0]) == ("estimated", 10.0)
+    assert not [time for time in known if 12 <= time < 14]
 
 
 def test_lines_break_where_no_tick_was_made(circnav, flown, tmp_path):
     """A stall of 1.5 s at second 15, in a chart of what was estimated: no ramp leads over it."""
     folder = copy_of(flown, tmp_path / "run")
-    rewritten(folder, lambda at, row: not 15 < float(row["time"]) < 16.5)
+    rewrite_ticks(folder, lambda time, row: not 15 < time < 16.5)
     assert circnav("report", folder).code == 0
     page = (folder / "report.html").read_text()
-    error = page[page.index("<b>error, range") :].partition("</figure>")[0]
-    line = re.search(r'<path d="(M[^"]*)" fill="none" stroke="#1f5fa8"', error)[1]
-    xs = [float(x) for x in re.findall(r"[ML]([\d.]+),", line)]
-    assert line.count("M") == 2
-    assert max(b - a for a, b in pairwise(xs)) == pytest.approx(1.5 * 884 / 30, rel=0.2)
+    times, values = data_of(page)["columns"]["r"]
+    unknown = [time for time, value in zip(times, values, strict=True) if value is None and time > 1]
+    assert unknown == [pytest.approx(15.75, abs=0.1)]
 
 
 def test_innovations_and_ranges_are_dots_of_new_ranges_alone(circnav, flown, tmp_path):
     """The first second of every ten has its ranges, the others repeat the last."""
     folder, last = copy_of(flown, tmp_path / "run"), {}
 
-    def seldom(at, row):
-        if float(row["time"]) % 10 < 1 or not last:
+    def seldom(time, row):
+        if time % 10 < 1 or not last:
             last.update({name: row[name] for name in ("measured", "nis", "accepted", "rejected")})
         row.update(last)
 
-    rewritten(folder, seldom)
+    rewrite_ticks(folder, seldom)
     assert circnav("report", folder).code == 0
     page = (folder / "report.html").read_text()
-    innovation = page[page.index("<b>innovation") :].partition("</figure>")[0]
-    times = {float(x) for x in re.findall(r"M([\d.]+),[\d.]+h0", innovation)}
-    assert len(times) > 10
-    assert all((30 * (x - 64) / 884 + 0.2) % 10 < 1.5 for x in times)
+    for name in ("innovation", "measured"):
+        times, _ = data_of(page)["columns"][name]
+        assert len(times) > 10
+        assert all((time + 0.2) % 10 < 1.5 for time in times)
 
 
 def test_of_very_many_events_the_first_and_the_last_are_told(circnav, flown, tmp_path):
     folder = copy_of(flown, tmp_path / "run")
 
-    def flapping(at, row):
-        if at > 20:
-            row["mode"] = ("LOITER", "GUIDED")[at % 2]
-        if float(row["time"]) > 29.5:
+    def flapping(time, row):
+        if time > 1:
+            row["mode"] = ("LOITER", "GUIDED")[round(20 * time) % 2]
+        if time > 29.5:
             row["phase"] = "ended"
 
-    rewritten(folder, flapping)
+    rewrite_ticks(folder, flapping)
     assert circnav("report", folder).code == 0
     events = (folder / "report.html").read_text().partition("<h2>Events</h2>")[2].partition("</table>")[0]
     rows = re.findall("<tr>.*?</tr>", events)
@@ -273,7 +250,37 @@ def test_a_browser_draws_it_and_logs_no_error(circnav, flown, tmp_path):
     assert "CONSOLE" not in ran.stderr
     assert (tmp_path / "page.png").stat().st_size > 50_000
     dumped = subprocess.run([*show, "--dump-dom", page], capture_output=True, text=True, timeout=PATIENCE, check=False)
-    assert dumped.stdout.count("<figure>") >= len(CHARTS)
+    drawn = dumped.stdout.partition("<script")[0]
+    assert re.findall("<figcaption><b>([^<]*)</b>", drawn) == ["track", *CHARTS]
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here")
+@pytest.mark.parametrize("width", [1100, 390], ids=["desk", "phone"])
+def test_dragging_over_a_chart_zooms_all_of_them_and_pointing_at_it_tells_the_values(circnav, flown, tmp_path, width):
+    assert circnav("report", flown).code == 0
+    browser = Browser(tmp_path / "profile")
+    try:
+        browser.open((flown / "report.html").as_uri(), width=width, dark=True)
+        assert browser.value("document.documentElement.scrollWidth <= innerWidth")
+        box = browser.value("document.querySelectorAll('svg.strip')[1].getBoundingClientRect().toJSON()")
+        at = [(box["left"] + share * box["width"], box["top"] + 20) for share in (0.4, 0.6, 0.5)]
+        browser.mouse("mousePressed", *at[0])
+        browser.mouse("mouseReleased", *at[1])
+        browser.mouse("mouseMoved", *at[2])
+        seconds = (
+            "[...{}.querySelectorAll(':scope > text[text-anchor=middle]')].map(label => Number(label.textContent))"
+        )
+        axes = browser.value(f"[...document.querySelectorAll('svg.strip')].map(one => {seconds.format('one')})")
+        assert len(axes) == len(CHARTS)
+        assert all(8 < min(axis) < max(axis) < 20 for axis in axes), "of 30 s, the middle"
+        time = float(browser.value("document.querySelector('#tools output').textContent").split()[0])
+        shown = browser.value("document.querySelectorAll('figcaption')[2].innerText")
+        data = data_of((flown / "report.html").read_text())["columns"]["r"]
+        estimated = np.interp(time, *(np.array(column, float) for column in data))
+        assert float(re.search(r"estimated ([\d.]+)", shown)[1]) == pytest.approx(estimated, abs=1.0)
+        assert browser.complaints == []
+    finally:
+        browser.close()
 
 
 def test_the_settings_of_the_report_stand_as_in_a_mission_file():

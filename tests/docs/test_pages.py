@@ -20,8 +20,8 @@ from circnav_mav.mav.ranging import Reject
 from circnav_mav.mission.param_rules import RULES
 from circnav_mav.mission.schema import MissionFile
 from circnav_mav.pilot import TickRecord
-from circnav_mav.runlog.run_folder import NO_TICKS
 from circnav_mav.runlog.summary import FlightFacts, summarise
+from circnav_mav.runlog.ticks import NO_TICKS
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"

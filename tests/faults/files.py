@@ -20,8 +20,8 @@ from circnav_mav.experiments.campaign.summary import summarise
 from circnav_mav.mission.checks import check_mission
 from circnav_mav.mission.load import MissionError, parse_mission
 from circnav_mav.runlog.events import events
-from circnav_mav.runlog.loop_steps import plain_turns
-from circnav_mav.runlog.run import RunError, open_run
+from circnav_mav.runlog.loop_steps import tlog_steps
+from circnav_mav.runlog.run_folder import RunError, open_run
 from sim.config import ConfigError, load_vehicle, parse_vehicle
 from sim.faults.intruders import tlog_frames
 from tests.flight.lockstep import CONFIG
@@ -101,7 +101,7 @@ def read_run(folder: Path, files: dict[str, bytes]) -> None:
     for name, data in files.items():
         (folder / name).write_bytes(data)
     tlog_frames(files["flight.tlog"])
-    list(plain_turns(folder / "flight.tlog", 191))
+    list(tlog_steps(folder / "flight.tlog", 191))
     run = open_run(folder)
     with redirect_stdout(StringIO()):
         replay_log(ReplayOptions(str(folder), None, (), None, None, None))

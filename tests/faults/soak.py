@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from circnav_mav.runlog.run_folder import read_ticks, read_truth
+from circnav_mav.runlog.ticks import read_ticks, read_truth
 from sim.vehicle import Truth
 from tests.faults.fuzz import resident_mb
 from tests.flight.lockstep import Flight, true_radius

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from circnav_mav.guidance.phases import Phase
-from circnav_mav.runlog.run_folder import read_tlog
+from circnav_mav.runlog.tlog import read_tlog
 from sim.faults.frames import message_id, read
 from tests.faults.soak import WRAP
 from tests.flight.lockstep import rms_error

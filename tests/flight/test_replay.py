@@ -10,15 +10,15 @@ import pytest
 
 from circnav_mav.mission.load import parse_mission
 from circnav_mav.pilot import Pilot
-from circnav_mav.runlog.loop_steps import recorded_turns
+from circnav_mav.runlog.loop_steps import recorded_steps
 from circnav_mav.runlog.replay import replay
-from circnav_mav.runlog.run import open_run
+from circnav_mav.runlog.run_folder import open_run
 from tests.process import PATIENCE, QUICKSTART, circnav
 
 
 def again(folder: Path):
     run = open_run(folder)
-    return replay(Pilot(parse_mission(run.mission_text, "mission.toml").pilot_settings()), recorded_turns(folder))
+    return replay(Pilot(parse_mission(run.mission_text, "mission.toml").pilot_settings()), recorded_steps(folder))
 
 
 def test_a_flight_over_sockets_is_replayed_byte_for_byte(tmp_path: Path) -> None:

@@ -1,5 +1,5 @@
 """Run folders to draw."""
 
-from tests.runlog.conftest import epoch_us, run_folder
+from tests.runlog.conftest import run_folder
 
-__all__ = ["epoch_us", "run_folder"]
+__all__ = ["run_folder"]

@@ -1,4 +1,4 @@
-"""flight.png and estimates.png: drawn for every kind of run, with nothing covered."""
+"""flight.png, estimates.png and replay.png: drawn for every kind of run, with nothing covered."""
 
 import numpy as np
 import pytest
@@ -6,18 +6,22 @@ import pytest
 from circnav_mav.guidance.types import Direction, Orbit
 from circnav_mav.report import plots
 from circnav_mav.report.plots import plot_estimates, plot_flight, plot_replay
-from circnav_mav.runlog.run_folder import read_ticks, read_truth
+from circnav_mav.runlog.ticks import read_ticks, read_truth
+from tests.runlog.conftest import EPOCH_US, rewrite_ticks
 
 ORBIT = Orbit(100.0, Direction.CLOCKWISE, 15.0, 0.35)
 
 
 @pytest.mark.parametrize("kind", [{}, {"truth": False}, {"engaged": False}], ids=["truth", "no truth", "never engaged"])
-def test_every_run_has_its_picture(run_folder, epoch_us, tmp_path, kind):
+def test_every_run_has_its_picture(run_folder, tmp_path, kind):
     folder = run_folder(**kind)
-    plot_flight(tmp_path / "flight.png", read_ticks(folder), read_truth(folder, epoch_us), ORBIT, "by hand")
+    arguments = read_ticks(folder), read_truth(folder, EPOCH_US), ORBIT, "by hand"
+    plot_flight(tmp_path / "flight.png", *arguments)
     picture = (tmp_path / "flight.png").read_bytes()
     assert picture.startswith(b"\x89PNG\r\n\x1a\n")
     assert len(picture) > 10_000
+    with pytest.raises(OSError, match="No such file or directory"):
+        plot_flight(tmp_path / "no" / "x.png", *arguments)
 
 
 @pytest.fixture
@@ -34,27 +38,36 @@ def drawn(monkeypatch):
     return draw
 
 
-def test_no_legend_covers_a_line(run_folder, epoch_us, drawn):
-    folder = run_folder()
-    ticks = read_ticks(folder)
-    figure = drawn(plot_flight, ticks, read_truth(folder, epoch_us), ORBIT)
+@pytest.fixture
+def ticks(run_folder):
+    return read_ticks(run_folder())
+
+
+def legend(axis):
+    return [entry.get_text() for entry in axis.get_legend().get_texts()]
+
+
+def test_no_legend_covers_a_line(run_folder, ticks, drawn):
+    figure = drawn(plot_flight, ticks, read_truth(run_folder(), EPOCH_US), ORBIT)
     for axis in [*figure.axes, *drawn(plot_estimates, ticks, 5.0).axes]:
-        legend, inside = axis.get_legend().get_window_extent(), axis.get_window_extent()
-        assert legend.y0 >= inside.y1 - 1 or legend.y1 <= inside.y0
+        around, inside = axis.get_legend().get_window_extent(), axis.get_window_extent()
+        assert around.y0 >= inside.y1 - 1 or around.y1 <= inside.y0
 
 
-def test_a_time_without_ranges_is_named_in_the_legends(run_folder, drawn):
-    folder = run_folder()
-    text = (folder / "ticks.csv").read_text()
-    holding = "\n".join(row.replace("engaged", "holding") if row.startswith("12") else row for row in text.split("\n"))
-    (folder / "ticks.csv").write_text(holding)
-    for axis in drawn(plot_flight, read_ticks(folder), None, ORBIT).axes:
-        assert "no range, holding" in [entry.get_text() for entry in axis.get_legend().get_texts()]
+def test_a_time_without_ranges_and_what_was_never_sent_are_named_in_the_legends(run_folder, drawn):
+    folder = rewrite_ticks(run_folder(), lambda time, row: row.update(phase="holding") if 120 <= time < 130 else None)
+    ticks = read_ticks(folder)
+    *others, turn_rate = drawn(plot_flight, ticks, None, ORBIT).axes
+    assert all("no range, holding" in legend(axis) for axis in (*others, turn_rate))
+    assert legend(turn_rate)[0] == "commanded"
+    limits = [line.get_ydata()[0] for line in turn_rate.lines if line.get_linestyle() == ":"]
+    assert limits == pytest.approx([-20.05, 20.05], abs=0.01)  # deg/s of 0.35 rad/s
+    ticks.numbers["yaw_rate_sent"][:] = np.nan
+    assert legend(drawn(plot_flight, ticks, None, ORBIT).axes[-1])[0] == "would command"
 
 
-def test_arrows_stand_all_round_the_circle_and_the_desired_one_on_top(run_folder, epoch_us, drawn):
-    folder = run_folder()
-    track, *_ = drawn(plot_flight, read_ticks(folder), read_truth(folder, epoch_us), ORBIT).axes
+def test_arrows_stand_all_round_the_circle_and_the_desired_one_on_top(run_folder, ticks, drawn):
+    track, *_ = drawn(plot_flight, ticks, read_truth(run_folder(), EPOCH_US), ORBIT).axes
     _, *arrows = [text.xy for text in track.texts]
     bearings = np.sort(np.arctan2([north for _, north in arrows], [east for east, _ in arrows]))
     assert np.diff(bearings) == pytest.approx(np.pi / 2, abs=0.3)
@@ -62,9 +75,8 @@ def test_arrows_stand_all_round_the_circle_and_the_desired_one_on_top(run_folder
     assert lines["desired"] > lines["flown (truth)"]
 
 
-def test_without_truth_the_track_is_the_estimated_one_from_where_it_was_first_believed(run_folder, drawn):
+def test_without_truth_the_track_is_the_estimated_one_from_where_it_was_first_believed(ticks, drawn):
     """By hand: not known for 50 s, then a quarter of a circle."""
-    ticks = read_ticks(run_folder(truth=False))
     assert len(drawn(plot_flight, ticks, None, ORBIT).axes) == 3, "no track where nothing of it is known"
     angle = np.where(ticks.time < 50, np.nan, np.radians(90 * (ticks.time - 50) / 250))
     ticks.numbers["x"], ticks.numbers["y"] = 100 * np.cos(angle), 100 * np.sin(angle)
@@ -78,45 +90,25 @@ def test_without_truth_the_track_is_the_estimated_one_from_where_it_was_first_be
     assert len(track.texts) > 1, "arrows"
 
 
-def test_ranges_are_counted_by_the_second(run_folder, drawn):
-    """By hand: one is taken each second, none is refused."""
-    *_, samples = drawn(plot_estimates, read_ticks(run_folder()), 5.0).axes
+def test_ranges_are_counted_by_the_second(ticks, drawn):
+    """By hand: one is taken each second, none is rejected."""
+    *_, samples = drawn(plot_estimates, ticks, 5.0).axes
     taken, rejected = (np.asarray(steps.get_data().values) for steps in samples.patches)
     assert set(taken[:-1]) == {1.0}
     assert set(rejected) == {0.0}
 
 
-def test_the_picture_of_a_flight_that_sent_nothing_shows_what_it_would_have_commanded(run_folder, drawn):
-    ticks = read_ticks(run_folder())
-    legends = []
-    for _ in range(2):
-        axis = drawn(plot_flight, ticks, None, ORBIT).axes[-1]
-        legends.append([entry.get_text() for entry in axis.get_legend().get_texts()])
-        ticks.numbers["yaw_rate_sent"][:] = np.nan
-    assert [legend[0] for legend in legends] == ["commanded", "would command"]
-
-
 def test_lines_of_the_pictures_break_where_no_tick_was_made(run_folder, drawn):
-    folder = run_folder()
-    rows = (folder / "ticks.csv").read_text().splitlines(keepends=True)
-    (folder / "ticks.csv").write_text("".join(rows[:200] + rows[210:]))
-    ticks = read_ticks(folder)
+    ticks = read_ticks(rewrite_ticks(run_folder(), lambda time, row: not 100 <= time < 105))
     for axis in (drawn(plot_flight, ticks, None, ORBIT).axes[1], *drawn(plot_replay, None, ticks, ORBIT).axes[:2]):
         values = next(line for line in axis.lines if line.get_label() in ("estimated", "replayed")).get_ydata()
         assert np.isnan(values).sum() == 1
 
 
 @pytest.mark.parametrize("title", ["a $_{ b$ c", "one $", r"\$ and $_{$"])
-def test_a_title_with_dollars_is_drawn_as_it_is(run_folder, drawn, title):
-    ticks = read_ticks(run_folder())
-    for figure in (drawn(plot_flight, ticks, None, ORBIT, title=title), drawn(plot_estimates, ticks, 5.0, title=title),
-                   drawn(plot_replay, None, ticks, ORBIT, title=title)):  # fmt: skip
+def test_a_title_with_dollars_is_drawn_as_it_is(ticks, drawn, title):
+    pictures = (plot_flight, ticks, None, ORBIT), (plot_estimates, ticks, 5.0), (plot_replay, None, ticks, ORBIT)
+    for plot, *arguments in pictures:
+        figure = drawn(plot, *arguments, title=title)
         shown, is_formula = figure._suptitle._preprocess_math(figure._suptitle.get_text())
-        assert not is_formula
-        assert shown == title
-
-
-def test_a_picture_that_cannot_be_written_is_an_error_of_the_system(run_folder, epoch_us, tmp_path):
-    folder = run_folder()
-    with pytest.raises(OSError, match="No such file or directory"):
-        plot_flight(tmp_path / "no" / "x.png", read_ticks(folder), None, ORBIT, "by hand")
+        assert (shown, is_formula) == (title, False)

@@ -1,8 +1,10 @@
 """A run folder made by hand."""
 
+import csv
 import struct
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,10 +17,22 @@ RADIUS, TURN = 100.0, 0.15
 def truth_frame(seconds: float, north: float, east: float, name: bytes = b"SIM_TRUTH") -> bytes:
     """What the bundled vehicle tells of itself: 0, 1 north and east, 8, 9 the target's."""
     data = [0.0] * 58
-    data[0], data[1], data[7], data[9], data[10] = north, east, -TURN, 5.0, 7.0
+    data[0], data[1], data[7], data[9], data[10] = north, east, TURN, 5.0, 7.0
     message = mavlink.MAVLink_debug_float_array_message(round(seconds * 1e6), name, 0, data)
     frame = bytes(message.pack(mavlink.MAVLink(None, srcSystem=1, srcComponent=1)))
     return struct.pack(">Q", EPOCH_US + round(seconds * 1e6)) + frame
+
+
+def rewrite_ticks(folder: Path, change: Callable[[float, dict[str, str]], Any]) -> Path:
+    """ticks.csv with other rows: change(time, row as a dict) changes it, or returns False to leave it out."""
+    with (folder / "ticks.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    kept = [row for row in rows if change(float(row["time"]), row) is not False]
+    with (folder / "ticks.csv").open("w", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(kept)
+    return folder
 
 
 @pytest.fixture
@@ -42,8 +56,3 @@ def run_folder(tmp_path: Path) -> Callable[..., Path]:
         return tmp_path
 
     return make
-
-
-@pytest.fixture
-def epoch_us() -> int:
-    return EPOCH_US

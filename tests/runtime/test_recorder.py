@@ -10,8 +10,8 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.guidance.phases import Phase
 from circnav_mav.pilot import TickRecord
-from circnav_mav.runlog.loop_steps import recorded_turns
-from circnav_mav.runlog.run_folder import read_ticks
+from circnav_mav.runlog.loop_steps import recorded_steps
+from circnav_mav.runlog.ticks import read_ticks
 from circnav_mav.runtime.recorder import TICK_COLUMNS, Recorder, RecorderError, Turn
 
 EPOCH_US = 1_790_000_000_000_000
@@ -156,12 +156,12 @@ def test_a_bounded_run_folder_keeps_its_bound_and_the_ticks_outlast_the_frames(t
     recorder.close()
     sizes = {name: (tmp_path / name).stat().st_size for name in ("flight.tlog", "turns.csv", "ticks.csv")}
     assert 0.095e6 < sum(sizes.values()) < 0.1e6 + 1000
-    turns = list(recorded_turns(tmp_path))
+    steps = list(recorded_steps(tmp_path))
     ticks = read_ticks(tmp_path)
-    assert sizes["flight.tlog"] == sum(8 + len(frame) for turn in turns for frame in (*turn.said, *frames(2)))
-    assert turns[-1].time < ticks.time[-1] < 74
+    assert sizes["flight.tlog"] == sum(8 + len(frame) for step in steps for frame in (*step.sent, *frames(2)))
+    assert steps[-1].time < ticks.time[-1] < 74
     assert recorder.problem == (
-        f"{tmp_path}: frames are recorded up to {turns[-1].time + 0.05:.0f} s: log.max_mb = 0.1 is reached"
+        f"{tmp_path}: frames are recorded up to {steps[-1].time + 0.05:.0f} s: log.max_mb = 0.1 is reached"
     )
 
 

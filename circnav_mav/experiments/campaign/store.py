@@ -10,7 +10,7 @@ from typing import Any
 
 from circnav_mav.experiments.campaign.figures import FIGURES, NUMBERS, columns
 from circnav_mav.experiments.campaign.plan import Campaign
-from circnav_mav.runlog.atomic_write import whole_file
+from circnav_mav.runlog.atomic_write import atomic_write
 
 TABLE = "runs.csv"
 DECIMALS = 5
@@ -79,7 +79,7 @@ class Store:
         StoreError."""
         try:
             header, *lines = self._path.read_bytes().splitlines(keepends=True) or [b""]
-            with whole_file(self._path) as fresh:
+            with atomic_write(self._path) as fresh:
                 fresh.write_bytes(header + b"".join(sorted(lines, key=_number)))
         except OSError as error:
             raise _cannot(self._path, error) from None

@@ -18,6 +18,7 @@ from starlette.requests import Request
 from starlette.responses import HTMLResponse, Response, StreamingResponse
 from starlette.routing import Route
 
+from circnav_mav.runtime.web import with_charts
 from circnav_mav.runtime.web.history import History
 
 POLL = 0.1
@@ -30,7 +31,7 @@ MOST_CONNECTIONS = 500
 NICENESS = 10
 """The flight comes first where there is too little of the processor."""
 LONGEST_LINE = 1 << 16
-PAGE = Path(__file__).with_name("page.html")
+PAGE = with_charts(Path(__file__).with_name("page.html"))
 HEADERS = {
     "Cache-Control": "no-store",
     "Content-Security-Policy": "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
@@ -44,7 +45,7 @@ def application(history: History) -> Starlette:
     refused, so that no other page in the browser can read it."""
 
     async def page(request: Request) -> Response:
-        return HTMLResponse(PAGE.read_text(encoding="utf-8"), headers=HEADERS)
+        return HTMLResponse(PAGE, headers=HEADERS)
 
     streams = 0
 

@@ -8,7 +8,7 @@ MOST_POINTS = 3000
 """Points of a chart; beyond that every second one is dropped, and from then on half as many are kept."""
 NEWEST = 100
 """Ticks kept whole; a browser that is farther behind gets everything anew."""
-COLUMNS = ("time", "measured", "r", "r_dot", "turn_rate", "x", "y", "east", "north")
+COLUMNS = ("time", "measured", "r", "r_dot", "turn_rate", "x", "y", "east", "north", "heading", "state", "mode", "law")
 """What a point holds of a tick."""
 
 
@@ -22,7 +22,7 @@ class History:
         """Whether nothing more will come."""
         self._flight: dict[str, Any] = {}
         self._end: dict[str, Any] = {"verdict": None}
-        self._points: list[list[float | None]] = []
+        self._points: list[list[float | str | None]] = []
         self._every = 1
         self._newest: deque[str] = deque(maxlen=NEWEST)
 
@@ -38,7 +38,7 @@ class History:
             self._newest.append(json.dumps(what))
             self._keep([what[name] for name in COLUMNS])
 
-    def _keep(self, point: list[float | None]) -> None:
+    def _keep(self, point: list[float | str | None]) -> None:
         if self.count % self._every == 0:
             self._points.append(point)
         self.count += 1

@@ -1,0 +1,143 @@
+"""What the charts of a run are drawn from: columns of samples, words over time, alarms and the track, as JSON holds
+them. Which charts there are, and how they look, is in runtime/web/charts.js, for the live page too."""
+
+import json
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from circnav_mav.guidance.types import Orbit
+from circnav_mav.report.segments import broken, fresh, known_track
+from circnav_mav.runlog.events import Event
+from circnav_mav.runlog.metrics import TOLERANCE
+from circnav_mav.runlog.ticks import Column, Ticks, Truth
+
+STRETCHES = 1500
+"""Most points of a line are twice this: the least and the largest value of each stretch."""
+MOST_DOTS = 4000
+"""Of all dots of a line, about this many are drawn beside the least and the largest of each stretch."""
+BINS = 240
+"""Most bars of a chart, each of at least a second."""
+
+
+def chart_data(ticks: Ticks, truth: Truth | None, orbit: Orbit, names: dict[str, str], **flight: Any) -> dict[str, Any]:
+    """All of it. names: of the phases, for people. flight: what the charts' levels need beside the orbit."""
+    span = (float(ticks.time[0]), float(ticks.time[-1]))
+    words = {"phase": [names.get(phase, phase) for phase in ticks.phases], "vehicle mode": ticks.modes}
+    words["law"] = ticks.words.get("law", [])
+    track = known_track(ticks, truth)
+    way = {} if track is None else {
+        "name": "true" if track.true else "estimated", "colour": "true" if track.true else "estimate",
+        **_plain_track(track.time, track.east, track.north),
+    }  # fmt: skip
+    return {
+        "flight": flight | {"radius": orbit.radius, "tolerance": TOLERANCE * orbit.radius, "limit": orbit.max_turn_rate,
+                            "steady": orbit.steady_turn_rate},
+        "span": span,
+        "columns": {name: _plain(*column) for name, column in _columns(ticks, truth, span).items()},
+        "bands": {name: stretches(ticks.time, said) for name, said in words.items() if set(said) - {""}},
+        "ways": [way] if way else [],
+    }  # fmt: skip
+
+
+def as_script(data: dict[str, Any]) -> str:
+    """JSON that can stand in a page: nothing in it ends the script that holds it."""
+    return json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
+
+
+def alarms(ticks: Ticks, happened: list[Event]) -> list[tuple[float, str]]:
+    """What was wrong, as far as the record tells: gains that were lowered, and what the vehicle called critical."""
+    share = np.nan_to_num(ticks.numbers["gain_share"], nan=1.0)
+    lowered = np.flatnonzero(np.diff(share, prepend=1.0) < 0)
+    found = [
+        (float(ticks.time[at]), f"gains lowered to {100 * share[at]:.0f} %: the turn command swings") for at in lowered
+    ]
+    return found + [(event.time, event.text) for event in happened if event.severe]
+
+
+def stretches(time: Column, words: list[str]) -> list[tuple[float, float, str]]:
+    """Words over time as (from, to, word)."""
+    begins = [at for at, word in enumerate(words) if at == 0 or word != words[at - 1]]
+    return [(float(time[begin]), float(time[end]), words[begin]) for begin, end in pairwise([*begins, len(words) - 1])]
+
+
+def _columns(ticks: Ticks, truth: Truth | None, span: tuple[float, float]) -> dict[str, tuple[Column, Column]]:
+    """Time and values of each column that there is something to draw of."""
+    numbers, time, new = ticks.numbers, ticks.time, fresh(ticks)
+    found = {name: _line(time, numbers[name]) for name in ("r", "r_dot", "turn_rate", "heading")}
+    found["measured"] = _dots(time[new], numbers["measured"][new])
+    found["innovation"] = _dots(time[new], np.sqrt(numbers["nis"][new]))
+    found |= {
+        name: _rate(time, numbers[column], span) for name, column in (("taken", "accepted"), ("rejected", "rejected"))
+    }
+    if truth is None:
+        return found | {"differenced": _line(*_differenced(time[new], numbers["measured"][new]))}
+    rising = np.diff(truth.sim_time, prepend=-np.inf) > 0
+    if rising.sum() > 1:
+        rate = np.gradient(truth.radius[rising], truth.sim_time[rising])
+        found["true_r_dot"] = _line(truth.time[rising], rate)
+    return found | {
+        "true_r": _line(truth.time, truth.radius),
+        "true_turn": _line(truth.time, -truth.turn_rate),
+    }
+
+
+def _differenced(time: Column, measured: Column) -> tuple[Column, Column]:
+    """The range rate that the measured ranges tell over about a second."""
+    before = np.searchsorted(time, time - 1.0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        rate = (measured - measured[before]) / (time - time[before])
+    return time, np.where(np.isfinite(rate), rate, np.nan)
+
+
+def _rate(time: Column, counted: Column, span: tuple[float, float]) -> tuple[Column, Column]:
+    """How much a count grew a second, in equal bins, with a last one of nothing that ends them."""
+    bins = int(min(BINS, max(1, span[1] - span[0])))
+    grown = np.clip(np.nan_to_num(np.diff(counted, prepend=0.0)), 0, None)
+    heights, edges = np.histogram(time, bins=bins, range=span, weights=grown)
+    return edges, np.append(heights * bins / (span[1] - span[0]), np.nan)
+
+
+def peaks(values: Column, stretches: int = STRETCHES) -> NDArray[np.intp]:
+    """At most two samples per stretch, by their index, that still show every peak; and every gap."""
+    if len(values) <= 2 * stretches:
+        return np.arange(len(values))
+    keep: list[int] = []
+    for begin, end in pairwise(np.linspace(0, len(values), stretches + 1).astype(int).tolist()):
+        part = values[begin:end]
+        known = np.flatnonzero(np.isfinite(part))
+        if len(known):
+            keep += [begin + int(known[part[known].argmin()]), begin + int(known[part[known].argmax()])]
+        if len(known) < len(part):
+            keep.append(begin + int(np.flatnonzero(~np.isfinite(part))[-1]))
+    return np.unique(keep)
+
+
+def _line(time: Column, values: Column) -> tuple[Column, Column]:
+    """Few points, broken where the samples pause."""
+    time, values = broken(time, values)
+    keep = peaks(values)
+    return time[keep], values[keep]
+
+
+def _dots(time: Column, values: Column) -> tuple[Column, Column]:
+    """As of a line, and every n-th, so that they are dense where most of them are."""
+    keep = np.union1d(peaks(values), np.arange(0, len(values), max(1, -(-len(values) // MOST_DOTS))))
+    return time[keep], values[keep]
+
+
+def _plain(time: Column, values: Column) -> tuple[list[float], list[float | None]]:
+    return [round(t, 3) for t in time.tolist()], [_short(v) for v in values.tolist()]
+
+
+def _plain_track(time: Column, east: Column, north: Column) -> dict[str, list[Any]]:
+    keep = np.unique(np.linspace(0, len(time) - 1, min(len(time), 2 * STRETCHES)).astype(int))
+    keep = np.union1d(keep, np.flatnonzero(~np.isfinite(east)))  # gaps stay gaps
+    times, easts = _plain(time[keep], east[keep])
+    return {"times": times, "east": easts, "north": _plain(time[keep], north[keep])[1]}
+
+
+def _short(value: float) -> float | None:
+    return float(f"{value:.5g}") if np.isfinite(value) else None

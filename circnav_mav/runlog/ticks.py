@@ -1,0 +1,143 @@
+"""Reads a run folder back: ticks.csv as columns, the simulator's truth out of flight.tlog."""
+
+import csv
+from array import array
+from dataclasses import dataclass, fields
+from math import isfinite, nan
+from pathlib import Path
+from sys import intern
+
+import numpy as np
+from numpy.typing import NDArray
+
+from circnav_mav.guidance.phases import Phase
+from circnav_mav.mav.truth import read_truth_frame
+from circnav_mav.pilot import TickRecord
+from circnav_mav.runlog.tlog import read_tlog
+
+Column = NDArray[np.float64]
+
+WORDS = frozenset(field.name for field in fields(TickRecord) if field.type in (str, Phase))
+"""The columns of ticks.csv that hold words."""
+LONGEST = 1e9
+"""Time, s, that no run takes."""
+MOST = 1e30
+"""No number of a tick is as large."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ticks:
+    """ticks.csv: numbers as arrays over ticks (NaN where a cell is empty), words as lists."""
+
+    numbers: dict[str, Column]
+    words: dict[str, list[str]]
+
+    @property
+    def phases(self) -> list[str]:
+        """The phase of each tick."""
+        return self.words.get("phase", [])
+
+    @property
+    def modes(self) -> list[str]:
+        """The vehicle's mode at each tick."""
+        return self.words.get("mode", [])
+
+    @property
+    def time(self) -> Column:
+        """Run time of each tick, s."""
+        return self.numbers["time"]
+
+    @property
+    def engaged_at(self) -> float | None:
+        """Run time of the first engaged tick, s."""
+        return next((float(t) for t, phase in zip(self.time, self.phases, strict=True) if phase == "engaged"), None)
+
+
+NO_TICKS = Ticks({name: np.array([]) for name in ("time", "r", "height", "turn_rate", "saturated")}, {})
+"""What is left of a run whose ticks could not be written."""
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """What the simulator says really happened, arrays over samples: run time at which it arrived (s), north and east
+    of the origin (m), of the vehicle and of the target, turn rate (rad/s, clockwise), the simulator's own time (s)."""
+
+    time: Column
+    north: Column
+    east: Column
+    target_north: Column
+    target_east: Column
+    turn_rate: Column
+    sim_time: Column
+
+    @property
+    def radius(self) -> Column:
+        """Horizontal distance to the target, m."""
+        return np.hypot(self.north - self.target_north, self.east - self.target_east)
+
+
+def read_ticks(folder: Path) -> Ticks:
+    """ticks.csv of a run folder; a last line that was cut off is left out, a column that is not there is empty, and so
+    is a cell that is no number of a flight. Raises OSError, csv.Error, and ValueError that names the line of a cell
+    that is no number at all, or of a time that does not go on."""
+    with (folder / "ticks.csv").open(newline="", encoding="utf-8") as file:
+        reader = csv.reader(file)
+        header = next(reader, [])
+        words: dict[str, list[str]] = {name: [] for name in header if name in WORDS}
+        numbers = {name: array("d") for name in header if name not in WORDS}
+        if "time" not in numbers or len(words) + len(numbers) < len(header):
+            raise ValueError("has no header")
+        times = numbers["time"]
+        for line, row in enumerate(reader, 2):  # one by one: the text of a long flight is ten times what it says
+            if len(row) == len(header):
+                for name, cell in zip(header, row, strict=True):
+                    if name in words:
+                        words[name].append(intern(cell))
+                    else:
+                        numbers[name].append(_number(cell, name, line))
+                _check_time(times, line)
+    count = len(times)
+    if count > 1 and times[0] == times[-1]:
+        raise ValueError("line 3: time: stands still to the end")
+    missing = {field.name for field in fields(TickRecord)} - set(header)
+    words |= {name: [""] * count for name in missing & WORDS}
+    numbers |= {name: array("d", [nan]) * count for name in missing - WORDS}
+    columns = {name: np.array(cells) for name, cells in numbers.items()}
+    return Ticks({name: np.where(np.abs(column) < MOST, column, nan) for name, column in columns.items()}, words)
+
+
+def _number(cell: str, name: str, line: int) -> float:
+    """A cell as a number, NaN if it is empty. Raises ValueError."""
+    try:
+        return float(cell) if cell else nan
+    except ValueError:
+        raise ValueError(f"line {line}: {name}: {cell[:40]!r} is not a number") from None
+
+
+def _check_time(times: "array[float]", line: int) -> None:
+    """The newest time lies within a run and is not before the last. Raises ValueError."""
+    newest = times[-1]
+    if not 0 <= newest < LONGEST:
+        raise ValueError(f"line {line}: time: must be seconds of the run, not {newest:g}")
+    if len(times) > 1 and newest < times[-2]:
+        raise ValueError(f"line {line}: time: {newest:.6f} comes after {times[-2]:.6f}")
+
+
+def read_truth(folder: Path, epoch_us: int, system: int | None = None) -> Truth | None:
+    """The simulator's truth of a run whose clock began at `epoch_us`, None when there was none. A frame with a number
+    that is none is left out: anybody may have sent it.
+
+    system: of the vehicle that was flown; None: of the first that tells.
+    """
+    rows = array("d")
+    for stamp, frame in read_tlog(folder / "flight.tlog"):
+        numbers = read_truth_frame(frame)
+        if numbers is None or not all(map(isfinite, numbers)):
+            continue
+        system = frame[5] if system is None else system  # MAVLink 2, or it would hold no truth
+        if frame[5] == system:
+            rows.extend(((stamp - epoch_us) / 1e6, *numbers))
+    if not rows:
+        return None
+    table = np.array(rows).reshape(-1, 17)
+    return Truth(table[:, 0], table[:, 1], table[:, 2], table[:, 10], table[:, 11], table[:, 8], table[:, 16])

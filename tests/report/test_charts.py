@@ -1,0 +1,195 @@
+"""The charts of both pages, drawn by their own script without a browser, and the data that they are drawn from."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+import quickjs
+
+from circnav_mav.guidance.types import Direction, Orbit
+from circnav_mav.report.chart_data import alarms, as_script, chart_data, peaks, stretches
+from circnav_mav.runlog.events import Event
+from circnav_mav.runlog.ticks import read_ticks, read_truth
+from circnav_mav.runtime.web import CHARTS
+from tests.runlog.conftest import EPOCH_US
+
+FLIGHT = {"radius": 100.0, "tolerance": 5.0, "limit": 0.35, "steady": -0.15, "gate": 5.0}
+WIDTH, LEFT, WIDE, TALL = 1000, 54, 934, 162  # of a strip and of what is drawn inside its frame
+
+
+def script(expression, **values):
+    """What an expression of JavaScript comes to, with `Charts` and these values known."""
+    context = quickjs.Context()
+    context.eval(CHARTS.read_text(encoding="utf-8") + "globalThis.Charts = Charts;")
+    for name, value in values.items():
+        context.eval(f"globalThis.{name} = {json.dumps(value)}")
+    return json.loads(context.eval(f"JSON.stringify({expression})"))
+
+
+def strip(times, values, view, **chart):
+    line = {"name": "a", "colour": "estimate", "times": times, "values": values, **chart.pop("line", {})}
+    return script(f"Charts.strip(chart, view, {WIDTH}, marked)", chart={"lines": [line], **chart}, view=view,
+                  marked=chart.pop("marked", []))  # fmt: skip
+
+
+def path(drawn, kind="line estimate"):
+    return re.search(f'<path d="([^"]*)" class="{kind}"/>', drawn)[1]
+
+
+def points(drawn):
+    return [tuple(map(float, point)) for point in re.findall(r"[ML](-?[\d.]+),(-?[\d.]+)", path(drawn))]
+
+
+# --- strips ---
+
+
+def test_a_line_leaves_the_frame_as_steep_as_it_is_and_the_frame_cuts_it_off():
+    """From 0 to 10 in ten seconds, shown up to 1: it leaves after one second, and is flat nowhere."""
+    drawn = strip([0, 10, 20], [0, 10, 10], [0, 20], shown=[-1, 1])
+    assert f'<svg x="{LEFT}" y="8" width="{WIDE}" height="{TALL}">' in drawn
+    assert points(drawn) == [(0.0, 81.0), (467.0, -729.0), (934.0, -729.0)]
+
+
+def test_a_gap_lifts_the_pen():
+    assert path(strip([0, 1, 2, 3, 4], [1, 1, None, 1, 1], [0, 4])).count("M") == 2
+
+
+def test_dots_beyond_the_frame_are_triangles_at_its_edge_that_point_there():
+    drawn = strip([0, 1, 2], [0.5, 3, -3], [0, 2], shown=[0, 1], line={"dots": True})
+    assert path(drawn, "dots estimate") == "M0.0,81.0h0"
+    assert path(drawn, "filled beyond estimate") == "M467.0,0l-3,5h6ZM934.0,162l-3,-5h6Z"
+
+
+def test_bars_stand_on_nothing_and_are_as_wide_as_their_bins():
+    drawn = strip([0, 1, 2], [2, 0, None], [0, 2], shown=[0, 4], line={"bars": True})
+    assert path(drawn, "filled estimate") == "M0.0,162V81.0H467.0V162Z"
+
+
+@pytest.mark.parametrize("values", [[None, None], [5, 5], [0, 0], [-1e-9, 1e9]])
+def test_any_values_can_be_drawn(values):
+    assert not re.search("NaN|Infinity|undefined", strip([0, 1], values, [0, 1]))
+
+
+def test_zoomed_in_a_line_goes_on_to_its_neighbours_outside_and_the_axis_fits_what_is_seen():
+    """0 .. 99 in as many seconds, seen from 40 to 50.5: the values are 40 .. 50, and none above is a number there."""
+    drawn = strip(list(range(100)), list(range(100)), [40, 50.5])
+    xs = [x for x, _ in points(drawn)]
+    assert (xs[0], len(xs)) == (0.0, 12)
+    assert xs[-1] > WIDE
+    heights = [float(n) for n in re.findall(r'text-anchor="end">([\d.]+)<', drawn)]
+    assert 39 < min(heights) <= max(heights) < 52
+
+
+def test_the_last_number_of_the_time_axis_is_not_cut_off():
+    drawn = strip([0, 36000], [0, 1], [0, 36000])
+    (last,) = re.findall(r'<text x="([0-9.]+)" y="[0-9]+" text-anchor="middle">36000</text>', drawn)
+    assert float(last) + 2.5 * 6.5 <= WIDTH
+
+
+def test_what_a_run_does_not_hold_is_no_chart_and_no_line():
+    columns = {"r": [[0, 1], [99, 101]], "turn_rate": [[0, 1], [0.1, 0.2]], "true_r": [[0, 1], [None, None]]}
+    charts = script("Charts.resolve(flight, columns)", flight=FLIGHT, columns=columns)
+    assert [chart["title"] for chart in charts] == ["range", "error, range - radius", "turn rate, left positive"]
+    assert [line["name"] for line in charts[0]["lines"]] == ["estimated"]
+    assert charts[1]["lines"][0]["values"] == [-1, 1]
+    assert charts[2]["lines"][0]["values"] == pytest.approx([5.7296, 11.4592], abs=1e-3)  # deg/s of rad/s
+
+
+# --- words over time, and marks ---
+
+
+def test_words_become_one_stretch_each():
+    spans = stretches(np.arange(6.0), ["a", "a", "b", "b", "a", "a"])
+    assert spans == [(0.0, 2.0, "a"), (2.0, 4.0, "b"), (4.0, 5.0, "a")]
+    drawn = script(f"Charts.band(spans, [0, 5], {WIDTH})", spans=spans)
+    assert re.findall('class="stretch (other[01])"', drawn) == ["other0", "other1", "other0"]
+
+
+def test_takeovers_outages_changes_of_law_and_alarms_are_marked_and_waiting_before_the_flight_is_not():
+    bands = {
+        "phase": [(0, 2, "waiting for ranging"), (2, 3, "ready"), (3, 9, "engaged"), (9, 11, "holding"),
+                  (11, 20, "engaged"), (20, 25, "yielded"), (25, 30, "waiting for the link")],
+        "law": [(3, 5, "feedforward"), (5, 9, "drift"), (9, 11, ""), (11, 20, "drift"), (20, 30, "feedforward")],
+    }  # fmt: skip
+    marks = script("Charts.marks(bands, [[12, 'low battery']])", bands=bands)
+    assert [mark[:3] for mark in marks] == [
+        [5, 5, "law"], [9, 11, "outage"], [12, 12, "alarm"], [20, 25, "takeover"], [20, 20, "law"], [25, 30, "outage"],
+    ]  # fmt: skip
+    drawn = strip([0, 30], [0, 1], [0, 30], marked=marks)
+    assert re.findall('class="mark ([a-z]+)"', drawn) == [mark[2] for mark in marks]
+    assert "low battery, 12 s" in drawn
+
+
+def test_text_is_escaped():
+    assert "<i>" not in script(f"Charts.band([[0, 1, '<i>']], [0, 1], {WIDTH})")
+    assert "<" not in as_script({"mode": "</script>"})
+
+
+# --- the track ---
+
+
+def track(east, north, **options):
+    way = {"name": "true", "colour": "true", "times": list(range(len(east))), "east": east, "north": north}
+    return script("Charts.track([way], 100, 520, options)", way=way, options=options)
+
+
+def test_north_is_up_and_east_is_right_and_arrows_point_ahead():
+    """From 100 m north of the target towards the east: starts above the middle, arrows point to the right."""
+    drawn = track(list(range(0, 100, 2)), [100] * 50, at=49, heading=np.pi / 2)
+    x, y = map(float, re.search(r'<path d="M([\d.]+),([\d.]+)m0,-8', drawn).groups())
+    assert (x, y < 40) == (260.0, True)
+    assert set(re.findall(r'6Z" transform="translate\([^)]*\) rotate\((-?[\d.]+)\)', drawn)) == {"0.0"}
+    assert re.search(r'rotate\(90\.0\)" class="now true"', drawn), "a heading is clockwise from north"
+
+
+def test_a_track_breaks_where_it_is_not_known_and_its_circle_lies_on_it():
+    drawn = track([None, 90, 80, None, 60, 50], [100] * 6, marked=[[4, 5, "takeover", "yielded"]])
+    assert path(drawn, "line true").count("M") == 2
+    assert 'class="start hollow"' in drawn, "not known from the first"
+    assert drawn.index('class="line true"') < drawn.index('class="level desired"')
+    assert ">T</text>" in drawn
+    assert track([None], [None]) is None
+
+
+# --- the data ---
+
+
+def test_a_long_line_keeps_every_peak_and_every_gap_in_few_points():
+    values = np.sin(np.arange(200_000) / 20)
+    values[123_456], values[77], values[5000:9000] = 50.0, -50.0, np.nan
+    keep = peaks(values, 500)
+    assert len(keep) <= 1500
+    assert {77, 123_456} <= set(keep)
+    assert list(keep) == sorted(keep)
+    assert np.isnan(values[keep]).any()
+    assert list(peaks(values[:10], 500)) == list(range(10)), "a short line is left alone"
+
+
+def test_the_columns_are_those_of_the_run_on_its_own_time(run_folder):
+    """By hand: 120 m for 100 s, then 101 m, clockwise at .15 rad/s; one range a second, none rejected."""
+    folder = run_folder()
+    ticks = read_ticks(folder)
+    data = chart_data(ticks, read_truth(folder, EPOCH_US), Orbit(100.0, Direction.CLOCKWISE, 15.0, 0.35), {})
+    columns = {name: dict(zip(*column, strict=True)) for name, column in data["columns"].items()}
+    assert (columns["r"][50.0], columns["r"][200.0]) == (120.0, 101.0)
+    assert columns["true_r"][200.0] == pytest.approx(101.0, abs=1e-3)
+    assert columns["true_turn"][200.0] == columns["turn_rate"][200.0] == -0.15
+    assert set(list(columns["taken"].values())[1:-2]) <= {0.8, 1.6, 2.4}, "1 a second in bins of 1.25 s"
+    assert data["bands"]["phase"] == [(0.0, 10.0, "ready"), (10.0, 300.0, "engaged")]
+    assert data["ways"][0]["name"] == "true"
+    assert len(json.loads(as_script(data))["columns"]) == len(columns)
+
+
+def test_what_was_critical_and_lowered_gains_are_alarms(run_folder):
+    ticks = read_ticks(run_folder())
+    ticks.numbers["gain_share"][100:] = 0.7
+    happened = [Event(7.0, "vehicle says", "EKF failsafe", severe=True), Event(8.0, "vehicle says", "hello")]
+    assert alarms(ticks, happened) == [(50.0, "gains lowered to 70 %: the turn command swings"), (7.0, "EKF failsafe")]
+
+
+@pytest.mark.parametrize("words", ["holding", "would hold", "yielded", "GUIDED", "drift"])
+def test_what_has_a_colour_of_its_own_has_it_whatever_came_before(words):
+    first, second = script(f"[Charts.colour('{words}'), Charts.colour('{words}', ['x', 'y', '{words}'])]")
+    assert first == second
+    assert not first.startswith("other")

@@ -1,0 +1,90 @@
+"""Ticks and truth of a run folder read back, also of one that was cut off; what docs/logs.md says of them."""
+
+import math
+import re
+import struct
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import all as mavlink
+
+from circnav_mav.mav.ranging import Reject
+from circnav_mav.pilot import TickRecord
+from circnav_mav.runlog.ticks import read_ticks, read_truth
+from tests.runlog.conftest import EPOCH_US
+
+LOGS = Path(__file__).parents[2] / "docs" / "logs.md"
+
+
+def log_of(folder, *messages):
+    """A tlog of (moment, system, message)."""
+    packed = ((us, message.pack(mavlink.MAVLink(None, srcSystem=system))) for us, system, message in messages)
+    (folder / "flight.tlog").write_bytes(b"".join(struct.pack(">Q", us) + bytes(frame) for us, frame in packed))
+    return folder
+
+
+def truth(numbers):
+    return mavlink.MAVLink_debug_float_array_message(0, b"SIM_TRUTH", 0, numbers + [0.0] * (58 - len(numbers)))
+
+
+def test_ticks_are_columns_and_an_empty_cell_is_no_number(run_folder):
+    ticks = read_ticks(run_folder())
+    assert (len(ticks.time), ticks.engaged_at, ticks.modes[0]) == (601, 10.0, "GUIDED")
+    assert set(ticks.phases) == {"ready", "engaged"}
+    assert np.isnan(ticks.numbers["turn_rate"][0])
+    assert ticks.numbers["turn_rate"][-1] == -0.15
+    assert read_ticks(run_folder(engaged=False)).engaged_at is None
+
+
+def test_a_last_line_that_was_cut_off_is_left_out_and_a_header_alone_is_no_tick(run_folder):
+    folder = run_folder()
+    text = (folder / "ticks.csv").read_text()
+    (folder / "ticks.csv").write_text(text[:-40])
+    assert len(read_ticks(folder).time) == 600
+    (folder / "ticks.csv").write_text(text.splitlines()[0])
+    assert (len(read_ticks(folder).time), read_ticks(folder).engaged_at) == (0, None)
+
+
+def test_the_truth_is_found_in_the_log_at_the_runs_own_time(run_folder):
+    truth = read_truth(run_folder(), EPOCH_US)
+    assert truth.time[[0, 1, -1]] == pytest.approx([0.0, 0.5, 300.0])
+    assert truth.radius[[0, -1]] == pytest.approx([120.0, 101.0], abs=1e-3)
+    assert (truth.target_north[0], truth.target_east[0]) == (5.0, 7.0)
+    assert (truth.north[0], truth.east[0]) == pytest.approx((5.0, 127.0))
+
+
+def test_a_log_of_a_real_vehicle_has_no_truth(tmp_path):
+    log_of(tmp_path, (EPOCH_US, 1, mavlink.MAVLink_heartbeat_message(2, 3, 0, 0, 4, 3)))
+    assert read_truth(tmp_path, EPOCH_US) is None
+
+
+@pytest.mark.parametrize("spoilt", [0, 9, 15])
+def test_truth_that_is_no_number_is_left_out(tmp_path, spoilt):
+    """Whoever reaches our port can send it."""
+    numbers = [10.0 * at for at in range(16)]
+    torn = [math.nan if at == spoilt else number for at, number in enumerate(numbers)]
+    told = (numbers, torn, numbers)
+    log_of(tmp_path, *((EPOCH_US + at, 1, truth(each)) for at, each in enumerate(told)))
+    assert read_truth(tmp_path, EPOCH_US).time == pytest.approx([0.0, 2e-6])
+
+
+def test_the_truth_of_another_bundled_vehicle_on_the_link_is_left_out(tmp_path):
+    log_of(tmp_path, (EPOCH_US, 2, truth([9.0])), *((EPOCH_US + at, 1, truth([1.0])) for at in range(3)))
+    assert list(read_truth(tmp_path, EPOCH_US, 1).north) == [1.0, 1.0, 1.0]
+    assert list(read_truth(tmp_path, EPOCH_US).north) == [9.0], "without a system, the first that tells"
+
+
+@pytest.mark.parametrize(
+    ("begins", "ends", "names"),
+    [
+        ("## ticks.csv", "## MCAP", [field.name for field in fields(TickRecord)]),
+        ("## Why a range was rejected", "\n## ", [reason.value for reason in Reject]),
+    ],
+    ids=["columns of the ticks", "reasons to reject a range"],
+)
+def test_every_name_in_a_log_is_described(begins, ends, names):
+    table = LOGS.read_text(encoding="utf-8").split(begins)[1].split(ends)[0]
+    rows = [row for row in table.splitlines() if row.startswith("| `")]
+    assert sorted(name for row in rows for name in re.findall(r"`(\w+)`", row.split("|")[1])) == sorted(names)
