@@ -162,5 +162,7 @@ def test_a_measured_acceleration_is_bayes_rule_for_what_happened_in_the_step():
     foreseen = x[4] * air + H[:, 6:] @ x[6:]
     expected = plain.x[:, 0, 0] + crossed @ np.linalg.solve(S, change - foreseen)
     assert ours.x[:, 0, 0] == pytest.approx(expected, abs=1e-6)
-    less = plain.P[..., 0, 0] - crossed @ np.linalg.solve(S, crossed.T)
+    moved_by_nose = np.zeros((STATES, 2))
+    moved_by_nose[:2], moved_by_nose[10:] = polar * DT / 2, I2
+    less = plain.P[..., 0, 0] + nose**2 * moved_by_nose @ moved_by_nose.T - crossed @ np.linalg.solve(S, crossed.T)
     assert ours.P[..., 0, 0] == pytest.approx(less, abs=1e-6)

@@ -146,8 +146,8 @@ class OwnSenses:
         return heading + errors[0], turn_rate + errors[1], airspeed * self._scale + errors[2]
 
     def feel(self, psi: Array, velocity: Array, now: float) -> Array | None:
-        """The change of the velocity (2, B), m/s, since the last call, as accelerometers tell it by a compass that errs;
-        psi: true heading."""
+        """The change of the velocity (2, B), m/s, since the last call, as accelerometers tell it by a compass that
+        errs; psi: true heading."""
         before, self._felt_at = self._felt_at, (psi, velocity, now)
         if self._imu is None or before is None:
             return None

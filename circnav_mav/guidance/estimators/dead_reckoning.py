@@ -2,6 +2,7 @@
 
 from collections import deque
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from circnav_mav.guidance import floats
 from circnav_mav.guidance.air_path import chord_parts, wrap
@@ -13,6 +14,16 @@ EXTRAPOLATED = 0.5
 """Longest time, s, that the newest report is carried on by its turn rate."""
 HOLE = 3.0
 """A longer silence, s, breaks the path: where the vehicle went meanwhile is not known."""
+
+
+class FeltStep(NamedTuple):
+    """What was felt over a step, see `relative_ekf.Felt`: change of the velocity, of the air velocity by nose and
+    airspeed, m/s, integral of the nose, s, and airspeed times turn rate, m/s^2."""
+
+    change: tuple[float, float]
+    air: tuple[float, float]
+    nose: tuple[float, float]
+    across: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,20 +40,16 @@ class Knot:
     nose_y: float = 0.0
     report: OwnMotion | None = None
 
-    def felt_since(self, before: "Knot") -> tuple[float, ...] | None:
-        """What was felt from a knot to this one: change of the velocity (2), of the air velocity by nose and airspeed
-        (2), m/s, integral of the nose (2), s, airspeed times turn rate, m/s^2. None where the accelerations do not
-        cover it."""
+    def felt_since(self, before: "Knot") -> FeltStep | None:
+        """What was felt from a knot to this one; None where the accelerations do not cover it."""
         new, old = self.report or self.motion, before.report or before.motion
         if new.felt is None or old.felt is None or new.felt.since != old.felt.since:
             return None
-        return (
-            new.felt.x - old.felt.x,
-            new.felt.y - old.felt.y,
-            new.airspeed * floats.cos(new.heading) - old.airspeed * floats.cos(old.heading),
-            new.airspeed * floats.sin(new.heading) - old.airspeed * floats.sin(old.heading),
-            self.nose_x - before.nose_x,
-            self.nose_y - before.nose_y,
+        (x, y), (old_x, old_y) = (_along(m.heading, m.airspeed) for m in (new, old))
+        return FeltStep(
+            (new.felt.x - old.felt.x, new.felt.y - old.felt.y),
+            (x - old_x, y - old_y),
+            (self.nose_x - before.nose_x, self.nose_y - before.nose_y),
             new.airspeed * new.turn_rate,
         )
 
@@ -112,8 +119,12 @@ def _carried(knot: Knot, turned: float, step: float, airspeed: float | None = No
 
 def _nose(knot: Knot, turned: float, step: float) -> tuple[float, float]:
     """The integral of the nose's direction at the end of the arc, its middle standing for it."""
-    middle = knot.motion.heading + turned / 2
-    return knot.nose_x + step * floats.cos(middle), knot.nose_y + step * floats.sin(middle)
+    x, y = _along(knot.motion.heading + turned / 2, step)
+    return knot.nose_x + x, knot.nose_y + y
+
+
+def _along(angle: float, length: float) -> tuple[float, float]:
+    return length * floats.cos(angle), length * floats.sin(angle)
 
 
 def _arc(knot: Knot, V: float, turned: float, step: float) -> tuple[float, float]:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from circnav_mav.guidance import floats
+from circnav_mav.guidance.estimators.dead_reckoning import FeltStep
 from circnav_mav.guidance.estimators.relative_ekf import (
     DX,
     DY,
@@ -59,10 +60,10 @@ class Prediction:
 
 def predict_belief(
     belief: Belief, dt: Array, chord: tuple[Array, Array], *, heading: Array, airspeed: Array,
-    felt: tuple[float, ...] | None = None, xp: Any = floats,
+    felt: FeltStep | None = None, xp: Any = floats,
 ) -> Prediction:  # fmt: skip
     """The belief carried on by dt (s) along an air path (m, at the measured airspeed) to where the vehicle flies with
-    that heading (rad) and that measured airspeed (m/s). felt: what was felt meanwhile, as `Knot.felt_since`."""
+    that heading (rad) and that measured airspeed (m/s). felt: what was felt meanwhile, see `Knot.felt_since`."""
     x, calm = belief.mean, xp.exp(-dt / GUST_TIME)
     r, theta, (out, left) = motion(x, dt, chord, xp)
     n, t = axes(theta, xp)
@@ -70,12 +71,16 @@ def predict_belief(
     d = x[DX] + calm * x[GX], x[DY] + calm * x[GY]
     if felt is not None:
         # the measured change in the place of the assumed one, as far as the models that feel it are believed
-        *change, air_x, air_y, c, s, _ = felt
+        c, s = felt.nose
         stays = calm + belief.feels * (1 - calm)
-        wrong = c * x[FORWARD] - s * x[LEFT], s * x[FORWARD] + c * x[LEFT]
+        errors = c * x[FORWARD] - s * x[LEFT], s * x[FORWARD] + c * x[LEFT]
         d = tuple(
-            x[DX + i] + stays * x[GX + i] + x[EX + i] + belief.feels * (change[i] - x[KAPPA] * at) - wrong[i]
-            for i, at in enumerate((air_x, air_y))
+            x[DX + i]
+            + stays * x[GX + i]
+            + x[EX + i]
+            + belief.feels * (felt.change[i] - x[KAPPA] * felt.air[i])
+            - wrong[i]
+            for i in (0, 1)
         )
     v = x[KAPPA] * air[0] + d[0], x[KAPPA] * air[1] + d[1]
     across, ahead = t[0] * v[0] + t[1] * v[1], n[0] * air[0] + n[1] * air[1]

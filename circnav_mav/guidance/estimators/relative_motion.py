@@ -78,11 +78,8 @@ class DriftEstimator:
             return Fused.GATED
         was = self.bank.stage[0]
         felt = None if before is None else knot.felt_since(before)
-        of = (
-            None
-            if felt is None
-            else Felt(np.array([felt[:2]]).T, np.array([felt[2:4]]).T, np.array([felt[4:6]]).T, np.array(felt[6:]))
-        )
+        change, air, nose = (None,) * 3 if felt is None else (np.array(part)[:, None] for part in felt[:3])
+        of = None if felt is None else Felt(change, air, nose, np.array([felt.across]))
         self.bank.step(np.array([dt]), _chord(before or knot, knot), *_arrays(sample), of)
         self._used, self._sigma, self._astray = knot, sample.sigma, False
         self._note_belief()
