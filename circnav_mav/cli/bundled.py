@@ -3,19 +3,17 @@
 from collections.abc import Iterator
 from math import cos, hypot, radians, sin
 
-from circnav_mav.mission.check_result import Check, Grade
+from circnav_mav.mav.autopilots.table import AUTOPILOTS
+from circnav_mav.mav.check_result import Check, Grade
 from circnav_mav.mission.checks import drift_allowed
 from circnav_mav.mission.mission import Mission
 from sim.config import VehicleConfig
 from sim.starting import CRUISE_MPS
 
 FLIES = {
-    "arducopter": ("ardupilot", "copter"),
-    "arducopter_nogps": ("ardupilot", "copter"),
-    "arduplane": ("ardupilot", "plane"),
-    "ardurover": ("ardupilot", "rover"),
-    "px4_copter": ("px4", "copter"),
-    "px4_plane": ("px4", "plane"),
+    profile: (autopilot, kind.split()[0])
+    for (autopilot, kind), vehicle in AUTOPILOTS.items()
+    for profile in vehicle.bundled
 }
 """Autopilot and kind that each profile imitates."""
 SPEED_OFF = 0.05

@@ -182,7 +182,7 @@ class Session:
             self.told.moved()
         else:
             self.told.found(self.adapter)
-            self.streams = StreamRequests({**self.adapter.streams, **self._more_streams})
+            self.streams = StreamRequests({**self.adapter.firmware.streams, **self._more_streams})
             self.commands.send(Command(dialect.MAV_CMD_REQUEST_MESSAGE, (dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION,)))
         if self.told.unproven:
             self.commands.send(Command(dialect.MAV_CMD_REQUEST_MESSAGE, (dialect.MAVLINK_MSG_ID_SYSTEM_TIME,)))

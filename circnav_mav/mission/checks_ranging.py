@@ -5,8 +5,8 @@ from math import hypot, inf, sqrt
 
 from circnav_mav.guidance.laws import LAWS
 from circnav_mav.guidance.slant import MAX_SIGMA_GROWTH
+from circnav_mav.mav.check_result import Check, Grade, graded
 from circnav_mav.mav.ranging import DOWNWARD
-from circnav_mav.mission.check_result import Check, Grade, graded
 from circnav_mav.mission.mission import Mission
 
 LOOP_BOUND = 0.4

@@ -1,20 +1,18 @@
 """What is said of the vehicle and the ranging before a flight: observations in, lines out. Nothing here listens."""
 
 from collections.abc import Iterator
-from math import isnan
+from math import degrees, isnan
 
 from pymavlink.dialects.v20 import all as dialect
 
-from circnav_mav.mission.check_result import Check, Grade
+from circnav_mav.mav.autopilots.parameters import Context, check_parameters
+from circnav_mav.mav.check_result import Check, Grade
 from circnav_mav.mission.mission import Mission
-from circnav_mav.mission.param_rules import Context, judge_parameters
 from circnav_mav.mission.preflight_ranging import FULL_RATE, SPEED_OFF, judge_ranging
 from circnav_mav.pilot import VEHICLE
 from circnav_mav.pilot.survey import Observations, VehicleSeen, span_speed
 
 PASS, WARN, FAIL = Grade.PASS, Grade.WARN, Grade.FAIL
-FLOWN = {dialect.MAV_AUTOPILOT_ARDUPILOTMEGA: "ArduPilot 4.6.3", dialect.MAV_AUTOPILOT_PX4: "PX4 main of 2026-03"}
-"""The firmware whose behaviour the adapters were written for."""
 LOW_RATE = 0.5
 """Fraction of a wanted rate below which a stream is as good as missing."""
 SLOW_ROUND_TRIP = 0.1
@@ -35,8 +33,22 @@ def judge(mission: Mission, seen: Observations, clock_speed: float = 1.0) -> lis
         *_clock(mission, vehicle, clock_speed),
         *judge_ranging(mission, seen, vehicle),
     ]
-    lines += judge_parameters(vehicle.adapter, Context(mission, vehicle.system, vehicle.parameters))
+    lines += check_parameters(vehicle.adapter.parameters, _context(mission, vehicle))
     return lines + [Check(WARN, "says", f'"{text}"') for text in vehicle.texts if _troubled(text)]
+
+
+def _context(mission: Mission, vehicle: VehicleSeen) -> Context:
+    """What the rules for parameters may know."""
+    table, orbit = mission.file.vehicle, mission.orbit
+    return Context(
+        speed=orbit.speed,
+        max_turn_rate_deg=degrees(orbit.max_turn_rate),
+        max_bank_deg=table.max_bank_deg or 0.0,
+        stick_bank_deg=table.full_stick_bank_deg,
+        tick=1 / mission.file.limits.tick_hz,
+        system=vehicle.system,
+        values=vehicle.parameters,
+    )
 
 
 def _why_none(seen: Observations) -> str:
@@ -58,7 +70,7 @@ def _identity(mission: Mission, seen: Observations, vehicle: VehicleSeen) -> Ite
         yield Check(WARN, "firmware", "no answer to a request for AUTOPILOT_VERSION")
     else:
         yield Check(
-            PASS, "firmware", f"{vehicle.firmware} (the messages we send were flown on {FLOWN[adapter.autopilot]})"
+            PASS, "firmware", f"{vehicle.firmware} (the messages we send were flown on {adapter.firmware.flown})"
         )
     yield _mode(mission, vehicle)
     if seen.version_1:
@@ -88,7 +100,7 @@ def _signing(mission: Mission, seen: Observations) -> Iterator[Check]:
 
 def _mode(mission: Mission, vehicle: VehicleSeen) -> Check:
     adapter = vehicle.adapter
-    ours = f"{adapter.mode_names[adapter.guided_mode]} ({adapter.guided_mode})"
+    ours = f"{adapter.guided_name} ({adapter.guided_mode})"
     now = f"now {vehicle.mode_name} ({vehicle.mode}), {'armed' if vehicle.armed else 'disarmed'}"
     if vehicle.armed and vehicle.mode == adapter.guided_mode:
         return Check(WARN, "mode", f"{now}: a flight would take the vehicle at once")

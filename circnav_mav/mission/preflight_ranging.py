@@ -5,10 +5,8 @@ from itertools import pairwise
 from math import hypot, sqrt
 from statistics import median
 
-from pymavlink.dialects.v20.all import MAV_AUTOPILOT_PX4
-
+from circnav_mav.mav.check_result import Check, Grade
 from circnav_mav.mav.range_messages import OTHERS, describe_rejected
-from circnav_mav.mission.check_result import Check, Grade
 from circnav_mav.mission.checks_ranging import height_cost
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import RANGING, VEHICLE
@@ -66,8 +64,8 @@ def _heard(mission: Mission, seen: Observations) -> Check:
 
 
 def _rejected(mission: Mission, seen: Observations, vehicle: VehicleSeen) -> Check:
-    """Messages of others do no harm where the mission names ours, or one is the echo of the other: PX4 sends a
-    DISTANCE_SENSOR that was forwarded to it on under its own id."""
+    """Messages of others do no harm where the mission names ours, or one is the autopilot's echo of the
+    other."""
     table = mission.file.ranging
     named = table.component_id is not None or table.system_id is not None
     counts = {reason: count for reason, count in seen.rejected.items() if reason not in OTHERS}
@@ -75,7 +73,7 @@ def _rejected(mission: Mission, seen: Observations, vehicle: VehicleSeen) -> Che
     share = sum(counts.values()) / max(sum(counts.values()) + len(seen.ranges), 1)
     autopilot = f"{vehicle.system}/{vehicle.component}"
     senders = {carrier.split()[0] for carrier in seen.carriers}
-    echoed = vehicle.adapter.autopilot == MAV_AUTOPILOT_PX4 and autopilot in senders and len(senders) == 2
+    echoed = vehicle.adapter.firmware.echoes_ranges and autopilot in senders and len(senders) == 2
     if "wrong_source" in seen.rejected and not named and not (echoed and seen.ranges):
         return Check(WARN, "rejected", f"{words}: several senders, name yours with ranging.component_id")
     return Check(WARN if share > MOST_REJECTED else PASS, "rejected", words)

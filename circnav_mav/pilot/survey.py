@@ -6,7 +6,7 @@ all. It sends what a flight needs in order to hear the same (our heartbeat, stre
 """
 
 from collections import Counter
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 
 from pymavlink.dialects.v20 import all as dialect
@@ -122,19 +122,17 @@ class Survey:
     def __init__(
         self,
         settings: PilotSettings,
-        parameters: Callable[[Autopilot], Iterable[str]],
         *,
         seconds: float,
         signing: Signing | None = None,
     ) -> None:
-        """parameters: names to read from a vehicle. seconds: how long to measure, once the vehicle was found."""
+        """seconds: how long to measure, once the vehicle was found."""
         message = RANGING_MESSAGES[settings.ranging.message]
         self._more_streams = more_streams(settings)
         vehicles = adapters(settings.autopilot, settings.kind, settings.facts)
         self.session = Session(settings.link, vehicles, self._more_streams, signing)
         self.done = False
         self._settings = settings
-        self._parameters = parameters
         self._seconds = seconds
         self._ranging = RangeReader(settings.ranging)
         self._height = Height(settings.height)
@@ -220,7 +218,7 @@ class Survey:
 
     def _vehicle(self) -> VehicleSeen:
         session = self.session
-        wanted = {**session.adapter.streams, **self._more_streams}
+        wanted = {**session.adapter.firmware.streams, **self._more_streams}
         return VehicleSeen(
             *session.vehicle_ids,
             kind=self._kind,
@@ -264,8 +262,8 @@ class Survey:
         session = self.session
         if self._reader is None:
             self._found = now
-            px4 = session.adapter.autopilot == dialect.MAV_AUTOPILOT_PX4
-            self._reader = ParameterReader(self._parameters(session.adapter), bytewise=px4)
+            names = [name for rule in session.adapter.parameters for name, _ in rule.names]
+            self._reader = ParameterReader(names, bytewise=session.adapter.firmware.bytewise)
         return self._reader.poll(session.vehicle_ids, now)
 
     def _take_telemetry(self, message: Message, now: float) -> None:

@@ -8,8 +8,9 @@ from math import atan, cos, nan, sin
 import pytest
 
 from circnav_mav.guidance.types import TurnRate
-from circnav_mav.mav.autopilots.interface import Autopilot, VehicleFacts, VehicleState
+from circnav_mav.mav.autopilots.interface import Autopilot, VehicleFacts
 from circnav_mav.mav.autopilots.table import AUTOPILOTS
+from circnav_mav.mav.autopilots.targets import Addressee
 from circnav_mav.mav.codec import Encoder
 from circnav_mav.mav.frames import yaw_rate_from_turn_rate
 from circnav_mav.mav.own_motion import Motion
@@ -20,7 +21,7 @@ SPEED, TURN = 10.0, 0.2  # m/s; rad/s, left positive
 FACTS = VehicleFacts(speed=SPEED, max_bank=0.7, stick_bank=0.8)
 AT = 12.345
 LEVEL = Motion(roll=0.0, pitch=0.0, yaw=1.0, airspeed=SPEED, altitude=104.0, climb=0.5)
-STATE = VehicleState(*VEHICLE_IDS, motion=LEVEL, height=103.0)
+STATE = Addressee(*VEHICLE_IDS, motion=LEVEL, height=103.0)
 BANK = atan(0.2 * 10.0 / 9.80665)  # of the coordinated turn
 SIDES = {"left": (TURN, -1), "right": (-TURN, 1), "straight": (0.0, 0)}  # turn rate, sense in MAVLink
 
@@ -62,7 +63,7 @@ def stick_frame(y: int) -> bytes:
     return frame(69, 243, struct.pack("<4hHB", 0, y, 500, 0, 0, 7))
 
 
-def sent(key: tuple[str, str], turn_rate: float | None, state: VehicleState = STATE) -> bytes:
+def sent(key: tuple[str, str], turn_rate: float | None, state: Addressee = STATE) -> bytes:
     """The bytes of an adapter for a turn rate in the paper's frame, or of its safe setpoint."""
     adapter = AUTOPILOTS[key](FACTS)
     if turn_rate is None:
@@ -71,7 +72,7 @@ def sent(key: tuple[str, str], turn_rate: float | None, state: VehicleState = ST
     return Encoder(*US).encode(adapter.setpoint(steer, state, AT))
 
 
-def at_airspeed(airspeed: float | None) -> VehicleState:
+def at_airspeed(airspeed: float | None) -> Addressee:
     return replace(STATE, motion=replace(LEVEL, airspeed=airspeed))
 
 

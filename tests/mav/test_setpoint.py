@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from circnav_mav.guidance.types import Direction, TurnRate
-from circnav_mav.mav.autopilots.interface import VehicleState
+from circnav_mav.mav.autopilots.targets import Addressee
 from circnav_mav.mav.codec import Encoder
 from circnav_mav.mav.frames import (
     YawRate,
@@ -22,7 +22,7 @@ from circnav_mav.mav.own_motion import Motion
 from circnav_mav.mav.setpoint_guard import Steer
 
 US = (7, 191)
-VEHICLE = VehicleState(target_system=7, target_component=1, motion=Motion(), height=None)
+VEHICLE = Addressee(target_system=7, target_component=1, motion=Motion(), height=None)
 
 
 def x25(data):

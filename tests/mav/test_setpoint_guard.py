@@ -8,8 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.mav.autopilots.interface import VehicleFacts, VehicleState
+from circnav_mav.mav.autopilots.interface import VehicleFacts
 from circnav_mav.mav.autopilots.table import AUTOPILOTS
+from circnav_mav.mav.autopilots.targets import Addressee
 from circnav_mav.mav.frames import YawRate, quaternion_from_euler
 from circnav_mav.mav.own_motion import Motion
 from circnav_mav.mav.setpoint_guard import Limits, SetpointGate, Steer, UnsafeSetpointError
@@ -24,7 +25,7 @@ def steer(yaw_rate=0.1, speed=15.0):
 
 @pytest.fixture
 def message(copter):
-    return copter.setpoint(steer(), VehicleState(1, 1, Motion(), None), 1.0)
+    return copter.setpoint(steer(), Addressee(1, 1, Motion(), None), 1.0)
 
 
 @given(yaw_rate=st.floats(-0.35, 0.35), speed=st.floats(0, 15))
@@ -123,7 +124,7 @@ STICK = [("px4", "plane")]
 def passes(key, **fields):
     """Whether an adapter's own message passes with some fields changed; only the limits may stop it."""
     adapter = AUTOPILOTS[key](VehicleFacts(speed=15.0))
-    message = adapter.setpoint(steer(), VehicleState(1, 1, Motion(airspeed=15.0), None), 1.0)
+    message = adapter.setpoint(steer(), Addressee(1, 1, Motion(airspeed=15.0), None), 1.0)
     for name, value in fields.items():
         setattr(message, name, value)
     try:
@@ -207,7 +208,7 @@ def test_each_stick_has_its_own_bound(key, field, inside, outside):
 @pytest.mark.parametrize(("y", "may"), [(800, True), (-800, True), (801, False), (-801, False)])
 def test_the_stick_goes_no_farther_than_the_missions_bank(y, may):
     adapter = AUTOPILOTS["px4", "plane"](VehicleFacts(speed=15.0))
-    message = adapter.setpoint(steer(), VehicleState(1, 1, Motion(airspeed=15.0), None), 1.0)
+    message = adapter.setpoint(steer(), Addressee(1, 1, Motion(airspeed=15.0), None), 1.0)
     message.y = y
     gate = SetpointGate(replace(ALL, max_stick=800))
     if may:

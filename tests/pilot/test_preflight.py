@@ -10,10 +10,9 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.mission.check_result import Check, Grade
+from circnav_mav.mav.check_result import Check, Grade
 from circnav_mav.mission.load import load_mission
 from circnav_mav.mission.mission import Mission
-from circnav_mav.mission.param_rules import RULES, names_for
 from circnav_mav.mission.preflight import judge
 from circnav_mav.pilot import RANGING, VEHICLE
 from circnav_mav.pilot.survey import Observations, RangeHeard, Survey
@@ -53,7 +52,7 @@ class Bench:
         self.mission = load_mission(CONFIG / f"{name}.toml", overrides)
         assert self.mission.file.sim is not None
         self.vehicle = Vehicle(parse_vehicle(self.mission.file.sim, name))
-        self.survey = Survey(self.mission.pilot_settings(), names_for, seconds=seconds)
+        self.survey = Survey(self.mission.pilot_settings(), seconds=seconds)
         self.sent: list[Any] = []
         self.speed = 1.0
         self.hears: Callable[[bytes, float], bool] = lambda frame, now: True
@@ -150,7 +149,7 @@ def test_every_parameter_that_the_vehicle_has_is_read_with_its_value(name: str) 
     assert seen.vehicle is not None
     table = bench.vehicle._flight.autopilot.params.all_values()
     held = {value.param_id: value.param_value if value.param_type == 9 else None for value in table}
-    asked = set(names_for(seen.vehicle.adapter)) & set(held)
+    asked = {name for rule in seen.vehicle.adapter.parameters for name, _ in rule.names} & set(held)
     assert set(seen.vehicle.parameters) == asked
     assert {n: v for n, v in seen.vehicle.parameters.items() if held[n] is not None} == {
         n: pytest.approx(held[n]) for n in asked if held[n] is not None
@@ -425,7 +424,7 @@ def unnamed_px4() -> Bench:
     bench = Bench("px4_copter")
     table = bench.mission.file.ranging.model_copy(update={"component_id": None})
     bench.mission = Mission(bench.mission.file.model_copy(update={"ranging": table}), "")
-    bench.survey = Survey(bench.mission.pilot_settings(), names_for, seconds=5.0)
+    bench.survey = Survey(bench.mission.pilot_settings(), seconds=5.0)
     return bench
 
 
@@ -472,7 +471,7 @@ def by_home(*overrides: str) -> Bench:
     bench = Bench("arduplane", *overrides)
     orbit = bench.mission.file.orbit.model_copy(update={"height_above_target_m": None, "target_above_home_m": 5.0})
     bench.mission = replace(bench.mission, file=bench.mission.file.model_copy(update={"orbit": orbit}))
-    bench.survey = Survey(bench.mission.pilot_settings(), names_for, seconds=5.0)
+    bench.survey = Survey(bench.mission.pilot_settings(), seconds=5.0)
     return bench
 
 
@@ -668,12 +667,6 @@ def test_a_value_set_by_a_ground_station_is_what_is_read() -> None:
     seen = bench.run()
     assert seen.vehicle is not None
     assert seen.vehicle.parameters["GUID_TIMEOUT"] == 7.0
-
-
-def test_every_adapter_has_rules() -> None:
-    from circnav_mav.mav.autopilots.table import AUTOPILOTS
-
-    assert set(RULES) == set(AUTOPILOTS.values())
 
 
 def test_lost_datagrams_do_not_lose_parameters() -> None:
