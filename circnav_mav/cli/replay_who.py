@@ -5,7 +5,8 @@ from collections.abc import Iterable, Iterator
 import click
 
 from circnav_mav.mav.autopilots.interface import Autopilot
-from circnav_mav.runlog.log_sources import MARKS, Heard, Sender, Witness
+from circnav_mav.mav.ranging.table import RANGING_MESSAGES
+from circnav_mav.runlog.log_sources import Heard, Sender, Witness
 
 MOST = 6
 """Senders that are named; a ground station may plot dozens of values."""
@@ -44,7 +45,8 @@ def _unused(idle: dict[Sender, Heard]) -> Iterator[str]:
 
 
 def _name(sender: Sender) -> str:
-    marks = ", ".join(f"{mark} {value}" for mark, value in zip(MARKS[sender.message], sender.marks, strict=True))
+    fields = RANGING_MESSAGES[sender.message].marks
+    marks = ", ".join(f"{mark} {value}" for mark, value in zip(fields, sender.marks, strict=True))
     return f"{sender.message.upper()} of {sender.system}/{sender.component} ({marks})"
 
 

@@ -14,7 +14,8 @@ from circnav_mav.mav.autopilots.interface import AirLoops, Autopilot, VehicleFac
 from circnav_mav.mav.autopilots.table import allowed
 from circnav_mav.mav.frames import GRAVITY
 from circnav_mav.mav.height import HeightSettings
-from circnav_mav.mav.ranging import RANGING_MESSAGES, RangingSettings
+from circnav_mav.mav.ranging.interface import RangingSettings
+from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.mav.session import LinkSettings
 from circnav_mav.mission.schema import MissionFile
 from circnav_mav.pilot import LINKS, RANGING, VEHICLE, PilotSettings, Timing, Voice

@@ -6,7 +6,7 @@ from math import hypot, sqrt
 from statistics import median
 
 from circnav_mav.mav.check_result import Check, Grade
-from circnav_mav.mav.range_messages import OTHERS, describe_rejected
+from circnav_mav.mav.ranging.interface import OTHERS, describe_rejected
 from circnav_mav.mission.checks_ranging import height_cost
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import RANGING, VEHICLE

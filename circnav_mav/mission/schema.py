@@ -5,6 +5,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from circnav_mav.guidance.laws import LAWS
+from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 
 Positive = Annotated[float, Field(gt=0, le=1e9)]
 NotNegative = Annotated[float, Field(ge=0, le=1e9)]
@@ -76,7 +77,7 @@ class GuidanceTable(Table):
 class RangingTable(Table):
     """[ranging]"""
 
-    message: Literal["ranging_beacon", "distance_sensor", "named_value_float"]
+    message: Literal[tuple(RANGING_MESSAGES)]  # type: ignore[valid-type]
     rate_hz: Positive
     sigma_m: Positive
     endpoint: Name | None = None

@@ -3,7 +3,7 @@
 from collections import Counter
 
 from circnav_mav.mav.codec import LinkCounts
-from circnav_mav.mav.range_messages import RangingMessage, describe_rejected
+from circnav_mav.mav.ranging.interface import RangingMessage, describe_rejected
 from circnav_mav.mav.session import Session
 
 

@@ -17,7 +17,8 @@ from circnav_mav.mav.codec import Message
 from circnav_mav.mav.height import Height
 from circnav_mav.mav.own_motion import Motion
 from circnav_mav.mav.params import ParameterReader
-from circnav_mav.mav.ranging import RANGING_MESSAGES, RangeReader
+from circnav_mav.mav.ranging.reader import RangeReader
+from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.mav.session import HANDLED, HEARTBEAT_PERIOD, Session, describe_vehicle
 from circnav_mav.mav.signing import Signing
 from circnav_mav.pilot.listening import decoders, more_streams
@@ -28,9 +29,6 @@ SETTLE = 2.0
 """Time, s, that the streams get to come up after the vehicle was found, before anything is measured."""
 PARAMETER_PATIENCE = 10.0
 """Time, s, that slow answers about parameters may take beyond the time to listen."""
-_MARKS = {"DISTANCE_SENSOR": ("id", "orientation"), "RANGING_BEACON": ("beacon_id",), "NAMED_VALUE_FLOAT": ("name",)}
-"""The fields by which a mission picks the sensor."""
-
 
 Moment = tuple[float, float]
 """(our time, the other clock's time), s."""
@@ -137,7 +135,7 @@ class Survey:
         self._ranging = RangeReader(settings.ranging)
         self._height = Height(settings.height)
         self._ranging_link = RANGING if settings.ranging_apart else VEHICLE
-        self._ranging_type = message.type
+        self._ranging_message = message
         wanted = HANDLED | {message.id, dialect.MAVLINK_MSG_ID_PARAM_VALUE, *self._more_streams}
         self._decoders = decoders(settings, wanted, signing)
         self._reader: ParameterReader | None = None
@@ -292,9 +290,9 @@ class Survey:
         self._boots.append(heard)
 
     def _take_range(self, message: Message, now: float) -> None:
-        if message.get_type() != self._ranging_type:
+        if message.get_type() != self._ranging_message.type:
             return
-        marks = ", ".join(f"{mark} {getattr(message, mark)}" for mark in _MARKS[self._ranging_type])
+        marks = ", ".join(f"{mark} {value}" for mark, value in self._ranging_message.mark_values(message).items())
         self._carriers[f"{message.get_srcSystem()}/{message.get_srcComponent()} {marks}"] += 1
         sample = self._ranging.read(message, now)
         if sample is not None and self._settled(now):

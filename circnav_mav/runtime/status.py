@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from circnav_mav.guidance.phases import Phase
 from circnav_mav.mav.frames import compass_from_vector
-from circnav_mav.mav.range_messages import OTHERS
+from circnav_mav.mav.ranging.interface import OTHERS
 from circnav_mav.pilot import Ending, Outcome, Pilot, TickRecord, Voice, phase_name
 
 RATE_SPAN = 3.0

@@ -14,7 +14,7 @@ from circnav_mav.cli.exits import Exit
 from circnav_mav.guidance.phases import Phase
 from circnav_mav.guidance.types import Direction, Orbit
 from circnav_mav.mav.autopilots.table import AUTOPILOTS
-from circnav_mav.mav.ranging import Reject
+from circnav_mav.mav.ranging.interface import Reject
 from circnav_mav.mission.schema import MissionFile
 from circnav_mav.pilot import TickRecord
 from circnav_mav.runlog.run_folder import NO_TICKS

@@ -8,7 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.mav.ranging import RANGING_MESSAGES, RangeReader, RangingSettings
+from circnav_mav.mav.ranging.interface import RangingSettings
+from circnav_mav.mav.ranging.reader import RangeReader
+from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 
 UINT32_MAX = 2**32 - 1
 DISTANCE = RangingSettings(message="distance_sensor", sigma=0.5)

@@ -1,7 +1,7 @@
 """Ranging telemetry to range samples: which messages count, and why the others do not.
 
 The order of the checks is source, id, finite, "no range" codes, limits, quality, stamp; the innovation gate comes
-later, in the estimator. See `range_messages` for what each message says.
+later, in the estimator. See the messages' own files for what each says.
 """
 
 from collections import Counter
@@ -11,18 +11,9 @@ from circnav_mav.guidance.range_noise import NoiseCheck
 from circnav_mav.guidance.slant import horizontal
 from circnav_mav.guidance.types import SAME_TIME, RangeSample
 from circnav_mav.mav.codec import Message
-from circnav_mav.mav.range_messages import (
-    DOWNWARD,
-    OTHERS,
-    RANGING_MESSAGES,
-    RangingMessage,
-    RangingSettings,
-    Reading,
-    Reject,
-)
+from circnav_mav.mav.ranging.interface import OTHERS, RangingSettings, Reading, Reject
+from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.mav.sensor_clock import SensorClock, Slower, nobody_tells
-
-__all__ = ["DOWNWARD", "RANGING_MESSAGES", "RangeReader", "RangingMessage", "RangingSettings", "Reject"]
 
 MISSED = 2.5
 """Ranges of the usual rate that must have failed to come by the old clock before a new one is believed."""
@@ -103,12 +94,14 @@ class RangeReader:
     def _judge(
         self, message: Message, now: float, height: float | None, strangers: Collection[int]
     ) -> RangeSample | Reject | None:
-        reading = self._kind.read(message, self._settings)
-        if reading is None:
+        reading, picked = self._kind.read(message), self._kind.picked(message, self._settings)
+        if reading is None or (self._kind.for_anything and not picked):
             return None
         source = (message.get_srcSystem(), message.get_srcComponent())
         if not self._from_our_sensor(source, now, strangers):
             return Reject.WRONG_SOURCE
+        if not picked:
+            return Reject.OTHER_SENSOR
         if isinstance(reading, Reject):
             return reading
         if reading.slant < self._settings.min_range:
