@@ -5,12 +5,12 @@ is None; who needs it says so.
 """
 
 from dataclasses import dataclass, replace
-from math import cos, sin, tan
+from math import cos, inf, sin, tan
 
 from circnav_mav.guidance.types import OwnMotion
+from circnav_mav.mav.clocks import BOOT_WRAP, RemoteClock, Slower, nobody_tells
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.frames import GRAVITY, YawRate, course_from_yaw, push_from_tilt, turn_rate_from_yaw_rate
-from circnav_mav.mav.sensor_clock import SensorClock, Slower, nobody_tells
 
 MOST_TILT = 1.2
 """Tilt, rad, beyond which no turn is coordinated and no thrust carries the weight any more."""
@@ -68,10 +68,7 @@ class MotionSensor:
         self._attitude_at = float("-inf")
         self._air = Motion()
         self._air_at = float("-inf")
-        self._clock = SensorClock(slower)
-        self._stamp_ms: int | None = None
-        self._doubtful_ms: int | None = None
-        self._heard_at = float("-inf")
+        self._clock = RemoteClock(slower, wrap=BOOT_WRAP)
 
     def receive(self, message: Message, now: float) -> bool:
         """Take one message of the pinned vehicle in; tells whether it was a usable ATTITUDE, newer than all before."""
@@ -99,19 +96,21 @@ class MotionSensor:
 
     def _measured(self, stamp_ms: int, now: float) -> float | None:
         """When an attitude was measured, in our time; None for one that is not newer than the newest."""
-        later = None if self._stamp_ms is None else _later(stamp_ms, self._stamp_ms)
+        clock = self._clock
+        stamp = clock.unwrapped(stamp_ms / 1000)
+        later = inf if clock.newest is None else stamp - clock.newest
         if later == 0:
-            return now if now - self._heard_at > REPEATED else None
-        if later is not None and later < 0:
-            doubtful, self._doubtful_ms = self._doubtful_ms, stamp_ms
-            if later >= -OVERTAKEN or doubtful is None or _later(stamp_ms, doubtful) <= 0:
+            return now if now - clock.newest_at > REPEATED else None
+        if later < 0:
+            anew = clock.set_anew(stamp, now)
+            if later >= -OVERTAKEN or not anew:
                 return None
-            self._clock.reset()
-        self._stamp_ms, self._heard_at, self._doubtful_ms = stamp_ms, now, None
-        measured = self._clock.local(stamp_ms / 1000, now)
+            clock.reset()
+        measured = clock.local(stamp, now)
         if now - measured > MOST_LATE:
-            self._clock.reset()
-            measured = self._clock.local(stamp_ms / 1000, now)
+            clock.reset()
+            measured = clock.local(stamp, now)
+        clock.take(stamp, now)
         return measured
 
     def own(self, now: float, airspeed: float, *, banks: bool = False) -> OwnMotion | None:
@@ -138,11 +137,6 @@ class MotionSensor:
         return Motion(
             attitude.roll, attitude.pitch, attitude.yaw, attitude.yaw_rate, air.airspeed, air.altitude, air.climb
         )
-
-
-def _later(stamp_ms: int, before_ms: int) -> float:
-    """Seconds from one stamp to another, through the 32-bit wrap."""
-    return ((stamp_ms - before_ms + 2**31) % 2**32 - 2**31) / 1000
 
 
 def _real(value: float, most: float, above: float = float("-inf")) -> float | None:

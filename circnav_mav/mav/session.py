@@ -63,7 +63,7 @@ class Session:
         self.mode_requests_dropped = 0
         """Times that a request was dropped before its answer had come."""
         self.ignored, self.misfits = self.pinning.ignored, self.pinning.misfits
-        self.boot_clock, self.texts = self.told.boot_clock, self.told.texts
+        self.clock_speed, self.texts = self.told.clock_speed, self.told.texts
 
     # --- of the vehicle, as everybody asks it ---
 

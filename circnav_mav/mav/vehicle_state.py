@@ -5,7 +5,7 @@ from collections import deque
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mav.autopilots.interface import Autopilot
-from circnav_mav.mav.boot_clock import BootClock
+from circnav_mav.mav.clocks import BOOT_WRAP, ClockSpeed, RemoteClock
 from circnav_mav.mav.codec import Message
 
 REBOOT_STEP = 1.0
@@ -32,9 +32,7 @@ class Told:
 
     def __init__(self, adapter: Autopilot) -> None:
         self._adapter = adapter
-        self._boot_ms: int | None = None
-        self._boot_at = float("-inf")
-        self._doubtful_ms: int | None = None
+        self._boot = RemoteClock(wrap=BOOT_WRAP)
         self._lost_ours = False
         self._sequence: int | None = None
         self._late = False
@@ -55,7 +53,7 @@ class Told:
         self.unproven = False
         """Whether it is not known yet, after a silence or from another address, that it is the vehicle of before: ids
         are what every vehicle of a maker comes with. Its time tells; a vehicle that has told none before need not."""
-        self.boot_clock = BootClock()
+        self.clock_speed = ClockSpeed()
         self.texts: deque[str] = deque(maxlen=8)
         self.firmware: str | None = None
 
@@ -72,7 +70,7 @@ class Told:
     @property
     def boot_time(self) -> float | None:
         """The vehicle's newest time since boot, s, None before it was heard."""
-        return None if self._boot_ms is None else self._boot_ms / 1000
+        return self._boot.newest
 
     def found(self, adapter: Autopilot) -> None:
         """The vehicle is there, for the first time or again."""
@@ -81,7 +79,7 @@ class Told:
 
     def moved(self) -> None:
         """The vehicle speaks from another address, maybe by another way."""
-        self._sequence, self.unproven = None, self._boot_ms is not None
+        self._sequence, self.unproven = None, self._boot.newest is not None
 
     def lost(self) -> None:
         """The vehicle has fallen silent."""
@@ -147,23 +145,24 @@ class Told:
 
     def _on_boot_time(self, message: Message, now: float) -> None:
         """A boot time that steps back is a reboot; the counter's own wrap after 49.7 days is not."""
-        newest = message.time_boot_ms
-        if self._boot_ms is None or _later(newest, self._boot_ms) >= -1000 * REBOOT_STEP:
-            self.reboots += self.unproven and self._is_ahead(newest, now)
-            self.boot_clock.heard(newest / 1000, now)
-        elif self._doubtful_ms is None or _later(newest, self._doubtful_ms) <= 0:
-            self._doubtful_ms = newest  # one frame that came late by another way is no reboot; the next one tells
-            return
-        else:
+        boot = self._boot.unwrapped(message.time_boot_ms / 1000)
+        step = 0.0 if self._boot.newest is None else boot - self._boot.newest
+        if step < -REBOOT_STEP:
+            if not self._boot.set_anew(boot, now):
+                return
             self.reboots += 1
-        self._boot_ms, self._boot_at, self._doubtful_ms, self.unproven = newest, now, None, False
+        else:
+            self.reboots += self.unproven and self._is_ahead(step, now)
+            self.clock_speed.heard(boot, now)
+        self._boot.take(boot, now)
+        self.unproven = False
 
-    def _is_ahead(self, boot_ms: int, now: float) -> bool:
-        """Whether the vehicle's time has gone on by more than ours: then it is another vehicle's."""
-        if self._boot_ms is None or self.boot_clock.noticed is not None:
+    def _is_ahead(self, step: float, now: float) -> bool:
+        """Whether the vehicle's time has gone on (s) by more than ours: then it is another vehicle's."""
+        if self._boot.newest is None or self.clock_speed.noticed is not None:
             return False
-        silence = now - self._boot_at
-        return _later(boot_ms, self._boot_ms) / 1000 - silence > AHEAD + AHEAD_SHARE * silence
+        silence = now - self._boot.newest_at
+        return step - silence > AHEAD + AHEAD_SHARE * silence
 
     def _on_text(self, message: Message, now: float) -> None:
         text = message.text if isinstance(message.text, str) else message.text.decode("ascii", "replace")
@@ -172,11 +171,6 @@ class Told:
     def _on_version(self, message: Message, now: float) -> None:
         version = message.flight_sw_version
         self.firmware = f"{version >> 24}.{version >> 16 & 255}.{version >> 8 & 255}"
-
-
-def _later(boot_ms: int, before_ms: int) -> int:
-    """Milliseconds from one boot time to another, through the 32-bit wrap."""
-    return (boot_ms - before_ms + 2**31) % 2**32 - 2**31
 
 
 _HANDLERS = {

@@ -7,10 +7,11 @@ from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mav.autopilots.parameters import Context, check_parameters
 from circnav_mav.mav.check_result import Check, Grade
+from circnav_mav.mav.clocks import span_speed
 from circnav_mav.mission.mission import Mission
 from circnav_mav.mission.preflight_ranging import FULL_RATE, SPEED_OFF, judge_ranging
 from circnav_mav.pilot import VEHICLE
-from circnav_mav.pilot.survey import Observations, VehicleSeen, span_speed
+from circnav_mav.pilot.survey import Observations, VehicleSeen
 
 PASS, WARN, FAIL = Grade.PASS, Grade.WARN, Grade.FAIL
 LOW_RATE = 0.5

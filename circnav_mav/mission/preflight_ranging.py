@@ -6,11 +6,12 @@ from math import hypot, sqrt
 from statistics import median
 
 from circnav_mav.mav.check_result import Check, Grade
+from circnav_mav.mav.clocks import quick_span, span_speed
 from circnav_mav.mav.ranging.interface import OTHERS, describe_rejected
 from circnav_mav.mission.checks_ranging import height_cost
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import RANGING, VEHICLE
-from circnav_mav.pilot.survey import Observations, RangeHeard, VehicleSeen, quick_span, span_speed
+from circnav_mav.pilot.survey import Observations, RangeHeard, VehicleSeen
 
 PASS, WARN, FAIL = Grade.PASS, Grade.WARN, Grade.FAIL
 FULL_RATE = 0.8

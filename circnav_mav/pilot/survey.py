@@ -6,13 +6,14 @@ all. It sends what a flight needs in order to hear the same (our heartbeat, stre
 """
 
 from collections import Counter
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
 
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mav.autopilots.interface import Autopilot
 from circnav_mav.mav.autopilots.table import adapters
+from circnav_mav.mav.clocks import Moment, Span, quick_span
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.height import Height
 from circnav_mav.mav.own_motion import Motion
@@ -29,26 +30,6 @@ SETTLE = 2.0
 """Time, s, that the streams get to come up after the vehicle was found, before anything is measured."""
 PARAMETER_PATIENCE = 10.0
 """Time, s, that slow answers about parameters may take beyond the time to listen."""
-
-Moment = tuple[float, float]
-"""(our time, the other clock's time), s."""
-Span = tuple[Moment, Moment]
-
-
-def quick_span(moments: Sequence[Moment]) -> Span | None:
-    """Of the first third and of the last the moment that came with the least delay, which is none of the clock's; None
-    of none."""
-    third = (len(moments) + 2) // 3
-    if not third:
-        return None
-    first, last = (min(part, key=lambda one: one[0] - one[1]) for part in (moments[:third], moments[-third:]))
-    return first, last
-
-
-def span_speed(span: Span) -> float:
-    """Seconds of the other clock per second of ours."""
-    (began, at_first), (ended, at_last) = span
-    return (at_last - at_first) / (ended - began) if ended > began else 1.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -119,7 +119,7 @@ def _alarms(pilot: Pilot, tick: TickRecord, now: float, rates: Rates | None, pro
             found.append(f"MOST RANGES REJECTED, {rates.refused:.1f} of {rates.taken + rates.refused:.1f} a second")
         if pilot.target.ranging.clock_doubted:
             found.append("SENSOR CLOCK stepped: its ranges are rejected until it is known again")
-        if (speed := pilot.session.boot_clock.found) is not None:
+        if (speed := pilot.session.clock_speed.found) is not None:
             cure = 'a simulator at this speed is flown with link.clock = "autopilot"'
             found.append(f"CLOCK: the autopilot's time runs at {speed:.2g} of ours: {cure}")
         if trouble := pilot.target.height.trouble(now):

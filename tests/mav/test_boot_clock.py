@@ -2,12 +2,12 @@
 
 import pytest
 
-from circnav_mav.mav.boot_clock import BootClock
+from circnav_mav.mav.clocks import ClockSpeed
 
 
 def found(times: list[tuple[float, float]]) -> list[float | None]:
     """What is found after each (time since boot, our time)."""
-    clock, seen = BootClock(), []
+    clock, seen = ClockSpeed(), []
     for boot, now in times:
         clock.heard(boot, now)
         seen.append(clock.found)

@@ -5,15 +5,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from circnav_mav.mav.sensor_clock import WINDOW, SensorClock
+from circnav_mav.mav.clocks import WINDOW, RemoteClock
 
 
 def test_the_first_sample_is_taken_to_have_come_at_once():
-    assert SensorClock().local(5000.0, 12.0) == 12.0
+    assert RemoteClock().local(5000.0, 12.0) == 12.0
 
 
 def test_the_least_delay_seen_is_the_offset():
-    clock = SensorClock()
+    clock = RemoteClock()
     assert clock.local(100.0, 10.3) == pytest.approx(10.3)
     assert clock.local(100.1, 10.2) == pytest.approx(10.2)  # 0.2 s faster on its way than the first
     assert clock.local(100.2, 10.5) == pytest.approx(10.3)
@@ -22,7 +22,7 @@ def test_the_least_delay_seen_is_the_offset():
 
 def test_jitter_of_the_way_is_taken_out():
     """Delays of 0 to 50 ms: after some samples the local times are as even as the stamps, within 2 ms."""
-    rng, clock = np.random.default_rng(1), SensorClock()
+    rng, clock = np.random.default_rng(1), RemoteClock()
     stamps = 5000 + 0.1 * np.arange(400)
     arrivals = stamps - 4000 + rng.uniform(0, 0.05, len(stamps))
     local = np.array([clock.local(*pair) for pair in zip(stamps, arrivals, strict=True)])
@@ -33,7 +33,7 @@ def test_jitter_of_the_way_is_taken_out():
 @pytest.mark.parametrize("drift", [200e-6, -200e-6])
 def test_a_drifting_clock_is_followed(drift):
     """200 ppm over an hour are 0.7 s; the mapping never falls behind by more than two windows' worth, 4 ms at 10 Hz."""
-    clock = SensorClock()
+    clock = RemoteClock()
     for i in range(36_000):
         true = 0.1 * i
         local = clock.local(5000 + true * (1 + drift), true)
@@ -42,12 +42,12 @@ def test_a_drifting_clock_is_followed(drift):
 
 @given(pairs=st.lists(st.tuples(st.floats(0, 1e6), st.floats(0, 1e6)), min_size=1, max_size=250))
 def test_no_sample_is_ever_dated_after_its_arrival(pairs):
-    clock = SensorClock()
+    clock = RemoteClock()
     assert all(clock.local(stamp, arrival) <= arrival for stamp, arrival in pairs)
 
 
 def test_a_reset_forgets_the_offset():
-    clock = SensorClock()
+    clock = RemoteClock()
     clock.local(5000.0, 10.0)
     clock.reset()
     assert clock.local(3.0, 11.0) == 11.0
@@ -55,7 +55,7 @@ def test_a_reset_forgets_the_offset():
 
 def test_a_delay_that_stays_is_believed_after_two_windows_at_the_latest():
     """A constant delay cannot be told from a clock difference."""
-    clock = SensorClock(lambda since, now: 0.3)
+    clock = RemoteClock(lambda since, now: 0.3)
     clock.local(100.0, 10.0)
     ages = []
     for i in range(1, 2 * WINDOW + 2):
@@ -70,7 +70,7 @@ def test_a_delay_that_stays_is_believed_after_two_windows_at_the_latest():
 
 def ages(lag, *, slower=lambda since, now: 0.0, jitter=0.0, seconds=8.0):
     """(time, age shown) at 10 Hz; lag(t): how late a sample stamped t comes, s, from second 4 on, less the jitter."""
-    rng, clock, shown, heard = np.random.default_rng(7), SensorClock(slower), [], 0.0
+    rng, clock, shown, heard = np.random.default_rng(7), RemoteClock(slower), [], 0.0
     for i in range(round(10 * seconds)):
         stamp = i / 10
         heard = max(heard, stamp + rng.uniform(0.0, jitter) + (lag(stamp) if stamp >= 4.0 else 0.0))
@@ -127,7 +127,7 @@ def test_what_the_round_trip_does_not_explain_is_the_clocks():
 
 
 def test_a_step_is_doubted_while_it_may_be_the_clocks():
-    clock = SensorClock(lambda since, now: float("inf"))
+    clock = RemoteClock(lambda since, now: float("inf"))
     for i in range(20):
         clock.local(i / 10, i / 10)
     doubts = []

@@ -5,6 +5,7 @@ from math import atan
 
 from pymavlink.dialects.v20 import all as dialect
 
+from circnav_mav.mav.clocks import our_boot_ms
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.commands import Command
 from circnav_mav.mav.frames import GRAVITY, quaternion_from_euler
@@ -54,7 +55,7 @@ def body_velocity(
     """SET_POSITION_TARGET_LOCAL_NED in BODY_NED: forward and down speed (m/s), yaw rate (rad/s, clockwise positive),
     acceleration to the right (m/s^2)."""
     return dialect.MAVLink_set_position_target_local_ned_message(
-        boot_ms(now),
+        our_boot_ms(now),
         to.target_system,
         to.target_component,
         dialect.MAV_FRAME_BODY_NED,
@@ -70,7 +71,7 @@ def body_velocity(
 def attitude(mask: int, to: Addressee, now: float, *, roll: float, pitch: float = 0.0, thrust: float = 0.0) -> Message:
     """SET_ATTITUDE_TARGET: roll and pitch in rad (right and nose-up positive), thrust 0..1, no rates, yaw 0."""
     return dialect.MAVLink_set_attitude_target_message(
-        boot_ms(now),
+        our_boot_ms(now),
         to.target_system,
         to.target_component,
         mask,
@@ -88,8 +89,3 @@ def coordinated_bank(yaw_rate: float, airspeed: float, max_bank: float) -> float
 def custom_mode_request(*numbers: int) -> Command:
     """MAV_CMD_DO_SET_MODE with the custom-mode flag and the autopilot's own mode numbers."""
     return Command(dialect.MAV_CMD_DO_SET_MODE, (dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, *numbers))
-
-
-def boot_ms(now: float) -> int:
-    """Our time_boot_ms: milliseconds since we started, in 32 bits."""
-    return int(now * 1000) & 0xFFFFFFFF

@@ -1,7 +1,8 @@
 """DISTANCE_SENSOR (132): what ArduPilot and PX4 forward; cm, ms since boot."""
 
+from circnav_mav.mav.clocks import BOOT_WRAP
 from circnav_mav.mav.codec import Message
-from circnav_mav.mav.ranging.interface import BOOT_MS_WRAP, RangingMessage, RangingSettings, Reading, Reject, boot_stamp
+from circnav_mav.mav.ranging.interface import RangingMessage, RangingSettings, Reading, Reject, boot_stamp
 
 DOWNWARD = 25
 """MAV_SENSOR_ROTATION_PITCH_270: a height sensor, never a ranging radio."""
@@ -37,7 +38,7 @@ DISTANCE_SENSOR = RangingMessage(
     id=132,
     read=_read,
     farthest=655.34,
-    stamp_wrap=BOOT_MS_WRAP,
+    stamp_wrap=BOOT_WRAP,
     marks={"id": "sensor_id", "orientation": "orientation"},
     why_never=_why_never,
 )

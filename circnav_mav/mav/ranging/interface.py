@@ -115,10 +115,6 @@ class RangingMessage:
         return all(wanted[mark] in (None, value) for mark, value in self.mark_values(message).items())
 
 
-BOOT_MS_WRAP = 2**32 / 1000
-"""Of time_boot_ms, s."""
-
-
 def boot_stamp(message: Message) -> float | None:
     """time_boot_ms in s; 0 means none."""
     return message.time_boot_ms / 1000 if message.time_boot_ms else None

@@ -2,8 +2,9 @@
 
 from math import isfinite
 
+from circnav_mav.mav.clocks import BOOT_WRAP
 from circnav_mav.mav.codec import Message
-from circnav_mav.mav.ranging.interface import BOOT_MS_WRAP, RangingMessage, Reading, Reject, boot_stamp
+from circnav_mav.mav.ranging.interface import RangingMessage, Reading, Reject, boot_stamp
 
 
 def _read(message: Message) -> Reading | Reject | None:
@@ -20,7 +21,7 @@ NAMED_VALUE_FLOAT = RangingMessage(
     id=251,
     read=_read,
     farthest=1e6,
-    stamp_wrap=BOOT_MS_WRAP,
+    stamp_wrap=BOOT_WRAP,
     marks={"name": "name"},
     for_anything=True,
 )

@@ -10,17 +10,17 @@ from collections.abc import Collection
 from circnav_mav.guidance.range_noise import NoiseCheck
 from circnav_mav.guidance.slant import horizontal
 from circnav_mav.guidance.types import SAME_TIME, RangeSample
+from circnav_mav.mav.clocks import RemoteClock, Slower, nobody_tells
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.ranging.interface import OTHERS, RangingSettings, Reading, Reject
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
-from circnav_mav.mav.sensor_clock import SensorClock, Slower, nobody_tells
 
 MISSED = 2.5
 """Ranges of the usual rate that must have failed to come by the old clock before a new one is believed."""
 AUTOPILOT_COMPONENT = 1
 EPOCH_JUMP = 1.0
 """A stamp that is newer than the sensor's clock allows, or older than the newest, by more than this, s, is of a clock
-that was set. One that is merely late is not: SensorClock tells a clock that stood still from a slow link."""
+that was set. One that is merely late is not: RemoteClock tells a clock that stood still from a slow link."""
 SOURCE_SILENT = 5.0
 """Silence of the first sensor heard, s, after which another one may take its place."""
 
@@ -36,13 +36,10 @@ class RangeReader:
         self._settings = settings
         self._noise = noise
         self._kind = RANGING_MESSAGES[settings.message]
-        self._clock = SensorClock(slower)
+        self._clock = RemoteClock(slower, wrap=self._kind.stamp_wrap if settings.sensor_stamps else None)
         self._source: tuple[int, int] | None = None
         self._sequence: int | None = None
-        self._stamp: float | None = None
-        self._arrival = 0.0
         self._slant = 0.0
-        self._jumped: tuple[float, float] | None = None
         self.restarted = False
         self.stepped = 0.0
         """By how much the sensor's clock was found to have stood still with the newest message, s; 0 if not."""
@@ -58,7 +55,7 @@ class RangeReader:
     @property
     def clock_doubted(self) -> bool:
         """Whether the newest ranges are rejected because the sensor's clock has stepped, as it seems."""
-        return self._clock.doubted or self._jumped is not None
+        return self._clock.doubted
 
     def read(
         self,
@@ -110,12 +107,13 @@ class RangeReader:
             return Reject.ABOVE_MAX
         if self._source not in (None, source):
             self._begin_anew()
-        stamp = self._unwrapped(reading.stamp, now)
+        carried = reading.stamp if self._settings.sensor_stamps else None
+        stamp = now if carried is None else self._clock.unwrapped(carried)
         refusal = self._order(reading, stamp, now)
         if refusal is not None:
             return refusal
-        self._source, self._sequence, self._stamp = source, reading.sequence, stamp
-        self._arrival, self._slant = now, reading.slant
+        self._source, self._sequence, self._slant = source, reading.sequence, reading.slant
+        self._clock.take(stamp, now)
         return self._sample(reading, stamp, now, height)
 
     def _sample(self, reading: Reading, stamp: float, now: float, height: float | None) -> RangeSample | Reject:
@@ -147,25 +145,16 @@ class RangeReader:
             return source == self._source
         if settings.system is None and source[0] in strangers:
             return False
-        return self._source in (None, source) or now - self._arrival > SOURCE_SILENT
-
-    def _unwrapped(self, stamp: float | None, now: float) -> float:
-        """The stamp on a line that does not wrap; the arrival time when there is none or it is not to be used."""
-        if stamp is None or not self._settings.sensor_stamps:
-            return now
-        wrap = self._kind.stamp_wrap
-        if wrap and self._stamp is not None:
-            stamp += wrap * round((self._stamp - stamp) / wrap)
-        return stamp
+        return self._source in (None, source) or now - self._clock.newest_at > SOURCE_SILENT
 
     def _order(self, reading: Reading, stamp: float, now: float) -> Reject | None:
         """Why a reading is not a newer measurement than the last, or None."""
-        if self._stamp is None:
+        if self._clock.newest is None:
             return None
-        step, waited = stamp - self._stamp, now - self._arrival
+        step, waited = stamp - self._clock.newest, now - self._clock.newest_at
         if step <= -EPOCH_JUMP or self._clock.ahead(stamp, now) > EPOCH_JUMP:
             return self._jump(stamp, now)
-        self._jumped = None
+        self._clock.on_line()
         if step < 0:
             return Reject.OLDER
         if step == 0 or (reading.sequence is not None and reading.sequence == self._sequence and waited < 10):
@@ -178,10 +167,8 @@ class RangeReader:
     def _jump(self, stamp: float, now: float) -> Reject | None:
         """A stamp of another clock: believed when the next one agrees with it, a glitch must not reset us; and when no
         range came by the old clock meanwhile, which a looped route does not silence."""
-        before, self._jumped = self._jumped, (stamp, now)
-        if before is None or abs((stamp - before[0]) - (now - before[1])) > EPOCH_JUMP or stamp <= before[0]:
-            return Reject.STAMP_JUMP
-        if now - self._arrival < MISSED / self._settings.rate:
+        anew = self._clock.set_anew(stamp, now, within=EPOCH_JUMP)
+        if not anew or now - self._clock.newest_at < MISSED / self._settings.rate:
             return Reject.STAMP_JUMP
         self._begin_anew()
         return None
@@ -189,5 +176,5 @@ class RangeReader:
     def _begin_anew(self) -> None:
         """Another clock, or another sensor: what was known of the old one says nothing of it."""
         self._clock.reset()
-        self._stamp, self._sequence, self._jumped = None, None, None
+        self._sequence = None
         self.restarted = True
