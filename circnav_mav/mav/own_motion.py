@@ -55,7 +55,7 @@ def coordinated_yaw_rate(roll: float, airspeed: float) -> YawRate:
     return YawRate(GRAVITY * tan(roll) / max(airspeed, 1.0))
 
 
-class MotionSensor:
+class OwnMotionSensor:
     """Keeps the newest own motion, and forgets what is stale.
 
     An attitude counts from when it was measured, by the vehicle's own clock: on the way it may have waited, or been

@@ -9,13 +9,13 @@ from pymavlink.dialects.v20 import all as dialect
 from circnav_mav.mav.autopilots.interface import Autopilot
 from circnav_mav.mav.codec import Encoder, Message
 from circnav_mav.mav.commands import Command, CommandResult, CommandSender, once
-from circnav_mav.mav.identity import LinkSettings, Peer, Pinning, describe_vehicle, sender
-from circnav_mav.mav.own_motion import MotionSensor
+from circnav_mav.mav.identity import Identity, LinkSettings, Peer, describe_vehicle, sender
+from circnav_mav.mav.own_motion import OwnMotionSensor
 from circnav_mav.mav.signing import Signing
 from circnav_mav.mav.statustext import Announcer
 from circnav_mav.mav.streams import StreamRequests
-from circnav_mav.mav.timesync import RoundTrip
-from circnav_mav.mav.vehicle_state import TELLING, Told
+from circnav_mav.mav.timesync import Timesync
+from circnav_mav.mav.vehicle_state import TELLING, VehicleState
 
 __all__ = ["HANDLED", "HEARTBEAT_PERIOD", "LOST_AFTER", "LinkSettings", "Session", "describe_vehicle"]
 
@@ -52,13 +52,13 @@ class Session:
         self._mode_results: deque[CommandResult] = deque(maxlen=8)
         self._sent: deque[bytes] = deque(maxlen=SENT_KEPT)
         self._twin_heard: deque[float] = deque(maxlen=TWIN_FRAMES)
-        self.pinning = Pinning(settings, adapters)
-        self.told = Told(self.pinning.adapter)
+        self.pinning = Identity(settings, adapters)
+        self.told = VehicleState(self.pinning.adapter)
         self.encoder = Encoder(settings.system_id or 1, settings.component_id, signing)
         self.commands = CommandSender()
         self.streams = StreamRequests({})
-        self.round_trip = RoundTrip()
-        self.motion = MotionSensor(self.round_trip.slower)
+        self.round_trip = Timesync()
+        self.motion = OwnMotionSensor(self.round_trip.slower)
         self.announcer = Announcer()
         self.mode_requests_dropped = 0
         """Times that a request was dropped before its answer had come."""

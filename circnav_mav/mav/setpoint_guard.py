@@ -42,7 +42,7 @@ class Limits:
     max_stick: float = 1000.0
 
 
-class SetpointGate:
+class SetpointGuard:
     """Lets finite setpoints within limits through, slewed where the mission asks for it."""
 
     def __init__(self, limits: Limits) -> None:

@@ -27,7 +27,7 @@ NOT_FLYING = (
 """EXTENDED_SYS_STATE.landed_state in which an aircraft is not to be steered."""
 
 
-class Told:
+class VehicleState:
     """Keeps the newest of everything; only messages of the pinned vehicle come here."""
 
     def __init__(self, adapter: Autopilot) -> None:
@@ -174,14 +174,14 @@ class Told:
 
 
 _HANDLERS = {
-    "HEARTBEAT": Told._on_heartbeat,
-    "CURRENT_MODE": Told._on_current_mode,
-    "SYS_STATUS": Told._on_battery,
-    "EXTENDED_SYS_STATE": Told._on_landed,
-    "SYSTEM_TIME": Told._on_boot_time,
-    "ATTITUDE": Told._on_boot_time,
-    "STATUSTEXT": Told._on_text,
-    "AUTOPILOT_VERSION": Told._on_version,
+    "HEARTBEAT": VehicleState._on_heartbeat,
+    "CURRENT_MODE": VehicleState._on_current_mode,
+    "SYS_STATUS": VehicleState._on_battery,
+    "EXTENDED_SYS_STATE": VehicleState._on_landed,
+    "SYSTEM_TIME": VehicleState._on_boot_time,
+    "ATTITUDE": VehicleState._on_boot_time,
+    "STATUSTEXT": VehicleState._on_text,
+    "AUTOPILOT_VERSION": VehicleState._on_version,
 }
 TELLING = tuple(_HANDLERS)
 """Types of the messages that are read here."""

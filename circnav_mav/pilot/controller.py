@@ -15,7 +15,7 @@ from circnav_mav.mav.autopilots.targets import Addressee
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.frames import YawRate, yaw_rate_from_turn_rate
 from circnav_mav.mav.session import Session
-from circnav_mav.mav.setpoint_guard import Limits, SetpointGate, Steer
+from circnav_mav.mav.setpoint_guard import Limits, SetpointGuard, Steer
 from circnav_mav.pilot.settings import PilotSettings
 
 SPEED_UP = 2.5
@@ -41,7 +41,7 @@ class Helm:
         orbit, facts = settings.orbit, settings.facts
         self._settings = settings
         self._steer = steering(orbit, settings.law)
-        self._gate = SetpointGate(
+        self._gate = SetpointGuard(
             Limits(
                 max_yaw_rate=orbit.max_turn_rate,
                 max_speed=orbit.speed,

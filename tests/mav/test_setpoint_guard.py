@@ -13,7 +13,7 @@ from circnav_mav.mav.autopilots.table import AUTOPILOTS
 from circnav_mav.mav.autopilots.targets import Addressee
 from circnav_mav.mav.frames import YawRate, quaternion_from_euler
 from circnav_mav.mav.own_motion import Motion
-from circnav_mav.mav.setpoint_guard import Limits, SetpointGate, Steer, UnsafeSetpointError
+from circnav_mav.mav.setpoint_guard import Limits, SetpointGuard, Steer, UnsafeSetpointError
 
 LIMITS = Limits(max_yaw_rate=0.35, max_speed=15.0)
 FLOATS = ("x", "y", "z", "vx", "vy", "vz", "afx", "afy", "afz", "yaw", "yaw_rate")
@@ -30,27 +30,27 @@ def message(copter):
 
 @given(yaw_rate=st.floats(-0.35, 0.35), speed=st.floats(0, 15))
 def test_what_is_within_the_limits_passes_unchanged(yaw_rate, speed):
-    assert SetpointGate(LIMITS).admit(steer(yaw_rate, speed), 0.0) == steer(yaw_rate, speed)
+    assert SetpointGuard(LIMITS).admit(steer(yaw_rate, speed), 0.0) == steer(yaw_rate, speed)
 
 
 @pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf])
 @pytest.mark.parametrize("field", ["yaw_rate", "speed"])
 def test_a_number_that_is_none_is_stopped(field, number):
     with pytest.raises(UnsafeSetpointError, match="not finite"):
-        SetpointGate(LIMITS).admit(steer(**{field: number}), 0.0)
+        SetpointGuard(LIMITS).admit(steer(**{field: number}), 0.0)
 
 
 @pytest.mark.parametrize(("yaw_rate", "speed"), [(0.351, 15), (-0.351, 15), (0, 15.01), (0, -0.01), (1e9, 15)])
 def test_a_number_beyond_the_limits_is_stopped(yaw_rate, speed):
     with pytest.raises(UnsafeSetpointError, match="outside the limits"):
-        SetpointGate(LIMITS).admit(steer(yaw_rate, speed), 0.0)
+        SetpointGuard(LIMITS).admit(steer(yaw_rate, speed), 0.0)
 
 
 @pytest.mark.parametrize("mask", [0, 0x5C7, 0xFFFF])
 def test_a_mask_that_is_not_in_the_table_is_stopped(copter, message, mask):
     message.type_mask = mask
     with pytest.raises(UnsafeSetpointError, match="not in the adapter's table"):
-        SetpointGate(LIMITS).check_message(message, copter.shapes)
+        SetpointGuard(LIMITS).check_message(message, copter.shapes)
 
 
 def test_a_message_of_another_type_is_stopped(copter):
@@ -58,11 +58,11 @@ def test_a_message_of_another_type_is_stopped(copter):
         0, 1, 1, 6, 0x407, 0, 0, 0.0, 15.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.1
     )
     with pytest.raises(UnsafeSetpointError, match="not in the adapter's table"):
-        SetpointGate(LIMITS).check_message(stranger, copter.shapes)
+        SetpointGuard(LIMITS).check_message(stranger, copter.shapes)
 
 
 def test_a_message_of_the_table_passes_as_it_is(copter, message):
-    assert SetpointGate(LIMITS).check_message(message, copter.shapes) is message
+    assert SetpointGuard(LIMITS).check_message(message, copter.shapes) is message
 
 
 @pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf])
@@ -70,11 +70,11 @@ def test_a_message_of_the_table_passes_as_it_is(copter, message):
 def test_no_field_of_a_message_may_be_no_number(copter, message, field, number):
     setattr(message, field, number)
     with pytest.raises(UnsafeSetpointError, match="not finite"):
-        SetpointGate(LIMITS).check_message(message, copter.shapes)
+        SetpointGuard(LIMITS).check_message(message, copter.shapes)
 
 
 def test_without_a_mission_limit_a_turn_may_change_at_once():
-    gate = SetpointGate(LIMITS)
+    gate = SetpointGuard(LIMITS)
     gate.admit(steer(-0.35), 0.0)
     assert gate.admit(steer(0.35), 0.001).yaw_rate == 0.35
 
@@ -82,21 +82,21 @@ def test_without_a_mission_limit_a_turn_may_change_at_once():
 @pytest.mark.parametrize("sign", [1, -1])
 def test_a_turn_changes_no_faster_than_the_mission_allows(sign):
     """0.5 rad/s^2 over 0.1 s: 0.05 rad/s a step, both ways, and the goal is met exactly."""
-    gate = SetpointGate(Limits(0.35, 15.0, max_yaw_acceleration=0.5))
+    gate = SetpointGuard(Limits(0.35, 15.0, max_yaw_acceleration=0.5))
     assert gate.admit(steer(0.0), 0.0).yaw_rate == 0.0
     rates = [gate.admit(steer(sign * 0.12), 0.1 * i).yaw_rate for i in range(1, 5)]
     assert rates == pytest.approx([sign * 0.05, sign * 0.10, sign * 0.12, sign * 0.12])
 
 
 def test_the_first_setpoint_of_a_stream_is_not_held_back():
-    gate = SetpointGate(Limits(0.35, 15.0, max_yaw_acceleration=0.5))
+    gate = SetpointGuard(Limits(0.35, 15.0, max_yaw_acceleration=0.5))
     assert gate.admit(steer(0.3), 0.0).yaw_rate == 0.3
     gate.reset()
     assert gate.admit(steer(-0.3), 0.1).yaw_rate == -0.3
 
 
 def test_time_that_stands_still_or_steps_back_allows_no_change():
-    gate = SetpointGate(Limits(0.35, 15.0, max_yaw_acceleration=0.5))
+    gate = SetpointGuard(Limits(0.35, 15.0, max_yaw_acceleration=0.5))
     gate.admit(steer(0.1), 5.0)
     assert gate.admit(steer(0.3), 5.0).yaw_rate == 0.1
     assert gate.admit(steer(0.3), 4.0).yaw_rate == 0.1
@@ -104,7 +104,7 @@ def test_time_that_stands_still_or_steps_back_allows_no_change():
 
 @given(st.lists(st.tuples(st.floats(-0.35, 0.35), st.floats(0, 1)), max_size=30))
 def test_no_sequence_leaves_the_limits_or_the_slew(wanted):
-    gate, now, before = SetpointGate(Limits(0.35, 15.0, max_yaw_acceleration=0.5)), 0.0, None
+    gate, now, before = SetpointGuard(Limits(0.35, 15.0, max_yaw_acceleration=0.5)), 0.0, None
     for rate, wait in wanted:
         now += wait
         out = gate.admit(steer(rate), now).yaw_rate
@@ -128,7 +128,7 @@ def passes(key, **fields):
     for name, value in fields.items():
         setattr(message, name, value)
     try:
-        return SetpointGate(ALL).check_message(message, adapter.shapes) is message
+        return SetpointGuard(ALL).check_message(message, adapter.shapes) is message
     except UnsafeSetpointError as error:
         assert "outside the limits" in str(error)
         return False
@@ -210,7 +210,7 @@ def test_the_stick_goes_no_farther_than_the_missions_bank(y, may):
     adapter = AUTOPILOTS["px4", "plane"](VehicleFacts(speed=15.0))
     message = adapter.setpoint(steer(), Addressee(1, 1, Motion(airspeed=15.0), None), 1.0)
     message.y = y
-    gate = SetpointGate(replace(ALL, max_stick=800))
+    gate = SetpointGuard(replace(ALL, max_stick=800))
     if may:
         assert gate.check_message(message, adapter.shapes) is message
     else:
