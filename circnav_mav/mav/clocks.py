@@ -26,7 +26,7 @@ SPREAD = 0.5
 """Share of the step by which the lags of its samples may differ, and which a slower link may account for."""
 
 Slower = Callable[[float, float], float]
-"""(since, now) -> the most, s, by which the link may have become slower at `since`; infinite while nobody has told."""
+"""(since, now) -> the most, s, by which the link may have become slower at `since`; infinite while not measured."""
 
 
 def nobody_tells(since: float, now: float) -> float:

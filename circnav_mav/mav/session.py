@@ -1,5 +1,5 @@
-"""The conversation with one vehicle: our heartbeat, commands, streams, time. See `pinning` for who the vehicle is, and
-`told` for what it tells of itself."""
+"""The conversation with one vehicle: our heartbeat, commands, streams, time. See `identity` for who the vehicle is, and
+`vehicle_state` for what it reports."""
 
 from collections import deque
 from collections.abc import Hashable, Mapping
@@ -35,7 +35,7 @@ HANDLED = frozenset(
 
 
 class Session:
-    """Everything that is said between us and the vehicle, except setpoints and ranging."""
+    """Everything between us and the vehicle, except setpoints and ranging."""
 
     def __init__(
         self,
@@ -109,7 +109,7 @@ class Session:
 
     @property
     def boot_time(self) -> float | None:
-        """The vehicle's newest time since boot, s, None before it was heard."""
+        """The vehicle's newest time since boot, s, None before it was reported."""
         return self.told.boot_time
 
     @property
@@ -119,11 +119,11 @@ class Session:
 
     @property
     def firmware(self) -> str | None:
-        """Version of the vehicle's firmware, None before it was told."""
+        """Version of the vehicle's firmware, None before it was reported."""
         return self.told.firmware
 
     def heartbeat_age(self, now: float) -> float:
-        """Seconds since the vehicle last told its mode."""
+        """Seconds since the vehicle last reported its mode."""
         return now - self.told.heard_at
 
     @property

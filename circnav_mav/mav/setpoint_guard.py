@@ -29,7 +29,7 @@ class UnsafeSetpointError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What a vehicle may be told. max_yaw_rate in rad/s, max_speed in m/s, max_yaw_acceleration in rad/s^2 or None,
+    """What may be commanded. max_yaw_rate in rad/s, max_speed in m/s, max_yaw_acceleration in rad/s^2 or None,
     max_bank and max_pitch (of attitude setpoints) in rad, max_climb (of velocity setpoints) in m/s, max_stick (of
     MANUAL_CONTROL) in thousandths."""
 

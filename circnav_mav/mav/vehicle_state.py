@@ -1,4 +1,4 @@
-"""What our vehicle has told of itself: its mode and when it left ours, whether it flies, when it has started."""
+"""What our vehicle reports: its mode and when it left ours, whether it flies, when it has started."""
 
 from collections import deque
 
@@ -40,7 +40,7 @@ class VehicleState:
         self.mode: int | None = None
         self.armed = False
         self.heard_at = float("-inf")
-        """When the vehicle last told its mode, s."""
+        """When the vehicle last reported its mode, s."""
         self.heartbeats = 0
         self.departures = 0
         """Times that the guided mode was left, or the vehicle disarmed in it: also between two looks at it."""
@@ -52,7 +52,7 @@ class VehicleState:
         """Times that the vehicle has started again, or that another one has taken its ids over."""
         self.unproven = False
         """Whether it is not known yet, after a silence or from another address, that it is the vehicle of before: ids
-        are what every vehicle of a maker comes with. Its time tells; a vehicle that has told none before need not."""
+        are what every vehicle of a maker comes with. Its time tells; one that has reported none before need not."""
         self.clock_speed = ClockSpeed()
         self.texts: deque[str] = deque(maxlen=8)
         self.firmware: str | None = None
@@ -69,7 +69,7 @@ class VehicleState:
 
     @property
     def boot_time(self) -> float | None:
-        """The vehicle's newest time since boot, s, None before it was heard."""
+        """The vehicle's newest time since boot, s, None before it was reported."""
         return self._boot.newest
 
     def found(self, adapter: Autopilot) -> None:

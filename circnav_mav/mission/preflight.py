@@ -1,4 +1,4 @@
-"""What is said of the vehicle and the ranging before a flight: observations in, lines out. Nothing here listens."""
+"""What preflight says of the vehicle and the ranging: observations in, lines out. Nothing here listens."""
 
 from collections.abc import Iterator
 from math import degrees, isnan
@@ -86,15 +86,15 @@ def _signing(mission: Mission, seen: Observations) -> Iterator[Check]:
     """Whether the frames heard are signed as the mission wants them; nothing where nobody signs."""
     if mission.file.signing is None:
         if seen.signed:
-            words = f"{seen.signed} of {seen.frames} frames are signed and we have no key: what we send may be refused"
+            words = f"{seen.signed} of {seen.frames} frames are signed and we have no key: what we send may be rejected"
             yield Check(WARN, "signing", f"{words}; give it with [signing] key_file")
         elif seen.zero_key:
             words = "the autopilot signs with the all-zero key, as PX4 does until it is given one"
             yield Check(PASS, "signing", f"{words}: it takes unsigned frames, the link counts as unsigned")
         return
-    if refused := sum(seen.refused.values()):
+    if rejected := sum(seen.refused.values()):
         why = ", ".join(f"{count} {reason}" for reason, count in sorted(seen.refused.items()))
-        yield Check(WARN, "signing", f"{refused} of {seen.frames} frames refused: {why}")
+        yield Check(WARN, "signing", f"{rejected} of {seen.frames} frames rejected: {why}")
     else:
         yield Check(PASS, "signing", f"{seen.signed} of {seen.frames} frames signed, all with our key")
 
@@ -195,7 +195,7 @@ def _battery(mission: Mission, vehicle: VehicleSeen) -> Iterator[Check]:
     if least is None:
         return
     if vehicle.battery is None:
-        yield Check(FAIL, "battery", f"not told, the mission ends at {least:g} %")
+        yield Check(FAIL, "battery", f"not reported, the mission ends at {least:g} %")
     else:
         grade = PASS if vehicle.battery > least else FAIL
         yield Check(grade, "battery", f"{vehicle.battery:.0f} %, the mission ends at {least:g} %")

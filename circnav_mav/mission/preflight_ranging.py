@@ -1,4 +1,4 @@
-"""What is said of the ranging before a flight."""
+"""What preflight says of the ranging."""
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise

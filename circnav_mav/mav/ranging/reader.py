@@ -16,7 +16,7 @@ from circnav_mav.mav.ranging.interface import OTHERS, RangingSettings, Reading, 
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 
 MISSED = 2.5
-"""Ranges of the usual rate that must have failed to come by the old clock before a new one is believed."""
+"""Ranges of the usual rate that must have failed to come by the old clock before a new one is followed."""
 AUTOPILOT_COMPONENT = 1
 EPOCH_JUMP = 1.0
 """A stamp that is newer than the sensor's clock allows, or older than the newest, by more than this, s, is of a clock
@@ -31,8 +31,7 @@ class RangeReader:
     def __init__(
         self, settings: RangingSettings, noise: NoiseCheck | None = None, slower: Slower = nobody_tells
     ) -> None:
-        """noise: whether ranges scatter as they say; None: they are believed. slower: tells of the link that they come
-        on."""
+        """noise: whether ranges scatter as they say; None: not checked. slower: tells of the link that they come on."""
         self._settings = settings
         self._noise = noise
         self._kind = RANGING_MESSAGES[settings.message]
@@ -66,7 +65,7 @@ class RangeReader:
         strangers: Collection[int] = (),
         one_way: float = 0.0,
     ) -> RangeSample | None:
-        """The sample that a message carries, or None; a refusal is counted in `rejected`.
+        """The sample that a message carries, or None; a rejection is counted in `rejected`.
 
         height: of the vehicle above the target, m; None: ranges are taken as horizontal. strangers: systems of other
         vehicles, whose ranges are theirs unless the mission names one of them. one_way: how long messages of this link
@@ -85,7 +84,7 @@ class RangeReader:
         return answer
 
     def reject(self, reason: Reject) -> None:
-        """Count a refusal, also one decided further on (gate, stall)."""
+        """Count a rejection, also one decided further on (gate, stall)."""
         self.rejected[reason.value] += 1
 
     def _judge(
@@ -109,9 +108,9 @@ class RangeReader:
             self._begin_anew()
         carried = reading.stamp if self._settings.sensor_stamps else None
         stamp = now if carried is None else self._clock.unwrapped(carried)
-        refusal = self._order(reading, stamp, now)
-        if refusal is not None:
-            return refusal
+        rejection = self._order(reading, stamp, now)
+        if rejection is not None:
+            return rejection
         self._source, self._sequence, self._slant = source, reading.sequence, reading.slant
         self._clock.take(stamp, now)
         return self._sample(reading, stamp, now, height)
@@ -140,7 +139,7 @@ class RangeReader:
         if settings.system not in (None, source[0]) or settings.component not in (None, source[1]):
             return False
         if settings.system is None and source[0] in strangers and source[1] == AUTOPILOT_COMPONENT:
-            return False  # also where it was heard, and believed, before its heartbeat told what it is
+            return False  # also where its ranges were taken before its heartbeat told what it is
         if self.sender_stays and self._source is not None:
             return source == self._source
         if settings.system is None and source[0] in strangers:
@@ -165,7 +164,7 @@ class RangeReader:
         return None
 
     def _jump(self, stamp: float, now: float) -> Reject | None:
-        """A stamp of another clock: believed when the next one agrees with it, a glitch must not reset us; and when no
+        """A stamp of another clock: followed when the next one agrees with it, a glitch must not reset us; and when no
         range came by the old clock meanwhile, which a looped route does not silence."""
         anew = self._clock.set_anew(stamp, now, within=EPOCH_JUMP)
         if not anew or now - self._clock.newest_at < MISSED / self._settings.rate:
