@@ -30,14 +30,16 @@ def check_bundled(mission: Mission, config: VehicleConfig) -> Iterator[Check]:
         )
         return
     cruise = config.vehicle.cruise_speed_mps or CRUISE_MPS.get(profile, wanted.speed_mps)
-    if kind == "plane" and wanted.method != "attitude" and abs(cruise / wanted.speed_mps - 1) > SPEED_OFF:
+    cruises = any(vehicle.cruises for vehicle in mission.vehicles)
+    if cruises and abs(cruise / wanted.speed_mps - 1) > SPEED_OFF:
         yield Check(
             Grade.WARN,
             "sim",
             f"the bundled plane cruises at {cruise:g} m/s (sim.vehicle.cruise_speed_mps), "
             f"vehicle.speed_mps counts on {wanted.speed_mps:g}",
         )
-    drift, tolerated = _drift(config, in_air=kind == "plane"), drift_allowed(mission)
+    in_air = any(vehicle.ground_speed_sigma is None for vehicle in mission.vehicles)
+    drift, tolerated = _drift(config, in_air=in_air), drift_allowed(mission)
     if drift > tolerated > 0:
         yield Check(
             Grade.WARN,

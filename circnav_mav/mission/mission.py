@@ -11,7 +11,7 @@ from circnav_mav.guidance.step import LawChoice
 from circnav_mav.guidance.theory import rate_gain
 from circnav_mav.guidance.types import Direction, Orbit
 from circnav_mav.mav.autopilots.interface import AirLoops, Autopilot, VehicleFacts
-from circnav_mav.mav.autopilots.table import allowed
+from circnav_mav.mav.autopilots.table import allowed, table_key
 from circnav_mav.mav.frames import GRAVITY
 from circnav_mav.mav.height import HeightSettings
 from circnav_mav.mav.ranging.interface import RangingSettings
@@ -106,10 +106,9 @@ class Mission:
 
     @property
     def vehicle_key(self) -> tuple[str, str]:
-        """The vehicle as the adapter table knows it; the stick is how a PX4 plane is steered by default."""
+        """The vehicle as the table of vehicles knows it."""
         vehicle = self.file.vehicle
-        by_default = vehicle.method is None or (vehicle.kind == "plane" and vehicle.method == "stick")
-        return vehicle.autopilot, vehicle.kind if by_default else f"{vehicle.kind} {vehicle.method}"
+        return table_key(vehicle.autopilot, vehicle.kind, vehicle.method)
 
     @property
     def vehicles(self) -> tuple[type[Autopilot], ...]:

@@ -167,6 +167,23 @@ def test_the_guided_mode_is_asked_for_by_its_numbers(key: tuple[str, str], numbe
     assert (command.number, command.params) == (176, (1, *numbers))
 
 
+@pytest.mark.parametrize(
+    ("key", "mode", "wanted"),
+    [
+        (("ardupilot", "copter"), 5, False),
+        (("px4", "copter"), 4 << 16 | 3 << 24, True),
+        (("px4", "copter"), None, True),
+        (("px4", "plane"), 4 << 16 | 3 << 24, True),  # AUTO.LOITER
+        (("px4", "plane"), 3 << 16, False),  # POSCTL is flown by stick: ours would move it
+        (("px4", "plane"), None, False),
+    ],
+)
+def test_setpoints_before_the_guided_mode_go_only_where_nothing_obeys_them(
+    key: tuple[str, str], mode: int | None, wanted: bool
+) -> None:
+    assert AUTOPILOTS[key](FACTS).wants_setpoints_in(mode) == wanted
+
+
 @pytest.mark.parametrize(("direction", "sign"), [(Direction.CLOCKWISE, 1), (Direction.COUNTERCLOCKWISE, -1)])
 def test_a_whole_flight_ends_in_the_frame_built_by_hand(direction: Direction, sign: int) -> None:
     """Holding without ranges turns at V/r_d = 15/100 rad/s: clockwise is positive in MAVLink."""

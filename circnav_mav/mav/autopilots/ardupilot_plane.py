@@ -42,7 +42,9 @@ class ArduPlane(Autopilot):
     why_no_stop = "a plane left in its mode loiters 3 s later, banking hard at once"
     shapes = frozenset({("SET_ATTITUDE_TARGET", MASK)})
     needs = frozenset({"airspeed"})
+    banks = True
     measures_airspeed = True
+    cruises = True
     least_turn_gain = 0.72  # it slips in its turns (flown: .70 .. .75)
     slips = True
     parameters = (

@@ -106,9 +106,13 @@ class Autopilot(ABC):
     """The autopilot's parameters that matter to a flight, and what their values imply."""
     flies: ClassVar[bool] = True
     """Whether it must be in the air before it may be engaged."""
+    banks: ClassVar[bool] = False
+    """Whether it turns by banking, and a mission must limit its bank."""
     measures_airspeed: ClassVar[bool] = False
     """Whether VFR_HUD.airspeed is an airspeed. A copter without a sensor sends its ground speed there, which is a
     velocity and not to be used; it holds the commanded speed instead."""
+    cruises: ClassVar[bool] = False
+    """Whether it flies the airspeed that the autopilot itself holds, whatever the mission says."""
     ground_speed_sigma: ClassVar[float | None] = None
     """Share by which the speed over the ground may differ from the commanded one, where the autopilot holds that and
     the wind does not carry the vehicle; None where it does."""

@@ -23,6 +23,7 @@ class PX4PlaneAttitude(PX4Vehicle):
     vehicle_types = PLANE_TYPES
     shapes = frozenset({("SET_ATTITUDE_TARGET", MASK)})
     needs = frozenset({"airspeed", "altitude", "climb"})
+    banks = True
     measures_airspeed = True
     least_turn_gain = 0.72  # as ArduPlane
     parameters = (*OFFBOARD_RULES, rule("FW_AIRSPD_MIN", least_airspeed), rule("FW_AIRSPD_MAX", most_airspeed))

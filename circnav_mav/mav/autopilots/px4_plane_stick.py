@@ -84,7 +84,9 @@ class PX4PlaneStick(PX4Vehicle):
     exits = MappingProxyType({name: mode for name, mode in PX4Vehicle.exits.items() if name != "hold"})
     shapes = frozenset({("MANUAL_CONTROL", None)})
     needs = frozenset({"airspeed"})
+    banks = True
     measures_airspeed = True
+    cruises = True
     least_turn_gain = 0.72  # as ArduPlane, not flown long enough to know better
     slips = True
     parameters = (

@@ -31,6 +31,23 @@ REFUSED: dict[tuple[str, str], str] = {
 """The vehicles that cannot, with the reason for people."""
 
 
+DEFAULT_METHODS = {"plane": "stick"}
+"""The method by which a kind is steered where the mission names none; PX4's planes have another."""
+_KEYS = (*AUTOPILOTS, *REFUSED)
+MISSION_AUTOPILOTS = (*dict.fromkeys(autopilot for autopilot, _ in _KEYS), "auto")
+MISSION_KINDS = tuple(dict.fromkeys(kind.split()[0] for _, kind in _KEYS))
+MISSION_METHODS = tuple(
+    dict.fromkeys((*DEFAULT_METHODS.values(), *(kind.split()[1] for _, kind in _KEYS if " " in kind)))
+)
+MISSION_EXITS = ("stop", *dict.fromkeys(name for vehicle in AUTOPILOTS.values() for name in vehicle.exits))
+"""The words of a mission file."""
+
+
+def table_key(autopilot: str, kind: str, method: str | None) -> tuple[str, str]:
+    """The row that a mission file means."""
+    return autopilot, kind if method in (None, DEFAULT_METHODS.get(kind)) else f"{kind} {method}"
+
+
 def allowed(autopilot: str, kind: str | None) -> dict[tuple[str, str], type[Autopilot]]:
     """The rows that a mission allows; `auto` allows all of the kind; where no kind is given, all flown by default."""
     return {
