@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from circnav_mav.mav.clocks import WINDOW, ClockSpeed, RemoteClock
+from circnav_mav.mav.clocks import BOOT_WRAP, WINDOW, ClockSpeed, RemoteClock
 
 
 def test_the_first_sample_is_taken_to_have_come_at_once():
@@ -63,6 +63,40 @@ def test_a_delay_that_stays_is_believed_after_two_windows_at_the_latest():
         ages.append(arrival - clock.local(100 + 0.1 * i, arrival))
     assert ages[0] == pytest.approx(0.3)
     assert ages[-1] == pytest.approx(0.0, abs=1e-9)
+
+
+# --- stamps in order ---
+
+
+def test_stamps_go_on_along_one_line_through_the_wrap_and_back():
+    """10 s of ms in 32 bits before and after 49.7 days; one that was overtaken lies behind."""
+    clock = RemoteClock(wrap=BOOT_WRAP)
+    assert abs(BOOT_WRAP - 49.71 * 86400) < 300
+    assert clock.unwrapped(5.0) == 5.0
+    clock.take(BOOT_WRAP - 10.0, 100.0)
+    assert clock.unwrapped(3.0) == pytest.approx(BOOT_WRAP + 3.0)
+    clock.take(BOOT_WRAP + 3.0, 113.0)
+    assert clock.unwrapped(BOOT_WRAP - 1.0) == pytest.approx(BOOT_WRAP - 1.0)
+
+
+@pytest.mark.parametrize(
+    ("stamps", "within", "proven"),
+    [
+        ([(3.0, 1.0)], 1.0, False),
+        ([(3.0, 1.0), (3.1, 1.1)], 1.0, True),
+        ([(3.0, 1.0), (3.0, 1.1)], 1.0, False),  # the same frame again
+        ([(3.0, 1.0), (9.0, 1.1)], 1.0, False),  # goes on, but not as fast as time does
+        ([(3.0, 1.0), (9.0, 1.1)], np.inf, True),
+        ([(3.0, 1.0), None, (3.1, 1.1)], 1.0, False),  # one of the old clock between them
+    ],
+)
+def test_a_clock_was_set_anew_when_two_stamps_in_a_row_say_so(stamps, within, proven):
+    clock = RemoteClock()
+    clock.take(700.0, 0.9)
+    for stamp in stamps:
+        anew = clock.set_anew(*stamp, within=within) if stamp else clock.on_line()
+        assert clock.doubted == (stamp is not None)
+    assert anew == proven
 
 
 # --- a remote clock that stands still ---
