@@ -5,7 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from circnav_mav.mav.clocks import BOOT_WRAP, WINDOW, ClockSpeed, RemoteClock
+from circnav_mav.mav.clocks import BOOT_WRAP, ClockSpeed, RemoteClock
+
+WINDOW = 100
+"""Samples within which a drift of the clock is followed: 10 s of a 10 Hz radio."""
 
 
 def test_the_first_sample_is_taken_to_have_come_at_once():
