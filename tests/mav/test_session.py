@@ -195,9 +195,9 @@ def test_a_boot_time_that_steps_back_is_a_reboot(here, carrier):
             return mavlink.MAVLink_system_time_message(0, ms)
         return mavlink.MAVLink_attitude_message(ms, 0, 0, 0, 0, 0, 0)
 
-    for ms in (500_000, 500_100, 499_200, 500_200):
+    for ms in (500_000, 500_100, 499_200, 499_300, 500_200):
         here.hear(boot(ms))
-    assert here.session.reboots == 0, "0.9 s back is a message that came late"
+    assert here.session.reboots == 0, "0.9 s back are messages that came late"
     for ms in (3_000, 500_300, 3_000, 3_000, 500_400):
         here.hear(boot(ms))
     assert here.session.reboots == 0, "single frames that came late by another way, one of them twice"
