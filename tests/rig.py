@@ -13,7 +13,7 @@ from circnav_mav.guidance.step import LawChoice
 from circnav_mav.guidance.types import Direction, Orbit
 from circnav_mav.mav.autopilots.interface import VehicleFacts
 from circnav_mav.mav.autopilots.table import AUTOPILOTS
-from circnav_mav.mav.ranging import RangingSettings
+from circnav_mav.mav.ranging.interface import RangingSettings
 from circnav_mav.mav.session import LinkSettings, Session
 from circnav_mav.pilot import VEHICLE, Pilot, PilotSettings, Timing
 

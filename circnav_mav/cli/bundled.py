@@ -3,19 +3,17 @@
 from collections.abc import Iterator
 from math import cos, hypot, radians, sin
 
-from circnav_mav.mission.check_result import Check, Grade
+from circnav_mav.mav.autopilots.table import AUTOPILOTS
+from circnav_mav.mav.check_result import Check, Grade
 from circnav_mav.mission.checks import drift_allowed
 from circnav_mav.mission.mission import Mission
 from sim.config import VehicleConfig
 from sim.starting import CRUISE_MPS
 
 FLIES = {
-    "arducopter": ("ardupilot", "copter"),
-    "arducopter_nogps": ("ardupilot", "copter"),
-    "arduplane": ("ardupilot", "plane"),
-    "ardurover": ("ardupilot", "rover"),
-    "px4_copter": ("px4", "copter"),
-    "px4_plane": ("px4", "plane"),
+    profile: (autopilot, kind.split()[0])
+    for (autopilot, kind), vehicle in AUTOPILOTS.items()
+    for profile in vehicle.bundled
 }
 """Autopilot and kind that each profile imitates."""
 SPEED_OFF = 0.05
@@ -32,14 +30,16 @@ def check_bundled(mission: Mission, config: VehicleConfig) -> Iterator[Check]:
         )
         return
     cruise = config.vehicle.cruise_speed_mps or CRUISE_MPS.get(profile, wanted.speed_mps)
-    if kind == "plane" and wanted.method != "attitude" and abs(cruise / wanted.speed_mps - 1) > SPEED_OFF:
+    cruises = any(vehicle.cruises for vehicle in mission.vehicles)
+    if cruises and abs(cruise / wanted.speed_mps - 1) > SPEED_OFF:
         yield Check(
             Grade.WARN,
             "sim",
             f"the bundled plane cruises at {cruise:g} m/s (sim.vehicle.cruise_speed_mps), "
             f"vehicle.speed_mps counts on {wanted.speed_mps:g}",
         )
-    drift, tolerated = _drift(config, in_air=kind == "plane"), drift_allowed(mission)
+    in_air = any(vehicle.ground_speed_sigma is None for vehicle in mission.vehicles)
+    drift, tolerated = _drift(config, in_air=in_air), drift_allowed(mission)
     if drift > tolerated > 0:
         yield Check(
             Grade.WARN,

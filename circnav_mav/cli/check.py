@@ -6,7 +6,7 @@ import click
 
 from circnav_mav.cli.bundled import check_bundled
 from circnav_mav.cli.exits import Exit, Refused
-from circnav_mav.mission.check_result import Check, Grade
+from circnav_mav.mav.check_result import Check, Grade
 from circnav_mav.mission.checks import check_mission
 from circnav_mav.mission.load import MissionError, load_mission
 from circnav_mav.mission.mission import SIM, Mission

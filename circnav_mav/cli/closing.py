@@ -49,7 +49,7 @@ def _summary(pilot: Pilot, recorder: Recorder, mission: Mission, clock: RunClock
         epoch_us=clock.epoch_us,
         recording_problem=recorder.problem,
         voice=pilot.settings.voice.value,
-        clock_speed=pilot.session.boot_clock.noticed,
+        clock_speed=pilot.session.clock_speed.noticed,
         engaged_s=pilot.engaged_at,
         until_s=recorder.until,
     )

@@ -24,7 +24,7 @@ from circnav_mav.cli.exits import Exit, Refused, cannot, check_named
 from circnav_mav.cli.report import pictures_of_flight
 from circnav_mav.cli.terminal import outlive_terminal
 from circnav_mav.cli.verdict import verdict
-from circnav_mav.mission.check_result import Grade
+from circnav_mav.mav.check_result import Grade
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import VEHICLE, Ending, Pilot, Voice
 from circnav_mav.runtime.clock import RunClock, local_time_name

@@ -10,9 +10,8 @@ import click
 from circnav_mav.cli.check import all_checks, read_mission, show_checks
 from circnav_mav.cli.connect import link_troubles, open_links, open_signing, start_clock, start_vehicle
 from circnav_mav.cli.exits import Exit, Refused
-from circnav_mav.mission.check_result import Check, Grade
+from circnav_mav.mav.check_result import Check, Grade
 from circnav_mav.mission.mission import Mission
-from circnav_mav.mission.param_rules import names_for
 from circnav_mav.mission.preflight import judge
 from circnav_mav.pilot.survey import Observations, Survey
 from circnav_mav.runtime.clock import AutopilotClock
@@ -49,7 +48,7 @@ def _observe(mission: Mission, seconds: float) -> tuple[Observations, float, lis
         folder = Path(open_things.enter_context(tempfile.TemporaryDirectory(prefix="circnav-")))
         (folder / "mission.toml").write_text(mission.text, encoding="utf-8")
         start_vehicle(mission, folder / "mission.toml", links, open_things)
-        survey = Survey(mission.pilot_settings(), names_for, seconds=seconds, signing=signing)
+        survey = Survey(mission.pilot_settings(), seconds=seconds, signing=signing)
         clock = start_clock(mission, survey.session)
         stop = StopRequest()
         listen(survey, links, clock, stop, signing_time)

@@ -8,7 +8,7 @@ import click
 
 from circnav_mav.cli.exits import Exit, Refused, cannot, check_named
 from circnav_mav.cli.replay_who import say_who
-from circnav_mav.mav.range_messages import describe_rejected
+from circnav_mav.mav.ranging.interface import describe_rejected
 from circnav_mav.mission.load import MissionError, load_mission, parse_mission
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import Pilot, PilotSettings, Voice

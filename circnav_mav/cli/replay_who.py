@@ -5,7 +5,8 @@ from collections.abc import Iterable, Iterator
 import click
 
 from circnav_mav.mav.autopilots.interface import Autopilot
-from circnav_mav.runlog.log_sources import MARKS, LogSources, RangeCounts, RangeSource
+from circnav_mav.mav.ranging.table import RANGING_MESSAGES
+from circnav_mav.runlog.log_sources import LogSources, RangeCounts, RangeSource
 
 MOST = 6
 """Senders that are named; a ground station may plot dozens of values."""
@@ -44,7 +45,8 @@ def _unused(idle: dict[RangeSource, RangeCounts]) -> Iterator[str]:
 
 
 def _name(source: RangeSource) -> str:
-    marks = ", ".join(f"{mark} {value}" for mark, value in zip(MARKS[source.message], source.marks, strict=True))
+    fields = RANGING_MESSAGES[source.message].marks
+    marks = ", ".join(f"{mark} {value}" for mark, value in zip(fields, source.marks, strict=True))
     return f"{source.message.upper()} of {source.system}/{source.component} ({marks})"
 
 

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from circnav_mav.mav.range_messages import OTHERS, describe_rejected
+from circnav_mav.mav.ranging.interface import OTHERS, describe_rejected
 
 NOTABLE = 1.0
 """Time, s, that somebody else had the vehicle from which on it is told."""

@@ -34,12 +34,12 @@ class CommandResult:
 
     @property
     def accepted(self) -> bool:
-        """Whether the vehicle said yes."""
+        """Whether the vehicle accepted it."""
         return self.result == 0  # MAV_RESULT_ACCEPTED
 
     @property
     def refused(self) -> bool:
-        """Whether the vehicle said no (silence is not a no)."""
+        """Whether the vehicle rejected it (silence is no answer)."""
         return self.result is not None and not self.accepted
 
     @property

@@ -42,7 +42,7 @@ class Peer:
         return (self.system, self.component)
 
 
-class Pinning:
+class Identity:
     """Keeps who the vehicle is, where it is spoken to, and why nobody else is."""
 
     def __init__(self, settings: LinkSettings, adapters: tuple[Autopilot, ...]) -> None:

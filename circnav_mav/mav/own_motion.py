@@ -5,13 +5,13 @@ is missing or older than its bound is None; who needs it says so.
 """
 
 from dataclasses import dataclass, replace
-from math import tan
+from math import inf, tan
 
 from circnav_mav.guidance.types import OwnMotion
 from circnav_mav.mav.accelerations import Accelerations, Attitude
+from circnav_mav.mav.clocks import BOOT_WRAP, RemoteClock, Slower, nobody_tells
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.frames import GRAVITY, YawRate, course_from_yaw, push_from_tilt, turn_rate_from_yaw_rate
-from circnav_mav.mav.sensor_clock import SensorClock, Slower, nobody_tells
 
 MOST_TILT = 1.2
 """Tilt, rad, beyond which no turn is coordinated and no thrust carries the weight any more."""
@@ -48,7 +48,7 @@ def coordinated_yaw_rate(roll: float, airspeed: float) -> YawRate:
     return YawRate(GRAVITY * tan(roll) / max(airspeed, 1.0))
 
 
-class MotionSensor:
+class OwnMotionSensor:
     """Keeps the newest own motion, and forgets what is stale.
 
     An attitude counts from when it was measured, by the vehicle's own clock: on the way it may have waited, or been
@@ -63,10 +63,7 @@ class MotionSensor:
         self._air_at = float("-inf")
         self._body: Attitude | None = None
         self._accelerations = Accelerations()
-        self._clock = SensorClock(slower)
-        self._stamp_ms: int | None = None
-        self._doubtful_ms: int | None = None
-        self._heard_at = float("-inf")
+        self._clock = RemoteClock(slower, wrap=BOOT_WRAP)
 
     def receive(self, message: Message, now: float) -> bool:
         """Take one message of the pinned vehicle in; tells whether it was a usable ATTITUDE, newer than all before."""
@@ -97,19 +94,21 @@ class MotionSensor:
 
     def _measured(self, stamp_ms: int, now: float) -> float | None:
         """When an attitude was measured, in our time; None for one that is not newer than the newest."""
-        later = None if self._stamp_ms is None else _later(stamp_ms, self._stamp_ms)
+        clock = self._clock
+        stamp = clock.unwrapped(stamp_ms / 1000)
+        later = inf if clock.newest is None else stamp - clock.newest
         if later == 0:
-            return now if now - self._heard_at > REPEATED else None
-        if later is not None and later < 0:
-            doubtful, self._doubtful_ms = self._doubtful_ms, stamp_ms
-            if later >= -OVERTAKEN or doubtful is None or _later(stamp_ms, doubtful) <= 0:
+            return now if now - clock.newest_at > REPEATED else None
+        if later < 0:
+            anew = clock.set_anew(stamp, now)
+            if later >= -OVERTAKEN or not anew:
                 return None
-            self._clock.reset()
-        self._stamp_ms, self._heard_at, self._doubtful_ms = stamp_ms, now, None
-        measured = self._clock.local(stamp_ms / 1000, now)
+            clock.reset()
+        measured = clock.local(stamp, now)
         if now - measured > MOST_LATE:
-            self._clock.reset()
-            measured = self._clock.local(stamp_ms / 1000, now)
+            clock.reset()
+            measured = clock.local(stamp, now)
+        clock.take(stamp, now)
         return measured
 
     def own(self, now: float, airspeed: float, *, banks: bool = False) -> OwnMotion | None:
@@ -137,11 +136,6 @@ class MotionSensor:
         return Motion(
             attitude.roll, attitude.pitch, attitude.yaw, attitude.yaw_rate, air.airspeed, air.altitude, air.climb
         )
-
-
-def _later(stamp_ms: int, before_ms: int) -> float:
-    """Seconds from one stamp to another, through the 32-bit wrap."""
-    return ((stamp_ms - before_ms + 2**31) % 2**32 - 2**31) / 1000
 
 
 def _real(value: float, most: float, above: float = float("-inf")) -> float | None:

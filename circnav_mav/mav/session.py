@@ -1,5 +1,5 @@
-"""The conversation with one vehicle: our heartbeat, commands, streams, time. See `pinning` for who the vehicle is, and
-`told` for what it tells of itself."""
+"""The conversation with one vehicle: our heartbeat, commands, streams, time. See `identity` for who the vehicle is, and
+`vehicle_state` for what it reports."""
 
 from collections import deque
 from collections.abc import Hashable, Mapping
@@ -10,13 +10,13 @@ from circnav_mav.mav.accelerations import UNITS
 from circnav_mav.mav.autopilots.interface import Autopilot
 from circnav_mav.mav.codec import Encoder, Message
 from circnav_mav.mav.commands import Command, CommandResult, CommandSender, once
-from circnav_mav.mav.identity import LinkSettings, Peer, Pinning, describe_vehicle, sender
-from circnav_mav.mav.own_motion import MotionSensor
+from circnav_mav.mav.identity import Identity, LinkSettings, Peer, describe_vehicle, sender
+from circnav_mav.mav.own_motion import OwnMotionSensor
 from circnav_mav.mav.signing import Signing
 from circnav_mav.mav.statustext import Announcer
 from circnav_mav.mav.streams import StreamRequests
-from circnav_mav.mav.timesync import RoundTrip
-from circnav_mav.mav.vehicle_state import TELLING, Told
+from circnav_mav.mav.timesync import Timesync
+from circnav_mav.mav.vehicle_state import TELLING, VehicleState
 
 __all__ = ["HANDLED", "HEARTBEAT_PERIOD", "LOST_AFTER", "LinkSettings", "Session", "describe_vehicle"]
 
@@ -36,7 +36,7 @@ HANDLED = frozenset(
 
 
 class Session:
-    """Everything that is said between us and the vehicle, except setpoints and ranging."""
+    """Everything between us and the vehicle, except setpoints and ranging."""
 
     def __init__(
         self,
@@ -53,18 +53,18 @@ class Session:
         self._mode_results: deque[CommandResult] = deque(maxlen=8)
         self._sent: deque[bytes] = deque(maxlen=SENT_KEPT)
         self._twin_heard: deque[float] = deque(maxlen=TWIN_FRAMES)
-        self.pinning = Pinning(settings, adapters)
-        self.told = Told(self.pinning.adapter)
+        self.pinning = Identity(settings, adapters)
+        self.told = VehicleState(self.pinning.adapter)
         self.encoder = Encoder(settings.system_id or 1, settings.component_id, signing)
         self.commands = CommandSender()
         self.streams = StreamRequests({})
-        self.round_trip = RoundTrip()
-        self.motion = MotionSensor(self.round_trip.slower)
+        self.round_trip = Timesync()
+        self.motion = OwnMotionSensor(self.round_trip.slower)
         self.announcer = Announcer()
         self.mode_requests_dropped = 0
         """Times that a request was dropped before its answer had come."""
         self.ignored, self.misfits = self.pinning.ignored, self.pinning.misfits
-        self.boot_clock, self.texts = self.told.boot_clock, self.told.texts
+        self.clock_speed, self.texts = self.told.clock_speed, self.told.texts
 
     # --- of the vehicle, as everybody asks it ---
 
@@ -110,7 +110,7 @@ class Session:
 
     @property
     def boot_time(self) -> float | None:
-        """The vehicle's newest time since boot, s, None before it was heard."""
+        """The vehicle's newest time since boot, s, None before it was reported."""
         return self.told.boot_time
 
     @property
@@ -120,11 +120,11 @@ class Session:
 
     @property
     def firmware(self) -> str | None:
-        """Version of the vehicle's firmware, None before it was told."""
+        """Version of the vehicle's firmware, None before it was reported."""
         return self.told.firmware
 
     def heartbeat_age(self, now: float) -> float:
-        """Seconds since the vehicle last told its mode."""
+        """Seconds since the vehicle last reported its mode."""
         return now - self.told.heard_at
 
     @property
@@ -183,7 +183,7 @@ class Session:
             self.told.moved()
         else:
             self.told.found(self.adapter)
-            self.streams = StreamRequests({**self.adapter.streams, **self._more_streams})
+            self.streams = StreamRequests({**self.adapter.firmware.streams, **self._more_streams})
             self.commands.send(Command(dialect.MAV_CMD_REQUEST_MESSAGE, (dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION,)))
         if self.told.unproven:
             self.commands.send(Command(dialect.MAV_CMD_REQUEST_MESSAGE, (dialect.MAVLINK_MSG_ID_SYSTEM_TIME,)))

@@ -29,7 +29,7 @@ class UnsafeSetpointError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What a vehicle may be told. max_yaw_rate in rad/s, max_speed in m/s, max_yaw_acceleration in rad/s^2 or None,
+    """What may be commanded. max_yaw_rate in rad/s, max_speed in m/s, max_yaw_acceleration in rad/s^2 or None,
     max_bank and max_pitch (of attitude setpoints) in rad, max_climb (of velocity setpoints) in m/s, max_stick (of
     MANUAL_CONTROL) in thousandths."""
 
@@ -42,7 +42,7 @@ class Limits:
     max_stick: float = 1000.0
 
 
-class SetpointGate:
+class SetpointGuard:
     """Lets finite setpoints within limits through, slewed where the mission asks for it."""
 
     def __init__(self, limits: Limits) -> None:

@@ -2,6 +2,7 @@
 
 from pymavlink.dialects.v20 import all as dialect
 
+from circnav_mav.mav.clocks import our_boot_ms
 from circnav_mav.mav.codec import Message
 
 TEXT_INTERVAL = 2.0
@@ -39,7 +40,7 @@ class Announcer:
         if now - self._last_plot < PLOT_INTERVAL or not values:
             return []
         self._last_plot = now
-        stamp = int(now * 1000) & 0xFFFFFFFF
+        stamp = our_boot_ms(now)
         plotted = {name: value for name, value in values.items() if abs(value) < MOST_PLOTTED}
         return [dialect.MAVLink_named_value_float_message(stamp, n.encode(), v) for n, v in plotted.items()]
 

@@ -51,7 +51,7 @@ class StreamRequests:
         self._since = None
 
     def denied(self, command: Command) -> None:
-        """The vehicle refused a stream: asking again would only fill the link."""
+        """The vehicle denied a stream: asking again would only fill the link."""
         stream = self._streams.get(int(command.params[0]))
         if stream is not None:
             stream.denied = True

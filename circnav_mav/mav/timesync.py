@@ -29,7 +29,7 @@ PATIENCE = 10.0
 """Time, s, after which a vehicle that has answered nothing counts as one that never does, and a question as lost."""
 
 
-class RoundTrip:
+class Timesync:
     """Asks the vehicle the time. What is known outlives a loss of the link: only the same vehicle may come back."""
 
     def __init__(self) -> None:

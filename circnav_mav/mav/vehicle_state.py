@@ -1,11 +1,11 @@
-"""What our vehicle has told of itself: its mode and when it left ours, whether it flies, when it has started."""
+"""What our vehicle reports: its mode and when it left ours, whether it flies, when it has started."""
 
 from collections import deque
 
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mav.autopilots.interface import Autopilot
-from circnav_mav.mav.boot_clock import BootClock
+from circnav_mav.mav.clocks import BOOT_WRAP, ClockSpeed, RemoteClock
 from circnav_mav.mav.codec import Message
 
 REBOOT_STEP = 1.0
@@ -27,14 +27,12 @@ NOT_FLYING = (
 """EXTENDED_SYS_STATE.landed_state in which an aircraft is not to be steered."""
 
 
-class Told:
+class VehicleState:
     """Keeps the newest of everything; only messages of the pinned vehicle come here."""
 
     def __init__(self, adapter: Autopilot) -> None:
         self._adapter = adapter
-        self._boot_ms: int | None = None
-        self._boot_at = float("-inf")
-        self._doubtful_ms: int | None = None
+        self._boot = RemoteClock(wrap=BOOT_WRAP)
         self._lost_ours = False
         self._sequence: int | None = None
         self._late = False
@@ -42,7 +40,7 @@ class Told:
         self.mode: int | None = None
         self.armed = False
         self.heard_at = float("-inf")
-        """When the vehicle last told its mode, s."""
+        """When the vehicle last reported its mode, s."""
         self.heartbeats = 0
         self.departures = 0
         """Times that the guided mode was left, or the vehicle disarmed in it: also between two looks at it."""
@@ -54,8 +52,8 @@ class Told:
         """Times that the vehicle has started again, or that another one has taken its ids over."""
         self.unproven = False
         """Whether it is not known yet, after a silence or from another address, that it is the vehicle of before: ids
-        are what every vehicle of a maker comes with. Its time tells; a vehicle that has told none before need not."""
-        self.boot_clock = BootClock()
+        are what every vehicle of a maker comes with. Its time tells; one that has reported none before need not."""
+        self.clock_speed = ClockSpeed()
         self.texts: deque[str] = deque(maxlen=8)
         self.firmware: str | None = None
 
@@ -71,8 +69,8 @@ class Told:
 
     @property
     def boot_time(self) -> float | None:
-        """The vehicle's newest time since boot, s, None before it was heard."""
-        return None if self._boot_ms is None else self._boot_ms / 1000
+        """The vehicle's newest time since boot, s, None before it was reported."""
+        return self._boot.newest
 
     def found(self, adapter: Autopilot) -> None:
         """The vehicle is there, for the first time or again."""
@@ -81,7 +79,7 @@ class Told:
 
     def moved(self) -> None:
         """The vehicle speaks from another address, maybe by another way."""
-        self._sequence, self.unproven = None, self._boot_ms is not None
+        self._sequence, self.unproven = None, self._boot.newest is not None
 
     def lost(self) -> None:
         """The vehicle has fallen silent."""
@@ -147,23 +145,24 @@ class Told:
 
     def _on_boot_time(self, message: Message, now: float) -> None:
         """A boot time that steps back is a reboot; the counter's own wrap after 49.7 days is not."""
-        newest = message.time_boot_ms
-        if self._boot_ms is None or _later(newest, self._boot_ms) >= -1000 * REBOOT_STEP:
-            self.reboots += self.unproven and self._is_ahead(newest, now)
-            self.boot_clock.heard(newest / 1000, now)
-        elif self._doubtful_ms is None or _later(newest, self._doubtful_ms) <= 0:
-            self._doubtful_ms = newest  # one frame that came late by another way is no reboot; the next one tells
-            return
-        else:
+        boot = self._boot.unwrapped(message.time_boot_ms / 1000)
+        step = 0.0 if self._boot.newest is None else boot - self._boot.newest
+        if step < -REBOOT_STEP:
+            if not self._boot.set_anew(boot, now):
+                return
             self.reboots += 1
-        self._boot_ms, self._boot_at, self._doubtful_ms, self.unproven = newest, now, None, False
+        else:
+            self.reboots += self.unproven and self._is_ahead(step, now)
+            self.clock_speed.heard(boot, now)
+        self._boot.take(boot, now)
+        self.unproven = False
 
-    def _is_ahead(self, boot_ms: int, now: float) -> bool:
-        """Whether the vehicle's time has gone on by more than ours: then it is another vehicle's."""
-        if self._boot_ms is None or self.boot_clock.noticed is not None:
+    def _is_ahead(self, step: float, now: float) -> bool:
+        """Whether the vehicle's time has gone on (s) by more than ours: then it is another vehicle's."""
+        if self._boot.newest is None or self.clock_speed.noticed is not None:
             return False
-        silence = now - self._boot_at
-        return _later(boot_ms, self._boot_ms) / 1000 - silence > AHEAD + AHEAD_SHARE * silence
+        silence = now - self._boot.newest_at
+        return step - silence > AHEAD + AHEAD_SHARE * silence
 
     def _on_text(self, message: Message, now: float) -> None:
         text = message.text if isinstance(message.text, str) else message.text.decode("ascii", "replace")
@@ -174,20 +173,15 @@ class Told:
         self.firmware = f"{version >> 24}.{version >> 16 & 255}.{version >> 8 & 255}"
 
 
-def _later(boot_ms: int, before_ms: int) -> int:
-    """Milliseconds from one boot time to another, through the 32-bit wrap."""
-    return (boot_ms - before_ms + 2**31) % 2**32 - 2**31
-
-
 _HANDLERS = {
-    "HEARTBEAT": Told._on_heartbeat,
-    "CURRENT_MODE": Told._on_current_mode,
-    "SYS_STATUS": Told._on_battery,
-    "EXTENDED_SYS_STATE": Told._on_landed,
-    "SYSTEM_TIME": Told._on_boot_time,
-    "ATTITUDE": Told._on_boot_time,
-    "STATUSTEXT": Told._on_text,
-    "AUTOPILOT_VERSION": Told._on_version,
+    "HEARTBEAT": VehicleState._on_heartbeat,
+    "CURRENT_MODE": VehicleState._on_current_mode,
+    "SYS_STATUS": VehicleState._on_battery,
+    "EXTENDED_SYS_STATE": VehicleState._on_landed,
+    "SYSTEM_TIME": VehicleState._on_boot_time,
+    "ATTITUDE": VehicleState._on_boot_time,
+    "STATUSTEXT": VehicleState._on_text,
+    "AUTOPILOT_VERSION": VehicleState._on_version,
 }
 TELLING = tuple(_HANDLERS)
 """Types of the messages that are read here."""

@@ -6,13 +6,11 @@ from math import degrees
 from circnav_mav.guidance.laws import LAWS
 from circnav_mav.guidance.radius_trim import MOST
 from circnav_mav.guidance.theory import settling_time, tolerated_drift
-from circnav_mav.mav.autopilots.table import AUTOPILOTS, REFUSED, adapters
-from circnav_mav.mission.check_result import Check, Grade, graded
+from circnav_mav.mav.autopilots.table import REFUSED, allowed
+from circnav_mav.mav.check_result import Check, Grade, graded
 from circnav_mav.mission.checks_ranging import check_ranging
 from circnav_mav.mission.mission import Mission
 
-PLANE_GAIN = 0.72
-"""Realised over coordinated turn rate of a plane that slips in its turns (flown: .70 .. .75)."""
 WEAK = 0.1
 """Share of the default gain below which a law hardly turns."""
 NEED_MOTION = frozenset({"drift", "unicycle"})
@@ -36,51 +34,44 @@ def _keys(mission: Mission) -> Iterator[Check]:
 
 def _vehicle(mission: Mission) -> Iterator[Check]:
     autopilot, kind = mission.vehicle_key
-    able = [one for one in AUTOPILOTS if autopilot in ("auto", one[0]) and one[1] == kind]
+    able = allowed(autopilot, kind)
     if not able:
         reason = REFUSED.get((autopilot, kind), "there is no honest, position-free way to steer it over MAVLink")
         yield Check(Grade.FAIL, "vehicle", f"{autopilot} {kind} cannot be flown: {reason}")
         return
     yield Check(Grade.PASS, "vehicle", " or ".join(" ".join(one) for one in able))
     exits = mission.file.exit.action
-    adapters_allowed = adapters(autopilot, kind, mission.pilot_settings().facts)
-    lacking = [one for one in adapters_allowed if exits not in (None, "stop", *one.exits)]
+    lacking = [one for one in able.values() if exits not in (None, "stop", *one.exits)]
     if lacking:
         yield Check(
             Grade.FAIL,
             "exit",
             f"{lacking[0].name} knows no exit action {exits}: choose {', '.join(lacking[0].exits)}",
         )
-    may_be_px4 = any(whose == "px4" for whose, _ in able)
-    if may_be_px4 and (exits == "stop" or mission.file.engage.on_takeover == "wait"):
-        otherwise = "" if autopilot == "px4" else ', or vehicle.autopilot "ardupilot"'
-        yield Check(
-            Grade.FAIL,
-            "exit",
-            "PX4 goes back to OFFBOARD by itself when setpoints resume: exit.action must command a mode, "
-            f'and engage.on_takeover must be "end"{otherwise}',
-        )
-    elif exits == "stop" and kind.startswith("plane"):
-        yield Check(
-            Grade.FAIL,
-            "exit",
-            "a plane left in its mode loiters 3 s later, banking hard at once: exit.action must command a mode, "
-            f"choose {', '.join(adapters_allowed[0].exits)}",
-        )
+    why = next((one.firmware.why_must_leave for one in able.values() if one.firmware.why_must_leave), "")
+    if why and (exits == "stop" or mission.file.engage.on_takeover == "wait"):
+        others = [f'"{one.firmware.key}"' for one in able.values() if not one.firmware.why_must_leave]
+        otherwise = f", or vehicle.autopilot {' or '.join(others)}" if others else ""
+        words = 'exit.action must command a mode, and engage.on_takeover must be "end"'
+        yield Check(Grade.FAIL, "exit", f"{why}: {words}{otherwise}")
+    elif exits == "stop":
+        for one in able.values():
+            if one.why_no_stop:
+                words = f"exit.action must command a mode, choose {', '.join(one.exits)}"
+                yield Check(Grade.FAIL, "exit", f"{one.why_no_stop}: {words}")
 
 
 def _estimator(mission: Mission) -> Iterator[Check]:
     """An estimator that lives on own motion alone must see some before the vehicle is ours."""
-    autopilot, kind = mission.vehicle_key
     if mission.estimator not in NEED_MOTION:
         return
-    allowed = adapters(autopilot, kind, mission.pilot_settings().facts)
-    if allowed and not any(one.measures_airspeed for one in allowed):
+    if mission.vehicles and not any(one.measures_airspeed for one in mission.vehicles):
         yield Check(
             Grade.FAIL,
             "estimator",
-            f"{mission.estimator} must see the vehicle's motion before it can be engaged, and a {kind} measures no "
-            'airspeed: it is known only while we steer. Set guidance.estimator = "auto"',
+            f"{mission.estimator} must see the vehicle's motion before it can be engaged, and a "
+            f"{mission.file.vehicle.kind} measures no airspeed: "
+            'it is known only while we steer. Set guidance.estimator = "auto"',
         )
 
 
@@ -145,9 +136,9 @@ def _turn_rate(mission: Mission) -> Iterator[Check]:
 
 
 def _expected_gain(mission: Mission) -> float:
-    """The least of what it is told that the vehicle is expected to turn: a plane may reach only .72."""
+    """The least of what is commanded that the vehicle is expected to turn."""
     given = mission.file.vehicle.turn_gain
-    return given if isinstance(given, float) else PLANE_GAIN if mission.file.vehicle.kind == "plane" else 1.0
+    return given if isinstance(given, float) else min((one.least_turn_gain for one in mission.vehicles), default=1.0)
 
 
 def drift_allowed(mission: Mission) -> float:

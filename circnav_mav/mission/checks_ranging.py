@@ -5,8 +5,8 @@ from math import hypot, inf, sqrt
 
 from circnav_mav.guidance.laws import LAWS
 from circnav_mav.guidance.slant import MAX_SIGMA_GROWTH
-from circnav_mav.mav.ranging import DOWNWARD
-from circnav_mav.mission.check_result import Check, Grade, graded
+from circnav_mav.mav.check_result import Check, Grade, graded
+from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.mission.mission import Mission
 
 LOOP_BOUND = 0.4
@@ -79,18 +79,15 @@ def _bounds(mission: Mission) -> Iterator[Check]:
 
 def _radio(mission: Mission) -> Iterator[Check]:
     table = mission.file.ranging
-    if table.orientation == DOWNWARD:
-        yield Check(
-            Grade.FAIL,
-            "ranging",
-            f"orientation {DOWNWARD} is downward, a height sensor: it is never taken, choose 24 (up)",
-        )
-    if table.message == "ranging_beacon" and table.endpoint is None:
+    message = RANGING_MESSAGES[table.message]
+    if why := message.why_never(mission.pilot_settings().ranging):
+        yield Check(Grade.FAIL, "ranging", why)
+    if not message.forwarded and table.endpoint is None:
         yield Check(
             Grade.WARN,
             "ranging",
-            "ArduPilot and PX4 do not forward RANGING_BEACON: unless the radio itself speaks on link.endpoint, give it "
-            "its own (ranging.endpoint)",
+            f"ArduPilot and PX4 do not forward {message.type}: unless the radio itself speaks on link.endpoint, give "
+            "it its own (ranging.endpoint)",
         )
 
 

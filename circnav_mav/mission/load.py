@@ -9,6 +9,7 @@ import numpy as np
 import tomlkit
 from pydantic import ValidationError
 
+from circnav_mav.mav.autopilots.table import allowed, table_key
 from circnav_mav.mission.mission import SIM, Mission
 from circnav_mav.mission.problems import in_words
 from circnav_mav.mission.schema import MissionFile
@@ -87,10 +88,11 @@ def mission_of(table: Mapping[str, Any], where: str, text: str = "") -> Mission:
 
 
 def _check_turning(file: MissionFile, where: str) -> None:
-    """A vehicle needs a limit to its turning, and a plane one to its bank. Raises MissionError."""
+    """A vehicle needs a limit to its turning, and one that banks to its bank. Raises MissionError."""
     vehicle = file.vehicle
-    if vehicle.kind == "plane" and vehicle.max_bank_deg is None:
-        raise MissionError(f"{where}: vehicle.max_bank_deg: missing, a plane turns by banking: add its limit")
+    rows = allowed(*table_key(vehicle.autopilot, vehicle.kind, vehicle.method)).values()
+    if vehicle.max_bank_deg is None and any(row.banks for row in rows):
+        raise MissionError(f"{where}: vehicle.max_bank_deg: missing, a {vehicle.kind} turns by banking: add its limit")
     if vehicle.max_bank_deg is None and vehicle.max_turn_rate_deg_s is None:
         raise MissionError(f"{where}: vehicle.max_turn_rate_deg_s: missing, add it")
 

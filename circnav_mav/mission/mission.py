@@ -9,10 +9,12 @@ from circnav_mav.guidance.estimators.range_rate import SteadyState, steady_state
 from circnav_mav.guidance.step import LawChoice
 from circnav_mav.guidance.tuning import default_gain, loop_lag
 from circnav_mav.guidance.types import Direction, Orbit
-from circnav_mav.mav.autopilots.interface import AirLoops, VehicleFacts
+from circnav_mav.mav.autopilots.interface import AirLoops, Autopilot, VehicleFacts
+from circnav_mav.mav.autopilots.table import allowed, table_key
 from circnav_mav.mav.frames import GRAVITY
 from circnav_mav.mav.height import HeightSettings
-from circnav_mav.mav.ranging import RANGING_MESSAGES, RangingSettings
+from circnav_mav.mav.ranging.interface import RangingSettings
+from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.mav.session import LinkSettings
 from circnav_mav.mission.schema import MissionFile
 from circnav_mav.pilot import LINKS, RANGING, VEHICLE, PilotSettings, Timing, Voice
@@ -74,12 +76,8 @@ class Mission:
         settings = EstimatorSettings(
             orbit.speed, orbit.max_turn_rate, gate=guidance.gate_sigma, min_samples=guidance.min_samples
         )
-        # copters and rovers hold their speed over the ground: the wind does not carry them, and the speed is true, but
-        # for PX4's copter, which loses some of it to a drag that only the flight tells
-        if self.file.vehicle.kind not in ("copter", "rover"):
-            return settings
-        true = 0.05 if self.file.vehicle.autopilot == "px4" else 0.02
-        return replace(settings, drift_sigma=0.1, scale_sigma=true)
+        sigma = next((vehicle.ground_speed_sigma for vehicle in self.vehicles), None)
+        return settings if sigma is None else replace(settings, drift_sigma=0.1, scale_sigma=sigma)
 
     @property
     def height(self) -> HeightSettings:
@@ -100,10 +98,14 @@ class Mission:
 
     @property
     def vehicle_key(self) -> tuple[str, str]:
-        """The vehicle as the adapter table knows it; the stick is how a PX4 plane is steered by default."""
+        """The vehicle as the table of vehicles knows it."""
         vehicle = self.file.vehicle
-        by_default = vehicle.method is None or (vehicle.kind == "plane" and vehicle.method == "stick")
-        return vehicle.autopilot, vehicle.kind if by_default else f"{vehicle.kind} {vehicle.method}"
+        return table_key(vehicle.autopilot, vehicle.kind, vehicle.method)
+
+    @property
+    def vehicles(self) -> tuple[type[Autopilot], ...]:
+        """The vehicles that may be flown; none where nothing honest steers the one that is asked for."""
+        return tuple(allowed(*self.vehicle_key).values())
 
     def pilot_settings(self, voice: Voice = Voice.FLY) -> PilotSettings:
         """The mission as the pilot needs it. Raises ValueError for a gain without a radius correction."""

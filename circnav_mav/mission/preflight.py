@@ -1,20 +1,19 @@
-"""What is said of the vehicle and the ranging before a flight: observations in, lines out. Nothing here listens."""
+"""What preflight says of the vehicle and the ranging: observations in, lines out. Nothing here listens."""
 
 from collections.abc import Iterator
-from math import isnan
+from math import degrees, isnan
 
 from pymavlink.dialects.v20 import all as dialect
 
-from circnav_mav.mission.check_result import Check, Grade
+from circnav_mav.mav.autopilots.parameters import Context, check_parameters
+from circnav_mav.mav.check_result import Check, Grade
+from circnav_mav.mav.clocks import span_speed
 from circnav_mav.mission.mission import Mission
-from circnav_mav.mission.param_rules import Context, judge_parameters
 from circnav_mav.mission.preflight_ranging import FULL_RATE, SPEED_OFF, judge_ranging
 from circnav_mav.pilot import VEHICLE
-from circnav_mav.pilot.survey import Observations, VehicleSeen, span_speed
+from circnav_mav.pilot.survey import Observations, VehicleSeen
 
 PASS, WARN, FAIL = Grade.PASS, Grade.WARN, Grade.FAIL
-FLOWN = {dialect.MAV_AUTOPILOT_ARDUPILOTMEGA: "ArduPilot 4.6.3", dialect.MAV_AUTOPILOT_PX4: "PX4 main of 2026-03"}
-"""The firmware whose behaviour the adapters were written for."""
 LOW_RATE = 0.5
 """Fraction of a wanted rate below which a stream is as good as missing."""
 SLOW_ROUND_TRIP = 0.1
@@ -35,8 +34,22 @@ def judge(mission: Mission, seen: Observations, clock_speed: float = 1.0) -> lis
         *_clock(mission, vehicle, clock_speed),
         *judge_ranging(mission, seen, vehicle),
     ]
-    lines += judge_parameters(vehicle.adapter, Context(mission, vehicle.system, vehicle.parameters))
+    lines += check_parameters(vehicle.adapter.parameters, _context(mission, vehicle))
     return lines + [Check(WARN, "says", f'"{text}"') for text in vehicle.texts if _troubled(text)]
+
+
+def _context(mission: Mission, vehicle: VehicleSeen) -> Context:
+    """What the rules for parameters may know."""
+    table, orbit = mission.file.vehicle, mission.orbit
+    return Context(
+        speed=orbit.speed,
+        max_turn_rate_deg=degrees(orbit.max_turn_rate),
+        max_bank_deg=table.max_bank_deg or 0.0,
+        stick_bank_deg=table.full_stick_bank_deg,
+        tick=1 / mission.file.limits.tick_hz,
+        system=vehicle.system,
+        values=vehicle.parameters,
+    )
 
 
 def _why_none(seen: Observations) -> str:
@@ -58,7 +71,7 @@ def _identity(mission: Mission, seen: Observations, vehicle: VehicleSeen) -> Ite
         yield Check(WARN, "firmware", "no answer to a request for AUTOPILOT_VERSION")
     else:
         yield Check(
-            PASS, "firmware", f"{vehicle.firmware} (the messages we send were flown on {FLOWN[adapter.autopilot]})"
+            PASS, "firmware", f"{vehicle.firmware} (the messages we send were flown on {adapter.firmware.flown})"
         )
     yield _mode(mission, vehicle)
     if seen.version_1:
@@ -73,22 +86,22 @@ def _signing(mission: Mission, seen: Observations) -> Iterator[Check]:
     """Whether the frames heard are signed as the mission wants them; nothing where nobody signs."""
     if mission.file.signing is None:
         if seen.signed:
-            words = f"{seen.signed} of {seen.frames} frames are signed and we have no key: what we send may be refused"
+            words = f"{seen.signed} of {seen.frames} frames are signed and we have no key: what we send may be rejected"
             yield Check(WARN, "signing", f"{words}; give it with [signing] key_file")
         elif seen.zero_key:
             words = "the autopilot signs with the all-zero key, as PX4 does until it is given one"
             yield Check(PASS, "signing", f"{words}: it takes unsigned frames, the link counts as unsigned")
         return
-    if refused := sum(seen.refused.values()):
+    if rejected := sum(seen.refused.values()):
         why = ", ".join(f"{count} {reason}" for reason, count in sorted(seen.refused.items()))
-        yield Check(WARN, "signing", f"{refused} of {seen.frames} frames refused: {why}")
+        yield Check(WARN, "signing", f"{rejected} of {seen.frames} frames rejected: {why}")
     else:
         yield Check(PASS, "signing", f"{seen.signed} of {seen.frames} frames signed, all with our key")
 
 
 def _mode(mission: Mission, vehicle: VehicleSeen) -> Check:
     adapter = vehicle.adapter
-    ours = f"{adapter.mode_names[adapter.guided_mode]} ({adapter.guided_mode})"
+    ours = f"{adapter.guided_name} ({adapter.guided_mode})"
     now = f"now {vehicle.mode_name} ({vehicle.mode}), {'armed' if vehicle.armed else 'disarmed'}"
     if vehicle.armed and vehicle.mode == adapter.guided_mode:
         return Check(WARN, "mode", f"{now}: a flight would take the vehicle at once")
@@ -182,7 +195,7 @@ def _battery(mission: Mission, vehicle: VehicleSeen) -> Iterator[Check]:
     if least is None:
         return
     if vehicle.battery is None:
-        yield Check(FAIL, "battery", f"not told, the mission ends at {least:g} %")
+        yield Check(FAIL, "battery", f"not reported, the mission ends at {least:g} %")
     else:
         grade = PASS if vehicle.battery > least else FAIL
         yield Check(grade, "battery", f"{vehicle.battery:.0f} %, the mission ends at {least:g} %")

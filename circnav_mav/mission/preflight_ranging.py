@@ -1,18 +1,17 @@
-"""What is said of the ranging before a flight."""
+"""What preflight says of the ranging."""
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from math import hypot, sqrt
 from statistics import median
 
-from pymavlink.dialects.v20.all import MAV_AUTOPILOT_PX4
-
-from circnav_mav.mav.range_messages import OTHERS, describe_rejected
-from circnav_mav.mission.check_result import Check, Grade
+from circnav_mav.mav.check_result import Check, Grade
+from circnav_mav.mav.clocks import quick_span, span_speed
+from circnav_mav.mav.ranging.interface import OTHERS, describe_rejected
 from circnav_mav.mission.checks_ranging import height_cost
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import RANGING, VEHICLE
-from circnav_mav.pilot.survey import Observations, RangeHeard, VehicleSeen, quick_span, span_speed
+from circnav_mav.pilot.survey import Observations, RangeHeard, VehicleSeen
 
 PASS, WARN, FAIL = Grade.PASS, Grade.WARN, Grade.FAIL
 FULL_RATE = 0.8
@@ -66,8 +65,8 @@ def _heard(mission: Mission, seen: Observations) -> Check:
 
 
 def _rejected(mission: Mission, seen: Observations, vehicle: VehicleSeen) -> Check:
-    """Messages of others do no harm where the mission names ours, or one is the echo of the other: PX4 sends a
-    DISTANCE_SENSOR that was forwarded to it on under its own id."""
+    """Messages of others do no harm where the mission names ours, or one is the autopilot's echo of the
+    other."""
     table = mission.file.ranging
     named = table.component_id is not None or table.system_id is not None
     counts = {reason: count for reason, count in seen.rejected.items() if reason not in OTHERS}
@@ -75,7 +74,7 @@ def _rejected(mission: Mission, seen: Observations, vehicle: VehicleSeen) -> Che
     share = sum(counts.values()) / max(sum(counts.values()) + len(seen.ranges), 1)
     autopilot = f"{vehicle.system}/{vehicle.component}"
     senders = {carrier.split()[0] for carrier in seen.carriers}
-    echoed = vehicle.adapter.autopilot == MAV_AUTOPILOT_PX4 and autopilot in senders and len(senders) == 2
+    echoed = vehicle.adapter.firmware.echoes_ranges and autopilot in senders and len(senders) == 2
     if "wrong_source" in seen.rejected and not named and not (echoed and seen.ranges):
         return Check(WARN, "rejected", f"{words}: several senders, name yours with ranging.component_id")
     return Check(WARN if share > MOST_REJECTED else PASS, "rejected", words)

@@ -5,6 +5,8 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from circnav_mav.guidance.laws import LAWS
+from circnav_mav.mav.autopilots.table import MISSION_AUTOPILOTS, MISSION_EXITS, MISSION_KINDS, MISSION_METHODS
+from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 
 Positive = Annotated[float, Field(gt=0, le=1e9)]
 NotNegative = Annotated[float, Field(ge=0, le=1e9)]
@@ -35,9 +37,9 @@ class LoopsTable(Table):
 class VehicleTable(Table):
     """[vehicle]"""
 
-    autopilot: Literal["ardupilot", "px4", "auto"]
-    kind: Literal["copter", "plane", "rover"]
-    method: Literal["stick", "attitude", "nogps"] | None = None
+    autopilot: Literal[MISSION_AUTOPILOTS]  # type: ignore[valid-type]
+    kind: Literal[MISSION_KINDS]  # type: ignore[valid-type]
+    method: Literal[MISSION_METHODS] | None = None  # type: ignore[valid-type]
     speed_mps: Positive
     max_turn_rate_deg_s: Positive | None = None
     max_bank_deg: Annotated[float, Field(gt=0, le=75)] | None = None
@@ -76,7 +78,7 @@ class GuidanceTable(Table):
 class RangingTable(Table):
     """[ranging]"""
 
-    message: Literal["ranging_beacon", "distance_sensor", "named_value_float"]
+    message: Literal[tuple(RANGING_MESSAGES)]  # type: ignore[valid-type]
     rate_hz: Positive
     sigma_m: Positive
     endpoint: Name | None = None
@@ -131,7 +133,7 @@ class LimitsTable(Table):
 class ExitTable(Table):
     """[exit]"""
 
-    action: Literal["stop", "loiter", "rtl", "land", "brake", "hold"] | None = None
+    action: Literal[MISSION_EXITS] | None = None  # type: ignore[valid-type]
 
 
 class BoundsTable(Table):

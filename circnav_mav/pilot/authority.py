@@ -50,5 +50,5 @@ class Authority:
         if rebooted or left_for is None:
             what = "autopilot rebooted" if rebooted else "vehicle disarmed"
             return Takeover(what, what)
-        what = f"{session.adapter.mode_names[session.adapter.guided_mode]} left for {left_for}"
+        what = f"{session.adapter.guided_name} left for {left_for}"
         return Takeover(what, f"{what}: operator or failsafe")

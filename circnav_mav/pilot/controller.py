@@ -10,11 +10,12 @@ from circnav_mav.guidance.step import compensate_turn_gain, holding, steering
 from circnav_mav.guidance.turn_gain import TurnGain, TurnGainSettings, learn
 from circnav_mav.guidance.turn_response import PendingTurn, Response, ResponseLearner
 from circnav_mav.guidance.types import SAME_TIME, OwnMotion, RangeEstimate, TurnCommand, TurnRate
-from circnav_mav.mav.autopilots.interface import VehicleState
+from circnav_mav.mav.autopilots.table import allowed
+from circnav_mav.mav.autopilots.targets import Addressee
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.frames import YawRate, yaw_rate_from_turn_rate
 from circnav_mav.mav.session import Session
-from circnav_mav.mav.setpoint_guard import Limits, SetpointGate, Steer
+from circnav_mav.mav.setpoint_guard import Limits, SetpointGuard, Steer
 from circnav_mav.pilot.settings import PilotSettings
 
 SPEED_UP = 2.5
@@ -40,7 +41,7 @@ class Helm:
         orbit, facts = settings.orbit, settings.facts
         self._settings = settings
         self._steer = steering(orbit, settings.law)
-        self._gate = SetpointGate(
+        self._gate = SetpointGuard(
             Limits(
                 max_yaw_rate=orbit.max_turn_rate,
                 max_speed=orbit.speed,
@@ -54,7 +55,8 @@ class Helm:
         self._learning = TurnGainSettings(lag=settings.turn_lag)
         self._learnt = TurnGain(gain=settings.turn_gain or 1.0)
         self._banked: TurnGain | None = None
-        self._response = ResponseLearner(settings.turn_lag, SLIP if settings.kind == "plane" else 0.0)
+        slips = any(vehicle.slips for vehicle in allowed(settings.autopilot, settings.kind).values())
+        self._response = ResponseLearner(settings.turn_lag, SLIP if slips else 0.0)
         self._pending = PendingTurn()
         self._link = settings.timing.tick
         self._turned, self._felt_at = 0.0, float("inf")
@@ -172,9 +174,9 @@ class Helm:
                 saturated=command.saturated,
             )
 
-    def _state(self, session: Session, now: float, *, engaged: bool) -> VehicleState:
+    def _state(self, session: Session, now: float, *, engaged: bool) -> Addressee:
         """What the adapter may know; the height to hold is that at which the vehicle became ours."""
         motion = session.motion.at(now)
         if engaged and self._height is None:
             self._height = motion.altitude
-        return VehicleState(*session.vehicle_ids, motion=motion, height=self._height)
+        return Addressee(*session.vehicle_ids, motion=motion, height=self._height)

@@ -58,7 +58,7 @@ class Engagement:
             return None
         self._left_before = session.told.departures if self._left_before is None else self._left_before
         failure = self._request.ask(session, adapter.guided_mode, now)
-        return None if failure is None else f"mode {adapter.mode_names[adapter.guided_mode]} {failure}"
+        return None if failure is None else f"mode {adapter.guided_name} {failure}"
 
     def _may_ask(self, now: float) -> bool:
         """Whether everything but the mode is ready; a request still under way is dropped where it is not."""

@@ -5,7 +5,7 @@ from collections.abc import Collection
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mav.codec import Decoder
-from circnav_mav.mav.ranging import RANGING_MESSAGES
+from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.mav.signing import Signing
 from circnav_mav.pilot.settings import LINKS, PilotSettings
 

@@ -16,10 +16,10 @@ from circnav_mav.guidance.phases import Event, Phase
 from circnav_mav.guidance.types import RangeEstimate, TurnCommand
 from circnav_mav.guidance.velocity_loop import CopterMotion
 from circnav_mav.mav.autopilots.table import adapters
+from circnav_mav.mav.clocks import nobody_tells
 from circnav_mav.mav.codec import LinkCounts, Message
 from circnav_mav.mav.frames import YawRate
-from circnav_mav.mav.ranging import RANGING_MESSAGES
-from circnav_mav.mav.sensor_clock import nobody_tells
+from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.mav.session import HANDLED, HEARTBEAT_PERIOD, LOST_AFTER, Session
 from circnav_mav.mav.setpoint_guard import UnsafeSetpointError
 from circnav_mav.mav.signing import Signing

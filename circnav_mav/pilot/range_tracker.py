@@ -6,10 +6,11 @@ from circnav_mav.guidance.estimators.interface import Fused
 from circnav_mav.guidance.estimators.table import ESTIMATORS
 from circnav_mav.guidance.range_noise import NoiseCheck
 from circnav_mav.guidance.types import SAME_TIME, OwnMotion, RangeEstimate, RangeSample
+from circnav_mav.mav.clocks import Slower
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.height import Height
-from circnav_mav.mav.ranging import RangeReader, Reject
-from circnav_mav.mav.sensor_clock import Slower
+from circnav_mav.mav.ranging.interface import Reject
+from circnav_mav.mav.ranging.reader import RangeReader
 from circnav_mav.pilot.progress import Say
 from circnav_mav.pilot.settings import PilotSettings
 

@@ -10,7 +10,7 @@ from circnav_mav.guidance.step import LawChoice
 from circnav_mav.guidance.types import Orbit
 from circnav_mav.mav.autopilots.interface import VehicleFacts
 from circnav_mav.mav.height import HeightSettings
-from circnav_mav.mav.ranging import RangingSettings
+from circnav_mav.mav.ranging.interface import RangingSettings
 from circnav_mav.mav.session import LinkSettings
 
 VEHICLE, RANGING = LINKS = ("vehicle", "ranging")

@@ -3,7 +3,7 @@
 from collections import Counter
 
 from circnav_mav.mav.codec import LinkCounts
-from circnav_mav.mav.range_messages import RangingMessage, describe_rejected
+from circnav_mav.mav.ranging.interface import RangingMessage, describe_rejected
 from circnav_mav.mav.session import Session
 
 
@@ -41,7 +41,7 @@ def why_not_told(session: Session, missing: list[str]) -> str:
 def why_withheld(session: Session, *, left_mode: bool) -> str:
     """The operator has taken the vehicle over."""
     again = "entered again" if left_mode else "left and entered again"
-    return f"the operator has the vehicle: {_guided(session)} {again} hands it over"
+    return f"the operator has the vehicle: {session.adapter.guided_name} {again} hands it over"
 
 
 def why_slow(round_trip: float | None, most: float) -> str:
@@ -55,15 +55,10 @@ def why_not_guided(session: Session, *, request_mode: bool) -> str:
     """Not armed, or in another mode."""
     if not session.told.armed:
         return "the vehicle is not armed"
-    return (
-        f"mode {_guided(session)}, asked for" if request_mode else f"mode {_guided(session)}, the operator's to enter"
-    )
+    whose = "asked for" if request_mode else "the operator's to enter"
+    return f"mode {session.adapter.guided_name}, {whose}"
 
 
 def _denied(session: Session) -> str:
     denied = session.streams.refused
     return f"; the vehicle denied the streams {', '.join(denied)}" if denied else ""
-
-
-def _guided(session: Session) -> str:
-    return session.adapter.mode_names[session.adapter.guided_mode]

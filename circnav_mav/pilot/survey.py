@@ -6,18 +6,20 @@ all. It sends what a flight needs in order to hear the same (our heartbeat, stre
 """
 
 from collections import Counter
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
 
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mav.autopilots.interface import Autopilot
 from circnav_mav.mav.autopilots.table import adapters
+from circnav_mav.mav.clocks import Moment, Span, quick_span
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.height import Height
 from circnav_mav.mav.own_motion import Motion
 from circnav_mav.mav.params import ParameterReader
-from circnav_mav.mav.ranging import RANGING_MESSAGES, RangeReader
+from circnav_mav.mav.ranging.reader import RangeReader
+from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.mav.session import HANDLED, HEARTBEAT_PERIOD, Session, describe_vehicle
 from circnav_mav.mav.signing import Signing
 from circnav_mav.pilot.listening import decoders, more_streams
@@ -28,29 +30,6 @@ SETTLE = 2.0
 """Time, s, that the streams get to come up after the vehicle was found, before anything is measured."""
 PARAMETER_PATIENCE = 10.0
 """Time, s, that slow answers about parameters may take beyond the time to listen."""
-_MARKS = {"DISTANCE_SENSOR": ("id", "orientation"), "RANGING_BEACON": ("beacon_id",), "NAMED_VALUE_FLOAT": ("name",)}
-"""The fields by which a mission picks the sensor."""
-
-
-Moment = tuple[float, float]
-"""(our time, the other clock's time), s."""
-Span = tuple[Moment, Moment]
-
-
-def quick_span(moments: Sequence[Moment]) -> Span | None:
-    """Of the first third and of the last the moment that came with the least delay, which is none of the clock's; None
-    of none."""
-    third = (len(moments) + 2) // 3
-    if not third:
-        return None
-    first, last = (min(part, key=lambda one: one[0] - one[1]) for part in (moments[:third], moments[-third:]))
-    return first, last
-
-
-def span_speed(span: Span) -> float:
-    """Seconds of the other clock per second of ours."""
-    (began, at_first), (ended, at_last) = span
-    return (at_last - at_first) / (ended - began) if ended > began else 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,24 +101,22 @@ class Survey:
     def __init__(
         self,
         settings: PilotSettings,
-        parameters: Callable[[Autopilot], Iterable[str]],
         *,
         seconds: float,
         signing: Signing | None = None,
     ) -> None:
-        """parameters: names to read from a vehicle. seconds: how long to measure, once the vehicle was found."""
+        """seconds: how long to measure, once the vehicle was found."""
         message = RANGING_MESSAGES[settings.ranging.message]
         self._more_streams = more_streams(settings)
         vehicles = adapters(settings.autopilot, settings.kind, settings.facts)
         self.session = Session(settings.link, vehicles, self._more_streams, signing)
         self.done = False
         self._settings = settings
-        self._parameters = parameters
         self._seconds = seconds
         self._ranging = RangeReader(settings.ranging)
         self._height = Height(settings.height)
         self._ranging_link = RANGING if settings.ranging_apart else VEHICLE
-        self._ranging_type = message.type
+        self._ranging_message = message
         wanted = HANDLED | {message.id, dialect.MAVLINK_MSG_ID_PARAM_VALUE, *self._more_streams}
         self._decoders = decoders(settings, wanted, signing)
         self._reader: ParameterReader | None = None
@@ -220,7 +197,7 @@ class Survey:
 
     def _vehicle(self) -> VehicleSeen:
         session = self.session
-        wanted = {**session.adapter.streams, **self._more_streams}
+        wanted = {**session.adapter.firmware.streams, **self._more_streams}
         return VehicleSeen(
             *session.vehicle_ids,
             kind=self._kind,
@@ -264,8 +241,8 @@ class Survey:
         session = self.session
         if self._reader is None:
             self._found = now
-            px4 = session.adapter.autopilot == dialect.MAV_AUTOPILOT_PX4
-            self._reader = ParameterReader(self._parameters(session.adapter), bytewise=px4)
+            names = [name for rule in session.adapter.parameters for name, _ in rule.names]
+            self._reader = ParameterReader(names, bytewise=session.adapter.firmware.bytewise)
         return self._reader.poll(session.vehicle_ids, now)
 
     def _take_telemetry(self, message: Message, now: float) -> None:
@@ -294,9 +271,9 @@ class Survey:
         self._boots.append(heard)
 
     def _take_range(self, message: Message, now: float) -> None:
-        if message.get_type() != self._ranging_type:
+        if message.get_type() != self._ranging_message.type:
             return
-        marks = ", ".join(f"{mark} {getattr(message, mark)}" for mark in _MARKS[self._ranging_type])
+        marks = ", ".join(f"{mark} {value}" for mark, value in self._ranging_message.mark_values(message).items())
         self._carriers[f"{message.get_srcSystem()}/{message.get_srcComponent()} {marks}"] += 1
         sample = self._ranging.read(message, now)
         if sample is not None and self._settled(now):

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from circnav_mav.guidance.phases import Phase
 from circnav_mav.mav.codec import Decoder
-from circnav_mav.mav.ranging import RANGING_MESSAGES
+from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.mav.session import Session
 from circnav_mav.pilot.progress import Progress
 from circnav_mav.pilot.range_tracker import FRESH, Target

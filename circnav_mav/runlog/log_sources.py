@@ -7,23 +7,21 @@ from dataclasses import dataclass, field
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mav.codec import Decoder, Message
-from circnav_mav.mav.ranging import RANGING_MESSAGES, RangeReader, RangingSettings, Reject
+from circnav_mav.mav.ranging.interface import RangingSettings, Reject
+from circnav_mav.mav.ranging.reader import RangeReader
+from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.mav.session import describe_vehicle
 from circnav_mav.pilot import Pilot
 from circnav_mav.runlog.loop_steps import LoopStep
 from circnav_mav.runlog.tlog import message_id
 
-MARKS = {"distance_sensor": ("id", "orientation"), "ranging_beacon": ("beacon_id",), "named_value_float": ("name",)}
-"""The fields by which a mission picks the sensor, by the mission's name of the message."""
-KEYS = {"id": "sensor_id"}
-"""Where the mission's key is called otherwise than the field."""
 HEARTBEAT = dialect.MAVLINK_MSG_ID_HEARTBEAT
 Ids = tuple[int, int]
 
 
 @dataclass(frozen=True, slots=True)
 class RangeSource:
-    """A source of ranges. message: the mission's name of it. marks: the values of the message's MARKS."""
+    """A source of ranges. message: the mission's name of it. marks: the values of its message's marks."""
 
     message: str
     system: int
@@ -78,8 +76,8 @@ class LogSources:
             "component_id": {one.component for one in candidates},
             "system_id": {one.system for one in candidates},
         }
-        marks = MARKS[self.settings.message]
-        differs |= {KEYS.get(mark, mark): {one.marks[at] for one in candidates} for at, mark in enumerate(marks)}
+        keys = RANGING_MESSAGES[self.settings.message].marks.values()
+        differs |= {key: {one.marks[at] for one in candidates} for at, key in enumerate(keys)}
         return [f"ranging.{key}" for key, values in differs.items() if len(values) > 1]
 
     def _count(self, message: Message, reader: RangeReader, now: float) -> None:
@@ -89,11 +87,11 @@ class LogSources:
                 self.vehicles[ids] = describe_vehicle(message)
                 self.heartbeats[ids] += 1
             return
-        kind = next(name for name, one in RANGING_MESSAGES.items() if one.id == message.get_msgId())
-        marks = tuple(str(getattr(message, mark)) for mark in MARKS[kind])
-        if kind == "named_value_float" and kind != self.settings.message and marks != (self.settings.name,):
+        name, kind = next(item for item in RANGING_MESSAGES.items() if item[1].id == message.get_msgId())
+        marks = tuple(str(value) for value in kind.mark_values(message).values())
+        if kind.for_anything and name != self.settings.message and not kind.picked(message, self.settings):
             return  # values of any kind come under names
-        counts = self.ranging.setdefault(RangeSource(kind, *ids, marks), RangeCounts())
+        counts = self.ranging.setdefault(RangeSource(name, *ids, marks), RangeCounts())
         foreign = reader.rejected[Reject.WRONG_SOURCE.value]
         counts.messages += 1
         counts.taken += reader.read(message, now) is not None

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from circnav_mav.guidance.phases import Phase
 from circnav_mav.mav.frames import compass_from_vector
-from circnav_mav.mav.range_messages import OTHERS
+from circnav_mav.mav.ranging.interface import OTHERS
 from circnav_mav.pilot import Ending, Outcome, Pilot, TickRecord, Voice, phase_name
 
 RATE_SPAN = 3.0
@@ -119,7 +119,7 @@ def _alarms(pilot: Pilot, tick: TickRecord, now: float, rates: Rates | None, pro
             found.append(f"MOST RANGES REJECTED, {rates.refused:.1f} of {rates.taken + rates.refused:.1f} a second")
         if pilot.target.ranging.clock_doubted:
             found.append("SENSOR CLOCK stepped: its ranges are rejected until it is known again")
-        if (speed := pilot.session.boot_clock.found) is not None:
+        if (speed := pilot.session.clock_speed.found) is not None:
             cure = 'a simulator at this speed is flown with link.clock = "autopilot"'
             found.append(f"CLOCK: the autopilot's time runs at {speed:.2g} of ours: {cure}")
         if trouble := pilot.target.height.trouble(now):

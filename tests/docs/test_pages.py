@@ -13,11 +13,8 @@ from circnav_mav.cli import circnav
 from circnav_mav.cli.exits import Exit
 from circnav_mav.guidance.phases import Phase
 from circnav_mav.guidance.types import Direction, Orbit
-from circnav_mav.mav.autopilots.ardupilot import ArduCopter, ArduPlane, ArduRover
-from circnav_mav.mav.autopilots.interface import Autopilot
-from circnav_mav.mav.autopilots.px4 import PX4Copter, PX4PlaneAttitude, PX4PlaneStick
-from circnav_mav.mav.ranging import Reject
-from circnav_mav.mission.param_rules import RULES
+from circnav_mav.mav.autopilots.table import AUTOPILOTS
+from circnav_mav.mav.ranging.interface import Reject
 from circnav_mav.mission.schema import MissionFile
 from circnav_mav.pilot import TickRecord
 from circnav_mav.runlog.summary import FlightFacts, summarise
@@ -27,14 +24,6 @@ ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 PAGES = [ROOT / "README.md", ROOT / "sim" / "README.md", ROOT / "CHANGELOG.md", *sorted(DOCS.glob("*.md"))]
 PAGES += [ROOT / "circnav_mav" / "experiments" / "BENCHMARK.md"]
-PAGE_OF: dict[type[Autopilot], str] = {
-    ArduCopter: "ardupilot-copter.md",
-    ArduPlane: "ardupilot-plane.md",
-    ArduRover: "ardupilot-rover.md",
-    PX4Copter: "px4-copter.md",
-    PX4PlaneStick: "px4-plane.md",
-    PX4PlaneAttitude: "px4-plane.md",
-}
 
 
 def anchor(heading: str) -> str:
@@ -92,10 +81,11 @@ def test_the_mission_page_has_every_key_with_its_default():
     assert {key for key in told if "." in key} <= set(keys)
 
 
-@pytest.mark.parametrize("adapter", PAGE_OF, ids=lambda adapter: adapter.__name__)
-def test_a_vehicles_page_has_every_parameter_that_preflight_reads(adapter):
-    text = (DOCS / PAGE_OF[adapter]).read_text()
-    for rule in RULES[adapter]:
+@pytest.mark.parametrize("key", AUTOPILOTS, ids=" ".join)
+def test_a_vehicles_page_has_every_parameter_that_preflight_reads(key):
+    autopilot, kind = key
+    text = (DOCS / f"{autopilot}-{kind.split()[0]}.md").read_text()
+    for rule in AUTOPILOTS[key].parameters:
         for name, _ in rule.names:
             assert f"`{name}`" in text, name
 

@@ -7,7 +7,7 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.mav.accelerations import Attitude
-from circnav_mav.mav.own_motion import MotionSensor
+from circnav_mav.mav.own_motion import OwnMotionSensor
 
 RATE = 0.3
 """Yaw rate of the vehicle, rad/s."""
@@ -25,7 +25,7 @@ def hud(**rest):
 
 def heard(delays, boot_ms=0, seconds=20.0):
     """(own motion, true time of it) for attitudes at 20 Hz that are each under way for as long as delays() says."""
-    sensor, found = MotionSensor(), []
+    sensor, found = OwnMotionSensor(), []
     sent = [(i / 20, (boot_ms + 50 * i) % 2**32) for i in range(round(20 * seconds))]
     for now, at, ms in sorted((at + delays(), at, ms) for at, ms in sent):
         if sensor.receive(attitude(ms, (RATE * at + pi) % (2 * pi) - pi), now):
@@ -45,7 +45,7 @@ def test_an_attitude_counts_from_when_it_was_measured_not_from_when_it_came(boot
 
 def test_a_vehicles_clock_that_stood_still_is_followed_within_a_second():
     """A simulator's, for 0.3 s: its headings count from when they were measured again."""
-    sensor = MotionSensor()
+    sensor = OwnMotionSensor()
     for i in range(200):
         now = i / 20 + (0.3 if i >= 100 else 0.0)
         sensor.receive(attitude(50 * i), now)
@@ -60,14 +60,14 @@ def test_motion_never_goes_back_in_time():
 
 
 def test_a_repeated_attitude_is_no_news():
-    sensor = MotionSensor()
+    sensor = OwnMotionSensor()
     assert sensor.receive(attitude(1000), 1.0)
     assert not sensor.receive(attitude(1000), 1.02)
 
 
 @pytest.mark.parametrize("jump_ms", [3_600_000, -3_600_000])
 def test_a_vehicles_clock_that_is_set_anew_costs_two_attitudes_at_most(jump_ms):
-    sensor, used = MotionSensor(), []
+    sensor, used = OwnMotionSensor(), []
     for i in range(200):
         ms = 10_000_000 + 50 * i + (jump_ms if i >= 100 else 0)
         used.append(sensor.receive(attitude(ms), i / 20))
@@ -77,7 +77,7 @@ def test_a_vehicles_clock_that_is_set_anew_costs_two_attitudes_at_most(jump_ms):
 
 
 def test_turn_and_heading_are_the_papers_and_need_no_ground_speed():
-    sensor = MotionSensor()
+    sensor = OwnMotionSensor()
     sensor.receive(attitude(0, yaw=pi / 2), 0.0)  # east
     own = sensor.own(0.0, 15.0)
     assert own.heading == pytest.approx(0.0)  # the paper's x axis
@@ -86,7 +86,7 @@ def test_turn_and_heading_are_the_papers_and_need_no_ground_speed():
 
 
 def test_what_is_stale_or_not_a_number_is_not_known():
-    sensor = MotionSensor()
+    sensor = OwnMotionSensor()
     sensor.receive(hud(airspeed=nan, alt=nan), 0.0)
     sensor.receive(attitude(0), 0.0)
     motion = sensor.at(0.1)
@@ -101,7 +101,7 @@ def test_what_is_stale_or_not_a_number_is_not_known():
 @pytest.mark.parametrize("hz", [10, 20, 50])
 @pytest.mark.parametrize("ahead_ms", [250, 800, 3_600_000])
 def test_one_stamp_of_the_future_does_not_take_the_heading_away(ahead_ms, hz):
-    sensor, known = MotionSensor(), []
+    sensor, known = OwnMotionSensor(), []
     for i in range(20 * hz):
         sensor.receive(attitude(10_000 + round(1000 * i / hz) + (ahead_ms if i == 5 * hz else 0)), i / hz)
         known.append(sensor.own(i / hz, 15.0) is not None)
@@ -110,7 +110,7 @@ def test_one_stamp_of_the_future_does_not_take_the_heading_away(ahead_ms, hz):
 
 @pytest.mark.parametrize("stamp", [lambda t: 0, lambda t: 5000, lambda t: 500 * t, lambda t: 5000 * t])
 def test_a_clock_that_stands_or_runs_wrong_does_not_take_the_heading_away(stamp):
-    sensor, known = MotionSensor(), []
+    sensor, known = OwnMotionSensor(), []
     for i in range(1200):
         sensor.receive(attitude(round(stamp(i / 20))), i / 20)
         known.append(sensor.own(i / 20, 15.0) is not None)
@@ -118,7 +118,7 @@ def test_a_clock_that_stands_or_runs_wrong_does_not_take_the_heading_away(stamp)
 
 
 def test_of_a_backlog_the_newest_counts():
-    sensor = MotionSensor()
+    sensor = OwnMotionSensor()
     for i in range(100):
         sensor.receive(attitude(50 * i), i / 20)
     for i in range(100, 130):
@@ -127,7 +127,7 @@ def test_of_a_backlog_the_newest_counts():
 
 
 def test_one_frame_that_comes_seconds_late_by_another_way_is_refused():
-    sensor = MotionSensor()
+    sensor = OwnMotionSensor()
     for i in range(100):
         sensor.receive(attitude(10_000 + 50 * i), i / 20)
     assert not sensor.receive(attitude(11_000, yaw=3.0), 5.0)
@@ -137,7 +137,7 @@ def test_one_frame_that_comes_seconds_late_by_another_way_is_refused():
 
 @pytest.mark.parametrize("rubbish", [{"airspeed": 3.4e38}, {"airspeed": 201.0}, {"alt": -2e5}, {"climb": 1e12}])
 def test_rubbish_from_an_air_data_computer_is_not_known(rubbish):
-    sensor = MotionSensor()
+    sensor = OwnMotionSensor()
     sensor.receive(hud(**rubbish), 0.0)
     name = {"alt": "altitude"}.get(*rubbish, *rubbish)
     told = {"airspeed": 15.0, "altitude": 50.0, "climb": 0.1}
@@ -147,7 +147,7 @@ def test_rubbish_from_an_air_data_computer_is_not_known(rubbish):
 
 @pytest.mark.parametrize("rubbish", [{"yaw": 7.0}, {"roll": -1e30}, {"pitchspeed": 51.0}, {"yawspeed": -3e38}])
 def test_an_attitude_that_cannot_be_is_none(rubbish):
-    sensor = MotionSensor()
+    sensor = OwnMotionSensor()
     assert not sensor.receive(attitude(0, **rubbish), 0.0)
     assert sensor.own(0.1, 15.0) is None
 
@@ -178,7 +178,7 @@ def imu(ms, force, type_="raw"):
 def test_a_coordinated_turn_to_the_right_is_felt_as_velocity_to_the_right(type_, yaw):
     """By hand: bank .4 rad, specific force g/cos(.4) along the body's up, .5 m/s^2 more along the nose; over 1 s the
     velocity changes by .5 m/s forward and g tan(.4) = 4.146 m/s to the right. Paper's frame: x east, y north."""
-    sensor = MotionSensor()
+    sensor = OwnMotionSensor()
     for ms in range(0, 1001, 40):
         sensor.receive(attitude(ms, yaw, roll=0.4, yawspeed=0.0), ms / 1000)
         sensor.receive(imu(ms, (0.5, 0.0, -9.80665 / cos(0.4)), type_), ms / 1000)
@@ -188,7 +188,7 @@ def test_a_coordinated_turn_to_the_right_is_felt_as_velocity_to_the_right(type_,
 
 
 def test_accelerations_begin_anew_after_a_gap_and_end_with_what_cannot_be():
-    sensor, since = MotionSensor(), set()
+    sensor, since = OwnMotionSensor(), set()
     for ms in (*range(0, 400, 40), *range(1000, 1400, 40)):
         sensor.receive(attitude(ms, yawspeed=0.0), ms / 1000)
         sensor.receive(imu(ms, (0.0, 0.0, -9.8)), ms / 1000)

@@ -27,16 +27,10 @@ def test_a_kind_of_text_goes_out_once_in_two_seconds_and_the_newest_is_kept(anno
     assert texts(announcer, 0.0) == ["circnav: range lost"]
     announcer.say("range", "range is back")
     announcer.say("range", "range lost again")
-    assert texts(announcer, 1.99) == []
+    announcer.say("end", "ended")
+    assert texts(announcer, 1.99) == ["circnav: ended"], "another kind does not wait"
     assert texts(announcer, 2.0) == ["circnav: range lost again"]
     assert texts(announcer, 10.0) == []
-
-
-def test_kinds_of_text_do_not_wait_for_each_other(announcer):
-    announcer.say("range", "range lost")
-    announcer.texts(0.0)
-    announcer.say("end", "ended")
-    assert texts(announcer, 0.1) == ["circnav: ended"]
 
 
 def test_a_flood_of_texts_is_one_every_two_seconds(announcer):
@@ -57,25 +51,19 @@ def test_a_text_fits_in_fifty_bytes(announcer, text):
     raw.decode("ascii")
 
 
-def test_numbers_to_plot_come_at_four_hertz(announcer):
-    sent = [now for i in range(200) if announcer.plots({"CN_RNG": 1.0}, now := i / 20)]
+def test_numbers_to_plot_come_at_four_hertz_with_their_names_and_our_clock(announcer):
+    values = {"CN_RNG": 101.5, "CN_RRATE": -2.0}
+    sent = [(now, messages) for i in range(200) if (messages := announcer.plots(values, now := i / 20))]
     assert len(sent) == 40
-    assert sent[1] - sent[0] == pytest.approx(0.25)
-
-
-def test_numbers_carry_their_names_and_our_clock(announcer):
-    messages = announcer.plots({"CN_RNG": 101.5, "CN_RRATE": -2.0}, 3.5)
-    assert [(message.name, message.value, message.time_boot_ms) for message in messages] == [
-        ("CN_RNG", 101.5, 3500),
-        ("CN_RRATE", -2.0, 3500),
+    now, messages = sent[1]
+    assert now == pytest.approx(0.25)
+    assert [(one.name, one.value, one.time_boot_ms) for one in messages] == [
+        ("CN_RNG", 101.5, 250),
+        ("CN_RRATE", -2.0, 250),
     ]
 
 
-def test_nothing_to_plot_is_nothing_sent_and_delays_nothing(announcer):
+def test_nothing_to_plot_is_nothing_sent_and_a_number_that_is_none_is_left_out(announcer):
     assert announcer.plots({}, 0.0) == []
-    assert announcer.plots({"CN_RNG": 1.0}, 0.01) != []
-
-
-def test_a_number_too_big_for_single_precision_is_left_out_and_stops_nothing(announcer):
-    told = announcer.plots({"CN_RNG": 3.5e38, "CN_RRATE": 1.0, "CN_ERR": float("nan"), "CN_YRATE": float("inf")}, 0.0)
-    assert [message.name for message in told] == ["CN_RRATE"]
+    wild = {"CN_RNG": 3.5e38, "CN_RRATE": 1.0, "CN_ERR": float("nan"), "CN_YRATE": float("inf")}
+    assert [message.name for message in announcer.plots(wild, 0.01)] == ["CN_RRATE"]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from circnav_mav.experiments import dubins
-from circnav_mav.mission.check_result import Grade
+from circnav_mav.mav.check_result import Grade
 from circnav_mav.mission.checks import check_mission
 
 PASS, WARN, FAIL = Grade.PASS, Grade.WARN, Grade.FAIL

@@ -10,7 +10,7 @@ import pytest
 from pydantic import BaseModel
 
 from circnav_mav.guidance.types import Direction
-from circnav_mav.mission.check_result import Grade
+from circnav_mav.mav.check_result import Grade
 from circnav_mav.mission.checks import check_mission
 from circnav_mav.mission.load import MissionError, load_mission, parse_mission
 from circnav_mav.mission.schema import MissionFile

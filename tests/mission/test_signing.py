@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from circnav_mav.mission.check_result import Grade
+from circnav_mav.mav.check_result import Grade
 from circnav_mav.mission.checks import check_mission
 from circnav_mav.mission.load import MissionError, load_mission, parse_mission
 from circnav_mav.pilot import RANGING, VEHICLE

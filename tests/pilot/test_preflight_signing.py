@@ -8,9 +8,8 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
+from circnav_mav.mav.check_result import Grade
 from circnav_mav.mav.signing import Signing
-from circnav_mav.mission.check_result import Grade
-from circnav_mav.mission.param_rules import names_for
 from circnav_mav.mission.preflight import judge
 from circnav_mav.pilot.survey import Survey
 from tests.flight.signed import KEY, OTHER, key_file
@@ -27,7 +26,7 @@ def said(folder: Path, ours: bytes | None, theirs: bytes | None) -> list[tuple[G
     bench = Bench("arducopter", *overrides, seconds=1.0)
     if ours is not None:
         settings = bench.mission.pilot_settings()
-        bench.survey = Survey(settings, names_for, seconds=1.0, signing=Signing(ours))
+        bench.survey = Survey(settings, seconds=1.0, signing=Signing(ours))
     lines = judge(bench.mission, bench.run())
     return [(line.grade, line.says) for line in lines if line.subject == "signing" or "none that" in line.says]
 

@@ -75,12 +75,8 @@ def predict_belief(
         stays = calm + belief.feels * (1 - calm)
         errors = c * x[FORWARD] - s * x[LEFT], s * x[FORWARD] + c * x[LEFT]
         d = tuple(
-            x[DX + i]
-            + stays * x[GX + i]
-            + x[EX + i]
-            + belief.feels * (felt.change[i] - x[KAPPA] * felt.air[i])
-            - wrong[i]
-            for i in (0, 1)
+            x[DX + i] + stays * x[GX + i] + x[EX + i] - error + belief.feels * (change - x[KAPPA] * nose)
+            for i, error, change, nose in zip((0, 1), errors, felt.change, felt.air, strict=True)
         )
     v = x[KAPPA] * air[0] + d[0], x[KAPPA] * air[1] + d[1]
     across, ahead = t[0] * v[0] + t[1] * v[1], n[0] * air[0] + n[1] * air[1]

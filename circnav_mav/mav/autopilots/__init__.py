@@ -1,1 +1,1 @@
-"""One small module per vehicle kind, behind one contract (`interface`)."""
+"""One file a vehicle, behind one contract (`interface`), and a row of `table`."""

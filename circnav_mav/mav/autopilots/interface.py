@@ -1,26 +1,28 @@
-"""What every vehicle adapter offers, and what it is told."""
+"""What every vehicle offers, and what it is given to make a setpoint of."""
 
-from collections.abc import Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import ClassVar
 
 from circnav_mav.guidance.velocity_loop import VelocityLoop
+from circnav_mav.mav.autopilots.parameters import Rule
+from circnav_mav.mav.autopilots.targets import Addressee, coordinated_bank, custom_mode_request
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.commands import Command
-from circnav_mav.mav.own_motion import Motion
 from circnav_mav.mav.setpoint_guard import Steer
 
 PLAUSIBLE_AIRSPEED = (0.5, 1.6)
 """Shares of the commanded airspeed between which a vehicle can fly at all: outside of them it is the sensor that lies
-(a blocked pitot tube), and a bank or a thrust made from it would be believed for the whole flight."""
-BELIEVED_AGAIN = (0.6, 1.5)
-"""Shares between which one that was doubted is believed again: at the bound itself thrust and bank would step each time
-that noise crosses it."""
+(a blocked pitot tube), and a bank or a thrust made from it would be wrong for the whole flight."""
+TRUSTED_AGAIN = (0.6, 1.5)
+"""Shares between which a doubted sensor is used again: at the bound itself thrust and bank would step each time that
+noise crosses it."""
 
 
 @dataclass(frozen=True, slots=True)
 class AirLoops:
-    """Our own height and airspeed loops, for a vehicle that is told pitch and thrust.
+    """Our own height and airspeed loops, for a vehicle that takes pitch and thrust.
 
     pitch = pitch_per_height e_h - pitch_per_climb climb (rad, e_h = wanted - present height, m), within max_pitch;
     thrust = trim_thrust + thrust_per_speed e_V + thrust_per_bank (1/cos(roll) - 1), within 0 and 1.
@@ -56,121 +58,111 @@ class VehicleFacts:
 
 
 @dataclass(frozen=True, slots=True)
-class VehicleState:
-    """What an adapter may use besides the command.
+class Firmware:
+    """What the vehicles of one autopilot share.
 
-    target_system, target_component: whom to address. motion: what is known of the vehicle's own motion.
-    height: altitude to hold, m above sea level, None when the vehicle holds it or nothing is known.
+    key: its name in mission files. autopilot: MAV_AUTOPILOT of its HEARTBEAT. flown: the version whose behaviour our
+    messages were flown with. streams: message id -> Hz to ask for. mode_numbers: custom_mode -> parameters 2 and 3 of
+    MAV_CMD_DO_SET_MODE. bytewise: PARAM_VALUE carries the bytes of an integer, not its value. echoes_ranges: it sends a
+    DISTANCE_SENSOR that was forwarded to it a second time, under its own id. why_must_leave: why a flight must end by
+    a change of mode, and is not resumed after a takeover, for people; empty where neither is so.
     """
 
-    target_system: int
-    target_component: int
-    motion: Motion
-    height: float | None
+    key: str
+    autopilot: int
+    flown: str
+    streams: Mapping[int, float]
+    mode_numbers: Callable[[int], tuple[int, ...]]
+    bytewise: bool = False
+    echoes_ranges: bool = False
+    why_must_leave: str = ""
 
 
-class Airspeed:
-    """Which airspeed to reckon with. Asked again with the same number, it says the same."""
+class Autopilot(ABC):
+    """One vehicle kind: which mode is ours, the one setpoint message that steers it, and all that is special of it."""
 
-    def __init__(self, commanded: float) -> None:
-        """commanded: V, m/s."""
-        self._commanded = commanded
-        self._doubted = False
+    firmware: ClassVar[Firmware]
+    name: ClassVar[str]
+    """For people."""
+    bundled: ClassVar[tuple[str, ...]] = ()
+    """Profiles of the bundled vehicle that imitate it."""
+    vehicle_types: ClassVar[frozenset[int]]
+    """MAV_TYPE values of its HEARTBEAT."""
+    guided_mode: ClassVar[int]
+    """custom_mode in which setpoints are obeyed."""
+    mode_names: ClassVar[Mapping[int, str]]
+    """custom_mode -> name, for people."""
+    exits: ClassVar[Mapping[str, int]]
+    """Exit action -> the custom_mode that it commands."""
+    default_exit: ClassVar[str] = "loiter"
+    """The exit action when the mission names none; "stop" leaves the vehicle in its mode and falls silent."""
+    why_no_stop: ClassVar[str] = ""
+    """Why it must not be left in its mode, for people; empty where it may."""
+    shapes: ClassVar[frozenset[tuple[str, int | None]]]
+    """(message type, type_mask or None) pairs that may be sent, and no others."""
+    needs: ClassVar[frozenset[str]] = frozenset()
+    """Names of `Motion` fields without which it cannot be flown."""
+    parameters: ClassVar[tuple[Rule, ...]]
+    """The autopilot's parameters that matter to a flight, and what their values imply."""
+    flies: ClassVar[bool] = True
+    """Whether it must be in the air before it may be engaged."""
+    banks: ClassVar[bool] = False
+    """Whether it turns by banking, and a mission must limit its bank."""
+    measures_airspeed: ClassVar[bool] = False
+    """Whether VFR_HUD.airspeed is an airspeed. A copter without a sensor sends its ground speed there, which is a
+    velocity and not to be used; it holds the commanded speed instead."""
+    cruises: ClassVar[bool] = False
+    """Whether it flies the airspeed that the autopilot itself holds, whatever the mission says."""
+    ground_speed_sigma: ClassVar[float | None] = None
+    """Share by which the speed over the ground may differ from the commanded one, where the autopilot holds that and
+    the wind does not carry the vehicle; None where it does."""
+    velocity_loop: ClassVar[VelocityLoop | None] = None
+    """How its velocity follows its nose; None where the nose shows the way."""
+    least_turn_gain: ClassVar[float] = 1.0
+    """The least realised over commanded turn rate to expect."""
+    slips: ClassVar[bool] = False
+    """Whether the nose turns later than the bank, as of a plane without rudder."""
 
-    def believed(self, measured: float | None) -> float:
-        """The measured one, m/s, or the commanded one where that is missing or cannot be."""
-        if measured is None:
-            return self._commanded
-        least, most = (share * self._commanded for share in (BELIEVED_AGAIN if self._doubted else PLAUSIBLE_AIRSPEED))
-        self._doubted = not least <= measured <= most
-        return self._commanded if self._doubted else measured
-
-
-class Autopilot(Protocol):
-    """One vehicle kind: which mode is ours, and the one setpoint message that steers it."""
-
-    @property
-    def name(self) -> str:
-        """For people."""
-        ...
+    def __init__(self, facts: VehicleFacts) -> None:
+        self._facts = facts
+        self._doubts_airspeed = False
 
     @property
     def autopilot(self) -> int:
         """MAV_AUTOPILOT of its HEARTBEAT."""
-        ...
+        return self.firmware.autopilot
 
     @property
-    def vehicle_types(self) -> frozenset[int]:
-        """MAV_TYPE values of its HEARTBEAT."""
-        ...
-
-    @property
-    def guided_mode(self) -> int:
-        """custom_mode in which setpoints are obeyed."""
-        ...
-
-    @property
-    def mode_names(self) -> Mapping[int, str]:
-        """custom_mode -> name, for people."""
-        ...
-
-    @property
-    def exits(self) -> Mapping[str, int]:
-        """Exit action -> the custom_mode that it commands."""
-        ...
-
-    @property
-    def default_exit(self) -> str:
-        """The exit action when the mission names none; "stop" leaves the vehicle in its mode and falls silent."""
-        ...
-
-    @property
-    def shapes(self) -> frozenset[tuple[str, int | None]]:
-        """(message type, type_mask or None) pairs that may be sent, and no others."""
-        ...
-
-    @property
-    def streams(self) -> Mapping[int, float]:
-        """Message id -> Hz to ask for."""
-        ...
+    def guided_name(self) -> str:
+        """The mode that is ours, for people."""
+        return self.mode_names[self.guided_mode]
 
     def wants_setpoints_in(self, mode: int | None) -> bool:
         """Whether the guided mode is entered from this one only while setpoints flow, which it does not fly yet."""
-        ...
-
-    @property
-    def flies(self) -> bool:
-        """Whether it must be in the air before it may be engaged."""
-        ...
-
-    @property
-    def measures_airspeed(self) -> bool:
-        """Whether VFR_HUD.airspeed is an airspeed. A copter without a sensor sends its ground speed there, which is a
-        velocity and not to be used; it holds the commanded speed instead."""
-        ...
-
-    @property
-    def velocity_loop(self) -> VelocityLoop | None:
-        """How its velocity follows its nose; None where the nose shows the way."""
-        ...
-
-    def airspeed(self, measured: float | None) -> float:
-        """The airspeed to reckon with, m/s: what was measured, as far as it is believed."""
-        ...
-
-    @property
-    def needs(self) -> frozenset[str]:
-        """Names of `Motion` fields without which it cannot be flown."""
-        ...
-
-    def setpoint(self, steer: Steer, state: VehicleState, now: float) -> Message:
-        """The message that flies a steer."""
-        ...
-
-    def safe_setpoint(self, state: VehicleState, now: float) -> Message:
-        """The message to leave behind before falling silent."""
-        ...
+        return False
 
     def request_mode(self, mode: int) -> Command:
         """The command that asks for a mode."""
-        ...
+        return custom_mode_request(*self.firmware.mode_numbers(mode))
+
+    @abstractmethod
+    def setpoint(self, steer: Steer, to: Addressee, now: float) -> Message:
+        """The message that flies a steer."""
+
+    @abstractmethod
+    def safe_setpoint(self, to: Addressee, now: float) -> Message:
+        """The message to leave behind before falling silent."""
+
+    def airspeed(self, measured: float | None) -> float:
+        """The airspeed to reckon with, m/s: the measured one, or the commanded one where that is missing or cannot be.
+        Asked again with the same number, it says the same."""
+        commanded = self._facts.speed
+        if measured is None:
+            return commanded
+        least, most = (share * commanded for share in (TRUSTED_AGAIN if self._doubts_airspeed else PLAUSIBLE_AIRSPEED))
+        self._doubts_airspeed = not least <= measured <= most
+        return commanded if self._doubts_airspeed else measured
+
+    def bank(self, steer: Steer, to: Addressee) -> float:
+        """The bank of the coordinated turn within the mission's limit, rad, right positive."""
+        return coordinated_bank(steer.yaw_rate, self.airspeed(to.motion.airspeed), self._facts.max_bank)

@@ -1,12 +1,14 @@
-"""The adapters by (autopilot, kind) of the mission file, and why the others are not there."""
+"""The vehicles by (autopilot, kind) of the mission file, and why the others are not there."""
 
-from collections.abc import Callable
-
-from circnav_mav.mav.autopilots.ardupilot import ArduCopter, ArduPlane, ArduRover
+from circnav_mav.mav.autopilots.ardupilot_copter import ArduCopter
+from circnav_mav.mav.autopilots.ardupilot_plane import ArduPlane
+from circnav_mav.mav.autopilots.ardupilot_rover import ArduRover
 from circnav_mav.mav.autopilots.interface import Autopilot, VehicleFacts
-from circnav_mav.mav.autopilots.px4 import PX4Copter, PX4PlaneAttitude, PX4PlaneStick
+from circnav_mav.mav.autopilots.px4_copter import PX4Copter
+from circnav_mav.mav.autopilots.px4_plane_attitude import PX4PlaneAttitude
+from circnav_mav.mav.autopilots.px4_plane_stick import PX4PlaneStick
 
-AUTOPILOTS: dict[tuple[str, str], Callable[[VehicleFacts], Autopilot]] = {
+AUTOPILOTS: dict[tuple[str, str], type[Autopilot]] = {
     ("ardupilot", "copter"): ArduCopter,
     ("ardupilot", "plane"): ArduPlane,
     ("ardupilot", "rover"): ArduRover,
@@ -29,10 +31,32 @@ REFUSED: dict[tuple[str, str], str] = {
 """The vehicles that cannot, with the reason for people."""
 
 
-def adapters(autopilot: str, kind: str | None, facts: VehicleFacts) -> tuple[Autopilot, ...]:
-    """The adapters that a mission allows; `auto` allows all that share the kind, if it is given."""
-    return tuple(
-        make(facts)
-        for (whose, what), make in AUTOPILOTS.items()
+DEFAULT_METHODS = {"plane": "stick"}
+"""The method by which a kind is steered where the mission names none; PX4's planes have another."""
+_KEYS = (*AUTOPILOTS, *REFUSED)
+MISSION_AUTOPILOTS = (*dict.fromkeys(autopilot for autopilot, _ in _KEYS), "auto")
+MISSION_KINDS = tuple(dict.fromkeys(kind.split()[0] for _, kind in _KEYS))
+MISSION_METHODS = tuple(
+    dict.fromkeys((*DEFAULT_METHODS.values(), *(kind.split()[1] for _, kind in _KEYS if " " in kind)))
+)
+MISSION_EXITS = ("stop", *dict.fromkeys(name for vehicle in AUTOPILOTS.values() for name in vehicle.exits))
+"""The words of a mission file."""
+
+
+def table_key(autopilot: str, kind: str, method: str | None) -> tuple[str, str]:
+    """The row that a mission file means."""
+    return autopilot, kind if method in (None, DEFAULT_METHODS.get(kind)) else f"{kind} {method}"
+
+
+def allowed(autopilot: str, kind: str | None) -> dict[tuple[str, str], type[Autopilot]]:
+    """The rows that a mission allows; `auto` allows all of the kind; where no kind is given, all flown by default."""
+    return {
+        (whose, what): vehicle
+        for (whose, what), vehicle in AUTOPILOTS.items()
         if autopilot in ("auto", whose) and (what == kind or (kind is None and " " not in what))
-    )
+    }
+
+
+def adapters(autopilot: str, kind: str | None, facts: VehicleFacts) -> tuple[Autopilot, ...]:
+    """The adapters that a mission allows."""
+    return tuple(vehicle(facts) for vehicle in allowed(autopilot, kind).values())

@@ -1,20 +1,50 @@
 """The setpoint messages, filled in one place: what the masks leave out is sent as zero."""
 
+from dataclasses import dataclass
+from math import atan
+
 from pymavlink.dialects.v20 import all as dialect
 
-from circnav_mav.mav.autopilots.interface import VehicleState
+from circnav_mav.mav.clocks import our_boot_ms
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.commands import Command
-from circnav_mav.mav.frames import quaternion_from_euler
+from circnav_mav.mav.frames import GRAVITY, quaternion_from_euler
+from circnav_mav.mav.own_motion import Motion
 
 VELOCITY_AND_YAW_RATE = 0x5C7
 """SET_POSITION_TARGET_LOCAL_NED: ignore position (bits 0..2), acceleration (6..8) and yaw (10); use all three
 velocities (3..5: masking any one masks all on Copter and PX4) and yaw rate (11)."""
+COPTER_TYPES = frozenset(
+    (
+        dialect.MAV_TYPE_QUADROTOR,
+        dialect.MAV_TYPE_COAXIAL,
+        dialect.MAV_TYPE_HELICOPTER,
+        dialect.MAV_TYPE_HEXAROTOR,
+        dialect.MAV_TYPE_OCTOROTOR,
+        dialect.MAV_TYPE_TRICOPTER,
+        dialect.MAV_TYPE_DODECAROTOR,
+    )
+)
+PLANE_TYPES = frozenset((dialect.MAV_TYPE_FIXED_WING,))
+
+
+@dataclass(frozen=True, slots=True)
+class Addressee:
+    """Whom a setpoint is for, and what may be used beside the command.
+
+    target_system, target_component: its ids. motion: what is known of the vehicle's own motion. height: altitude to
+    hold, m above sea level, None when the vehicle holds it or nothing is known.
+    """
+
+    target_system: int
+    target_component: int
+    motion: Motion
+    height: float | None
 
 
 def body_velocity(
     mask: int,
-    state: VehicleState,
+    to: Addressee,
     now: float,
     *,
     forward: float,
@@ -25,9 +55,9 @@ def body_velocity(
     """SET_POSITION_TARGET_LOCAL_NED in BODY_NED: forward and down speed (m/s), yaw rate (rad/s, clockwise positive),
     acceleration to the right (m/s^2)."""
     return dialect.MAVLink_set_position_target_local_ned_message(
-        boot_ms(now),
-        state.target_system,
-        state.target_component,
+        our_boot_ms(now),
+        to.target_system,
+        to.target_component,
         dialect.MAV_FRAME_BODY_NED,
         mask,
         *(0.0, 0.0, 0.0),
@@ -38,12 +68,12 @@ def body_velocity(
     )
 
 
-def attitude(mask: int, state: VehicleState, now: float, *, roll: float, pitch: float, thrust: float) -> Message:
+def attitude(mask: int, to: Addressee, now: float, *, roll: float, pitch: float = 0.0, thrust: float = 0.0) -> Message:
     """SET_ATTITUDE_TARGET: roll and pitch in rad (right and nose-up positive), thrust 0..1, no rates, yaw 0."""
     return dialect.MAVLink_set_attitude_target_message(
-        boot_ms(now),
-        state.target_system,
-        state.target_component,
+        our_boot_ms(now),
+        to.target_system,
+        to.target_component,
         mask,
         quaternion_from_euler(roll, pitch, 0.0),
         *(0.0, 0.0, 0.0),
@@ -51,11 +81,11 @@ def attitude(mask: int, state: VehicleState, now: float, *, roll: float, pitch: 
     )
 
 
-def custom_mode_request(*params: int) -> Command:
+def coordinated_bank(yaw_rate: float, airspeed: float, max_bank: float) -> float:
+    """Bank of a coordinated turn, rad, right positive: atan(w V/g), cut to +-max_bank."""
+    return min(max(atan(yaw_rate * airspeed / GRAVITY), -max_bank), max_bank)
+
+
+def custom_mode_request(*numbers: int) -> Command:
     """MAV_CMD_DO_SET_MODE with the custom-mode flag and the autopilot's own mode numbers."""
-    return Command(dialect.MAV_CMD_DO_SET_MODE, (dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, *params))
-
-
-def boot_ms(now: float) -> int:
-    """Our time_boot_ms: milliseconds since we started, in 32 bits."""
-    return int(now * 1000) & 0xFFFFFFFF
+    return Command(dialect.MAV_CMD_DO_SET_MODE, (dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, *numbers))

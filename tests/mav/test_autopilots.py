@@ -7,20 +7,22 @@ from math import atan, cos, nan, sin
 
 import pytest
 
-from circnav_mav.guidance.types import TurnRate
-from circnav_mav.mav.autopilots.interface import Autopilot, VehicleFacts, VehicleState
+from circnav_mav.guidance.types import Direction, TurnRate
+from circnav_mav.mav.autopilots.interface import Autopilot, VehicleFacts
 from circnav_mav.mav.autopilots.table import AUTOPILOTS
+from circnav_mav.mav.autopilots.targets import Addressee
 from circnav_mav.mav.codec import Encoder
-from circnav_mav.mav.frames import yaw_rate_from_turn_rate
+from circnav_mav.mav.frames import YawRate, yaw_rate_from_turn_rate
 from circnav_mav.mav.own_motion import Motion
 from circnav_mav.mav.setpoint_guard import Steer
+from tests.rig import ORBIT, Rig, Voice, decode
 
 US, VEHICLE_IDS = (7, 191), (7, 1)
 SPEED, TURN = 10.0, 0.2  # m/s; rad/s, left positive
 FACTS = VehicleFacts(speed=SPEED, max_bank=0.7, stick_bank=0.8)
 AT = 12.345
 LEVEL = Motion(roll=0.0, pitch=0.0, yaw=1.0, airspeed=SPEED, altitude=104.0, climb=0.5)
-STATE = VehicleState(*VEHICLE_IDS, motion=LEVEL, height=103.0)
+STATE = Addressee(*VEHICLE_IDS, motion=LEVEL, height=103.0)
 BANK = atan(0.2 * 10.0 / 9.80665)  # of the coordinated turn
 SIDES = {"left": (TURN, -1), "right": (-TURN, 1), "straight": (0.0, 0)}  # turn rate, sense in MAVLink
 
@@ -34,15 +36,20 @@ def x25(data: bytes) -> int:
     return crc & 0xFFFF
 
 
+def test_the_check_sum_of_this_file_is_the_standard_one() -> None:
+    """Check value of CRC-16/MCRF4XX for "123456789"."""
+    assert x25(b"123456789") == 0x6F91
+
+
 def frame(message_id: int, crc_extra: int, payload: bytes) -> bytes:
     cut = payload.rstrip(b"\x00") or b"\x00"
     body = bytes((len(cut), 0, 0, 0, *US, message_id, 0, 0)) + cut
     return b"\xfd" + body + struct.pack("<H", x25(body + bytes((crc_extra,))))
 
 
-def velocity_frame(mask: int, *, forward: float, down: float, yaw_rate: float) -> bytes:
+def velocity_frame(mask: int, *, forward: float, down: float, yaw_rate: float, right: float = 0.0) -> bytes:
     """SET_POSITION_TARGET_LOCAL_NED (84, extra 143) in MAV_FRAME_BODY_NED (8)."""
-    floats = (0.0, 0.0, 0.0, forward, 0.0, down, 0.0, 0.0, 0.0, 0.0, yaw_rate)
+    floats = (0.0, 0.0, 0.0, forward, 0.0, down, 0.0, right, 0.0, 0.0, yaw_rate)
     return frame(84, 143, struct.pack("<I11fH3B", 12345, *floats, mask, *VEHICLE_IDS, 8))
 
 
@@ -62,7 +69,7 @@ def stick_frame(y: int) -> bytes:
     return frame(69, 243, struct.pack("<4hHB", 0, y, 500, 0, 0, 7))
 
 
-def sent(key: tuple[str, str], turn_rate: float | None, state: VehicleState = STATE) -> bytes:
+def sent(key: tuple[str, str], turn_rate: float | None, state: Addressee = STATE) -> bytes:
     """The bytes of an adapter for a turn rate in the paper's frame, or of its safe setpoint."""
     adapter = AUTOPILOTS[key](FACTS)
     if turn_rate is None:
@@ -71,19 +78,28 @@ def sent(key: tuple[str, str], turn_rate: float | None, state: VehicleState = ST
     return Encoder(*US).encode(adapter.setpoint(steer, state, AT))
 
 
-def at_airspeed(airspeed: float | None) -> VehicleState:
+def at_airspeed(airspeed: float | None) -> Addressee:
     return replace(STATE, motion=replace(LEVEL, airspeed=airspeed))
 
 
 @pytest.mark.parametrize("side", SIDES)
-def test_rover_is_told_speed_and_yaw_rate(side: str) -> None:
+def test_ardupilot_copter_is_commanded_speed_yaw_rate_and_the_acceleration_that_the_turn_needs(side: str) -> None:
+    """V w = 2 m/s^2, right positive. Mask: ignore position (bits 0..2) and yaw (bit 10)."""
+    turn_rate, sense = SIDES[side]
+    rate, right = (0.2 * sense, 2.0 * sense) if sense else (-0.0, -0.0)
+    expected = velocity_frame(1 + 2 + 4 + 1024, forward=10.0, down=0.0, yaw_rate=rate, right=right)
+    assert sent(("ardupilot", "copter"), turn_rate) == expected
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_rover_is_commanded_speed_and_yaw_rate(side: str) -> None:
     turn_rate, sense = SIDES[side]
     expected = velocity_frame(0x5C7, forward=10.0, down=0.0, yaw_rate=0.2 * sense if sense else -0.0)
     assert sent(("ardupilot", "rover"), turn_rate) == expected
 
 
 @pytest.mark.parametrize("side", SIDES)
-def test_px4_copter_is_told_speed_yaw_rate_and_the_climb_to_its_height(side: str) -> None:
+def test_px4_copter_is_commanded_speed_yaw_rate_and_the_climb_to_its_height(side: str) -> None:
     """1 m too high: down at 0.5 /s times 1 m."""
     turn_rate, sense = SIDES[side]
     expected = velocity_frame(0x5C7, forward=10.0, down=0.5, yaw_rate=0.2 * sense if sense else -0.0)
@@ -91,7 +107,7 @@ def test_px4_copter_is_told_speed_yaw_rate_and_the_climb_to_its_height(side: str
 
 
 @pytest.mark.parametrize("side", SIDES)
-def test_plane_is_told_the_bank_of_the_coordinated_turn_and_nothing_else(side: str) -> None:
+def test_plane_is_commanded_the_bank_of_the_coordinated_turn_and_nothing_else(side: str) -> None:
     turn_rate, sense = SIDES[side]
     assert floats_of(sent(("ardupilot", "plane"), turn_rate)) == pytest.approx(
         floats_of(attitude_frame(0xC6, roll=BANK * sense, pitch=0.0, thrust=0.0)), abs=1e-7
@@ -117,12 +133,68 @@ def test_px4_plane_attitude_has_the_bank_and_the_pitch_and_thrust_of_our_loops(s
 
 
 def test_hold_is_standing_still_or_wings_level() -> None:
+    assert sent(("ardupilot", "copter"), None) == velocity_frame(0x407, forward=0.0, down=0.0, yaw_rate=0.0)
     assert sent(("ardupilot", "rover"), None) == velocity_frame(0x5C7, forward=0.0, down=0.0, yaw_rate=0.0)
     assert sent(("px4", "copter"), None) == velocity_frame(0x5C7, forward=0.0, down=0.5, yaw_rate=0.0)
     assert sent(("ardupilot", "plane"), None) == attitude_frame(0xC6, roll=0.0, pitch=0.0, thrust=0.0)
     assert sent(("px4", "plane"), None) == stick_frame(0)
     level = floats_of(attitude_frame(0x07, roll=0.0, pitch=-0.04, thrust=0.63))
     assert floats_of(sent(("px4", "plane attitude"), None)) == pytest.approx(level, abs=1e-6)
+
+
+@pytest.mark.parametrize("key", AUTOPILOTS)
+def test_every_message_is_in_its_vehicles_own_table_and_addressed(key: tuple[str, str]) -> None:
+    vehicle = AUTOPILOTS[key](FACTS)
+    for message in (vehicle.setpoint(Steer(YawRate(0.1), 10.0), STATE, AT), vehicle.safe_setpoint(STATE, AT)):
+        assert (message.get_type(), getattr(message, "type_mask", None)) in vehicle.shapes
+        assert getattr(message, "target_system", getattr(message, "target", None)) == VEHICLE_IDS[0]
+        assert getattr(message, "target_component", VEHICLE_IDS[1]) == VEHICLE_IDS[1]
+        assert vehicle.airspeed(None) == SPEED
+
+
+def test_our_clock_in_a_setpoint_wraps_like_a_boot_time() -> None:
+    copter = AUTOPILOTS["ardupilot", "copter"](FACTS)
+    assert copter.safe_setpoint(STATE, now=2**32 / 1000 + 1.0).time_boot_ms == 1000
+
+
+@pytest.mark.parametrize(
+    ("key", "numbers"), [(("ardupilot", "copter"), (4,)), (("ardupilot", "plane"), (15,)), (("px4", "plane"), (2, 0))]
+)
+def test_the_guided_mode_is_asked_for_by_its_numbers(key: tuple[str, str], numbers: tuple[int, ...]) -> None:
+    """DO_SET_MODE (176): p1 = 1, custom mode enabled; then ArduPilot's mode, or PX4's main and sub mode."""
+    vehicle = AUTOPILOTS[key](FACTS)
+    command = vehicle.request_mode(vehicle.guided_mode)
+    assert (command.number, command.params) == (176, (1, *numbers))
+
+
+@pytest.mark.parametrize(
+    ("key", "mode", "wanted"),
+    [
+        (("ardupilot", "copter"), 5, False),
+        (("px4", "copter"), 4 << 16 | 3 << 24, True),
+        (("px4", "copter"), None, True),
+        (("px4", "plane"), 4 << 16 | 3 << 24, True),  # AUTO.LOITER
+        (("px4", "plane"), 3 << 16, False),  # POSCTL is flown by stick: ours would move it
+        (("px4", "plane"), None, False),
+    ],
+)
+def test_setpoints_before_the_guided_mode_go_only_where_nothing_obeys_them(
+    key: tuple[str, str], mode: int | None, wanted: bool
+) -> None:
+    assert AUTOPILOTS[key](FACTS).wants_setpoints_in(mode) == wanted
+
+
+@pytest.mark.parametrize(("direction", "sign"), [(Direction.CLOCKWISE, 1), (Direction.COUNTERCLOCKWISE, -1)])
+def test_a_whole_flight_ends_in_the_frame_built_by_hand(direction: Direction, sign: int) -> None:
+    """Holding without ranges turns at V/r_d = 15/100 rad/s: clockwise is positive in MAVLink."""
+    rig = Rig(orbit=replace(ORBIT, direction=direction))
+    rig.vehicle = Voice(*VEHICLE_IDS)
+    rig.engage()
+    rig.ranges = False
+    rig.run(1.0)
+    (message,) = [message for message in decode(rig.raw[-1]) if message.get_type() == "SET_POSITION_TARGET_LOCAL_NED"]
+    assert (message.vx, message.afy, message.yaw_rate) == pytest.approx((15.0, sign * 2.25, sign * 0.15))
+    assert (message.type_mask, message.coordinate_frame, message.time_boot_ms) == (0x407, 8, round(rig.now * 1000))
 
 
 @pytest.mark.parametrize("key", AUTOPILOTS)
@@ -143,13 +215,13 @@ def floats_of(data: bytes) -> tuple[float, ...]:
 
 PLANES = [("ardupilot", "plane"), ("px4", "plane"), ("px4", "plane attitude")]
 LIES = [None, 0.1, 1.0, 4.99, 16.01, 150.0, nan]
-"""Airspeeds that are none of a plane told to fly 10 m/s."""
+"""Airspeeds that are none of a plane commanded to fly 10 m/s."""
 TRUE = [5.01, 9.0, 12.0, 15.99]
 
 
 @pytest.mark.parametrize("airspeed", LIES)
 @pytest.mark.parametrize("key", PLANES)
-def test_an_airspeed_that_cannot_be_is_not_believed(key: tuple[str, str], airspeed: float | None) -> None:
+def test_an_airspeed_that_cannot_be_is_not_used(key: tuple[str, str], airspeed: float | None) -> None:
     """The commanded one stands in, for the bank and for the thrust."""
     assert sent(key, TURN, at_airspeed(airspeed)) == sent(key, TURN)
     assert sent(key, None, at_airspeed(airspeed)) == sent(key, None)
@@ -175,7 +247,7 @@ def thrust_at(adapter: Autopilot, airspeed: float | None) -> float:
 def test_an_airspeed_at_the_bound_of_what_can_be_does_not_make_the_thrust_step_each_time(
     bound: float, within: float, again: float
 ) -> None:
-    """Once doubted, at 1.6 V or at .5 V, it is believed again within 1.5 V or .6 V only."""
+    """Once doubted, at 1.6 V or at .5 V, it is used again within 1.5 V or .6 V only."""
     adapter = AUTOPILOTS["px4", "plane attitude"](FACTS)
     assert thrust_at(adapter, bound) != 0.63
     outside = bound + (0.01 if bound > SPEED else -0.01)

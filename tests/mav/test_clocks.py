@@ -1,19 +1,22 @@
-"""A sensor's clock mapped to ours from nothing but stamps and arrivals."""
+"""A remote clock mapped to ours from nothing but stamps and arrivals; whether it was set anew, and how fast it runs."""
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from circnav_mav.mav.sensor_clock import WINDOW, SensorClock
+from circnav_mav.mav.clocks import BOOT_WRAP, ClockSpeed, RemoteClock
+
+WINDOW = 100
+"""Samples within which a drift of the clock is followed: 10 s of a 10 Hz radio."""
 
 
 def test_the_first_sample_is_taken_to_have_come_at_once():
-    assert SensorClock().local(5000.0, 12.0) == 12.0
+    assert RemoteClock().local(5000.0, 12.0) == 12.0
 
 
 def test_the_least_delay_seen_is_the_offset():
-    clock = SensorClock()
+    clock = RemoteClock()
     assert clock.local(100.0, 10.3) == pytest.approx(10.3)
     assert clock.local(100.1, 10.2) == pytest.approx(10.2)  # 0.2 s faster on its way than the first
     assert clock.local(100.2, 10.5) == pytest.approx(10.3)
@@ -22,7 +25,7 @@ def test_the_least_delay_seen_is_the_offset():
 
 def test_jitter_of_the_way_is_taken_out():
     """Delays of 0 to 50 ms: after some samples the local times are as even as the stamps, within 2 ms."""
-    rng, clock = np.random.default_rng(1), SensorClock()
+    rng, clock = np.random.default_rng(1), RemoteClock()
     stamps = 5000 + 0.1 * np.arange(400)
     arrivals = stamps - 4000 + rng.uniform(0, 0.05, len(stamps))
     local = np.array([clock.local(*pair) for pair in zip(stamps, arrivals, strict=True)])
@@ -33,7 +36,7 @@ def test_jitter_of_the_way_is_taken_out():
 @pytest.mark.parametrize("drift", [200e-6, -200e-6])
 def test_a_drifting_clock_is_followed(drift):
     """200 ppm over an hour are 0.7 s; the mapping never falls behind by more than two windows' worth, 4 ms at 10 Hz."""
-    clock = SensorClock()
+    clock = RemoteClock()
     for i in range(36_000):
         true = 0.1 * i
         local = clock.local(5000 + true * (1 + drift), true)
@@ -42,12 +45,12 @@ def test_a_drifting_clock_is_followed(drift):
 
 @given(pairs=st.lists(st.tuples(st.floats(0, 1e6), st.floats(0, 1e6)), min_size=1, max_size=250))
 def test_no_sample_is_ever_dated_after_its_arrival(pairs):
-    clock = SensorClock()
+    clock = RemoteClock()
     assert all(clock.local(stamp, arrival) <= arrival for stamp, arrival in pairs)
 
 
 def test_a_reset_forgets_the_offset():
-    clock = SensorClock()
+    clock = RemoteClock()
     clock.local(5000.0, 10.0)
     clock.reset()
     assert clock.local(3.0, 11.0) == 11.0
@@ -55,7 +58,7 @@ def test_a_reset_forgets_the_offset():
 
 def test_a_delay_that_stays_is_believed_after_two_windows_at_the_latest():
     """A constant delay cannot be told from a clock difference."""
-    clock = SensorClock(lambda since, now: 0.3)
+    clock = RemoteClock(lambda since, now: 0.3)
     clock.local(100.0, 10.0)
     ages = []
     for i in range(1, 2 * WINDOW + 2):
@@ -65,12 +68,46 @@ def test_a_delay_that_stays_is_believed_after_two_windows_at_the_latest():
     assert ages[-1] == pytest.approx(0.0, abs=1e-9)
 
 
+# --- stamps in order ---
+
+
+def test_stamps_go_on_along_one_line_through_the_wrap_and_back():
+    """10 s of ms in 32 bits before and after 49.7 days; one that was overtaken lies behind."""
+    clock = RemoteClock(wrap=BOOT_WRAP)
+    assert abs(BOOT_WRAP - 49.71 * 86400) < 300
+    assert clock.unwrapped(5.0) == 5.0
+    clock.take(BOOT_WRAP - 10.0, 100.0)
+    assert clock.unwrapped(3.0) == pytest.approx(BOOT_WRAP + 3.0)
+    clock.take(BOOT_WRAP + 3.0, 113.0)
+    assert clock.unwrapped(BOOT_WRAP - 1.0) == pytest.approx(BOOT_WRAP - 1.0)
+
+
+@pytest.mark.parametrize(
+    ("stamps", "within", "proven"),
+    [
+        ([(3.0, 1.0)], 1.0, False),
+        ([(3.0, 1.0), (3.1, 1.1)], 1.0, True),
+        ([(3.0, 1.0), (3.0, 1.1)], 1.0, False),  # the same frame again
+        ([(3.0, 1.0), (9.0, 1.1)], 1.0, False),  # goes on, but not as fast as time does
+        ([(3.0, 1.0), (9.0, 1.1)], np.inf, True),
+        ([(3.0, 1.0), None, (3.1, 1.1)], 1.0, False),  # one of the old clock between them
+    ],
+)
+def test_a_clock_was_set_anew_when_two_stamps_in_a_row_say_so(stamps, within, proven):
+    clock = RemoteClock()
+    clock.take(700.0, 0.9)
+    for stamp in stamps:
+        anew = clock.set_anew(*stamp, within=within) if stamp else clock.on_line()
+        assert clock.doubted == (stamp is not None)
+    assert anew == proven
+
+
 # --- a remote clock that stands still ---
 
 
 def ages(lag, *, slower=lambda since, now: 0.0, jitter=0.0, seconds=8.0):
     """(time, age shown) at 10 Hz; lag(t): how late a sample stamped t comes, s, from second 4 on, less the jitter."""
-    rng, clock, shown, heard = np.random.default_rng(7), SensorClock(slower), [], 0.0
+    rng, clock, shown, heard = np.random.default_rng(7), RemoteClock(slower), [], 0.0
     for i in range(round(10 * seconds)):
         stamp = i / 10
         heard = max(heard, stamp + rng.uniform(0.0, jitter) + (lag(stamp) if stamp >= 4.0 else 0.0))
@@ -127,7 +164,7 @@ def test_what_the_round_trip_does_not_explain_is_the_clocks():
 
 
 def test_a_step_is_doubted_while_it_may_be_the_clocks():
-    clock = SensorClock(lambda since, now: float("inf"))
+    clock = RemoteClock(lambda since, now: float("inf"))
     for i in range(20):
         clock.local(i / 10, i / 10)
     doubts = []
@@ -135,3 +172,43 @@ def test_a_step_is_doubted_while_it_may_be_the_clocks():
         clock.local(i / 10, i / 10 + 1.0)
         doubts.append(clock.doubted)
     assert doubts == [False] + [True] * 9
+
+
+# --- how fast it runs ---
+
+
+def found(times: list[tuple[float, float]]) -> list[float | None]:
+    """What is found after each (time since boot, our time)."""
+    clock, seen = ClockSpeed(), []
+    for boot, now in times:
+        clock.heard(boot, now)
+        seen.append(clock.found)
+    return seen
+
+
+@pytest.mark.parametrize("speed", [0.0, 0.5, 8.0])
+def test_a_steady_speed_is_found_after_three_windows_of_three_seconds(speed: float) -> None:
+    seen = found([(100 + speed * 0.1 * n, 0.1 * n) for n in range(120)])
+    assert seen[88] is None
+    assert seen[91] == pytest.approx(speed, abs=0.01)
+
+
+def test_one_stall_is_no_speed() -> None:
+    """For 2 s nothing is heard; then all comes at once."""
+    assert set(found([(0.1 * n, max(0.1 * n, 6.0) if 4.0 < 0.1 * n < 6.0 else 0.1 * n) for n in range(200)])) == {None}
+
+
+def test_a_link_that_becomes_a_second_slower_is_no_speed() -> None:
+    assert set(found([(0.1 * n, 0.1 * n + (1.0 if n > 50 else 0.0)) for n in range(200)])) == {None}
+
+
+def test_a_radio_whose_buffer_fills_is_no_speed() -> None:
+    """For 7 s each message comes 0.15 s a second later."""
+    assert set(found([(0.1 * n, 0.1 * n + min(max(0.015 * (n - 50), 0.0), 1.05)) for n in range(200)])) == {None}
+
+
+def test_a_reboot_begins_anew() -> None:
+    fast = [(8 * 0.1 * n, 0.1 * n) for n in range(100)]
+    seen = found([*fast, *((0.1 * n, 10.0 + 0.1 * n) for n in range(100))])
+    assert seen[99] == pytest.approx(8.0, rel=0.01)
+    assert seen[-1] is None

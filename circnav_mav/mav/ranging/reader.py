@@ -1,7 +1,7 @@
 """Ranging telemetry to range samples: which messages count, and why the others do not.
 
 The order of the checks is source, id, finite, "no range" codes, limits, quality, stamp; the innovation gate comes
-later, in the estimator. See `range_messages` for what each message says.
+later, in the estimator. See the messages' own files for what each says.
 """
 
 from collections import Counter
@@ -10,26 +10,17 @@ from collections.abc import Collection
 from circnav_mav.guidance.range_noise import NoiseCheck
 from circnav_mav.guidance.slant import horizontal
 from circnav_mav.guidance.types import SAME_TIME, RangeSample
+from circnav_mav.mav.clocks import RemoteClock, Slower, nobody_tells
 from circnav_mav.mav.codec import Message
-from circnav_mav.mav.range_messages import (
-    DOWNWARD,
-    OTHERS,
-    RANGING_MESSAGES,
-    RangingMessage,
-    RangingSettings,
-    Reading,
-    Reject,
-)
-from circnav_mav.mav.sensor_clock import SensorClock, Slower, nobody_tells
-
-__all__ = ["DOWNWARD", "RANGING_MESSAGES", "RangeReader", "RangingMessage", "RangingSettings", "Reject"]
+from circnav_mav.mav.ranging.interface import OTHERS, RangingSettings, Reading, Reject
+from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 
 MISSED = 2.5
-"""Ranges of the usual rate that must have failed to come by the old clock before a new one is believed."""
+"""Ranges of the usual rate that must have failed to come by the old clock before a new one is followed."""
 AUTOPILOT_COMPONENT = 1
 EPOCH_JUMP = 1.0
 """A stamp that is newer than the sensor's clock allows, or older than the newest, by more than this, s, is of a clock
-that was set. One that is merely late is not: SensorClock tells a clock that stood still from a slow link."""
+that was set. One that is merely late is not: RemoteClock tells a clock that stood still from a slow link."""
 SOURCE_SILENT = 5.0
 """Silence of the first sensor heard, s, after which another one may take its place."""
 
@@ -40,18 +31,14 @@ class RangeReader:
     def __init__(
         self, settings: RangingSettings, noise: NoiseCheck | None = None, slower: Slower = nobody_tells
     ) -> None:
-        """noise: whether ranges scatter as they say; None: they are believed. slower: tells of the link that they come
-        on."""
+        """noise: whether ranges scatter as they say; None: not checked. slower: tells of the link that they come on."""
         self._settings = settings
         self._noise = noise
         self._kind = RANGING_MESSAGES[settings.message]
-        self._clock = SensorClock(slower)
+        self._clock = RemoteClock(slower, wrap=self._kind.stamp_wrap if settings.sensor_stamps else None)
         self._source: tuple[int, int] | None = None
         self._sequence: int | None = None
-        self._stamp: float | None = None
-        self._arrival = 0.0
         self._slant = 0.0
-        self._jumped: tuple[float, float] | None = None
         self.restarted = False
         self.stepped = 0.0
         """By how much the sensor's clock was found to have stood still with the newest message, s; 0 if not."""
@@ -67,7 +54,7 @@ class RangeReader:
     @property
     def clock_doubted(self) -> bool:
         """Whether the newest ranges are rejected because the sensor's clock has stepped, as it seems."""
-        return self._clock.doubted or self._jumped is not None
+        return self._clock.doubted
 
     def read(
         self,
@@ -78,7 +65,7 @@ class RangeReader:
         strangers: Collection[int] = (),
         one_way: float = 0.0,
     ) -> RangeSample | None:
-        """The sample that a message carries, or None; a refusal is counted in `rejected`.
+        """The sample that a message carries, or None; a rejection is counted in `rejected`.
 
         height: of the vehicle above the target, m; None: ranges are taken as horizontal. strangers: systems of other
         vehicles, whose ranges are theirs unless the mission names one of them. one_way: how long messages of this link
@@ -97,18 +84,20 @@ class RangeReader:
         return answer
 
     def reject(self, reason: Reject) -> None:
-        """Count a refusal, also one decided further on (gate, stall)."""
+        """Count a rejection, also one decided further on (gate, stall)."""
         self.rejected[reason.value] += 1
 
     def _judge(
         self, message: Message, now: float, height: float | None, strangers: Collection[int]
     ) -> RangeSample | Reject | None:
-        reading = self._kind.read(message, self._settings)
-        if reading is None:
+        reading, picked = self._kind.read(message), self._kind.picked(message, self._settings)
+        if reading is None or (self._kind.for_anything and not picked):
             return None
         source = (message.get_srcSystem(), message.get_srcComponent())
         if not self._from_our_sensor(source, now, strangers):
             return Reject.WRONG_SOURCE
+        if not picked:
+            return Reject.OTHER_SENSOR
         if isinstance(reading, Reject):
             return reading
         if reading.slant < self._settings.min_range:
@@ -117,12 +106,13 @@ class RangeReader:
             return Reject.ABOVE_MAX
         if self._source not in (None, source):
             self._begin_anew()
-        stamp = self._unwrapped(reading.stamp, now)
-        refusal = self._order(reading, stamp, now)
-        if refusal is not None:
-            return refusal
-        self._source, self._sequence, self._stamp = source, reading.sequence, stamp
-        self._arrival, self._slant = now, reading.slant
+        carried = reading.stamp if self._settings.sensor_stamps else None
+        stamp = now if carried is None else self._clock.unwrapped(carried)
+        rejection = self._order(reading, stamp, now)
+        if rejection is not None:
+            return rejection
+        self._source, self._sequence, self._slant = source, reading.sequence, reading.slant
+        self._clock.take(stamp, now)
         return self._sample(reading, stamp, now, height)
 
     def _sample(self, reading: Reading, stamp: float, now: float, height: float | None) -> RangeSample | Reject:
@@ -149,30 +139,21 @@ class RangeReader:
         if settings.system not in (None, source[0]) or settings.component not in (None, source[1]):
             return False
         if settings.system is None and source[0] in strangers and source[1] == AUTOPILOT_COMPONENT:
-            return False  # also where it was heard, and believed, before its heartbeat told what it is
+            return False  # also where its ranges were taken before its heartbeat told what it is
         if self.sender_stays and self._source is not None:
             return source == self._source
         if settings.system is None and source[0] in strangers:
             return False
-        return self._source in (None, source) or now - self._arrival > SOURCE_SILENT
-
-    def _unwrapped(self, stamp: float | None, now: float) -> float:
-        """The stamp on a line that does not wrap; the arrival time when there is none or it is not to be used."""
-        if stamp is None or not self._settings.sensor_stamps:
-            return now
-        wrap = self._kind.stamp_wrap
-        if wrap and self._stamp is not None:
-            stamp += wrap * round((self._stamp - stamp) / wrap)
-        return stamp
+        return self._source in (None, source) or now - self._clock.newest_at > SOURCE_SILENT
 
     def _order(self, reading: Reading, stamp: float, now: float) -> Reject | None:
         """Why a reading is not a newer measurement than the last, or None."""
-        if self._stamp is None:
+        if self._clock.newest is None:
             return None
-        step, waited = stamp - self._stamp, now - self._arrival
+        step, waited = stamp - self._clock.newest, now - self._clock.newest_at
         if step <= -EPOCH_JUMP or self._clock.ahead(stamp, now) > EPOCH_JUMP:
             return self._jump(stamp, now)
-        self._jumped = None
+        self._clock.on_line()
         if step < 0:
             return Reject.OLDER
         if step == 0 or (reading.sequence is not None and reading.sequence == self._sequence and waited < 10):
@@ -183,12 +164,10 @@ class RangeReader:
         return None
 
     def _jump(self, stamp: float, now: float) -> Reject | None:
-        """A stamp of another clock: believed when the next one agrees with it, a glitch must not reset us; and when no
+        """A stamp of another clock: followed when the next one agrees with it, a glitch must not reset us; and when no
         range came by the old clock meanwhile, which a looped route does not silence."""
-        before, self._jumped = self._jumped, (stamp, now)
-        if before is None or abs((stamp - before[0]) - (now - before[1])) > EPOCH_JUMP or stamp <= before[0]:
-            return Reject.STAMP_JUMP
-        if now - self._arrival < MISSED / self._settings.rate:
+        anew = self._clock.set_anew(stamp, now, within=EPOCH_JUMP)
+        if not anew or now - self._clock.newest_at < MISSED / self._settings.rate:
             return Reject.STAMP_JUMP
         self._begin_anew()
         return None
@@ -196,5 +175,5 @@ class RangeReader:
     def _begin_anew(self) -> None:
         """Another clock, or another sensor: what was known of the old one says nothing of it."""
         self._clock.reset()
-        self._stamp, self._sequence, self._jumped = None, None, None
+        self._sequence = None
         self.restarted = True

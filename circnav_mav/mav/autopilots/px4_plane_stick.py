@@ -1,0 +1,126 @@
+"""PX4 fixed wing in ALTCTL, flown by the roll stick."""
+
+from types import MappingProxyType
+
+from pymavlink.dialects.v20 import all as dialect
+
+from circnav_mav.mav.autopilots.parameters import (
+    FAIL,
+    PASS,
+    SHORT_TIMEOUT,
+    WARN,
+    Context,
+    Verdict,
+    bank_limit,
+    held_airspeed,
+    least_airspeed,
+    most_airspeed,
+    one_of,
+    rule,
+)
+from circnav_mav.mav.autopilots.px4 import ALTCTL, AUTO, PX4Vehicle, custom_mode, main_and_sub
+from circnav_mav.mav.autopilots.targets import PLANE_TYPES, Addressee
+from circnav_mav.mav.codec import Message
+from circnav_mav.mav.setpoint_guard import Steer
+
+STICK_SCALE = 0.5
+"""Degrees by which the bank at full stick may differ from the mission's."""
+_STICK_LOSS = {1: "stays in Hold", 2: "flies home (RTL)", 3: "lands where it is"}
+_STOPS_MOTORS = {5: "terminates the flight", 6: "disarms"}
+_STOCK_STICK_LOSS = 2.0
+_HOLD_EXCEPTED = 2
+"""COM_RCL_EXCEPT, bit 1."""
+_NO_STICKS = (FAIL, "sticks from MAVLink are ignored: set it to 1 (MAVLink only)")
+
+
+def _stick_loss(value: float, context: Context) -> Verdict:
+    words = f"{value:g} s after our last stick manual control counts as lost (NAV_RCL_ACT)"
+    if value < 2 * context.tick:
+        return FAIL, f"{words}: shorter than two of our ticks"
+    return (WARN if value < SHORT_TIMEOUT else PASS), words
+
+
+def _stick_loss_action(value: float, context: Context) -> Verdict:
+    """What PX4 does in whatever mode it is when our stick ends, for it has then heard manual control."""
+    when = "when our sticks end (takeover, end of the mission, our exit), in any mode but those of COM_RCL_EXCEPT"
+    if stops := _STOPS_MOTORS.get(int(value)):
+        return FAIL, f"{when}, it {stops} in the air: set it to 2 (RTL) or 1 (Hold)"
+    if follows := _STICK_LOSS.get(int(value)):
+        return PASS, f"{when}, it holds for COM_FAIL_ACT_T, then {follows}"
+    return WARN, f"{when}, nobody knows what it does: set it to 2 (RTL) or 1 (Hold)"
+
+
+def _stick_loss_exceptions(value: float, context: Context) -> Verdict:
+    if int(value) & _HOLD_EXCEPTED:
+        return PASS, "a plane given back or taken over in Hold (LOITER) stays there without our sticks"
+    follows = _STICK_LOSS.get(int(context.values.get("NAV_RCL_ACT", _STOCK_STICK_LOSS)), "does what NAV_RCL_ACT says")
+    if follows == _STICK_LOSS[1]:
+        return PASS, "Hold is not excepted, but Hold is also what NAV_RCL_ACT asks for"
+    return WARN, (
+        f"a plane given back or taken over in Hold (LOITER) does not stay there, it {follows}: add 2 (bit 1, Hold)"
+    )
+
+
+def _stick_bank(value: float, context: Context) -> Verdict:
+    ours = context.stick_bank_deg
+    if abs(value - ours) > STICK_SCALE:
+        return FAIL, f"full stick is {value:g} deg of bank, the mission says {ours:g}: set vehicle.full_stick_bank_deg"
+    return bank_limit(value, context)
+
+
+class PX4PlaneStick(PX4Vehicle):
+    """ALTCTL (2): the roll stick by MANUAL_CONTROL; PX4 holds height and speed. Needs no position.
+
+    MANUAL_CONTROL: y = 1000 roll/FW_R_LIM (right positive), x = 0 holds height, z = 500 is trim speed, r = 0 (PX4
+    coordinates). Set COM_RC_IN_MODE so that PX4 listens to it; the pilot's own sticks then do nothing until the pilot
+    changes the mode, which takes the vehicle. Silence for COM_RC_LOSS_T, in any mode that COM_RCL_EXCEPT does not name:
+    Hold, then NAV_RCL_ACT (RTL), with no return.
+    """
+
+    name = "px4 plane"
+    bundled = ("px4_plane",)
+    vehicle_types = PLANE_TYPES
+    guided_mode = custom_mode(ALTCTL)
+    exits = MappingProxyType({name: mode for name, mode in PX4Vehicle.exits.items() if name != "hold"})
+    shapes = frozenset({("MANUAL_CONTROL", None)})
+    needs = frozenset({"airspeed"})
+    banks = True
+    measures_airspeed = True
+    cruises = True
+    least_turn_gain = 0.72  # as ArduPlane, not flown long enough to know better
+    slips = True
+    parameters = (
+        rule(
+            "COM_RC_IN_MODE",
+            one_of(
+                {
+                    **dict.fromkeys((0, 4), _NO_STICKS),
+                    1: (PASS, "only sticks from MAVLink count: the pilot's own do nothing, changing the mode does"),
+                },
+                (WARN, "the pilot's transmitter may count instead of us: 1 (MAVLink only) is sure"),
+            ),
+        ),
+        rule("COM_RC_LOSS_T", _stick_loss),
+        rule("NAV_RCL_ACT", _stick_loss_action),
+        rule("COM_RCL_EXCEPT", _stick_loss_exceptions),
+        rule("FW_R_LIM", _stick_bank),
+        rule("FW_AIRSPD_TRIM", held_airspeed),
+        rule("FW_AIRSPD_MIN", least_airspeed),
+        rule("FW_AIRSPD_MAX", most_airspeed),
+    )
+
+    def wants_setpoints_in(self, mode: int | None) -> bool:
+        """ALTCTL is refused without a stick; the AUTO modes do not heed it, those flown by stick would."""
+        return mode is not None and main_and_sub(mode)[0] == AUTO
+
+    def setpoint(self, steer: Steer, to: Addressee, now: float) -> Message:
+        """The stick that holds the bank of the coordinated turn."""
+        return self._stick(self.bank(steer, to), to)
+
+    def safe_setpoint(self, to: Addressee, now: float) -> Message:
+        """Stick in the middle: wings level."""
+        return self._stick(0.0, to)
+
+    def _stick(self, roll: float, to: Addressee) -> Message:
+        y = round(self._facts.stick(roll))
+        return dialect.MAVLink_manual_control_message(to.target_system, 0, y, 500, 0, 0)

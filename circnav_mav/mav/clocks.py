@@ -1,0 +1,219 @@
+"""What time it is over there: remote stamps to our time, whether a remote clock was set anew, and how fast it runs.
+
+All that is known is that no message arrives before it was sent; what the link adds is measured by `timesync`.
+"""
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import inf
+
+BOOT_WRAP = 2**32 / 1000
+"""Seconds after which time_boot_ms begins anew: 49.7 days."""
+
+WINDOW = 100
+"""Samples after which the least lag is taken anew, so that a drifting remote clock is followed."""
+STEP = 0.15
+"""Least step of a remote clock that is looked for, s: the jitter of most links is less, a pause that hurts is more."""
+RISE = 0.4
+"""Share of a step that must show from one sample to the next. A link that is ever more congested rises bit by bit."""
+STEADY, STEADY_SAMPLES = 0.5, 3
+"""How long, s, and in how many samples, lags must stay at their new level."""
+FALL = 0.03
+"""Fall of the lag, s, by which a queue shows that drains: one with 6 % of its capacity to spare falls so far in STEADY.
+Clocks differ by a thousandth of that."""
+SPREAD = 0.5
+"""Share of the step by which the lags of its samples may differ, and which a slower link may account for."""
+
+Slower = Callable[[float, float], float]
+"""(since, now) -> the most, s, by which the link may have become slower at `since`; infinite while not measured."""
+
+
+def nobody_tells(since: float, now: float) -> float:
+    """Of a link that nothing measures: see RemoteClock."""
+    return 0.0
+
+
+def our_boot_ms(now: float) -> int:
+    """Our own time_boot_ms: milliseconds since we started, in 32 bits."""
+    return int(now * 1000) & 0xFFFFFFFF
+
+
+@dataclass(slots=True)
+class _Raised:
+    """Samples in a row whose lags are above the offset: since when, the first lag, the least and the most, s."""
+
+    since: float
+    first: float
+    least: float
+    most: float
+    samples: int = 1
+    by_link: bool = False
+
+
+class RemoteClock:
+    """Local time = remote stamp + offset, where the offset is the least seen of (arrival - stamp).
+
+    The idea is that of ArduPilot's JitterCorrection: delay on the way only ever adds. A constant delay cannot be told
+    from a clock difference and stays in.
+
+    A remote clock that stands still (a paused simulator, a controller that writes its log) raises all later lags at
+    once by the length of the pause. A queue that drains raises them too, but they fall from sample to sample;
+    congestion raises them bit by bit. A link that has turned slower in one step looks just the same: the round trip
+    (`slower`) tells, and the offset follows only what the round trip does not explain. Where nothing measures the link,
+    the step is taken for the clock's: pauses are common, a route that is suddenly slower by a constant time is rare,
+    and one that is slow from the start has never shown there.
+    """
+
+    def __init__(self, slower: Slower = nobody_tells, *, wrap: float | None = None) -> None:
+        """slower: tells of the link. wrap: of its stamps, s, None where they do not wrap."""
+        self._slower = slower
+        self._wrap = wrap
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all: the clock was set anew, or it is another one."""
+        self.newest: float | None = None
+        """The newest stamp, on a line that does not wrap, s; `newest_at`: when it came."""
+        self.newest_at = -inf
+        self._off_line: tuple[float, float] | None = None
+        self._offset: float | None = None
+        self._candidate = inf
+        self._count = 0
+        self._lag = inf
+        self._raised: _Raised | None = None
+        self.followed = 0.0
+        """The step that was followed with the newest sample, s."""
+
+    @property
+    def doubted(self) -> bool:
+        """Whether the newest stamps look like a step of the remote clock that is not followed yet."""
+        raised = self._raised
+        stepped = raised is not None and raised.samples > 1 and not raised.by_link and self._steady(raised)
+        return stepped or self._off_line is not None
+
+    # --- the order of stamps ---
+
+    def unwrapped(self, stamp: float) -> float:
+        """A stamp on the line of the newest, which does not wrap, s."""
+        if not self._wrap or self.newest is None:
+            return stamp
+        return stamp + self._wrap * round((self.newest - stamp) / self._wrap)
+
+    def take(self, stamp: float, now: float) -> None:
+        """A stamp that came now is the newest."""
+        self.newest, self.newest_at, self._off_line = stamp, now, None
+
+    def on_line(self) -> None:
+        """A stamp came that goes with the newest: what was off the line is not proven by the next one."""
+        self._off_line = None
+
+    def set_anew(self, stamp: float, now: float, *, within: float = inf) -> bool:
+        """Whether a stamp far off the line proves that the clock was set anew. A single one may be a glitch, or a frame
+        that came late by another way: the next one must go on from it. within: as fast as our time does, s."""
+        before, self._off_line = self._off_line, (stamp, now)
+        return before is not None and stamp > before[0] and abs((stamp - before[0]) - (now - before[1])) <= within
+
+    # --- remote time to ours ---
+
+    def ahead(self, stamp: float, arrival: float) -> float:
+        """By how much a stamp is newer than any can be by the offset, s; negative: how late it is."""
+        return 0.0 if self._offset is None else self._offset - (arrival - stamp)
+
+    def local(self, stamp: float, arrival: float) -> float:
+        """The local time of a sample that was stamped `stamp` there and arrived at `arrival` here, s."""
+        lag = arrival - stamp
+        self._candidate = min(self._candidate, lag)
+        self._count += 1
+        if self._offset is None or lag < self._offset:
+            self._offset = lag
+        self.followed = 0.0
+        self._watch(lag, arrival, lag - self._offset)
+        if self._raised is not None:
+            self._follow(self._raised, arrival)
+        if self._count >= WINDOW:
+            self._offset, self._candidate, self._count = self._candidate, inf, 0
+        return min(stamp + self._offset, arrival)
+
+    def _watch(self, lag: float, arrival: float, late: float) -> None:
+        """Keep what is known of lags that have risen at once and stay high. late: above the offset, s."""
+        raised, rise, self._lag = self._raised, lag - self._lag, lag
+        if late < STEP:
+            self._raised = None
+        elif rise >= max(STEP, RISE * late) or (raised is not None and lag < raised.first - FALL):
+            self._raised = _Raised(arrival, lag, lag, lag)
+        elif raised is not None:
+            raised.least, raised.most = min(raised.least, lag), max(raised.most, lag)
+            raised.samples += 1
+
+    def _follow(self, raised: _Raised, arrival: float) -> None:
+        """Follow a step that has lasted, as far as the link does not account for it."""
+        assert self._offset is not None
+        if arrival - raised.since < STEADY or raised.samples < STEADY_SAMPLES or not self._steady(raised):
+            return
+        step, by_link = raised.least - self._offset, self._slower(raised.since, arrival)
+        raised.by_link = SPREAD * step < by_link < inf
+        if by_link <= SPREAD * step:
+            self.followed = step - by_link
+            self._offset += self.followed
+            self._candidate, self._count = self._offset, 0
+
+    def _steady(self, raised: _Raised) -> bool:
+        assert self._offset is not None
+        return raised.most - raised.least <= SPREAD * (raised.least - self._offset)
+
+
+# --- how fast it runs ---
+
+SPEED_WINDOW = 3.0
+"""Time, s, over which a speed is taken."""
+OFF, ALIKE = 0.2, 0.1
+"""Fraction by which a speed must differ from ours, and by which windows that agree may differ. A radio whose buffer
+fills slows all down by less, or for a shorter time."""
+WINDOWS = 3
+Moment = tuple[float, float]
+"""(our time, the other clock's time), s."""
+Span = tuple[Moment, Moment]
+
+
+class ClockSpeed:
+    """Compares times since boot with the times at which they came: a simulator at another speed looks like a vehicle at
+    another. A speed counts on which three windows agree."""
+
+    def __init__(self) -> None:
+        self._began: Moment | None = None
+        self._speeds: deque[float] = deque(maxlen=WINDOWS)
+        self.found: float | None = None
+        """Seconds of the autopilot's per second of ours, None while they go along."""
+        self.noticed: float | None = None
+        """The first that was found."""
+
+    def heard(self, boot: float, now: float) -> None:
+        """A time since boot, s, that came now."""
+        if self._began is None or boot < self._began[1]:
+            self._began = (now, boot)
+            self._speeds.clear()
+        if now - self._began[0] < SPEED_WINDOW:
+            return
+        speed = span_speed((self._began, (now, boot)))
+        self._speeds.append(speed)
+        agree = len(self._speeds) == WINDOWS and max(self._speeds) - min(self._speeds) < ALIKE * max(speed, 1.0)
+        self.found = speed if agree and all(abs(one - 1) > OFF for one in self._speeds) else None
+        self.noticed = self.found if self.noticed is None else self.noticed
+        self._began = (now, boot)
+
+
+def quick_span(moments: Sequence[Moment]) -> Span | None:
+    """Of the first third and of the last the moment that came with the least delay, which is none of the clock's; None
+    of none."""
+    third = (len(moments) + 2) // 3
+    if not third:
+        return None
+    first, last = (min(part, key=lambda one: one[0] - one[1]) for part in (moments[:third], moments[-third:]))
+    return first, last
+
+
+def span_speed(span: Span) -> float:
+    """Seconds of the other clock per second of ours."""
+    (began, at_first), (ended, at_last) = span
+    return (at_last - at_first) / (ended - began) if ended > began else 1.0

@@ -1,0 +1,24 @@
+"""A reader of ranges, fed with messages that really went through pymavlink."""
+
+from circnav_mav.mav.ranging.interface import RangingSettings
+from circnav_mav.mav.ranging.reader import RangeReader
+from tests.rig import Voice, distance
+
+DISTANCE = RangingSettings(message="distance_sensor", sigma=0.5)
+
+
+class Ear:
+    def __init__(self, settings=DISTANCE, height=None):
+        self.reader, self.speaker, self.height = RangeReader(settings), Voice(1, 1), height
+
+    def hear(self, message, now=1.0, speaker=None):
+        return self.reader.read((speaker or self.speaker).message(message), now, height=self.height)
+
+    def distance(self, cm=10000, stamp=None, now=1.0, speaker=None, **rest):
+        """stamp: ms; by default of a clock that goes with ours."""
+        stamp = round(now * 1000) + 500_000 if stamp is None else stamp
+        return self.hear(distance(cm, stamp, **rest), now, speaker)
+
+    @property
+    def rejected(self):
+        return dict(self.reader.rejected)

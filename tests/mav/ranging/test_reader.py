@@ -1,0 +1,177 @@
+"""Whose ranges are taken, each measurement once and in the order of the sensor's clock, and not too old."""
+
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import all as mavlink
+
+from circnav_mav.mav.ranging.interface import RangingSettings
+from circnav_mav.mav.ranging.table import RANGING_MESSAGES
+from tests.mav.ranging.ear import DISTANCE, Ear
+from tests.rig import Voice
+
+
+def test_the_messages_are_those_of_mavlink():
+    for kind in RANGING_MESSAGES.values():
+        assert mavlink.mavlink_map[kind.id].msgname == kind.type
+        assert set(kind.marks) <= set(mavlink.mavlink_map[kind.id].fieldnames)
+    other = Ear(RangingSettings(message="ranging_beacon"))
+    assert other.distance() is None
+    assert other.rejected == {}
+
+
+# --- whose ranges ---
+
+
+def test_the_first_sensor_heard_is_the_only_one_taken_until_it_has_been_silent_for_five_seconds():
+    ear, other = Ear(), Voice(2, 1)
+    assert ear.distance(0, now=0.9, speaker=Voice(9, 9)) is None, "a rejected message makes nobody our sensor"
+    assert ear.distance(now=1.0) is not None
+    for speaker, now in ((other, 1.1), (Voice(1, 158), 1.2), (other, 5.9)):
+        assert ear.distance(now=now, speaker=speaker) is None
+    assert ear.rejected == {"no_range": 1, "wrong_source": 3}
+    assert ear.reader.refused == 1, "ranges of other senders do no harm"
+    assert ear.distance(now=6.1, speaker=other) is not None
+    assert ear.distance(now=6.2) is None
+
+
+@pytest.mark.parametrize(
+    ("system", "component", "taken"), [(5, None, True), (5, 7, True), (5, 8, False), (6, None, False), (None, 7, True)]
+)
+def test_the_missions_sender_is_the_only_one_taken(system, component, taken):
+    ear = Ear(replace(DISTANCE, system=system, component=component))
+    assert (ear.distance(speaker=Voice(5, 7)) is not None) == taken
+    assert ear.rejected == ({} if taken else {"wrong_source": 1})
+
+
+# --- each measurement once, in the order of the sensor's clock ---
+
+
+def test_a_repeated_stamp_is_a_repeated_measurement_for_ever():
+    ear = Ear()
+    assert ear.distance(10000, stamp=700_000, now=1.0) is not None
+    assert all(ear.distance(cm, stamp=700_000, now=now) is None for cm, now in ((10000, 1.1), (10100, 1.2), (9000, 60)))
+    assert ear.rejected == {"repeat": 3}
+
+
+def test_an_equal_value_with_a_new_stamp_is_a_new_measurement():
+    """On a converged circle the range is constant by design."""
+    ear = Ear()
+    assert all(ear.distance(10000, now=1 + 0.1 * i) is not None for i in range(50))
+
+
+@given(order=st.permutations(range(12)))
+def test_whatever_the_order_of_arrival_stamps_only_rise(order):
+    ear, stamps = Ear(), []
+    for at, i in enumerate(order):
+        sample = ear.distance(stamp=700_000 + 50 * i, now=1.0 + 0.05 * at)
+        stamps += [] if sample is None else [sample.stamp]
+    assert stamps == sorted(set(stamps))
+    assert len(stamps) + sum(ear.rejected.values()) == 12
+
+
+def test_the_wrap_of_the_boot_time_after_49_days_is_no_jump():
+    ear, wrap, last = Ear(), 2**32, None
+    for i in range(-10, 10):
+        if i == 0:
+            continue  # 0 itself means "no stamp"
+        sample = ear.distance(stamp=(wrap + 100 * i) % wrap, now=5 + 0.1 * i)
+        assert last is None or sample.stamp - last == pytest.approx(0.1 if i != 1 else 0.2, abs=1e-6)
+        last = sample.stamp
+    assert ear.rejected == {}
+    assert not ear.reader.restarted
+
+
+@pytest.mark.parametrize("jump_ms", [-600_000, 3_600_000, -1_500])
+def test_a_jump_of_the_sensors_clock_counts_when_stamps_confirm_it_and_the_old_clock_is_silent(jump_ms):
+    """A rebooted sensor: two samples are lost, no more, and the estimator is told."""
+    ear, seen = Ear(), []
+    for i in range(9):
+        sample = ear.distance(stamp=700_000 + 100 * i + (jump_ms if i >= 5 else 0), now=1 + 0.1 * i)
+        seen.append((sample is not None, ear.reader.restarted))
+        assert sample is None or sample.time == pytest.approx(1 + 0.1 * i)
+    assert seen[5:] == [(False, False), (False, False), (True, True), (True, False)]
+    assert ear.rejected == {"stamp_jump": 2}
+
+
+def test_ranges_that_are_heard_again_are_rejected_though_two_come_in_a_row():
+    """A looped route: the old clock does not fall silent for it."""
+    ear = Ear()
+    for i in range(60):
+        now = 10 + 0.1 * i
+        for late in (0.05, 0.02) if i % 5 == 1 else ():
+            again = 700_000 + round(1000 * (now - 5 - late))
+            assert ear.distance(stamp=again, now=now - late) is None
+        assert ear.distance(stamp=700_000 + round(1000 * now), now=now) is not None
+    assert not ear.reader.restarted
+
+
+@pytest.mark.parametrize(
+    "stamps",
+    [
+        (700_000, -100_000, 700_200, -100_300, 700_400),
+        (700_000, 4_300_100, 700_200, 4_300_300, 700_400),
+        (700_000, 10_000, 900_000, 30_000, 2_000_000, 50_000),
+        (700_000, 100_000, 100_000, 100_200),  # a repeat confirms nothing
+    ],
+)
+def test_stamps_that_jump_about_or_once_only_reset_nothing(stamps):
+    ear = Ear()
+    taken = [ear.distance(stamp=stamp % 2**32, now=1 + 0.1 * i) is not None for i, stamp in enumerate(stamps[:-1])]
+    assert taken == [700_000 <= stamp <= 700_400 for stamp in stamps[:-1]]
+    ear.distance(stamp=stamps[-1], now=1 + 0.1 * len(taken))
+    assert ear.reader.restarted == (stamps[-1] == 100_200)
+
+
+def test_a_slow_radio_whose_clock_jumps_is_taken_again_and_a_pause_is_no_jump():
+    """What confirms a jump is that stamps and arrivals go on alike, be it by seconds."""
+    ear = Ear(replace(DISTANCE, rate=0.4))
+    assert ear.distance(stamp=700_000, now=1.0) is not None
+    assert ear.distance(stamp=730_000, now=31.0) is not None
+    assert not ear.reader.restarted
+    assert ear.distance(stamp=100_000, now=38.5) is None
+    assert ear.distance(stamp=102_500, now=41.0) is not None
+    assert ear.reader.restarted
+
+
+@pytest.mark.parametrize(("sensor_stamps", "stamp"), [(True, 0), (False, 700_000)])
+def test_a_message_without_a_stamp_to_use_is_dated_by_its_arrival(sensor_stamps, stamp):
+    ear = Ear(replace(DISTANCE, sensor_stamps=sensor_stamps))
+    samples = [ear.distance(stamp=stamp, now=1 + 0.1 * i) for i in range(3)]
+    assert [(sample.stamp, sample.time) for sample in samples] == [(1 + 0.1 * i, 1 + 0.1 * i) for i in range(3)]
+    assert ear.distance(stamp=stamp, now=1.2) is None
+
+
+@pytest.mark.parametrize("constant", [False, True])
+def test_values_sent_again_faster_than_the_sensor_measures_count_once(constant):
+    """ArduPilot stamps at sending and repeats: a 5 Hz sensor sent at 20 Hz, when the mission says so."""
+    ear = Ear(replace(DISTANCE, rate=5.0, resent=True))
+    cm = [10000 if constant else 10000 + 300 * (i // 4) for i in range(40)]
+    assert [ear.distance(cm[i], now=1 + 0.05 * i) is not None for i in range(40)] == [i % 4 == 0 for i in range(40)]
+    assert ear.rejected == {"repeat": 30}
+
+
+# --- age and slant ---
+
+
+@pytest.mark.parametrize(("late", "taken"), [(0.49, True), (0.51, False)])
+def test_a_sample_that_was_long_on_its_way_is_rejected(late, taken):
+    """Its age is its delay beyond the least delay seen."""
+    ear = Ear()
+    ear.distance(stamp=700_000, now=1.0)
+    sample = ear.distance(stamp=700_100, now=1.1 + late)
+    assert ear.rejected == ({} if taken else {"too_old": 1})
+    assert sample.time == pytest.approx(1.1) if taken else sample is None
+
+
+def test_a_slant_range_becomes_horizontal_when_the_height_is_known():
+    """3, 4, 5; the limits are those of the slant range; overhead there is no range."""
+    ear = Ear(replace(DISTANCE, max_range=50.0), height=30.0)
+    sample = ear.distance(5000)
+    assert (sample.r, sample.sigma) == pytest.approx((40.0, 0.5 * 50 / 40))
+    assert ear.distance(5001, now=1.1) is None
+    assert ear.distance(3010, now=1.2) is None
+    assert ear.rejected == {"above_max": 1, "overhead": 1}
+    assert Ear(height=0.0).distance(3010).r == pytest.approx(30.1)

@@ -1,0 +1,96 @@
+"""How long a question and its answer take: what counts, and when is asked again."""
+
+from itertools import pairwise
+
+import pytest
+
+from circnav_mav.mav.timesync import Timesync
+
+
+def ask_and_answer(timesync, since, trips):
+    """Poll at 20 Hz for 20 s; every question is answered after the next of the trips, a None never."""
+    due, trips = [], list(trips)
+    for i in range(400):
+        now = since + i / 20
+        for at, stamp in due:
+            if abs(at - now) < 0.01:
+                timesync.heard(stamp, now)
+        for question in timesync.poll(now):
+            trip = trips.pop(0) if trips else None
+            due += [] if trip is None else [(now + trip, question.ts1)]
+    return timesync
+
+
+def asked(timesync, since, until):
+    """When it asks, polled at 20 Hz and not answered."""
+    return [i / 20 for i in range(round(since * 20), round(until * 20)) if timesync.poll(i / 20)]
+
+
+@pytest.fixture
+def quick():
+    """A vehicle that has answered within 0.1 s until second 25."""
+    return ask_and_answer(Timesync(), 5.0, [0.1] * 60)
+
+
+def test_the_round_trip_is_the_median_of_the_newest_five():
+    timesync = Timesync()
+    assert (timesync.typical, timesync.worst, timesync.one_way) == (None, None, 0.0)
+    ask_and_answer(timesync, 5.0, [2.0, 2.0, 0.1, 0.2, 0.3, None, 0.25, 0.2])
+    assert timesync.typical == pytest.approx(0.3)
+    assert timesync.one_way == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize(
+    ("answers", "trips"),
+    [
+        ([(1, 1.1), (0, 1.3), (0, 3.0)], [0.3]),  # to somebody else's question, to ours, to ours once more
+        ([(0, 200.0)], []),  # minutes late
+    ],
+)
+def test_only_the_first_answer_to_our_own_question_counts(answers, trips):
+    timesync = Timesync()
+    (question,) = timesync.poll(1.0)
+    for other, now in answers:
+        timesync.heard(question.ts1 + other, now)
+    assert list(timesync.trips) == pytest.approx(trips)
+
+
+def test_a_question_that_should_have_been_answered_is_asked_again_at_once(quick):
+    (question,) = quick.poll(26.0)
+    assert asked(quick, 26.05, 28.0) == pytest.approx([26.25 + i / 4 for i in range(7)])
+    quick.heard(question.ts1, 28.0)
+    assert quick.worst == pytest.approx(2.0)
+
+
+def test_who_never_answers_is_not_asked_in_haste_for_ever(quick):
+    times = asked(quick, 26.0, 60.0)
+    assert len([time for time in times if time < 29.0]) > 10
+    assert [b - a for a, b in pairwise(time for time in times if time > 30.0)] == pytest.approx([1.0] * 29, abs=0.06)
+
+
+def test_a_link_that_is_slow_but_answers_is_not_asked_more_often():
+    slow = ask_and_answer(Timesync(), 5.0, [0.8] * 20)
+    assert asked(slow, 26.0, 26.8) == [26.0]
+
+
+def test_a_vehicle_is_asked_the_time_twice_a_second_and_later_once():
+    timesync, times = Timesync(), []
+    for i in range(400):
+        for question in timesync.poll(i / 20):
+            times.append(i / 20)
+            timesync.heard(question.ts1, i / 20)
+    assert times[:5] == pytest.approx([0, 0.5, 1, 1.5, 2])
+    assert 14 <= len([time for time in times if time > 5]) <= 16
+
+
+def test_how_much_slower_a_link_has_become_is_told_by_the_quickest_answer_since_and_asked_for_at_once():
+    timesync = Timesync()
+    assert timesync.slower(5.0, 5.0) == 0.0, "nothing has ever been answered"
+    ask_and_answer(timesync, 5.0, [0.2] * 60)
+    assert timesync.poll(26.0)
+    assert timesync.slower(26.1, 26.6) == float("inf")
+    (question,) = timesync.poll(26.6)
+    timesync.heard(question.ts1, 27.3)
+    assert timesync.slower(26.1, 27.3) == pytest.approx(0.5)
+    assert timesync.slower(27.4, 37.2) == float("inf")
+    assert timesync.slower(27.4, 37.5) == 0.0, "who answers nothing any more tells nothing"
