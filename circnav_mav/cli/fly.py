@@ -26,7 +26,7 @@ from circnav_mav.cli.terminal import outlive_terminal
 from circnav_mav.cli.verdict import verdict
 from circnav_mav.mission.check_result import Grade
 from circnav_mav.mission.mission import Mission
-from circnav_mav.pilot import VEHICLE, Ending, Pilot, Voice
+from circnav_mav.pilot import VEHICLE, Ending, OutputMode, Pilot
 from circnav_mav.runtime.clock import RunClock, local_time_name
 from circnav_mav.runtime.display import Display, display_for
 from circnav_mav.runtime.keys import SigningTime
@@ -62,9 +62,9 @@ class FlyOptions:
     web: str | None
 
     @property
-    def voice(self) -> Voice:
+    def output_mode(self) -> OutputMode:
         """What the pilot may say."""
-        return Voice.SHADOW if self.shadow else Voice.DRY_RUN if self.dry_run else Voice.FLY
+        return OutputMode.SHADOW if self.shadow else OutputMode.DRY_RUN if self.dry_run else OutputMode.FLY
 
 
 def fly_mission(options: FlyOptions) -> int:
@@ -85,7 +85,7 @@ def fly_mission(options: FlyOptions) -> int:
         with ExitStack() as open_things:
             signing, signing_time = open_signing(mission, open_things)
             links = open_links(mission, open_things)
-            pilot = Pilot(mission.pilot_settings(options.voice), signing)
+            pilot = Pilot(mission.pilot_settings(options.output_mode), signing)
             page = open_page(options.web, pilot, mission, page_open)
             clock, recorder = _start(options, mission, pilot, links, open_things)
             folder = recorder.folder
@@ -180,7 +180,7 @@ def _manifest(mission: Mission, options: FlyOptions, folder: Path, clock: RunClo
         return Manifest(
             folder,
             mission=mission.file.name,
-            voice=options.voice.value,
+            voice=options.output_mode.value,
             epoch_us=clock.epoch_us,
             seeds={} if seed is None else {"sim": seed},
         )

@@ -16,7 +16,7 @@ from circnav_mav.mav.height import HeightSettings
 from circnav_mav.mav.ranging import RANGING_MESSAGES, RangingSettings
 from circnav_mav.mav.session import LinkSettings
 from circnav_mav.mission.schema import MissionFile
-from circnav_mav.pilot import LINKS, RANGING, VEHICLE, PilotSettings, Timing, Voice
+from circnav_mav.pilot import LINKS, RANGING, VEHICLE, OutputMode, PilotSettings, Timing
 
 DEFAULT_LOOP = 0.35
 """What 2 k r_d V (turn lag + filter lag) is for a default gain; from about .45 on, vehicles limit-cycle."""
@@ -113,7 +113,7 @@ class Mission:
         by_default = vehicle.method is None or (vehicle.kind == "plane" and vehicle.method == "stick")
         return vehicle.autopilot, vehicle.kind if by_default else f"{vehicle.kind} {vehicle.method}"
 
-    def pilot_settings(self, voice: Voice = Voice.FLY) -> PilotSettings:
+    def pilot_settings(self, output_mode: OutputMode = OutputMode.FLY) -> PilotSettings:
         """The mission as the pilot needs it. Raises ValueError for a gain without a radius correction."""
         file = self.file
         acceleration = file.vehicle.max_turn_acceleration_deg_s2
@@ -145,7 +145,7 @@ class Mission:
             end_on_takeover=file.engage.on_takeover == "end",
             max_yaw_acceleration=None if acceleration is None else radians(acceleration),
             exit=file.exit.action,
-            voice=voice,
+            output_mode=output_mode,
             ranging_apart=file.ranging.endpoint is not None,
             stream_links=frozenset(
                 link

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from circnav_mav.guidance.phases import Phase
 from circnav_mav.guidance.types import Orbit
-from circnav_mav.pilot import Voice, phase_name
+from circnav_mav.pilot import OutputMode, phase_name
+from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.report import svg
 from circnav_mav.report.segments import fresh, known_track
 from circnav_mav.report.svg import Chart, Line
@@ -51,7 +51,7 @@ def report(run: Run, facts: ReportFacts) -> str:
     """The page of a run with at least two ticks. Raises RunError, OSError."""
     ticks, truth = run.ticks, run.truth
     span = (float(ticks.time[0]), float(ticks.time[-1]))
-    names, sent = _phase_names(run), run.voice == Voice.FLY.value
+    names, sent = _phase_names(run), run.voice == OutputMode.FLY.value
     charts = [
         svg.spans_chart(
             "phase",
@@ -158,8 +158,8 @@ def _track(ticks: Ticks, truth: Truth | None, orbit: Orbit) -> str:
 
 def _phase_names(run: Run) -> dict[str, str]:
     """The phases as they are called where nothing was sent, too."""
-    voice = next((voice for voice in Voice if voice.value == run.voice), Voice.FLY)
-    return {phase.value: phase_name(phase, voice) for phase in Phase}
+    mode = next((mode for mode in OutputMode if mode.value == run.voice), OutputMode.FLY)
+    return {phase.value: phase_name(phase, mode) for phase in Phase}
 
 
 def _events(run: Run) -> str:

@@ -9,10 +9,10 @@ from textwrap import wrap
 from rich.panel import Panel
 from rich.text import Text
 
-from circnav_mav.guidance.phases import Phase
 from circnav_mav.guidance.types import TurnRate
 from circnav_mav.mav.frames import yaw_rate_from_turn_rate
 from circnav_mav.pilot import PilotSettings, TickRecord
+from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.runtime.status import SILENCED, Status
 
 STYLES = {Phase.ENGAGED: "green", Phase.HOLDING: "yellow", Phase.YIELDED: "magenta", Phase.LEAVING: "cyan"}
@@ -73,8 +73,8 @@ class Picture:
         duration = f" of {settings.timing.duration:.0f} s" if isfinite(settings.timing.duration) else ""
         flown = "" if status.flown is None else f"   flown {status.flown:.0f} s{duration}"
         rows: list[Row] = [("phase", Text.assemble(badge, f"  mode {status.tick.mode}{flown}"))]
-        if settings.voice in SILENCED:
-            rows.append(("", Text(SILENCED[settings.voice], "bold")))
+        if settings.output_mode in SILENCED:
+            rows.append(("", Text(SILENCED[settings.output_mode], "bold")))
         return rows
 
     def _circle(self, tick: TickRecord, target: str) -> list[Row]:

@@ -9,7 +9,7 @@ from importlib import import_module
 
 import pytest
 
-from circnav_mav.guidance.phases import Phase
+from circnav_mav.pilot.mission_state import Phase
 from tests.process import QUICKSTART, ROOT
 
 SHORT = ("--speed", 2, "--duration", 4)

@@ -11,7 +11,6 @@ from pydantic import BaseModel
 
 from circnav_mav.cli import circnav
 from circnav_mav.cli.exits import Exit
-from circnav_mav.guidance.phases import Phase
 from circnav_mav.guidance.types import Direction, Orbit
 from circnav_mav.mav.autopilots.ardupilot import ArduCopter, ArduPlane, ArduRover
 from circnav_mav.mav.autopilots.interface import Autopilot
@@ -20,6 +19,7 @@ from circnav_mav.mav.ranging import Reject
 from circnav_mav.mission.param_rules import RULES
 from circnav_mav.mission.schema import MissionFile
 from circnav_mav.pilot import TickRecord
+from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.runlog.run_folder import NO_TICKS
 from circnav_mav.runlog.summary import FlightFacts, summarise
 

@@ -10,7 +10,7 @@ from circnav_mav.experiments.batch.flight import Circle, Situation, Tracks, Worl
 from circnav_mav.experiments.batch.policies import POLICIES
 from circnav_mav.experiments.batch.sensors import GAUSSIAN, NO_NOISE
 from circnav_mav.experiments.batch.world import Air, Target, Targets, Wind
-from circnav_mav.guidance.phases import Phase
+from circnav_mav.pilot.mission_state import Phase
 from sim.vehicle import Truth
 from tests.flight.lockstep import Flight, clockwise_turns, flight, last_third
 
@@ -40,7 +40,7 @@ def flown_through_mavlink(seed: int, wind: float) -> tuple[Flight, Truth, list[f
     """A lockstep flight with the truth at its first steered tick, and the range errors and true ranges from there."""
     flown = flight("quickstart", *VEHICLE, f"sim.wind.speed_mps={wind}", f"sim.seed={seed}", law="auto")
     starts, errors, ranges = [], [], []
-    observe = flown.pilot.target.estimator.observe
+    observe = flown.pilot.tracker.estimator.observe
 
     def listen(sample):
         truth = flown.vehicle.truth
@@ -52,7 +52,7 @@ def flown_through_mavlink(seed: int, wind: float) -> tuple[Flight, Truth, list[f
         if not starts and now.pilot.phase is Phase.ENGAGED:
             starts.append((now.vehicle.truth, len(errors) - 1))
 
-    flown.pilot.target.estimator.observe = listen
+    flown.pilot.tracker.estimator.observe = listen
     flown.fly(DURATION + 30, watch)
     truth, first = starts[0]
     return flown, truth, errors[first:], ranges[first:]

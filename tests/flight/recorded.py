@@ -6,7 +6,7 @@ from pathlib import Path
 
 from circnav_mav.mav.framing import split_frames
 from circnav_mav.mission.load import load_mission
-from circnav_mav.pilot import RANGING, VEHICLE, Pilot, Voice
+from circnav_mav.pilot import RANGING, VEHICLE, OutputMode, Pilot
 from circnav_mav.runtime.manifest import Manifest
 from circnav_mav.runtime.recorder import Recorder, Turn
 from sim.config import parse_vehicle
@@ -58,12 +58,12 @@ class RecordedFlight(Flight):
         turn.heard.append((link, source, self.pilot.take_frames()))
 
 
-def recorded_flight(folder: Path, mission: str, *overrides: str, voice: Voice = Voice.FLY) -> RecordedFlight:
+def recorded_flight(folder: Path, mission: str, *overrides: str, output: OutputMode = OutputMode.FLY) -> RecordedFlight:
     """A flight of a file in config/, ready to go, that records into a folder; close its recorder at the end."""
     loaded = load_mission(CONFIG / f"{mission}.toml", overrides)
     assert loaded.file.sim is not None
     recorder = Recorder(folder, loaded.text)
-    Manifest(folder, mission=mission, voice=voice.value, epoch_us=EPOCH_US, seeds={})
+    Manifest(folder, mission=mission, voice=output.value, epoch_us=EPOCH_US, seeds={})
     recorder.start(EPOCH_US)
     vehicle = Vehicle(parse_vehicle(loaded.file.sim, mission))
-    return RecordedFlight(Pilot(loaded.pilot_settings(voice)), vehicle, recorder=recorder)
+    return RecordedFlight(Pilot(loaded.pilot_settings(output)), vehicle, recorder=recorder)

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from circnav_mav.guidance.phases import STEERING, Phase
-from circnav_mav.pilot import VEHICLE, Ending, Pilot, Voice
+from circnav_mav.pilot import VEHICLE, Ending, OutputMode, Pilot
+from circnav_mav.pilot.mission_state import STEERING, Phase
 from tests.flight.ground_station import Operator
 from tests.flight.lockstep import flight, last_third, message_ids, rms_error
 
@@ -53,7 +53,7 @@ def test_without_own_motion_a_vehicle_is_flown_on_ranges_or_held_but_never_left_
 
 def test_a_dry_run_beside_somebody_who_flies_the_copter_shows_what_auto_would_do() -> None:
     flown = flight("arducopter", law="auto")
-    settings = replace(flown.pilot.settings, voice=Voice.DRY_RUN)
+    settings = replace(flown.pilot.settings, output_mode=OutputMode.DRY_RUN)
     dry = Pilot(settings)
 
     def listens(frame: bytes, now: float) -> bool:
@@ -156,7 +156,7 @@ def test_dry_run_sends_no_setpoint_and_asks_for_no_mode() -> None:
     from dataclasses import replace
 
     flown = flight("quickstart")
-    flown.pilot = type(flown.pilot)(replace(flown.pilot.settings, voice=Voice.DRY_RUN))
+    flown.pilot = type(flown.pilot)(replace(flown.pilot.settings, output_mode=OutputMode.DRY_RUN))
     flown.fly(20)
     assert flown.setpoint_times == []
     assert flown.vehicle.truth.mode == LOITER

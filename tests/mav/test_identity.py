@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.guidance.phases import Phase
+from circnav_mav.pilot.mission_state import Phase
 
 GUIDED, LOITER = 4, 5
 PLANE_GUIDED = 15
@@ -160,7 +160,7 @@ def test_the_ranges_of_another_autopilot_are_given_up_when_its_heartbeat_tells_w
             rig.hear(say.heartbeat(GUIDED), voice=other)
         rig.run(0.05)
     assert rig.pilot.phase is Phase.HOLDING
-    assert rig.pilot.target.newest.time < 5.0
+    assert rig.pilot.tracker.newest.time < 5.0
 
 
 def test_among_forty_vehicles_no_other_ones_ranges_steer_us(make_rig, voice, say):
@@ -174,7 +174,7 @@ def test_among_forty_vehicles_no_other_ones_ranges_steer_us(make_rig, voice, say
         if i % 2:
             rig.hear(say.distance(4000, 1_000_000 + round(rig.now * 1000)), voice=theirs)
         rig.run(0.05)
-    assert rig.pilot.target.newest is None
+    assert rig.pilot.tracker.newest is None
 
 
 # --- words that come late ---

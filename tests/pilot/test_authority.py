@@ -7,8 +7,8 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.guidance.bounds import Bounds
-from circnav_mav.guidance.phases import Phase
-from circnav_mav.pilot import Ending, Voice
+from circnav_mav.pilot import Ending, OutputMode
+from circnav_mav.pilot.mission_state import Phase
 
 LOITER, GUIDED = 5, 4
 SET_MODE, SET_INTERVAL = 176, 511
@@ -433,7 +433,7 @@ def test_a_height_beyond_the_missions_bounds_ends_the_flight(make_rig, altitude,
 
 
 def test_a_dry_run_computes_everything_and_commands_nothing(make_rig):
-    rig = make_rig(voice=Voice.DRY_RUN, request_mode=True)
+    rig = make_rig(output_mode=OutputMode.DRY_RUN, request_mode=True)
     rig.mode, rig.armed = LOITER, False
     rig.run(5.0)
     assert rig.pilot.phase is Phase.ENGAGED
@@ -446,7 +446,7 @@ def test_a_dry_run_computes_everything_and_commands_nothing(make_rig):
 
 
 def test_a_dry_run_that_is_interrupted_sends_no_setpoint_either(make_rig):
-    rig = make_rig(voice=Voice.DRY_RUN)
+    rig = make_rig(output_mode=OutputMode.DRY_RUN)
     rig.run(5.0)
     rig.pilot.interrupt(rig.now, "SIGINT")
     rig.run(1.0)
@@ -456,7 +456,7 @@ def test_a_dry_run_that_is_interrupted_sends_no_setpoint_either(make_rig):
 
 
 def test_a_shadow_says_nothing_but_its_heartbeat_and_the_plot_values(make_rig):
-    rig = make_rig(voice=Voice.SHADOW, request_mode=True)
+    rig = make_rig(output_mode=OutputMode.SHADOW, request_mode=True)
     rig.run(10.0)
     rig.pilot.interrupt(rig.now, "SIGINT")
     rig.run(1.0)
@@ -617,7 +617,7 @@ def test_a_vehicle_that_does_not_turn_as_told_teaches_the_estimator_no_motion(ma
     """A copter that no longer hears us stands still: at the speed it was told, it would be somewhere else."""
     rig = make_rig().engage()
     heard = []
-    rig.pilot.target.estimator.move = heard.append
+    rig.pilot.tracker.estimator.move = heard.append
     heading = 0.0
     for turns in (True, False):
         heard.clear()
@@ -659,7 +659,7 @@ def test_a_reboot_of_the_autopilot_makes_the_estimate_forget_what_came_before(ma
         rig.hear(mavlink.MAVLink_system_time_message(0, boot_ms))
     rig.run(0.05)
     assert [record.r for record in rig.pilot.take_records()] == [None]
-    assert not rig.pilot.target.estimator.ready
+    assert not rig.pilot.tracker.estimator.ready
 
 
 def test_a_current_mode_of_zero_is_no_mode(rig):

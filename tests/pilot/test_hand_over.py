@@ -6,8 +6,8 @@ from random import Random
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.guidance.phases import Phase
-from circnav_mav.pilot import RANGING, Voice
+from circnav_mav.pilot import RANGING, OutputMode
+from circnav_mav.pilot.mission_state import Phase
 
 GUIDED, LOITER, LAND, RTL = 4, 5, 9, 6
 ON_GROUND, IN_AIR = 1, 2
@@ -289,8 +289,8 @@ def test_ranges_of_another_vehicle_steer_nobody(make_rig, voice, say):
         rig.hear(say.heartbeat(GUIDED), voice=other)
         rig.hear(say.distance(4000, 1_000_000 + round(rig.now * 1000)), voice=other)
         rig.run(0.05)
-    assert rig.pilot.target.newest.r == pytest.approx(150.0)
-    assert rig.pilot.target.ranging.rejected["wrong_source"] >= 150
+    assert rig.pilot.tracker.newest.r == pytest.approx(150.0)
+    assert rig.pilot.tracker.ranging.rejected["wrong_source"] >= 150
 
 
 def test_a_radio_of_the_missions_component_on_another_vehicle_is_not_ours(make_rig, voice, say):
@@ -303,7 +303,7 @@ def test_a_radio_of_the_missions_component_on_another_vehicle_is_not_ours(make_r
         rig.hear(say.distance(4000, 1_000_000 + round(rig.now * 1000)), voice=theirs)
         rig.hear(say.distance(15000, 1_000_000 + round(rig.now * 1000)), voice=ours)
         rig.run(0.05)
-        heard += [rig.pilot.target.newest.r] if rig.pilot.target.newest and rig.now > 2.0 else []
+        heard += [rig.pilot.tracker.newest.r] if rig.pilot.tracker.newest and rig.now > 2.0 else []
     assert set(heard) == {150.0}
 
 
@@ -316,8 +316,8 @@ def test_a_radio_that_takes_the_place_of_another_before_the_flight_has_a_clock_o
     rig.run(6.0)
     rig.ranges = True
     rig.run(0.5)
-    assert rig.pilot.target.newest.r == pytest.approx(150.0)
-    assert not rig.pilot.target.ranging.rejected
+    assert rig.pilot.tracker.newest.r == pytest.approx(150.0)
+    assert not rig.pilot.tracker.ranging.rejected
 
 
 def test_nobody_stands_in_for_a_radio_that_falls_silent_in_flight(make_rig, voice, say):
@@ -327,7 +327,7 @@ def test_nobody_stands_in_for_a_radio_that_falls_silent_in_flight(make_rig, voic
         rig.hear(say.distance(4000, 1_000_000 + round(rig.now * 1000)), voice=other)
         rig.run(0.05)
     assert rig.pilot.phase is Phase.HOLDING
-    assert rig.pilot.target.newest.time <= since
+    assert rig.pilot.tracker.newest.time <= since
 
 
 def test_our_own_hello_heard_back_is_no_other_companion(make_rig):
@@ -342,12 +342,12 @@ def test_our_own_hello_heard_back_is_no_other_companion(make_rig):
 
 
 def test_a_dry_run_needs_no_leave_and_keeps_no_radio(make_rig, voice, say):
-    rig, other = make_rig(voice=Voice.DRY_RUN).engage(), voice(system=77, component=192)
+    rig, other = make_rig(output_mode=OutputMode.DRY_RUN).engage(), voice(system=77, component=192)
     rig.ranges = False
     for _ in range(180):
         rig.hear(say.distance(4000, 1_000_000 + round(rig.now * 1000)), voice=other)
         rig.run(0.05)
-    assert rig.pilot.target.newest.r == pytest.approx(40.0)
+    assert rig.pilot.tracker.newest.r == pytest.approx(40.0)
 
 
 # --- ranges that are none ---
@@ -360,8 +360,8 @@ def test_a_range_that_says_it_may_be_anywhere_is_not_taken(make_rig, say, accura
     for i in range(100):
         rig.run(0.1)
         rig.hear(say.beacon(150_000, 1_000_000 + i * 100_000, i, range_accuracy=accuracy_mm), link=RANGING)
-    assert rig.pilot.target.accepted == 0
-    assert rig.pilot.target.ranging.rejected["too_noisy"] == 100
+    assert rig.pilot.tracker.accepted == 0
+    assert rig.pilot.tracker.ranging.rejected["too_noisy"] == 100
 
 
 @pytest.mark.parametrize(
@@ -382,11 +382,11 @@ def test_ranges_that_stay_late_are_of_a_clock_that_stood_still_unless_the_answer
         rig.run(0.05)
         if rig.tick % 2 == 0:
             rig.hear(say.distance(15000, 1_000_000 + round((rig.now - 2.0) * 1000)))
-        if behind is None and rig.pilot.target.newest.time > since + 0.1:
+        if behind is None and rig.pilot.tracker.newest.time > since + 0.1:
             behind = rig.now - since
     assert behind == believed
-    assert rig.pilot.target.ranging.rejected["clock"] >= 4
-    assert bool(rig.pilot.target.ranging.rejected["too_old"] > 10) == (believed is None)
+    assert rig.pilot.tracker.ranging.rejected["clock"] >= 4
+    assert bool(rig.pilot.tracker.ranging.rejected["too_old"] > 10) == (believed is None)
 
 
 def test_ranges_that_scatter_over_half_the_radius_are_lost_ranges(make_rig, say):

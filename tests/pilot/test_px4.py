@@ -3,7 +3,7 @@
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.guidance.phases import Phase
+from circnav_mav.pilot.mission_state import Phase
 
 OFFBOARD, POSCTL, LOITER = 6 << 16, 3 << 16, 4 << 16 | 3 << 24
 PX4 = 12

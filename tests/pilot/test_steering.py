@@ -7,9 +7,9 @@ from math import nan
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.guidance.phases import Phase
 from circnav_mav.guidance.types import Direction, TurnCommand, TurnRate
-from circnav_mav.pilot import RANGING, Ending, Voice
+from circnav_mav.pilot import RANGING, Ending, OutputMode
+from circnav_mav.pilot.mission_state import Phase
 
 LOITER = 5
 STEADY = 15.0 / 100.0
@@ -292,7 +292,7 @@ def test_a_range_that_is_none_is_not_a_fresh_one(rig, cm):
         rig.run(0.05)
         rig.hear(rig_range(rig, cm, stamp_ms=1_000_000 + round(rig.now * 1000)))
     assert rig.pilot.phase is Phase.HOLDING
-    assert rig.pilot.target.ranging.rejected["no_range"] == 20
+    assert rig.pilot.tracker.ranging.rejected["no_range"] == 20
 
 
 def test_an_outlier_is_counted_and_moves_nothing(make_rig):
@@ -302,8 +302,8 @@ def test_an_outlier_is_counted_and_moves_nothing(make_rig):
     disturbed.hear(rig_range(disturbed, 40000, stamp_ms=1_000_000 + round(disturbed.now * 1000)))
     steady.run(0.3)
     disturbed.run(0.3)
-    assert disturbed.pilot.target.ranging.rejected["gated"] == 1
-    assert disturbed.pilot.target.accepted == steady.pilot.target.accepted
+    assert disturbed.pilot.tracker.ranging.rejected["gated"] == 1
+    assert disturbed.pilot.tracker.accepted == steady.pilot.tracker.accepted
     rates = [[m.yaw_rate for m in rig.setpoints(3.02)] for rig in (steady, disturbed)]
     assert rates[0] == pytest.approx(rates[1], abs=2e-3)
 
@@ -314,7 +314,7 @@ def test_a_jump_of_the_sensors_clock_starts_the_estimate_anew(rig):
     for i in range(30):
         rig.run(0.1)
         rig.hear(rig_range(rig, 15000, stamp_ms=5_000 + 100 * i))
-    assert rig.pilot.target.ranging.rejected["stamp_jump"] == 2
+    assert rig.pilot.tracker.ranging.rejected["stamp_jump"] == 2
     assert rig.pilot.phase is Phase.ENGAGED
 
 
@@ -330,7 +330,7 @@ def test_after_a_stall_nothing_is_commanded_until_the_vehicle_is_heard_anew(rig)
     before = rig.now - 0.01
     rig.step()
     assert rig.setpoints(before) == []
-    assert rig.pilot.target.ranging.rejected["stalled"] == 1
+    assert rig.pilot.tracker.ranging.rejected["stalled"] == 1
     rig.speaks = False
     rig.run(0.5)
     assert rig.setpoints(before) == []
@@ -408,7 +408,7 @@ def test_time_that_runs_out_in_a_silence_says_in_which_and_for_how_long(make_rig
 
 
 def test_a_dry_run_is_not_flown_to_its_end(make_rig, say):
-    rig = make_rig(timing=replace(say.mission.timing, duration=2.0), voice=Voice.DRY_RUN).run(5.0)
+    rig = make_rig(timing=replace(say.mission.timing, duration=2.0), output_mode=OutputMode.DRY_RUN).run(5.0)
     assert (rig.pilot.outcome.ending, rig.pilot.outcome.reason) == (Ending.COMPLETED, "dry run to its end")
     assert rig.setpoints() == []
 
@@ -489,7 +489,7 @@ def test_the_last_words_are_one_safe_setpoint_and_only_while_it_is_ours_to_fly(r
 def test_a_law_that_fails_is_held_back_and_ends_the_flight_safely(rig, monkeypatch):
     rig.engage()
     nonsense = TurnCommand(TurnRate(nan), TurnRate(nan), saturated=False)
-    monkeypatch.setattr(rig.pilot.helm, "_steer", lambda *arguments: nonsense)
+    monkeypatch.setattr(rig.pilot.controller, "_steer", lambda *arguments: nonsense)
     since = rig.now
     rig.run(1.0)
     assert rig.pilot.outcome.ending is Ending.ABORTED
@@ -503,7 +503,7 @@ def test_a_law_that_fails_is_held_back_and_ends_the_flight_safely(rig, monkeypat
 def test_ranging_of_another_link_is_taken_from_there_and_from_nowhere_else(make_rig):
     rig = make_rig(ranging_apart=True)
     rig.run(3.0)
-    assert rig.pilot.target.accepted == 0, "ranges on the vehicle's link are not the mission's"
+    assert rig.pilot.tracker.accepted == 0, "ranges on the vehicle's link are not the mission's"
     rig.ranges = False
     for _ in range(30):
         rig.run(0.1)

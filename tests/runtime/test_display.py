@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
-from circnav_mav.pilot import Voice
+from circnav_mav.pilot import OutputMode
 from circnav_mav.runtime import display as display_module
 from circnav_mav.runtime.display import Display, LiveScreen, PlainScreen, display_for
 from circnav_mav.runtime.picture import Picture
@@ -64,8 +64,8 @@ def test_a_low_terminal_shows_phase_and_alarm(statuses, height):
 
 def test_a_dry_run_says_that_nothing_is_sent(statuses):
     settings = flight("quickstart").pilot.settings
-    dry = type(settings)(**{name: getattr(settings, name) for name in settings.__slots__} | {"voice": Voice.DRY_RUN})
-    assert "DRY RUN: no setpoint" in "\n".join(drawn(statuses(6.0, voice=Voice.DRY_RUN)[-1], settings=dry))
+    dry = replace(settings, output_mode=OutputMode.DRY_RUN)
+    assert "DRY RUN: no setpoint" in "\n".join(drawn(statuses(6.0, output_mode=OutputMode.DRY_RUN)[-1], settings=dry))
 
 
 def test_a_terminal_without_unicode_gets_ascii(statuses):

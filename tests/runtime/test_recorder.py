@@ -8,8 +8,8 @@ import pytest
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.guidance.phases import Phase
 from circnav_mav.pilot import TickRecord
+from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.runlog.loop_steps import recorded_turns
 from circnav_mav.runlog.run_folder import read_ticks
 from circnav_mav.runtime.recorder import TICK_COLUMNS, Recorder, RecorderError, Turn

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from circnav_mav.pilot import Voice
+from circnav_mav.pilot import OutputMode
 from circnav_mav.runtime.status import Watch
 from tests.flight.lockstep import flight
 
@@ -88,7 +88,7 @@ def test_recording_that_stopped_is_an_alarm():
 
 
 def test_a_dry_run_would_steer_without_the_mode(statuses):
-    dry = statuses(6.0, voice=Voice.DRY_RUN)[-1]
+    dry = statuses(6.0, output_mode=OutputMode.DRY_RUN)[-1]
     assert (dry.phase, dry.setpoints) == ("would steer", 0)
     assert statuses(6.0)[-1].phase == "engaged"
 

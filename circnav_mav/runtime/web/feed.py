@@ -18,9 +18,9 @@ from pathlib import Path
 from typing import Any
 
 import circnav_mav
-from circnav_mav.guidance.phases import Phase
 from circnav_mav.mav.truth import is_truth_frame, relative_truth
 from circnav_mav.pilot import Pilot, TickRecord
+from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.runtime.recorder import Turn
 from circnav_mav.runtime.status import SILENCED, Status, Watch
 
@@ -149,7 +149,7 @@ def _facts(pilot: Pilot, name: str, tolerance: float) -> dict[str, Any]:
         "steady": orbit.steady_turn_rate,
         "stale": timing.stale,
         "duration": timing.duration if isfinite(timing.duration) else None,
-        "silenced": SILENCED.get(pilot.settings.voice),
+        "silenced": SILENCED.get(pilot.settings.output_mode),
     }
 
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from circnav_mav.guidance.phases import STEERING, TRANSITIONS, Event, Phase, advance
+from circnav_mav.pilot.mission_state import STEERING, TRANSITIONS, Event, Phase, advance
 
 event_lists = st.lists(st.sampled_from(Event), max_size=40)
 
