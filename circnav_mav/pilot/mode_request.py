@@ -61,7 +61,7 @@ class ExitAction:
             return self._safe_left <= 0
         failure = self._request.ask(session, session.adapter.exits[action], now)
         if failure is None and now - since > PATIENCE:
-            failure = "without effect"
+            failure = "had no effect"
         if failure is not None:
             self.failure = f"exit action {action} {failure}"
         return failure is not None
@@ -71,7 +71,7 @@ class ExitAction:
         taken too long."""
         if now - since <= PATIENCE:
             return False
-        self.failure = "no exit action asked for: nobody knows whether the vehicle is still ours"
+        self.failure = "exit action not requested: not known who has the vehicle"
         return True
 
     def at_once(self, session: Session) -> list[Message]:

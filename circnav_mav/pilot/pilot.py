@@ -100,7 +100,7 @@ class Pilot:
         adapter, motion, height = self.session.adapter, self.session.motion, self.tracker.height
         is_attitude = motion.receive(message, now)
         if height.hear(message, motion.at(now).altitude, now):
-            self._say("altitude", f"altitude jumped, {height.jumped:+.0f} m not counted")
+            self._say("altitude", f"altitude jumped, {height.jumped:+.0f} m ignored")
         if not is_attitude:
             return
         own = motion.own(now, self._airspeed(now), banks=adapter.measures_airspeed)
@@ -123,7 +123,7 @@ class Pilot:
         believed = adapter.airspeed(measured)
         # on the ground it is no wonder
         if measured is not None and measured != believed and self._mission.steering:
-            self._say_once("airspeed", f"airspeed {measured:.1f} m/s not believed")
+            self._say_once("airspeed", f"airspeed {measured:.1f} m/s implausible, ignored")
         return believed
 
     # --- out: one step ----------------------------------------------------------------------------------------------
@@ -222,7 +222,7 @@ class Pilot:
             return
         steering = self._mission.steering
         if self._mission.happened(Event.RANGE_GOOD if good else Event.RANGE_LOST, now) and steering:
-            self._say("range", "range is back" if good else "range lost, holding")
+            self._say("range", "range regained" if good else "range lost, holding")
 
     def _watch_drift(self, estimate: RangeEstimate | None) -> None:
         """Say once that the drift is more than the circle allows, and once that it no longer is."""
@@ -333,7 +333,7 @@ class Pilot:
                 self._say("law", command.why)
         if self.controller.cycles > self._limit_cycles:
             self._limit_cycles = self.controller.cycles
-            self._say("cycle", f"turn command swings, gains now {100 * self.controller.gain_share:.0f} %")
+            self._say("cycle", f"limit cycle, gains reduced to {100 * self.controller.gain_share:.0f} %")
 
     def _say_once(self, kind: str, text: str) -> None:
         if kind not in self._said:

@@ -47,7 +47,7 @@ class RangeTracker:
         if self.ranging.restarted:
             self.estimator.restamp()
         if self.ranging.stepped:
-            self._say("clock", f"sensor clock stood still {self.ranging.stepped:.1f} s")
+            self._say("clock", f"sensor clock stalled {self.ranging.stepped:.1f} s")
         if sample is None:
             return False
         if stalled:
@@ -57,7 +57,7 @@ class RangeTracker:
             self.ranging.reject(Reject.NO_HEIGHT)
             return False
         if self._noise.found is not None:
-            self._say_once("noise", "ranges scatter {1:.2g} m, not {0:.2g} as told".format(*self._noise.found))
+            self._say_once("noise", "range noise {1:.2g} m, expected {0:.2g} m".format(*self._noise.found))
         if self.estimator.observe(sample) is Fused.GATED:
             self.ranging.reject(Reject.GATED)
             return False

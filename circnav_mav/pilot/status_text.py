@@ -55,7 +55,7 @@ class StatusText:
             case Overdue.HELD:
                 return Outcome(Ending.ABORTED, self._why_held(now))
             case Overdue.OUTAGE:
-                return Outcome(Ending.ABORTED, f"vehicle or ranging gone for {timing.outage:.0f} s")
+                return Outcome(Ending.ABORTED, f"no vehicle or no ranging for {timing.outage:.0f} s")
             case Overdue.NO_VEHICLE:
                 return Outcome(Ending.NOTHING_HEARD, f"no vehicle: {self._no_vehicle()}")
             case Overdue.NO_RANGING:
@@ -67,7 +67,7 @@ class StatusText:
         """Nobody that the mission means has been heard."""
         session = self._session
         if session.up and session.told.unproven:
-            return "whether this is the vehicle of before is not known until it tells its time (ATTITUDE, SYSTEM_TIME)"
+            return "not known whether this is the same vehicle: no boot time yet (ATTITUDE, SYSTEM_TIME)"
         if session.misfits:
             return "; ".join(session.misfits.values())
         return f"no autopilot heartbeat, {self._heard.describe()}"
@@ -80,12 +80,12 @@ class StatusText:
         age, ready = tracker.age(now), tracker.estimator.ready
         if not ready and not missing and age is not None and age <= self._settings.timing.stale:
             name = self._settings.estimator
-            needs = "" if name == "kalman" else "; before that it must see the vehicle's own motion (auto need not)"
-            return f"{tracker.accepted} ranges taken, the estimator {name} is not sure of the range rate yet{needs}"
+            needs = "" if name == "kalman" else "; it needs the vehicle's own motion first (auto does not)"
+            return f"{tracker.accepted} ranges accepted, estimator {name} has not converged yet{needs}"
         if ready and missing:
             return self._not_told(missing)
         wanted, rejected = RANGING_MESSAGES[self._settings.ranging.message], tracker.ranging.rejected
-        heard = f"samples rejected: {describe_rejected(rejected)}; {self._heard_of_ranging.describe()}"
+        heard = f"rejected: {describe_rejected(rejected)}; {self._heard_of_ranging.describe()}"
         return f"no ranging: no usable {wanted.type}, {heard}{self._denied()}"
 
     def _not_engaged(self, now: float) -> str:
@@ -93,32 +93,32 @@ class StatusText:
         session, authority = self._session, self._authority
         guided, told = session.adapter.mode_names[session.adapter.guided_mode], session.told
         if authority.holder is not Holder.US:
-            again = "left and entered again" if authority.holder is Holder.OPERATOR_IN_MODE else "entered again"
-            return f"the operator has the vehicle: {guided} {again} hands it over"
+            enter = f"leave {guided} and enter it" if authority.holder is Holder.OPERATOR_IN_MODE else f"enter {guided}"
+            return f"the operator has the vehicle: {enter} again to hand it back"
         if not authority.link_quick(now):
             return self._slow()
         if missing := session.missing(now):
             return self._not_told(missing)
         if authority.may_be_on_ground(now) and (told.armed or told.on_ground):
-            return "the vehicle is on the ground" if told.on_ground else "whether the vehicle flies is not known"
+            return "the vehicle is on the ground" if told.on_ground else "the vehicle has not reported that it flies"
         if not told.armed:
             return "the vehicle is not armed"
-        return f"mode {guided}, asked for" if authority.asks_for_mode else f"mode {guided}, the operator's to enter"
+        return f"mode {guided}: " + ("requested" if authority.asks_for_mode else "the operator must enter it")
 
     def _slow(self) -> str:
         round_trip, most = self._session.round_trip.typical, self._settings.timing.round_trip
         if round_trip is None:
-            return "how long an answer of the vehicle takes is not known yet (TIMESYNC)"
-        return f"the link is slow: {round_trip:.2f} s to the vehicle and back, limits.round_trip_s allows {most:g} s"
+            return "measuring the round trip to the vehicle (TIMESYNC)"
+        return f"link too slow: round trip {round_trip:.2f} s (limits.round_trip_s = {most:g} s)"
 
     def _not_told(self, missing: list[str]) -> str:
         """The vehicle does not tell what it must."""
         name = self._session.adapter.name
-        return f"no {' and no '.join(missing)} in VFR_HUD, which a {name} cannot be flown without{self._denied()}"
+        return f"no {' and no '.join(missing)} in VFR_HUD: a {name} cannot be flown without it{self._denied()}"
 
     def _denied(self) -> str:
         denied = self._session.streams.refused
-        return f"; the vehicle denied the streams {', '.join(denied)}" if denied else ""
+        return f"; streams denied by the vehicle: {', '.join(denied)}" if denied else ""
 
     # --- what has gone ----------------------------------------------------------------------------------------------
 
@@ -126,9 +126,10 @@ class StatusText:
         """Why the ranges of so many seconds could not be steered by."""
         tracker, waited, age = self._tracker, now - self._mission.since, self._tracker.age(now)
         if tracker.estimator.ready and age is not None and FRESH * self._settings.timing.stale < age < waited:
-            return f"no range fresh enough for {waited:.1f} s, the newest is {age:.2f} s old"
-        rejected = ": rejected, the sensor clock stepped" if tracker.ranging.clock_doubted else ""
-        return f"no range for {waited:.1f} s{rejected}"
+            return f"no fresh range for {waited:.1f} s, the newest is {age:.2f} s old"
+        if tracker.ranging.clock_doubted:
+            return f"no range for {waited:.1f} s: all rejected, the sensor clock stepped"
+        return f"no range for {waited:.1f} s"
 
     def _what_is_gone(self, now: float) -> str:
         """Which silence a flight that runs out of time waits in."""

@@ -592,7 +592,7 @@ def test_a_stream_that_was_denied_is_named_when_the_flight_cannot_begin(make_rig
         for number in list(rig.pilot.session.commands._pending):
             rig.acknowledge(number, 2)  # MAV_RESULT_DENIED
     assert rig.pilot.outcome.ending is Ending.NOTHING_HEARD
-    assert "the vehicle denied the streams" in rig.pilot.outcome.reason
+    assert "streams denied by the vehicle" in rig.pilot.outcome.reason
     assert "VFR_HUD" in rig.pilot.outcome.reason
     assert rig.setpoints() == []
 

@@ -405,7 +405,7 @@ def test_ranges_that_scatter_over_half_the_radius_are_lost_ranges(make_rig, say)
 
 def test_ranges_without_an_estimate_name_the_estimator(make_rig):
     rig = make_rig(estimator="drift").run(10.0)
-    assert "the estimator drift is not sure" in rig.pilot.waits_for(rig.now)
+    assert "estimator drift has not converged" in rig.pilot.waits_for(rig.now)
 
 
 # --- who is a vehicle ---
@@ -582,4 +582,4 @@ def test_an_airspeed_that_cannot_be_is_told_once_and_only_of_a_vehicle_that_we_s
     rig.mode = PX4_ALTCTL
     rig.run(10.0)
     assert rig.pilot.phase is Phase.ENGAGED
-    assert [text for text in rig.texts() if "airspeed" in text] == ["circnav: airspeed 2.0 m/s not believed"]
+    assert [text for text in rig.texts() if "airspeed" in text] == ["circnav: airspeed 2.0 m/s implausible, ignored"]

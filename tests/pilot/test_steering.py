@@ -68,7 +68,7 @@ def test_a_vehicle_at_the_end_of_a_slow_link_is_not_engaged_until_it_is_quick(ma
     assert rig.pilot.phase is Phase.READY
     assert rig.setpoints() == [] and rig.commands(176) == []
     words = rig.pilot.waits_for(rig.now)
-    assert words == "the link is slow: 0.80 s to the vehicle and back, limits.round_trip_s allows 0.6 s"
+    assert words == "link too slow: round trip 0.80 s (limits.round_trip_s = 0.6 s)"
     rig.round_trip = 0.1
     rig.run(10.0)
     assert (rig.commands(176) if request_mode else rig.setpoints()) != []
@@ -116,7 +116,7 @@ def test_a_vehicle_that_does_not_answer_is_engaged_after_a_while(rig):
     rig.round_trip = None
     rig.run(9.0)
     assert rig.pilot.phase is Phase.READY
-    assert "not known yet" in rig.pilot.waits_for(rig.now)
+    assert "TIMESYNC" in rig.pilot.waits_for(rig.now)
     rig.run(3.0)
     assert rig.pilot.phase is Phase.ENGAGED
 
@@ -267,7 +267,7 @@ def test_a_range_that_comes_back_is_flown_again_and_told(rig):
     before = rig.now
     rig.run(3.0)
     assert rig.pilot.phase is Phase.ENGAGED
-    assert "circnav: range is back" in rig.texts(before)
+    assert "circnav: range regained" in rig.texts(before)
 
 
 def test_a_repeated_range_is_not_a_fresh_one(rig):
@@ -388,7 +388,7 @@ def test_a_link_that_stays_away_ends_the_mission_after_a_minute(rig):
     rig.run(1.0)
     assert rig.pilot.done
     assert rig.pilot.outcome.ending is Ending.ABORTED
-    assert rig.pilot.outcome.reason == "vehicle or ranging gone for 60 s"
+    assert rig.pilot.outcome.reason == "no vehicle or no ranging for 60 s"
 
 
 @pytest.mark.parametrize(("comes_back", "what"), [(False, "heartbeat"), (True, "range")])
@@ -547,7 +547,7 @@ def test_without_ranging_the_mission_ends_and_says_what_was_refused(make_rig, sa
     rig.range_cm = 65535
     rig.run(3.0)
     assert rig.pilot.outcome.ending is Ending.NOTHING_HEARD
-    assert rig.pilot.outcome.reason.startswith("no ranging: no usable DISTANCE_SENSOR, samples rejected: ")
+    assert rig.pilot.outcome.reason.startswith("no ranging: no usable DISTANCE_SENSOR, rejected: ")
     assert " no_range; heard " in rig.pilot.outcome.reason
 
 
