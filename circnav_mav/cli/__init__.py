@@ -242,7 +242,10 @@ def campaign(
 
 @circnav.command()
 @click.argument("run", type=click.Path())
-def report(run: str) -> int:
+@click.option(
+    "--after-flight", is_flag=True, hidden=True, help="As fly ends: what it makes, and a line for what fails."
+)
+def report(run: str, after_flight: bool) -> int:
     """Write report.html (one page, opens offline, prints), flight.png and estimates.png into RUN, a run folder.
 
     `fly` makes the first two by itself.
@@ -251,9 +254,9 @@ def report(run: str) -> int:
     Example:
         circnav report runs/20260101-120000-quickstart
     """
-    from circnav_mav.cli.report import report_run
+    from circnav_mav.cli.report import report_flight, report_run
 
-    return report_run(run)
+    return report_flight(run) if after_flight else report_run(run)
 
 
 def main() -> None:

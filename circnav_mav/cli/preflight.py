@@ -16,8 +16,7 @@ from circnav_mav.mission.param_rules import names_for
 from circnav_mav.mission.preflight import judge
 from circnav_mav.pilot.survey import Observations, Survey
 from circnav_mav.runtime.clock import AutopilotClock
-from circnav_mav.runtime.listener import listen
-from circnav_mav.runtime.runner import StopRequest
+from circnav_mav.runtime.runner import StopRequest, listen
 
 
 def preflight_file(path: str, endpoint: str | None, overrides: tuple[str, ...], seconds: float) -> int:

@@ -60,6 +60,21 @@ def test_a_mode_request_that_nobody_answers_ends_the_mission(make_rig):
     assert [message.confirmation for message in rig.commands(SET_MODE)] == [0, 1, 2, 3]
 
 
+def test_a_request_still_under_way_is_not_repeated_after_a_stall_before_a_heartbeat_tells_the_mode(make_rig):
+    """The operator may have chosen another meanwhile."""
+    rig = make_rig(request_mode=True)
+    rig.mode = LOITER
+    while not rig.commands(SET_MODE):
+        rig.run(0.05)
+    rig.speaks, since = False, rig.now
+    rig.pass_time(1.0)
+    rig.run(2.0)
+    assert rig.commands(SET_MODE, since) == []
+    rig.speaks = True
+    rig.run(1.0)
+    assert rig.commands(SET_MODE, since) != []
+
+
 def test_a_mode_that_is_acknowledged_but_never_entered_ends_the_mission(make_rig):
     rig = make_rig(request_mode=True)
     rig.mode = LOITER
