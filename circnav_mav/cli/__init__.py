@@ -60,7 +60,7 @@ def fly(
     shadow: bool,
     web: str | None,
 ) -> int:
-    """Fly MISSION, show it live, and write a verdict and a run folder.
+    """Fly MISSION, show it live, and record it in a run folder.
 
     Switch to any other flight mode and circnav stops sending immediately. Ctrl-C ends the flight safely.
 
@@ -83,7 +83,7 @@ def fly(
 @click.option("--ranging-endpoint", metavar="URL", help='Where its radio sends to, for ranging that goes "direct".')
 @click.option("--speed", type=float, default=1.0, show_default=True, metavar="N", help="Times real time.")
 def emulate(vehicle: str | None, endpoint: str, ranging_endpoint: str | None, speed: float) -> int:
-    """Run the bundled simulated vehicle alone, for any ground station or client. Ctrl-C ends it.
+    """Run the bundled simulated vehicle alone. Any ground station or client may connect; Ctrl-C ends it.
 
     VEHICLE.toml is a vehicle file, or a mission file with a [sim] table; without it, a copter hovers.
 
@@ -101,7 +101,7 @@ def emulate(vehicle: str | None, endpoint: str, ranging_endpoint: str | None, sp
 @click.argument("mission", type=click.Path())
 @click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True, help=SET_HELP)
 def check(mission: str, overrides: tuple[str, ...]) -> int:
-    """Check MISSION without flying it: PASS, WARN or FAIL for each point, with the number and its limit.
+    """Check MISSION without flying it. Prints PASS, WARN or FAIL for each point, with the number and its limit.
 
     \b
     Example:
@@ -118,7 +118,7 @@ def check(mission: str, overrides: tuple[str, ...]) -> int:
 @click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True, help=SET_HELP)
 @click.option("--seconds", type=float, default=10.0, show_default=True, metavar="N", help="How long to listen.")
 def preflight(mission: str, endpoint: str | None, overrides: tuple[str, ...], seconds: float) -> int:
-    """Listen to the vehicle and the ranging of MISSION: PASS, WARN or FAIL for each point. Commands nothing.
+    """Listen to vehicle and ranging of MISSION; command nothing. Prints PASS, WARN or FAIL for each point.
 
     Checks identity, mode, streams, range noise and age, clocks, and the parameters that matter. Exit codes: 0 no FAIL,
     2 bad mission, 3 no vehicle received, 4 at least one FAIL.
@@ -147,7 +147,8 @@ def replay(
     law: str | None,
     out: str | None,
 ) -> int:
-    """Run a recorded flight through the pilot again, and compare estimates and commands with those of the flight.
+    """Run a recorded flight through the pilot again, and compare. Estimates and commands are set against those of the
+    flight.
 
     RUN_OR_TLOG is a run folder, or a tlog of Mission Planner or MAVProxy with ranging telemetry in it (which needs
     --mission, and is replayed as a dry run). The vehicle's path stays as flown. Exit codes: 0 replayed, 2 bad
@@ -167,7 +168,7 @@ def replay(
 @click.argument("run", type=click.Path())
 @click.option("--mcap", "mcap", is_flag=False, flag_value="", metavar="[FILE]", help="MCAP. [default: RUN/flight.mcap]")
 def export(run: str, mcap: str | None) -> int:
-    """Convert RUN, a run folder, for Foxglove or PlotJuggler: ticks, truth and events.
+    """Convert RUN, a run folder, for Foxglove or PlotJuggler. The file holds ticks, truth and events.
 
     \b
     Example:
@@ -185,7 +186,7 @@ def export(run: str, mcap: str | None) -> int:
 @click.option("--starts", type=int, default=200, show_default=True, metavar="N", help="Random starts of each example.")
 @click.option("--seed", type=int, default=1, show_default=True, metavar="N", help="Of the random starts.")
 def paper(out: str, starts: int, seed: int) -> int:
-    """Reproduce the three examples of the paper: six figures, and a table of predicted and reached radius.
+    """Reproduce the three examples of the paper. Draws six figures, and prints a table of predicted and reached radius.
 
     \b
     Example:
@@ -206,7 +207,7 @@ def paper(out: str, starts: int, seed: int) -> int:
 def bench(
     flights: int, laws: tuple[str, ...], situations: tuple[str, ...], seed: int, out: str | None, cost: bool
 ) -> int:
-    """Compare the laws in wind, gusts, with moving targets and bad sensors; many flights each, one table.
+    """Compare the laws over many flights. Wind, gusts, moving targets, bad sensors; the result is one table.
 
     \b
     Examples:
@@ -228,7 +229,7 @@ def bench(
 def campaign(
     file: str, runs: int | None, out: str | None, resume: bool, processes: int | None, scheduler: str | None
 ) -> int:
-    """Fly a mission many times with values varied as FILE.toml says: a table, a summary and plots.
+    """Fly a mission many times with varied values. FILE.toml says which; the result is a table, a summary and plots.
 
     \b
     Examples:
@@ -246,9 +247,10 @@ def campaign(
     "--after-flight", is_flag=True, hidden=True, help="As fly ends: what it makes, and a line for what fails."
 )
 def report(run: str, after_flight: bool) -> int:
-    """Write report.html (one page, opens offline, prints), flight.png and estimates.png into RUN, a run folder.
+    """Draw the report of RUN, a run folder. Writes report.html (one page, opens offline, prints), flight.png and
+    estimates.png.
 
-    `fly` makes the first two by itself.
+    `fly` makes report.html and flight.png by itself.
 
     \b
     Example:
