@@ -75,6 +75,26 @@ def test_a_request_still_under_way_is_not_repeated_after_a_stall_before_a_heartb
     assert rig.commands(SET_MODE, since) != []
 
 
+def test_a_mode_that_was_reached_and_left_before_the_engagement_is_not_asked_for_again(make_rig):
+    """The ranges had gone when it was reached."""
+    rig = make_rig(request_mode=True)
+    rig.mode = LOITER
+    while not rig.commands(SET_MODE):
+        rig.run(0.05)
+    rig.ranges = False
+    rig.run(1.0)
+    assert rig.pilot.phase is Phase.WAIT_RANGING
+    rig.mode = GUIDED
+    rig.run(0.5)
+    rig.mode, since = LOITER, rig.now
+    rig.run(0.5)
+    rig.ranges = True
+    rig.run(10.0)
+    assert rig.pilot.phase is Phase.READY
+    assert rig.commands(SET_MODE, since) == []
+    assert rig.pilot.waits_for(rig.now) == "mode GUIDED: the operator must enter it"
+
+
 def test_a_mode_that_is_acknowledged_but_never_entered_ends_the_mission(make_rig):
     rig = make_rig(request_mode=True)
     rig.mode = LOITER
@@ -242,6 +262,15 @@ def test_the_last_words_ask_for_the_exit_action(make_rig, say):
 def test_the_last_words_ask_for_no_mode_when_the_vehicle_may_be_in_other_hands(make_rig, say, seconds):
     rig = make_rig(exit="rtl").engage()
     rig.pass_time(seconds)
+    (safe,) = say.decode(rig.pilot.last_words(rig.now))
+    assert safe.vx == 0.0
+
+
+def test_the_last_words_ask_for_no_mode_of_a_vehicle_that_is_silent(make_rig, say):
+    rig = make_rig(exit="rtl").engage()
+    rig.speaks = False
+    rig.run(2.0)
+    assert rig.pilot.phase is Phase.ENGAGED
     (safe,) = say.decode(rig.pilot.last_words(rig.now))
     assert safe.vx == 0.0
 
