@@ -239,3 +239,22 @@ def test_a_height_beyond_the_missions_bounds_ends_the_flight(make_rig, altitude,
     rig.hear(mavlink.MAVLink_vfr_hud_message(15, 15, 0, 50, altitude, 0))
     rig.run(1.0)
     assert (rig.pilot.outcome and rig.pilot.outcome.reason) == reason
+
+
+def test_a_dry_run_that_is_interrupted_sends_no_setpoint_either(make_rig):
+    rig = make_rig(output_mode=OutputMode.DRY_RUN)
+    rig.run(5.0)
+    rig.pilot.interrupt(rig.now, "SIGINT")
+    rig.run(1.0)
+    assert rig.pilot.done
+    assert rig.setpoints() == []
+    assert rig.pilot.last_words(rig.now) == b""
+
+
+def test_an_interrupt_before_the_flight_sends_no_setpoint(rig):
+    rig.mode = 5
+    rig.run(3.0)
+    rig.pilot.interrupt(rig.now, "SIGTERM")
+    rig.run(1.0)
+    assert rig.pilot.done
+    assert rig.setpoints() == []

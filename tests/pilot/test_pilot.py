@@ -107,6 +107,7 @@ def test_a_mission_waits_for_link_ranging_and_mode_in_this_order(rig):
     assert rig.run(1.0).pilot.phase is Phase.WAIT_RANGING
     rig.ranges = True
     assert rig.run(1.0).pilot.phase is Phase.READY
+    assert rig.setpoints() == [] and rig.pilot.setpoints_sent == 0
     rig.mode = 4
     assert rig.run(1.0).pilot.phase is Phase.ENGAGED
     assert rig.setpoints()
@@ -311,6 +312,20 @@ def test_an_interrupt_sends_the_safe_setpoint_three_times_and_then_nothing(rig):
     assert rig.pilot.step(rig.now + 1) == b""
 
 
+def test_the_safe_setpoints_of_the_end_are_a_tick_apart_however_many_ranges_come(rig):
+    rig.engage()
+    since = rig.now
+    rig.pilot.interrupt(rig.now, "SIGINT")
+    for _ in range(40):
+        rig.now = round(rig.now + 0.005, 6)
+        rig.range()
+        rig.step()
+    times = [then for then, message in rig.sent if then > since and getattr(message, "vx", None) == 0.0]
+    assert len(times) == 3
+    assert all(b - a >= 0.05 - 1e-9 for a, b in pairwise(times))
+    assert "circnav: ended, SIGINT" in rig.texts(since)
+
+
 def test_an_interrupt_is_answered_by_the_very_next_step(rig):
     """However lately a setpoint has left."""
     rig.engage()
@@ -369,3 +384,11 @@ def test_a_vehicle_that_does_not_fit_is_the_reason_given(make_rig, say):
     rig.hear(say.heartbeat(autopilot=12))
     rig.run(3.0)
     assert rig.pilot.outcome.reason == ("no vehicle: system 1 is px4 quadrotor, the mission is for ardupilot copter")
+
+
+@pytest.mark.parametrize(("direction", "sign"), [(Direction.CLOCKWISE, 1), (Direction.COUNTERCLOCKWISE, -1)])
+def test_holding_turns_in_the_missions_sense(make_rig, say, direction, sign):
+    rig = make_rig(orbit=replace(say.orbit, direction=direction)).engage()
+    rig.ranges = False
+    rig.run(1.0)
+    assert rig.setpoints()[-1].yaw_rate == pytest.approx(sign * STEADY)

@@ -269,3 +269,25 @@ def test_a_ranging_link_is_greeted_once_a_second(make_rig, say):
     rig = make_rig(ranging_apart=True)
     hellos = [message for i in range(61) for message in say.decode(rig.pilot.hello(i / 20))]
     assert [message.get_type() for message in hellos] == ["HEARTBEAT"] * 4
+
+
+def test_a_vehicle_on_the_ranging_link_moves_nothing(make_rig, say):
+    rig = make_rig(ranging_apart=True)
+    rig.speaks = rig.ranges = False
+    for _ in range(20):
+        rig.run(0.1)
+        rig.hear(say.heartbeat(4), link="ranging", source="radio")
+    assert rig.pilot.phase is Phase.WAIT_LINK
+
+
+def test_a_reboot_of_the_autopilot_makes_the_estimate_forget_what_came_before(make_rig):
+    rig = make_rig(end_on_takeover=False).engage()
+    rig.hear(mavlink.MAVLink_system_time_message(0, 900_000))
+    rig.run(0.5)
+    rig.ranges = False
+    assert rig.pilot.take_records()[-1].r == pytest.approx(150.0, abs=0.5)
+    for boot_ms in (2_000, 2_050):
+        rig.hear(mavlink.MAVLink_system_time_message(0, boot_ms))
+    rig.run(0.05)
+    assert [record.r for record in rig.pilot.take_records()] == [None]
+    assert not rig.pilot.tracker.estimator.ready
