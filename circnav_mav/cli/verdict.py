@@ -51,10 +51,8 @@ def _circle(summary: dict[str, Any]) -> list[str]:
     """Settling and radius, by our own estimate and by the simulator's truth."""
     desired = summary["desired_radius_m"]
     flown, steered = summary["flown_s"], _steered(summary)
-    of_these = f", {steered:.0f} s of it steered" if flown - steered > NOTABLE else ""
-    lines = [
-        f"  desired    {desired:g} m {summary['direction']}, flown {flown:.0f} s{of_these}; figures of the last third:"
-    ]
+    of_these = f" ({steered:.0f} s steered)" if flown - steered > NOTABLE else ""
+    lines = [f"  desired    {desired:g} m {summary['direction']}, flown {flown:.0f} s{of_these}; last third:"]
     lines.append(f"  estimated  {_figures(summary, desired)}")
     truth = summary["truth"]
     if truth is not None:
@@ -76,7 +74,7 @@ def _turn(summary: dict[str, Any]) -> list[str]:
     )
     if std is None or at_limit is None:
         return []
-    varies = "" if variation is None else f", variation {variation:.2g} rad/s per s"
+    varies = "" if variation is None else f", variation {variation:.2g} rad/s^2"
     lines = [f"  turn       command std {std:.1f} deg/s, at the limit {100 * at_limit:.0f} %{varies}"]
     gain, delay, share = (summary.get(name) for name in ("turn_gain", "turn_delay_s", "gain_share"))
     if gain is not None and delay is not None:

@@ -42,7 +42,7 @@ def test_a_flight_that_sent_nothing_says_so_and_is_given_no_marks(voice: str) ->
 
 
 def test_a_flight_with_a_takeover_tells_how_much_of_it_was_steered() -> None:
-    assert "flown 120 s, 70 s of it steered; " in told(flown_s=120.0, steered_s=70.0)
+    assert "flown 120 s (70 s steered); " in told(flown_s=120.0, steered_s=70.0)
     assert "flown 120 s; " in told(flown_s=120.0, steered_s=119.9)
     assert "would have steered for 70 s" in told(voice="dry run", flown_s=120.0, steered_s=70.0)
     assert "flown 60 s; " in told()
@@ -71,7 +71,7 @@ def test_time_that_ran_at_another_speed_is_warned_of() -> None:
 def test_a_busy_turn_command_is_told_of() -> None:
     figures = {"turn_std_deg_s": 7.31, "turn_at_limit": 0.112}
     assert "turn       command std 7.3 deg/s, at the limit 11 %\n" in told(**figures)
-    assert "at the limit 11 %, variation 1.2 rad/s per s" in told(**figures, turn_variation_rad_s2=1.24)
+    assert "at the limit 11 %, variation 1.2 rad/s^2" in told(**figures, turn_variation_rad_s2=1.24)
     assert "at the limit" not in told(turn_std_deg_s=None, turn_at_limit=None)
     assert "at the limit" not in told(turn_std_deg_s=5.0, turn_at_limit=None)
     assert "WARNING    limit cycle: the turn command oscillates" in told(**figures, turn_limit_cycle=True)
