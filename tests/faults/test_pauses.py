@@ -5,8 +5,8 @@ from itertools import pairwise
 
 import pytest
 
+from circnav_mav.pilot.authority import STALL
 from circnav_mav.pilot.mission_state import Phase
-from circnav_mav.pilot.pilot import STALL
 from circnav_mav.runtime.status import Watch
 from sim.faults import UP, Impairment
 from sim.faults.frames import read, rewritten
