@@ -15,7 +15,7 @@ from circnav_mav.cli.terminal import mind_output
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 SET_HELP = "Override a mission value, e.g. --set orbit.radius_m=80. May be repeated."
 
-WEB_HELP = "Show the flight live in a browser on this machine too, at http://127.0.0.1:PORT. [default port: 8080]"
+WEB_HELP = "Show the flight in a browser on this computer, too, at http://127.0.0.1:PORT. [default port: 8080]"
 
 
 @click.group(context_settings=CONTEXT)
@@ -32,9 +32,9 @@ def circnav() -> None:
         0    flown to its end (or: nothing found wrong)
         1    internal error
         2    bad usage or mission file
-        3    no vehicle or no ranging heard
-        4    ended by a safety rule or by the operator
-        5    flown to its end, but not all of it is recorded (disk full or too slow, log.max_mb reached)
+        3    no vehicle or no ranging received
+        4    ended by a safety rule, or the operator took over
+        5    flown to its end, but the recording is incomplete (disk full or too slow, log.max_mb)
         130  interrupted (after a safe setpoint)
     """
 
@@ -60,7 +60,9 @@ def fly(
     shadow: bool,
     web: str | None,
 ) -> int:
-    """Fly MISSION, show it live, and end with a verdict and a run folder.
+    """Fly MISSION, show it live, and record it in a run folder.
+
+    Switch to any other flight mode and circnav stops sending immediately. Ctrl-C ends the flight safely.
 
     \b
     Examples:
@@ -75,13 +77,15 @@ def fly(
 
 @circnav.command()
 @click.argument("vehicle", required=False, type=click.Path(), metavar="[VEHICLE.toml]")
-@click.option("--endpoint", default="udpout:127.0.0.1:14550", show_default=True, metavar="URL", help="Where it speaks.")
-@click.option("--ranging-endpoint", metavar="URL", help='Where its radio speaks when its ranging goes "direct".')
+@click.option(
+    "--endpoint", default="udpout:127.0.0.1:14550", show_default=True, metavar="URL", help="Where it sends to."
+)
+@click.option("--ranging-endpoint", metavar="URL", help='Where its radio sends to, for ranging that goes "direct".')
 @click.option("--speed", type=float, default=1.0, show_default=True, metavar="N", help="Times real time.")
 def emulate(vehicle: str | None, endpoint: str, ranging_endpoint: str | None, speed: float) -> int:
-    """Run the bundled vehicle alone, for any ground station or client. Ctrl-C ends it.
+    """Run the bundled simulated vehicle alone. Any ground station or client may connect; Ctrl-C ends it.
 
-    VEHICLE.toml is a vehicle file, or a mission file with a [sim] table; without it a copter stands by.
+    VEHICLE.toml is a vehicle file, or a mission file with a [sim] table; without it, a copter hovers.
 
     \b
     Example, in two terminals (at --speed 8 the flight needs --set 'link.clock="autopilot"', too):
@@ -97,7 +101,7 @@ def emulate(vehicle: str | None, endpoint: str, ranging_endpoint: str | None, sp
 @click.argument("mission", type=click.Path())
 @click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True, help=SET_HELP)
 def check(mission: str, overrides: tuple[str, ...]) -> int:
-    """Say of MISSION what can be said without flying it: PASS, WARN or FAIL, with the number and its bound.
+    """Check MISSION without flying it. Prints PASS, WARN or FAIL for each point, with the number and its limit.
 
     \b
     Example:
@@ -114,10 +118,10 @@ def check(mission: str, overrides: tuple[str, ...]) -> int:
 @click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True, help=SET_HELP)
 @click.option("--seconds", type=float, default=10.0, show_default=True, metavar="N", help="How long to listen.")
 def preflight(mission: str, endpoint: str | None, overrides: tuple[str, ...], seconds: float) -> int:
-    """Listen to the vehicle and the ranging of MISSION and say PASS, WARN or FAIL; no setpoint, no mode is sent.
+    """Listen to vehicle and ranging of MISSION; command nothing. Prints PASS, WARN or FAIL for each point.
 
-    Identity, mode, streams, ranging with its noise and age, clocks, and the parameters that matter. Exit codes: 0 no
-    FAIL, 2 bad mission, 3 no vehicle heard, 4 some FAIL.
+    Checks identity, mode, streams, range noise and age, clocks, and the parameters that matter. Exit codes: 0 no FAIL,
+    2 bad mission, 3 no vehicle received, 4 at least one FAIL.
 
     \b
     Example:
@@ -143,11 +147,12 @@ def replay(
     law: str | None,
     out: str | None,
 ) -> int:
-    """Feed a recorded flight through the pilot again: what it would have estimated and commanded, against what was.
+    """Run a recorded flight through the pilot again, and compare. Estimates and commands are set against those of the
+    flight.
 
     RUN_OR_TLOG is a run folder, or a tlog of Mission Planner or MAVProxy with ranging telemetry in it (which needs
-    --mission, and is replayed as a dry run). The vehicle does not answer: its path stays as flown. Exit codes: 0
-    replayed, 2 bad usage, 3 nothing in the log steers.
+    --mission, and is replayed as a dry run). The vehicle's path stays as flown. Exit codes: 0 replayed, 2 bad
+    usage, 3 nothing in the log to steer by.
 
     \b
     Examples:
@@ -163,7 +168,7 @@ def replay(
 @click.argument("run", type=click.Path())
 @click.option("--mcap", "mcap", is_flag=False, flag_value="", metavar="[FILE]", help="MCAP. [default: RUN/flight.mcap]")
 def export(run: str, mcap: str | None) -> int:
-    """Write RUN, a run folder, as a file for Foxglove or PlotJuggler: ticks, truth and events.
+    """Convert RUN, a run folder, for Foxglove or PlotJuggler. The file holds ticks, truth and events.
 
     \b
     Example:
@@ -181,7 +186,7 @@ def export(run: str, mcap: str | None) -> int:
 @click.option("--starts", type=int, default=200, show_default=True, metavar="N", help="Random starts of each example.")
 @click.option("--seed", type=int, default=1, show_default=True, metavar="N", help="Of the random starts.")
 def paper(out: str, starts: int, seed: int) -> int:
-    """Reproduce the three examples of the paper: six figures and one table of what was predicted and what was reached.
+    """Reproduce the three examples of the paper. Draws six figures, and prints a table of predicted and reached radius.
 
     \b
     Example:
@@ -198,11 +203,11 @@ def paper(out: str, starts: int, seed: int) -> int:
 @click.option("--situation", "situations", multiple=True, metavar="NAME", help="Only this situation. May be repeated.")
 @click.option("--seed", type=int, default=1, show_default=True, metavar="N", help="Of all worlds.")
 @click.option("--out", type=click.Path(), metavar="DIR", help="Write table.csv, table.md and table.png there.")
-@click.option("--cost", is_flag=True, help="Only what a step of the estimators costs on this machine.")
+@click.option("--cost", is_flag=True, help="Only measure how long a step of each estimator takes on this computer.")
 def bench(
     flights: int, laws: tuple[str, ...], situations: tuple[str, ...], seed: int, out: str | None, cost: bool
 ) -> int:
-    """Fly the laws through wind, gusts, moving targets and bad sensors, many flights at once, and print the table.
+    """Compare the laws over many flights. Wind, gusts, moving targets, bad sensors; the result is one table.
 
     \b
     Examples:
@@ -224,7 +229,7 @@ def bench(
 def campaign(
     file: str, runs: int | None, out: str | None, resume: bool, processes: int | None, scheduler: str | None
 ) -> int:
-    """Fly a mission many times with varied values, as FILE.toml says: a table, a summary and pictures.
+    """Fly a mission many times with varied values. FILE.toml says which; the result is a table, a summary and plots.
 
     \b
     Examples:
@@ -238,18 +243,22 @@ def campaign(
 
 @circnav.command()
 @click.argument("run", type=click.Path())
-def report(run: str) -> int:
-    """Write report.html (one page, opens offline, prints), flight.png and estimates.png into RUN, a run folder.
+@click.option(
+    "--after-flight", is_flag=True, hidden=True, help="As fly ends: what it makes, and a line for what fails."
+)
+def report(run: str, after_flight: bool) -> int:
+    """Draw the report of RUN, a run folder. Writes report.html (one page, opens offline, prints), flight.png and
+    estimates.png.
 
-    `fly` makes the first two by itself.
+    `fly` makes report.html and flight.png by itself.
 
     \b
     Example:
         circnav report runs/20260101-120000-quickstart
     """
-    from circnav_mav.cli.report import report_run
+    from circnav_mav.cli.report import report_flight, report_run
 
-    return report_run(run)
+    return report_flight(run) if after_flight else report_run(run)
 
 
 def main() -> None:

@@ -1,20 +1,32 @@
-"""`circnav check`."""
+"""`circnav check`: the mission, and whether the bundled vehicle is the one that it means to fly."""
 
+from collections.abc import Iterator
+from math import cos, hypot, radians, sin
 from pathlib import Path
 
 import click
 
-from circnav_mav.cli.bundled import check_bundled
 from circnav_mav.cli.exits import Exit, Refused
+from circnav_mav.mav.autopilots.table import AUTOPILOTS
 from circnav_mav.mav.check_result import Check, Grade
-from circnav_mav.mission.checks import check_mission
+from circnav_mav.mission.checks import check_mission, drift_allowed
 from circnav_mav.mission.load import MissionError, load_mission
 from circnav_mav.mission.mission import SIM, Mission
 from circnav_mav.runtime.keys import KeyFileError, read_key
 from circnav_mav.runtime.links import LinkError, parse_endpoint
-from sim.config import ConfigError, parse_vehicle
+from sim.config import ConfigError, VehicleConfig, parse_vehicle
+from sim.starting import CRUISE_MPS
 
 COLOURS = {Grade.PASS: "green", Grade.WARN: "yellow", Grade.FAIL: "red"}
+
+FLIES = {
+    profile: (autopilot, kind.split()[0])
+    for (autopilot, kind), vehicle in AUTOPILOTS.items()
+    for profile in vehicle.bundled
+}
+"""Autopilot and kind that each profile imitates."""
+SPEED_OFF = 0.05
+"""Fraction by which a plane's own cruise speed may differ from the mission's."""
 
 
 def read_mission(path: str, overrides: tuple[str, ...]) -> Mission:
@@ -39,7 +51,7 @@ def all_checks(mission: Mission) -> list[Check]:
     """The lines of the mission, and of its bundled vehicle if it flies that."""
     lines = check_mission(mission)
     if mission.flies_sim and mission.file.sim is not None:
-        lines += check_bundled(mission, parse_vehicle(mission.file.sim, "sim"))
+        lines += _check_bundled(mission, parse_vehicle(mission.file.sim, "sim"))
     return lines
 
 
@@ -47,9 +59,14 @@ def check_file(path: str, overrides: tuple[str, ...]) -> int:
     """Print every line; fail if one of them does."""
     lines = all_checks(read_mission(path, overrides))
     show_checks(lines)
+    return Exit.USAGE if show_counts(path, lines) else Exit.DONE
+
+
+def show_counts(path: str, lines: list[Check]) -> int:
+    """Print how many lines passed, warn and fail; answers with the last."""
     counts = {grade: sum(line.grade is grade for line in lines) for grade in Grade}
     click.echo(f"{path}: " + ", ".join(f"{count} {grade.value}" for grade, count in counts.items()))
-    return Exit.USAGE if counts[Grade.FAIL] else Exit.DONE
+    return counts[Grade.FAIL]
 
 
 def show_checks(lines: list[Check]) -> None:
@@ -57,3 +74,39 @@ def show_checks(lines: list[Check]) -> None:
     for line in lines:
         grade = click.style(f"{line.grade.value:<4}", fg=COLOURS[line.grade], bold=line.grade is not Grade.PASS)
         click.echo(f"{grade}  {line.subject:<11} {line.says}")
+
+
+def _check_bundled(mission: Mission, config: VehicleConfig) -> Iterator[Check]:
+    """Lines for what of the [sim] table does not fit the mission; none where all does."""
+    wanted, profile = mission.file.vehicle, config.vehicle.profile
+    autopilot, kind = FLIES[profile]
+    if kind != wanted.kind or wanted.autopilot not in ("auto", autopilot):
+        yield Check(
+            Grade.FAIL, "sim", f"sim.vehicle.profile {profile} is no {wanted.autopilot} {wanted.kind} of [vehicle]"
+        )
+        return
+    cruise = config.vehicle.cruise_speed_mps or CRUISE_MPS.get(profile, wanted.speed_mps)
+    if any(vehicle.cruises for vehicle in mission.vehicles) and abs(cruise / wanted.speed_mps - 1) > SPEED_OFF:
+        yield Check(
+            Grade.WARN,
+            "sim",
+            f"the bundled plane cruises at {cruise:g} m/s (sim.vehicle.cruise_speed_mps), "
+            f"vehicle.speed_mps counts on {wanted.speed_mps:g}",
+        )
+    in_air = any(vehicle.ground_speed_sigma is None for vehicle in mission.vehicles)
+    drift, tolerated = _drift(config, in_air=in_air), drift_allowed(mission)
+    if drift > tolerated > 0:
+        yield Check(
+            Grade.WARN,
+            "sim",
+            f"sim.wind less the target's motion is {drift:.1f} m/s, more than the {tolerated:.1f} m/s that the circle "
+            "allows",
+        )
+
+
+def _drift(config: VehicleConfig, *, in_air: bool) -> float:
+    """Wind less target motion, m/s, at the start; a vehicle that holds its speed over the ground feels no wind."""
+    wind = config.wind.speed_mps if in_air or config.vehicle.dynamics == "airborne" else 0.0
+    towards = radians(config.wind.from_deg + 180.0)
+    north = wind * cos(towards) - config.target.velocity_north_mps
+    return hypot(north, wind * sin(towards) - config.target.velocity_east_mps)

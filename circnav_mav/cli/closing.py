@@ -1,16 +1,20 @@
 """What is kept of a flight at its end. Nothing of it can be lost because something else cannot be made."""
 
+import os
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import circnav_mav
 from circnav_mav import __version__
 from circnav_mav.cli.exits import Exit
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import Ending, Pilot
 from circnav_mav.runlog.summary import FlightFacts, summarise, write_summary
 from circnav_mav.runlog.ticks import NO_TICKS, Ticks, Truth, read_ticks, read_truth
-from circnav_mav.runtime.clock import RunClock
+from circnav_mav.runtime.clock import Clock
 from circnav_mav.runtime.manifest import Manifest
 from circnav_mav.runtime.recorder import Recorder
 
@@ -19,7 +23,7 @@ OUTCOMES = {Ending.COMPLETED: "completed", Ending.INTERRUPTED: "interrupted"}
 
 
 def close_flight(
-    pilot: Pilot, recorder: Recorder, mission: Mission, clock: RunClock, manifest: Manifest, code: Exit
+    pilot: Pilot, recorder: Recorder, mission: Mission, clock: Clock, manifest: Manifest, code: Exit
 ) -> tuple[dict[str, Any], Exit]:
     """The summary, written as summary.json, and the rest of manifest.json, if the disk takes them; and the exit code: a
     flight that went well is not done if it was not recorded, for whoever flew it for its record."""
@@ -31,7 +35,7 @@ def close_flight(
     return summary, Exit.NOT_RECORDED if code is Exit.DONE and unwritten else code
 
 
-def _summary(pilot: Pilot, recorder: Recorder, mission: Mission, clock: RunClock) -> dict[str, Any]:
+def _summary(pilot: Pilot, recorder: Recorder, mission: Mission, clock: Clock) -> dict[str, Any]:
     outcome = pilot.outcome
     assert outcome is not None
     ticks, truth = _recorded(recorder, clock.epoch_us, pilot.session.vehicle_ids[0] or None)
@@ -40,15 +44,15 @@ def _summary(pilot: Pilot, recorder: Recorder, mission: Mission, clock: RunClock
         outcome=OUTCOMES.get(outcome.ending, "aborted"),
         reason=outcome.reason,
         orbit=mission.orbit,
-        samples_accepted=pilot.target.accepted,
-        samples_rejected=dict(pilot.target.ranging.rejected),
+        samples_accepted=pilot.tracker.accepted,
+        samples_rejected=dict(pilot.tracker.ranging.rejected),
         frames_refused=dict(pilot.frames_refused()),
         setpoints_sent=pilot.setpoints_sent,
         firmware=pilot.session.firmware,
         version=__version__,
         epoch_us=clock.epoch_us,
         recording_problem=recorder.problem,
-        voice=pilot.settings.voice.value,
+        voice=pilot.settings.output_mode.value,
         clock_speed=pilot.session.clock_speed.noticed,
         engaged_s=pilot.engaged_at,
         until_s=recorder.until,
@@ -108,3 +112,20 @@ def _summarised(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[s
 def _note(summary: dict[str, Any], problem: str) -> None:
     """Keep the first problem: later ones follow from it."""
     summary["recording_problem"] = summary["recording_problem"] or problem
+
+
+def draw_flight(folder: Path) -> list[str]:
+    """flight.png and report.html, and a line for each that could not be made. In a process of its own: what draws is
+    never loaded into the flight's, and a signal that comes now ends neither; the exit code stays the flight's."""
+    root = str(Path(circnav_mav.__file__).parents[1])
+    drawn = subprocess.run(
+        [sys.executable, "-P", "-m", "circnav_mav", "report", str(folder), "--after-flight"],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        env={**os.environ, "PYTHONPATH": root},
+        start_new_session=True,
+    )
+    failed = [] if drawn.returncode == 0 else [f"{folder}: flight.png and report.html could not be made"]
+    return drawn.stdout.splitlines() + failed

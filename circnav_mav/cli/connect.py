@@ -14,7 +14,7 @@ from circnav_mav.mav.signing import Signing
 from circnav_mav.mission.mission import SIM, Mission
 from circnav_mav.pilot import RANGING, VEHICLE, Pilot
 from circnav_mav.runlog.metrics import TOLERANCE
-from circnav_mav.runtime.clock import AutopilotClock, Clock, RunClock
+from circnav_mav.runtime.clock import AutopilotClock, Clock
 from circnav_mav.runtime.keys import KeyFileError, SigningTime, read_key, timestamp_path
 from circnav_mav.runtime.links import Link, LinkError, UdpLink, open_link
 from circnav_mav.runtime.web.feed import LivePage, WebError
@@ -95,7 +95,7 @@ def start_vehicle(mission: Mission, vehicle_file: Path, links: dict[str, Link], 
     open_things.callback(vehicle.stop)
 
 
-def start_clock(mission: Mission, session: Session) -> RunClock:
+def start_clock(mission: Mission, session: Session) -> Clock:
     """The clock that the mission asks for; it starts the run."""
     if mission.file.link.clock == "autopilot":
         return AutopilotClock(lambda: session.boot_time, run_speed(mission))

@@ -1,5 +1,6 @@
 """`circnav fly`: mission file in, circle out."""
 
+import gc
 import traceback
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
@@ -10,7 +11,7 @@ import click
 from rich.console import Console
 
 from circnav_mav.cli.check import all_checks, read_mission, show_checks
-from circnav_mav.cli.closing import close_flight
+from circnav_mav.cli.closing import close_flight, draw_flight
 from circnav_mav.cli.connect import (
     link_troubles,
     open_links,
@@ -21,20 +22,18 @@ from circnav_mav.cli.connect import (
     start_vehicle,
 )
 from circnav_mav.cli.exits import Exit, Refused, cannot, check_named
-from circnav_mav.cli.report import pictures_of_flight
 from circnav_mav.cli.terminal import outlive_terminal
 from circnav_mav.cli.verdict import verdict
 from circnav_mav.mav.check_result import Grade
 from circnav_mav.mission.mission import Mission
-from circnav_mav.pilot import VEHICLE, Ending, Pilot, Voice
-from circnav_mav.runtime.clock import RunClock, local_time_name
+from circnav_mav.pilot import VEHICLE, Ending, OutputMode, Pilot
+from circnav_mav.runtime.clock import Clock, local_time_name
 from circnav_mav.runtime.display import Display, display_for
 from circnav_mav.runtime.keys import SigningTime
 from circnav_mav.runtime.links import Link
 from circnav_mav.runtime.manifest import Manifest
-from circnav_mav.runtime.onlookers import Onlookers, Show
 from circnav_mav.runtime.recorder import Recorder, RecorderError, TakenError
-from circnav_mav.runtime.runner import StopRequest, run
+from circnav_mav.runtime.runner import Onlookers, Show, StopRequest, run
 from circnav_mav.runtime.web.feed import LivePage
 
 EXITS = {
@@ -62,9 +61,9 @@ class FlyOptions:
     web: str | None
 
     @property
-    def voice(self) -> Voice:
+    def output_mode(self) -> OutputMode:
         """What the pilot may say."""
-        return Voice.SHADOW if self.shadow else Voice.DRY_RUN if self.dry_run else Voice.FLY
+        return OutputMode.SHADOW if self.shadow else OutputMode.DRY_RUN if self.dry_run else OutputMode.FLY
 
 
 def fly_mission(options: FlyOptions) -> int:
@@ -85,7 +84,7 @@ def fly_mission(options: FlyOptions) -> int:
         with ExitStack() as open_things:
             signing, signing_time = open_signing(mission, open_things)
             links = open_links(mission, open_things)
-            pilot = Pilot(mission.pilot_settings(options.voice), signing)
+            pilot = Pilot(mission.pilot_settings(options.output_mode), signing)
             page = open_page(options.web, pilot, mission, page_open)
             clock, recorder = _start(options, mission, pilot, links, open_things)
             folder = recorder.folder
@@ -107,7 +106,7 @@ def fly_mission(options: FlyOptions) -> int:
         display.problem,
         signing_time.problem if signing_time else None,
     ]
-    for problem in filter(None, (*problems, *pictures_of_flight(folder, mission, summary))):
+    for problem in filter(None, (*problems, *draw_flight(folder))):
         click.echo(f"  WARNING    {problem}")
     if crash is not None:
         raise Refused(f"internal error, see {crash}", Exit.INTERNAL)
@@ -147,7 +146,7 @@ def _overrides(options: FlyOptions) -> tuple[str, ...]:
 
 def _start(
     options: FlyOptions, mission: Mission, pilot: Pilot, links: dict[str, Link], open_things: ExitStack
-) -> tuple[RunClock, Recorder]:
+) -> tuple[Clock, Recorder]:
     """The recorder, the bundled vehicle if it is flown, and last the clock, which starts the run. Raises Refused."""
     recorder = _recorder(options, mission)
     open_things.callback(recorder.close)
@@ -173,14 +172,14 @@ def _recorder(options: FlyOptions, mission: Mission) -> Recorder:
             raise Refused(str(error)) from None
 
 
-def _manifest(mission: Mission, options: FlyOptions, folder: Path, clock: RunClock) -> Manifest:
+def _manifest(mission: Mission, options: FlyOptions, folder: Path, clock: Clock) -> Manifest:
     """manifest.json as far as it is known before the flight. Raises Refused."""
     seed = (mission.file.sim or {}).get("seed")
     try:
         return Manifest(
             folder,
             mission=mission.file.name,
-            voice=options.voice.value,
+            voice=options.output_mode.value,
             epoch_us=clock.epoch_us,
             seeds={} if seed is None else {"sim": seed},
         )
@@ -190,22 +189,24 @@ def _manifest(mission: Mission, options: FlyOptions, folder: Path, clock: RunClo
 
 def _onlookers(display: Display, page: LivePage | None, recorder: Recorder) -> Onlookers:
     """Who is shown the flight."""
-    shows: dict[str, Show] = {"display": lambda newest, turn: display.show(newest, turn.time, recorder.problem)}
+    shows: dict[str, Show] = {"display": lambda newest, step: display.show(newest, step.time, recorder.problem)}
     if page is not None:
-        shows["live page"] = lambda newest, turn: page.show(newest, turn, recorder.problem)
+        shows["live page"] = lambda newest, step: page.show(newest, step, recorder.problem)
     return Onlookers(shows)
 
 
 def _loop(
     pilot: Pilot,
     links: dict[str, Link],
-    clock: RunClock,
+    clock: Clock,
     recorder: Recorder,
     onlookers: Onlookers,
     stop: StopRequest,
     signing_time: SigningTime | None,
 ) -> Path | None:
     """Run to the end. An exception of ours still leaves a safe setpoint behind; returns where it is written down."""
+    gc.collect()
+    gc.freeze()  # a full collection would look through all that was imported, for 0.1 s and more
     try:
         run(pilot, links, clock, recorder, onlookers.show, stop, signing_time)
     except Exception as error:
@@ -215,4 +216,6 @@ def _loop(
         with suppress(OSError):
             report.write_text(traceback.format_exc(), encoding="utf-8")
         return report
+    finally:
+        gc.unfreeze()
     return None

@@ -1,13 +1,12 @@
 """`circnav preflight`: the check of the mission, and then of the vehicle and the ranging themselves."""
 
 import tempfile
-from collections.abc import Iterable
 from contextlib import ExitStack
 from pathlib import Path
 
 import click
 
-from circnav_mav.cli.check import all_checks, read_mission, show_checks
+from circnav_mav.cli.check import all_checks, read_mission, show_checks, show_counts
 from circnav_mav.cli.connect import link_troubles, open_links, open_signing, start_clock, start_vehicle
 from circnav_mav.cli.exits import Exit, Refused
 from circnav_mav.mav.check_result import Check, Grade
@@ -15,8 +14,7 @@ from circnav_mav.mission.mission import Mission
 from circnav_mav.mission.preflight import judge
 from circnav_mav.pilot.survey import Observations, Survey
 from circnav_mav.runtime.clock import AutopilotClock
-from circnav_mav.runtime.listener import listen
-from circnav_mav.runtime.runner import StopRequest
+from circnav_mav.runtime.runner import StopRequest, listen
 
 
 def preflight_file(path: str, endpoint: str | None, overrides: tuple[str, ...], seconds: float) -> int:
@@ -26,17 +24,16 @@ def preflight_file(path: str, endpoint: str | None, overrides: tuple[str, ...], 
     mission = read_mission(path, overrides if endpoint is None else (*overrides, f'link.endpoint="{endpoint}"'))
     lines = all_checks(mission)
     show_checks(lines)
-    if _failures(lines):
+    if any(line.grade is Grade.FAIL for line in lines):
         raise Refused(f"{path}: refused by its checks, see FAIL above")
     click.echo(f"listening on {mission.file.link.endpoint} for {seconds:g} s, no setpoint is sent ...")
     seen, clock_speed, troubles = _observe(mission, seconds)
     lines = [*judge(mission, seen, clock_speed), *(Check(Grade.WARN, "endpoint", words) for words in troubles)]
     show_checks(lines)
-    counts = {grade: sum(line.grade is grade for line in lines) for grade in Grade}
-    click.echo(f"{path}: " + ", ".join(f"{count} {grade.value}" for grade, count in counts.items()))
+    failed = show_counts(path, lines)
     if seen.vehicle is None:
         return Exit.NOTHING_HEARD
-    return Exit.ABORTED if counts[Grade.FAIL] else Exit.DONE
+    return Exit.ABORTED if failed else Exit.DONE
 
 
 def _observe(mission: Mission, seconds: float) -> tuple[Observations, float, list[str]]:
@@ -56,7 +53,3 @@ def _observe(mission: Mission, seconds: float) -> tuple[Observations, float, lis
             raise Refused(f"stopped by {stop.signal_name}", Exit.INTERRUPTED)
         speed = clock.speed if isinstance(clock, AutopilotClock) else 1.0
         return survey.observations(), speed, list(link_troubles(links, mission))
-
-
-def _failures(lines: Iterable[Check]) -> bool:
-    return any(line.grade is Grade.FAIL for line in lines)

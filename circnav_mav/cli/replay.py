@@ -11,7 +11,7 @@ from circnav_mav.cli.replay_who import say_who
 from circnav_mav.mav.ranging.interface import describe_rejected
 from circnav_mav.mission.load import MissionError, load_mission, parse_mission
 from circnav_mav.mission.mission import Mission
-from circnav_mav.pilot import Pilot, PilotSettings, Voice
+from circnav_mav.pilot import OutputMode, Pilot, PilotSettings
 from circnav_mav.report.plots import plot_replay
 from circnav_mav.runlog.atomic_write import atomic_write
 from circnav_mav.runlog.log_sources import LogSources
@@ -64,7 +64,7 @@ def _replay_run(run: Run, options: ReplayOptions) -> int:
         raise Refused(f"{run.folder}: has no turns.csv; copy its flight.tlog out and replay that with --mission")
     mission = _mission(run.mission_text, str(run.folder / "mission.toml"), options)
     try:
-        voice = Voice(run.voice)
+        voice = OutputMode(run.voice)
     except ValueError:
         raise Refused(f"{run.folder / 'manifest.json'}: voice: {run.voice!r} is none that a flight has") from None
     settings = mission.pilot_settings(voice)
@@ -91,7 +91,7 @@ def _replay_plain(path: Path, options: ReplayOptions) -> int:
     if options.mission is None:
         raise Refused(f"{path}: a plain tlog needs --mission: which vehicle, circle and ranging to replay it with")
     mission = _mission("", str(path), options)
-    pilot = Pilot(without_timeouts(mission.pilot_settings(Voice.DRY_RUN)))
+    pilot = Pilot(without_timeouts(mission.pilot_settings(OutputMode.DRY_RUN)))
     began = time.perf_counter()
     clock, sources = LogClock(), LogSources(pilot.settings.ranging)
     steps = sources.watch(tlog_steps(path, mission.file.link.component_id, clock), pilot)
@@ -138,7 +138,7 @@ def _mission(text: str, where: str, options: ReplayOptions) -> Mission:
 def _held_gain(run: Run, settings: PilotSettings) -> float | None:
     """See `held_gain`; None where mission or ticks of the flight cannot be read, which is told later."""
     try:
-        flown = parse_mission(run.mission_text, str(run.folder / "mission.toml")).pilot_settings(settings.voice)
+        flown = parse_mission(run.mission_text, str(run.folder / "mission.toml")).pilot_settings(settings.output_mode)
         return held_gain(settings, flown, run.ticks)
     except (MissionError, RunError):
         return None
@@ -156,8 +156,8 @@ def _what_is_missing(pilot: Pilot) -> str:
     if not pilot.session.up:
         misfits = "; ".join(pilot.session.misfits.values())
         return f"no vehicle: {misfits or pilot.counts().describe()}"
-    refused = describe_rejected(pilot.target.ranging.rejected)
-    return f"{pilot.target.accepted} ranges of {pilot.settings.ranging.message} taken, rejected: {refused}"
+    refused = describe_rejected(pilot.tracker.ranging.rejected)
+    return f"{pilot.tracker.accepted} ranges of {pilot.settings.ranging.message} taken, rejected: {refused}"
 
 
 def _say_size(name: str, done: Replayed, took: float) -> None:
@@ -204,8 +204,8 @@ def _say_ticks(done: Replayed, pilot: Pilot, was: Ticks | None) -> None:
     steered = sum(phase == "engaged" for phase in would.phases)
     saturated = sum(record.saturated for record in done.ticks)
     click.echo(f"  ticks      {len(done.ticks)}, {steered} of them steering, {saturated} at the turn-rate limit")
-    refused = describe_rejected(dict(sorted(pilot.target.ranging.rejected.items())))
-    click.echo(f"  ranges     {pilot.target.accepted} taken, rejected: {refused}")
+    refused = describe_rejected(dict(sorted(pilot.tracker.ranging.rejected.items())))
+    click.echo(f"  ranges     {pilot.tracker.accepted} taken, rejected: {refused}")
     if pilot.outcome is not None:
         early = done.ended is not None and done.until - done.ended > UNRECORDED
         until = f" (at {done.ended:.1f} s; the log goes on to {done.until:.1f} s)" if early else ""

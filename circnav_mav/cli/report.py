@@ -45,29 +45,28 @@ def report_run(folder: str) -> int:
     return Exit.DONE
 
 
-def pictures_of_flight(folder: Path, mission: Mission, summary: dict[str, Any]) -> list[str]:
-    """flight.png and report.html at the end of a flight. Whatever goes wrong with one of them is told in a line, and
-    changes nothing else."""
-    problems = []
+def report_flight(folder: str) -> int:
+    """flight.png and report.html at the end of a flight. Whatever goes wrong with one of them is a line, and changes
+    nothing else."""
     for name, make in (("flight.png", _picture), ("report.html", _page)):
         try:
-            run = open_run(folder)
+            run = open_run(Path(folder))
             if len(run.ticks.time) > 1:
-                make(run, mission, summary)
+                make(run, parse_mission(run.mission_text, str(run.folder / "mission.toml")))
         except Exception as error:
-            problems.append(f"{folder / name}: could not be made: {error}")
-    return problems
+            click.echo(f"{Path(folder) / name}: could not be made: {error}")
+    return Exit.DONE
 
 
-def _picture(run: Run, mission: Mission, summary: dict[str, Any]) -> None:
+def _picture(run: Run, mission: Mission) -> None:
     orbit = mission.orbit
     circle = f"{orbit.radius:g} m {orbit.direction.value} at {orbit.speed:g} m/s"
     title = f"{mission.file.name}: {circle}, law {mission.law.name}"
     plot_flight(run.folder / "flight.png", run.ticks, run.truth, orbit, title)
 
 
-def _page(run: Run, mission: Mission, summary: dict[str, Any]) -> None:
-    write_report(run, report_facts(run, mission, summary))
+def _page(run: Run, mission: Mission) -> None:
+    write_report(run, report_facts(run, mission, _unfinished(run, mission) | run.summary))
 
 
 def report_facts(run: Run, mission: Mission, summary: dict[str, Any]) -> ReportFacts:

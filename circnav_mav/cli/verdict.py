@@ -19,14 +19,14 @@ def verdict(summary: dict[str, Any], folder: Path) -> str:
         )
     elif summary["engaged_s"] is not None:
         lines += _circle(summary)
-    lines.append(f"  ranges     {summary['samples_accepted']} taken, {_refused(summary['samples_rejected'])}")
+    lines.append(f"  ranges     {summary['samples_accepted']} accepted, {_refused(summary['samples_rejected'])}")
     if refused := summary.get("frames_refused"):
         why = ", ".join(f"{count} {reason}" for reason, count in sorted(refused.items()))
-        lines.append(f"  frames     refused for their signature: {why}")
+        lines.append(f"  frames     rejected by their signature: {why}")
     lines.append(f"  setpoints  {summary['setpoints_sent']} sent")
     if summary.get("clock_speed") is not None:
-        cure = 'a simulator at this speed is flown with link.clock = "autopilot"'
-        lines.append(f"  WARNING    the autopilot's time ran at {summary['clock_speed']:.2g} of ours: {cure}")
+        cure = 'for a simulator set link.clock = "autopilot"'
+        lines.append(f"  WARNING    autopilot time ran {summary['clock_speed']:.2g} times as fast as ours: {cure}")
     if summary["recording_problem"]:
         lines.append(f"  WARNING    {summary['recording_problem']}")
     lines.append(f"  run folder {folder}")
@@ -51,17 +51,19 @@ def _circle(summary: dict[str, Any]) -> list[str]:
     """Settling and radius, by our own estimate and by the simulator's truth."""
     desired = summary["desired_radius_m"]
     flown, steered = summary["flown_s"], _steered(summary)
-    of_these = f", {steered:.0f} s of them steered" if flown - steered > NOTABLE else ""
-    lines = [f"  wanted     {desired:g} m {summary['direction']}, flown {flown:.0f} s{of_these}"]
+    of_these = f" ({steered:.0f} s steered)" if flown - steered > NOTABLE else ""
+    lines = [f"  desired    {desired:g} m {summary['direction']}, flown {flown:.0f} s{of_these}; last third:"]
     lines.append(f"  estimated  {_figures(summary, desired)}")
     truth = summary["truth"]
     if truth is not None:
         lines.append(f"  truth      {_figures(truth, desired)}")
-        right = "as wanted" if truth["direction"] == summary["direction"] else "NOT AS WANTED"
-        rotation = f"{truth['direction']} ({right})" if truth["direction"] else "not yet to be told"
+        right = "as desired" if truth["direction"] == summary["direction"] else "NOT AS DESIRED"
+        rotation = f"{truth['direction']} ({right})" if truth["direction"] else "not known yet"
         lines.append(f"             rotation {rotation}, closest approach {truth['closest_approach_m']:.1f} m")
     else:
-        lines.append(f"  rotation   {summary['direction_commanded'] or 'none'} commanded; range alone cannot see it")
+        lines.append(
+            f"  rotation   {summary['direction_commanded'] or 'none'} commanded; range alone cannot confirm it"
+        )
     return lines + _turn(summary)
 
 
@@ -72,22 +74,22 @@ def _turn(summary: dict[str, Any]) -> list[str]:
     )
     if std is None or at_limit is None:
         return []
-    varies = "" if variation is None else f", varies {variation:.2g} rad/s per s"
-    lines = [f"  turn       command sd {std:.1f} deg/s, at the limit {100 * at_limit:.0f} %{varies} in the last third"]
+    varies = "" if variation is None else f", variation {variation:.2g} rad/s^2"
+    lines = [f"  turn       command std {std:.1f} deg/s, at the limit {100 * at_limit:.0f} %{varies}"]
     gain, delay, share = (summary.get(name) for name in ("turn_gain", "turn_delay_s", "gain_share"))
     if gain is not None and delay is not None:
         changes = summary.get("law_changes", 0)
-        lines.append(f"  vehicle    turns at {gain:.2f} of the command, {delay:.2f} s later; law changes {changes}")
+        lines.append(f"  vehicle    turn gain {gain:.2f}, turn delay {delay:.2f} s; law changes {changes}")
     if summary.get("turn_limit_cycle"):
-        lines.append("  WARNING    limit cycle: the turn command swings to and fro, however small the radius error is")
+        lines.append("  WARNING    limit cycle: the turn command oscillates, however small the radius error is")
     if share is not None and share < 1:
-        lines.append(f"  WARNING    limit cycle in flight: the gains were lowered to {100 * share:.0f} %")
+        lines.append(f"  WARNING    limit cycle in flight: the gains were reduced to {100 * share:.0f} %")
     return lines
 
 
 def _figures(figures: dict[str, Any], desired: float) -> str:
     if figures["radius_mean_m"] is None:
-        return "nothing known of the radius"
+        return "radius not known"
     settled = "never settled" if figures["settled_s"] is None else f"settled after {figures['settled_s']:.0f} s"
     mean, rms = figures["radius_mean_m"], figures["radius_rms_error_m"]
-    return f"{settled}, mean radius {mean:.2f} m, RMS error {rms:.2f} m ({100 * rms / desired:.2f} %) in the last third"
+    return f"{settled}, radius {mean:.2f} m, RMS error {rms:.2f} m ({100 * rms / desired:.2f} %)"

@@ -17,7 +17,7 @@ from circnav_mav.mav.ranging.interface import RangingSettings
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.mav.session import LinkSettings
 from circnav_mav.mission.schema import MissionFile
-from circnav_mav.pilot import LINKS, RANGING, VEHICLE, PilotSettings, Timing, Voice
+from circnav_mav.pilot import LINKS, RANGING, VEHICLE, OutputMode, PilotSettings, Timing
 
 MOST_NOISE = 0.5
 """Standard deviation of a range, of the radius, above which it is of no use for the circle."""
@@ -107,7 +107,7 @@ class Mission:
         """The vehicles that may be flown; none where nothing honest steers the one that is asked for."""
         return tuple(allowed(*self.vehicle_key).values())
 
-    def pilot_settings(self, voice: Voice = Voice.FLY) -> PilotSettings:
+    def pilot_settings(self, output_mode: OutputMode = OutputMode.FLY) -> PilotSettings:
         """The mission as the pilot needs it. Raises ValueError for a gain without a radius correction."""
         file = self.file
         acceleration = file.vehicle.max_turn_acceleration_deg_s2
@@ -139,7 +139,7 @@ class Mission:
             end_on_takeover=file.engage.on_takeover == "end",
             max_yaw_acceleration=None if acceleration is None else radians(acceleration),
             exit=file.exit.action,
-            voice=voice,
+            output_mode=output_mode,
             ranging_apart=file.ranging.endpoint is not None,
             stream_links=frozenset(
                 link

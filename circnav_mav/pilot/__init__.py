@@ -1,18 +1,9 @@
 """The whole application without I/O: bytes and the time in, bytes out."""
 
+from circnav_mav.pilot.mission_state import Ending, Outcome, Phase, Timing
 from circnav_mav.pilot.pilot import Pilot
-from circnav_mav.pilot.settings import (
-    LINKS,
-    RANGING,
-    VEHICLE,
-    Ending,
-    Outcome,
-    PilotSettings,
-    TickRecord,
-    Timing,
-    Voice,
-    phase_name,
-)
+from circnav_mav.pilot.record import TickRecord, phase_name
+from circnav_mav.pilot.settings import LINKS, RANGING, VEHICLE, OutputMode, PilotSettings
 
 __all__ = [
     "LINKS",
@@ -20,10 +11,11 @@ __all__ = [
     "VEHICLE",
     "Ending",
     "Outcome",
+    "OutputMode",
+    "Phase",
     "Pilot",
     "PilotSettings",
     "TickRecord",
     "Timing",
-    "Voice",
     "phase_name",
 ]

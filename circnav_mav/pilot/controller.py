@@ -4,7 +4,6 @@ from math import ceil, pi, remainder
 
 from circnav_mav.guidance.law_selector import Flies
 from circnav_mav.guidance.limit_cycle import CommandWatch
-from circnav_mav.guidance.phases import Phase
 from circnav_mav.guidance.radius_trim import next_trim
 from circnav_mav.guidance.step import compensate_turn_gain, holding, steering
 from circnav_mav.guidance.turn_gain import TurnGain, TurnGainSettings, learn
@@ -16,6 +15,7 @@ from circnav_mav.mav.codec import Message
 from circnav_mav.mav.frames import YawRate, yaw_rate_from_turn_rate
 from circnav_mav.mav.session import Session
 from circnav_mav.mav.setpoint_guard import Limits, SetpointGuard, Steer
+from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.pilot.settings import PilotSettings
 
 SPEED_UP = 2.5
@@ -34,8 +34,8 @@ LONGEST_TRIM_STEP = 0.2
 """Most time, s, that the radius integral counts between two steps: a gap is not an error that lasted."""
 
 
-class Helm:
-    """Steers the vehicle of a session. Every message that it gives out has passed the gate."""
+class Controller:
+    """Steers the vehicle of a session. Every message that it gives out has passed the setpoint guard."""
 
     def __init__(self, settings: PilotSettings) -> None:
         orbit, facts = settings.orbit, settings.facts
@@ -97,7 +97,7 @@ class Helm:
         """Whether the vehicle has flown what it is told for long enough to have the speed that it is told."""
         return self.followed and float(self._learnt.time) - self._slow_at >= SPEED_UP - SAME_TIME
 
-    def feel(self, own: OwnMotion) -> None:
+    def on_motion(self, own: OwnMotion) -> None:
         """Learn the turn-rate gain and the delay from the vehicle's heading, and whether it flies what we tell it."""
         if own.bank_turn is None:
             self._turned += remainder(own.heading - self._turned, 2 * pi)
@@ -154,7 +154,7 @@ class Helm:
         state = self._state(session, now, engaged=engaged)
         return self._gate.check_message(session.adapter.safe_setpoint(state, now), session.adapter.shapes)
 
-    def let_go(self) -> None:
+    def disengage(self) -> None:
         """The vehicle is not ours any more: the next setpoint starts a new stream at a new height."""
         self._gate.reset()
         self._response.reset()

@@ -12,43 +12,24 @@ from dataclasses import replace
 
 from circnav_mav.guidance.bounds import breach
 from circnav_mav.guidance.drift_alarm import DriftAlarm, watch_drift
-from circnav_mav.guidance.phases import Event, Phase
 from circnav_mav.guidance.types import RangeEstimate, TurnCommand
 from circnav_mav.guidance.velocity_loop import CopterMotion
-from circnav_mav.mav.autopilots.table import adapters
 from circnav_mav.mav.clocks import nobody_tells
 from circnav_mav.mav.codec import LinkCounts, Message
 from circnav_mav.mav.frames import YawRate
-from circnav_mav.mav.ranging.table import RANGING_MESSAGES
-from circnav_mav.mav.session import HANDLED, HEARTBEAT_PERIOD, LOST_AFTER, Session
+from circnav_mav.mav.session import LOST_AFTER
 from circnav_mav.mav.setpoint_guard import UnsafeSetpointError
 from circnav_mav.mav.signing import Signing
-from circnav_mav.pilot.authority import Authority
-from circnav_mav.pilot.controller import Helm
-from circnav_mav.pilot.engagement import Engagement
-from circnav_mav.pilot.exit_action import Leaving
-from circnav_mav.pilot.listening import decoders, more_streams
-from circnav_mav.pilot.progress import Progress
-from circnav_mav.pilot.range_tracker import Target
-from circnav_mav.pilot.record import plot_values, tick_record
-from circnav_mav.pilot.settings import (
-    RANGING,
-    VEHICLE,
-    Ending,
-    Outcome,
-    PilotSettings,
-    TickRecord,
-    Voice,
-)
-from circnav_mav.pilot.tick_scheduler import Beat
-from circnav_mav.pilot.timeouts import Waiting
-
-STALL = 0.5
-"""Gap between two steps, s, after which everything that came in during it counts as stale."""
-CATCH_UP = 0.2
-"""Time after it, s, in which what comes in may still be from before."""
-SILENT = 1.5
-"""Age of the vehicle's last word about its mode, s, above which it may be in other hands."""
+from circnav_mav.pilot.authority import Allowed, Authority, View
+from circnav_mav.pilot.connection import Connection
+from circnav_mav.pilot.controller import Controller
+from circnav_mav.pilot.mission_state import Ending, Event, MissionState, Outcome, Phase
+from circnav_mav.pilot.mode_request import ExitAction
+from circnav_mav.pilot.range_tracker import RangeTracker
+from circnav_mav.pilot.record import TickRecord, plot_values, tick_record
+from circnav_mav.pilot.settings import VEHICLE, OutputMode, PilotSettings
+from circnav_mav.pilot.status_text import StatusText
+from circnav_mav.pilot.tick_scheduler import TickScheduler
 
 
 class Pilot:
@@ -56,167 +37,352 @@ class Pilot:
 
     def __init__(self, settings: PilotSettings, signing: Signing | None = None) -> None:
         """signing: signs what is sent and tells who is believed; None: neither."""
-        message = RANGING_MESSAGES[settings.ranging.message]
-        streams = more_streams(settings)
         self.settings = settings
-        self.session = Session(
-            settings.link,
-            adapters(settings.autopilot, settings.kind, settings.facts),
-            streams,
-            signing,
-        )
-        self._say = self.session.announcer.say
-        self.target = Target(
-            settings, self._say, nobody_tells if settings.ranging_apart else self.session.round_trip.slower
-        )
-        self.helm = Helm(settings)
+        self._connection = Connection(settings, signing)
+        self.session = session = self._connection.session
+        self._say = session.announcer.say
+        self._said: set[str] = set()
+        slower = nobody_tells if settings.ranging_apart else session.round_trip.slower
+        self.tracker = RangeTracker(settings, self._say, self._say_once, slower)
+        self.controller = Controller(settings)
+        self._mission = MissionState(settings.timing)
+        self._authority = Authority(settings, session, self._mission)
+        self._exit_action = ExitAction(settings.exit)
+        self._scheduler = TickScheduler(settings.timing.tick)
+        self._status = StatusText(
+            settings, session, self._mission, self._authority, self.tracker,
+            heard=self.counts(), heard_of_ranging=self.counts(self._connection.ranging_link),
+        )  # fmt: skip
         self.why = ""
         """Why the law flies that flies, for people."""
         self.drift_alarm = DriftAlarm()
         self.setpoints_sent = 0
-        self._gave_setpoint = False
-        self._progress = Progress(self._say, self._in_our_hands)
-        self._authority = Authority()
-        self._engagement = Engagement(settings, self.session, self._authority, self._progress)
-        self._leaving = Leaving(settings.exit)
-        self._beat = Beat(settings.timing.tick)
-        self._decoders = decoders(settings, HANDLED | {message.id, *streams}, signing)
-        self._waiting = Waiting(settings, self.session, self.target, self._progress, self._decoders)
-        self._ranging_link = RANGING if settings.ranging_apart else VEHICLE
+        self._setpoints_before = 0
         self._records: list[TickRecord] = []
         self._frames: list[bytes] = []
-        self._stepped: float | None = None
-        self._caught_up = float("-inf")
-        self._next_hello = float("-inf")
-        self._reboots = 0
-        self._heartbeats_before: int | None = None
-        self._law = ""
-        self._cycles = 0
-        self._airspeed_told = False
         self._copter_motion = CopterMotion()
+        self._reboots = self._limit_cycles = 0
+        self._law = ""
 
-    # --- in -------------------------------------------------------------------------------------------------------
+    # --- in: every message that arrives -----------------------------------------------------------------------------
 
     def receive(self, data: bytes, now: float, source: Hashable = None, link: str = VEHICLE) -> None:
         """Take in one datagram (or chunk of a stream) that arrived at `now` from `source` on a link."""
-        decoder = self._decoders[link]
-        for message in decoder.decode(data):
-            if link == VEHICLE and self.session.receive(message, now, source):
+        for message, of_vehicle, of_ranging in self._connection.receive(data, now, source, link):
+            if of_vehicle:
                 self._take_motion(message, now)
-            if link == self._ranging_link:
+            if of_ranging:
                 self._take_range(message, now)
-        self._frames += decoder.frames
-        if link == VEHICLE and decoder.behind:
-            self.session.pinning.greet(source)
+        self._frames += self._connection.decoders[link].frames
 
     def interrupt(self, now: float, reason: str) -> None:
         """End the flight now: the next step sends the safe setpoint."""
-        self._progress.finish(Ending.INTERRUPTED, reason, now)
-        self._beat.at_once()
+        self._finish(Outcome(Ending.INTERRUPTED, reason), now)
+        self._scheduler.at_once()
 
     def abandon(self, reason: str) -> None:
         """An error of ours has ended the flight, whatever it had come to."""
-        self._progress.outcome = Outcome(Ending.ABORTED, reason)
+        self._mission.outcome = Outcome(Ending.ABORTED, reason)
 
     def _take_range(self, message: Message, now: float) -> None:
-        heard = self.target.hear(
-            message, now, stalled=self._stalled(now), one_way=self._one_way(),
-            strangers=() if self.settings.ranging_apart else self.session.pinning.strangers,
+        apart, session = self.settings.ranging_apart, self.session
+        taken = self.tracker.receive(
+            message, now, stalled=self._authority.may_be_backlog(now),
+            strangers=() if apart else session.pinning.strangers,
+            # before the engagement a slow link has its own bound, and is waited for
+            one_way=0.0 if apart or not self._mission.begun else session.round_trip.one_way,
         )  # fmt: skip
-        if heard:
-            self._beat.heard(now)
-
-    def _one_way(self) -> float:
-        """Least delay of the ranges, s, as far as the vehicle's answers tell; before the engagement a slow link has its
-        own bound, and is waited for."""
-        if self.settings.ranging_apart or self.engaged_at is None:
-            return 0.0
-        return self.session.round_trip.one_way
+        if taken:
+            self._scheduler.heard(now)
 
     def _take_motion(self, message: Message, now: float) -> None:
         """Own motion teaches the height, the turn-rate gain, and estimators that know where the vehicle is heading."""
-        is_attitude, height = self.session.motion.receive(message, now), self.target.height
-        if height.hear(message, self.session.motion.at(now).altitude, now):
-            self._say("altitude", f"altitude jumped, {height.jumped:+.0f} m not counted")
+        adapter, motion, height = self.session.adapter, self.session.motion, self.tracker.height
+        is_attitude = motion.receive(message, now)
+        if height.hear(message, motion.at(now).altitude, now):
+            self._say("altitude", f"altitude jumped, {height.jumped:+.0f} m ignored")
         if not is_attitude:
             return
-        adapter = self.session.adapter
-        own = self.session.motion.own(now, self._airspeed(now), banks=adapter.measures_airspeed)
-        if own is not None:
-            if adapter.velocity_loop is not None:
-                self._copter_motion, own = self._copter_motion.follow(own, adapter.velocity_loop)
-            self.helm.feel(own)
-            if self.session.adapter.measures_airspeed or (self._progress.steering and self._flies_as_told()):
-                self.target.move(own)
-
-    def _flies_as_told(self) -> bool:
-        """Whether the vehicle has the speed that it is told; whose setpoints are another's is believed to have it."""
-        return self.helm.at_speed if self.settings.voice is Voice.FLY else self.helm.followed
+        own = motion.own(now, self._airspeed(now), banks=adapter.measures_airspeed)
+        if own is None:
+            return
+        if adapter.velocity_loop is not None:
+            self._copter_motion, own = self._copter_motion.follow(own, adapter.velocity_loop)
+        self.controller.on_motion(own)
+        # a vehicle whose airspeed nobody measures has the commanded one while it flies as commanded; whose setpoints
+        # are another's (a dry run) is taken to do so while it turns as we would command
+        flies = self.settings.output_mode is OutputMode.FLY
+        follows = self.controller.at_speed if flies else self.controller.followed
+        if adapter.measures_airspeed or (self._mission.steering and follows):
+            self.tracker.move(own)
 
     def _airspeed(self, now: float) -> float:
-        """As measured, where that can be; else the speed that the vehicle is told to hold, as it does while it is ours
-        and hears us."""
+        """As measured, where that can be; else the commanded speed, which the vehicle has while it is ours."""
         adapter = self.session.adapter
         measured = self.session.motion.at(now).airspeed if adapter.measures_airspeed else None
         believed = adapter.airspeed(measured)
-        doubted = measured is not None and measured != believed
-        if doubted and self._progress.steering and not self._airspeed_told:  # on the ground it is no wonder
-            self._airspeed_told = True
-            self._say("airspeed", f"airspeed {measured:.1f} m/s not believed")
+        # on the ground it is no wonder
+        if measured is not None and measured != believed and self._mission.steering:
+            self._say_once("airspeed", f"airspeed {measured:.1f} m/s implausible, ignored")
         return believed
 
-    def _stalled(self, now: float) -> bool:
-        """Whether what comes in now may have waited while we stood still; it takes a few turns to read it all."""
-        return now < self._caught_up or self._stood_still(now)
+    # --- out: one step ----------------------------------------------------------------------------------------------
 
-    @property
-    def _doubtful(self) -> bool:
-        """Whether the vehicle may be in other hands since we stalled, for no heartbeat has told its mode yet; or may be
-        another one since it was silent, for its time has not."""
-        return self._heartbeats_before is not None or self.session.told.unproven
+    def step(self, now: float) -> bytes:
+        """Decide and answer. Acts when a fresh range is waiting or a tick is due; else returns nothing at once."""
+        self._setpoints_before = self.setpoints_sent
+        self._authority.stepped(now)
+        if self._authority.view is View.BACKLOG:
+            self.tracker.fresh = False
+        if not self._due(now):
+            return b""
+        self.tracker.fresh = False
+        self._scheduler.stepped(now)
+        self._mission.step(now)
+        self._watch_link(now)
+        self._watch_takeover(now)
+        if (overdue := self._mission.overdue(now)) is not None:
+            self._finish(self._status.outcome(overdue, now), now)
+        estimate = self.tracker.at(now)
+        self._watch_bounds(estimate, now)
+        self._watch_ranging(estimate, now)
+        self._watch_drift(estimate)
+        self._watch_engagement(now)
+        command = self.controller.command(self.phase, estimate, self.session.round_trip.worst, now)
+        self._say_how_it_flies(command)
+        messages, sent = self._setpoint(command, now)
+        self._records.append(
+            tick_record(
+                now, self.phase, self.session, self.tracker, self.controller, estimate, command, sent,
+                self.settings.law.name,
+            )
+        )  # fmt: skip
+        messages += self._housekeeping(estimate, command, now)
+        return b"".join(map(self.session.encode, messages))
 
-    def _stood_still(self, now: float) -> bool:
-        return self._stepped is not None and now - self._stepped > STALL
+    def _due(self, now: float) -> bool:
+        """Whether this step acts. The safe setpoints of the end are a tick apart, however many ranges come."""
+        answers = self.tracker.fresh and self.phase is not Phase.LEAVING
+        return not self.done and (answers or now >= self._scheduler.due)
+
+    # --- what moves the phases
+
+    def _watch_link(self, now: float) -> None:
+        """A vehicle that is not proven to be the one of before counts as lost; last words wait for it a while."""
+        session, mission = self.session, self._mission
+        if not session.up:
+            return
+        if session.heartbeat_age(now) > LOST_AFTER:
+            session.lose()
+            mission.lose(now)
+        elif not session.told.unproven:
+            mission.happened(Event.LINK_UP, now)
+        elif mission.phase is not Phase.LEAVING:
+            mission.lose(now)
+
+    def _watch_takeover(self, now: float) -> None:
+        """The operator's word ends the stream in this very step."""
+        if self.session.reboots > self._reboots:
+            self._reboots = self.session.reboots
+            self.tracker.estimator.reset()
+        takeover = self._authority.watch_takeover()
+        if takeover is None:
+            return
+        self._mission.yield_to_operator(now)
+        self.session.drop_mode_requests()
+        self.controller.disengage()
+        self.tracker.ranging.sender_stays = False
+        if self.outcome is not None:  # we were leaving: this is the exit action taking effect
+            return
+        self._say("yield", takeover.what)
+        if self.settings.end_on_takeover:
+            self._finish(Outcome(Ending.ABORTED, takeover.reason), now)
+
+    def _watch_bounds(self, estimate: RangeEstimate | None, now: float) -> None:
+        """The mission's own limits while we steer, and another companion of our ids at any time."""
+        session = self.session
+        if session.doubled:
+            ids = f"{session.encoder.system}/{self.settings.link.component_id}"
+            reason = f"another companion sends as {ids}: give one of us another component_id"
+            self._finish(Outcome(Ending.ABORTED, reason), now)
+        if not self._mission.steering:
+            return
+        broken = breach(
+            self.settings.bounds,
+            r=estimate.r if estimate and self.phase is Phase.ENGAGED else None,
+            altitude=session.motion.at(now).altitude,
+            battery=session.told.battery,
+        )
+        if broken is not None:
+            self._finish(Outcome(Ending.ABORTED, broken), now)
+
+    def _watch_ranging(self, estimate: RangeEstimate | None, now: float) -> None:
+        good = self.tracker.good(estimate, now, holding=self.phase is Phase.HOLDING)
+        if self.phase is Phase.WAIT_RANGING and self.session.missing(now):
+            return
+        steering = self._mission.steering
+        if self._mission.happened(Event.RANGE_GOOD if good else Event.RANGE_LOST, now) and steering:
+            self._say("range", "range regained" if good else "range lost, holding")
+
+    def _watch_drift(self, estimate: RangeEstimate | None) -> None:
+        """Say once that the drift is more than the circle allows, and once that it no longer is."""
+        before = self.drift_alarm
+        self.drift_alarm = after = watch_drift(before, estimate, self.settings.orbit, self.controller.turn_gain)
+        if after.on != before.on:
+            self._say("drift", after.text)
+
+    def _watch_engagement(self, now: float) -> None:
+        if self.phase is Phase.LEAVING or not self._authority.certain:
+            return
+        engages = self._authority.may_engage(now)
+        if engages and self.phase is Phase.YIELDED:
+            self._mission.happened(Event.MODE_OURS, now)
+        elif engages and self.phase is Phase.READY:
+            self._engage(now)
+        elif (failure := self._authority.ask_for_mode(now)) is not None:
+            self._finish(Outcome(Ending.ABORTED, failure), now)
+
+    def _engage(self, now: float) -> None:
+        flies, orbit = self.settings.output_mode is OutputMode.FLY, self.settings.orbit
+        self._mission.engage(now)
+        self.tracker.ranging.sender_stays = flies
+        if flies:  # a dry run may begin on the ground, far from the height that is told
+            self.tracker.height.engage()
+        self.session.drop_mode_requests()
+        self._say("engage", f"{'engaged' if flies else 'dry run'}, {orbit.radius:g} m {orbit.direction.value}")
+
+    def _finish(self, outcome: Outcome, now: float) -> None:
+        if self._mission.finish(outcome, now, in_our_hands=self._authority.in_our_hands):
+            self._say("end", f"ended, {outcome.reason}")
+
+    # --- the setpoint
+
+    def _setpoint(self, command: TurnCommand | None, now: float) -> tuple[list[Message], YawRate | None]:
+        """The setpoint message of this step, if any, and the yaw rate in it."""
+        allowed = self._authority.allowed(now)
+        yaw_rate = None
+        try:
+            if self.phase is Phase.LEAVING:
+                message = self._leave(allowed, now)
+            elif allowed is Allowed.STEER and command is not None:
+                message, yaw_rate = self.controller.setpoint(command, self.session, now)
+            elif allowed is Allowed.SAFE:
+                message = self.controller.safe_setpoint(self.session, now, engaged=False)
+            else:
+                message = None
+        except UnsafeSetpointError as error:
+            reason = f"internal error, unsafe setpoint held back: {error}"
+            self._finish(Outcome(Ending.ABORTED, reason), now)
+            return [], None
+        if message is None:
+            return [], None
+        self.setpoints_sent += 1
+        return [message], yaw_rate
+
+    def _leave(self, allowed: Allowed, now: float) -> Message | None:
+        """The safe setpoint until the exit action shows in the vehicle's mode, or some times over; then silence."""
+        mission, exit_action = self._mission, self._exit_action
+        if self.settings.output_mode is not OutputMode.FLY:
+            over = True
+        elif allowed is Allowed.NOTHING:
+            over = exit_action.wait_to_speak(mission.since, now)
+        else:
+            over = exit_action.go_on(self.session, mission.since, now)
+        if over:
+            mission.happened(Event.SAFE_SENT, now)
+        if exit_action.failure is not None and mission.outcome is not None:
+            mission.outcome = replace(mission.outcome, reason=f"{mission.outcome.reason}; {exit_action.failure}")
+        return None if allowed is Allowed.NOTHING else self.controller.safe_setpoint(self.session, now)
+
+    def hold_back(self) -> None:
+        """What the newest step gave out was not sent: the shell had stood still in it for too long."""
+        if self.setpoints_sent > self._setpoints_before:
+            self.setpoints_sent = self._setpoints_before
+            self._records[-1] = replace(self._records[-1], yaw_rate_sent=None)
+
+    def last_words(self, now: float) -> bytes:
+        """The safe setpoint, and the exit action asked for once, for the shell to send when the pilot itself has
+        failed; empty if not ours to fly."""
+        if not self._authority.may_say_last_words():
+            return b""
+        words = [self.controller.safe_setpoint(self.session, now)]
+        if self._authority.may_ask_for_exit(now):
+            words += self._exit_action.at_once(self.session)
+        return b"".join(map(self.session.encode, words))
+
+    # --- everything else that is sent
+
+    def _housekeeping(self, estimate: RangeEstimate | None, command: TurnCommand | None, now: float) -> list[Message]:
+        """Heartbeat, commands, streams, texts and plot values; the farewell at the end."""
+        plots = self.session.announcer.plots(plot_values(self.settings.orbit, estimate, command), now)
+        if self.settings.output_mode is OutputMode.SHADOW:
+            return self.session.heartbeats_due(now) + plots
+        if self.done:
+            self.session.drop_mode_requests()
+        return self.session.poll(now) + plots + (self.session.farewell() if self.done else [])
+
+    def hello(self, now: float) -> bytes:
+        """What goes out on a separate ranging link."""
+        return b"" if self.done else self._connection.hello(now)
+
+    def _say_how_it_flies(self, command: TurnCommand | None) -> None:
+        """Say when another law takes over, and why; and that the gains were lowered, for the command swings."""
+        if command is not None and command.flies and command.flies != self._law:
+            self._law, self.why = command.flies, command.why
+            if self.settings.output_mode is OutputMode.FLY:
+                self._say("law", command.why)
+        if self.controller.cycles > self._limit_cycles:
+            self._limit_cycles = self.controller.cycles
+            self._say("cycle", f"limit cycle, gains reduced to {100 * self.controller.gain_share:.0f} %")
+
+    def _say_once(self, kind: str, text: str) -> None:
+        if kind not in self._said:
+            self._said.add(kind)
+            self._say(kind, text)
 
     # --- what is known of it ----------------------------------------------------------------------------------------
 
     @property
     def phase(self) -> Phase:
         """Where the mission stands."""
-        return self._progress.phase
+        return self._mission.phase
 
     @property
     def outcome(self) -> Outcome | None:
         """How the mission ended; None while it goes on."""
-        return self._progress.outcome
+        return self._mission.outcome
 
     @property
     def engaged_at(self) -> float | None:
         """The first engagement, s."""
-        return self._progress.engaged_at
+        return self._mission.engaged_at
 
     @property
     def done(self) -> bool:
         """Whether the mission is over and nothing more will be sent."""
-        return self._progress.phase is Phase.ENDED
+        return self.phase is Phase.ENDED
 
     @property
     def next_tick(self) -> float:
         """When the next step is due if nothing arrives before."""
-        return self._beat.due
+        return self._scheduler.due
 
     @property
     def reply_to(self) -> Hashable:
         """Where the vehicle link's bytes go: the source of the vehicle's frames, None before it was heard."""
         return self.session.reply_to
 
+    def waits_for(self, now: float) -> str:
+        """What the vehicle is not steered for now, for people; empty where nothing is missing."""
+        return self._status.waits_for(now)
+
     def counts(self, link: str = VEHICLE) -> LinkCounts:
         """What came in on a link."""
-        return self._decoders[link].counts
+        return self._connection.decoders[link].counts
 
     def frames_refused(self) -> Counter[str]:
         """Frames that were not believed on any link, by what was wrong with their signature."""
-        return sum((decoder.counts.refused for decoder in self._decoders.values()), Counter())
+        return sum((decoder.counts.refused for decoder in self._connection.decoders.values()), Counter())
 
     def take_records(self) -> list[TickRecord]:
         """The ticks since the last call."""
@@ -227,240 +393,3 @@ class Pilot:
         """The whole frames that came in since the last call, on any link."""
         frames, self._frames = self._frames, []
         return frames
-
-    def waits_for(self, now: float) -> str:
-        """What the vehicle is not steered for now, for people; empty where nothing is missing."""
-        if self.phase is Phase.WAIT_LINK:
-            return self._waiting.why_no_vehicle()
-        if self.phase is Phase.WAIT_RANGING:
-            return self._waiting.why_not_ready(now)
-        return self._engagement.why_not(now) if self.phase in (Phase.READY, Phase.YIELDED) else ""
-
-    # --- out ------------------------------------------------------------------------------------------------------
-
-    def hello(self, now: float) -> bytes:
-        """What goes out on a separate ranging link: a heartbeat, for routers forward only to those who have spoken."""
-        if self.done or now < self._next_hello:
-            return b""
-        self._next_hello = now + HEARTBEAT_PERIOD
-        return self.session.encode(self.session.heartbeat())
-
-    def step(self, now: float) -> bytes:
-        """Decide and answer. Acts when a fresh range is waiting or a tick is due; else returns nothing at once."""
-        self._gave_setpoint = False
-        if self._stood_still(now):
-            self._caught_up = now + CATCH_UP
-        if self._stalled(now):
-            self.target.fresh, self._heartbeats_before = False, self.session.told.heartbeats
-            self.session.drop_mode_requests()
-        elif self._heartbeats_before is not None and self.session.told.heartbeats > self._heartbeats_before:
-            self._heartbeats_before = None
-        self._stepped = now
-        # the last words are a tick apart, however many ranges come
-        answers = self.target.fresh and self.phase is not Phase.LEAVING
-        if self.done or not (answers or now >= self._beat.due):
-            return b""
-        self.target.fresh = False
-        self._beat.stepped(now)
-        self._progress.step(now)
-        self._watch_link(now)
-        self._watch_takeover(now)
-        self._waiting.watch(now)
-        estimate = self.target.at(now)
-        self._watch_bounds(estimate, now)
-        self._watch_ranging(estimate, now)
-        self._watch_drift(estimate)
-        self._watch_engagement(now)
-        command = self.helm.command(self.phase, estimate, self.session.round_trip.worst, now)
-        self._tell_law(command)
-        self._tell_cycle()
-        messages, sent = self._setpoint(command, now)
-        self._records.append(
-            tick_record(
-                now, self.phase, self.session, estimate, command, sent,
-                newest=self.target.newest, height=self.target.height.at(now), nis=self.target.estimator.nis,
-                turn_gain=self.helm.turn_gain, turn_delay=self.helm.response.delay, gain_share=self.helm.gain_share,
-                law=self.settings.law.name, accepted=self.target.accepted,
-                rejected=self.target.ranging.refused,
-            )
-        )  # fmt: skip
-        messages += self._housekeeping(estimate, command, now)
-        return b"".join(map(self.session.encode, messages))
-
-    def hold_back(self) -> None:
-        """What the newest step gave out was not sent: the shell had stood still in it for too long."""
-        if self._gave_setpoint:
-            self.setpoints_sent -= 1
-            self._records[-1] = replace(self._records[-1], yaw_rate_sent=None)
-
-    def last_words(self, now: float) -> bytes:
-        """The safe setpoint, and the exit action asked for once, for the shell to send when the pilot itself has
-        failed; empty if not ours to fly."""
-        begun = self._progress.steering or self._progress.resuming or self.phase is Phase.LEAVING
-        if not begun or not self._in_our_hands() or self.session.told.unproven:
-            return b""
-        words = [self.helm.safe_setpoint(self.session, now)]
-        sure = not (self._stalled(now) or self._doubtful) and self.session.heartbeat_age(now) < SILENT
-        if sure:  # a mode is obeyed whoever has the vehicle
-            words += self._leaving.at_once(self.session)
-        return b"".join(map(self.session.encode, words))
-
-    def _in_our_hands(self) -> bool:
-        """Whether the vehicle obeys us, and may."""
-        return self.settings.voice is Voice.FLY and self._authority.consent and self.session.in_our_mode
-
-    def _housekeeping(self, estimate: RangeEstimate | None, command: TurnCommand | None, now: float) -> list[Message]:
-        """Heartbeat, commands, streams, texts and plot values; the farewell at the end."""
-        plots = self.session.announcer.plots(plot_values(self.settings.orbit, estimate, command), now)
-        if self.settings.voice is Voice.SHADOW:
-            return self.session.heartbeats_due(now) + plots
-        if self.done:
-            self.session.drop_mode_requests()
-        return self.session.poll(now) + plots + (self.session.farewell() if self.done else [])
-
-    # --- what moves the phases --------------------------------------------------------------------------------------
-
-    def _watch_link(self, now: float) -> None:
-        """A vehicle that is not proven to be the one of before counts as lost; last words wait for it a while."""
-        session = self.session
-        if session.up and session.heartbeat_age(now) > LOST_AFTER:
-            session.lose()
-            self._progress.lose(now)
-        elif session.up and session.told.unproven:
-            if self.phase is not Phase.LEAVING:
-                self._progress.lose(now)
-        elif session.up:
-            self._progress.happened(Event.LINK_UP, now)
-
-    def _watch_takeover(self, now: float) -> None:
-        """The operator's word ends the stream in this very step."""
-        session, progress = self.session, self._progress
-        rebooted, self._reboots = session.reboots > self._reboots, session.reboots
-        if rebooted:
-            self.target.estimator.reset()
-        # with consent it is ours also where it was lost, or was given back and cannot be steered yet
-        ours = self._authority.consent or progress.phase not in (Phase.WAIT_LINK, Phase.YIELDED)
-        begun = self.engaged_at is not None and self.settings.voice is Voice.FLY
-        takeover = self._authority.watch(session, ours=ours and begun, rebooted=rebooted)
-        if takeover is None:
-            return
-        progress.yield_to_operator(now)
-        session.drop_mode_requests()
-        self.helm.let_go()
-        self.target.ranging.sender_stays = False
-        if progress.outcome is not None:  # we were leaving: this is the exit action taking effect
-            return
-        self._say("yield", takeover.what)
-        if self.settings.end_on_takeover:
-            progress.finish(Ending.ABORTED, takeover.reason, now)
-
-    def _watch_bounds(self, estimate: RangeEstimate | None, now: float) -> None:
-        """The mission's own limits while the vehicle is ours, and a twin of ours at any time."""
-        session, progress = self.session, self._progress
-        if session.doubled:
-            ids = f"{session.encoder.system}/{self.settings.link.component_id}"
-            reason = f"another companion sends as {ids}: give one of us another component_id"
-            progress.finish(Ending.ABORTED, reason, now)
-        if not progress.steering:
-            return
-        broken = breach(
-            self.settings.bounds,
-            r=estimate.r if estimate and progress.phase is Phase.ENGAGED else None,
-            altitude=session.motion.at(now).altitude,
-            battery=session.told.battery,
-        )
-        if broken is not None:
-            progress.finish(Ending.ABORTED, broken, now)
-
-    def _watch_ranging(self, estimate: RangeEstimate | None, now: float) -> None:
-        progress = self._progress
-        good = self.target.good(estimate, now, holding=progress.phase is Phase.HOLDING)
-        if progress.phase is Phase.WAIT_RANGING and self.session.missing(now):
-            return
-        steering = progress.steering
-        if progress.happened(Event.RANGE_GOOD if good else Event.RANGE_LOST, now) and steering:
-            self._say("range", "range is back" if good else "range lost, holding")
-
-    def _watch_drift(self, estimate: RangeEstimate | None) -> None:
-        """Say once that the drift is more than the circle allows, and once that it no longer is."""
-        before = self.drift_alarm
-        self.drift_alarm = after = watch_drift(before, estimate, self.settings.orbit, self.helm.turn_gain)
-        if after.on != before.on:
-            self._say("drift", after.text)
-
-    def _watch_engagement(self, now: float) -> None:
-        progress, engagement = self._progress, self._engagement
-        if progress.phase is Phase.LEAVING or (self._doubtful and self.settings.voice is Voice.FLY):
-            return
-        allowed = engagement.allowed(now)
-        if allowed and progress.phase is Phase.YIELDED:
-            progress.happened(Event.MODE_OURS, now)
-        elif allowed and progress.phase is Phase.READY:
-            self._engage(now)
-        elif (failure := engagement.request(now)) is not None:
-            progress.finish(Ending.ABORTED, failure, now)
-
-    def _engage(self, now: float) -> None:
-        self._progress.engage(now)
-        self.target.ranging.sender_stays = self.settings.voice is Voice.FLY
-        if self.settings.voice is Voice.FLY:  # a dry run may begin on the ground, far from the height that is told
-            self.target.height.engage()
-        self.session.drop_mode_requests()
-        orbit = self.settings.orbit
-        doing = "engaged" if self.settings.voice is Voice.FLY else "dry run"
-        self._say("engage", f"{doing}, {orbit.radius:g} m {orbit.direction.value}")
-
-    # --- the setpoint -------------------------------------------------------------------------------------------------
-
-    def _setpoint(self, command: TurnCommand | None, now: float) -> tuple[list[Message], YawRate | None]:
-        """The setpoint message of this step, if any, and the yaw rate in it."""
-        silent = self.settings.voice is not Voice.FLY or self._doubtful
-        yaw_rate = None
-        try:
-            if self.phase is Phase.LEAVING:
-                message = self._leave(now, silent=silent)
-            elif silent:
-                message = None
-            elif command is not None:
-                message, yaw_rate = self.helm.setpoint(command, self.session, now)
-            elif self._engagement.streams_first(now):
-                message = self.helm.safe_setpoint(self.session, now, engaged=False)
-            else:
-                message = None
-        except UnsafeSetpointError as error:
-            self._progress.finish(Ending.ABORTED, f"internal error, unsafe setpoint held back: {error}", now)
-            return [], None
-        if message is None:
-            return [], None
-        self.setpoints_sent += 1
-        self._gave_setpoint = True
-        return [message], yaw_rate
-
-    def _leave(self, now: float, *, silent: bool) -> Message | None:
-        """The safe setpoint until the exit action shows in the vehicle's mode, or some times over; then silence."""
-        progress = self._progress
-        if self.settings.voice is not Voice.FLY:
-            progress.happened(Event.SAFE_SENT, now)
-            return None
-        if silent:
-            over = self._leaving.wait_to_speak(progress.since, now)
-        else:
-            over = self._leaving.go_on(self.session, progress.since, now)
-        if over:
-            progress.happened(Event.SAFE_SENT, now)
-        if self._leaving.failure is not None and progress.outcome is not None:
-            progress.outcome = Outcome(progress.outcome.ending, f"{progress.outcome.reason}; {self._leaving.failure}")
-        return None if silent else self.helm.safe_setpoint(self.session, now)
-
-    def _tell_cycle(self) -> None:
-        """Say that the turn command swings from limit to limit, and what is done about it."""
-        if self.helm.cycles > self._cycles:
-            self._cycles = self.helm.cycles
-            self._say("cycle", f"turn command swings, gains now {100 * self.helm.gain_share:.0f} %")
-
-    def _tell_law(self, command: TurnCommand | None) -> None:
-        """Say when another law takes over, and why."""
-        if command is not None and command.flies and command.flies != self._law:
-            self._law, self.why = command.flies, command.why
-            if self.settings.voice is Voice.FLY:
-                self._say("law", command.why)

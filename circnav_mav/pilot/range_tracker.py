@@ -1,4 +1,4 @@
-"""What is known of the target: ranges in, an estimate out."""
+"""What is known of the range to the target: ranges in, an estimate out."""
 
 from collections.abc import Collection
 
@@ -11,7 +11,7 @@ from circnav_mav.mav.codec import Message
 from circnav_mav.mav.height import Height
 from circnav_mav.mav.ranging.interface import Reject
 from circnav_mav.mav.ranging.reader import RangeReader
-from circnav_mav.pilot.progress import Say
+from circnav_mav.pilot.mission_state import Say
 from circnav_mav.pilot.settings import PilotSettings
 
 FRESH = 0.6
@@ -21,15 +21,14 @@ CALM = 1.0
 `stale` would else start and stop steering with each of them."""
 
 
-class Target:
+class RangeTracker:
     """Reads ranges and keeps the estimator. `fresh`: a range came in that no step has answered yet."""
 
-    def __init__(self, settings: PilotSettings, say: Say, slower: Slower) -> None:
+    def __init__(self, settings: PilotSettings, say: Say, say_once: Say, slower: Slower) -> None:
         """slower: tells of the link that ranges come on."""
-        self._say = say
+        self._say, self._say_once = say, say_once
         self._stale = settings.timing.stale
         self._noise = NoiseCheck(settings.orbit.speed, settings.orbit.max_turn_rate)
-        self._noise_told = False
         self._needs_altitude = settings.height.needs_altitude
         self.height = Height(settings.height)
         self.ranging = RangeReader(settings.ranging, self._noise, slower)
@@ -39,7 +38,9 @@ class Target:
         self.accepted = 0
         self._stale_at = float("-inf")
 
-    def hear(self, message: Message, now: float, *, stalled: bool, strangers: Collection[int], one_way: float) -> bool:
+    def receive(
+        self, message: Message, now: float, *, stalled: bool, strangers: Collection[int], one_way: float
+    ) -> bool:
         """Take in what may be a range; tells whether the estimator took it. stalled: we slept, its age is not known.
         strangers: systems of other vehicles. one_way: least delay of the link that it came on, s."""
         height = self.height.at(now)
@@ -47,7 +48,7 @@ class Target:
         if self.ranging.restarted:
             self.estimator.restamp()
         if self.ranging.stepped:
-            self._say("clock", f"sensor clock stood still {self.ranging.stepped:.1f} s")
+            self._say("clock", f"sensor clock stalled {self.ranging.stepped:.1f} s")
         if sample is None:
             return False
         if stalled:
@@ -56,7 +57,8 @@ class Target:
         if height is None and self._needs_altitude:
             self.ranging.reject(Reject.NO_HEIGHT)
             return False
-        self._tell_noise()
+        if self._noise.found is not None:
+            self._say_once("noise", "range noise {1:.2g} m, expected {0:.2g} m".format(*self._noise.found))
         if self.estimator.observe(sample) is Fused.GATED:
             self.ranging.reject(Reject.GATED)
             return False
@@ -85,9 +87,3 @@ class Target:
     def age(self, now: float) -> float | None:
         """Seconds since the newest range was measured."""
         return None if self.newest is None else now - self.newest.time
-
-    def _tell_noise(self) -> None:
-        """Say, once, that ranges scatter more than they say."""
-        if self._noise.found is not None and not self._noise_told:
-            self._noise_told = True
-            self._say("noise", "ranges scatter {1:.2g} m, not {0:.2g} as told".format(*self._noise.found))

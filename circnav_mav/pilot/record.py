@@ -1,12 +1,62 @@
-"""What is told of a step: its record, and the values that a ground station plots."""
+"""A step in numbers: its record, and the values that a ground station plots."""
 
+from dataclasses import dataclass
 from math import isfinite
 
-from circnav_mav.guidance.phases import Phase
-from circnav_mav.guidance.types import Orbit, RangeEstimate, RangeSample, TurnCommand
+from circnav_mav.guidance.types import Orbit, RangeEstimate, TurnCommand
 from circnav_mav.mav.frames import YawRate, yaw_rate_from_turn_rate
 from circnav_mav.mav.session import Session
-from circnav_mav.pilot.settings import TickRecord
+from circnav_mav.pilot.controller import Controller
+from circnav_mav.pilot.mission_state import Phase
+from circnav_mav.pilot.range_tracker import RangeTracker
+from circnav_mav.pilot.settings import OutputMode
+
+_WOULD = {Phase.ENGAGED: "would steer", Phase.HOLDING: "would hold"}
+
+
+def phase_name(phase: Phase, output_mode: OutputMode) -> str:
+    """The phase for people: one that sends no setpoints would only steer."""
+    return phase.value if output_mode is OutputMode.FLY else _WOULD.get(phase, phase.value)
+
+
+@dataclass(frozen=True, slots=True)
+class TickRecord:
+    """One tick, for the log and the display. Rates are the paper's (counter-clockwise positive) except yaw_rate_sent,
+    which is MAVLink's. turn_gain, turn_delay (s), gain_share: how the vehicle answers turn commands, and what is left
+    of the gains once the command was found swinging. law, x .. airspeed_scale: which law flies, and the relative motion
+    where an estimator tells it (vehicle minus target, m; wind minus target velocity, m/s; paper's frame). height: above
+    the target, m, by which slant ranges are made horizontal. None stands for "not known" or "not sent"."""
+
+    time: float
+    phase: Phase
+    measured: float | None
+    r: float | None
+    r_dot: float | None
+    r_sigma: float | None
+    r_dot_sigma: float | None
+    nis: float | None
+    demanded: float | None
+    turn_rate: float | None
+    saturated: bool
+    yaw_rate_sent: float | None
+    turn_gain: float
+    turn_delay: float
+    gain_share: float
+    law: str
+    x: float | None
+    y: float | None
+    drift_x: float | None
+    drift_y: float | None
+    airspeed_scale: float | None
+    heading: float | None
+    airspeed: float | None
+    altitude: float | None
+    height: float | None
+    range_age: float | None
+    link_age: float | None
+    mode: str
+    accepted: int
+    rejected: int
 
 
 def plot_values(orbit: Orbit, estimate: RangeEstimate | None, command: TurnCommand | None) -> dict[str, float]:
@@ -23,22 +73,15 @@ def tick_record(
     now: float,
     phase: Phase,
     session: Session,
+    tracker: RangeTracker,
+    controller: Controller,
     estimate: RangeEstimate | None,
     command: TurnCommand | None,
     sent: YawRate | None,
-    *,
-    newest: RangeSample | None,
-    height: float | None,
-    nis: float | None,
-    turn_gain: float,
-    turn_delay: float,
-    gain_share: float,
     law: str,
-    accepted: int,
-    rejected: int,
 ) -> TickRecord:
-    """A step in numbers. law: of the mission. sent: the yaw rate that left."""
-    link_age, motion = session.heartbeat_age(now), session.motion.at(now)
+    """A step in numbers. law: of the mission. sent: the yaw rate that left in the setpoint, None for none."""
+    link_age, motion, newest = session.heartbeat_age(now), session.motion.at(now), tracker.newest
     where = estimate.relative if estimate and estimate.relative and estimate.relative.trusted else None
     return TickRecord(
         time=now,
@@ -48,14 +91,14 @@ def tick_record(
         r_dot=estimate.r_dot if estimate else None,
         r_sigma=estimate.r_sigma if estimate else None,
         r_dot_sigma=estimate.r_dot_sigma if estimate else None,
-        nis=nis,
+        nis=tracker.estimator.nis,
         demanded=command.demanded if command else None,
         turn_rate=command.turn_rate if command else None,
         saturated=command.saturated if command else False,
         yaw_rate_sent=sent,
-        turn_gain=turn_gain,
-        turn_delay=turn_delay,
-        gain_share=gain_share,
+        turn_gain=controller.turn_gain,
+        turn_delay=controller.response.delay,
+        gain_share=controller.gain_share,
         law=(command.flies or law) if command and phase is Phase.ENGAGED else "",
         x=where.x if where else None,
         y=where.y if where else None,
@@ -65,10 +108,10 @@ def tick_record(
         heading=motion.yaw,
         airspeed=motion.airspeed,
         altitude=motion.altitude,
-        height=height,
+        height=tracker.height.at(now),
         range_age=None if newest is None else now - newest.time,
         link_age=link_age if isfinite(link_age) else None,
         mode=session.mode_name,
-        accepted=accepted,
-        rejected=rejected,
+        accepted=tracker.accepted,
+        rejected=tracker.ranging.refused,
     )

@@ -1,64 +1,139 @@
-"""Why a vehicle is not steered yet, in words for people."""
-
-from collections import Counter
+"""Why the vehicle is not steered, and why a mission ended, in words for people."""
 
 from circnav_mav.mav.codec import LinkCounts
-from circnav_mav.mav.ranging.interface import RangingMessage, describe_rejected
+from circnav_mav.mav.ranging.interface import describe_rejected
+from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.mav.session import Session
+from circnav_mav.pilot.authority import Authority, Holder
+from circnav_mav.pilot.mission_state import Ending, MissionState, Outcome, Overdue, Phase
+from circnav_mav.pilot.range_tracker import FRESH, RangeTracker
+from circnav_mav.pilot.settings import OutputMode, PilotSettings
 
 
-def why_no_vehicle(session: Session, counts: LinkCounts) -> str:
-    """Nobody that the mission means has been heard."""
-    if session.up and session.told.unproven:
-        return "whether this is the vehicle of before is not known until it tells its time (ATTITUDE, SYSTEM_TIME)"
-    if session.misfits:
-        return "; ".join(session.misfits.values())
-    return f"no autopilot heartbeat, {counts.describe()}"
+class StatusText:
+    """Words for what a pilot's parts know."""
 
+    def __init__(
+        self,
+        settings: PilotSettings,
+        session: Session,
+        mission: MissionState,
+        authority: Authority,
+        tracker: RangeTracker,
+        *,
+        heard: LinkCounts,
+        heard_of_ranging: LinkCounts,
+    ) -> None:
+        """heard: on the vehicle's link. heard_of_ranging: on the link that ranging comes on."""
+        self._settings = settings
+        self._session = session
+        self._mission = mission
+        self._authority = authority
+        self._tracker = tracker
+        self._heard = heard
+        self._heard_of_ranging = heard_of_ranging
 
-def why_not_ready(
-    session: Session, message: RangingMessage, rejected: Counter[str], *, missing: list[str], counts: LinkCounts
-) -> str:
-    """Ranging, or something that the vehicle must tell (`missing`), does not come. counts: of the ranging's link."""
-    if missing:
-        return why_not_told(session, missing)
-    refused = describe_rejected(rejected)
-    return f"no ranging: no usable {message.type}, samples rejected: {refused}; {counts.describe()}{_denied(session)}"
+    def waits_for(self, now: float) -> str:
+        """What the vehicle is not steered for now; empty where nothing is missing."""
+        phase = self._mission.phase
+        if phase is Phase.WAIT_LINK:
+            return self._no_vehicle()
+        if phase is Phase.WAIT_RANGING:
+            return self._not_ready(now)
+        return self._not_engaged(now) if phase in (Phase.READY, Phase.YIELDED) else ""
 
+    def outcome(self, overdue: Overdue, now: float) -> Outcome:
+        """How a mission ends whose time is up."""
+        timing = self._settings.timing
+        match overdue:
+            case Overdue.FLOWN:
+                flown = "flown" if self._settings.output_mode is OutputMode.FLY else "dry run"
+                return Outcome(Ending.COMPLETED, f"{flown} to its end")
+            case Overdue.RAN_OUT:
+                gone = self._what_is_gone(now)
+                return Outcome(Ending.ABORTED, f"time ran out while {self._mission.phase.value}{gone}")
+            case Overdue.HELD:
+                return Outcome(Ending.ABORTED, self._why_held(now))
+            case Overdue.OUTAGE:
+                return Outcome(Ending.ABORTED, f"no vehicle or no ranging for {timing.outage:.0f} s")
+            case Overdue.NO_VEHICLE:
+                return Outcome(Ending.NOTHING_HEARD, f"no vehicle: {self._no_vehicle()}")
+            case Overdue.NO_RANGING:
+                return Outcome(Ending.NOTHING_HEARD, self._not_ready(now))
 
-def why_not_sure(estimator: str, accepted: int) -> str:
-    """Ranges come, but do not tell enough."""
-    needs = "" if estimator == "kalman" else "; before that it must see the vehicle's own motion (auto need not)"
-    return f"{accepted} ranges taken, the estimator {estimator} is not sure of the range rate yet{needs}"
+    # --- what is missing --------------------------------------------------------------------------------------------
 
+    def _no_vehicle(self) -> str:
+        """Nobody that the mission means has been heard."""
+        session = self._session
+        if session.up and session.told.unproven:
+            return "not known whether this is the same vehicle: no boot time yet (ATTITUDE, SYSTEM_TIME)"
+        if session.misfits:
+            return "; ".join(session.misfits.values())
+        return f"no autopilot heartbeat, {self._heard.describe()}"
 
-def why_not_told(session: Session, missing: list[str]) -> str:
-    """The vehicle does not tell what it must."""
-    name = session.adapter.name
-    return f"no {' and no '.join(missing)} in VFR_HUD, which a {name} cannot be flown without{_denied(session)}"
+    def _not_ready(self, now: float) -> str:
+        """What is missing of ranging, or of what the vehicle must tell."""
+        tracker, missing = self._tracker, self._session.missing(now)
+        if not missing and (unknown := tracker.height.why_unknown(now)):
+            return unknown
+        age, ready = tracker.age(now), tracker.estimator.ready
+        if not ready and not missing and age is not None and age <= self._settings.timing.stale:
+            name = self._settings.estimator
+            needs = "" if name == "kalman" else "; it needs the vehicle's own motion first (auto does not)"
+            return f"{tracker.accepted} ranges accepted, estimator {name} has not converged yet{needs}"
+        if ready and missing:
+            return self._not_told(missing)
+        wanted, rejected = RANGING_MESSAGES[self._settings.ranging.message], tracker.ranging.rejected
+        heard = f"rejected: {describe_rejected(rejected)}; {self._heard_of_ranging.describe()}"
+        return f"no ranging: no usable {wanted.type}, {heard}{self._denied()}"
 
+    def _not_engaged(self, now: float) -> str:
+        """What the engagement waits for."""
+        session, authority = self._session, self._authority
+        guided, told = session.adapter.guided_name, session.told
+        if authority.holder is not Holder.US:
+            enter = f"leave {guided} and enter it" if authority.holder is Holder.OPERATOR_IN_MODE else f"enter {guided}"
+            return f"the operator has the vehicle: {enter} again to hand it back"
+        if not authority.link_quick(now):
+            return self._slow()
+        if missing := session.missing(now):
+            return self._not_told(missing)
+        if authority.may_be_on_ground(now) and (told.armed or told.on_ground):
+            return "the vehicle is on the ground" if told.on_ground else "the vehicle has not reported that it flies"
+        if not told.armed:
+            return "the vehicle is not armed"
+        return f"mode {guided}: " + ("requested" if authority.asks_for_mode else "the operator must enter it")
 
-def why_withheld(session: Session, *, left_mode: bool) -> str:
-    """The operator has taken the vehicle over."""
-    again = "entered again" if left_mode else "left and entered again"
-    return f"the operator has the vehicle: {session.adapter.guided_name} {again} hands it over"
+    def _slow(self) -> str:
+        round_trip, most = self._session.round_trip.typical, self._settings.timing.round_trip
+        if round_trip is None:
+            return "measuring the round trip to the vehicle (TIMESYNC)"
+        return f"link too slow: round trip {round_trip:.2f} s (limits.round_trip_s = {most:g} s)"
 
+    def _not_told(self, missing: list[str]) -> str:
+        """The vehicle does not tell what it must."""
+        name = self._session.adapter.name
+        return f"no {' and no '.join(missing)} in VFR_HUD: a {name} cannot be flown without it{self._denied()}"
 
-def why_slow(round_trip: float | None, most: float) -> str:
-    """The link is slower than the mission allows, s, or that is not known yet."""
-    if round_trip is None:
-        return "how long an answer of the vehicle takes is not known yet (TIMESYNC)"
-    return f"the link is slow: {round_trip:.2f} s to the vehicle and back, limits.round_trip_s allows {most:g} s"
+    def _denied(self) -> str:
+        denied = self._session.streams.refused
+        return f"; streams denied by the vehicle: {', '.join(denied)}" if denied else ""
 
+    # --- what has gone ----------------------------------------------------------------------------------------------
 
-def why_not_guided(session: Session, *, request_mode: bool) -> str:
-    """Not armed, or in another mode."""
-    if not session.told.armed:
-        return "the vehicle is not armed"
-    whose = "asked for" if request_mode else "the operator's to enter"
-    return f"mode {session.adapter.guided_name}, {whose}"
+    def _why_held(self, now: float) -> str:
+        """Why the ranges of so many seconds could not be steered by."""
+        tracker, waited, age = self._tracker, now - self._mission.since, self._tracker.age(now)
+        if tracker.estimator.ready and age is not None and FRESH * self._settings.timing.stale < age < waited:
+            return f"no fresh range for {waited:.1f} s, the newest is {age:.2f} s old"
+        if tracker.ranging.clock_doubted:
+            return f"no range for {waited:.1f} s: all rejected, the sensor clock stepped"
+        return f"no range for {waited:.1f} s"
 
-
-def _denied(session: Session) -> str:
-    denied = session.streams.refused
-    return f"; the vehicle denied the streams {', '.join(denied)}" if denied else ""
+    def _what_is_gone(self, now: float) -> str:
+        """Which silence a flight that runs out of time waits in."""
+        if self._mission.phase is Phase.WAIT_LINK:
+            return f", no heartbeat for {self._session.heartbeat_age(now):.0f} s"
+        age = self._tracker.age(now) if self._mission.phase is Phase.WAIT_RANGING else None
+        return "" if age is None else f", no range for {age:.0f} s"

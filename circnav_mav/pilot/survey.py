@@ -1,7 +1,7 @@
 """Listens to the vehicle and the ranging before a flight, and sends nothing that could move anything.
 
-Not a silenced pilot: a pilot engages, ends and tells the ground station so, even in a dry run. A survey has no helm at
-all. It sends what a flight needs in order to hear the same (our heartbeat, stream requests), and questions
+Not a silenced pilot: a pilot engages, ends and tells the ground station so, even in a dry run. A survey has no
+controller at all. It sends what a flight needs in order to hear the same (our heartbeat, stream requests), and asks
 (AUTOPILOT_VERSION, TIMESYNC, PARAM_REQUEST_READ).
 """
 
@@ -12,18 +12,16 @@ from dataclasses import dataclass
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mav.autopilots.interface import Autopilot
-from circnav_mav.mav.autopilots.table import adapters
 from circnav_mav.mav.clocks import Moment, Span, quick_span
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.height import Height
 from circnav_mav.mav.own_motion import Motion
 from circnav_mav.mav.params import ParameterReader
 from circnav_mav.mav.ranging.reader import RangeReader
-from circnav_mav.mav.ranging.table import RANGING_MESSAGES
-from circnav_mav.mav.session import HANDLED, HEARTBEAT_PERIOD, Session, describe_vehicle
+from circnav_mav.mav.session import describe_vehicle
 from circnav_mav.mav.signing import Signing
-from circnav_mav.pilot.listening import decoders, more_streams
-from circnav_mav.pilot.settings import RANGING, VEHICLE, PilotSettings
+from circnav_mav.pilot.connection import Connection
+from circnav_mav.pilot.settings import VEHICLE, PilotSettings
 
 TICK = 0.05
 SETTLE = 2.0
@@ -106,21 +104,16 @@ class Survey:
         signing: Signing | None = None,
     ) -> None:
         """seconds: how long to measure, once the vehicle was found."""
-        message = RANGING_MESSAGES[settings.ranging.message]
-        self._more_streams = more_streams(settings)
-        vehicles = adapters(settings.autopilot, settings.kind, settings.facts)
-        self.session = Session(settings.link, vehicles, self._more_streams, signing)
+        self._connection = Connection(settings, signing, also=[dialect.MAVLINK_MSG_ID_PARAM_VALUE])
+        self.session = self._connection.session
         self.done = False
         self._settings = settings
         self._seconds = seconds
         self._ranging = RangeReader(settings.ranging)
         self._height = Height(settings.height)
-        self._ranging_link = RANGING if settings.ranging_apart else VEHICLE
-        self._ranging_message = message
-        wanted = HANDLED | {message.id, dialect.MAVLINK_MSG_ID_PARAM_VALUE, *self._more_streams}
-        self._decoders = decoders(settings, wanted, signing)
+
         self._reader: ParameterReader | None = None
-        self._next_tick = self._next_hello = float("-inf")
+        self._next_tick = float("-inf")
         self._began: float | None = None
         self._found: float | None = None
         self._end = 0.0
@@ -145,14 +138,11 @@ class Survey:
 
     def receive(self, data: bytes, now: float, source: Hashable = None, link: str = VEHICLE) -> None:
         """Take in one datagram (or chunk of a stream) that arrived at `now` from `source` on a link."""
-        decoder = self._decoders[link]
-        for message in decoder.decode(data):
-            if link == VEHICLE and self.session.receive(message, now, source):
+        for message, of_vehicle, of_ranging in self._connection.receive(data, now, source, link):
+            if of_vehicle:
                 self._take_telemetry(message, now)
-            if link == self._ranging_link:
+            if of_ranging:
                 self._take_range(message, now)
-        if link == VEHICLE and decoder.behind:
-            self.session.pinning.greet(source)
 
     def step(self, now: float) -> bytes:
         """What to send to the vehicle now."""
@@ -169,18 +159,15 @@ class Survey:
         return b"".join(map(self.session.encode, messages))
 
     def hello(self, now: float) -> bytes:
-        """What goes out on a separate ranging link: a heartbeat, for routers forward only to those who have spoken."""
-        if self.done or now < self._next_hello:
-            return b""
-        self._next_hello = now + HEARTBEAT_PERIOD
-        return self.session.encode(self.session.heartbeat())
+        """What goes out on a separate ranging link."""
+        return b"" if self.done else self._connection.hello(now)
 
     def observations(self) -> Observations:
         """What was heard, once done."""
-        counts = self._decoders[VEHICLE].counts
+        counts = self._connection.decoders[VEHICLE].counts
         return Observations(
             vehicle=self._vehicle() if self.session.up else None,
-            links={link: decoder.counts.describe() for link, decoder in self._decoders.items()},
+            links={link: decoder.counts.describe() for link, decoder in self._connection.decoders.items()},
             version_1=counts.version_1,
             frames=counts.frames,
             others=dict(self.session.ignored),
@@ -197,7 +184,7 @@ class Survey:
 
     def _vehicle(self) -> VehicleSeen:
         session = self.session
-        wanted = {**session.adapter.firmware.streams, **self._more_streams}
+        wanted = {**session.adapter.firmware.streams, **self._connection.more_streams}
         return VehicleSeen(
             *session.vehicle_ids,
             kind=self._kind,
@@ -271,9 +258,10 @@ class Survey:
         self._boots.append(heard)
 
     def _take_range(self, message: Message, now: float) -> None:
-        if message.get_type() != self._ranging_message.type:
+        kind = self._connection.ranging_message
+        if message.get_type() != kind.type:
             return
-        marks = ", ".join(f"{mark} {value}" for mark, value in self._ranging_message.mark_values(message).items())
+        marks = ", ".join(f"{mark} {value}" for mark, value in kind.mark_values(message).items())
         self._carriers[f"{message.get_srcSystem()}/{message.get_srcComponent()} {marks}"] += 1
         sample = self._ranging.read(message, now)
         if sample is not None and self._settled(now):

@@ -11,7 +11,7 @@ AT_ONCE = 1e-5
 REMEMBERED = 9
 
 
-class Beat:
+class TickScheduler:
     """Keeps when the next step is due, from the steps taken and the ranges heard."""
 
     def __init__(self, tick: float) -> None:

@@ -7,9 +7,9 @@ from datetime import UTC, datetime
 from html import escape
 from pathlib import Path
 
-from circnav_mav.guidance.phases import Phase
 from circnav_mav.guidance.types import Orbit
-from circnav_mav.pilot import Voice, phase_name
+from circnav_mav.pilot import OutputMode, phase_name
+from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.report.chart_data import alarms, as_script, chart_data
 from circnav_mav.report.segments import known_track
 from circnav_mav.runlog.atomic_write import write_text
@@ -37,7 +37,7 @@ class ReportFacts:
 def report(run: Run, facts: ReportFacts) -> str:
     """The page of a run with at least two ticks. Raises RunError, OSError."""
     names, happened = _phase_names(run), events(run)
-    commanded = "commanded" if run.voice == Voice.FLY.value else "would command"
+    commanded = "commanded" if run.voice == OutputMode.FLY.value else "would command"
     data = chart_data(run.ticks, run.truth, facts.orbit, names, gate=facts.gate, commanded=commanded)
     outcome, _, figures = facts.verdict.partition("\n")
     parts = {
@@ -95,8 +95,8 @@ def _picture(path: Path) -> str:
 
 def _phase_names(run: Run) -> dict[str, str]:
     """The phases as they are called where nothing was sent, too."""
-    voice = next((voice for voice in Voice if voice.value == run.voice), Voice.FLY)
-    return {phase.value: phase_name(phase, voice) for phase in Phase}
+    mode = next((mode for mode in OutputMode if mode.value == run.voice), OutputMode.FLY)
+    return {phase.value: phase_name(phase, mode) for phase in Phase}
 
 
 def _events(happened: list[Event], names: dict[str, str]) -> str:

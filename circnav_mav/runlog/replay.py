@@ -6,9 +6,9 @@ from math import inf
 
 import numpy as np
 
-from circnav_mav.guidance.phases import Phase
 from circnav_mav.mav.framing import split_frames
-from circnav_mav.pilot import Pilot, PilotSettings, TickRecord, Timing, Voice
+from circnav_mav.pilot import OutputMode, Pilot, PilotSettings, TickRecord, Timing
+from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.runlog.loop_steps import LoopStep
 from circnav_mav.runlog.ticks import WORDS, Column, Ticks
 
@@ -112,7 +112,7 @@ def held_gain(settings: PilotSettings, flown: PilotSettings, was: Ticks) -> floa
     of the flight at its end. The headings in the log answer the turns that were flown; they cannot teach how
     the vehicle would have followed others. None: learn as in flight."""
     same = all(getattr(settings, name) == getattr(flown, name) for name in STEERING)
-    if same or settings.turn_gain is not None or settings.voice is not Voice.FLY:
+    if same or settings.turn_gain is not None or settings.output_mode is not OutputMode.FLY:
         return None
     learnt = was.numbers["turn_gain"][[phase == Phase.ENGAGED.value for phase in was.phases]]
     known = learnt[learnt > 0]

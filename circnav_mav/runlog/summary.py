@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from circnav_mav.guidance.phases import Phase
 from circnav_mav.guidance.types import Direction, Orbit
+from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.runlog import metrics
 from circnav_mav.runlog.atomic_write import write_json
 from circnav_mav.runlog.ticks import Ticks, Truth

@@ -10,9 +10,9 @@ from sys import intern
 import numpy as np
 from numpy.typing import NDArray
 
-from circnav_mav.guidance.phases import Phase
 from circnav_mav.mav.truth import read_truth_frame
 from circnav_mav.pilot import TickRecord
+from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.runlog.tlog import read_tlog
 
 Column = NDArray[np.float64]

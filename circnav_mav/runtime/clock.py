@@ -3,7 +3,6 @@
 import time
 from collections import deque
 from collections.abc import Callable
-from typing import Protocol
 
 OUT_OF_STEP = 1.0
 """Disagreement between two boot times and the time between them, s, that shows a jump: a reboot, a pause, a wrap."""
@@ -19,24 +18,6 @@ def steady() -> float:
     return time.monotonic() if _THROUGH_SLEEP is None else time.clock_gettime(_THROUGH_SLEEP)
 
 
-class RunClock(Protocol):
-    """What a run needs of its clock. `epoch_us`: wall-clock time of second 0, for log stamps only."""
-
-    epoch_us: int
-
-    def now(self) -> float:
-        """Seconds since the start of the run, monotonic, in whole microseconds."""
-        ...
-
-    def until(self, moment: float) -> float:
-        """Real seconds to wait for a moment of this clock; 0 when it has passed."""
-        ...
-
-    def real(self) -> float:
-        """Real seconds, monotonic: how long something of ours takes."""
-        ...
-
-
 class Clock:
     """Seconds since it was made, in whole microseconds, monotonic; `speed` times real time for the bundled vehicle.
 
@@ -44,25 +25,26 @@ class Clock:
     """
 
     def __init__(self, speed: float = 1.0) -> None:
-        self._speed = speed
+        self.speed = speed
+        """Seconds of this clock per real second."""
         self._start = steady()
         self.epoch_us = time.time_ns() // 1000
         """Wall-clock time of second 0, for log stamps only."""
 
     def now(self) -> float:
         """Seconds since the start of the run."""
-        return round((steady() - self._start) * self._speed * 1e6) / 1e6
+        return round((steady() - self._start) * self.speed * 1e6) / 1e6
 
     def until(self, moment: float) -> float:
         """Real seconds to wait for a moment of this clock; 0 when it has passed."""
-        return max((moment - self.now()) / self._speed, 0.0)
+        return max((moment - self.now()) / self.speed, 0.0)
 
     def real(self) -> float:
         """Real seconds, monotonic: how long something of ours takes."""
         return steady()
 
 
-class AutopilotClock:
+class AutopilotClock(Clock):
     """Goes as fast as the autopilot's boot time, so that a simulator faster or slower than real time is flown.
 
     `boot_time` tells the newest time since boot that was heard, s, None before. Until then, and between messages, the
@@ -72,11 +54,8 @@ class AutopilotClock:
     """
 
     def __init__(self, boot_time: Callable[[], float | None], speed: float = 1.0) -> None:
+        super().__init__(speed)
         self._boot_time = boot_time
-        self._start = steady()
-        self.epoch_us = time.time_ns() // 1000
-        self.speed = speed
-        """Autopilot seconds per second of ours."""
         self._local = self._now = 0.0
         self._heard: deque[tuple[float, float]] = deque()
         self._measured = False
@@ -90,14 +69,6 @@ class AutopilotClock:
         if boot is not None:
             self._hear(boot)
         return round(self._now * 1e6) / 1e6
-
-    def until(self, moment: float) -> float:
-        """Real seconds to wait for a moment of this clock; 0 when it has passed."""
-        return max((moment - self.now()) / self.speed, 0.0)
-
-    def real(self) -> float:
-        """Real seconds, monotonic: how long something of ours takes."""
-        return steady()
 
     def _hear(self, boot: float) -> None:
         """Measure with a boot time that is newer than the last; after a jump begin anew, at the same speed."""

@@ -64,7 +64,7 @@ def explain(error: Exception) -> str:
     if code == errno.ENOENT:
         return "no such device"
     if code == errno.EAGAIN:
-        return "not sent, for the line was full"
+        return "TX buffer full: lower stream rates or raise the baud rate"
     if isinstance(error, socket.gaierror | UnicodeError):  # the second of `10.0..1`, which can be no name
         return "host name is not known"
     said = error.args[-1] if isinstance(error, termios.error) else getattr(error, "strerror", None)

@@ -9,10 +9,10 @@ from textwrap import wrap
 from rich.panel import Panel
 from rich.text import Text
 
-from circnav_mav.guidance.phases import Phase
 from circnav_mav.guidance.types import TurnRate
 from circnav_mav.mav.frames import yaw_rate_from_turn_rate
 from circnav_mav.pilot import PilotSettings, TickRecord
+from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.runtime.status import SILENCED, Status
 
 STYLES = {Phase.ENGAGED: "green", Phase.HOLDING: "yellow", Phase.YIELDED: "magenta", Phase.LEAVING: "cyan"}
@@ -24,6 +24,7 @@ CELLS, CELL = 40, 1.5
 ALARM, LABEL = "ALARM", 12
 """The label of an alarm, and the columns of all labels."""
 MOST_ALARMS, MOST_REASONS = 3, 3
+HOW_TO_STOP = "Ctrl-C ends the flight. Any other flight mode: circnav stops sending."
 
 
 Row = tuple[str, str | Text]
@@ -62,7 +63,7 @@ class Picture:
             text.append(f"{name:<{LABEL}}", "bold red" if name == ALARM else "").append(value).append("\n")
         text.right_crop()
         return Panel(
-            text, title=f"{self._title}, t = {status.time:.1f} s", subtitle="Ctrl-C ends the flight safely",
+            text, title=f"{self._title}, t = {status.time:.1f} s", subtitle=HOW_TO_STOP,
             border_style=_style(status), width=WIDTH,
         )  # fmt: skip
 
@@ -73,8 +74,8 @@ class Picture:
         duration = f" of {settings.timing.duration:.0f} s" if isfinite(settings.timing.duration) else ""
         flown = "" if status.flown is None else f"   flown {status.flown:.0f} s{duration}"
         rows: list[Row] = [("phase", Text.assemble(badge, f"  mode {status.tick.mode}{flown}"))]
-        if settings.voice in SILENCED:
-            rows.append(("", Text(SILENCED[settings.voice], "bold")))
+        if settings.output_mode in SILENCED:
+            rows.append(("", Text(SILENCED[settings.output_mode], "bold")))
         return rows
 
     def _circle(self, tick: TickRecord, target: str) -> list[Row]:
@@ -84,7 +85,7 @@ class Picture:
         at_limit = "   AT ITS LIMIT" if tick.saturated else ""
         share = None if tick.r is None else tick.r / orbit.radius - 1
         to_right = None if turn is None else yaw_rate_from_turn_rate(TurnRate(turn)) / limit
-        wanted = f" horizontal   wanted {orbit.radius:.1f} m"
+        wanted = f" horizontal   desired {orbit.radius:.1f} m"
         rate = _with_sigma(tick.r_dot, tick.r_dot_sigma, "+.2f", "m/s", signs)
         answer = f"gain {tick.turn_gain:.2f}, delay {tick.turn_delay:.2f} s"
         return [
@@ -147,10 +148,10 @@ def _traffic(status: Status, settings: PilotSettings) -> list[Row]:
     others = f"; {status.others} of other senders" if status.others else ""
     stale = f"stale at {settings.timing.stale:.2f} s"
     return [
-        ("ranging", f"{_rate(rates and rates.taken)} taken, newest {_seconds(tick.range_age)} old, {stale}"),
+        ("ranging", f"{_rate(rates and rates.taken)} accepted, newest {_seconds(tick.range_age)} old, {stale}"),
         ("rejected", f"{refused} of {refused + tick.accepted}{why}{others}"),
         ("link", f"{_rate(rates and rates.frames)} frames, heartbeat {_seconds(tick.link_age)} old"),
-        ("setpoints", f"{_rate(rates and rates.setpoints)}, {status.setpoints} in all"),
+        ("setpoints", f"{_rate(rates and rates.setpoints)}, {status.setpoints} total"),
     ]
 
 

@@ -2,7 +2,7 @@
 delays a tick.
 
 A tlog is big-endian microseconds since 1970 and the raw frame, repeated: Mission Planner, MAVExplorer and MAVProxy
-open it. turns.csv says of each turn of the loop what a tlog cannot: its time, from which link and source its frames
+open it. turns.csv says of each step of the loop what a tlog cannot: its time, from which link and source its frames
 came, and how many of them are ours; with both, a replay is exact. Signatures stay out of it, as MAVLink's guide wants
 it: a replay needs no key. Whatever happens to the process, at most the last half second is lost.
 
@@ -30,7 +30,7 @@ FLUSH_PERIOD = 0.5
 FRAMES_SHARE = 0.75
 """Part of the bound at which frames are no longer recorded, so that the ticks of a long flight find room."""
 MOST_WAITING = 20_000
-"""Turns and ticks that wait for a slow disk, some minutes of flight, before new ones are lost."""
+"""Steps and ticks that wait for a slow disk, some minutes of flight, before new ones are lost."""
 MOST_SOURCES = 1000
 """Senders told apart in turns.csv."""
 CLOSE_PATIENCE = 10.0
@@ -38,7 +38,7 @@ CLOSE_PATIENCE = 10.0
 TICK_COLUMNS = tuple(field.name for field in fields(TickRecord))
 TURN_COLUMNS = ("time_us", "heard", "said", "hello", "interrupt")
 """heard: link initial, number of the source and count of whole frames of each datagram, as in `v0*2 r1*1`. said, hello:
-frames of ours; HELD_BACK: what there was to say was not sent. The tlog holds the frames of a turn in this order."""
+frames of ours; HELD_BACK: what there was to say was not sent. The tlog holds the frames of a step in this order."""
 HELD_BACK = "held"
 
 
@@ -51,9 +51,9 @@ class TakenError(RecorderError):
 
 
 @dataclass(slots=True)
-class Turn:
-    """One turn of the loop. heard: (link, source, whole frames) of each datagram. said: frames to the vehicle. hello:
-    frames to the ranging link. interrupt: why the flight was ended from outside in this turn. held_back: whether
+class LoopStep:
+    """One step of the loop. heard: (link, source, whole frames) of each datagram. said: frames to the vehicle. hello:
+    frames to the ranging link. interrupt: why the flight was ended from outside in this step. held_back: whether
     what there was to say was not sent."""
 
     time: float
@@ -92,7 +92,7 @@ class Recorder:
         self._turns_csv.writerow(TURN_COLUMNS)
         self._sources: dict[Hashable, int] = {}
         self._flushed_at = 0.0
-        self._queue: queue.SimpleQueue[Turn | TickRecord | None] = queue.SimpleQueue()
+        self._queue: queue.SimpleQueue[LoopStep | TickRecord | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._drain, name="recorder", daemon=True)
 
     def start(self, epoch_us: int) -> None:
@@ -100,9 +100,9 @@ class Recorder:
         self._epoch_us = epoch_us
         self._thread.start()
 
-    def turn(self, turn: Turn) -> None:
-        """Record a turn of the loop with the whole MAVLink frames that came in and went out in it."""
-        self._put(turn)
+    def step(self, step: LoopStep) -> None:
+        """Record a step of the loop with the whole MAVLink frames that came in and went out in it."""
+        self._put(step)
 
     def ticks(self, records: list[TickRecord]) -> None:
         """Record ticks."""
@@ -128,7 +128,7 @@ class Recorder:
         with suppress(OSError):
             self.folder.rmdir()
 
-    def _put(self, item: Turn | TickRecord) -> None:
+    def _put(self, item: LoopStep | TickRecord) -> None:
         if self._queue.qsize() < MOST_WAITING:
             self._queue.put(item)
         else:
@@ -164,12 +164,12 @@ class Recorder:
             self._broken = True
             self._note(f"{self.folder}: recording stopped: {getattr(error, 'strerror', None) or error}")
 
-    def _write(self, item: Turn | TickRecord) -> None:
+    def _write(self, item: LoopStep | TickRecord) -> None:
         if isinstance(item, TickRecord):
             if self._room(1.0, "ticks", item.time):
                 self._written += self._csv.writerow(tick_row(item))
         elif self._room(FRAMES_SHARE, "frames", item.time):
-            self._write_turn(item)
+            self._write_step(item)
 
     def _room(self, share: float, what: str, time: float) -> bool:
         """Whether this part of the bound is not used up; once it is, that stays so."""
@@ -180,7 +180,7 @@ class Recorder:
         )
         return False
 
-    def _write_turn(self, item: Turn) -> None:
+    def _write_step(self, item: LoopStep) -> None:
         frames = [frame for _, _, datagram in item.heard for frame in datagram] + item.said + item.hello
         stamp = struct.pack(">Q", self._epoch_us + round(item.time * 1e6))
         self._written += self._tlog.write(b"".join(stamp + without_signature(frame) for frame in frames))

@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 from math import degrees, hypot
 from typing import NamedTuple
 
-from circnav_mav.guidance.phases import Phase
 from circnav_mav.mav.frames import compass_from_vector
 from circnav_mav.mav.ranging.interface import OTHERS
-from circnav_mav.pilot import Ending, Outcome, Pilot, TickRecord, Voice, phase_name
+from circnav_mav.pilot import Ending, Outcome, OutputMode, Pilot, TickRecord, phase_name
+from circnav_mav.pilot.mission_state import Phase
 
 RATE_SPAN = 3.0
 """Time, s, over which rates are taken."""
@@ -17,8 +17,8 @@ SILENT = 1.5
 MOST_REJECTED = 0.5
 """Share of the ranges that may be refused before it is worth a warning."""
 SILENCED = {
-    Voice.DRY_RUN: "DRY RUN: no setpoint, no mode is sent",
-    Voice.SHADOW: "SHADOW: no setpoint, no mode is sent",
+    OutputMode.DRY_RUN: "DRY RUN: no setpoint and no mode request is sent",
+    OutputMode.SHADOW: "SHADOW: no setpoint and no mode request is sent",
 }
 
 
@@ -68,13 +68,13 @@ class Watch:
             time=now,
             tick=tick if self._believed(tick) else replace(tick, r=None, r_dot=None, r_sigma=None, r_dot_sigma=None),
             flown=None if pilot.engaged_at is None else now - pilot.engaged_at,
-            phase=phase_name(tick.phase, pilot.settings.voice),
+            phase=phase_name(tick.phase, pilot.settings.output_mode),
             waits=pilot.waits_for(now),
             why=pilot.why if tick.law else "",
             target=_target(tick),
             alarms=tuple(_alarms(pilot, tick, now, rates, problem)),
-            rejected={why: count for why, count in pilot.target.ranging.rejected.most_common() if why not in OTHERS},
-            others=sum(pilot.target.ranging.rejected[why] for why in OTHERS),
+            rejected={why: count for why, count in pilot.tracker.ranging.rejected.most_common() if why not in OTHERS},
+            others=sum(pilot.tracker.ranging.rejected[why] for why in OTHERS),
             rates=rates,
             setpoints=pilot.setpoints_sent,
             outcome=pilot.outcome,
@@ -87,7 +87,9 @@ class Watch:
 
     def _rates(self, now: float) -> Rates | None:
         pilot, seen = self._pilot, self._seen
-        counts = Rates(pilot.counts().frames, pilot.target.accepted, pilot.target.ranging.refused, pilot.setpoints_sent)
+        counts = Rates(
+            pilot.counts().frames, pilot.tracker.accepted, pilot.tracker.ranging.refused, pilot.setpoints_sent
+        )
         seen.append((now, counts))
         while len(seen) > 2 and now - seen[1][0] >= RATE_SPAN:
             seen.popleft()
@@ -109,20 +111,20 @@ def _alarms(pilot: Pilot, tick: TickRecord, now: float, rates: Rates | None, pro
         if tick.link_age is not None and tick.link_age > SILENT:
             found.append(f"LINK SILENT for {tick.link_age:.1f} s")
         if tick.range_age is not None and tick.range_age > timing.stale:
-            patience = f": holds the circle's turn, gives up at {timing.stale + timing.hold:g} s"
-            found.append(f"RANGE STALE, {tick.range_age:.1f} s{patience if tick.phase is Phase.HOLDING else ''}")
+            patience = f": holding the circle's turn rate, ends at {timing.stale + timing.hold:g} s"
+            found.append(f"RANGE STALE {tick.range_age:.1f} s{patience if tick.phase is Phase.HOLDING else ''}")
         if tick.gain_share < 1:
-            found.append(f"TURN COMMAND SWINGS from limit to limit: gains lowered to {100 * tick.gain_share:.0f} %")
+            found.append(f"LIMIT CYCLE: turn command hits both limits, gains reduced to {100 * tick.gain_share:.0f} %")
         if pilot.drift_alarm.on:
             found.append(f"DRIFT TOO STRONG: {pilot.drift_alarm.text}")
         if rates is not None and rates.refused > MOST_REJECTED * (rates.taken + rates.refused):
-            found.append(f"MOST RANGES REJECTED, {rates.refused:.1f} of {rates.taken + rates.refused:.1f} a second")
-        if pilot.target.ranging.clock_doubted:
-            found.append("SENSOR CLOCK stepped: its ranges are rejected until it is known again")
+            found.append(f"MOST RANGES REJECTED: {rates.refused:.1f} of {rates.taken + rates.refused:.1f} per second")
+        if pilot.tracker.ranging.clock_doubted:
+            found.append("SENSOR CLOCK stepped: ranges are rejected until it runs steadily again")
         if (speed := pilot.session.clock_speed.found) is not None:
-            cure = 'a simulator at this speed is flown with link.clock = "autopilot"'
-            found.append(f"CLOCK: the autopilot's time runs at {speed:.2g} of ours: {cure}")
-        if trouble := pilot.target.height.trouble(now):
+            cure = 'for a simulator set link.clock = "autopilot"'
+            found.append(f"CLOCK: autopilot time runs {speed:.2g} times as fast as ours: {cure}")
+        if trouble := pilot.tracker.height.trouble(now):
             found.append(trouble)
     if problem is not None:
         found.append(f"NOT RECORDING: {problem}")
@@ -132,8 +134,8 @@ def _alarms(pilot: Pilot, tick: TickRecord, now: float, rates: Rates | None, pro
 def _target(tick: TickRecord) -> str:
     """Where the target is, seen from the vehicle, and the drift: clockwise from north, where they are known."""
     if tick.x is None or tick.y is None or tick.drift_x is None or tick.drift_y is None:
-        return "direction not known"
+        return "bearing not known"
     bearing = degrees(compass_from_vector(-tick.x, -tick.y))
     towards = degrees(compass_from_vector(tick.drift_x, tick.drift_y))
     drift = hypot(tick.drift_x, tick.drift_y)
-    return f"{bearing:03.0f} deg from the vehicle, drift {drift:.1f} m/s towards {towards:03.0f} deg"
+    return f"bearing {bearing:03.0f} deg, drift {drift:.1f} m/s towards {towards:03.0f} deg"

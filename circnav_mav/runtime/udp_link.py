@@ -13,7 +13,7 @@ RECEIVE_BUFFER = 1 << 18
 """Of the socket, bytes; Linux counts the overhead, and doubles it. Room for 600 short datagrams, 0.2 s of a simulator
 at twenty times real time. In a flood that cannot be read as fast as it comes something is lost in any case, and what
 waits in a longer queue is only late: with 1 MB every range, and a takeover, came 1 s late."""
-MOST_TROUBLES, NOT_HEARD = 4, "not heard, for it came from others"
+MOST_TROUBLES, NOT_HEARD = 4, "ignored: sent by others"
 """Kinds of trouble from which on strangers are no longer told one by one."""
 LOCAL_PORT = 14691
 """Our local port for `udpout`: PX4 latches onto the first client port it hears, so a restart must use the same."""
@@ -85,7 +85,7 @@ class UdpLink:
 
     def _refuse(self, source: tuple[str, int]) -> None:
         """Count what somebody else has sent."""
-        words = f"not heard, for it came from {source[0]}:{source[1]}"
+        words = f"ignored: sent by {source[0]}:{source[1]}"
         self.troubles[words if words in self.troubles or len(self.troubles) < MOST_TROUBLES else NOT_HEARD] += 1
 
     def _bind_local(self) -> None:

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.pilot.tick_scheduler import Beat
+from circnav_mav.pilot.tick_scheduler import TickScheduler
 from sim.faults.frames import frames, message_id, write
 from tests.bench.on_port import ROOT, SETPOINT, VehicleOnPort
 from tests.flight.lockstep import true_radius
@@ -88,7 +88,7 @@ def _resident_mb(pid: int) -> float:
 
 def lateness(ticks: Path) -> list[float]:
     """How late each tick of a run was that no range had called for, s."""
-    beat, accepted, late = Beat(TICK), 0, []
+    beat, accepted, late = TickScheduler(TICK), 0, []
     with ticks.open(newline="", encoding="utf-8") as file:
         for row in csv.DictReader(file):
             at = float(row["time"])

@@ -106,7 +106,7 @@ def verdict_of(circnav, run, summary):
 @pytest.mark.parametrize("missing", WHOLE)
 def test_a_summary_without_one_of_its_values_is_told_with_what_was_recorded(circnav, run, missing):
     told = verdict_of(circnav, run, {key: value for key, value in WHOLE.items() if key != missing})
-    assert ("7777 taken" in told) == (missing != "samples_accepted")
+    assert ("7777 accepted" in told) == (missing != "samples_accepted")
     assert ("COMPLETED" in told) == (missing != "outcome")
 
 

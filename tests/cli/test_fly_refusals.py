@@ -188,7 +188,7 @@ def heartbeat(system=1, version=2, **fields):
         (heartbeat(version=1), [], "system 1 speaks MAVLink 1 only"),
         (heartbeat(autopilot=12), [], "system 1 is px4 quadrotor, the mission is for ardupilot copter"),
         (heartbeat(system=255, type=6, autopilot=8), [], "system/component ids: 255/1, MAVLink version: 2"),
-        (heartbeat(), [], "no ranging: no usable DISTANCE_SENSOR, samples rejected: none"),
+        (heartbeat(), [], "no ranging: no usable DISTANCE_SENSOR, rejected: none"),
     ],
     ids=["junk", "wrong system id", "MAVLink 1 only", "another autopilot", "a ground station", "no ranging"],
 )

@@ -222,7 +222,7 @@ def test_a_truncated_log_is_reported_as_far_as_it_goes(circnav, flown, tmp_path)
     [("write_report", "report.html", "flight.png"), ("plot_flight", "flight.png", "report.html")],
 )
 def test_a_picture_that_fails_at_the_end_of_a_flight_is_a_line_and_nothing_more(
-    flown, tmp_path, monkeypatch, maker, lost, left
+    circnav, flown, tmp_path, monkeypatch, maker, lost, left
 ):
     def broken(*arguments):
         raise ZeroDivisionError("whatever")
@@ -230,10 +230,8 @@ def test_a_picture_that_fails_at_the_end_of_a_flight_is_a_line_and_nothing_more(
     monkeypatch.setattr(cli_report, maker, broken)
     folder = copy_of(flown, tmp_path / "run")
     (folder / left).unlink(missing_ok=True)
-    mission = cli_report.parse_mission((folder / "mission.toml").read_text(), "mission.toml")
-    summary = cli_report._unfinished(cli_report.open_run(folder), mission)
-    problems = cli_report.pictures_of_flight(folder, mission, summary)
-    assert problems == [f"{folder / lost}: could not be made: whatever"]
+    ran = circnav("report", folder, "--after-flight")
+    assert (ran.code, ran.out) == (0, f"{folder / lost}: could not be made: whatever\n")
     assert (folder / left).stat().st_size > 1000
 
 

@@ -23,14 +23,14 @@ def told(**changes: Any) -> str:
 @pytest.mark.parametrize(
     ("flown", "words"),
     [
-        ("clockwise", "rotation clockwise (as wanted)"),
-        ("counterclockwise", "rotation counterclockwise (NOT AS WANTED)"),
-        (None, "rotation not yet to be told, closest"),
+        ("clockwise", "rotation clockwise (as desired)"),
+        ("counterclockwise", "rotation counterclockwise (NOT AS DESIRED)"),
+        (None, "rotation not known yet, closest"),
     ],
 )
 def test_only_a_wrong_sense_of_rotation_is_called_wrong(flown: str | None, words: str) -> None:
     assert words in told(truth={**SUMMARY["truth"], "direction": flown})
-    assert ("NOT AS WANTED" in words) == ("NOT AS WANTED" in told(truth={**SUMMARY["truth"], "direction": flown}))
+    assert ("NOT AS DESIRED" in words) == ("NOT AS DESIRED" in told(truth={**SUMMARY["truth"], "direction": flown}))
 
 
 @pytest.mark.parametrize("voice", ["dry run", "shadow"])
@@ -42,18 +42,20 @@ def test_a_flight_that_sent_nothing_says_so_and_is_given_no_marks(voice: str) ->
 
 
 def test_a_flight_with_a_takeover_tells_how_much_of_it_was_steered() -> None:
-    assert "flown 120 s, 70 s of them steered\n" in told(flown_s=120.0, steered_s=70.0)
-    assert "flown 120 s\n" in told(flown_s=120.0, steered_s=119.9)
+    assert "flown 120 s (70 s steered); " in told(flown_s=120.0, steered_s=70.0)
+    assert "flown 120 s; " in told(flown_s=120.0, steered_s=119.9)
     assert "would have steered for 70 s" in told(voice="dry run", flown_s=120.0, steered_s=70.0)
-    assert "flown 60 s\n" in told()
+    assert "flown 60 s; " in told()
 
 
 def test_ranges_of_other_senders_are_told_apart() -> None:
     """PX4 repeats each range of the radio under its own id."""
-    assert "600 taken, 0 rejected (none); 599 of other senders ignored" in told(samples_rejected={"wrong_source": 599})
+    assert "600 accepted, 0 rejected (none); 599 of other senders ignored" in told(
+        samples_rejected={"wrong_source": 599}
+    )
     mixed = told(samples_rejected={"clock": 12, "too_old": 1, "other_sensor": 3})
     assert "13 rejected (12 clock (sensor clock stepped), 1 too_old); 3 of other senders ignored" in mixed
-    assert "600 taken, 3 rejected (3 gated)\n" in told()
+    assert "600 accepted, 3 rejected (3 gated)\n" in told()
 
 
 def test_a_summary_of_before_there_were_voices_is_of_a_flight() -> None:
@@ -62,15 +64,15 @@ def test_a_summary_of_before_there_were_voices_is_of_a_flight() -> None:
 
 
 def test_time_that_ran_at_another_speed_is_warned_of() -> None:
-    assert 'ran at 8 of ours: a simulator at this speed is flown with link.clock = "autopilot"' in told(clock_speed=8.0)
+    assert 'ran 8 times as fast as ours: for a simulator set link.clock = "autopilot"' in told(clock_speed=8.0)
     assert "WARNING" not in told(clock_speed=None)
 
 
 def test_a_busy_turn_command_is_told_of() -> None:
     figures = {"turn_std_deg_s": 7.31, "turn_at_limit": 0.112}
-    assert "turn       command sd 7.3 deg/s, at the limit 11 % in the last third\n" in told(**figures)
-    assert "at the limit 11 %, varies 1.2 rad/s per s in" in told(**figures, turn_variation_rad_s2=1.24)
+    assert "turn       command std 7.3 deg/s, at the limit 11 %\n" in told(**figures)
+    assert "at the limit 11 %, variation 1.2 rad/s^2" in told(**figures, turn_variation_rad_s2=1.24)
     assert "at the limit" not in told(turn_std_deg_s=None, turn_at_limit=None)
     assert "at the limit" not in told(turn_std_deg_s=5.0, turn_at_limit=None)
-    assert "WARNING    limit cycle: the turn command swings" in told(**figures, turn_limit_cycle=True)
+    assert "WARNING    limit cycle: the turn command oscillates" in told(**figures, turn_limit_cycle=True)
     assert "limit cycle" not in told(**figures, turn_limit_cycle=False)

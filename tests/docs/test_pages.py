@@ -11,12 +11,12 @@ from pydantic import BaseModel
 
 from circnav_mav.cli import circnav
 from circnav_mav.cli.exits import Exit
-from circnav_mav.guidance.phases import Phase
 from circnav_mav.guidance.types import Direction, Orbit
 from circnav_mav.mav.autopilots.table import AUTOPILOTS
 from circnav_mav.mav.ranging.interface import Reject
 from circnav_mav.mission.schema import MissionFile
 from circnav_mav.pilot import TickRecord
+from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.runlog.summary import FlightFacts, summarise
 from circnav_mav.runlog.ticks import NO_TICKS
 

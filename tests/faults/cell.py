@@ -92,7 +92,7 @@ def fly(scenario: Scenario, profile: str, seed: int, law: str = LAW) -> Verdict:
     make = Course if scenario.fresh else on_the_circle
     course = make(profile, overrides, stream=scenario.stream, keys=scenario.keys)
     start = course.now
-    before = dict(course.pilot.target.ranging.rejected)
+    before = dict(course.pilot.tracker.ranging.rejected)
     backward = course.spy.backward
     _begin(course, scenario, seed)
     end = start + (FRESH_PATIENCE if scenario.fresh else scenario.lasts)
@@ -101,7 +101,7 @@ def fly(scenario: Scenario, profile: str, seed: int, law: str = LAW) -> Verdict:
     last = course.errors(start, end)[-1:]
     course.way_home = abs(last[0][1]) * course.radius / course.allowed.speed if last else 0.0
     course.fly(end + max(scenario.after, REGAIN_WITHIN.get(profile, 0.0) + 10))
-    rejected = {name: n - before.get(name, 0) for name, n in course.pilot.target.ranging.rejected.items()}
+    rejected = {name: n - before.get(name, 0) for name, n in course.pilot.tracker.ranging.rejected.items()}
     rejected = {name: n for name, n in rejected.items() if n}
     errors = course.errors(start, end)
     rms = sqrt(sum(e * e for _, e in errors) / len(errors)) if errors else inf

@@ -12,11 +12,11 @@ from math import hypot, isfinite, nan
 from pathlib import Path
 from typing import Any
 
-from circnav_mav.guidance.phases import STEERING, Phase
 from circnav_mav.guidance.types import Direction, RangeSample
 from circnav_mav.mav.signing import Signing
 from circnav_mav.mission.load import load_mission
 from circnav_mav.pilot import RANGING, VEHICLE, Pilot, TickRecord
+from circnav_mav.pilot.mission_state import STEERING, Phase
 from sim.config import parse_vehicle
 from sim.faults import DOWN, UP, FaultLink
 from sim.faults.frames import frames
@@ -91,8 +91,8 @@ class Course:
         self.vehicle_wall: float | None = UNIX
         self.allowed = Allowed.of(settings)
         self.link = FaultLink()
-        self.spy = Spy(self.pilot.target.estimator)
-        self.pilot.target.estimator = self.spy  # type: ignore[assignment]
+        self.spy = Spy(self.pilot.tracker.estimator)
+        self.pilot.tracker.estimator = self.spy  # type: ignore[assignment]
         self.witness = Witness(profile, keys[0])
         self.source = SOURCE
         self.way_home = 0.0

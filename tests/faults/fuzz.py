@@ -14,10 +14,10 @@ from random import Random
 
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.guidance.phases import Phase
 from circnav_mav.mav.session import HANDLED
 from circnav_mav.mission.load import load_mission
 from circnav_mav.pilot import RANGING, VEHICLE, Pilot
+from circnav_mav.pilot.mission_state import Phase
 from sim.faults.frames import frames, raw_frame, write
 from tests.faults.judge import Allowed, broken_rule, is_setpoint
 from tests.flight.lockstep import CONFIG

@@ -102,7 +102,7 @@ def soak(folder: Path, profile: str, law: str, hours: float, lines_every: float 
     pilot = flight.pilot
     outcome = f"ended: {pilot.outcome.reason}" if pilot.outcome else f"still {pilot.phase.value}"
     yield (
-        f"{outcome}; ranges taken {pilot.target.accepted}, rejected {dict(pilot.target.ranging.rejected)}; "
+        f"{outcome}; ranges taken {pilot.tracker.accepted}, rejected {dict(pilot.tracker.ranging.rejected)}; "
         f"reboots seen {pilot.session.reboots}; recording: {flight.recorder.problem or 'whole'}"
     )
     late = [(at, mb) for at, mb in memory if at > hours / 5] if len(memory) > 4 else memory

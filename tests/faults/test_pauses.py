@@ -5,8 +5,8 @@ from itertools import pairwise
 
 import pytest
 
-from circnav_mav.guidance.phases import Phase
-from circnav_mav.pilot.pilot import STALL
+from circnav_mav.pilot.authority import STALL
+from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.runtime.status import Watch
 from sim.faults import UP, Impairment
 from sim.faults.frames import read, rewritten
@@ -74,10 +74,10 @@ def test_ranges_are_used_within_a_second_of_coming_fresh(
     course = on_the_circle("arducopter", SMOOTH)
     pause(course, seconds)
     course.fly(course.now + 1.0)
-    taken, refused, before = course.pilot.target.accepted, course.pilot.target.ranging.refused, len(course.ticks)
+    taken, refused, before = course.pilot.tracker.accepted, course.pilot.tracker.ranging.refused, len(course.ticks)
     course.fly(course.now + 5.0)
-    assert course.pilot.target.accepted - taken >= 49
-    assert course.pilot.target.ranging.refused == refused
+    assert course.pilot.tracker.accepted - taken >= 49
+    assert course.pilot.tracker.ranging.refused == refused
     assert {record.phase for record in course.ticks[before:]} == {Phase.ENGAGED}
     assert max(record.range_age or 0.0 for record in course.ticks[before:]) < 0.25
     assert not course.broken or (pause is we_pause and seconds <= STALL)  # which judges a stall: no less is one
@@ -91,7 +91,7 @@ def test_a_sensor_clock_that_stood_still_is_named() -> None:
     course.link.tampers.append(on(253, lambda frame, now: texts.append(frame) or [frame], direction=UP))
     course.fly(course.now + 6.0)
     assert Watch(course.pilot).status(course.ticks[-1], course.now).alarms == ()
-    assert [read(text).text for text in texts if b"clock" in text] == ["circnav: sensor clock stood still 2.0 s"]
+    assert [read(text).text for text in texts if b"clock" in text] == ["circnav: sensor clock stalled 2.0 s"]
 
 
 def test_a_link_that_turns_slow_while_it_is_silent_is_no_clock_that_stood_still() -> None:
@@ -100,7 +100,7 @@ def test_a_link_that_turns_slow_while_it_is_silent_is_no_clock_that_stood_still(
     course.link.impair(down=Impairment(delay=0.8))
     course.fly(course.now + 9.0)
     assert course.worst_age <= 0.5 + 0.06
-    rejected = course.pilot.target.ranging.rejected
+    rejected = course.pilot.tracker.ranging.rejected
     assert rejected["too_old"] > 60 and rejected["clock"] <= 10
 
 

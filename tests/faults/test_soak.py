@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from circnav_mav.guidance.phases import Phase
+from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.runlog.tlog import read_tlog
 from sim.faults.frames import message_id, read
 from tests.faults.soak import WRAP
@@ -32,7 +32,7 @@ def test_circle_is_held_through_the_wrap_of_the_49_days_counters(tmp_path: Path,
     assert phases == {Phase.ENGAGED}
     assert rms_error(truths, 30.0) < 0.05 * 30.0 / 2
     assert flight.pilot.session.reboots == 0
-    assert flight.pilot.target.ranging.rejected.total() <= 1
+    assert flight.pilot.tracker.ranging.rejected.total() <= 1
     stamps = {ATTITUDE: [], RANGE: []}
     for at, frame in read_tlog(tmp_path / "flight.tlog"):
         if message_id(frame) in stamps:

@@ -56,4 +56,4 @@ def test_a_vehicle_that_tells_no_home_is_not_flown_by_a_height_above_home() -> N
     assert flown.pilot.outcome is not None
     assert flown.pilot.outcome.ending is Ending.NOTHING_HEARD
     assert flown.pilot.outcome.reason.startswith("no home altitude (HOME_POSITION)")
-    assert set(flown.pilot.target.ranging.rejected) == {"no_height"}
+    assert set(flown.pilot.tracker.ranging.rejected) == {"no_height"}

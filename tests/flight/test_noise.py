@@ -12,6 +12,6 @@ def test_a_radio_that_says_too_little_of_its_noise_is_found_out_told_of_and_flow
     assert flown.pilot.outcome is not None and flown.pilot.outcome.reason == "flown to its end"
     assert rms_error(last_third(flown), 100.0) < bound
     assert clockwise_turns(flown.truths) > 1
-    assert b"not 0.02 as told" in b"".join(data for _, data in flown.sent)
-    taken = flown.pilot.target.accepted
-    assert taken > 0.9 * (taken + flown.pilot.target.ranging.rejected.total())
+    assert b"expected 0.02 m" in b"".join(data for _, data in flown.sent)
+    taken = flown.pilot.tracker.accepted
+    assert taken > 0.9 * (taken + flown.pilot.tracker.ranging.rejected.total())

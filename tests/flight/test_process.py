@@ -31,7 +31,7 @@ def test_flight_over_sockets_settles_clockwise_and_says_so(run: tuple[Path, str]
     assert summary["samples_accepted"] > 500
     assert summary["setpoints_sent"] > 1000
     assert "COMPLETED" in printed
-    assert "rotation clockwise (as wanted)" in printed
+    assert "rotation clockwise (as desired)" in printed
 
 
 def test_plain_output_has_a_line_a_second(run: tuple[Path, str]) -> None:

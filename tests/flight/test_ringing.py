@@ -110,4 +110,4 @@ def test_a_command_that_swings_is_said_and_answered_by_lower_gains_until_it_stop
     assert flown.ticks[-1].gain_share < 1.0
     assert sd < 5.0
     assert turns > 1.9
-    assert any(b"turn command swings" in data for _, data in flown.sent)
+    assert any(b"limit cycle" in data for _, data in flown.sent)

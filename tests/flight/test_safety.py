@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from circnav_mav.guidance.phases import STEERING, Phase
-from circnav_mav.pilot import VEHICLE, Ending, Pilot, Voice
+from circnav_mav.pilot import VEHICLE, Ending, OutputMode, Pilot
+from circnav_mav.pilot.mission_state import STEERING, Phase
 from tests.flight.ground_station import Operator
 from tests.flight.lockstep import flight, last_third, message_ids, rms_error
 
@@ -53,7 +53,7 @@ def test_without_own_motion_a_vehicle_is_flown_on_ranges_or_held_but_never_left_
 
 def test_a_dry_run_beside_somebody_who_flies_the_copter_shows_what_auto_would_do() -> None:
     flown = flight("arducopter", law="auto")
-    settings = replace(flown.pilot.settings, voice=Voice.DRY_RUN)
+    settings = replace(flown.pilot.settings, output_mode=OutputMode.DRY_RUN)
     dry = Pilot(settings)
 
     def listens(frame: bytes, now: float) -> bool:
@@ -64,35 +64,6 @@ def test_a_dry_run_beside_somebody_who_flies_the_copter_shows_what_auto_would_do
     flown.fly(60, lambda here: (dry.step(here.now), None)[1])
     laws = [record.law for record in dry.take_records() if record.time > 40]
     assert laws.count("drift") > 0.9 * len(laws)
-
-
-def test_takeover_ends_the_mission_when_the_file_says_end() -> None:
-    flown = flight("quickstart").fly(20)
-    Operator(flown.vehicle).set_mode(LOITER)
-    flown.fly(25)
-    assert flown.pilot.done
-    assert flown.pilot.outcome is not None
-    assert flown.pilot.outcome.ending is Ending.ABORTED
-    assert "GUIDED left for LOITER: operator or failsafe" in flown.pilot.outcome.reason
-
-
-def test_disarming_ends_the_stream_and_arming_again_does_not_give_the_vehicle_back() -> None:
-    flown = flight("quickstart", 'engage.on_takeover="wait"').fly(20)
-    Operator(flown.vehicle).disarm()
-    flown.fly(21)
-    assert flown.pilot.phase is Phase.YIELDED
-    count = flown.pilot.setpoints_sent
-    flown.fly(25)
-    assert flown.pilot.setpoints_sent == count
-
-
-def test_waits_for_the_operator_to_enter_guided_when_the_file_says_so() -> None:
-    flown = flight("quickstart", "engage.request_mode=false").fly(10)
-    assert flown.pilot.phase is Phase.READY
-    assert flown.setpoint_times == []
-    Operator(flown.vehicle).set_mode(GUIDED)
-    flown.fly(12)
-    assert flown.pilot.phase is Phase.ENGAGED
 
 
 def test_range_outage_coasts_then_holds_then_regains_the_circle() -> None:
@@ -108,20 +79,6 @@ def test_range_outage_coasts_then_holds_then_regains_the_circle() -> None:
     assert rms_error(last_third(flown), 100.0) < 2.0
 
 
-def test_lost_range_ends_with_a_safe_setpoint_and_silence() -> None:
-    flown = flight("quickstart", "limits.hold_s=3")
-    flown.hears = lambda frame, now: not (is_ranging(frame) and now > 40)
-    flown.fly(60)
-    pilot = flown.pilot
-    assert pilot.done
-    assert pilot.outcome is not None
-    assert pilot.outcome.ending is Ending.ABORTED
-    assert "no range" in pilot.outcome.reason
-    assert 43.3 < flown.now < 44.2
-    flown.vehicle.advance(flown.now + 1)
-    assert flown.vehicle.truth.ground_speed == pytest.approx(0.0, abs=0.05)
-
-
 def test_vehicle_silence_stops_the_stream_and_the_mission_resumes_after_it() -> None:
     flown = flight("quickstart", "limits.duration_s=150")
     flown.hears = lambda frame, now: not 50 < now < 60
@@ -132,32 +89,17 @@ def test_vehicle_silence_stops_the_stream_and_the_mission_resumes_after_it() -> 
     assert rms_error(last_third(flown), 100.0) < 2.0
 
 
-def test_vehicle_gone_for_good_ends_the_mission() -> None:
-    flown = flight("quickstart", "limits.outage_s=5")
-    flown.hears = lambda frame, now: now < 50
-    flown.fly(70)
-    assert flown.pilot.outcome is not None
-    assert flown.pilot.outcome.ending is Ending.ABORTED
-    assert flown.now < 59
-
-
-def test_interrupt_leaves_the_vehicle_standing() -> None:
-    flown = flight("quickstart").fly(40)
-    flown.pilot.interrupt(flown.now, "SIGINT")
-    flown.fly(45)
-    assert flown.pilot.done
-    assert flown.pilot.outcome is not None
-    assert flown.pilot.outcome.ending is Ending.INTERRUPTED
+@pytest.mark.parametrize(("interrupted", "reason"), [(True, "SIGINT"), (False, "no range")])
+def test_a_flight_that_ends_early_leaves_the_vehicle_standing(interrupted: bool, reason: str) -> None:
+    flown = flight("quickstart", "limits.hold_s=3")
+    flown.hears = lambda frame, now: interrupted or not (is_ranging(frame) and now > 40)
+    flown.fly(40)
+    if interrupted:
+        flown.pilot.interrupt(flown.now, "SIGINT")
+    flown.fly(60)
+    assert flown.pilot.done and flown.pilot.outcome is not None
+    assert flown.pilot.outcome.ending is (Ending.INTERRUPTED if interrupted else Ending.ABORTED)
+    assert reason in flown.pilot.outcome.reason
+    assert interrupted or 43.3 < flown.now < 44.2
     flown.vehicle.advance(flown.now + 1)
     assert flown.vehicle.truth.ground_speed == pytest.approx(0.0, abs=0.05)
-
-
-def test_dry_run_sends_no_setpoint_and_asks_for_no_mode() -> None:
-    from dataclasses import replace
-
-    flown = flight("quickstart")
-    flown.pilot = type(flown.pilot)(replace(flown.pilot.settings, voice=Voice.DRY_RUN))
-    flown.fly(20)
-    assert flown.setpoint_times == []
-    assert flown.vehicle.truth.mode == LOITER
-    assert any(tick.turn_rate is not None for tick in flown.ticks)

@@ -10,10 +10,10 @@ import pytest
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.guidance.phases import Phase
 from circnav_mav.mav.framing import split_frames
 from circnav_mav.mav.signing import Refusal, is_signed
 from circnav_mav.pilot import Ending
+from circnav_mav.pilot.mission_state import Phase
 from sim.config import Event
 from tests.flight.lockstep import clockwise_turns, last_third, rms_error
 from tests.flight.signed import KEY, OTHER, UNIX, key_file, signed_flight

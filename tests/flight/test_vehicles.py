@@ -51,7 +51,7 @@ def test_plane_flies_the_same_mission_whatever_its_turn_effectiveness(effectiven
 def test_turn_gain_is_learnt_and_bounded() -> None:
     """22.0 m/s indicated is 23.4 true on the emulated plane: the coordinated rate it knows is 6 % too high."""
     flown = flight("arduplane", "sim.vehicle.turn_effectiveness=0.73").fly(120)
-    assert flown.pilot.helm.turn_gain == pytest.approx(0.73 * 22.0 / 23.4, abs=0.03)
+    assert flown.pilot.controller.turn_gain == pytest.approx(0.73 * 22.0 / 23.4, abs=0.03)
 
 
 @pytest.mark.parametrize("mission", VEHICLES)

@@ -3,9 +3,9 @@
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.guidance.phases import Phase
 from circnav_mav.mav.height import Height, HeightSettings
-from circnav_mav.pilot import Voice
+from circnav_mav.pilot import OutputMode
+from circnav_mav.pilot.mission_state import Phase
 
 TOLD = HeightSettings(above_target=60.0)
 ABSOLUTE = HeightSettings(target_altitude=500.0)
@@ -103,13 +103,13 @@ def test_of_home_only_the_altitude_is_read(make_rig):
             rig.hear(vfr_hud(560.0))
             rig.hear(home(504.0, *place))
     assert rigs[0].pilot.phase is Phase.ENGAGED
-    assert rigs[0].pilot.target.height.at(rigs[0].now) == 60.0
+    assert rigs[0].pilot.tracker.height.at(rigs[0].now) == 60.0
     assert rigs[0].raw == rigs[1].raw
 
 
-@pytest.mark.parametrize(("voice", "expected"), [(Voice.FLY, 88.0), (Voice.DRY_RUN, 60.0)])
-def test_a_dry_run_which_may_begin_on_the_ground_keeps_the_height_told(make_rig, voice, expected):
-    rig = make_rig(height=TOLD, voice=voice)
+@pytest.mark.parametrize(("output_mode", "expected"), [(OutputMode.FLY, 88.0), (OutputMode.DRY_RUN, 60.0)])
+def test_a_dry_run_which_may_begin_on_the_ground_keeps_the_height_told(make_rig, output_mode, expected):
+    rig = make_rig(height=TOLD, output_mode=output_mode)
     for second in range(60):
         rig.run(0.5)
         rig.hear(vfr_hud(500.0 + max(0, second - 30)))

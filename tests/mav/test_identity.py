@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.guidance.phases import Phase
+from circnav_mav.pilot.mission_state import Phase
 
 GUIDED, LOITER = 4, 5
 PLANE_GUIDED = 15
@@ -111,10 +111,10 @@ def test_a_vehicle_that_has_moved_and_never_tells_its_time_is_waited_for_as_for_
     since = rig.now
     rig.run(1.0)
     assert rig.pilot.phase is Phase.WAIT_LINK
-    assert "until it tells its time" in rig.pilot.waits_for(rig.now)
+    assert "not known whether this is the same vehicle" in rig.pilot.waits_for(rig.now)
     assert mavlink.MAVLINK_MSG_ID_SYSTEM_TIME in [message.param1 for message in rig.commands(512, since - 0.1)]
     rig.run(21.0)
-    assert rig.pilot.outcome.reason == "vehicle or ranging gone for 20 s"
+    assert rig.pilot.outcome.reason == "no vehicle or no ranging for 20 s"
     assert rig.setpoints(since) == []
 
 
@@ -130,7 +130,7 @@ def test_last_words_that_could_not_be_said_are_told_of(make_rig):
     assert rig.pilot.last_words(rig.now) == b"", "not after an error of ours either"
     rig.run(13.0)
     assert rig.pilot.phase is Phase.ENDED
-    assert rig.pilot.outcome.reason.startswith("SIGTERM; no exit action asked for")
+    assert rig.pilot.outcome.reason.startswith("SIGTERM; exit action not requested")
 
 
 def test_a_simulator_that_hurries_is_no_other_vehicle_after_a_silence(rig):
@@ -160,7 +160,7 @@ def test_the_ranges_of_another_autopilot_are_given_up_when_its_heartbeat_tells_w
             rig.hear(say.heartbeat(GUIDED), voice=other)
         rig.run(0.05)
     assert rig.pilot.phase is Phase.HOLDING
-    assert rig.pilot.target.newest.time < 5.0
+    assert rig.pilot.tracker.newest.time < 5.0
 
 
 def test_among_forty_vehicles_no_other_ones_ranges_steer_us(make_rig, voice, say):
@@ -174,7 +174,7 @@ def test_among_forty_vehicles_no_other_ones_ranges_steer_us(make_rig, voice, say
         if i % 2:
             rig.hear(say.distance(4000, 1_000_000 + round(rig.now * 1000)), voice=theirs)
         rig.run(0.05)
-    assert rig.pilot.target.newest is None
+    assert rig.pilot.tracker.newest is None
 
 
 # --- words that come late ---

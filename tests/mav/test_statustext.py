@@ -25,7 +25,7 @@ def test_a_text_goes_out_at_once_with_our_name(announcer):
 def test_a_kind_of_text_goes_out_once_in_two_seconds_and_the_newest_is_kept(announcer):
     announcer.say("range", "range lost")
     assert texts(announcer, 0.0) == ["circnav: range lost"]
-    announcer.say("range", "range is back")
+    announcer.say("range", "range regained")
     announcer.say("range", "range lost again")
     announcer.say("end", "ended")
     assert texts(announcer, 1.99) == ["circnav: ended"], "another kind does not wait"

@@ -14,7 +14,7 @@ from circnav_mav.mav.check_result import Grade
 from circnav_mav.mission.checks import check_mission
 from circnav_mav.mission.load import MissionError, load_mission, parse_mission
 from circnav_mav.mission.schema import MissionFile
-from circnav_mav.pilot import Voice
+from circnav_mav.pilot import OutputMode
 
 CONFIG = sorted((Path(__file__).parents[2] / "config").glob("*.toml"))
 
@@ -158,8 +158,8 @@ def test_tcp_and_serial_are_byte_streams_and_udp_is_not(mission, link, ranging, 
 
 
 def test_a_dry_run_is_asked_for_at_the_start_and_not_in_the_file(mission):
-    assert mission().pilot_settings(Voice.DRY_RUN).voice is Voice.DRY_RUN
-    assert mission().pilot_settings().voice is Voice.FLY
+    assert mission().pilot_settings(OutputMode.DRY_RUN).output_mode is OutputMode.DRY_RUN
+    assert mission().pilot_settings().output_mode is OutputMode.FLY
 
 
 # --- overrides ---

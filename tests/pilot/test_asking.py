@@ -2,7 +2,7 @@
 
 import pytest
 
-from circnav_mav.guidance.phases import Phase
+from circnav_mav.pilot.mission_state import Phase
 
 GUIDED, LOITER = 4, 5
 SET_MODE = 176

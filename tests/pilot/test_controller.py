@@ -3,13 +3,13 @@ radius error adds up to."""
 
 import pytest
 
-from circnav_mav.guidance.phases import Phase
 from circnav_mav.guidance.types import OwnMotion, RangeEstimate, TurnCommand, TurnRate
 from circnav_mav.mav.autopilots.table import adapters
 from circnav_mav.mav.identity import Peer
 from circnav_mav.mav.session import Session
 from circnav_mav.mission.load import parse_mission
-from circnav_mav.pilot.controller import DEAF_AFTER, LONGEST_GAP, SPEED_UP, Helm
+from circnav_mav.pilot.controller import DEAF_AFTER, LONGEST_GAP, SPEED_UP, Controller
+from circnav_mav.pilot.mission_state import Phase
 from tests.small_mission import TEXT
 
 TOLD = TurnRate(-0.2)
@@ -17,14 +17,14 @@ STEP = 0.05
 
 
 class Vehicle:
-    """A helm that has told a vehicle to turn, and the heading that the vehicle reports."""
+    """A controller that has told a vehicle to turn, and the heading that the vehicle reports."""
 
     def __init__(self, *overrides: str) -> None:
         settings = parse_mission(TEXT, "small.toml", overrides).pilot_settings()
         session = Session(settings.link, adapters(settings.autopilot, settings.kind, settings.facts))
         session.pinning.peer = Peer("here", 1, 1)
-        self.helm, self.now, self.heading = Helm(settings), 0.0, 0.0
-        self.helm.setpoint(TurnCommand(TOLD, TOLD, saturated=False), session, 0.0)
+        self.controller, self.now, self.heading = Controller(settings), 0.0, 0.0
+        self.controller.setpoint(TurnCommand(TOLD, TOLD, saturated=False), session, 0.0)
 
     def turns(self, seconds: float, rate: float) -> list[bool]:
         """Report the heading while it turns at a rate (rad/s); whether it was at speed at each report."""
@@ -32,14 +32,14 @@ class Vehicle:
 
     def demanded(self, time: float, r: float) -> float:
         """What the law asks for on a path round the target at a range (m), rad/s."""
-        command = self.helm.command(Phase.ENGAGED, RangeEstimate(time, r, 0.0, 0.1, 0.1), None, time)
+        command = self.controller.command(Phase.ENGAGED, RangeEstimate(time, r, 0.0, 0.1, 0.1), None, time)
         assert command is not None
         return command.demanded
 
     def _report(self, rate: float) -> bool:
         self.now, self.heading = self.now + STEP, self.heading + rate * STEP
-        self.helm.feel(OwnMotion(self.now, self.heading, rate, 15.0))
-        return self.helm.at_speed
+        self.controller.on_motion(OwnMotion(self.now, self.heading, rate, 15.0))
+        return self.controller.at_speed
 
 
 def test_a_vehicle_is_at_speed_once_it_has_turned_as_told_for_long_enough() -> None:
@@ -80,7 +80,7 @@ def test_after_a_gap_in_its_reports_it_may_have_stopped() -> None:
 def test_the_radius_integral_pulls_towards_the_circle_while_the_vehicle_follows(rate: float, pulls: bool) -> None:
     vehicle = Vehicle("guidance.radius_trim_per_s=0.02")
     vehicle.turns(5.0, rate)
-    assert vehicle.helm.followed is pulls
+    assert vehicle.controller.followed is pulls
     demanded = [vehicle.demanded(5.0 + n * STEP, 103.0) for n in range(200)]
     tighter = demanded[0] - demanded[-1]  # clockwise is negative
     assert (tighter > 0.001) is pulls

@@ -31,7 +31,7 @@ def test_the_ground_station_is_told_which_law_flies_and_of_no_outage_where_there
 def test_an_outage_of_ranging_is_told_once_and_its_end_once():
     flown = flight("quickstart", 'sim.events=[{at_s=6.0,action="mute_ranging"},{at_s=8.0,action="unmute_ranging"}]')
     said = [text for text in texts(flown.fly(20.0)) if "range" in text]
-    assert said == ["circnav: range lost, holding", "circnav: range is back"]
+    assert said == ["circnav: range lost, holding", "circnav: range regained"]
 
 
 @pytest.mark.parametrize(("settings", "asked"), [((), True), (("ranging.component_id=7",), False)])

@@ -5,7 +5,7 @@ import random
 
 import pytest
 
-from circnav_mav.pilot.tick_scheduler import Beat
+from circnav_mav.pilot.tick_scheduler import TickScheduler
 
 TICK = 0.05
 
@@ -14,15 +14,15 @@ def stepped(hz: float, jitter: float = 0.0, seconds: float = 20.0, lost: float =
     """Times of the steps of a pilot that hears ranges at `hz`, each late by up to `jitter`; and how many it heard.
 
     Times are whole microseconds, as the clocks of the loop give them."""
-    beat, chance, now = Beat(TICK), random.Random(4), 0.0
+    ticks, chance, now = TickScheduler(TICK), random.Random(4), 0.0
     times = [round(n / hz + chance.uniform(0.0, jitter), 6) for n in range(round(seconds * hz))]
     ranges = [time for time in times if chance.random() >= lost]
     heard, steps = len(ranges), []
     while now < seconds:
-        now = round(max(min([beat.due, *ranges[:1]]), 0.0), 6)
+        now = round(max(min([ticks.due, *ranges[:1]]), 0.0), 6)
         if ranges and ranges[0] <= now:
-            beat.heard(ranges.pop(0))
-        beat.stepped(now)
+            ticks.heard(ranges.pop(0))
+        ticks.stepped(now)
         steps.append(now)
     return steps, heard
 
@@ -58,8 +58,8 @@ def test_on_one_grid_with_the_ranges_the_ticks_stay_on_it() -> None:
 
 
 def test_what_cannot_wait_is_due_at_once() -> None:
-    beat = Beat(TICK)
-    beat.stepped(1.0)
-    assert beat.due == 1.0 + TICK
-    beat.at_once()
-    assert beat.due < 0
+    ticks = TickScheduler(TICK)
+    ticks.stepped(1.0)
+    assert ticks.due == 1.0 + TICK
+    ticks.at_once()
+    assert ticks.due < 0

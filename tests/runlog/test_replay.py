@@ -7,9 +7,9 @@ import struct
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.guidance.phases import Phase
 from circnav_mav.mission.load import parse_mission
-from circnav_mav.pilot import Pilot, Voice
+from circnav_mav.pilot import OutputMode, Pilot
+from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.runlog.loop_steps import LogClock, recorded_steps, tlog_steps
 from circnav_mav.runlog.replay import as_ticks, differences, replay, without_timeouts
 from circnav_mav.runlog.run_folder import open_run
@@ -24,7 +24,7 @@ PLAIN = ('guidance.law="smooth"', 'guidance.estimator="kalman"')
 
 def settings_of(folder, *overrides):
     run = open_run(folder)
-    return parse_mission(run.mission_text, "mission.toml", overrides).pilot_settings(Voice(run.voice))
+    return parse_mission(run.mission_text, "mission.toml", overrides).pilot_settings(OutputMode(run.voice))
 
 
 @pytest.fixture(scope="module")
@@ -37,24 +37,24 @@ def flown(tmp_path_factory):
 
 
 @pytest.mark.parametrize(
-    ("overrides", "voice"),
+    ("overrides", "output"),
     [
-        ((SHORT,), Voice.FLY),
-        ((SHORT, *PLAIN), Voice.FLY),
-        ((SHORT, *APART), Voice.FLY),
-        ((SHORT,), Voice.DRY_RUN),
-        ((SHORT,), Voice.SHADOW),
+        ((SHORT,), OutputMode.FLY),
+        ((SHORT, *PLAIN), OutputMode.FLY),
+        ((SHORT, *APART), OutputMode.FLY),
+        ((SHORT,), OutputMode.DRY_RUN),
+        ((SHORT,), OutputMode.SHADOW),
     ],
     ids=["fly", "plain law", "ranging apart", "dry run", "shadow"],
 )
-def test_nothing_changed_gives_every_frame_byte_for_byte_at_its_time(tmp_path, overrides, voice):
-    flight = recorded_flight(tmp_path, "quickstart", *overrides, voice=voice).fly(30)
+def test_nothing_changed_gives_every_frame_byte_for_byte_at_its_time(tmp_path, overrides, output):
+    flight = recorded_flight(tmp_path, "quickstart", *overrides, output=output).fly(30)
     flight.recorder.close()
     done = replay(Pilot(settings_of(tmp_path)), recorded_steps(tmp_path))
     assert done.identical
     assert done.first_difference is None
     assert len(done.was_sent) > 80
-    assert bool(done.was_setpoints) == (voice is Voice.FLY)
+    assert bool(done.was_setpoints) == (output is OutputMode.FLY)
     assert not [gap for gap in differences(open_run(tmp_path).ticks, as_ticks(done.ticks)) if gap.largest > 1e-6]
 
 
@@ -119,7 +119,7 @@ def test_a_log_that_was_cut_off_is_replayed_up_to_there(flown, tmp_path, kept):
 
 def test_a_plain_tlog_is_steered_by_its_ranges_and_our_own_frames_are_left_out(flown):
     settings = without_timeouts(settings_of(flown))
-    pilot = Pilot(dataclasses.replace(settings, voice=Voice.DRY_RUN))
+    pilot = Pilot(dataclasses.replace(settings, output_mode=OutputMode.DRY_RUN))
     done = replay(pilot, tlog_steps(flown / "flight.tlog", 191), ticking=True)
     assert pilot.engaged_at is not None
     assert pilot.session.ignored["twin"] == pilot.session.ignored["echo"] == 0
@@ -134,7 +134,7 @@ def test_a_plain_tlog_is_steered_by_its_ranges_and_our_own_frames_are_left_out(f
 def test_a_gap_in_a_plain_tlog_loses_the_vehicle_and_does_not_tick_for_hours(flown):
     steps = [step for step in tlog_steps(flown / "flight.tlog", 191) if step.time < 10]
     later = [dataclasses.replace(step, time=step.time + 1e5) for step in steps]
-    pilot = Pilot(dataclasses.replace(without_timeouts(settings_of(flown)), voice=Voice.DRY_RUN))
+    pilot = Pilot(dataclasses.replace(without_timeouts(settings_of(flown)), output_mode=OutputMode.DRY_RUN))
     done = replay(pilot, [*steps, *later], ticking=True)
     assert len(done.ticks) < 2000
     assert pilot.outcome is None
@@ -147,7 +147,7 @@ def test_what_comes_after_the_pilots_end_is_not_counted(tmp_path):
     pilot = Pilot(settings_of(tmp_path, "limits.duration_s=5"))
     done = replay(pilot, recorded_steps(tmp_path))
     assert done.ended < 10 < done.until
-    assert "stalled" not in pilot.target.ranging.rejected
+    assert "stalled" not in pilot.tracker.ranging.rejected
     assert len(done.was_setpoints) > len(done.setpoints) > 0
 
 

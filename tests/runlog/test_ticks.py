@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.mav.ranging import Reject
+from circnav_mav.mav.ranging.interface import Reject
 from circnav_mav.pilot import TickRecord
 from circnav_mav.runlog.ticks import read_ticks, read_truth
 from tests.runlog.conftest import EPOCH_US

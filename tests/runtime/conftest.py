@@ -5,7 +5,7 @@ from collections.abc import Callable
 import pytest
 
 from circnav_mav.mission.load import load_mission
-from circnav_mav.pilot import Pilot, Voice
+from circnav_mav.pilot import OutputMode, Pilot
 from circnav_mav.runtime.status import Status, Watch
 from sim.config import parse_vehicle
 from sim.vehicle import Vehicle
@@ -16,10 +16,15 @@ from tests.flight.lockstep import CONFIG, Flight
 def statuses() -> Callable[..., list[Status]]:
     """The statuses, four a second, of some seconds of the quickstart under overrides."""
 
-    def fly(seconds: float, *overrides: str, events: list[dict[str, object]] | None = None, voice: Voice = Voice.FLY):
+    def fly(
+        seconds: float,
+        *overrides: str,
+        events: list | None = None,
+        output_mode: OutputMode = OutputMode.FLY,
+    ):
         mission = load_mission(CONFIG / "quickstart.toml", ('guidance.law="smooth"', *overrides))
         vehicle = Vehicle(parse_vehicle({**mission.file.sim, "events": events or []}, "quickstart"))
-        flight, found = Flight(Pilot(mission.pilot_settings(voice)), vehicle), []
+        flight, found = Flight(Pilot(mission.pilot_settings(output_mode)), vehicle), []
         watch = Watch(flight.pilot)
 
         def look(flown: Flight) -> None:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
-from circnav_mav.pilot import Voice
+from circnav_mav.pilot import OutputMode
 from circnav_mav.runtime import display as display_module
 from circnav_mav.runtime.display import Display, LiveScreen, PlainScreen, display_for
 from circnav_mav.runtime.picture import Picture
@@ -32,11 +32,11 @@ def drawn(status, *, ascii_only=False, settings=None):
     ("seconds", "overrides", "events", "shown"),
     [
         (0.1, (), [], ("WAITING FOR RANGING", "waiting     no ranging: no usable DISTANCE_SENSOR")),
-        (4.0, ("engage.request_mode=false",), [], (" READY ", "mode GUIDED, the operator's to enter")),
-        (12.0, (), [], (" ENGAGED ", "mode GUIDED", "law         smooth", "wanted 100.0 m", "●", "alarms      none")),
-        (9.0, (), [{"at_s": 6.0, "action": "mute_ranging"}], (" HOLDING ", "ALARM       RANGE STALE, ", "gives up at")),
+        (4.0, ("engage.request_mode=false",), [], (" READY ", "mode GUIDED: the operator must enter it")),
+        (12.0, (), [], (" ENGAGED ", "mode GUIDED", "law         smooth", "desired 100.0 m", "●", "alarms      none")),
+        (9.0, (), [{"at_s": 6.0, "action": "mute_ranging"}], (" HOLDING ", "ALARM       RANGE STALE ", "ends at")),
         (9.0, ('engage.on_takeover="wait"',), [{"at_s": 6.0, "action": "mode", "mode": "LOITER"}],
-         (" YIELDED ", "ALARM       OPERATOR HAS THE VEHICLE, mode LOITER", "GUIDED entered again")),
+         (" YIELDED ", "ALARM       OPERATOR HAS THE VEHICLE, mode LOITER", "enter GUIDED again")),
         (9.0, (), [{"at_s": 6.0, "action": "mode", "mode": "LOITER"}], (" ENDED ", "ABORTED: GUIDED left for LOITER")),
         (8.0, ("ranging.max_range_m=50.0",), [], ("above_max", "MOST RANGES REJECTED")),
     ],
@@ -64,8 +64,8 @@ def test_a_low_terminal_shows_phase_and_alarm(statuses, height):
 
 def test_a_dry_run_says_that_nothing_is_sent(statuses):
     settings = flight("quickstart").pilot.settings
-    dry = type(settings)(**{name: getattr(settings, name) for name in settings.__slots__} | {"voice": Voice.DRY_RUN})
-    assert "DRY RUN: no setpoint" in "\n".join(drawn(statuses(6.0, voice=Voice.DRY_RUN)[-1], settings=dry))
+    dry = replace(settings, output_mode=OutputMode.DRY_RUN)
+    assert "DRY RUN: no setpoint" in "\n".join(drawn(statuses(6.0, output_mode=OutputMode.DRY_RUN)[-1], settings=dry))
 
 
 def test_a_terminal_without_unicode_gets_ascii(statuses):
@@ -217,7 +217,7 @@ def test_plain_output_tells_each_new_alarm_once(statuses):
     screen = PlainScreen(console, 100.0)
     for status in statuses(9.0, events=[{"at_s": 6.0, "action": "mute_ranging"}]):
         screen.draw(status)
-    assert console.file.getvalue().count("  ALARM    RANGE STALE, ") == 1
+    assert console.file.getvalue().count("  ALARM    RANGE STALE ") == 1
 
 
 def test_plain_output_tells_once_what_is_waited_for(statuses):
@@ -226,7 +226,7 @@ def test_plain_output_tells_once_what_is_waited_for(statuses):
     for status in statuses(4.0, "engage.request_mode=false"):
         screen.draw(status)
     waiting = [line for line in console.file.getvalue().splitlines() if line.startswith("  WAITING")]
-    assert waiting[-1] == "  WAITING  mode GUIDED, the operator's to enter"
+    assert waiting[-1] == "  WAITING  mode GUIDED: the operator must enter it"
     assert len(waiting) == len(set(waiting)) <= 2
 
 
@@ -237,6 +237,6 @@ def test_numbers_say_what_they_are_of(statuses):
     lines = "\n".join(
         drawn(replace(status, tick=tick, target="237 deg from the vehicle, drift 0.1 m/s towards 322 deg"))
     )
-    assert " m horizontal   wanted 100.0 m" in lines
+    assert " m horizontal   desired 100.0 m" in lines
     assert "deg/s (limit 20.0), gain 0.72, delay 0.46 s" in lines
     assert "target      237 deg from the vehicle, drift 0.1 m/s towards 322 deg" in lines

@@ -8,11 +8,11 @@ import pytest
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.guidance.phases import Phase
 from circnav_mav.pilot import TickRecord
+from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.runlog.loop_steps import recorded_steps
 from circnav_mav.runlog.ticks import read_ticks
-from circnav_mav.runtime.recorder import TICK_COLUMNS, Recorder, RecorderError, Turn
+from circnav_mav.runtime.recorder import TICK_COLUMNS, LoopStep, Recorder, RecorderError
 
 EPOCH_US = 1_790_000_000_000_000
 
@@ -51,7 +51,7 @@ def test_the_tlog_is_read_back_by_pymavlinks_own_reader(recorder):
     """Frame by frame, with the moment of each."""
     sent = frames(40)
     for i, frame in enumerate(sent):
-        recorder.turn(Turn(0.05 * i, said=[frame]))
+        recorder.step(LoopStep(0.05 * i, said=[frame]))
     recorder.close()
     log = mavutil.mavlink_connection(str(recorder.folder / "flight.tlog"), dialect="all")
     back = []
@@ -66,7 +66,7 @@ def test_the_tlog_is_read_back_by_pymavlinks_own_reader(recorder):
 
 def test_the_tlog_is_big_endian_microseconds_and_the_raw_frame(recorder):
     (frame,) = frames(1)
-    recorder.turn(Turn(1.000001, said=[frame]))
+    recorder.step(LoopStep(1.000001, said=[frame]))
     recorder.close()
     assert (recorder.folder / "flight.tlog").read_bytes() == struct.pack(">Q", EPOCH_US + 1_000_001) + frame
 
@@ -85,7 +85,7 @@ def test_every_tick_is_a_line_and_every_field_a_column(recorder):
 
 def test_what_is_written_is_on_the_disk_within_a_second(recorder):
     """Whatever happens to the process, at most the last half second is lost."""
-    recorder.turn(Turn(0.5, said=frames(30)))
+    recorder.step(LoopStep(0.5, said=frames(30)))
     wait_for(lambda: (recorder.folder / "flight.tlog").stat().st_size > 0)
     recorder.ticks([tick()])
     wait_for(lambda: "engaged" in (recorder.folder / "ticks.csv").read_text())
@@ -126,7 +126,7 @@ def test_a_disk_that_fills_up_in_flight_is_noted_and_the_flight_goes_on(tmp_path
         recorder._tlog = Path("/dev/full").open("wb")  # noqa: SIM115
     recorder.start(EPOCH_US)
     for i in range(200):
-        recorder.turn(Turn(0.05 * i, said=frames(5)))
+        recorder.step(LoopStep(0.05 * i, said=frames(5)))
         recorder.ticks([tick()])
     recorder.close()
     assert recorder.problem == f"{tmp_path}: recording stopped: No space left on device"
@@ -151,7 +151,7 @@ def test_a_bounded_run_folder_keeps_its_bound_and_the_ticks_outlast_the_frames(t
     recorder = Recorder(tmp_path, "", max_mb=0.1)
     recorder.start(EPOCH_US)
     for i in range(1500):
-        recorder.turn(Turn(0.05 * i, heard=[("vehicle", "a", frames(2))], said=frames(1)))
+        recorder.step(LoopStep(0.05 * i, heard=[("vehicle", "a", frames(2))], said=frames(1)))
         recorder.ticks([tick(time=0.05 * i)])
     recorder.close()
     sizes = {name: (tmp_path / name).stat().st_size for name in ("flight.tlog", "turns.csv", "ticks.csv")}
@@ -170,7 +170,7 @@ def test_a_disk_that_hangs_costs_gaps_and_not_all_the_memory(tmp_path, monkeypat
     monkeypatch.setattr("circnav_mav.runtime.recorder.MOST_WAITING", 50)
     recorder = Recorder(tmp_path, "")
     for i in range(200):
-        recorder.turn(Turn(0.05 * i))
+        recorder.step(LoopStep(0.05 * i))
     assert recorder._queue.qsize() == 50
     assert recorder.problem == f"{tmp_path}: recording has gaps from 2 s on: the disk is too slow"
 
@@ -179,7 +179,7 @@ def test_a_flood_of_senders_does_not_fill_the_memory(tmp_path):
     recorder = Recorder(tmp_path, "")
     recorder.start(EPOCH_US)
     for i in range(3000):
-        recorder.turn(Turn(0.001 * i, heard=[("vehicle", ("10.0.0.1", i), [])]))
+        recorder.step(LoopStep(0.001 * i, heard=[("vehicle", ("10.0.0.1", i), [])]))
     recorder.close()
     numbers = {row.split(",")[1] for row in (tmp_path / "turns.csv").read_text().splitlines()[1:]}
     assert len(recorder._sources) == 1000

@@ -5,8 +5,8 @@ import signal
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.runtime.listener import listen
-from circnav_mav.runtime.runner import StopRequest, run
+from circnav_mav.runtime.recorder import LoopStep
+from circnav_mav.runtime.runner import Onlookers, StopRequest, listen, run
 
 
 def frame(number):
@@ -94,11 +94,11 @@ class FakePilot:
 
 class FakeRecorder:
     def __init__(self):
-        self.kept, self.ticked, self.turns = [], [], []
+        self.kept, self.ticked, self.steps = [], [], []
 
-    def turn(self, turn):
-        self.turns.append(turn)
-        self.kept += turn.said
+    def step(self, step):
+        self.steps.append(step)
+        self.kept += step.said
 
     def ticks(self, records):
         self.ticked += records
@@ -150,14 +150,14 @@ def test_the_newest_tick_is_shown_after_every_step(stop):
         {"vehicle": FakeLink()},
         FakeClock(),
         FakeRecorder(),
-        lambda tick, turn: shown.append((tick, turn.time)),
+        lambda tick, step: shown.append((tick, step.time)),
         stop,
     )
     assert shown == [(2, 0.05), (1, 0.1), (0, pytest.approx(0.15))]
 
 
 class StoppedAt(FakeClock):
-    """The process is stopped for a time, s, at a moment of its second turn; the run goes at ten times real time."""
+    """The process is stopped for a time, s, at a moment of its second step; the run goes at ten times real time."""
 
     def __init__(self, seconds):
         super().__init__()
@@ -191,9 +191,9 @@ def test_what_was_to_be_said_before_the_process_stood_still_is_not_said_after_it
     setattr(where, name, stops)
     run(pilot, {"vehicle": vehicle}, clock, recorder, lambda *_: None, stop)
     assert len(vehicle.sent) == said
-    assert pilot.held_back == 3 - said == sum(turn.held_back for turn in recorder.turns)
+    assert pilot.held_back == 3 - said == sum(step.held_back for step in recorder.steps)
     assert len(recorder.kept) == 2 * said, "the log tells what was sent"
-    assert len(recorder.turns) == 3, "and all that was heard"
+    assert len(recorder.steps) == 3, "and all that was heard"
 
 
 def test_what_is_heard_after_the_process_stood_still_at_the_sockets_is_of_after_it(stop):
@@ -208,7 +208,7 @@ def test_what_is_heard_after_the_process_stood_still_at_the_sockets_is_of_after_
 
     vehicle.receive = stops
     run(FakePilot(3), {"vehicle": vehicle}, clock, recorder, lambda *_: None, stop)
-    assert [turn.time > 50 for turn in recorder.turns] == [False, True, True]
+    assert [step.time > 50 for step in recorder.steps] == [False, True, True]
 
 
 class Turns:
@@ -226,3 +226,21 @@ def test_the_time_of_signatures_goes_on_in_every_turn(stop):
     run(FakePilot(3), {"vehicle": FakeLink()}, FakeClock(), FakeRecorder(), lambda *_: None, stop, flying)
     listen(FakePilot(3), {"vehicle": FakeLink()}, FakeClock(), stop, listening)
     assert (flying.count, listening.count) == (3, 3)
+
+
+def test_an_onlooker_that_fails_is_shown_no_more_and_the_others_go_on():
+    seen, tries = [], []
+
+    def breaks(newest, step):
+        tries.append(step.time)
+        if step.time > 1.0:
+            raise ValueError("Out of range float values are not JSON compliant")
+
+    onlookers = Onlookers({"live page": breaks, "display": lambda newest, step: seen.append(step.time)})
+    for moment in (1.0, 2.0, 3.0):
+        onlookers.show(None, LoopStep(moment))
+    assert seen == [1.0, 2.0, 3.0]
+    assert tries == [1.0, 2.0]
+    assert onlookers.problems == [
+        "live page: stopped at 2.0 s: ValueError('Out of range float values are not JSON compliant')"
+    ]

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from circnav_mav.pilot import Voice
+from circnav_mav.pilot import OutputMode
 from circnav_mav.runtime.status import Watch
 from tests.flight.lockstep import flight
 
@@ -45,7 +45,7 @@ def test_why_this_law_flies_is_told_while_it_steers_and_no_longer(statuses):
 
 def test_it_says_what_it_waits_for(statuses):
     assert flight("quickstart").pilot.waits_for(0.0) == "no autopilot heartbeat, 0 bytes heard"
-    assert statuses(4.0, "engage.request_mode=false")[-1].waits == "mode GUIDED, the operator's to enter"
+    assert statuses(4.0, "engage.request_mode=false")[-1].waits == "mode GUIDED: the operator must enter it"
     on_ground = ("sim.start.altitude_m=0.0", "sim.start.armed=false", 'sim.start.mode="STABILIZE"')
     assert statuses(4.0, *on_ground)[-1].waits == "the vehicle is on the ground"
     silent = statuses(4.0, "sim.ranging.rate_hz=0.0")
@@ -55,15 +55,15 @@ def test_it_says_what_it_waits_for(statuses):
 def test_a_stale_range_is_an_alarm_that_names_its_age_and_the_end(statuses):
     (*_, last) = during(statuses(10.5, events=OUTAGE), "holding")
     (alarm,) = last.alarms
-    assert alarm.startswith(f"RANGE STALE, {last.tick.range_age:.1f} s: ")
-    assert alarm.endswith("gives up at 10.5 s")
+    assert alarm.startswith(f"RANGE STALE {last.tick.range_age:.1f} s: ")
+    assert alarm.endswith("ends at 10.5 s")
     assert last.rates.taken == 0
 
 
 def test_a_takeover_is_an_alarm_and_says_how_to_hand_over_again(statuses):
     waiting = during(statuses(9.0, 'engage.on_takeover="wait"', events=TAKEOVER), "yielded")
     assert waiting[-1].alarms == ("OPERATOR HAS THE VEHICLE, mode LOITER",)
-    assert waiting[-1].waits == "the operator has the vehicle: GUIDED entered again hands it over"
+    assert waiting[-1].waits == "the operator has the vehicle: enter GUIDED again to hand it back"
 
 
 def test_a_flight_that_was_ended_says_why(statuses):
@@ -74,7 +74,7 @@ def test_a_flight_that_was_ended_says_why(statuses):
 def test_ranges_that_are_refused_are_counted_by_reason_and_become_an_alarm(statuses):
     refused = statuses(8.0, "ranging.max_range_m=50.0")[-1]
     assert list(refused.rejected) == ["above_max"]
-    assert refused.alarms[-1].startswith("MOST RANGES REJECTED, ")
+    assert refused.alarms[-1].startswith("MOST RANGES REJECTED: ")
 
 
 def test_a_silent_vehicle_is_an_alarm(statuses):
@@ -88,7 +88,7 @@ def test_recording_that_stopped_is_an_alarm():
 
 
 def test_a_dry_run_would_steer_without_the_mode(statuses):
-    dry = statuses(6.0, voice=Voice.DRY_RUN)[-1]
+    dry = statuses(6.0, output_mode=OutputMode.DRY_RUN)[-1]
     assert (dry.phase, dry.setpoints) == ("would steer", 0)
     assert statuses(6.0)[-1].phase == "engaged"
 
@@ -114,4 +114,4 @@ def test_the_target_is_told_as_seen_from_the_vehicle_and_drift_by_where_it_goes(
     """Vehicle 30 m east and 40 m south of the target, carried north: by hand."""
     flown = flight("quickstart").fly(6.0)
     tick = replace(flown.ticks[-1], x=30.0, y=-40.0, drift_x=0.0, drift_y=2.0)
-    assert Watch(flown.pilot).status(tick, 6.0).target == "323 deg from the vehicle, drift 2.0 m/s towards 000 deg"
+    assert Watch(flown.pilot).status(tick, 6.0).target == "bearing 323 deg, drift 2.0 m/s towards 000 deg"

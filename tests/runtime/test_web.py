@@ -12,7 +12,7 @@ from math import inf, nan
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.runtime.recorder import Turn
+from circnav_mav.runtime.recorder import LoopStep
 from circnav_mav.runtime.web import feed
 from circnav_mav.runtime.web.__main__ import MOST_BROWSERS
 from circnav_mav.runtime.web.feed import LivePage, WebError
@@ -36,7 +36,7 @@ def open_page(pilot, port=0, *, truth=False):
 
 def telling(page):
     """What the runner does after each step."""
-    return lambda flown: page.show(flown.ticks[-1] if flown.ticks else None, Turn(flown.now))
+    return lambda flown: page.show(flown.ticks[-1] if flown.ticks else None, LoopStep(flown.now))
 
 
 def patiently(page):
@@ -234,7 +234,7 @@ def places(page, flown, monkeypatch, *frames):
     monkeypatch.setattr(page, "_tell", told.append)
     flown.fly(8.0)
     for frame in frames:
-        page.show(flown.ticks[-1], Turn(flown.now, heard=[("main", "anybody", [frame])]))
+        page.show(flown.ticks[-1], LoopStep(flown.now, heard=[("main", "anybody", [frame])]))
     return [(what["east"], what["north"]) for what in told]
 
 

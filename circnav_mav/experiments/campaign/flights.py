@@ -46,7 +46,7 @@ def opening(run: Run) -> Opening | None:
     heard = None
     while flight.pilot.engaged_at is None and not flight.pilot.done and flight.now < patience:
         flight.step(patience)
-        if heard is None and flight.pilot.target.accepted:
+        if heard is None and flight.pilot.tracker.accepted:
             heard = flight.now
     steered = flight.pilot.engaged_at
     return None if heard is None or steered is None else Opening(heard, steered)

@@ -18,10 +18,10 @@ from pathlib import Path
 from typing import Any
 
 import circnav_mav
-from circnav_mav.guidance.phases import Phase
 from circnav_mav.mav.truth import is_truth_frame, relative_truth
 from circnav_mav.pilot import Pilot, TickRecord
-from circnav_mav.runtime.recorder import Turn
+from circnav_mav.pilot.mission_state import Phase
+from circnav_mav.runtime.recorder import LoopStep
 from circnav_mav.runtime.status import SILENCED, Status, Watch
 
 HOST = "127.0.0.1"
@@ -58,15 +58,15 @@ class LivePage:
         os.set_blocking(self._pipe, False)
         self._tell({"kind": "flight", **_facts(pilot, name, tolerance)})
 
-    def show(self, newest: TickRecord | None, turn: Turn, problem: str | None = None) -> None:
+    def show(self, newest: TickRecord | None, step: LoopStep, problem: str | None = None) -> None:
         """Tell of the newest tick when it is due."""
         if self._hears_truth:
-            for _, _, frames in turn.heard:
+            for _, _, frames in step.heard:
                 self._truth = next(filter(is_truth_frame, frames), self._truth)
-        if newest is None or (turn.time < self._due and newest.phase is not Phase.ENDED):
+        if newest is None or (step.time < self._due and newest.phase is not Phase.ENDED):
             return
-        self._due = turn.time + self._period
-        status = self._watch.status(newest, turn.time, problem)
+        self._due = step.time + self._period
+        status = self._watch.status(newest, step.time, problem)
         self._look()
         east, north = map(_plain, self._place)
         self._tell({"kind": "tick", **_told(status), "east": east, "north": north})
@@ -149,7 +149,7 @@ def _facts(pilot: Pilot, name: str, tolerance: float) -> dict[str, Any]:
         "steady": orbit.steady_turn_rate,
         "stale": timing.stale,
         "duration": timing.duration if isfinite(timing.duration) else None,
-        "silenced": SILENCED.get(pilot.settings.voice),
+        "silenced": SILENCED.get(pilot.settings.output_mode),
     }
 
 

@@ -35,7 +35,7 @@ OUTAGES = [
     *(outage(s, "up") for s in (1, 10, 60)),
     *(outage(s, "down") for s in (1, 10, 60)),
     both("F2", "bursts of 1 s every 10 s", Impairment(burst_every=10, burst=1), want=Want.REGAIN),
-    outage(90, "both", want=Want.END, reason="gone for", quick=True),
+    outage(90, "both", want=Want.END, reason="no vehicle or no ranging for", quick=True),
 ]
 DELAY = [
     *(both("F3", f"{ms} ms", Impairment(delay=ms / 1000), quick=ms == 250) for ms in (20, 100, 250)),

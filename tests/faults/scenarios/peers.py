@@ -8,7 +8,7 @@ from random import Random
 
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.guidance.phases import Phase
+from circnav_mav.pilot.mission_state import Phase
 from sim.config import Event
 from sim.faults import DOWN, UP, Impairment
 from sim.faults.frames import message_id, raw_frame, sender

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from circnav_mav.guidance.phases import STEERING, TRANSITIONS, Event, Phase, advance
+from circnav_mav.pilot.mission_state import STEERING, TRANSITIONS, Event, Phase, advance
 
 event_lists = st.lists(st.sampled_from(Event), max_size=40)
 
@@ -103,3 +103,11 @@ def test_a_pair_that_is_not_listed_changes_nothing():
 
 def test_every_phase_can_be_reached():
     assert reachable(Phase.WAIT_LINK, list(Event)) == set(Phase)
+
+
+def test_a_mission_that_was_begun_leaves_a_vehicle_in_our_mode_with_the_safe_setpoint_and_no_other():
+    ours = {Phase.WAIT_RANGING, Phase.READY, *STEERING}
+    for phase in ours:
+        assert advance(phase, Event.FINISH_OURS) is Phase.LEAVING
+    for phase in (Phase.WAIT_LINK, Phase.YIELDED):
+        assert advance(phase, Event.FINISH_OURS) is Phase.ENDED

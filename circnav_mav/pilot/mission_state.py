@@ -1,0 +1,204 @@
+"""Where a mission stands: its phases as a table, what it waits for and how long, and how it ended."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+
+Say = Callable[[str, str], None]
+"""Tells ground stations something: a kind, of which the newest text counts, and the text."""
+
+
+class Phase(Enum):
+    """Where the mission stands."""
+
+    WAIT_LINK = "waiting for the link"
+    WAIT_RANGING = "waiting for ranging"
+    READY = "ready"
+    ENGAGED = "engaged"
+    HOLDING = "holding"
+    YIELDED = "yielded"
+    LEAVING = "leaving"
+    ENDED = "ended"
+
+
+class Event(Enum):
+    """What moves a mission from phase to phase."""
+
+    LINK_UP = "link up"
+    LINK_LOST = "link lost"
+    RANGE_GOOD = "range good"
+    RANGE_LOST = "range lost"
+    MODE_OURS = "guided mode entered"
+    MODE_LEFT = "guided mode left"
+    FINISH = "finish"
+    FINISH_OURS = "finish after an engagement, with a vehicle that still is in our mode"
+    SAFE_SENT = "safe setpoint sent"
+
+
+TRANSITIONS: dict[tuple[Phase, Event], Phase] = {
+    (Phase.WAIT_LINK, Event.LINK_UP): Phase.WAIT_RANGING,
+    (Phase.WAIT_LINK, Event.FINISH): Phase.ENDED,
+    (Phase.WAIT_LINK, Event.FINISH_OURS): Phase.ENDED,
+    (Phase.WAIT_RANGING, Event.LINK_LOST): Phase.WAIT_LINK,
+    (Phase.WAIT_RANGING, Event.RANGE_GOOD): Phase.READY,
+    (Phase.WAIT_RANGING, Event.MODE_LEFT): Phase.YIELDED,
+    (Phase.WAIT_RANGING, Event.FINISH): Phase.ENDED,
+    (Phase.WAIT_RANGING, Event.FINISH_OURS): Phase.LEAVING,
+    (Phase.READY, Event.LINK_LOST): Phase.WAIT_LINK,
+    (Phase.READY, Event.RANGE_LOST): Phase.WAIT_RANGING,
+    (Phase.READY, Event.MODE_LEFT): Phase.YIELDED,
+    (Phase.READY, Event.MODE_OURS): Phase.ENGAGED,
+    (Phase.READY, Event.FINISH): Phase.ENDED,
+    (Phase.READY, Event.FINISH_OURS): Phase.LEAVING,
+    (Phase.ENGAGED, Event.RANGE_LOST): Phase.HOLDING,
+    (Phase.ENGAGED, Event.LINK_LOST): Phase.WAIT_LINK,
+    (Phase.ENGAGED, Event.MODE_LEFT): Phase.YIELDED,
+    (Phase.ENGAGED, Event.FINISH): Phase.LEAVING,
+    (Phase.ENGAGED, Event.FINISH_OURS): Phase.LEAVING,
+    (Phase.HOLDING, Event.RANGE_GOOD): Phase.ENGAGED,
+    (Phase.HOLDING, Event.LINK_LOST): Phase.WAIT_LINK,
+    (Phase.HOLDING, Event.MODE_LEFT): Phase.YIELDED,
+    (Phase.HOLDING, Event.FINISH): Phase.LEAVING,
+    (Phase.HOLDING, Event.FINISH_OURS): Phase.LEAVING,
+    (Phase.YIELDED, Event.LINK_LOST): Phase.WAIT_LINK,
+    (Phase.YIELDED, Event.MODE_OURS): Phase.WAIT_RANGING,
+    (Phase.YIELDED, Event.FINISH): Phase.ENDED,
+    (Phase.YIELDED, Event.FINISH_OURS): Phase.ENDED,
+    (Phase.LEAVING, Event.SAFE_SENT): Phase.ENDED,
+    (Phase.LEAVING, Event.MODE_LEFT): Phase.ENDED,
+    (Phase.LEAVING, Event.LINK_LOST): Phase.ENDED,
+}
+"""A pair that is not listed changes nothing."""
+
+STEERING = frozenset({Phase.ENGAGED, Phase.HOLDING})
+"""The phases in which the vehicle is steered: setpoints that steer leave in these and in no other."""
+NOT_OURS = frozenset({Phase.WAIT_LINK, Phase.YIELDED, Phase.ENDED})
+"""The phases in which there is nothing left to say to a vehicle that was engaged."""
+
+
+def advance(phase: Phase, event: Event) -> Phase:
+    """The phase after an event."""
+    return TRANSITIONS.get((phase, event), phase)
+
+
+class Ending(Enum):
+    """How a flight ended."""
+
+    COMPLETED = "completed"
+    INTERRUPTED = "interrupted"
+    ABORTED = "aborted"
+    NOTHING_HEARD = "nothing heard"
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """An ending, with the reason for people."""
+
+    ending: Ending
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Timing:
+    """All in seconds. duration: of the flight after engaging. wait_link, wait_ranging: patience before the first
+    engagement. stale: age of the newest range up to which the prediction steers. hold: how long to hold after that.
+    outage: longest silence of the vehicle after which the mission resumes. round_trip: to the vehicle and back, above
+    which it is not engaged. tick: period without fresh ranges."""
+
+    duration: float
+    wait_link: float = 30.0
+    wait_ranging: float = 30.0
+    stale: float = 0.5
+    hold: float = 10.0
+    outage: float = 60.0
+    round_trip: float = 0.6
+    tick: float = 0.05
+
+
+class Overdue(Enum):
+    """Which time of a mission is up."""
+
+    FLOWN = "duration, while steering"
+    RAN_OUT = "duration, while not steering"
+    HELD = "hold"
+    OUTAGE = "outage"
+    NO_VEHICLE = "wait_link"
+    NO_RANGING = "wait_ranging"
+
+
+class MissionState:
+    """Moves through the phases, by events and in no other way."""
+
+    def __init__(self, timing: Timing) -> None:
+        self._timing = timing
+        self.phase = Phase.WAIT_LINK
+        self.since = 0.0
+        """When the phase began, s."""
+        self.started: float | None = None
+        """The first step, s."""
+        self.engaged_at: float | None = None
+        """The first engagement, s."""
+        self.lost_at: float | None = None
+        """When the vehicle was lost that was steered, s; None once it is steered again, or was taken over."""
+        self.outcome: Outcome | None = None
+
+    @property
+    def steering(self) -> bool:
+        """Whether the vehicle is steered."""
+        return self.phase in STEERING
+
+    @property
+    def begun(self) -> bool:
+        """Whether the vehicle was engaged at any time."""
+        return self.engaged_at is not None
+
+    def happened(self, event: Event, now: float) -> bool:
+        """Apply an event; tells whether it changed the phase."""
+        before, self.phase = self.phase, advance(self.phase, event)
+        if self.phase is before:
+            return False
+        self.since = now
+        return True
+
+    def step(self, now: float) -> None:
+        """A step is taken."""
+        self.started = now if self.started is None else self.started
+
+    def engage(self, now: float) -> None:
+        """The vehicle is ours, for the first time or again."""
+        self.happened(Event.MODE_OURS, now)
+        self.lost_at = None
+        self.engaged_at = now if self.engaged_at is None else self.engaged_at
+
+    def lose(self, now: float) -> None:
+        """The vehicle is gone."""
+        if self.steering:
+            self.lost_at = now
+        self.happened(Event.LINK_LOST, now)
+
+    def yield_to_operator(self, now: float) -> None:
+        """The vehicle was taken from us; what was lost before is not waited for any more."""
+        self.lost_at = None
+        self.happened(Event.MODE_LEFT, now)
+
+    def finish(self, outcome: Outcome, now: float, *, in_our_hands: bool) -> bool:
+        """The mission ends; tells whether this is the reason why: the first one counts."""
+        first = self.outcome is None
+        self.outcome = self.outcome or outcome
+        self.happened(Event.FINISH_OURS if self.begun and in_our_hands else Event.FINISH, now)
+        return first
+
+    def overdue(self, now: float) -> Overdue | None:
+        """Which time of the mission is up, its own length or its patience with what is missing."""
+        timing, waited = self._timing, now - self.since
+        if self.engaged_at is not None and now - self.engaged_at >= timing.duration:
+            return Overdue.FLOWN if self.steering else Overdue.RAN_OUT
+        if self.phase is Phase.HOLDING and waited > timing.hold:
+            return Overdue.HELD
+        if self.lost_at is not None and now - self.lost_at > timing.outage:
+            return Overdue.OUTAGE
+        if self.begun or self.started is None:
+            return None
+        if self.phase is Phase.WAIT_LINK and now - self.started > timing.wait_link:
+            return Overdue.NO_VEHICLE
+        return Overdue.NO_RANGING if self.phase is Phase.WAIT_RANGING and waited > timing.wait_ranging else None

@@ -1,0 +1,416 @@
+"""The operator always wins: every way to take the vehicle from us, and what gives it back."""
+
+import random
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import pytest
+from pymavlink.dialects.v20 import all as mavlink
+
+from circnav_mav.pilot import Ending, Phase
+from tests.rig import Rig, heartbeat
+
+GUIDED, LOITER, LAND, RTL = 4, 5, 9, 6
+ON_GROUND, IN_AIR = 1, 2
+SET_MODE = 176
+GIVEN_BACK = 2.0
+"""Time, s, in the guided mode after which a vehicle that was given back is engaged; 1.5 s of it are the hand-over."""
+
+
+@dataclass(frozen=True)
+class Takeover:
+    """One way to take the vehicle. before: what happens first. take: what the vehicle then tells. stays: whether it
+    stays out of our hands. left: whether the guided mode was left, so that entering it gives the vehicle back."""
+
+    take: Callable[[Rig], None]
+    reason: str = "GUIDED left for LOITER: operator or failsafe"
+    before: Callable[[Rig], None] = lambda rig: None
+    stays: bool = True
+    left: bool = True
+
+
+def told(rig: Rig, *beats: tuple[int, bool]) -> None:
+    """Heartbeats of one moment: mode, armed."""
+    for mode, armed in beats:
+        rig.hear(heartbeat(mode, armed=armed))
+
+
+def stays(**changes: object) -> Callable[[Rig], None]:
+    """The vehicle is so from now on, and says so at once."""
+
+    def take(rig: Rig) -> None:
+        for name, value in changes.items():
+            setattr(rig, name, value)
+        rig.heartbeat()
+
+    return take
+
+
+def silent(rig: Rig) -> None:
+    """An outage of vehicle and ranging."""
+    rig.speaks = rig.ranges = False
+    rig.run(5.0)
+    assert rig.pilot.phase is Phase.WAIT_LINK
+    rig.speaks = rig.ranges = True
+
+
+def boot_time(rig: Rig) -> None:
+    rig.hear(mavlink.MAVLink_attitude_message(round(rig.now * 1000), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+
+
+def silent_until_known(rig: Rig) -> None:
+    """An outage of a vehicle that tells its time: after it, it is the same vehicle only when it has told it again."""
+    boot_time(rig)
+    silent(rig)
+
+
+def known_late(rig: Rig) -> None:
+    """The mode is told first, and the time since boot, which proves the vehicle, a little later."""
+    told(rig, (LOITER, True))
+    rig.run(0.25)
+    told(rig, (GUIDED, True))
+    rig.run(0.25)
+    boot_time(rig)
+
+
+def reboots(rig: Rig) -> None:
+    """It comes back armed in GUIDED: nobody has consented to that."""
+    for boot_ms in (900_000, 2_000, 2_050):
+        rig.hear(mavlink.MAVLink_system_time_message(0, boot_ms))
+
+
+def backlog(rig: Rig) -> None:
+    """It takes several turns to read what has waited through a stall: the takeover may come last."""
+    for _ in range(4):
+        told(rig, (GUIDED, True))
+        rig.range()
+        rig.step()
+        rig.now += 0.002
+    stays(mode=LOITER)(rig)
+
+
+def holds(rig: Rig) -> None:
+    rig.ranges = False
+    rig.run(2.0)
+    assert rig.pilot.phase is Phase.HOLDING
+
+
+def loses_heartbeats(rig: Rig) -> None:
+    """PX4 sends one a second; CURRENT_MODE alone keeps the vehicle ours."""
+    rig.speaks = False
+    for _ in range(20):
+        rig.run(0.5)
+        rig.hear(mavlink.MAVLink_current_mode_message(0, GUIDED, GUIDED))
+    assert rig.pilot.phase is Phase.ENGAGED
+
+
+def says_mode(*modes: int) -> Callable[[Rig], None]:
+    return lambda rig: [rig.hear(mavlink.MAVLink_current_mode_message(0, mode, 0)) for mode in modes] and None
+
+
+DISARMED, REBOOTED = "vehicle disarmed", "autopilot rebooted"
+TAKEOVERS = {
+    "another mode": Takeover(stays(mode=LOITER)),
+    "return to launch": Takeover(stays(mode=RTL), "GUIDED left for RTL: operator or failsafe"),
+    "disarmed": Takeover(stays(armed=False), DISARMED, left=False),
+    "rebooted": Takeover(reboots, REBOOTED, stays=False, left=False),
+    "another mode while holding": Takeover(stays(mode=LOITER), before=holds),
+    "CURRENT_MODE where heartbeats get lost": Takeover(says_mode(LOITER), before=loses_heartbeats),
+    "between two steps, another mode": Takeover(lambda rig: told(rig, (LOITER, True), (GUIDED, True)), stays=False),
+    "between two steps, CURRENT_MODE": Takeover(says_mode(LOITER, GUIDED), stays=False),
+    "between two steps, disarmed": Takeover(
+        lambda rig: told(rig, (GUIDED, False), (GUIDED, True)), DISARMED, stays=False, left=False
+    ),
+    "in the buffers of a stall": Takeover(stays(mode=LOITER), before=lambda rig: rig.pass_time(2.0)),
+    "last in the buffers of a stall": Takeover(backlog, before=lambda rig: rig.pass_time(6.0)),
+    "in an outage": Takeover(stays(mode=LOITER), before=silent),
+    "in an outage, and back": Takeover(
+        lambda rig: told(rig, (LOITER, True), (GUIDED, True)), before=silent, stays=False
+    ),
+    "disarmed in an outage, and back": Takeover(
+        lambda rig: told(rig, (GUIDED, False), (GUIDED, True)), DISARMED, before=silent, stays=False, left=False
+    ),
+    "after an outage, before the vehicle is known again": Takeover(
+        known_late, before=silent_until_known, stays=False
+    ),
+    "and a request for the mode still under way": Takeover(stays(mode=LOITER)),
+}  # fmt: skip
+
+
+def taken(make_rig, how: str, *, end: bool) -> tuple[Rig, float]:
+    """A rig that flew and was taken over, after the step that heard of it; the moment before that."""
+    rig, takeover = make_rig(end_on_takeover=end, request_mode=True, exit="rtl"), TAKEOVERS[how]
+    if "under way" in how:  # its acknowledgement was lost: a repeat would take the vehicle back
+        rig.mode = LOITER
+        while not rig.commands(SET_MODE):
+            rig.run(0.05)
+        rig.mode = GUIDED
+        rig.run(0.6)
+        assert rig.pilot.phase is Phase.ENGAGED
+    else:
+        rig.engage()
+    takeover.before(rig)
+    if rig.pilot.phase in (Phase.ENGAGED, Phase.HOLDING):
+        assert rig.setpoints(), "it was flown"
+    since, rig.now = rig.now, round(rig.now + 0.02, 6)
+    takeover.take(rig)
+    rig.range()
+    rig.step()
+    return rig, since
+
+
+@pytest.mark.parametrize("end", [True, False], ids=["ends", "waits"])
+@pytest.mark.parametrize("how", TAKEOVERS)
+def test_from_the_step_that_hears_of_a_takeover_nothing_is_commanded_any_more(make_rig, how, end):
+    """No setpoint, not even the safe one, no mode and no exit action: the vehicle is not ours."""
+    rig, since = taken(make_rig, how, end=end)
+    rig.run(0.3)
+    assert rig.pilot.phase in ({Phase.ENDED} if end else {Phase.YIELDED, Phase.READY})
+    rig.run(10.0 if end or TAKEOVERS[how].stays else 0.9)
+    assert rig.setpoints(since) == [] and rig.commands(SET_MODE, since) == []
+    assert "circnav: " + TAKEOVERS[how].reason.split(":")[0] in rig.texts(since)
+    if end:
+        assert (rig.pilot.outcome.ending, rig.pilot.outcome.reason) == (Ending.ABORTED, TAKEOVERS[how].reason)
+    else:
+        assert rig.pilot.outcome is None
+
+
+@pytest.mark.parametrize("how", TAKEOVERS)
+def test_only_the_guided_mode_entered_anew_gives_the_vehicle_back(make_rig, how):
+    rig, since = taken(make_rig, how, end=False)
+    rig.run(1.0)
+    rig.speaks = rig.ranges = rig.armed = True
+    if TAKEOVERS[how].stays or not TAKEOVERS[how].left:
+        rig.mode = GUIDED
+        rig.run(1.25)
+        assert rig.setpoints(since) == [], "a switch may only pass through the mode"
+        rig.run(4.0)
+    else:
+        rig.run(GIVEN_BACK)
+    assert (rig.pilot.phase is Phase.ENGAGED) == TAKEOVERS[how].left
+    for _ in range(3):  # and again, as often as it is taken
+        rig.mode = LOITER
+        rig.run(0.3)
+        since = rig.now
+        rig.run(0.7)
+        assert rig.setpoints(since) == []
+        rig.mode = GUIDED
+        rig.run(GIVEN_BACK)
+        assert rig.pilot.phase is Phase.ENGAGED
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_takeover_at_any_moment_stops_the_setpoints_within_a_tick(make_rig, seed):
+    draw = random.Random(seed)
+    rig = make_rig(end_on_takeover=draw.random() < 0.5).engage()
+    rig.run(draw.randrange(1, 60) * 0.05)
+    rig.now = round(rig.now + draw.uniform(0.0, 0.049), 6)
+    rig.mode = draw.choice([0, 2, 3, 5, 6, 9, 16, 17, 20, 99])
+    since = rig.now - 1e-9
+    rig.heartbeat()
+    rig.ranges = draw.random() < 0.5
+    rig.step()
+    rig.run(3.0)
+    assert rig.setpoints(since) == []
+
+
+# --- what is no hand-over, and what is no takeover ---
+
+
+def test_a_switch_that_passes_through_the_guided_mode_gives_nothing_back(make_rig):
+    rig = make_rig(end_on_takeover=False).engage()
+    since = rig.now
+    for mode, seconds in ((LOITER, 1.0), (GUIDED, 0.5), (LOITER, 0.5), (GUIDED, 1.25), (LOITER, 1.0)):
+        rig.mode = mode
+        rig.run(seconds)
+    assert rig.setpoints(since + 0.2) == [], "0.2 s until the next heartbeat tells"
+
+
+@pytest.mark.parametrize(("silence", "after"), [(2.5, LOITER), (4.0, LOITER), (4.0, GUIDED)])
+def test_a_silence_in_the_guided_mode_gives_nothing_back(make_rig, silence, after):
+    """The switch may have gone on in it."""
+    rig = make_rig(end_on_takeover=False).engage()
+    rig.mode = LOITER
+    rig.run(1.0)
+    since = rig.now
+    rig.mode = GUIDED
+    rig.run(1.0)
+    rig.speaks = False
+    rig.run(silence)
+    rig.speaks, rig.mode = True, after
+    rig.run(1.0)
+    assert rig.setpoints(since) == []
+    rig.mode = GUIDED
+    rig.run(2.0)
+    assert rig.pilot.phase is Phase.ENGAGED
+
+
+def test_what_was_given_back_and_cannot_be_steered_yet_may_be_taken_again(make_rig):
+    """Given back on the ground; then a switch passes through the guided mode in the air."""
+    rig = make_rig(end_on_takeover=False).engage()
+    rig.mode, rig.landed_state = LAND, ON_GROUND
+    rig.run(3.0)
+    rig.mode = GUIDED
+    rig.run(3.0)
+    assert rig.pilot.waits_for(rig.now) == "the vehicle is on the ground"
+    rig.mode, rig.landed_state = LOITER, IN_AIR
+    rig.run(3.0)
+    since = rig.now
+    rig.mode = GUIDED
+    rig.run(1.0)
+    rig.mode = LOITER
+    rig.run(1.0)
+    assert rig.setpoints(since) == []
+    rig.mode = GUIDED
+    rig.run(2.0)
+    assert rig.pilot.phase is Phase.ENGAGED
+
+
+@pytest.mark.parametrize("offset", [20, 60, 100, 150, 200, 250])
+def test_a_second_way_of_the_same_vehicle_whose_words_come_late_gives_nothing_back(make_rig, voice, say, offset):
+    """A heartbeat a second by each way, with counters of their own; the second way takes 1.2 s."""
+    rig, late = make_rig(end_on_takeover=False), voice(1, 1)
+    for _ in range(offset):
+        late.say(say.heartbeat(GUIDED))
+    rig.engage()
+    rig.speaks, left = False, rig.now + 3.0
+    for step in range(200):
+        if step % 20 == 0:
+            rig.hear(say.heartbeat(LOITER if rig.now >= left else GUIDED))
+        if step % 20 == 4:
+            rig.hear(say.heartbeat(LOITER if rig.now - 1.2 >= left else GUIDED), voice=late)
+        rig.run(0.05)
+    assert rig.setpoints(left + 0.05) == []
+    assert rig.pilot.phase is Phase.YIELDED
+
+
+def test_a_vehicle_that_has_landed_meanwhile_is_not_engaged_again_before_it_flies(make_rig):
+    rig = make_rig(end_on_takeover=False).engage()
+    rig.mode = LAND
+    rig.run(5.0)
+    rig.landed_state, rig.armed = ON_GROUND, False
+    rig.run(5.0)
+    since = rig.now
+    rig.mode, rig.armed = GUIDED, True
+    rig.run(5.0)
+    assert rig.setpoints(since) == []
+    assert rig.pilot.waits_for(rig.now) == "the vehicle is on the ground"
+    rig.landed_state = IN_AIR
+    rig.run(2.0)
+    assert rig.setpoints(since) != []
+
+
+def test_the_heartbeat_of_another_vehicle_in_guided_is_no_consent(rig, voice, say):
+    rig.mode = LOITER
+    other = voice(2, 1)
+    rig.run(1.0)
+    for _ in range(40):
+        rig.run(0.1)
+        rig.hear(say.heartbeat(GUIDED), voice=other, source="elsewhere")
+        rig.hear(say.heartbeat(GUIDED), voice=other)
+    assert rig.setpoints() == []
+
+
+def test_a_ground_station_and_a_companion_do_not_disturb_a_flight(rig, voice, say):
+    rig.engage()
+    for i in range(40):
+        rig.run(0.1)
+        rig.hear(say.heartbeat(0, kind=6, autopilot=8, armed=False), voice=voice(255, 190))
+        rig.hear(say.heartbeat(0, kind=18, autopilot=8, armed=False), voice=voice(1, 100 + i % 5))
+    assert rig.pilot.phase is Phase.ENGAGED
+
+
+def test_the_wrap_of_the_boot_time_in_flight_is_no_reboot(rig):
+    rig.engage()
+    for ms in (2**32 - 1000, 2**32 - 500, 0, 500):
+        rig.hear(mavlink.MAVLink_system_time_message(0, ms))
+        rig.run(0.5)
+    assert rig.pilot.phase is Phase.ENGAGED
+
+
+def test_a_current_mode_of_zero_is_no_mode(rig):
+    """Nothing was filled in: neither another mode nor a proof that the vehicle is there."""
+    rig.engage()
+    for _ in range(10):
+        rig.hear(mavlink.MAVLink_current_mode_message(0, 0, 0))
+        rig.run(0.05)
+    assert (rig.pilot.phase, rig.pilot.session.mode) == (Phase.ENGAGED, GUIDED)
+    rig.speaks = False
+    for _ in range(80):
+        rig.hear(mavlink.MAVLink_current_mode_message(0, 0, 0))
+        rig.run(0.05)
+    assert rig.pilot.phase is Phase.WAIT_LINK
+
+
+def test_a_vehicle_that_the_operator_took_is_not_taken_back_after_a_lost_link(make_rig):
+    rig = make_rig(request_mode=True, end_on_takeover=False).engage()
+    rig.mode = LOITER
+    rig.run(2.0)
+    assert rig.pilot.phase is Phase.YIELDED
+    rig.speaks = False
+    rig.run(4.0)
+    rig.speaks = True
+    since = rig.now
+    rig.run(10.0)
+    assert rig.commands(SET_MODE, since) == []
+    assert rig.setpoints(since) == []
+
+
+def test_after_a_lost_link_no_other_vehicle_is_flown(make_rig, voice, say):
+    """The consent was given for the vehicle that was flown."""
+    rig = make_rig().engage()
+    rig.speaks = False
+    since = rig.now
+    for _ in range(80):
+        rig.run(0.1)
+        rig.hear(say.heartbeat(GUIDED), voice=voice(2, 1), source="elsewhere")
+    assert [message for message in rig.setpoints(since) if message.target_system == 2] == []
+    rig.speaks = True
+    rig.run(1.0)
+    assert rig.pilot.phase is Phase.ENGAGED
+
+
+def test_an_outage_before_a_takeover_does_not_end_the_mission_that_waits(make_rig):
+    rig = make_rig(end_on_takeover=False).engage()
+    rig.speaks = False
+    rig.run(5.0)
+    rig.speaks, rig.mode = True, LOITER
+    rig.run(100.0)
+    assert rig.pilot.outcome is None and rig.pilot.phase is Phase.YIELDED
+
+
+@pytest.mark.parametrize("how", ["operator has it", "link is gone"])
+def test_a_mission_whose_time_runs_out_in_other_hands_is_not_completed(make_rig, say, how):
+    rig = make_rig(end_on_takeover=False, timing=replace(say.mission.timing, duration=20.0)).engage()
+    if how == "operator has it":
+        rig.mode = LOITER
+    else:
+        rig.speaks = False
+    rig.run(25.0)
+    assert rig.pilot.outcome.ending is Ending.ABORTED
+
+
+def test_after_a_takeover_another_radio_may_take_the_place_of_ours(make_rig, voice, say):
+    rig, other = make_rig(end_on_takeover=False).engage(), voice(system=77, component=192)
+    rig.mode, rig.ranges = LOITER, False
+    rig.run(6.0)
+    rig.mode = GUIDED
+    for i in range(100):
+        if i % 2:
+            rig.hear(say.distance(15000, 1_000_000 + round(rig.now * 1000)), voice=other)
+        rig.run(0.05)
+    assert rig.pilot.phase is Phase.ENGAGED
+
+
+def test_the_first_setpoint_after_a_takeover_is_not_slewed_from_the_last_one_before_it(make_rig):
+    """0.05 rad/s^2 over the 2 s that the operator had it would leave 0.25 rad/s of the turn that was flown before."""
+    rig = make_rig(end_on_takeover=False, max_yaw_acceleration=0.05)
+    rig.range_cm = 59000
+    rig.engage()
+    assert rig.setpoints()[-1].yaw_rate == pytest.approx(0.35)
+    rig.mode, rig.range_cm = LOITER, 5000
+    rig.run(1.0)
+    since = rig.now
+    rig.mode = 4
+    rig.run(2.0)
+    assert rig.setpoints(since)[0].yaw_rate == 0.0, "inside the circle it is straight on"
