@@ -5,12 +5,13 @@ later, in the estimator. See `range_messages` for what each message says.
 """
 
 from collections import Counter
-from collections.abc import Collection
+from collections.abc import Collection, Hashable
 
 from circnav_mav.guidance.range_noise import NoiseCheck
 from circnav_mav.guidance.slant import horizontal
 from circnav_mav.guidance.types import SAME_TIME, RangeSample
 from circnav_mav.mav.codec import Message
+from circnav_mav.mav.identity import Sender
 from circnav_mav.mav.range_messages import (
     DOWNWARD,
     OTHERS,
@@ -30,6 +31,9 @@ AUTOPILOT_COMPONENT = 1
 EPOCH_JUMP = 1.0
 """A stamp that is newer than the sensor's clock allows, or older than the newest, by more than this, s, is of a clock
 that was set. One that is merely late is not: SensorClock tells a clock that stood still from a slow link."""
+FUTURE, KNOWN_AFTER = 0.15, 100
+"""How far, s, a stamp may be ahead of the sensor's clock once so many ranges have told how quick its way can be. Less is
+the jitter of a link; more comes from another clock, and counts only where the old one has fallen silent."""
 SOURCE_SILENT = 5.0
 """Silence of the first sensor heard, s, after which another one may take its place."""
 
@@ -46,7 +50,12 @@ class RangeReader:
         self._noise = noise
         self._kind = RANGING_MESSAGES[settings.message]
         self._clock = SensorClock(slower)
-        self._source: tuple[int, int] | None = None
+        self.trusted: Sender | None = None
+        """Whose ranges count, and from where."""
+        self.rival: Sender | None = None
+        """Who has sent the newest message, where it is a range like those of the trusted sender, from elsewhere."""
+        self._with_vehicle = False
+        self._taken = 0
         self._sequence: int | None = None
         self._stamp: float | None = None
         self._arrival = 0.0
@@ -77,18 +86,26 @@ class RangeReader:
         height: float | None = None,
         strangers: Collection[int] = (),
         one_way: float = 0.0,
+        source: Hashable = None,
+        vehicle: Hashable = None,
     ) -> RangeSample | None:
         """The sample that a message carries, or None; a refusal is counted in `rejected`.
 
         height: of the vehicle above the target, m; None: ranges are taken as horizontal. strangers: systems of other
         vehicles, whose ranges are theirs unless the mission names one of them. one_way: how long messages of this link
-        are under way at least, s, as far as anybody can tell: stamps alone cannot.
+        are under way at least, s, as far as anybody can tell: stamps alone cannot. source: where it came from. vehicle:
+        where the vehicle's frames come from, None where that is not known; a radio that the autopilot forwards moves
+        with it.
         `restarted` tells whether the sensor's clock was found to have jumped with this sample.
         """
-        self.restarted, self.stepped = False, 0.0
+        self.restarted, self.stepped, self.rival = False, 0.0, None
         if message.get_type() != self._kind.type:
             return None
-        answer = self._judge(message, now, height, strangers)
+        if self._with_vehicle and self.trusted is not None and vehicle is not None:
+            self.trusted = (*self.trusted[:2], vehicle)
+        answer = self._judge(message, now, height, strangers, source)
+        if isinstance(answer, RangeSample):
+            self._with_vehicle = vehicle is not None and source == vehicle
         if isinstance(answer, RangeSample) and one_way > self._settings.max_age - SAME_TIME:
             answer = Reject.TOO_OLD
         if isinstance(answer, Reject):
@@ -101,13 +118,14 @@ class RangeReader:
         self.rejected[reason.value] += 1
 
     def _judge(
-        self, message: Message, now: float, height: float | None, strangers: Collection[int]
+        self, message: Message, now: float, height: float | None, strangers: Collection[int], source: Hashable
     ) -> RangeSample | Reject | None:
         reading = self._kind.read(message, self._settings)
         if reading is None:
             return None
-        source = (message.get_srcSystem(), message.get_srcComponent())
-        if not self._from_our_sensor(source, now, strangers):
+        sender = (message.get_srcSystem(), message.get_srcComponent(), source)
+        if not self._from_our_sensor(sender, now, strangers):
+            self.rival = None if isinstance(reading, Reject) else self.rival
             return Reject.WRONG_SOURCE
         if isinstance(reading, Reject):
             return reading
@@ -115,14 +133,15 @@ class RangeReader:
             return Reject.BELOW_MIN
         if reading.slant > self._settings.max_range:
             return Reject.ABOVE_MAX
-        if self._source not in (None, source):
+        if self.trusted not in (None, sender):
             self._begin_anew()
         stamp = self._unwrapped(reading.stamp, now)
         refusal = self._order(reading, stamp, now)
         if refusal is not None:
             return refusal
-        self._source, self._sequence, self._stamp = source, reading.sequence, stamp
+        self.trusted, self._sequence, self._stamp = sender, reading.sequence, stamp
         self._arrival, self._slant = now, reading.slant
+        self._taken += 1
         return self._sample(reading, stamp, now, height)
 
     def _sample(self, reading: Reading, stamp: float, now: float, height: float | None) -> RangeSample | Reject:
@@ -143,18 +162,20 @@ class RangeReader:
             flat = answer
         return RangeSample(stamp, time, *flat, source=self._kind.type)
 
-    def _from_our_sensor(self, source: tuple[int, int], now: float, strangers: Collection[int]) -> bool:
-        """One sensor only, of the configured ids: the first heard, until it falls silent."""
+    def _from_our_sensor(self, sender: Sender, now: float, strangers: Collection[int]) -> bool:
+        """One sensor only, of the configured ids, from one address: the first heard, until it falls silent."""
         settings = self._settings
-        if settings.system not in (None, source[0]) or settings.component not in (None, source[1]):
+        if settings.system not in (None, sender[0]) or settings.component not in (None, sender[1]):
             return False
-        if settings.system is None and source[0] in strangers and source[1] == AUTOPILOT_COMPONENT:
-            return False  # also where it was heard, and believed, before its heartbeat told what it is
-        if self.sender_stays and self._source is not None:
-            return source == self._source
-        if settings.system is None and source[0] in strangers:
-            return False
-        return self._source in (None, source) or now - self._arrival > SOURCE_SILENT
+        if settings.system is None and sender[0] in strangers:
+            # an autopilot's also where they were heard, and believed, before its heartbeat told what it is
+            if sender[1] == AUTOPILOT_COMPONENT or not self.sender_stays or sender != self.trusted:
+                return False
+        if self.trusted in (None, sender):
+            return True
+        silent = now - self._arrival > SOURCE_SILENT
+        self.rival = None if silent or sender[2] == self.trusted[2] else sender
+        return silent and not self.sender_stays
 
     def _unwrapped(self, stamp: float | None, now: float) -> float:
         """The stamp on a line that does not wrap; the arrival time when there is none or it is not to be used."""
@@ -170,7 +191,8 @@ class RangeReader:
         if self._stamp is None:
             return None
         step, waited = stamp - self._stamp, now - self._arrival
-        if step <= -EPOCH_JUMP or self._clock.ahead(stamp, now) > EPOCH_JUMP:
+        future = FUTURE if self._taken > KNOWN_AFTER else EPOCH_JUMP
+        if step <= -EPOCH_JUMP or self._clock.ahead(stamp, now) > future:
             return self._jump(stamp, now)
         self._jumped = None
         if step < 0:
@@ -196,5 +218,5 @@ class RangeReader:
     def _begin_anew(self) -> None:
         """Another clock, or another sensor: what was known of the old one says nothing of it."""
         self._clock.reset()
-        self._stamp, self._sequence, self._jumped = None, None, None
+        self._stamp, self._sequence, self._jumped, self._taken = None, None, None, 0
         self.restarted = True

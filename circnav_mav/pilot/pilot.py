@@ -18,6 +18,7 @@ from circnav_mav.guidance.velocity_loop import CopterMotion
 from circnav_mav.mav.autopilots.table import adapters
 from circnav_mav.mav.codec import LinkCounts, Message
 from circnav_mav.mav.frames import YawRate
+from circnav_mav.mav.identity import RADIO_NAME, Allowance
 from circnav_mav.mav.ranging import RANGING_MESSAGES
 from circnav_mav.mav.sensor_clock import nobody_tells
 from circnav_mav.mav.session import HANDLED, HEARTBEAT_PERIOD, LOST_AFTER, Session
@@ -73,6 +74,7 @@ class Pilot:
         self.why = ""
         """Why the law flies that flies, for people."""
         self.drift_alarm = DriftAlarm()
+        self.allowance = Allowance()
         self.setpoints_sent = 0
         self._gave_setpoint = False
         self._progress = Progress(self._say, self._in_our_hands)
@@ -90,6 +92,7 @@ class Pilot:
         self._next_hello = float("-inf")
         self._reboots = 0
         self._heartbeats_before: int | None = None
+        self._rivals: set[str] = set()
         self._law = ""
         self._cycles = 0
         self._airspeed_told = False
@@ -99,12 +102,14 @@ class Pilot:
 
     def receive(self, data: bytes, now: float, source: Hashable = None, link: str = VEHICLE) -> None:
         """Take in one datagram (or chunk of a stream) that arrived at `now` from `source` on a link."""
+        if not self._worth_reading(source, len(data), now, link):
+            return
         decoder = self._decoders[link]
         for message in decoder.decode(data):
             if link == VEHICLE and self.session.receive(message, now, source):
                 self._take_motion(message, now)
             if link == self._ranging_link:
-                self._take_range(message, now)
+                self._take_range(message, now, source)
         self._frames += decoder.frames
         if link == VEHICLE and decoder.behind:
             self.session.pinning.greet(source)
@@ -118,11 +123,24 @@ class Pilot:
         """An error of ours has ended the flight, whatever it had come to."""
         self._progress.outcome = Outcome(Ending.ABORTED, reason)
 
-    def _take_range(self, message: Message, now: float) -> None:
+    def _worth_reading(self, source: Hashable, size: int, now: float, link: str) -> bool:
+        """Whether a datagram is read: all of the vehicle and of the ranging radio, of others within an allowance."""
+        peer, radio = self.session.peer, self.target.ranging.trusted
+        unknown = peer is None if link == VEHICLE else radio is None
+        trusted = link == VEHICLE and peer is not None and source == peer.source
+        trusted |= link == self._ranging_link and radio is not None and source == radio[2]
+        return unknown or trusted or self.allowance.take(size, now)
+
+    def _take_range(self, message: Message, now: float, source: Hashable) -> None:
+        session, apart = self.session, self.settings.ranging_apart
         heard = self.target.hear(
             message, now, stalled=self._stalled(now), one_way=self._one_way(),
-            strangers=() if self.settings.ranging_apart else self.session.pinning.strangers,
+            strangers=() if apart else session.pinning.strangers,
+            source=source, vehicle=session.peer.source if session.peer and not apart else None,
         )  # fmt: skip
+        ranging = self.target.ranging
+        if ranging.rival is not None and ranging.trusted is not None:
+            session.pinning.rivals.heard(RADIO_NAME, ranging.rival, ranging.trusted, now)
         if heard:
             self._beat.heard(now)
 
@@ -266,6 +284,7 @@ class Pilot:
         self._watch_link(now)
         self._watch_takeover(now)
         self._waiting.watch(now)
+        self._tell_rivals(now)
         estimate = self.target.at(now)
         self._watch_bounds(estimate, now)
         self._watch_ranging(estimate, now)
@@ -451,6 +470,13 @@ class Pilot:
         if self._leaving.failure is not None and progress.outcome is not None:
             progress.outcome = Outcome(progress.outcome.ending, f"{progress.outcome.reason}; {self._leaving.failure}")
         return None if silent else self.helm.safe_setpoint(self.session, now)
+
+    def _tell_rivals(self, now: float) -> None:
+        """Say that somebody else uses the vehicle's name, ours or the radio's, once each time it begins."""
+        rivals = {line.partition(" has ")[0] for line in self.session.pinning.rivals.recent(now)}
+        for name in sorted(rivals - self._rivals):
+            self._say(f"rival of {name}", f"second sender of {name} rejected")
+        self._rivals = rivals
 
     def _tell_cycle(self) -> None:
         """Say that the turn command swings from limit to limit, and what is done about it."""

@@ -15,6 +15,7 @@ from circnav_mav.mav.autopilots.interface import Autopilot
 from circnav_mav.mav.autopilots.table import adapters
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.height import Height
+from circnav_mav.mav.identity import RADIO_NAME
 from circnav_mav.mav.own_motion import Motion
 from circnav_mav.mav.params import ParameterReader
 from circnav_mav.mav.ranging import RANGING_MESSAGES, RangeReader
@@ -96,7 +97,7 @@ class VehicleSeen:
 @dataclass(frozen=True, slots=True)
 class Observations:
     """All that a survey has heard. links: each link's bytes, frames and systems in words. carriers: ranging messages
-    by sender and marks. end, seconds: when the listening ended and how long it measured, s. signed, zero_key, refused:
+    by sender and marks. rivals: who speaks in a name of ours at the end, in words. end, seconds: when the listening ended and how long it measured, s. signed, zero_key, refused:
     frames of the vehicle's link with a signature, with one of the all-zero key where we have none, and those not
     believed, by reason."""
 
@@ -105,6 +106,7 @@ class Observations:
     version_1: int
     frames: int
     others: Mapping[str, int]
+    rivals: tuple[str, ...]
     misfits: tuple[str, ...]
     ranges: tuple[RangeHeard, ...]
     rejected: Mapping[str, int]
@@ -173,7 +175,7 @@ class Survey:
             if link == VEHICLE and self.session.receive(message, now, source):
                 self._take_telemetry(message, now)
             if link == self._ranging_link:
-                self._take_range(message, now)
+                self._take_range(message, now, source)
         if link == VEHICLE and decoder.behind:
             self.session.pinning.greet(source)
 
@@ -207,6 +209,7 @@ class Survey:
             version_1=counts.version_1,
             frames=counts.frames,
             others=dict(self.session.ignored),
+            rivals=tuple(self.session.pinning.rivals.recent(self._end)),
             misfits=tuple(self.session.misfits.values()),
             ranges=tuple(self._ranges),
             rejected=dict(self._ranging.rejected),
@@ -293,11 +296,14 @@ class Survey:
             self._boots.clear()
         self._boots.append(heard)
 
-    def _take_range(self, message: Message, now: float) -> None:
+    def _take_range(self, message: Message, now: float, source: Hashable) -> None:
         if message.get_type() != self._ranging_type:
             return
         marks = ", ".join(f"{mark} {getattr(message, mark)}" for mark in _MARKS[self._ranging_type])
         self._carriers[f"{message.get_srcSystem()}/{message.get_srcComponent()} {marks}"] += 1
-        sample = self._ranging.read(message, now)
+        peer = None if self._settings.ranging_apart else self.session.peer
+        sample = self._ranging.read(message, now, source=source, vehicle=peer.source if peer else None)
+        if self._ranging.rival is not None and self._ranging.trusted is not None:
+            self.session.pinning.rivals.heard(RADIO_NAME, self._ranging.rival, self._ranging.trusted, now)
         if sample is not None and self._settled(now):
             self._ranges.append(RangeHeard(sample.stamp, sample.time, now, sample.r, sample.sigma))
