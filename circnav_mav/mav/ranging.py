@@ -104,8 +104,8 @@ class RangeReader:
         if self._with_vehicle and self.trusted is not None and vehicle is not None:
             self.trusted = (*self.trusted[:2], vehicle)
         answer = self._judge(message, now, height, strangers, source)
-        if isinstance(answer, RangeSample):
-            self._with_vehicle = vehicle is not None and source == vehicle
+        if isinstance(answer, RangeSample) and vehicle is not None:
+            self._with_vehicle = source == vehicle
         if isinstance(answer, RangeSample) and one_way > self._settings.max_age - SAME_TIME:
             answer = Reject.TOO_OLD
         if isinstance(answer, Reject):
@@ -135,6 +135,7 @@ class RangeReader:
             return Reject.ABOVE_MAX
         if self.trusted not in (None, sender):
             self._begin_anew()
+            self._with_vehicle = False
         stamp = self._unwrapped(reading.stamp, now)
         refusal = self._order(reading, stamp, now)
         if refusal is not None:
