@@ -32,8 +32,8 @@ EPOCH_JUMP = 1.0
 """A stamp that is newer than the sensor's clock allows, or older than the newest, by more than this, s, is of a clock
 that was set. One that is merely late is not: SensorClock tells a clock that stood still from a slow link."""
 FUTURE, KNOWN_AFTER = 0.15, 100
-"""How far, s, a stamp may be ahead of the sensor's clock once so many ranges have told how quick its way can be. Less is
-the jitter of a link; more comes from another clock, and counts only where the old one has fallen silent."""
+"""How far, s, a stamp may be ahead of the sensor's clock once so many ranges have told how quick its way can be. Less
+is the jitter of a link; more comes from another clock, and counts only where the old one has fallen silent."""
 SOURCE_SILENT = 5.0
 """Silence of the first sensor heard, s, after which another one may take its place."""
 
@@ -168,10 +168,10 @@ class RangeReader:
         settings = self._settings
         if settings.system not in (None, sender[0]) or settings.component not in (None, sender[1]):
             return False
-        if settings.system is None and sender[0] in strangers:
-            # an autopilot's also where they were heard, and believed, before its heartbeat told what it is
-            if sender[1] == AUTOPILOT_COMPONENT or not self.sender_stays or sender != self.trusted:
-                return False
+        # an autopilot's also where they were heard, and believed, before its heartbeat told what it is
+        stays = self.sender_stays and sender == self.trusted and sender[1] != AUTOPILOT_COMPONENT
+        if settings.system is None and sender[0] in strangers and not stays:
+            return False
         if self.trusted in (None, sender):
             return True
         silent = now - self._arrival > SOURCE_SILENT

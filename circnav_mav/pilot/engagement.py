@@ -30,7 +30,12 @@ class Engagement:
             return True
         if not self._authority.consent or not self._session.in_our_mode or self._session.missing(now):
             return False
-        return not self._may_be_on_ground(now) and self.link_quick(now)
+        return not self._may_be_on_ground(now) and self.link_quick(now) and not self._disputed(now)
+
+    def _disputed(self, now: float) -> str:
+        """Why it is not sure who the vehicle, or its radio, is; asked before the first engagement only."""
+        rivals = self._session.pinning.rivals.recent(now) if self._progress.engaged_at is None else []
+        return f"{rivals[0]}: name yours with link.peer, or sign" if rivals else ""
 
     def link_quick(self, now: float) -> bool:
         """Whether question and answer are within the mission's bound; asked before the first engagement only."""
@@ -45,7 +50,7 @@ class Engagement:
         session = self._session
         if self._progress.phase is not Phase.READY or not session.adapter.wants_setpoints_in(session.mode):
             return False
-        if not self._authority.consent or self._may_be_on_ground(now) or session.missing(now):
+        if not self._authority.consent or self._may_be_on_ground(now) or session.missing(now) or self._disputed(now):
             return False
         return self.link_quick(now) or session.in_our_mode
 
@@ -67,7 +72,7 @@ class Engagement:
             return False
         if progress.phase is not Phase.READY or self._left_again or self._may_be_on_ground(now):
             return False
-        return self.link_quick(now) and not self._session.missing(now)
+        return self.link_quick(now) and not self._session.missing(now) and not self._disputed(now)
 
     @property
     def _left_again(self) -> bool:
@@ -79,6 +84,8 @@ class Engagement:
         session, authority = self._session, self._authority
         if not authority.consent:
             return why_withheld(session, left_mode=authority.left_mode)
+        if disputed := self._disputed(now):
+            return disputed
         if not self.link_quick(now):
             return why_slow(session.round_trip.typical, self._settings.timing.round_trip)
         if session.missing(now):

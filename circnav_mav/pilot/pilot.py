@@ -18,7 +18,7 @@ from circnav_mav.guidance.velocity_loop import CopterMotion
 from circnav_mav.mav.autopilots.table import adapters
 from circnav_mav.mav.codec import LinkCounts, Message
 from circnav_mav.mav.frames import YawRate
-from circnav_mav.mav.identity import RADIO_NAME, Allowance
+from circnav_mav.mav.identity import RADIO_NAME, Allowance, describe_sender
 from circnav_mav.mav.ranging import RANGING_MESSAGES
 from circnav_mav.mav.sensor_clock import nobody_tells
 from circnav_mav.mav.session import HANDLED, HEARTBEAT_PERIOD, LOST_AFTER, Session
@@ -227,6 +227,17 @@ class Pilot:
     def reply_to(self) -> Hashable:
         """Where the vehicle link's bytes go: the source of the vehicle's frames, None before it was heard."""
         return self.session.reply_to
+
+    @property
+    def believed(self) -> str:
+        """Who is believed to be the vehicle and its radio, and from where, for people; empty while nobody is."""
+        peer, radio = self.session.peer, self.target.ranging.trusted
+        if peer is None:
+            return ""
+        ranges = "" if radio is None else f", ranges of {radio[0]}/{radio[1]}"
+        if radio is not None and radio[2] != peer.source:
+            ranges = f", ranges of {describe_sender(radio)}"
+        return f"{describe_sender(peer.sender)}{ranges}"
 
     def counts(self, link: str = VEHICLE) -> LinkCounts:
         """What came in on a link."""

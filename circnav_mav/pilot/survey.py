@@ -21,6 +21,7 @@ from circnav_mav.mav.params import ParameterReader
 from circnav_mav.mav.ranging import RANGING_MESSAGES, RangeReader
 from circnav_mav.mav.session import HANDLED, HEARTBEAT_PERIOD, Session, describe_vehicle
 from circnav_mav.mav.signing import Signing
+from circnav_mav.mav.statustext import plain_text
 from circnav_mav.pilot.listening import decoders, more_streams
 from circnav_mav.pilot.settings import RANGING, VEHICLE, PilotSettings
 
@@ -96,10 +97,10 @@ class VehicleSeen:
 
 @dataclass(frozen=True, slots=True)
 class Observations:
-    """All that a survey has heard. links: each link's bytes, frames and systems in words. carriers: ranging messages
-    by sender and marks. rivals: who speaks in a name of ours at the end, in words. end, seconds: when the listening ended and how long it measured, s. signed, zero_key, refused:
-    frames of the vehicle's link with a signature, with one of the all-zero key where we have none, and those not
-    believed, by reason."""
+    """All that a survey has heard. links: each link's bytes, frames and systems in words. rivals: second senders at the
+    end, in words. carriers: ranging messages by sender and marks. end, seconds: when the listening ended and how long
+    it measured, s. signed, zero_key, refused: frames of the vehicle's link with a signature, with one of the all-zero
+    key where we have none, and those not believed, by reason."""
 
     vehicle: VehicleSeen | None
     links: Mapping[str, str]
@@ -299,7 +300,7 @@ class Survey:
     def _take_range(self, message: Message, now: float, source: Hashable) -> None:
         if message.get_type() != self._ranging_type:
             return
-        marks = ", ".join(f"{mark} {getattr(message, mark)}" for mark in _MARKS[self._ranging_type])
+        marks = ", ".join(f"{mark} {plain_text(str(getattr(message, mark)))}" for mark in _MARKS[self._ranging_type])
         self._carriers[f"{message.get_srcSystem()}/{message.get_srcComponent()} {marks}"] += 1
         peer = None if self._settings.ranging_apart else self.session.peer
         sample = self._ranging.read(message, now, source=source, vehicle=peer.source if peer else None)

@@ -9,6 +9,7 @@ from pymavlink.dialects.v20 import all as dialect
 from circnav_mav.mav.codec import Decoder, Message
 from circnav_mav.mav.ranging import RANGING_MESSAGES, RangeReader, RangingSettings, Reject
 from circnav_mav.mav.session import describe_vehicle
+from circnav_mav.mav.statustext import plain_text
 from circnav_mav.pilot import Pilot
 from circnav_mav.runlog.loop_steps import Turn
 from circnav_mav.runlog.tlog import message_id
@@ -90,7 +91,7 @@ class Witness:
                 self.heartbeats[ids] += 1
             return
         kind = next(name for name, one in RANGING_MESSAGES.items() if one.id == message.get_msgId())
-        marks = tuple(str(getattr(message, mark)) for mark in MARKS[kind])
+        marks = tuple(plain_text(str(getattr(message, mark))) for mark in MARKS[kind])
         if kind == "named_value_float" and kind != self.settings.message and marks != (self.settings.name,):
             return  # values of any kind come under names
         heard = self.senders.setdefault(Sender(kind, *ids, marks), Heard())
