@@ -33,7 +33,11 @@ EPOCH_JUMP = 1.0
 that was set. One that is merely late is not: SensorClock tells a clock that stood still from a slow link."""
 FUTURE, KNOWN_AFTER = 0.15, 100
 """How far, s, a stamp may be ahead of the sensor's clock once so many ranges have told how quick its way can be. Less
-is the jitter of a link; more comes from another clock, and counts only where the old one has fallen silent."""
+is the jitter of a link; more is of another clock, or the way has become quicker, and counts only where nothing comes by
+the old one any more."""
+DOUBT = 0.5
+"""Time, s, after such a stamp in which those by the old clock do not count either: if the way has become quicker, they
+are older than they seem."""
 SOURCE_SILENT = 5.0
 """Silence of the first sensor heard, s, after which another one may take its place."""
 
@@ -56,6 +60,7 @@ class RangeReader:
         """Who has sent the newest message, where it is a range like those of the trusted sender, from elsewhere."""
         self._with_vehicle = False
         self._taken = 0
+        self._ahead_at = float("-inf")
         self._sequence: int | None = None
         self._stamp: float | None = None
         self._arrival = 0.0
@@ -192,9 +197,15 @@ class RangeReader:
         if self._stamp is None:
             return None
         step, waited = stamp - self._stamp, now - self._arrival
-        future = FUTURE if self._taken > KNOWN_AFTER else EPOCH_JUMP
-        if step <= -EPOCH_JUMP or self._clock.ahead(stamp, now) > future:
+        ahead = self._clock.ahead(stamp, now)
+        if self._taken > KNOWN_AFTER and FUTURE < ahead <= EPOCH_JUMP:
+            self._ahead_at = now
             return self._jump(stamp, now)
+        if step <= -EPOCH_JUMP or ahead > EPOCH_JUMP:
+            return self._jump(stamp, now)
+        if now - self._ahead_at < DOUBT:
+            self._arrival = now
+            return Reject.CLOCK
         self._jumped = None
         if step < 0:
             return Reject.OLDER
@@ -220,4 +231,5 @@ class RangeReader:
         """Another clock, or another sensor: what was known of the old one says nothing of it."""
         self._clock.reset()
         self._stamp, self._sequence, self._jumped, self._taken = None, None, None, 0
+        self._ahead_at = float("-inf")
         self.restarted = True

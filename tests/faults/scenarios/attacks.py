@@ -144,9 +144,9 @@ def first(name: str, say: Say, reported: str) -> Scenario:
     return attack(name, by(say, 10.0), reported, down=Impairment(outages=((0.0, 6.0),)), **HELD_BACK)
 
 
-def waits(course: Course) -> str | None:
+def waits(course: Course, until: float = FRESH_PATIENCE) -> str | None:
     """Until the attack is over."""
-    early = [time for time in course.steered_at if time < FRESH_PATIENCE]
+    early = [time for time in course.steered_at if time < until]
     return f"{len(early)} setpoints while it was not sure who the vehicle is" if early else None
 
 
@@ -185,9 +185,11 @@ ATTACKS = [
         down=Impairment(outages=((0.0, 20.0),)),
     ),
     first("the vehicle and its radio, six seconds early", whole_vehicle, VEHICLES),
-    first("ranges of the radio, six seconds early", ranges(1.3, 0.1), RADIOS),
     attack(
-        "the same until 20 s", by(ranges(1.3, 0.1), 10.0, until=20.0), RADIOS, fresh=True, after=0.0, want=Want.ENGAGE
+        "ranges before the radio's first, until 20 s",
+        by(ranges(1.3, 0.1), 10.0, until=20.0),
+        RADIOS,
+        **{**HELD_BACK, "want": Want.ENGAGE, "check": lambda course: waits(course, until=20.0)},
     ),
     attack("refusals of the mode, from the start", by(answers, 20.0), VEHICLES, **HELD_BACK),
     *(
@@ -200,9 +202,14 @@ ATTACKS = [
         )
     ),
     attack("ESC in the vehicle's own texts", forged_address(escapes, 5.0), "PreArm", check=no_raw_text),
-    attack("ranges 400 ms ahead, from the radio's own address", forged_address(drawing(0.4), 20.0), "SENSOR CLOCK"),
+    attack(
+        "ranges 400 ms ahead, address forged",
+        forged_address(drawing(0.4), 20.0),
+        "SENSOR CLOCK",
+        want=Want.SAFE,
+    ),
     *(
-        attack(f"{name}, its own address forged, link signed", forged_address(say, 10.0), "unsigned frames", keys=BOTH)
+        attack(f"{name}, address forged, link signed", forged_address(say, 10.0), "unsigned frames", keys=BOTH)
         for name, say in (
             ("ranges of the radio", drawing(0.1)),
             ("mode of the vehicle", heartbeat),
