@@ -31,7 +31,7 @@ def open_links(mission: Mission, open_things: ExitStack) -> dict[str, Link]:
     links: dict[str, Link] = {}
     for name, endpoint in endpoints.items():
         try:
-            peers = () if endpoint == SIM else mission.file.link.peer
+            peers = () if endpoint == SIM else mission.file.link.peer or ()
             links[name] = open_link(LOOPBACK if endpoint == SIM else endpoint, peers)
         except LinkError as error:
             raise Refused(str(error), Exit.NOTHING_HEARD if error.nobody else Exit.USAGE) from None

@@ -113,7 +113,7 @@ class LinkTable(Table):
     """[link]"""
 
     endpoint: Name
-    peer: Addresses = []
+    peer: Addresses | None = None
     component_id: Annotated[int, Field(ge=191, le=194)] = 191
     wait_s: Positive = 30.0
     clock: Literal["local", "autopilot"] = "local"
