@@ -313,3 +313,28 @@ def test_a_radio_of_its_own_address_is_not_followed_to_another_in_flight(rig, vo
         rig.run(0.05)
     assert rig.pilot.target.newest.time < 6.1
     assert rig.pilot.believed == "1/1 at vehicle, ranges of 1/192 at 10.0.0.7:7"
+    before = rig.pilot.counts().bytes
+    for _ in range(500):
+        rig.pilot.receive(bytes(1000), rig.now, ("10.0.0.7", 7))
+    assert rig.pilot.counts().bytes - before == 500_000, "nor is it a stranger, whose bytes are counted"
+
+
+def test_a_second_sender_is_told_of_once_and_only_if_his_ranges_fit_the_mission(rig, say):
+    rig.engage()
+    for orientation, told in ((0, []), (24, ["circnav: second sender of the ranging radio rejected"])):
+        for _ in range(60):
+            rig.hear(
+                say.distance(15000, 1_000_000 + round(rig.now * 1000), orientation=orientation), source="elsewhere"
+            )
+            rig.run(0.1)
+        assert [text for text in rig.texts() if "ranging radio" in text] == told
+
+
+def test_where_two_speak_as_the_vehicle_neither_is_engaged_until_one_is_silent(rig, say):
+    for _ in range(40):
+        rig.hear(say.heartbeat(GUIDED), source="elsewhere")
+        rig.run(0.1)
+    assert rig.pilot.phase is Phase.READY
+    assert "the vehicle has a second sender: 1/1 at vehicle is rejected" in rig.pilot.waits_for(rig.now)
+    assert rig.pilot.waits_for(rig.now).endswith("name yours with link.peer, or sign")
+    assert rig.setpoints() == []
