@@ -486,7 +486,7 @@ class Pilot:
         """Say that somebody else uses the vehicle's name, ours or the radio's, once each time it begins."""
         rivals = {line.partition(" has ")[0] for line in self.session.pinning.rivals.recent(now)}
         for name in sorted(rivals - self._rivals):
-            self._say(f"rival of {name}", f"second sender of {name} rejected")
+            self._say(f"rival of {name}", f"{name}: second sender rejected")
         self._rivals = rivals
 
     def _tell_cycle(self) -> None:

@@ -267,7 +267,7 @@ def test_frames_in_our_name_that_the_vehicle_did_not_forward_end_nothing_and_are
     assert rig.pilot.outcome is None
     (line,) = rig.pilot.session.pinning.rivals.recent(rig.now)
     assert line.startswith("circnav has a second sender: 1/191 at 10.9.9.9:6666 is rejected")
-    assert "circnav: second sender of circnav rejected" in rig.texts()
+    assert "circnav: circnav: second sender rejected" in rig.texts()
     rig.run(6.0)
     assert rig.pilot.session.pinning.rivals.recent(rig.now) == []
 
@@ -321,7 +321,7 @@ def test_a_radio_of_its_own_address_is_not_followed_to_another_in_flight(rig, vo
 
 def test_a_second_sender_is_told_of_once_and_only_if_his_ranges_fit_the_mission(rig, say):
     rig.engage()
-    for orientation, told in ((0, []), (24, ["circnav: second sender of the ranging radio rejected"])):
+    for orientation, told in ((0, []), (24, ["circnav: the ranging radio: second sender rejected"])):
         for _ in range(60):
             rig.hear(
                 say.distance(15000, 1_000_000 + round(rig.now * 1000), orientation=orientation), source="elsewhere"
