@@ -319,15 +319,19 @@ def test_a_radio_of_its_own_address_is_not_followed_to_another_in_flight(rig, vo
     assert rig.pilot.counts().bytes - before == 500_000, "nor is it a stranger, whose bytes are counted"
 
 
-def test_a_second_sender_is_told_of_once_and_only_if_his_ranges_fit_the_mission(rig, say):
+def test_a_second_sender_is_told_of_once_and_only_if_his_ranges_fit_the_mission(rig, voice, say):
+    """From another address: beside ours, on our own link, other sensors are common."""
     rig.engage()
-    for orientation, told in ((0, []), (24, ["circnav: the ranging radio: second sender rejected"])):
+    told = ["circnav: the ranging radio: second sender rejected"]
+    for orientation, source, texts in (
+        (24, "vehicle", []), (0, "elsewhere", []), (24, "elsewhere", told)
+    ):  # fmt: skip
+        other = voice(1, 193)
         for _ in range(60):
-            rig.hear(
-                say.distance(15000, 1_000_000 + round(rig.now * 1000), orientation=orientation), source="elsewhere"
-            )
+            message = say.distance(15000, 1_000_000 + round(rig.now * 1000), orientation=orientation)
+            rig.hear(message, voice=other, source=source)
             rig.run(0.1)
-        assert [text for text in rig.texts() if "ranging radio" in text] == told
+        assert [text for text in rig.texts() if "ranging radio" in text] == texts
 
 
 def test_where_two_speak_as_the_vehicle_neither_is_engaged_until_one_is_silent(rig, say):
