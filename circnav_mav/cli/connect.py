@@ -31,7 +31,8 @@ def open_links(mission: Mission, open_things: ExitStack) -> dict[str, Link]:
     links: dict[str, Link] = {}
     for name, endpoint in endpoints.items():
         try:
-            links[name] = open_link(LOOPBACK if endpoint == SIM else endpoint)
+            peers = () if endpoint == SIM else mission.file.link.peer or ()
+            links[name] = open_link(LOOPBACK if endpoint == SIM else endpoint, peers)
         except LinkError as error:
             raise Refused(str(error), Exit.NOTHING_HEARD if error.nobody else Exit.USAGE) from None
         open_things.callback(links[name].close)

@@ -22,7 +22,8 @@ _NEVER_LOGGED = dialect.MAVLINK_MSG_ID_SETUP_SIGNING
 """Carries somebody's key."""
 _MOST_SYSTEMS = 32
 _MOST_FAILURES = 64
-"""Failed starts after which the rest of a datagram is left: bounds the work that a hostile one can cause."""
+"""Bytes that seemed to begin a frame and did not, after which the rest of a datagram is left: bounds the work that a
+hostile one can cause. Each counts, also one that a look at its header rules out: a search for the next is not free."""
 
 
 @dataclass(slots=True)
@@ -101,7 +102,7 @@ class Decoder:
             if self._stream and frame is not None and must_wait(buffer, frame):
                 break
             if frame is None or not is_good(buffer, frame):
-                at, failures = next_start(buffer, at + 1), failures + (frame is not None or not failures)
+                at, failures = next_start(buffer, at + 1), failures + 1
                 continue
             data, at = buffer[at : frame.end], frame.end
             self._count(frame, data)

@@ -16,8 +16,17 @@ NO_AUTOPILOT = (dialect.MAV_AUTOPILOT_INVALID, dialect.MAV_AUTOPILOT_GENERIC)
 MOVES_AFTER = 1.5
 """Silence of the vehicle about its mode, s, after which it may speak from another address."""
 MOST_MISFITS = 16
+RIVAL_KEPT = 5.0
+"""Time, s, for which a second sender counts as there: longer than the pauses between the heartbeats of a lossy link."""
+STRANGERS_RATE, STRANGERS_BURST = 64_000.0, 32_000.0
+"""Bytes a second, and at once, that are read of senders that are not trusted, while the vehicle is there: several other
+vehicles say less. In the worst case they take 2 % of the processor's time, and leave the socket to the vehicle."""
+VEHICLE_NAME, OUR_NAME, RADIO_NAME = "the vehicle", "circnav", "the ranging radio"
+"""Whose name a second sender uses, for people."""
 Ids = tuple[int, int]
 """(system, component)."""
+Sender = tuple[int, int, Hashable]
+"""(system, component, where its frames come from)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +50,54 @@ class Peer:
         """(system, component)."""
         return (self.system, self.component)
 
+    @property
+    def sender(self) -> Sender:
+        """(system, component, source)."""
+        return (self.system, self.component, self.source)
+
+
+class Rivals:
+    """Second senders: who says from elsewhere what counts from one address only. By whose name is used: the vehicle's,
+    ours, the ranging radio's."""
+
+    def __init__(self) -> None:
+        self.counts: Counter[str] = Counter()
+        self._newest: dict[str, tuple[Sender, Sender, float]] = {}
+        """By name: the rival, the trusted one, and when the rival was last heard."""
+
+    def heard(self, name: str, rival: Sender, trusted: Sender, now: float) -> None:
+        """Somebody else has used the name."""
+        self.counts[name] += 1
+        self._newest[name] = (rival, trusted, now)
+
+    def recent(self, now: float) -> list[str]:
+        """What the operator is told, a line for each name."""
+        return [
+            f"{name} has a second sender: {describe_sender(rival)} is rejected, {describe_sender(trusted)} counts"
+            for name, (rival, trusted, at) in self._newest.items()
+            if now - at <= RIVAL_KEPT
+        ]
+
+
+class Allowance:
+    """How much of strangers is read, so that a flood of theirs leaves the time to hear the vehicle."""
+
+    def __init__(self) -> None:
+        self._left, self._at = STRANGERS_BURST, 0.0
+        self.dropped = 0
+        """Bytes that were not read."""
+        self.dropped_at = float("-inf")
+
+    def take(self, size: int, now: float) -> bool:
+        """Whether so many bytes more may be read."""
+        self._left = min(self._left + STRANGERS_RATE * (now - self._at), STRANGERS_BURST)
+        self._at = now
+        if size > self._left:
+            self.dropped, self.dropped_at = self.dropped + size, now
+            return False
+        self._left -= size
+        return True
+
 
 class Identity:
     """Keeps who the vehicle is, where it is spoken to, and why nobody else is."""
@@ -60,6 +117,7 @@ class Identity:
         self.vehicles: set[int] = set()
         """Systems that have told of an autopilot: an id is one byte, they cannot be many."""
         self.misfits: dict[Ids, str] = {}
+        self.rivals = Rivals()
 
     @property
     def strangers(self) -> Collection[int]:
@@ -84,12 +142,16 @@ class Identity:
         if self.peer is None or (ids == self.peer.ids and silence > MOVES_AFTER):
             self._consider(heartbeat, ids, source, now)
 
-    def speaks(self, message: Message, source: Hashable) -> bool:
-        """Whether a message is our vehicle's; heartbeats of other vehicles are counted."""
+    def speaks(self, message: Message, source: Hashable, now: float, *, silence: float) -> bool:
+        """Whether a message is our vehicle's; heartbeats of other vehicles are counted, and so is whoever speaks in its
+        name from another address while it is not silent (s)."""
         if self.peer is None:
             return False
-        if sender(message) == self.peer.ids and source == self.peer.source:
-            return True
+        if sender(message) == self.peer.ids:
+            if source == self.peer.source:
+                return True
+            if silence <= MOVES_AFTER:
+                self.rivals.heard(VEHICLE_NAME, (*self.peer.ids, source), self.peer.sender, now)
         if message.get_type() == "HEARTBEAT" and message.autopilot != dialect.MAV_AUTOPILOT_INVALID:
             self.ignored["other_vehicle"] += 1
         return False
@@ -128,6 +190,19 @@ class Identity:
 def sender(message: Message) -> Ids:
     """Whose name a message came in."""
     return (message.get_srcSystem(), message.get_srcComponent())
+
+
+def spelt(source: Hashable) -> str:
+    """An address as endpoints are written; what is no address of a socket as it is."""
+    if not isinstance(source, tuple):
+        return str(source)
+    host, port = source[:2]
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+
+
+def describe_sender(sender: Sender) -> str:
+    """Ids and address for people."""
+    return f"{sender[0]}/{sender[1]} at {spelt(sender[2])}"
 
 
 def _fits(adapter: Autopilot, heartbeat: Message) -> bool:

@@ -10,6 +10,7 @@ from collections.abc import Iterable
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mav.codec import Message
+from circnav_mav.mav.statustext import plain_text
 
 ANSWER_TIMEOUT = 0.7
 TRIES = 3
@@ -58,7 +59,7 @@ class ParameterReader:
 
     def receive(self, message: Message) -> None:
         """Take in a PARAM_VALUE of our vehicle. Values that others have asked for are welcome, if wanted."""
-        name = _text(message.param_id)
+        name = plain_text(message.param_id)
         if name in self._due or name in self._waiting or name in self.unanswered:
             self.values[name] = parameter_value(message, bytewise=self._bytewise)
             self._due.pop(name, None)
@@ -81,9 +82,3 @@ class ParameterReader:
 
 def _request(name: str, target: tuple[int, int]) -> Message:
     return dialect.MAVLink_param_request_read_message(*target, name.encode("ascii"), BY_NAME)
-
-
-def _text(name: str | bytes) -> str:
-    """A parameter's name; sixteen characters have no terminating zero."""
-    text = name.decode("ascii", "replace") if isinstance(name, bytes) else name
-    return text.split("\0", 1)[0]

@@ -10,7 +10,7 @@ from circnav_mav.mav.accelerations import UNITS
 from circnav_mav.mav.autopilots.interface import Autopilot
 from circnav_mav.mav.codec import Encoder, Message
 from circnav_mav.mav.commands import Command, CommandResult, CommandSender, once
-from circnav_mav.mav.identity import Identity, LinkSettings, Peer, describe_vehicle, sender
+from circnav_mav.mav.identity import OUR_NAME, Identity, LinkSettings, Peer, describe_vehicle, sender
 from circnav_mav.mav.own_motion import OwnMotionSensor
 from circnav_mav.mav.signing import Signing
 from circnav_mav.mav.statustext import Announcer
@@ -142,8 +142,8 @@ class Session:
 
     def receive(self, message: Message, now: float, source: Hashable) -> bool:
         """Take one message in; tells whether it is of the pinned vehicle. Nobody else moves anything here."""
-        if self.up and sender(message) == (self.encoder.system, self._component):
-            self._in_our_name(bytes(message.get_msgbuf()), now)
+        if self.peer is not None and sender(message) == (self.encoder.system, self._component):
+            self._in_our_name(bytes(message.get_msgbuf()), self.peer, source, now)
             return False
         kind = message.get_type()
         if kind == "HEARTBEAT":
@@ -151,7 +151,7 @@ class Session:
             self.pinning.hear(message, source, now, silence=self.heartbeat_age(now))
             if self.peer is not None and self.peer != before:
                 self._pinned(self.peer, anew=before is None)
-        if not self.pinning.speaks(message, source):
+        if not self.pinning.speaks(message, source, now, silence=self.heartbeat_age(now)):
             return False
         self.streams.heard(message.get_msgId())
         reboots = self.told.reboots
@@ -170,11 +170,16 @@ class Session:
         self.pinning.let_go()
         self.commands.clear()
 
-    def _in_our_name(self, frame: bytes, now: float) -> None:
-        echo = frame in self._sent
-        self.ignored["echo" if echo else "twin"] += 1
-        if not echo:
+    def _in_our_name(self, frame: bytes, peer: Peer, source: Hashable, now: float) -> None:
+        """An echo, or another companion. What the vehicle forwards was said to it; from elsewhere anybody says that."""
+        if frame in self._sent:
+            self.ignored["echo"] += 1
+        elif source == peer.source:
+            self.ignored["twin"] += 1
             self._twin_heard.append(now)
+        else:
+            ours = (self.encoder.system, self._component)
+            self.pinning.rivals.heard(OUR_NAME, (*ours, source), (*ours, "this computer"), now)
 
     def _pinned(self, peer: Peer, *, anew: bool) -> None:
         """The vehicle was found, or speaks from another address."""

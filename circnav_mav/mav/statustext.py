@@ -45,6 +45,12 @@ class Announcer:
         return [dialect.MAVLink_named_value_float_message(stamp, n.encode(), v) for n, v in plotted.items()]
 
 
+def plain_text(text: str | bytes) -> str:
+    """A text that somebody else has made, up to its terminating zero, with nothing in it that a terminal would obey."""
+    text = text.decode("ascii", "replace") if isinstance(text, bytes) else text
+    return "".join(letter if letter.isprintable() else "?" for letter in text.partition("\0")[0])
+
+
 def _fit(text: str) -> bytes:
     """A text as the 50 bytes that every receiver shows."""
     return text.encode("ascii", "replace")[:LONGEST_TEXT]

@@ -7,6 +7,7 @@ from pymavlink.dialects.v20 import all as dialect
 from circnav_mav.mav.autopilots.interface import Autopilot
 from circnav_mav.mav.clocks import BOOT_WRAP, ClockSpeed, RemoteClock
 from circnav_mav.mav.codec import Message
+from circnav_mav.mav.statustext import plain_text
 
 REBOOT_STEP = 1.0
 """Backward step of the vehicle's boot time, s, that proves a reboot."""
@@ -165,8 +166,7 @@ class VehicleState:
         return step - silence > AHEAD + AHEAD_SHARE * silence
 
     def _on_text(self, message: Message, now: float) -> None:
-        text = message.text if isinstance(message.text, str) else message.text.decode("ascii", "replace")
-        self.texts.append(text)
+        self.texts.append(plain_text(message.text))
 
     def _on_version(self, message: Message, now: float) -> None:
         version = message.flight_sw_version

@@ -14,6 +14,8 @@ from circnav_mav.mission.mission import Mission
 WEAK = 0.1
 """Share of the default gain below which a law hardly turns."""
 NEED_MOTION = frozenset({"drift", "unicycle"})
+LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
+"""Hosts of endpoints that nobody but this computer can reach."""
 DRIFT_LAWS = frozenset({"auto", "drift"})
 
 
@@ -173,6 +175,7 @@ def _drift(mission: Mission) -> Iterator[Check]:
 def _signing(mission: Mission) -> Iterator[Check]:
     table = mission.file.signing
     if table is None:
+        yield from _unsigned(mission)
         return
     if table.accept_unsigned is True:
         says = "frames are signed, but unsigned ones are believed too: anybody can speak for the vehicle"
@@ -180,3 +183,16 @@ def _signing(mission: Mission) -> Iterator[Check]:
     else:
         also = ", on the ranging endpoint unsigned ones too" if table.accept_unsigned else ""
         yield Check(Grade.PASS, "signing", f"frames are signed, and believed only if signed with our key{also}")
+
+
+def _unsigned(mission: Mission) -> Iterator[Check]:
+    """Who can pose as the vehicle where nobody signs."""
+    link, ranging = mission.file.link, mission.file.ranging
+    heard = [one for one in (link.endpoint, ranging.endpoint) if one and one.startswith(("udp:", "udpin:"))]
+    if link.peer and not heard:
+        yield Check(Grade.WARN, "peer", "link.peer has no effect: only udpin hears more than one address")
+    elif link.peer:
+        yield Check(Grade.PASS, "peer", f"{' and '.join(heard)} hears {', '.join(link.peer)} only")
+    elif heard and not any(host in heard[0] for host in LOOPBACK):
+        says = f"on {heard[0]} whoever speaks first is believed"
+        yield Check(Grade.WARN, "peer", f"{says}: name its address (link.peer), or sign (docs/signing.md)")

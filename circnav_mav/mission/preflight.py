@@ -119,7 +119,9 @@ def _company(mission: Mission, seen: Observations) -> Iterator[Check]:
         also = f": {'; '.join(seen.misfits)}" if seen.misfits else ""
         advice = "" if mission.file.vehicle.system_id else "; name yours with vehicle.system_id"
         yield Check(WARN, "others", f"{strangers} heartbeats of another autopilot on the link{also}{advice}")
-    if not twins and not strangers:
+    for rival in seen.rivals:
+        yield Check(FAIL, "others", f"{rival}; name yours with link.peer, or sign")
+    if not twins and not strangers and not seen.rivals:
         yield Check(PASS, "others", "no other autopilot and no twin of ours on the link")
 
 

@@ -1,8 +1,10 @@
 """The tables and keys of a mission file, with their units in their names and their bounds."""
 
+from ipaddress import ip_network
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic_core import PydanticCustomError
 
 from circnav_mav.guidance.laws import LAWS
 from circnav_mav.mav.autopilots.table import MISSION_AUTOPILOTS, MISSION_EXITS, MISSION_KINDS, MISSION_METHODS
@@ -14,6 +16,21 @@ Height = Annotated[float, Field(ge=-1e9, le=1e9)]
 SystemId = Annotated[int, Field(ge=1, le=255)]
 ComponentId = Annotated[int, Field(ge=0, le=255)]
 Name = Annotated[str, Field(min_length=1)]
+
+
+def _addresses(given: Any) -> list[str]:
+    """One address or network, or a list of them."""
+    names = given if isinstance(given, list) else [given]
+    try:
+        for name in names:
+            ip_network(str(name) if isinstance(name, str) else "", strict=False)
+    except ValueError:
+        advice = 'must be an address or network, such as "10.0.0.5" or "10.0.0.0/24", or a list of them'
+        raise PydanticCustomError("address", advice) from None
+    return names
+
+
+Addresses = Annotated[list[str], BeforeValidator(_addresses)]
 
 
 class Table(BaseModel):
@@ -98,6 +115,7 @@ class LinkTable(Table):
     """[link]"""
 
     endpoint: Name
+    peer: Addresses | None = None
     component_id: Annotated[int, Field(ge=191, le=194)] = 191
     wait_s: Positive = 30.0
     clock: Literal["local", "autopilot"] = "local"

@@ -141,7 +141,12 @@ class Authority:
             return True
         if not self.in_our_hands or self._session.missing(now):
             return False
-        return not self.may_be_on_ground(now) and self.link_quick(now)
+        return not self.may_be_on_ground(now) and self.link_quick(now) and not self.disputed(now)
+
+    def disputed(self, now: float) -> str:
+        """Why it is not sure who the vehicle, or its radio, is; asked before the first engagement only."""
+        rivals = [] if self._mission.begun else self._session.pinning.rivals.recent(now)
+        return f"{rivals[0]}: name yours with link.peer, or sign" if rivals else ""
 
     def _streams_first(self, now: float) -> bool:
         """Whether setpoints go out before the engagement: PX4 enters our mode only while they flow, and does not fly
@@ -149,7 +154,7 @@ class Authority:
         session = self._session
         if self._mission.phase is not Phase.READY or not session.adapter.wants_setpoints_in(session.mode):
             return False
-        if self.holder is not Holder.US or self.may_be_on_ground(now) or session.missing(now):
+        if self.holder is not Holder.US or self.may_be_on_ground(now) or session.missing(now) or self.disputed(now):
             return False
         return self.link_quick(now) or session.in_our_mode
 
@@ -197,7 +202,7 @@ class Authority:
             return False
         if self._mission.phase is not Phase.READY or self.may_be_on_ground(now):
             return False
-        return self.link_quick(now) and not self._session.missing(now)
+        return self.link_quick(now) and not self._session.missing(now) and not self.disputed(now)
 
     # --- who holds the vehicle --------------------------------------------------------------------------------------
 

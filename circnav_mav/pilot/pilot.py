@@ -17,6 +17,7 @@ from circnav_mav.guidance.velocity_loop import CopterMotion
 from circnav_mav.mav.clocks import nobody_tells
 from circnav_mav.mav.codec import LinkCounts, Message
 from circnav_mav.mav.frames import YawRate
+from circnav_mav.mav.identity import RADIO_NAME, Allowance, describe_sender
 from circnav_mav.mav.session import LOST_AFTER
 from circnav_mav.mav.setpoint_guard import UnsafeSetpointError
 from circnav_mav.mav.signing import Signing
@@ -56,6 +57,9 @@ class Pilot:
         self.why = ""
         """Why the law flies that flies, for people."""
         self.drift_alarm = DriftAlarm()
+        self.allowance = Allowance()
+        self._rivals: set[str] = set()
+        self.allowance = Allowance()
         self.setpoints_sent = 0
         self._setpoints_before = 0
         self._records: list[TickRecord] = []
@@ -68,11 +72,13 @@ class Pilot:
 
     def receive(self, data: bytes, now: float, source: Hashable = None, link: str = VEHICLE) -> None:
         """Take in one datagram (or chunk of a stream) that arrived at `now` from `source` on a link."""
+        if not self._worth_reading(source, len(data), now, link):
+            return
         for message, of_vehicle, of_ranging in self._connection.receive(data, now, source, link):
             if of_vehicle:
                 self._take_motion(message, now)
             if of_ranging:
-                self._take_range(message, now)
+                self._take_range(message, now, source)
         self._frames += self._connection.decoders[link].frames
 
     def interrupt(self, now: float, reason: str) -> None:
@@ -84,14 +90,26 @@ class Pilot:
         """An error of ours has ended the flight, whatever it had come to."""
         self._mission.outcome = Outcome(Ending.ABORTED, reason)
 
-    def _take_range(self, message: Message, now: float) -> None:
+    def _worth_reading(self, source: Hashable, size: int, now: float, link: str) -> bool:
+        """Whether a datagram is read: all of the vehicle and of the ranging radio, of others within an allowance."""
+        peer, radio = self.session.peer, self.tracker.ranging.trusted
+        unknown = peer is None if link == VEHICLE else radio is None
+        trusted = link == VEHICLE and peer is not None and source == peer.source
+        trusted |= link == self._connection.ranging_link and radio is not None and source == radio[2]
+        return unknown or trusted or self.allowance.take(size, now)
+
+    def _take_range(self, message: Message, now: float, source: Hashable) -> None:
         apart, session = self.settings.ranging_apart, self.session
         taken = self.tracker.receive(
             message, now, stalled=self._authority.may_be_backlog(now),
             strangers=() if apart else session.pinning.strangers,
             # before the engagement a slow link has its own bound, and is waited for
             one_way=0.0 if apart or not self._mission.begun else session.round_trip.one_way,
+            source=source, vehicle=session.peer.source if session.peer and not apart else None,
         )  # fmt: skip
+        ranging = self.tracker.ranging
+        if ranging.rival is not None and ranging.trusted is not None:
+            session.pinning.rivals.heard(RADIO_NAME, ranging.rival, ranging.trusted, now)
         if taken:
             self._scheduler.heard(now)
 
@@ -143,6 +161,7 @@ class Pilot:
         self._watch_takeover(now)
         if (overdue := self._mission.overdue(now)) is not None:
             self._finish(self._status.outcome(overdue, now), now)
+        self._say_rivals(now)
         estimate = self.tracker.at(now)
         self._watch_bounds(estimate, now)
         self._watch_ranging(estimate, now)
@@ -164,6 +183,13 @@ class Pilot:
         """Whether this step acts. The safe setpoints of the end are a tick apart, however many ranges come."""
         answers = self.tracker.fresh and self.phase is not Phase.LEAVING
         return not self.done and (answers or now >= self._scheduler.due)
+
+    def _say_rivals(self, now: float) -> None:
+        """Say that somebody else uses the vehicle's name, ours or the radio's, once each time it begins."""
+        rivals = {line.partition(" has ")[0] for line in self.session.pinning.rivals.recent(now)}
+        for name in sorted(rivals - self._rivals):
+            self._say(f"rival of {name}", f"{name}: second sender rejected")
+        self._rivals = rivals
 
     # --- what moves the phases
 
@@ -371,6 +397,17 @@ class Pilot:
     def reply_to(self) -> Hashable:
         """Where the vehicle link's bytes go: the source of the vehicle's frames, None before it was heard."""
         return self.session.reply_to
+
+    @property
+    def believed(self) -> str:
+        """Who is believed to be the vehicle and its radio, and from where, for people; empty while nobody is."""
+        peer, radio = self.session.peer, self.tracker.ranging.trusted
+        if peer is None:
+            return ""
+        ranges = "" if radio is None else f", ranges of {radio[0]}/{radio[1]}"
+        if radio is not None and radio[2] != peer.source:
+            ranges = f", ranges of {describe_sender(radio)}"
+        return f"{describe_sender(peer.sender)}{ranges}"
 
     def waits_for(self, now: float) -> str:
         """What the vehicle is not steered for now, for people; empty where nothing is missing."""

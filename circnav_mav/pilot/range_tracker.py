@@ -1,6 +1,6 @@
 """What is known of the range to the target: ranges in, an estimate out."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Hashable
 
 from circnav_mav.guidance.estimators.interface import Fused
 from circnav_mav.guidance.estimators.table import ESTIMATORS
@@ -39,12 +39,23 @@ class RangeTracker:
         self._stale_at = float("-inf")
 
     def receive(
-        self, message: Message, now: float, *, stalled: bool, strangers: Collection[int], one_way: float
+        self,
+        message: Message,
+        now: float,
+        *,
+        stalled: bool,
+        strangers: Collection[int],
+        one_way: float,
+        source: Hashable = None,
+        vehicle: Hashable = None,
     ) -> bool:
         """Take in what may be a range; tells whether the estimator took it. stalled: we slept, its age is not known.
-        strangers: systems of other vehicles. one_way: least delay of the link that it came on, s."""
+        strangers: systems of other vehicles. one_way: least delay of the link that it came on, s. source: where it came
+        from. vehicle: where the vehicle's frames come from, where that is the same link."""
         height = self.height.at(now)
-        sample = self.ranging.read(message, now, height=height, strangers=strangers, one_way=one_way)
+        sample = self.ranging.read(
+            message, now, height=height, strangers=strangers, one_way=one_way, source=source, vehicle=vehicle
+        )
         if self.ranging.restarted:
             self.estimator.restamp()
         if self.ranging.stepped:

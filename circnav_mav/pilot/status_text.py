@@ -95,6 +95,8 @@ class StatusText:
         if authority.holder is not Holder.US:
             enter = f"leave {guided} and enter it" if authority.holder is Holder.OPERATOR_IN_MODE else f"enter {guided}"
             return f"the operator has the vehicle: {enter} again to hand it back"
+        if disputed := authority.disputed(now):
+            return disputed
         if not authority.link_quick(now):
             return self._slow()
         if missing := session.missing(now):

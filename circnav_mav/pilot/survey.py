@@ -15,11 +15,13 @@ from circnav_mav.mav.autopilots.interface import Autopilot
 from circnav_mav.mav.clocks import Moment, Span, quick_span
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.height import Height
+from circnav_mav.mav.identity import RADIO_NAME
 from circnav_mav.mav.own_motion import Motion
 from circnav_mav.mav.params import ParameterReader
 from circnav_mav.mav.ranging.reader import RangeReader
 from circnav_mav.mav.session import describe_vehicle
 from circnav_mav.mav.signing import Signing
+from circnav_mav.mav.statustext import plain_text
 from circnav_mav.pilot.connection import Connection
 from circnav_mav.pilot.settings import VEHICLE, PilotSettings
 
@@ -72,16 +74,17 @@ class VehicleSeen:
 
 @dataclass(frozen=True, slots=True)
 class Observations:
-    """All that a survey has heard. links: each link's bytes, frames and systems in words. carriers: ranging messages
-    by sender and marks. end, seconds: when the listening ended and how long it measured, s. signed, zero_key, refused:
-    frames of the vehicle's link with a signature, with one of the all-zero key where we have none, and those not
-    believed, by reason."""
+    """All that a survey has heard. links: each link's bytes, frames and systems in words. rivals: second senders at the
+    end, in words. carriers: ranging messages by sender and marks. end, seconds: when the listening ended and how long
+    it measured, s. signed, zero_key, refused: frames of the vehicle's link with a signature, with one of the all-zero
+    key where we have none, and those not believed, by reason."""
 
     vehicle: VehicleSeen | None
     links: Mapping[str, str]
     version_1: int
     frames: int
     others: Mapping[str, int]
+    rivals: tuple[str, ...]
     misfits: tuple[str, ...]
     ranges: tuple[RangeHeard, ...]
     rejected: Mapping[str, int]
@@ -142,7 +145,7 @@ class Survey:
             if of_vehicle:
                 self._take_telemetry(message, now)
             if of_ranging:
-                self._take_range(message, now)
+                self._take_range(message, now, source)
 
     def step(self, now: float) -> bytes:
         """What to send to the vehicle now."""
@@ -171,6 +174,7 @@ class Survey:
             version_1=counts.version_1,
             frames=counts.frames,
             others=dict(self.session.ignored),
+            rivals=tuple(self.session.pinning.rivals.recent(self._end)),
             misfits=tuple(self.session.misfits.values()),
             ranges=tuple(self._ranges),
             rejected=dict(self._ranging.rejected),
@@ -257,12 +261,15 @@ class Survey:
             self._boots.clear()
         self._boots.append(heard)
 
-    def _take_range(self, message: Message, now: float) -> None:
+    def _take_range(self, message: Message, now: float, source: Hashable) -> None:
         kind = self._connection.ranging_message
         if message.get_type() != kind.type:
             return
-        marks = ", ".join(f"{mark} {value}" for mark, value in kind.mark_values(message).items())
+        marks = ", ".join(f"{mark} {plain_text(str(value))}" for mark, value in kind.mark_values(message).items())
         self._carriers[f"{message.get_srcSystem()}/{message.get_srcComponent()} {marks}"] += 1
-        sample = self._ranging.read(message, now)
+        peer = None if self._settings.ranging_apart else self.session.peer
+        sample = self._ranging.read(message, now, source=source, vehicle=peer.source if peer else None)
+        if self._ranging.rival is not None and self._ranging.trusted is not None:
+            self.session.pinning.rivals.heard(RADIO_NAME, self._ranging.rival, self._ranging.trusted, now)
         if sample is not None and self._settled(now):
             self._ranges.append(RangeHeard(sample.stamp, sample.time, now, sample.r, sample.sigma))

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from circnav_mav.mav.codec import Decoder
+from circnav_mav.mav.statustext import plain_text
 from circnav_mav.runlog.run_folder import Run
 from circnav_mav.runlog.ticks import Ticks
 from circnav_mav.runlog.tlog import message_id, read_tlog
@@ -39,7 +40,7 @@ def _changes(ticks: Ticks) -> Iterator[Event]:
         before = None
         for time, word in zip(ticks.time, words, strict=True):
             if word != before:
-                yield Event(float(time), kind, word)
+                yield Event(float(time), kind, plain_text(word))
             before = word
     if "rejected" in ticks.numbers and len(ticks.time):
         steps = np.diff(ticks.numbers["rejected"], prepend=0.0)
@@ -55,6 +56,5 @@ def _texts(path: Path, epoch_us: int) -> Iterator[Event]:
         for message in decoder.decode(frame):
             if message.get_msgId() != STATUSTEXT:
                 continue  # a damaged frame with a whole one inside
-            text = message.text if isinstance(message.text, str) else message.text.decode("ascii", "replace")
             who = "circnav says" if message.get_srcComponent() in OUR_COMPONENTS else "vehicle says"
-            yield Event((stamp - epoch_us) / 1e6, who, text.rstrip("\0"), message.severity <= SEVERE)
+            yield Event((stamp - epoch_us) / 1e6, who, plain_text(message.text), message.severity <= SEVERE)

@@ -11,6 +11,7 @@ from circnav_mav.mav.ranging.interface import RangingSettings, Reject
 from circnav_mav.mav.ranging.reader import RangeReader
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.mav.session import describe_vehicle
+from circnav_mav.mav.statustext import plain_text
 from circnav_mav.pilot import Pilot
 from circnav_mav.runlog.loop_steps import LoopStep
 from circnav_mav.runlog.tlog import message_id
@@ -88,7 +89,7 @@ class LogSources:
                 self.heartbeats[ids] += 1
             return
         name, kind = next(item for item in RANGING_MESSAGES.items() if item[1].id == message.get_msgId())
-        marks = tuple(str(value) for value in kind.mark_values(message).values())
+        marks = tuple(plain_text(str(value)) for value in kind.mark_values(message).values())
         if kind.for_anything and name != self.settings.message and not kind.picked(message, self.settings):
             return  # values of any kind come under names
         counts = self.ranging.setdefault(RangeSource(name, *ids, marks), RangeCounts())

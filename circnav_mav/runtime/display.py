@@ -35,16 +35,20 @@ class Screen(Protocol):
 
 
 class PlainScreen:
-    """One line each time, one for each alarm that is new, and one for what is waited for at two times in a row."""
+    """One line each time, one for each alarm that is new, one for what is waited for at two times in a row, and
+    one for who is believed once it is flown."""
 
     def __init__(self, console: Console, radius: float) -> None:
         self._console, self._radius = console, radius
         self._alarms: set[str] = set()
-        self._waits, self._waits_told = "", ""
+        self._waits, self._waits_told, self._believed = "", "", ""
 
     def draw(self, status: Status) -> None:
         """Print the lines."""
         self._print(one_line(status, self._radius))
+        if status.flown is not None and status.believed not in ("", self._believed):
+            self._print(f"  BELIEVED {status.believed}")
+            self._believed = status.believed
         waits, self._waits = self._waits, _kind(status.waits)
         if self._waits not in ("", self._waits_told) and self._waits == waits:
             self._print(f"  WAITING  {status.waits}")

@@ -4,6 +4,8 @@ import errno
 import socket
 import termios
 from dataclasses import dataclass
+from ipaddress import IPv6Address
+from typing import Any
 
 MOST_BYTES = 1 << 15
 """Bytes taken in one call, up to the end of a datagram: what is left stays in the socket for the next turn of the loop,
@@ -44,6 +46,8 @@ def parse_endpoint(text: str) -> Endpoint:
     if not text.isprintable():
         raise LinkError(f"endpoint {text!r}: holds a character that no address has")
     host, sign, port = rest.replace(",", ":").rpartition(":")
+    if kind != "serial" and ":" in host:
+        host = _ipv6(host, text)
     if not sign or not host or not port.isdecimal() or len(port) > MOST_DIGITS:
         missing, form = ("baud rate", "PATH:BAUD") if kind == "serial" else ("port", "HOST:PORT")
         wrong = "host is missing" if rest.isdecimal() else f"{missing} is missing or not a number"
@@ -52,6 +56,22 @@ def parse_endpoint(text: str) -> Endpoint:
     if kind != "serial" and not lowest <= int(port) <= 65535:
         raise LinkError(f"endpoint {text!r}: port must be {lowest} to 65535")
     return Endpoint(kind, host, int(port))
+
+
+def _ipv6(host: str, text: str) -> str:
+    """The address in brackets. Raises LinkError."""
+    try:
+        if host.startswith("[") and host.endswith("]"):
+            return str(IPv6Address(host[1:-1]))
+    except ValueError:
+        pass
+    raise LinkError(f"endpoint {text!r}: write an IPv6 address in brackets, as in udpin:[::1]:14550")
+
+
+def resolve(endpoint: Endpoint) -> tuple[socket.AddressFamily, Any]:
+    """The address of an endpoint and its family; IPv4 for a name that has both. Raises OSError, UnicodeError."""
+    found = [(family, address) for family, *_, address in socket.getaddrinfo(endpoint.host, endpoint.port)]
+    return min(found, key=lambda one: one[0] != socket.AF_INET)
 
 
 def explain(error: Exception) -> str:

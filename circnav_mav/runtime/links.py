@@ -5,7 +5,7 @@ tried again.
 """
 
 from collections import Counter
-from collections.abc import Hashable
+from collections.abc import Hashable, Iterable
 from typing import Protocol
 
 from circnav_mav.runtime.endpoint import MOST_BYTES, Endpoint, LinkError, parse_endpoint
@@ -50,11 +50,11 @@ class Link(Protocol):
         ...
 
 
-def open_link(text: str) -> Link:
-    """Open an endpoint. Raises LinkError."""
+def open_link(text: str, peers: Iterable[str] = ()) -> Link:
+    """Open an endpoint. peers: addresses and networks that `udpin` hears, none for all. Raises LinkError."""
     endpoint = parse_endpoint(text)
     if endpoint.kind == "serial":
         return SerialLink(text, endpoint)
     if endpoint.kind == "tcp":
         return TcpLink(text, endpoint)
-    return UdpLink(text, endpoint)
+    return UdpLink(text, endpoint, peers)

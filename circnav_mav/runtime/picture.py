@@ -150,7 +150,7 @@ def _traffic(status: Status, settings: PilotSettings) -> list[Row]:
     return [
         ("ranging", f"{_rate(rates and rates.taken)} accepted, newest {_seconds(tick.range_age)} old, {stale}"),
         ("rejected", f"{refused} of {refused + tick.accepted}{why}{others}"),
-        ("link", f"{_rate(rates and rates.frames)} frames, heartbeat {_seconds(tick.link_age)} old"),
+        ("link", f"{_rate(rates and rates.frames)} frames, heartbeat {_seconds(tick.link_age)} old  {status.believed}"),
         ("setpoints", f"{_rate(rates and rates.setpoints)}, {status.setpoints} total"),
     ]
 

@@ -34,9 +34,9 @@ class Rates(NamedTuple):
 @dataclass(frozen=True, slots=True)
 class Status:
     """A tick and what stands round it. time: of the run, s. flown: s since engaging, None before. phase: in words,
-    waits: what the vehicle is not steered for, why: why this law flies, target: where it is and what drifts, alarms:
-    what is wrong, all for people. rejected: ranges refused, by reason; others: those of other senders, harmless. A
-    range too old to hold is none."""
+    waits: what the vehicle is not steered for, why: why this law flies, target: where it is and what drifts, believed:
+    who is believed, and from where, alarms: what is wrong, all for people. rejected: ranges refused, by reason; others:
+    those of other senders, harmless. A range too old to hold is none."""
 
     time: float
     tick: TickRecord
@@ -45,6 +45,7 @@ class Status:
     waits: str
     why: str
     target: str
+    believed: str
     alarms: tuple[str, ...]
     rejected: dict[str, int]
     others: int
@@ -72,6 +73,7 @@ class Watch:
             waits=pilot.waits_for(now),
             why=pilot.why if tick.law else "",
             target=_target(tick),
+            believed=pilot.believed,
             alarms=tuple(_alarms(pilot, tick, now, rates, problem)),
             rejected={why: count for why, count in pilot.tracker.ranging.rejected.most_common() if why not in OTHERS},
             others=sum(pilot.tracker.ranging.rejected[why] for why in OTHERS),
@@ -102,7 +104,9 @@ class Watch:
 
 def _alarms(pilot: Pilot, tick: TickRecord, now: float, rates: Rates | None, problem: str | None) -> list[str]:
     """What is wrong now, the worst first."""
-    timing, found = pilot.settings.timing, []
+    timing, found = pilot.settings.timing, pilot.session.pinning.rivals.recent(now)
+    if now - pilot.allowance.dropped_at < RATE_SPAN:
+        found.append(f"FLOOD: what others send is not read, {pilot.allowance.dropped / 1000:.0f} kB so far")
     if pilot.outcome is not None and pilot.outcome.ending is not Ending.COMPLETED:
         found.append(f"{pilot.outcome.ending.value.upper()}: {pilot.outcome.reason}")
     elif tick.phase is Phase.YIELDED:

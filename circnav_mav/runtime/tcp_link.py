@@ -5,7 +5,7 @@ import socket
 from collections import Counter
 from collections.abc import Hashable
 
-from circnav_mav.runtime.endpoint import MOST_BYTES, Endpoint, LinkError, explain
+from circnav_mav.runtime.endpoint import MOST_BYTES, Endpoint, LinkError, explain, resolve
 
 RETRY = 1.0
 """Time between two attempts to open it again, s."""
@@ -22,9 +22,12 @@ class TcpLink:
         self._retry_at = float("-inf")
         self._socket: socket.socket | None = None
         try:
-            self._address = (socket.gethostbyname(endpoint.host), endpoint.port)  # once: a lookup may block or fail
-            self._socket = socket.create_connection(self._address, timeout=CONNECT_PATIENCE)
+            self._family, self._address = resolve(endpoint)  # once: a lookup may block or fail
+            self._socket = socket.socket(self._family, socket.SOCK_STREAM)
+            self._socket.settimeout(CONNECT_PATIENCE)
+            self._socket.connect(self._address)
         except (OSError, UnicodeError) as error:
+            self.close()
             raise LinkError(f"endpoint {text}: {explain(error)}", nobody=not isinstance(error, UnicodeError)) from None
         _prepare(self._socket)
 
@@ -72,7 +75,7 @@ class TcpLink:
         if now < self._retry_at:
             return
         self._retry_at = now + RETRY
-        attempt = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        attempt = socket.socket(self._family, socket.SOCK_STREAM)
         _prepare(attempt)
         if attempt.connect_ex(self._address) in (0, errno.EINPROGRESS):
             self._socket = attempt

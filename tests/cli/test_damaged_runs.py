@@ -228,7 +228,7 @@ def epoch(run):
 
 def test_a_frame_whose_check_fails_is_told(circnav, run):
     frames = list(read_tlog(run / "flight.tlog"))
-    heard = next(n for n, (_, frame) in enumerate(frames) if n > 100 and frame[5] != 255)
+    heard = next(n for n, (_, frame) in enumerate(frames) if n > 100 and frame[5] != 255 and frame[7] == 30)
     spoil(run / "flight.tlog", records(run)[heard] + 8 + 10, b"\xaa\x55")
     ran = circnav("replay", run)
     assert "flight.tlog: left out as damaged: 1 of the frames that came in" in ran.out
@@ -264,7 +264,7 @@ def test_frames_of_a_plain_log_whose_check_fails_are_counted(circnav, run, tmp_p
     log = tmp_path / "yesterday.tlog"
     log.write_bytes((run / "flight.tlog").read_bytes())
     frames = list(read_tlog(log))
-    heard = next(n for n, (_, frame) in enumerate(frames) if n > 100 and frame[5] != 255)
+    heard = next(n for n, (_, frame) in enumerate(frames) if n > 100 and frame[5] != 255 and frame[7] == 30)
     spoil(log, records(run)[heard] + 8 + 10, b"\xaa\x55")
     ran = circnav("replay", log, "--mission", config / "quickstart.toml")
     assert "WARNING    yesterday.tlog: left out as damaged: 1 of the frames\n" in ran.out

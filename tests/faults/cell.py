@@ -6,6 +6,7 @@ from enum import Enum
 from math import inf, sqrt
 
 from circnav_mav.pilot import Ending
+from circnav_mav.runtime.status import Watch
 from sim.faults import CLEAN, Impairment
 from tests.faults.course import BAND, Course, Keys, on_the_circle
 
@@ -41,7 +42,8 @@ class Scenario:
     comes from the seed. lasts, after: time with the fault, and watched after it, s. reason: words that the outcome
     must hold. rejects: reasons that must be counted. blind: age of ranges, s, that nobody can tell. clocks: whether
     stamps are tampered with, so that they tell no age. fresh: from the start of the mission, not from the circle.
-    on: other wants by profile. keys: to sign with, ours and the vehicle's.
+    on: other wants by profile. keys: to sign with, ours and the vehicle's. reported: words that the operator must be
+    shown while the fault lasts.
     """
 
     fault: str
@@ -64,6 +66,7 @@ class Scenario:
     check: Callable[[Course], str | None] | None = None
     profiles: tuple[str, ...] = ()
     keys: Keys = (None, None)
+    reported: str = ""
 
 
 @dataclass(frozen=True)
@@ -80,6 +83,8 @@ class Verdict:
     recovery: float | None
     rejects: Mapping[str, int]
     outcome: str
+    engaged: bool
+    reported: tuple[str, ...]
 
     @property
     def passed(self) -> bool:
@@ -96,7 +101,8 @@ def fly(scenario: Scenario, profile: str, seed: int, law: str = LAW) -> Verdict:
     backward = course.spy.backward
     _begin(course, scenario, seed)
     end = start + (FRESH_PATIENCE if scenario.fresh else scenario.lasts)
-    course.fly(end)
+    told = Told(course)
+    course.fly(end, told.look if scenario.reported else None)
     _finish(course)
     last = course.errors(start, end)[-1:]
     course.way_home = abs(last[0][1]) * course.radius / course.allowed.speed if last else 0.0
@@ -112,6 +118,8 @@ def fly(scenario: Scenario, profile: str, seed: int, law: str = LAW) -> Verdict:
     faults = [*course.broken[:3], *_age_faults(course, scenario), *found_wanting]
     if course.spy.backward > backward and not scenario.clocks:
         faults.append(f"{course.spy.backward - backward} samples fused twice or backwards")
+    if scenario.reported not in (shown := "\n".join(told.lines)):
+        faults.append(f"the operator was not told of {scenario.reported!r} but of {shown!r}")
     faults += [f"no reject counted as {name}" for name in scenario.rejects if not rejected.get(name)]
     if scenario.check is not None and (found := scenario.check(course)) is not None:
         faults.append(found)
@@ -126,7 +134,26 @@ def fly(scenario: Scenario, profile: str, seed: int, law: str = LAW) -> Verdict:
         recovery,
         rejected,
         outcome.reason if outcome else "",
+        course.pilot.engaged_at is not None,
+        tuple(told.lines),
     )
+
+
+class Told:
+    """What the operator is shown: alarms, what is waited for, and how it ended."""
+
+    def __init__(self, course: Course) -> None:
+        self._watch, self._next = Watch(course.pilot), course.now
+        self.lines: dict[str, None] = {}
+
+    def look(self, course: Course) -> None:
+        """Twice a second, and at the end."""
+        if course.ticks and (course.now >= self._next or course.pilot.done):
+            self._next = course.now + 0.5
+            status = self._watch.status(course.ticks[-1], course.now)
+            refused = (f"{why} frames refused" for why in course.pilot.frames_refused())
+            says = (f'the vehicle says "{text}"' for text in course.pilot.session.texts)
+            self.lines |= dict.fromkeys(line for line in (*status.alarms, status.waits, *refused, *says) if line)
 
 
 def _begin(course: Course, scenario: Scenario, seed: int) -> None:
@@ -143,6 +170,7 @@ def _finish(course: Course) -> None:
     course.link.impair()
     course.link.tampers.clear()
     course.link.intruders.clear()
+    course.strangers.clear()
 
 
 def _part(course: Course) -> None:

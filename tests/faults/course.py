@@ -4,7 +4,7 @@ import copy
 import copyreg
 import struct
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise
@@ -20,6 +20,7 @@ from circnav_mav.pilot.mission_state import STEERING, Phase
 from sim.config import parse_vehicle
 from sim.faults import DOWN, UP, FaultLink
 from sim.faults.frames import frames
+from sim.faults.link import Intruder
 from sim.vehicle import MAIN, Truth, Vehicle
 from sim.vehicle import RANGING as RADIO
 from tests.faults.judge import Allowed, broken_rule, is_heartbeat, is_safe, is_setpoint
@@ -32,13 +33,15 @@ PATIENT = ("limits.hold_s=70.0", "limits.outage_s=70.0", "limits.duration_s=1000
 BAND = 0.05
 """Radius error, of the radius, within which the circle counts as held."""
 SETTLED, STEADY, LATEST = 110.0, 30.0, 400.0
-SOURCE = "sim"
+SOURCE, STRANGER = "sim", ("10.9.9.9", 6666)
 TRUTH_EVERY = 0.1
 PX4_PATIENCE = {"px4_copter": 1.0, "px4_plane": 0.5, "px4_plane_attitude": 1.0}
 """COM_OF_LOSS_T of OFFBOARD, COM_RC_LOSS_T of the sticks, s."""
 UNIX = 1_790_000_000.0
 """Wall-clock time at second 0."""
 
+Arrival = tuple[bytes, str, Hashable]
+"""A datagram, the link that it comes on, and its sender's address."""
 Keys = tuple[bytes | None, bytes | None]
 """The signing keys of the application and of the vehicle."""
 
@@ -95,6 +98,8 @@ class Course:
         self.pilot.tracker.estimator = self.spy  # type: ignore[assignment]
         self.witness = Witness(profile, keys[0])
         self.source = SOURCE
+        self.strangers: list[Intruder] = []
+        """Those who speak to the application from an address of their own, and before the vehicle does."""
         self.way_home = 0.0
         self._drift: float | None = None
         self.clock: Callable[[float], float] = float
@@ -130,7 +135,7 @@ class Course:
     def stall(self, seconds: float) -> None:
         """The application does not run for some time; what came in waits in its socket, then it runs again."""
         until = self.now + seconds
-        waiting: list[tuple[bytes, str]] = []
+        waiting: list[Arrival] = []
         while self.now < until:
             self.now = min(max(self.vehicle.next_event, self.now), until)
             self.vehicle.advance(self.now)
@@ -161,24 +166,27 @@ class Course:
         self._answer()
         self._look()
 
-    def _give(self, arrived: list[tuple[bytes, str]], *, waited: bool = False) -> None:
-        for data, link in arrived:
-            self.pilot.receive(data, self.clock(self.now), self.source, link)
-            if self.pilot.session.reply_to in (None, self.source):  # else our setpoints go elsewhere
+    def _give(self, arrived: list[Arrival], *, waited: bool = False) -> None:
+        for data, link, source in arrived:
+            self.pilot.receive(data, self.clock(self.now), source, link)
+            if source == self.source and self.pilot.session.reply_to in (None, source):  # else setpoints go elsewhere
                 self.witness.hear(data, waited=waited)
 
-    def _arrivals(self) -> list[tuple[bytes, str]]:
+    def _arrivals(self) -> list[Arrival]:
         """What reaches the application now; intruders speak to the vehicle as well."""
+        arrived: list[Arrival] = [
+            (data, VEHICLE, STRANGER) for stranger in self.strangers for _, data in stranger(self.now)
+        ]
         for frame in self.vehicle.outgoing(MAIN):
             self.link.push(DOWN, frame, self.now)
-        arrived = [(data, VEHICLE) for data in self.link.take(DOWN, self.now)]
+        arrived += [(data, VEHICLE, self.source) for data in self.link.take(DOWN, self.now)]
         for way, data in self.link.intrusions(self.now):
             if way == DOWN:
-                arrived.append((data, VEHICLE))
+                arrived.append((data, VEHICLE, self.source))
             else:
                 self.vehicle.receive(data)
         if self.pilot.settings.ranging_apart:
-            arrived += [(frame, RANGING) for frame in self.vehicle.outgoing(RADIO)]
+            arrived += [(frame, RANGING, self.source) for frame in self.vehicle.outgoing(RADIO)]
         return arrived
 
     def _answer(self) -> bytes:

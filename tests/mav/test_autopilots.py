@@ -15,7 +15,7 @@ from circnav_mav.mav.codec import Encoder
 from circnav_mav.mav.frames import YawRate, yaw_rate_from_turn_rate
 from circnav_mav.mav.own_motion import Motion
 from circnav_mav.mav.setpoint_guard import Steer
-from tests.rig import ORBIT, Voice, Rig, decode
+from tests.rig import ORBIT, Rig, Voice, decode
 
 US, VEHICLE_IDS = (7, 191), (7, 1)
 SPEED, TURN = 10.0, 0.2  # m/s; rad/s, left positive

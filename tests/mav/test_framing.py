@@ -102,6 +102,13 @@ def test_a_long_frame_that_nobody_knows_costs_little_more_than_a_short_one(paylo
     assert cost(long * 20) < 4 * cost(short * 20)
 
 
+@pytest.mark.parametrize("start", [b"\xfd", b"\xfe", b"\xfd\xff", b"\xfd\x00\x02"])
+def test_a_long_datagram_of_false_starts_costs_less_than_a_few_frames(start):
+    """It took 41 ms, and such datagrams stopped a flight."""
+    beat = bytes(mavlink.MAVLink_heartbeat_message(2, 3, 129, 4, 4, 3).pack(mavlink.MAVLink(None, srcSystem=1)))
+    assert cost(start * (65_000 // len(start))) < cost(beat * 50)
+
+
 def test_bytes_that_are_no_frames_cost_less_than_a_frame():
     beat = bytes(mavlink.MAVLink_heartbeat_message(2, 3, 129, 4, 4, 3).pack(mavlink.MAVLink(None, srcSystem=1)))
     assert cost(bytes(20 * len(beat))) < cost(beat * 20)

@@ -256,3 +256,89 @@ def test_another_companion_ends_the_flight_and_a_stray_frame_now_and_then_does_n
     assert (rig.pilot.outcome is not None) is ends
     if ends:
         assert "another companion sends as 1/191" in rig.pilot.outcome.reason
+
+
+def test_frames_in_our_name_that_the_vehicle_did_not_forward_end_nothing_and_are_told_of(make_rig, voice):
+    """Anybody on the network can send them."""
+    rig, twin = make_rig().engage(), voice(1, 191)
+    for _ in range(20):
+        rig.hear(mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 3, 3), voice=twin, source=("10.9.9.9", 6666))
+        rig.run(0.1)
+    assert rig.pilot.outcome is None
+    (line,) = rig.pilot.session.pinning.rivals.recent(rig.now)
+    assert line.startswith("circnav has a second sender: 1/191 at 10.9.9.9:6666 is rejected")
+    assert "circnav: circnav: second sender rejected" in rig.texts()
+    rig.run(6.0)
+    assert rig.pilot.session.pinning.rivals.recent(rig.now) == []
+
+
+@pytest.mark.parametrize("kind", ["HEARTBEAT", "COMMAND_ACK", "TIMESYNC", "PARAM_VALUE", "ATTITUDE"])
+def test_what_is_said_in_the_vehicles_name_from_elsewhere_counts_for_nothing(rig, say, kind):
+    messages = {
+        "HEARTBEAT": say.heartbeat(LOITER),
+        "COMMAND_ACK": mavlink.MAVLink_command_ack_message(511, 2),
+        "TIMESYNC": mavlink.MAVLink_timesync_message(1, 1),
+        "PARAM_VALUE": mavlink.MAVLink_param_value_message(b"X", 1.0, 9, 1, 0),
+        "ATTITUDE": mavlink.MAVLink_attitude_message(1, 0, 0, 0, 0, 0, 0),
+    }
+    session = rig.engage().pilot.session
+    message = rig.vehicle.message(messages[kind])
+    assert session.receive(message, rig.now, "elsewhere") is False
+    assert session.pinning.rivals.counts == {"the vehicle": 1}
+    assert session.receive(message, rig.now, "vehicle") is True
+
+
+def test_of_strangers_so_much_is_read_as_leaves_time_for_the_vehicle(rig):
+    """And of the vehicle all."""
+    rig.engage()
+    junk, before = bytes(1000), rig.pilot.counts().bytes
+    for source, read in (("elsewhere", 32), ("vehicle", 500)):
+        for _ in range(500):
+            rig.pilot.receive(junk, rig.now, source)
+        assert rig.pilot.counts().bytes - before == 1000 * read
+        before = rig.pilot.counts().bytes
+    assert rig.pilot.allowance.dropped == 468_000
+    rig.pilot.receive(junk, rig.now + 1.0, "elsewhere")
+    assert rig.pilot.counts().bytes - before == 1000
+
+
+def test_a_radio_of_its_own_address_is_not_followed_to_another_in_flight(rig, voice, say):
+    """That of the vehicle is, as the vehicle may move."""
+    radio, at = voice(1, 192), ("10.0.0.7", 7)
+    rig.ranges = False
+    for i in range(200):
+        if i % 2:
+            rig.hear(say.distance(15000, 1_000_000 + round(rig.now * 1000)), voice=radio, source=at)
+        at = at if i < 120 else ("10.0.0.7", 8)
+        rig.run(0.05)
+    assert rig.pilot.tracker.newest.time < 6.1
+    assert rig.pilot.believed == "1/1 at vehicle, ranges of 1/192 at 10.0.0.7:7"
+    before = rig.pilot.counts().bytes
+    for _ in range(500):
+        rig.pilot.receive(bytes(1000), rig.now, ("10.0.0.7", 7))
+    assert rig.pilot.counts().bytes - before == 500_000, "nor is it a stranger, whose bytes are counted"
+
+
+def test_a_second_sender_is_told_of_once_and_only_if_his_ranges_fit_the_mission(rig, voice, say):
+    """From another address: beside ours, on our own link, other sensors are common."""
+    rig.engage()
+    told = ["circnav: the ranging radio: second sender rejected"]
+    for orientation, source, texts in (
+        (24, "vehicle", []), (0, "elsewhere", []), (24, "elsewhere", told)
+    ):  # fmt: skip
+        other = voice(1, 193)
+        for _ in range(60):
+            message = say.distance(15000, 1_000_000 + round(rig.now * 1000), orientation=orientation)
+            rig.hear(message, voice=other, source=source)
+            rig.run(0.1)
+        assert [text for text in rig.texts() if "ranging radio" in text] == texts
+
+
+def test_where_two_speak_as_the_vehicle_neither_is_engaged_until_one_is_silent(rig, say):
+    for _ in range(40):
+        rig.hear(say.heartbeat(GUIDED), source="elsewhere")
+        rig.run(0.1)
+    assert rig.pilot.phase is Phase.READY
+    assert "the vehicle has a second sender: 1/1 at vehicle is rejected" in rig.pilot.waits_for(rig.now)
+    assert rig.pilot.waits_for(rig.now).endswith("name yours with link.peer, or sign")
+    assert rig.setpoints() == []

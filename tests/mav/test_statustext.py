@@ -2,7 +2,7 @@
 
 import pytest
 
-from circnav_mav.mav.statustext import Announcer
+from circnav_mav.mav.statustext import Announcer, plain_text
 
 
 @pytest.fixture
@@ -67,3 +67,9 @@ def test_nothing_to_plot_is_nothing_sent_and_a_number_that_is_none_is_left_out(a
     assert announcer.plots({}, 0.0) == []
     wild = {"CN_RNG": 3.5e38, "CN_RRATE": 1.0, "CN_ERR": float("nan"), "CN_YRATE": float("inf")}
     assert [message.name for message in announcer.plots(wild, 0.01)] == ["CN_RRATE"]
+
+
+def test_a_text_of_others_obeys_no_terminal():
+    """ESC, BEL and the C1 controls command one; U+202E turns what follows round; C ends a text at its zero."""
+    assert plain_text(b"PreArm: \x1b[2J\x07ok\0\x1b") == "PreArm: ?[2J?ok"
+    assert plain_text("a\x9b31m\u202eb\r\n") == "a?31m?b??"

@@ -344,6 +344,34 @@ def test_of_very_many_mistakes_the_first_are_told(text):
         parse_mission(wrong, "m.toml")
 
 
+@pytest.mark.parametrize("peer", ["10.0.0.5", "10.0.0.0/24", "10.0.0.7/24", "fe80::/10"])
+def test_the_addresses_that_are_heard_are_named_one_by_one_or_as_a_network(mission, peer):
+    assert mission(f"link.peer={peer}").file.link.peer == [peer]
+    assert mission(f'link.peer=["{peer}", "::1"]').file.link.peer == [peer, "::1"]
+
+
+@pytest.mark.parametrize("peer", ["drone.local", "10.0.0.256", "", 5, [5], ["10.0.0.5", "x"]])
+def test_what_is_no_address_is_refused_with_an_example(mission, peer):
+    with pytest.raises(MissionError, match=r'link\.peer: must be an address or network, such as "10\.0\.0\.5"'):
+        mission(f"link.peer={peer!r}")
+
+
+@pytest.mark.parametrize(
+    ("overrides", "graded"),
+    [
+        (("link.endpoint=udpin:0.0.0.0:14550",), [("WARN", "whoever speaks first is believed")]),
+        (("link.endpoint=udpin:0.0.0.0:14550", "link.peer=10.0.0.5"), [("PASS", "hears 10.0.0.5 only")]),
+        (("link.endpoint=udpin:127.0.0.1:14550",), []),
+        (("link.endpoint=serial:/dev/ttyS0:57600",), []),
+        (("link.endpoint=tcp:10.0.0.5:5760", "link.peer=10.0.0.5"), [("WARN", "no effect")]),
+    ],
+)
+def test_an_endpoint_on_which_anybody_may_speak_first_is_warned_of(mission, overrides, graded):
+    lines = [line for line in check_mission(mission(*overrides)) if line.subject == "peer"]
+    assert [(line.grade.name, words) for line, (_, words) in zip(lines, graded, strict=True)] == graded
+    assert all(words in line.says for line, (_, words) in zip(lines, graded, strict=True))
+
+
 def test_a_campaign_file_is_known_as_one(config):
     path = config / "campaigns" / "wind.toml"
     with pytest.raises(MissionError, match=rf"is a campaign file, fly it with: circnav campaign {path}$"):

@@ -23,6 +23,8 @@ from circnav_mav.runtime.links import Endpoint, LinkError, open_link, parse_endp
         ("serial:///dev/ttyUSB0:57600", Endpoint("serial", "/dev/ttyUSB0", 57600)),
         ("serial:/dev/ttyUSB0,921600", Endpoint("serial", "/dev/ttyUSB0", 921600)),
         ("udpin:0.0.0.0:0", Endpoint("udpin", "0.0.0.0", 0)),
+        ("udpin:[::1]:14550", Endpoint("udpin", "::1", 14550)),
+        ("tcp://[fe80::1%eth0]:5760", Endpoint("tcp", "fe80::1%eth0", 5760)),
     ],
 )
 def test_both_spellings_name_the_same_endpoint(text, endpoint):
@@ -45,6 +47,9 @@ def test_both_spellings_name_the_same_endpoint(text, endpoint):
         ("tcp:127.0.0.1:99999", "65535"),
         pytest.param("udpin:127.0.0.1:" + 5000 * "1", "port is missing or not a number", id="thousands of digits"),
         ("udpin:127.0\0.0.1:14550", "holds a character that no address has"),
+        ("udpin:::1:14550", "write an IPv6 address in brackets, as in udpin:[::1]:14550"),
+        ("udpout:[::1:14550", "write an IPv6 address in brackets"),
+        ("tcp:[1.2::z]:5760", "write an IPv6 address in brackets"),
         ("serial:/dev/ttyUSB0", "baud rate is missing or not a number"),
         ("serial:/dev/ttyUSB0:fast", "baud rate is missing or not a number"),
     ],

@@ -10,6 +10,7 @@ from contextlib import closing
 import pytest
 
 from circnav_mav.runtime.links import MOST_BYTES, MOST_DATAGRAMS, LinkError, open_link
+from circnav_mav.runtime.udp_link import LONGEST
 from tests.process import PATIENCE
 
 UDP = (socket.AF_INET, socket.SOCK_DGRAM)
@@ -86,6 +87,50 @@ def test_a_flood_of_long_datagrams_is_taken_in_portions_and_none_is_lost(udp):
         assert [data for portion in portions for data in portion] == sent
         assert max(sum(map(len, portion)) for portion in portions) < MOST_BYTES + 1400
         assert len(portions) == 5
+
+
+@pytest.mark.parametrize(
+    ("host", "peers", "heard"),
+    [
+        ("127.0.0.1", ["127.0.0.1"], True),
+        ("127.0.0.1", ["10.0.0.5", "127.0.0.0/8"], True),
+        ("127.0.0.1", ["10.0.0.5", "127.0.0.2", "fe80::/10"], False),
+        ("[::1]", ["::1"], True),
+        ("[::1]", ["::2", "127.0.0.1"], False),
+        ("[::]", ["127.0.0.1"], True),  # IPv4 on a socket of both
+    ],
+)
+def test_udpin_hears_the_addresses_that_the_mission_names_and_no_other(host, peers, heard):
+    family, to = (socket.AF_INET6, "::1") if host == "[::1]" else (socket.AF_INET, "127.0.0.1")
+    with closing(open_link(f"udpin:{host}:0", peers)) as link, closing(socket.socket(family, UDP[1])) as other:
+        other.sendto(b"hello", (to, link.port))
+        assert [data for data, _ in receive(link)] == [b"hello"] * heard
+        assert [words for words in link.troubles if words.startswith("not heard, for it came from")] == (
+            [] if heard else [f"not heard, for it came from {host}:{other.getsockname()[1]}"]
+        )
+
+
+def test_a_datagram_that_no_router_sends_is_not_read(udp):
+    with closing(open_link("udpin:127.0.0.1:0")) as link:
+        for size in (LONGEST + 1, 65_000, LONGEST):
+            udp.sendto(bytes(size), ("127.0.0.1", link.port))
+        assert [len(data) for data, _ in receive(link)] == [LONGEST]
+        assert link.troubles.total() == 2
+
+
+def test_ipv6_carries_bytes_both_ways():
+    with closing(open_link("udpin:[::1]:0")) as link, closing(open_link(f"udpout:[::1]:{link.port}")) as there:
+        there.send(b"one", None)
+        ((data, source),) = receive(link)
+        link.send(b"answer", source)
+        assert (data, [back for back, _ in receive(there)]) == (b"one", [b"answer"])
+    with (
+        closing(socket.create_server(("::1", 0), family=socket.AF_INET6)) as server,
+        closing(open_link(f"tcp:[::1]:{server.getsockname()[1]}")) as link,
+        closing(server.accept()[0]) as there,
+    ):
+        there.sendall(b"hello")
+        assert [data for data, _ in receive(link)] == [b"hello"]
 
 
 def test_what_waits_in_a_flooded_socket_is_not_old(udp):

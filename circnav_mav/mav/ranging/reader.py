@@ -5,13 +5,14 @@ later, in the estimator. See the messages' own files for what each says.
 """
 
 from collections import Counter
-from collections.abc import Collection
+from collections.abc import Collection, Hashable
 
 from circnav_mav.guidance.range_noise import NoiseCheck
 from circnav_mav.guidance.slant import horizontal
 from circnav_mav.guidance.types import SAME_TIME, RangeSample
 from circnav_mav.mav.clocks import RemoteClock, Slower, nobody_tells
 from circnav_mav.mav.codec import Message
+from circnav_mav.mav.identity import Sender
 from circnav_mav.mav.ranging.interface import OTHERS, RangingSettings, Reading, Reject
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 
@@ -21,6 +22,13 @@ AUTOPILOT_COMPONENT = 1
 EPOCH_JUMP = 1.0
 """A stamp that is newer than the sensor's clock allows, or older than the newest, by more than this, s, is of a clock
 that was set. One that is merely late is not: RemoteClock tells a clock that stood still from a slow link."""
+FUTURE, KNOWN_AFTER = 0.15, 100
+"""How far, s, a stamp may be ahead of the sensor's clock once so many ranges have told how quick its way can be. Less
+is the jitter of a link; more is of another clock, or the way has become quicker, and counts only where nothing comes by
+the old one any more."""
+DOUBT = 0.5
+"""Time, s, after such a stamp in which those by the old clock do not count either: if the way has become quicker, they
+are older than they seem."""
 SOURCE_SILENT = 5.0
 """Silence of the first sensor heard, s, after which another one may take its place."""
 
@@ -36,7 +44,13 @@ class RangeReader:
         self._noise = noise
         self._kind = RANGING_MESSAGES[settings.message]
         self._clock = RemoteClock(slower, wrap=self._kind.stamp_wrap if settings.sensor_stamps else None)
-        self._source: tuple[int, int] | None = None
+        self.trusted: Sender | None = None
+        """Whose ranges count, and from where."""
+        self.rival: Sender | None = None
+        """Who has sent the newest message, where it is a range like those of the trusted sender, from elsewhere."""
+        self._with_vehicle = False
+        self._taken = 0
+        self._ahead_at = float("-inf")
         self._sequence: int | None = None
         self._slant = 0.0
         self.restarted = False
@@ -64,18 +78,26 @@ class RangeReader:
         height: float | None = None,
         strangers: Collection[int] = (),
         one_way: float = 0.0,
+        source: Hashable = None,
+        vehicle: Hashable = None,
     ) -> RangeSample | None:
         """The sample that a message carries, or None; a rejection is counted in `rejected`.
 
         height: of the vehicle above the target, m; None: ranges are taken as horizontal. strangers: systems of other
         vehicles, whose ranges are theirs unless the mission names one of them. one_way: how long messages of this link
-        are under way at least, s, as far as anybody can tell: stamps alone cannot.
+        are under way at least, s, as far as anybody can tell: stamps alone cannot. source: where it came from. vehicle:
+        where the vehicle's frames come from, None where that is not known; a radio that the autopilot forwards moves
+        with it.
         `restarted` tells whether the sensor's clock was found to have jumped with this sample.
         """
-        self.restarted, self.stepped = False, 0.0
+        self.restarted, self.stepped, self.rival = False, 0.0, None
         if message.get_type() != self._kind.type:
             return None
-        answer = self._judge(message, now, height, strangers)
+        if self._with_vehicle and self.trusted is not None and vehicle is not None:
+            self.trusted = (*self.trusted[:2], vehicle)
+        answer = self._judge(message, now, height, strangers, source)
+        if isinstance(answer, RangeSample) and vehicle is not None:
+            self._with_vehicle = source == vehicle
         if isinstance(answer, RangeSample) and one_way > self._settings.max_age - SAME_TIME:
             answer = Reject.TOO_OLD
         if isinstance(answer, Reject):
@@ -88,13 +110,14 @@ class RangeReader:
         self.rejected[reason.value] += 1
 
     def _judge(
-        self, message: Message, now: float, height: float | None, strangers: Collection[int]
+        self, message: Message, now: float, height: float | None, strangers: Collection[int], source: Hashable
     ) -> RangeSample | Reject | None:
         reading, picked = self._kind.read(message), self._kind.picked(message, self._settings)
         if reading is None or (self._kind.for_anything and not picked):
             return None
-        source = (message.get_srcSystem(), message.get_srcComponent())
-        if not self._from_our_sensor(source, now, strangers):
+        sender = (message.get_srcSystem(), message.get_srcComponent(), source)
+        if not self._from_our_sensor(sender, now, strangers):
+            self.rival = None if isinstance(reading, Reject) else self.rival
             return Reject.WRONG_SOURCE
         if not picked:
             return Reject.OTHER_SENSOR
@@ -104,14 +127,16 @@ class RangeReader:
             return Reject.BELOW_MIN
         if reading.slant > self._settings.max_range:
             return Reject.ABOVE_MAX
-        if self._source not in (None, source):
+        if self.trusted not in (None, sender):
             self._begin_anew()
+            self._with_vehicle = False
         carried = reading.stamp if self._settings.sensor_stamps else None
         stamp = now if carried is None else self._clock.unwrapped(carried)
         rejection = self._order(reading, stamp, now)
         if rejection is not None:
             return rejection
-        self._source, self._sequence, self._slant = source, reading.sequence, reading.slant
+        self.trusted, self._sequence, self._slant = sender, reading.sequence, reading.slant
+        self._taken += 1
         self._clock.take(stamp, now)
         return self._sample(reading, stamp, now, height)
 
@@ -133,26 +158,35 @@ class RangeReader:
             flat = answer
         return RangeSample(stamp, time, *flat, source=self._kind.type)
 
-    def _from_our_sensor(self, source: tuple[int, int], now: float, strangers: Collection[int]) -> bool:
-        """One sensor only, of the configured ids: the first heard, until it falls silent."""
+    def _from_our_sensor(self, sender: Sender, now: float, strangers: Collection[int]) -> bool:
+        """One sensor only, of the configured ids, from one address: the first heard, until it falls silent."""
         settings = self._settings
-        if settings.system not in (None, source[0]) or settings.component not in (None, source[1]):
+        if settings.system not in (None, sender[0]) or settings.component not in (None, sender[1]):
             return False
-        if settings.system is None and source[0] in strangers and source[1] == AUTOPILOT_COMPONENT:
-            return False  # also where its ranges were taken before its heartbeat told what it is
-        if self.sender_stays and self._source is not None:
-            return source == self._source
-        if settings.system is None and source[0] in strangers:
+        # an autopilot's also where they were heard, and believed, before its heartbeat told what it is
+        stays = self.sender_stays and sender == self.trusted and sender[1] != AUTOPILOT_COMPONENT
+        if settings.system is None and sender[0] in strangers and not stays:
             return False
-        return self._source in (None, source) or now - self._clock.newest_at > SOURCE_SILENT
+        if self.trusted in (None, sender):
+            return True
+        silent = now - self._clock.newest_at > SOURCE_SILENT
+        self.rival = None if silent or sender[2] == self.trusted[2] else sender
+        return silent and not self.sender_stays
 
     def _order(self, reading: Reading, stamp: float, now: float) -> Reject | None:
         """Why a reading is not a newer measurement than the last, or None."""
         if self._clock.newest is None:
             return None
         step, waited = stamp - self._clock.newest, now - self._clock.newest_at
-        if step <= -EPOCH_JUMP or self._clock.ahead(stamp, now) > EPOCH_JUMP:
+        ahead = self._clock.ahead(stamp, now)
+        if self._taken > KNOWN_AFTER and FUTURE < ahead <= EPOCH_JUMP:
+            self._ahead_at = now
             return self._jump(stamp, now)
+        if step <= -EPOCH_JUMP or ahead > EPOCH_JUMP:
+            return self._jump(stamp, now)
+        if now - self._ahead_at < DOUBT:
+            self._clock.newest_at = now
+            return Reject.CLOCK
         self._clock.on_line()
         if step < 0:
             return Reject.OLDER
@@ -175,5 +209,6 @@ class RangeReader:
     def _begin_anew(self) -> None:
         """Another clock, or another sensor: what was known of the old one says nothing of it."""
         self._clock.reset()
-        self._sequence = None
+        self._sequence, self._taken = None, 0
+        self._ahead_at = float("-inf")
         self.restarted = True
