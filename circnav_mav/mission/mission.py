@@ -6,9 +6,8 @@ from math import inf, radians, tan
 from circnav_mav.guidance.bounds import Bounds
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
 from circnav_mav.guidance.estimators.steady import SteadyState, steady_state
-from circnav_mav.guidance.laws import LAWS
 from circnav_mav.guidance.step import LawChoice
-from circnav_mav.guidance.theory import rate_gain
+from circnav_mav.guidance.tuning import default_estimator, default_gain
 from circnav_mav.guidance.types import Direction, Orbit
 from circnav_mav.mav.autopilots.interface import AirLoops, VehicleFacts
 from circnav_mav.mav.frames import GRAVITY
@@ -18,10 +17,6 @@ from circnav_mav.mav.session import LinkSettings
 from circnav_mav.mission.schema import MissionFile
 from circnav_mav.pilot import LINKS, RANGING, VEHICLE, PilotSettings, Timing, Voice
 
-DEFAULT_LOOP = 0.35
-"""What 2 k r_d V (turn lag + filter lag) is for a default gain; from about .45 on, vehicles limit-cycle."""
-LEAST_GAIN = 1.2
-"""Default gains stay this many times above the paper's bound."""
 MOST_NOISE = 0.5
 """Standard deviation of a range, of the radius, above which it is of no use for the circle."""
 SIM = "sim"
@@ -50,19 +45,13 @@ class Mission:
 
     @property
     def default_gain(self) -> float:
-        """The law's default, lowered where the lags of turn and filter would make the circle oscillate."""
-        law, orbit = LAWS[self.file.guidance.law], self.orbit
-        gain = law.default_gain(orbit.speed, orbit.radius)
-        least = LEAST_GAIN * law.gain_bound(orbit.speed, orbit.radius)
-        if law.name == "smooth":
-            return max(least, min(gain, DEFAULT_LOOP / (2 * orbit.radius * orbit.speed * self.loop_lag)))
-        return max(least, rate_gain(orbit.speed, orbit.radius, self.loop_lag)) if law.gain_unit == "rad/m" else gain
+        """The gain of the law where the file gives none."""
+        return default_gain(self.file.guidance.law, self.orbit, self.loop_lag)
 
     @property
     def estimator(self) -> str:
         """The estimator: the file's, or the one that the law wants."""
-        own = {"auto": "auto", "drift": "drift"}.get(self.file.guidance.law, "kalman")
-        return self.file.guidance.estimator or own
+        return self.file.guidance.estimator or default_estimator(self.file.guidance.law)
 
     @property
     def loop_lag(self) -> float:
