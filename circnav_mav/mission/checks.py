@@ -10,6 +10,7 @@ from circnav_mav.mav.autopilots.table import AUTOPILOTS, REFUSED, adapters
 from circnav_mav.mission.check_result import Check, Grade, graded
 from circnav_mav.mission.checks_ranging import check_ranging
 from circnav_mav.mission.mission import Mission
+from circnav_mav.mission.schema import SELDOM, Table
 
 PLANE_GAIN = 0.72
 """Realised over coordinated turn rate of a plane that slips in its turns (flown: .70 .. .75)."""
@@ -31,7 +32,23 @@ def check_mission(mission: Mission) -> list[Check]:
 
 
 def _keys(mission: Mission) -> Iterator[Check]:
-    yield Check(Grade.PASS, "keys", "all keys known, none missing")
+    needless = list(_needless(mission.file))
+    if needless:
+        yield Check(Grade.WARN, "keys", f"no longer needed, at the default anyway: delete {', '.join(needless)}")
+    else:
+        yield Check(Grade.PASS, "keys", "all keys known, none missing")
+
+
+def _needless(table: Table, before: str = "") -> Iterator[str]:
+    """Keys that a file sets to the default and that nobody needs to set."""
+    for name, field in type(table).model_fields.items():
+        value = getattr(table, name)
+        if name not in table.model_fields_set:
+            continue
+        if isinstance(value, Table):
+            yield from _needless(value, f"{before}{name}.")
+        elif SELDOM in field.metadata and value == field.default:
+            yield before + name
 
 
 def _vehicle(mission: Mission) -> Iterator[Check]:

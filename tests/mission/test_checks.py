@@ -42,6 +42,15 @@ def test_a_sound_mission_passes_every_line_but_the_unknown_height(mission):
     }
 
 
+def test_keys_that_nobody_needs_to_set_are_named_in_one_line_and_still_count(mission):
+    """Those at their default may go; another value is meant."""
+    old = ("vehicle.loops.max_pitch_deg=15.0", "guidance.gate_sigma=5.0", "limits.tick_hz=25.0", "limits.hold_s=10.0")
+    (line,) = lines(mission, "keys", *old)
+    assert line.grade is WARN
+    assert line.says.endswith(": delete vehicle.loops.max_pitch_deg, guidance.gate_sigma")
+    assert mission(*old).pilot_settings().timing.tick == 0.04
+
+
 @pytest.mark.parametrize(
     ("law", "gain", "expected"),
     [
