@@ -12,35 +12,34 @@ from circnav_mav.mission.checks_ranging import check_ranging
 from circnav_mav.mission.mission import Mission
 from circnav_mav.mission.schema import SELDOM, Table
 
+PASS, WARN, FAIL = Grade.PASS, Grade.WARN, Grade.FAIL
 PLANE_GAIN = 0.72
 """Realised over coordinated turn rate of a plane that slips in its turns (flown: .70 .. .75)."""
 WEAK = 0.1
 """Share of the default gain below which a law hardly turns."""
+RADIUS_OFF = 0.01
+"""Share of the radius by which a law may settle beside it: no more than what its ranges scatter."""
+TURN_USED = 0.7
+"""Share of the vehicle's turn rate that the circle may use: the rest is for wind and for getting there."""
 NEED_MOTION = frozenset({"drift", "unicycle"})
 DRIFT_LAWS = frozenset({"auto", "drift"})
 
 
 def check_mission(mission: Mission) -> list[Check]:
     """All the lines for a mission."""
-    before = (_keys, _vehicle, _estimator, _gain, _trim, _radius, _turn_rate)
-    after = (_drift, _signing)
-    return [
-        *(line for part in before for line in part(mission)),
-        *check_ranging(mission),
-        *(line for part in after for line in part(mission)),
-    ]
+    parts = (_keys, _vehicle, _estimator, _gain, _trim, _radius, _turn_rate, check_ranging, _drift, _signing)
+    return [line for part in parts for line in part(mission)]
 
 
 def _keys(mission: Mission) -> Iterator[Check]:
-    needless = list(_needless(mission.file))
-    if needless:
-        yield Check(Grade.WARN, "keys", f"no longer needed, at the default anyway: delete {', '.join(needless)}")
+    if needless := list(_needless(mission.file)):
+        yield Check(WARN, "keys", f"no longer needed, at the default anyway: delete {', '.join(needless)}")
     else:
-        yield Check(Grade.PASS, "keys", "all keys known, none missing")
+        yield Check(PASS, "keys", "all keys known, none missing")
 
 
 def _needless(table: Table, before: str = "") -> Iterator[str]:
-    """Keys that a file sets to the default and that nobody needs to set."""
+    """Keys that nobody needs to set, where the file sets them to the default."""
     for name, field in type(table).model_fields.items():
         value = getattr(table, name)
         if name not in table.model_fields_set:
@@ -56,61 +55,53 @@ def _vehicle(mission: Mission) -> Iterator[Check]:
     able = [one for one in AUTOPILOTS if autopilot in ("auto", one[0]) and one[1] == kind]
     if not able:
         reason = REFUSED.get((autopilot, kind), "there is no honest, position-free way to steer it over MAVLink")
-        yield Check(Grade.FAIL, "vehicle", f"{autopilot} {kind} cannot be flown: {reason}")
+        yield Check(FAIL, "vehicle", f"{autopilot} {kind} cannot be flown: {reason}")
         return
-    yield Check(Grade.PASS, "vehicle", " or ".join(" ".join(one) for one in able))
-    exits = mission.file.exit.action
-    adapters_allowed = adapters(autopilot, kind, mission.pilot_settings().facts)
-    lacking = [one for one in adapters_allowed if exits not in (None, "stop", *one.exits)]
-    if lacking:
-        yield Check(
-            Grade.FAIL,
-            "exit",
-            f"{lacking[0].name} knows no exit action {exits}: choose {', '.join(lacking[0].exits)}",
-        )
+    yield Check(PASS, "vehicle", " or ".join(" ".join(one) for one in able))
+    action, candidates = mission.file.exit.action, adapters(autopilot, kind, mission.pilot_settings().facts)
+    if lacking := [one for one in candidates if action not in (None, "stop", *one.exits)]:
+        known = ", ".join(lacking[0].exits)
+        yield Check(FAIL, "exit", f"{lacking[0].name} knows no exit action {action}: choose {known}")
     may_be_px4 = any(whose == "px4" for whose, _ in able)
-    if may_be_px4 and (exits == "stop" or mission.file.engage.on_takeover == "wait"):
+    if may_be_px4 and (action == "stop" or mission.file.engage.on_takeover == "wait"):
         otherwise = "" if autopilot == "px4" else ', or vehicle.autopilot "ardupilot"'
         yield Check(
-            Grade.FAIL,
+            FAIL,
             "exit",
             "PX4 goes back to OFFBOARD by itself when setpoints resume: exit.action must command a mode, "
             f'and engage.on_takeover must be "end"{otherwise}',
         )
-    elif exits == "stop" and kind.startswith("plane"):
+    elif action == "stop" and kind.startswith("plane"):
         yield Check(
-            Grade.FAIL,
+            FAIL,
             "exit",
             "a plane left in its mode loiters 3 s later, banking hard at once: exit.action must command a mode, "
-            f"choose {', '.join(adapters_allowed[0].exits)}",
+            f"choose {', '.join(candidates[0].exits)}",
         )
 
 
 def _estimator(mission: Mission) -> Iterator[Check]:
     """An estimator that lives on own motion alone must see some before the vehicle is ours."""
-    autopilot, kind = mission.vehicle_key
-    if mission.estimator not in NEED_MOTION:
-        return
-    allowed = adapters(autopilot, kind, mission.pilot_settings().facts)
-    if allowed and not any(one.measures_airspeed for one in allowed):
+    candidates = adapters(*mission.vehicle_key, mission.pilot_settings().facts)
+    measured = not candidates or any(one.measures_airspeed for one in candidates)
+    if mission.estimator in NEED_MOTION and not measured:
         yield Check(
-            Grade.FAIL,
+            FAIL,
             "estimator",
-            f"{mission.estimator} must see the vehicle's motion before it can be engaged, and a {kind} measures no "
-            'airspeed: it is known only while we steer. Set guidance.estimator = "auto"',
+            f"{mission.estimator} must see the vehicle's motion before it can be engaged, and a "
+            f"{mission.vehicle_key[1]} measures no airspeed: it is known only while we steer. "
+            'Set guidance.estimator = "auto"',
         )
 
 
 def _gain(mission: Mission) -> Iterator[Check]:
     law, gain, orbit = LAWS[mission.law.name], mission.law.gain, mission.orbit
     bound = law.gain_bound(orbit.speed, orbit.radius)
-    grade = Grade.FAIL if gain <= bound else Grade.WARN if gain < WEAK * mission.default_gain else Grade.PASS
-    weak = f"; the default is {mission.default_gain:.4g}, so small a gain hardly turns" if grade is Grade.WARN else ""
+    grade = FAIL if gain <= bound else WARN if gain < WEAK * mission.default_gain else PASS
+    weak = f"; the default is {mission.default_gain:.4g}, so small a gain hardly turns" if grade is WARN else ""
     whose = "given" if mission.file.guidance.gain else "default"
-    worth = f" = {bound:.4g}" if bound else ""
-    yield Check(
-        grade, "gain", f"{law.name}: k = {gain:.4g} {law.gain_unit} ({whose}), needs {law.gain_condition}{worth}{weak}"
-    )
+    needs = law.gain_condition + (f" = {bound:.4g}" if bound else "")
+    yield Check(grade, "gain", f"{law.name}: k = {gain:.4g} {law.gain_unit} ({whose}), needs {needs}{weak}")
 
 
 def _trim(mission: Mission) -> Iterator[Check]:
@@ -120,11 +111,10 @@ def _trim(mission: Mission) -> Iterator[Check]:
     bound = law.gain_bound(orbit.speed, least)
     if mission.file.guidance.radius_trim_per_s > 0 and law.gain_bound(orbit.speed, orbit.radius) < gain <= bound:
         yield Check(
-            Grade.WARN,
+            WARN,
             "trim",
             f"guidance.radius_trim_per_s may feed the law a radius down to {least:g} m, which needs "
-            f"{law.gain_condition} = {bound:.4g}: k = {gain:.4g} flies no circle that small; raise "
-            "guidance.gain",
+            f"{law.gain_condition} = {bound:.4g}: k = {gain:.4g} flies no circle that small; raise guidance.gain",
         )
 
 
@@ -134,27 +124,25 @@ def _radius(mission: Mission) -> Iterator[Check]:
         return
     fed = law.fed_radius(orbit.speed, orbit.radius, gain) if mission.law.correct_radius else orbit.radius
     reached = law.reached_radius(orbit.speed, fed, gain)
-    off = abs(reached / orbit.radius - 1)
-    advice = "" if off < 0.01 else "; set guidance.correct_radius = true to reach it exactly"
-    grade = Grade.PASS if off < 0.01 else Grade.WARN
-    yield Check(grade, "radius", f"{reached:.3f} m will be reached, {orbit.radius:g} m asked for{advice}")
+    beside = abs(reached / orbit.radius - 1) >= RADIUS_OFF
+    advice = "; set guidance.correct_radius = true to reach it exactly" if beside else ""
+    words = f"{reached:.3f} m will be reached, {orbit.radius:g} m asked for{advice}"
+    yield Check(WARN if beside else PASS, "radius", words)
 
 
 def _turn_rate(mission: Mission) -> Iterator[Check]:
-    orbit = mission.orbit
-    needed, gain = abs(orbit.steady_turn_rate), _expected_gain(mission)
-    able = gain * orbit.max_turn_rate
-    share = needed / able
+    orbit, gain = mission.orbit, _expected_gain(mission)
+    needed, able = abs(orbit.steady_turn_rate), gain * orbit.max_turn_rate
+    slips = "" if gain == 1 else f": {gain:g} of the {degrees(orbit.max_turn_rate):.2f} deg/s that may be commanded"
     yield Check(
-        graded(share, warn_above=0.7, fail_above=1.0),
+        graded(needed / able, warn_above=TURN_USED, fail_above=1.0),
         "turn rate",
         f"the circle needs {degrees(needed):.2f} deg/s of the vehicle's {degrees(able):.2f} deg/s "
-        f"({100 * share:.0f} %, must stay below 100 %)"
-        + ("" if gain == 1 else f": {gain:g} of the {degrees(orbit.max_turn_rate):.2f} deg/s that it may be told"),
+        f"({100 * needed / able:.0f} %, must stay below 100 %){slips}",
     )
     if mission.law.name == "switching" and mission.law.gain > orbit.max_turn_rate:
         yield Check(
-            Grade.WARN,
+            WARN,
             "turn rate",
             f"the law switches between +-{degrees(mission.law.gain):.2f} deg/s, more than the vehicle's limit, "
             "which it flies instead",
@@ -162,7 +150,7 @@ def _turn_rate(mission: Mission) -> Iterator[Check]:
 
 
 def _expected_gain(mission: Mission) -> float:
-    """The least of what it is told that the vehicle is expected to turn: a plane may reach only .72."""
+    """The least of a commanded turn that the vehicle is expected to turn: a plane may reach only .72."""
     given = mission.file.vehicle.turn_gain
     return given if isinstance(given, float) else PLANE_GAIN if mission.file.vehicle.kind == "plane" else 1.0
 
@@ -175,21 +163,19 @@ def drift_allowed(mission: Mission) -> float:
 
 def _drift(mission: Mission) -> Iterator[Check]:
     """What the circle itself allows in wind or round a moving target, and how long the way to it may take."""
-    orbit, gain = mission.orbit, _expected_gain(mission)
-    tolerated = drift_allowed(mission)
+    orbit, gain, tolerated = mission.orbit, _expected_gain(mission), drift_allowed(mission)
     if tolerated > 0:
-        share = 100 * tolerated / orbit.speed
         rest = "" if mission.file.guidance.law in DRIFT_LAWS else f"; the law {mission.law.name} itself knows no drift"
         yield Check(
-            Grade.PASS,
+            PASS,
             "drift",
-            f"wind less target motion up to {tolerated:.1f} m/s ({share:.0f} % of V) leaves the circle flyable: "
-            f"(V + W)^2/(V max turn rate) <= r_d{rest}",
+            f"wind less target motion up to {tolerated:.1f} m/s ({100 * tolerated / orbit.speed:.0f} % of V) leaves "
+            f"the circle flyable: (V + W)^2/(V max turn rate) <= r_d{rest}",
         )
     far = min(5 * orbit.radius, mission.max_range)
     seconds = settling_time(far, orbit.speed, orbit.radius, orbit.max_turn_rate * gain)
     yield Check(
-        Grade.PASS,
+        PASS,
         "settling",
         f"about {seconds:.0f} s by the shortest tangent (Dubins) from {far:.0f} m in still air, flying away from it at "
         "first; laws on range alone may take twice as long",
@@ -202,7 +188,7 @@ def _signing(mission: Mission) -> Iterator[Check]:
         return
     if table.accept_unsigned is True:
         says = "frames are signed, but unsigned ones are believed too: anybody can speak for the vehicle"
-        yield Check(Grade.WARN, "signing", f"{says} (signing.accept_unsigned)")
+        yield Check(WARN, "signing", f"{says} (signing.accept_unsigned)")
     else:
         also = ", on the ranging endpoint unsigned ones too" if table.accept_unsigned else ""
-        yield Check(Grade.PASS, "signing", f"frames are signed, and believed only if signed with our key{also}")
+        yield Check(PASS, "signing", f"frames are signed, and believed only if signed with our key{also}")

@@ -18,7 +18,12 @@ from circnav_mav.mission.schema import MissionFile
 from circnav_mav.pilot import LINKS, RANGING, VEHICLE, PilotSettings, Timing, Voice
 
 MOST_NOISE = 0.5
-"""Standard deviation of a range, of the radius, above which it is of no use for the circle."""
+"""Standard deviation of a range, of the radius, above which it is of no use: it could be of the other side."""
+GROUND_DRIFT = 0.1
+"""Usual drift, in V, of a vehicle that holds its speed over the ground: only the target's own motion."""
+GROUND_SCALE, DROOPING_SCALE = 0.02, 0.05
+"""Its true speed over the commanded one, standard deviation about 1: ArduPilot's copter and rover came within 1 %, PX4's
+copter lost more to drag."""
 SIM = "sim"
 """The endpoint that stands for the bundled vehicle."""
 
@@ -71,12 +76,10 @@ class Mission:
         settings = EstimatorSettings(
             orbit.speed, orbit.max_turn_rate, gate=guidance.gate_sigma, min_samples=guidance.min_samples
         )
-        # copters and rovers hold their speed over the ground: the wind does not carry them, and the speed is true, but
-        # for PX4's copter, which loses some of it to a drag that only the flight tells
-        if self.file.vehicle.kind not in ("copter", "rover"):
+        if self.file.vehicle.kind == "plane":  # flies through the air: the wind carries it
             return settings
-        true = 0.05 if self.file.vehicle.autopilot == "px4" else 0.02
-        return replace(settings, drift_sigma=0.1, scale_sigma=true)
+        scale = DROOPING_SCALE if self.file.vehicle.autopilot == "px4" else GROUND_SCALE
+        return replace(settings, drift_sigma=GROUND_DRIFT, scale_sigma=scale)
 
     @property
     def height(self) -> HeightSettings:
@@ -170,7 +173,7 @@ class Mission:
         )
 
     def _max_turn_rate(self) -> float:
-        """The turn rate that the vehicle may be told, rad/s: given, or that of a coordinated turn at the bank limit."""
+        """The largest turn rate to command, rad/s: given, or that of a coordinated turn at the bank limit."""
         vehicle = self.file.vehicle
         banked = GRAVITY * tan(radians(vehicle.max_bank_deg)) / vehicle.speed_mps if vehicle.max_bank_deg else inf
         given = radians(vehicle.max_turn_rate_deg_s) if vehicle.max_turn_rate_deg_s else inf

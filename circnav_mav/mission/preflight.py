@@ -17,7 +17,12 @@ FLOWN = {dialect.MAV_AUTOPILOT_ARDUPILOTMEGA: "ArduPilot 4.6.3", dialect.MAV_AUT
 """The firmware whose behaviour the adapters were written for."""
 LOW_RATE = 0.5
 """Fraction of a wanted rate below which a stream is as good as missing."""
+SILENT = 2.0
+"""Age of the newest heartbeat, s, at which one was missed for certain: autopilots send one a second."""
 SLOW_ROUND_TRIP = 0.1
+"""Time to the autopilot and back, s, from which on the delay is no longer small beside a turn lag of 0.4 s."""
+LEAST_SPAN = 1.0
+"""Time, s, over which the speed of a clock can be told within a few percent."""
 TROUBLE = ("prearm", "arm:", "failsafe", "failed", "error", "unhealthy", "denied", "variance")
 """Words of a STATUSTEXT that are worth repeating."""
 
@@ -114,7 +119,7 @@ def _company(mission: Mission, seen: Observations) -> Iterator[Check]:
 
 
 def _streams(mission: Mission, vehicle: VehicleSeen) -> Iterator[Check]:
-    if vehicle.heartbeat_age > 2.0:
+    if vehicle.heartbeat_age > SILENT:
         yield Check(FAIL, "heartbeat", f"the vehicle fell silent {vehicle.heartbeat_age:.1f} s before the end")
     for message_id, (wanted, measured) in vehicle.streams.items():
         name = dialect.mavlink_map[message_id].msgname
@@ -195,7 +200,7 @@ def _clock(mission: Mission, vehicle: VehicleSeen, clock_speed: float) -> Iterat
     if vehicle.reboots:
         yield Check(FAIL, "clock", f"the autopilot rebooted {vehicle.reboots} times while we listened")
     follows = mission.file.link.clock == "autopilot"
-    if vehicle.boot is None or vehicle.boot[1][0] - vehicle.boot[0][0] < 1.0:
+    if vehicle.boot is None or vehicle.boot[1][0] - vehicle.boot[0][0] < LEAST_SPAN:
         grade = FAIL if follows else WARN
         yield Check(
             grade, "clock", "no boot time of the autopilot (SYSTEM_TIME, ATTITUDE): its reboot would not be seen"

@@ -29,8 +29,8 @@ class Table(BaseModel):
 
 
 class LoopsTable(Table):
-    """[vehicle.loops]: our own height and airspeed loops, for method "attitude" only. Defaults: as PX4's simulated plane
-    was flown at 10 m/s."""
+    """[vehicle.loops]: our own height and airspeed loops, for method "attitude" only. The defaults flew PX4's simulated
+    plane at 10 m/s."""
 
     trim_thrust: Annotated[float, Field(gt=0, lt=1)] = 0.63
     thrust_per_mps: Annotated[NotNegative, SELDOM] = 0.08

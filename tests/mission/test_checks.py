@@ -110,7 +110,7 @@ def test_a_plane_that_slips_is_given_both_its_limits(mission):
         mission, "turn rate", "vehicle.kind=plane", "vehicle.max_bank_deg=45", "vehicle.max_turn_rate_deg_s=90"
     )
     assert "of the vehicle's 26.97 deg/s" in line.says
-    assert line.says.endswith("0.72 of the 37.46 deg/s that it may be told")
+    assert line.says.endswith("0.72 of the 37.46 deg/s that may be commanded")
 
 
 def test_a_switching_law_beyond_the_vehicles_limit_is_told(mission):
