@@ -18,12 +18,12 @@ from circnav_mav.mission.schema import MissionFile
 from circnav_mav.pilot import LINKS, RANGING, VEHICLE, PilotSettings, Timing, Voice
 
 MOST_NOISE = 0.5
-"""Standard deviation of a range, of the radius, above which it is of no use: it could be of the other side."""
+"""Standard deviation of a range, of the radius, above which it tells nothing about the circle."""
 GROUND_DRIFT = 0.1
 """Usual drift, in V, of a vehicle that holds its speed over the ground: only the target's own motion."""
 GROUND_SCALE, DROOPING_SCALE = 0.02, 0.05
-"""Its true speed over the commanded one, standard deviation about 1: ArduPilot's copter and rover came within 1 %, PX4's
-copter lost more to drag."""
+"""Its true speed over the commanded one, standard deviation about 1: ArduPilot's copter and rover came within 1 %,
+PX4's copter lost more to drag."""
 SIM = "sim"
 """The endpoint that stands for the bundled vehicle."""
 
