@@ -31,7 +31,7 @@ def load_mission(path: str | Path, overrides: Iterable[str] = ()) -> Mission:
 
 
 def parse_mission(text: str, where: str, overrides: Iterable[str] = (), folder: Path | None = None) -> Mission:
-    """Validate the text of a mission file; `where` names it in errors. folder: from where its paths are told; they
+    """Validate the text of a mission file; `where` names it in errors. folder: that its paths are relative to; they
     become absolute, so that the file as flown can be flown again from its run folder. Raises MissionError."""
     try:
         table = tomllib.loads(text)
@@ -96,11 +96,11 @@ def _check_turning(file: MissionFile, where: str) -> None:
 
 
 def _check_height(file: MissionFile, where: str) -> None:
-    """The height above the target is told in one way. Raises MissionError."""
+    """The height above the target is given in one way. Raises MissionError."""
     ways = ("height_above_target_m", "target_altitude_m", "target_above_home_m")
     given = [f"orbit.{way}" for way in ways if getattr(file.orbit, way) is not None]
     if len(given) > 1:
-        raise MissionError(f"{where}: {' and '.join(given)}: the height is told in one way only: keep one of them")
+        raise MissionError(f"{where}: {' and '.join(given)}: the height is given in one way only: keep one of them")
 
 
 def _check_order(file: MissionFile, where: str) -> None:
@@ -148,7 +148,7 @@ def _put(table: Any, keys: list[str], value: Any, override: str) -> None:
 
 
 def _make_absolute(table: Any, folder: Path) -> None:
-    """The key files of a mission and of its bundled vehicle: told from the folder of the file, `~` from home."""
+    """The key files of a mission and of its bundled vehicle: relative to the folder of the file, `~` from home."""
     for place in (table, table.get("sim")):
         signing = place.get("signing") if isinstance(place, Mapping) else None
         if isinstance(signing, Mapping) and isinstance(name := signing.get("key_file"), str) and name:

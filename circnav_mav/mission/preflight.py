@@ -115,7 +115,7 @@ def _company(mission: Mission, seen: Observations) -> Iterator[Check]:
         yield Check(PASS, "others", "no other autopilot and no twin of ours on the link")
 
 
-# --- what it tells ----------------------------------------------------------------------------------------------------
+# --- what it sends ----------------------------------------------------------------------------------------------------
 
 
 def _streams(mission: Mission, vehicle: VehicleSeen) -> Iterator[Check]:

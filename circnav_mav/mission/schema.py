@@ -111,7 +111,7 @@ class LinkTable(Table):
 
 
 class SigningTable(Table):
-    """[signing]: MAVLink 2 message signing. key_file is told from the mission file's folder."""
+    """[signing]: MAVLink 2 message signing. key_file is relative to the mission file's folder."""
 
     key_file: Name
     link_id: Annotated[int, Field(ge=0, le=255), SELDOM] = 0

@@ -87,10 +87,10 @@ def test_every_number_of_a_file_reaches_the_pilot(mission):
 
 
 @pytest.mark.parametrize("second", ["target_altitude_m=584.0", "target_above_home_m=-2.0"])
-def test_the_height_is_told_in_one_way(mission, second):
+def test_the_height_is_given_in_one_way(mission, second):
     key = second.split("=")[0]
     assert getattr(mission(f"orbit.{second}").height, key.removesuffix("_m")) == float(second.split("=")[1])
-    clash = rf"small\.toml: orbit\.height_above_target_m and orbit\.{key}: the height is told in one way only"
+    clash = rf"small\.toml: orbit\.height_above_target_m and orbit\.{key}: the height is given in one way only"
     with pytest.raises(MissionError, match=clash):
         mission("orbit.height_above_target_m=30.0", f"orbit.{second}")
 
