@@ -8,11 +8,10 @@ from collections.abc import Callable, Mapping
 from math import pi, remainder
 
 from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings, Fused
-from circnav_mav.guidance.estimators.steady import steady_state
-from circnav_mav.guidance.estimators.table import ESTIMATORS
+from circnav_mav.guidance.estimators.table import ESTIMATORS, default_estimator
 from circnav_mav.guidance.laws import LAWS
 from circnav_mav.guidance.step import LawChoice, Steering, limit, steering, through_gain
-from circnav_mav.guidance.tuning import default_estimator, default_gain
+from circnav_mav.guidance.tuning import default_gain, loop_lag
 from circnav_mav.guidance.turn_gain import TurnGain, TurnGainSettings, learn
 from circnav_mav.guidance.turn_response import Pending, PendingTurn, ResponseLearner
 from circnav_mav.guidance.types import (
@@ -54,8 +53,8 @@ def tune(
     """
     _known("law", law, LAWS)
     settings = EstimatorSettings(orbit.speed, orbit.max_turn_rate)
-    filter_lag = steady_state(settings, r=orbit.radius, sigma=sigma, period=1 / rate).lag
-    return LawChoice(law, default_gain(law, orbit, turn_lag + filter_lag), lag=turn_lag)
+    lag = loop_lag(turn_lag, settings, r_d=orbit.radius, sigma=sigma, period=1 / rate)
+    return LawChoice(law, default_gain(law, orbit.speed, orbit.radius, lag), lag=turn_lag)
 
 
 class Guidance:

@@ -1,26 +1,49 @@
-"""What a law flies with where nobody says otherwise: its gain, lowered where turn and filter answer late, and its
-estimator."""
+"""Where every default gain comes from: the mission check, the pilot and the benchmark all ask here.
 
-from circnav_mav.guidance.laws import LAWS
-from circnav_mav.guidance.theory import rate_gain
-from circnav_mav.guidance.types import Orbit
+A gain follows from the circle and from one delay: that of the turn, which a mission states, and that of the range-rate
+filter, which follows from the radio's noise and rate. (The heading loop of `drift` and `auto` is tuned in flight, by
+the answer that is measured there: see `vector_field.drift_gains`.)
+"""
 
+from collections.abc import Callable
+
+from circnav_mav.guidance.estimators.interface import EstimatorSettings
+from circnav_mav.guidance.estimators.steady import steady_state
+from circnav_mav.guidance.theory import rate_gain, smooth_gain_bound, switching_gain_bound
+
+LEAST = 1.2
+"""Default gains stay this many times above the paper's bound."""
 SMOOTH_LOOP = 0.35
-"""What 2 k r_d V (turn lag + filter lag) is for a default gain of `smooth`; from about .45 on, flown vehicles
-limit-cycle."""
-LEAST_GAIN = 1.2
-"""Default gains stay this many times above the paper's bound, as in its third example (k = .12 over V/r_d = .1)."""
+"""What 2 k r_d V lag is for law 1 at the most; from about .45 on, vehicles limit-cycle."""
+BOUNDED_LAG = 0.55
+"""Lag of turn and filter, s, that the gain of `bounded` is made for."""
 
 
-def default_gain(law_name: str, orbit: Orbit, lag: float) -> float:
-    """Magnitude of the law's gain for a loop with so much lag (turn and filter, s), in the law's unit."""
-    law, V, r_d = LAWS[law_name], orbit.speed, orbit.radius
-    gain, least = law.default_gain(V, r_d), LEAST_GAIN * law.gain_bound(V, r_d)
-    if law_name == "smooth":
-        return max(least, min(gain, SMOOTH_LOOP / (2 * r_d * V * lag)))
-    return max(least, float(rate_gain(V, r_d, lag))) if law.gain_unit == "rad/m" else gain
+def loop_lag(turn_lag: float, settings: EstimatorSettings, *, r_d: float, sigma: float, period: float) -> float:
+    """Delay, s, from a change of the range rate to the vehicle's turn: the turn's own, and that of the filter on ranges
+    of noise sigma (m) every `period` (s)."""
+    return turn_lag + steady_state(settings, r=r_d, sigma=sigma, period=period).lag
 
 
-def default_estimator(law_name: str) -> str:
-    """The estimator that a law wants: one that also finds the target, or range and range rate alone."""
-    return law_name if law_name in ("auto", "drift") else "kalman"
+def default_gain(law: str, V: float, r_d: float, lag: float) -> float:
+    """Magnitude of a law's gain k at speed V (m/s) on a circle of r_d (m), with so much delay in the loop (s)."""
+    return float(_GAINS[law](V, r_d, lag))
+
+
+def _smooth(V: float, r_d: float, lag: float) -> float:
+    """Twice the bound, as in the paper's example, or less where the delay would make the circle oscillate."""
+    bound = smooth_gain_bound(r_d)
+    return max(LEAST * bound, min(2 * bound, SMOOTH_LOOP / (2 * r_d * V * lag)))
+
+
+_GAINS: dict[str, Callable[[float, float, float], float]] = {
+    "smooth": _smooth,
+    "switching": lambda V, r_d, lag: LEAST * switching_gain_bound(V, r_d),  # as in the paper's example
+    "bounded": lambda V, r_d, lag: max(0.5 * rate_gain(V, r_d, BOUNDED_LAG), 1.5 / r_d),  # its slope in r is k^2 V
+    "relay": lambda V, r_d, lag: 1.33 * V / r_d,
+    "pd": rate_gain,
+    "pi": rate_gain,
+    "feedforward": rate_gain,
+    "drift": rate_gain,  # flies feedforward while there is no relative motion to trust
+    "auto": rate_gain,
+}

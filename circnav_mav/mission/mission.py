@@ -6,8 +6,9 @@ from math import inf, radians, tan
 from circnav_mav.guidance.bounds import Bounds
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
 from circnav_mav.guidance.estimators.steady import SteadyState, steady_state
+from circnav_mav.guidance.estimators.table import default_estimator
 from circnav_mav.guidance.step import LawChoice
-from circnav_mav.guidance.tuning import default_estimator, default_gain
+from circnav_mav.guidance.tuning import default_gain, loop_lag
 from circnav_mav.guidance.types import Direction, Orbit
 from circnav_mav.mav.autopilots.interface import AirLoops, VehicleFacts
 from circnav_mav.mav.frames import GRAVITY
@@ -50,8 +51,8 @@ class Mission:
 
     @property
     def default_gain(self) -> float:
-        """The gain of the law where the file gives none."""
-        return default_gain(self.file.guidance.law, self.orbit, self.loop_lag)
+        """The law's default for this circle and the delay of this loop."""
+        return default_gain(self.file.guidance.law, self.orbit.speed, self.orbit.radius, self.loop_lag)
 
     @property
     def estimator(self) -> str:
@@ -61,7 +62,9 @@ class Mission:
     @property
     def loop_lag(self) -> float:
         """Delay from a change of range rate to the vehicle's turn, s: the filter's and the vehicle's."""
-        return self.file.vehicle.turn_lag_s + self.steady_estimate.lag
+        ranging, lag = self.file.ranging, self.file.vehicle.turn_lag_s
+        period = 1 / ranging.rate_hz
+        return loop_lag(lag, self.estimation, r_d=self.orbit.radius, sigma=ranging.sigma_m, period=period)
 
     @property
     def steady_estimate(self) -> SteadyState:
