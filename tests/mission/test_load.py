@@ -257,17 +257,29 @@ def test_a_bound_that_would_never_act_or_always_is_refused_with_what_to_do(text,
     assert refusal(text, f"bounds.min_altitude_m={value}") == line
 
 
-@pytest.mark.parametrize(
-    ("table", "quantity", "low", "high"),
-    [("bounds", "range_m", 300, 200), ("bounds", "altitude_m", 50, -5), ("bounds", "altitude_m", 50, 50),
-     ("ranging", "range_m", 300, 200)],
-)  # fmt: skip
-def test_a_lower_bound_must_be_below_its_upper_one(text, table, quantity, low, high):
-    line = refusal(text, f"{table}.min_{quantity}={low}", f"{table}.max_{quantity}={high}")
-    assert line == (
-        f"m.toml: {table}.min_{quantity}: {low} is not below {table}.max_{quantity} = {high}: "
-        "lower it, or raise the other"
-    )
+CLASHES = [
+    ("vehicle.kind=plane", "vehicle.max_bank_deg: missing, a plane turns by banking: add its limit"),
+    ("link.endpoint=sim", 'link.endpoint: is "sim", which needs a [sim] table describing the vehicle'),
+    ("ranging.endpoint=sim",
+     'ranging.endpoint: is "sim" but the vehicle is not the bundled one: --set ranging.endpoint=URL'),
+    ("bounds.min_range_m=300 bounds.max_range_m=200",
+     "bounds.min_range_m: 300 is not below bounds.max_range_m = 200: lower it, or raise the other"),
+    ("bounds.min_altitude_m=50 bounds.max_altitude_m=50",
+     "bounds.min_altitude_m: 50 is not below bounds.max_altitude_m = 50: lower it, or raise the other"),
+    ("ranging.min_range_m=300 ranging.max_range_m=200 link.endpoint=sim",
+     'link.endpoint: is "sim", which needs a [sim] table describing the vehicle; '
+     "ranging.min_range_m: 300 is not below ranging.max_range_m = 200: lower it, or raise the other"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("overrides", "line"), CLASHES)
+def test_keys_that_do_not_go_together_are_named_all_at_once(text, overrides, line):
+    assert refusal(text, *overrides.split()) == f"m.toml: {line}"
+
+
+def test_a_vehicle_needs_a_limit_to_its_turning(text):
+    without = text.replace("max_turn_rate_deg_s = 20.0\n", "")
+    assert refusal(without) == "m.toml: vehicle.max_turn_rate_deg_s: missing, add it"
 
 
 def test_bounds_in_their_order_are_taken_below_zero_too(mission):
@@ -275,9 +287,7 @@ def test_bounds_in_their_order_are_taken_below_zero_too(mission):
     assert (bounds.lowest, bounds.highest) == (-20.0, -5.5)
 
 
-def test_the_bundled_vehicle_needs_its_table(text):
-    line = refusal(text, "link.endpoint=sim")
-    assert line == 'm.toml: link.endpoint: is "sim", which needs a [sim] table describing the vehicle'
+def test_the_bundled_vehicle_is_flown_with_its_table(text):
     assert parse_mission(text + "\n[sim]\nseed = 1\n", "m.toml", ["link.endpoint=sim"]).flies_sim
 
 
