@@ -55,42 +55,48 @@ def _vehicle(mission: Mission) -> Iterator[Check]:
     able = [one for one in AUTOPILOTS if autopilot in ("auto", one[0]) and one[1] == kind]
     if not able:
         reason = REFUSED.get((autopilot, kind), "there is no honest, position-free way to steer it over MAVLink")
-        yield Check(FAIL, "vehicle", f"{autopilot} {kind} cannot be flown: {reason}")
+        yield Check(Grade.FAIL, "vehicle", f"{autopilot} {kind} cannot be flown: {reason}")
         return
-    yield Check(PASS, "vehicle", " or ".join(" ".join(one) for one in able))
-    action, candidates = mission.file.exit.action, adapters(autopilot, kind, mission.pilot_settings().facts)
-    if lacking := [one for one in candidates if action not in (None, "stop", *one.exits)]:
-        known = ", ".join(lacking[0].exits)
-        yield Check(FAIL, "exit", f"{lacking[0].name} knows no exit action {action}: choose {known}")
+    yield Check(Grade.PASS, "vehicle", " or ".join(" ".join(one) for one in able))
+    exits = mission.file.exit.action
+    adapters_allowed = adapters(autopilot, kind, mission.pilot_settings().facts)
+    lacking = [one for one in adapters_allowed if exits not in (None, "stop", *one.exits)]
+    if lacking:
+        yield Check(
+            Grade.FAIL,
+            "exit",
+            f"{lacking[0].name} knows no exit action {exits}: choose {', '.join(lacking[0].exits)}",
+        )
     may_be_px4 = any(whose == "px4" for whose, _ in able)
-    if may_be_px4 and (action == "stop" or mission.file.engage.on_takeover == "wait"):
+    if may_be_px4 and (exits == "stop" or mission.file.engage.on_takeover == "wait"):
         otherwise = "" if autopilot == "px4" else ', or vehicle.autopilot "ardupilot"'
         yield Check(
-            FAIL,
+            Grade.FAIL,
             "exit",
             "PX4 goes back to OFFBOARD by itself when setpoints resume: exit.action must command a mode, "
             f'and engage.on_takeover must be "end"{otherwise}',
         )
-    elif action == "stop" and kind.startswith("plane"):
+    elif exits == "stop" and kind.startswith("plane"):
         yield Check(
-            FAIL,
+            Grade.FAIL,
             "exit",
             "a plane left in its mode loiters 3 s later, banking hard at once: exit.action must command a mode, "
-            f"choose {', '.join(candidates[0].exits)}",
+            f"choose {', '.join(adapters_allowed[0].exits)}",
         )
 
 
 def _estimator(mission: Mission) -> Iterator[Check]:
     """An estimator that lives on own motion alone must see some before the vehicle is ours."""
-    candidates = adapters(*mission.vehicle_key, mission.pilot_settings().facts)
-    measured = not candidates or any(one.measures_airspeed for one in candidates)
-    if mission.estimator in NEED_MOTION and not measured:
+    autopilot, kind = mission.vehicle_key
+    if mission.estimator not in NEED_MOTION:
+        return
+    allowed = adapters(autopilot, kind, mission.pilot_settings().facts)
+    if allowed and not any(one.measures_airspeed for one in allowed):
         yield Check(
-            FAIL,
+            Grade.FAIL,
             "estimator",
-            f"{mission.estimator} must see the vehicle's motion before it can be engaged, and a "
-            f"{mission.vehicle_key[1]} measures no airspeed: it is known only while we steer. "
-            'Set guidance.estimator = "auto"',
+            f"{mission.estimator} must see the vehicle's motion before it can be engaged, and a {kind} measures no "
+            'airspeed: it is known only while we steer. Set guidance.estimator = "auto"',
         )
 
 
@@ -150,7 +156,7 @@ def _turn_rate(mission: Mission) -> Iterator[Check]:
 
 
 def _expected_gain(mission: Mission) -> float:
-    """The least of a commanded turn that the vehicle is expected to turn: a plane may reach only .72."""
+    """The least of what it is told that the vehicle is expected to turn: a plane may reach only .72."""
     given = mission.file.vehicle.turn_gain
     return given if isinstance(given, float) else PLANE_GAIN if mission.file.vehicle.kind == "plane" else 1.0
 

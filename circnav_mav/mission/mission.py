@@ -20,11 +20,6 @@ from circnav_mav.pilot import LINKS, RANGING, VEHICLE, PilotSettings, Timing, Vo
 
 MOST_NOISE = 0.5
 """Standard deviation of a range, of the radius, above which it tells nothing about the circle."""
-GROUND_DRIFT = 0.1
-"""Usual drift, in V, of a vehicle that holds its speed over the ground: only the target's own motion."""
-GROUND_SCALE, DROOPING_SCALE = 0.02, 0.05
-"""Its true speed over the commanded one, standard deviation about 1: ArduPilot's copter and rover came within 1 %,
-PX4's copter lost more to drag."""
 SIM = "sim"
 """The endpoint that stands for the bundled vehicle."""
 
@@ -79,10 +74,12 @@ class Mission:
         settings = EstimatorSettings(
             orbit.speed, orbit.max_turn_rate, gate=guidance.gate_sigma, min_samples=guidance.min_samples
         )
-        if self.file.vehicle.kind == "plane":  # flies through the air: the wind carries it
+        # copters and rovers hold their speed over the ground: the wind does not carry them, and the speed is true, but
+        # for PX4's copter, which loses some of it to a drag that only the flight tells
+        if self.file.vehicle.kind not in ("copter", "rover"):
             return settings
-        scale = DROOPING_SCALE if self.file.vehicle.autopilot == "px4" else GROUND_SCALE
-        return replace(settings, drift_sigma=GROUND_DRIFT, scale_sigma=scale)
+        true = 0.05 if self.file.vehicle.autopilot == "px4" else 0.02
+        return replace(settings, drift_sigma=0.1, scale_sigma=true)
 
     @property
     def height(self) -> HeightSettings:
