@@ -117,6 +117,8 @@ def heard(guidance: Guidance, ranges: Callable[[float], float] = lambda time: 15
 def test_no_turn_is_commanded_before_there_is_an_estimate_nor_once_it_is_stale():
     guidance = Guidance(ORBIT, "feedforward")
     assert guidance.command(0.0) is None
+    guidance.observe(RangeSample(-0.1, -0.1, 150.0, 0.5))
+    assert guidance.command(0.0) is None  # one range tells no rate
     heard(guidance)
     assert guidance.command(2.4) is not None
     assert guidance.command(2.5) is None
