@@ -277,6 +277,10 @@ def test_keys_that_do_not_go_together_are_named_all_at_once(text, overrides, lin
     assert refusal(text, *overrides.split()) == f"m.toml: {line}"
 
 
+def test_a_radio_is_not_rejected_for_the_noise_that_the_mission_gives_it(mission):
+    assert mission("ranging.sigma_m=60").pilot_settings().ranging.max_sigma > 60
+
+
 def test_a_vehicle_needs_a_limit_to_its_turning(text):
     without = text.replace("max_turn_rate_deg_s = 20.0\n", "")
     assert refusal(without) == "m.toml: vehicle.max_turn_rate_deg_s: missing, add it"
