@@ -1,3 +1,45 @@
-"""circnav_mav: circle an unknown target with nothing but a range, over MAVLink."""
+"""circnav_mav: circle an unknown target with nothing but a range, over MAVLink.
+
+`from circnav_mav import Guidance, ...` is the public API, see `circnav_mav.api`; it is loaded when it is first used,
+for its filters take their time and `circnav --help` needs none.
+"""
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from circnav_mav.api import (
+        Direction,
+        Estimator,
+        Guidance,
+        LawChoice,
+        Orbit,
+        OwnMotion,
+        RangeEstimate,
+        RangeSample,
+        RelativeMotion,
+        TurnCommand,
+        tune,
+    )
 
 __version__ = "0.1.0"
+__all__ = [
+    "Direction",
+    "Estimator",
+    "Guidance",
+    "LawChoice",
+    "Orbit",
+    "OwnMotion",
+    "RangeEstimate",
+    "RangeSample",
+    "RelativeMotion",
+    "TurnCommand",
+    "tune",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from circnav_mav import api
+
+    return getattr(api, name)

@@ -53,35 +53,35 @@ class Session:
         self._mode_results: deque[CommandResult] = deque(maxlen=8)
         self._sent: deque[bytes] = deque(maxlen=SENT_KEPT)
         self._twin_heard: deque[float] = deque(maxlen=TWIN_FRAMES)
-        self.pinning = Identity(settings, adapters)
-        self.told = VehicleState(self.pinning.adapter)
+        self.identity = Identity(settings, adapters)
+        self.vehicle = VehicleState(self.identity.adapter)
         self.encoder = Encoder(settings.system_id or 1, settings.component_id, signing)
         self.commands = CommandSender()
         self.streams = StreamRequests({})
-        self.round_trip = Timesync()
-        self.motion = OwnMotionSensor(self.round_trip.slower)
+        self.timesync = Timesync()
+        self.motion = OwnMotionSensor(self.timesync.slower)
         self.announcer = Announcer()
         self.mode_requests_dropped = 0
         """Times that a request was dropped before its answer had come."""
-        self.ignored, self.misfits = self.pinning.ignored, self.pinning.misfits
-        self.clock_speed, self.texts = self.told.clock_speed, self.told.texts
+        self.ignored, self.misfits = self.identity.ignored, self.identity.misfits
+        self.clock_speed, self.texts = self.vehicle.clock_speed, self.vehicle.texts
 
     # --- of the vehicle, as everybody asks it ---
 
     @property
     def peer(self) -> Peer | None:
         """The pinned vehicle, None while there is none."""
-        return self.pinning.peer
+        return self.identity.peer
 
     @property
     def up(self) -> bool:
         """Whether a vehicle is pinned."""
-        return self.pinning.peer is not None
+        return self.identity.peer is not None
 
     @property
     def adapter(self) -> Autopilot:
         """Of the vehicle; of the first that the mission allows before one was heard."""
-        return self.pinning.adapter
+        return self.identity.adapter
 
     @property
     def vehicle_ids(self) -> tuple[int, int]:
@@ -91,41 +91,41 @@ class Session:
     @property
     def reply_to(self) -> Hashable:
         """Where our bytes go, None for nowhere yet."""
-        return self.pinning.reply_to
+        return self.identity.reply_to
 
     @property
     def in_our_mode(self) -> bool:
         """Whether the vehicle obeys setpoints: armed, and its own heartbeat names the guided mode."""
-        return self.told.in_our_mode
+        return self.vehicle.in_our_mode
 
     @property
     def mode(self) -> int | None:
         """The vehicle's mode."""
-        return self.told.mode
+        return self.vehicle.mode
 
     @property
     def mode_name(self) -> str:
         """The vehicle's mode for people."""
-        return self.told.mode_name
+        return self.vehicle.mode_name
 
     @property
     def boot_time(self) -> float | None:
         """The vehicle's newest time since boot, s, None before it was reported."""
-        return self.told.boot_time
+        return self.vehicle.boot_time
 
     @property
     def reboots(self) -> int:
         """Times that the vehicle has started again."""
-        return self.told.reboots
+        return self.vehicle.reboots
 
     @property
     def firmware(self) -> str | None:
         """Version of the vehicle's firmware, None before it was reported."""
-        return self.told.firmware
+        return self.vehicle.firmware
 
     def heartbeat_age(self, now: float) -> float:
         """Seconds since the vehicle last reported its mode."""
-        return now - self.told.heard_at
+        return now - self.vehicle.heard_at
 
     @property
     def doubled(self) -> bool:
@@ -148,15 +148,15 @@ class Session:
         kind = message.get_type()
         if kind == "HEARTBEAT":
             before = self.peer
-            self.pinning.hear(message, source, now, silence=self.heartbeat_age(now))
+            self.identity.hear(message, source, now, silence=self.heartbeat_age(now))
             if self.peer is not None and self.peer != before:
                 self._pinned(self.peer, anew=before is None)
-        if not self.pinning.speaks(message, source, now, silence=self.heartbeat_age(now)):
+        if not self.identity.speaks(message, source, now, silence=self.heartbeat_age(now)):
             return False
         self.streams.heard(message.get_msgId())
-        reboots = self.told.reboots
-        self.told.receive(message, now)
-        if self.told.reboots > reboots:
+        reboots = self.vehicle.reboots
+        self.vehicle.receive(message, now)
+        if self.vehicle.reboots > reboots:
             self.streams.restart()
         if kind == "COMMAND_ACK":
             self.commands.acknowledge(message, (self.encoder.system, self._component), now)
@@ -166,8 +166,8 @@ class Session:
 
     def lose(self) -> None:
         """The vehicle has fallen silent: let go of it."""
-        self.told.lost()
-        self.pinning.let_go()
+        self.vehicle.lost()
+        self.identity.let_go()
         self.commands.clear()
 
     def _in_our_name(self, frame: bytes, peer: Peer, source: Hashable, now: float) -> None:
@@ -179,24 +179,24 @@ class Session:
             self._twin_heard.append(now)
         else:
             ours = (self.encoder.system, self._component)
-            self.pinning.rivals.heard(OUR_NAME, (*ours, source), (*ours, "this computer"), now)
+            self.identity.rivals.heard(OUR_NAME, (*ours, source), (*ours, "this computer"), now)
 
     def _pinned(self, peer: Peer, *, anew: bool) -> None:
         """The vehicle was found, or speaks from another address."""
         self.encoder.system = peer.system
         if not anew:
-            self.told.moved()
+            self.vehicle.moved()
         else:
-            self.told.found(self.adapter)
+            self.vehicle.found(self.adapter)
             self.streams = StreamRequests({**self.adapter.firmware.streams, **self._more_streams})
             self.commands.send(Command(dialect.MAV_CMD_REQUEST_MESSAGE, (dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION,)))
-        if self.told.unproven:
+        if self.vehicle.unproven:
             self.commands.send(Command(dialect.MAV_CMD_REQUEST_MESSAGE, (dialect.MAVLINK_MSG_ID_SYSTEM_TIME,)))
 
     def _on_timesync(self, message: Message, now: float) -> None:
         """Answer a request (tc1 = 0) with our clock, in ns, mirroring the asker's; else it may be an answer to ours."""
         if message.tc1:
-            self.round_trip.heard(message.ts1, now)
+            self.timesync.heard(message.ts1, now)
         elif len(self._replies) < MOST_REPLIES:
             self._replies.append(dialect.MAVLink_timesync_message(int(now * 1e9) or 1, message.ts1))
 
@@ -217,7 +217,7 @@ class Session:
             self._note_results()
             for request in self.streams.poll(now):
                 self.commands.send(request)
-            messages += self.commands.poll(self.peer.ids, now) + self.round_trip.poll(now)
+            messages += self.commands.poll(self.peer.ids, now) + self.timesync.poll(now)
             messages += self.announcer.texts(now)
         return messages
 
@@ -235,7 +235,7 @@ class Session:
     def farewell(self) -> list[Message]:
         """Give the vehicle its own stream rates back, also where it is silent, and nobody else his; nobody waits for
         the answer."""
-        first = self.pinning.first
+        first = self.identity.first
         return [] if first is None else [once(command, first) for command in self.streams.give_back()]
 
     def heartbeats_due(self, now: float) -> list[Message]:

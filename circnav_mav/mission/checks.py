@@ -10,9 +10,15 @@ from circnav_mav.mav.autopilots.table import REFUSED, allowed
 from circnav_mav.mav.check_result import Check, Grade, graded
 from circnav_mav.mission.checks_ranging import check_ranging
 from circnav_mav.mission.mission import Mission
+from circnav_mav.mission.schema import SELDOM, Table
 
+PASS, WARN, FAIL = Grade.PASS, Grade.WARN, Grade.FAIL
 WEAK = 0.1
 """Share of the default gain below which a law hardly turns."""
+RADIUS_OFF = 0.01
+"""Share of the radius by which a law may settle beside it: no more than what its ranges scatter."""
+TURN_USED = 0.7
+"""Share of the vehicle's turn rate that the circle may use: the rest is for wind and for getting there."""
 NEED_MOTION = frozenset({"drift", "unicycle"})
 LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
 """Hosts of endpoints that nobody but this computer can reach."""
@@ -21,17 +27,27 @@ DRIFT_LAWS = frozenset({"auto", "drift"})
 
 def check_mission(mission: Mission) -> list[Check]:
     """All the lines for a mission."""
-    before = (_keys, _vehicle, _estimator, _gain, _trim, _radius, _turn_rate)
-    after = (_drift, _signing)
-    return [
-        *(line for part in before for line in part(mission)),
-        *check_ranging(mission),
-        *(line for part in after for line in part(mission)),
-    ]
+    parts = (_keys, _vehicle, _estimator, _gain, _trim, _radius, _turn_rate, check_ranging, _drift, _signing)
+    return [line for part in parts for line in part(mission)]
 
 
 def _keys(mission: Mission) -> Iterator[Check]:
-    yield Check(Grade.PASS, "keys", "all keys known, none missing")
+    if needless := list(_needless(mission.file)):
+        yield Check(WARN, "keys", f"no longer needed, at the default anyway: delete {', '.join(needless)}")
+    else:
+        yield Check(PASS, "keys", "all keys known, none missing")
+
+
+def _needless(table: Table, before: str = "") -> Iterator[str]:
+    """Keys that nobody needs to set, where the file sets them to the default."""
+    for name, field in type(table).model_fields.items():
+        value = getattr(table, name)
+        if name not in table.model_fields_set:
+            continue
+        if isinstance(value, Table):
+            yield from _needless(value, f"{before}{name}.")
+        elif SELDOM in field.metadata and value == field.default:
+            yield before + name
 
 
 def _vehicle(mission: Mission) -> Iterator[Check]:
@@ -80,13 +96,11 @@ def _estimator(mission: Mission) -> Iterator[Check]:
 def _gain(mission: Mission) -> Iterator[Check]:
     law, gain, orbit = LAWS[mission.law.name], mission.law.gain, mission.orbit
     bound = law.gain_bound(orbit.speed, orbit.radius)
-    grade = Grade.FAIL if gain <= bound else Grade.WARN if gain < WEAK * mission.default_gain else Grade.PASS
-    weak = f"; the default is {mission.default_gain:.4g}, so small a gain hardly turns" if grade is Grade.WARN else ""
+    grade = FAIL if gain <= bound else WARN if gain < WEAK * mission.default_gain else PASS
+    weak = f"; the default is {mission.default_gain:.4g}, so small a gain hardly turns" if grade is WARN else ""
     whose = "given" if mission.file.guidance.gain else "default"
-    worth = f" = {bound:.4g}" if bound else ""
-    yield Check(
-        grade, "gain", f"{law.name}: k = {gain:.4g} {law.gain_unit} ({whose}), needs {law.gain_condition}{worth}{weak}"
-    )
+    needs = law.gain_condition + (f" = {bound:.4g}" if bound else "")
+    yield Check(grade, "gain", f"{law.name}: k = {gain:.4g} {law.gain_unit} ({whose}), needs {needs}{weak}")
 
 
 def _trim(mission: Mission) -> Iterator[Check]:
@@ -96,11 +110,10 @@ def _trim(mission: Mission) -> Iterator[Check]:
     bound = law.gain_bound(orbit.speed, least)
     if mission.file.guidance.radius_trim_per_s > 0 and law.gain_bound(orbit.speed, orbit.radius) < gain <= bound:
         yield Check(
-            Grade.WARN,
+            WARN,
             "trim",
             f"guidance.radius_trim_per_s may feed the law a radius down to {least:g} m, which needs "
-            f"{law.gain_condition} = {bound:.4g}: k = {gain:.4g} flies no circle that small; raise "
-            "guidance.gain",
+            f"{law.gain_condition} = {bound:.4g}: k = {gain:.4g} flies no circle that small; raise guidance.gain",
         )
 
 
@@ -110,27 +123,25 @@ def _radius(mission: Mission) -> Iterator[Check]:
         return
     fed = law.fed_radius(orbit.speed, orbit.radius, gain) if mission.law.correct_radius else orbit.radius
     reached = law.reached_radius(orbit.speed, fed, gain)
-    off = abs(reached / orbit.radius - 1)
-    advice = "" if off < 0.01 else "; set guidance.correct_radius = true to reach it exactly"
-    grade = Grade.PASS if off < 0.01 else Grade.WARN
-    yield Check(grade, "radius", f"{reached:.3f} m will be reached, {orbit.radius:g} m asked for{advice}")
+    beside = abs(reached / orbit.radius - 1) >= RADIUS_OFF
+    advice = "; set guidance.correct_radius = true to reach it exactly" if beside else ""
+    words = f"{reached:.3f} m will be reached, {orbit.radius:g} m asked for{advice}"
+    yield Check(WARN if beside else PASS, "radius", words)
 
 
 def _turn_rate(mission: Mission) -> Iterator[Check]:
-    orbit = mission.orbit
-    needed, gain = abs(orbit.steady_turn_rate), _expected_gain(mission)
-    able = gain * orbit.max_turn_rate
-    share = needed / able
+    orbit, gain = mission.orbit, _expected_gain(mission)
+    needed, able = abs(orbit.steady_turn_rate), gain * orbit.max_turn_rate
+    slips = "" if gain == 1 else f": {gain:g} of the {degrees(orbit.max_turn_rate):.2f} deg/s that may be commanded"
     yield Check(
-        graded(share, warn_above=0.7, fail_above=1.0),
+        graded(needed / able, warn_above=TURN_USED, fail_above=1.0),
         "turn rate",
         f"the circle needs {degrees(needed):.2f} deg/s of the vehicle's {degrees(able):.2f} deg/s "
-        f"({100 * share:.0f} %, must stay below 100 %)"
-        + ("" if gain == 1 else f": {gain:g} of the {degrees(orbit.max_turn_rate):.2f} deg/s that it may be told"),
+        f"({100 * needed / able:.0f} %, must stay below 100 %){slips}",
     )
     if mission.law.name == "switching" and mission.law.gain > orbit.max_turn_rate:
         yield Check(
-            Grade.WARN,
+            WARN,
             "turn rate",
             f"the law switches between +-{degrees(mission.law.gain):.2f} deg/s, more than the vehicle's limit, "
             "which it flies instead",
@@ -151,21 +162,19 @@ def drift_allowed(mission: Mission) -> float:
 
 def _drift(mission: Mission) -> Iterator[Check]:
     """What the circle itself allows in wind or round a moving target, and how long the way to it may take."""
-    orbit, gain = mission.orbit, _expected_gain(mission)
-    tolerated = drift_allowed(mission)
+    orbit, gain, tolerated = mission.orbit, _expected_gain(mission), drift_allowed(mission)
     if tolerated > 0:
-        share = 100 * tolerated / orbit.speed
         rest = "" if mission.file.guidance.law in DRIFT_LAWS else f"; the law {mission.law.name} itself knows no drift"
         yield Check(
-            Grade.PASS,
+            PASS,
             "drift",
-            f"wind less target motion up to {tolerated:.1f} m/s ({share:.0f} % of V) leaves the circle flyable: "
-            f"(V + W)^2/(V max turn rate) <= r_d{rest}",
+            f"wind less target motion up to {tolerated:.1f} m/s ({100 * tolerated / orbit.speed:.0f} % of V) leaves "
+            f"the circle flyable: (V + W)^2/(V max turn rate) <= r_d{rest}",
         )
     far = min(5 * orbit.radius, mission.max_range)
     seconds = settling_time(far, orbit.speed, orbit.radius, orbit.max_turn_rate * gain)
     yield Check(
-        Grade.PASS,
+        PASS,
         "settling",
         f"about {seconds:.0f} s by the shortest tangent (Dubins) from {far:.0f} m in still air, flying away from it at "
         "first; laws on range alone may take twice as long",
@@ -179,10 +188,10 @@ def _signing(mission: Mission) -> Iterator[Check]:
         return
     if table.accept_unsigned is True:
         says = "frames are signed, but unsigned ones are believed too: anybody can speak for the vehicle"
-        yield Check(Grade.WARN, "signing", f"{says} (signing.accept_unsigned)")
+        yield Check(WARN, "signing", f"{says} (signing.accept_unsigned)")
     else:
         also = ", on the ranging endpoint unsigned ones too" if table.accept_unsigned else ""
-        yield Check(Grade.PASS, "signing", f"frames are signed, and believed only if signed with our key{also}")
+        yield Check(PASS, "signing", f"frames are signed, and believed only if signed with our key{also}")
 
 
 def _unsigned(mission: Mission) -> Iterator[Check]:
@@ -190,9 +199,9 @@ def _unsigned(mission: Mission) -> Iterator[Check]:
     link, ranging = mission.file.link, mission.file.ranging
     heard = [one for one in (link.endpoint, ranging.endpoint) if one and one.startswith(("udp:", "udpin:"))]
     if link.peer and not heard:
-        yield Check(Grade.WARN, "peer", "link.peer has no effect: only udpin hears more than one address")
+        yield Check(WARN, "peer", "link.peer has no effect: only udpin hears more than one address")
     elif link.peer:
-        yield Check(Grade.PASS, "peer", f"{' and '.join(heard)} hears {', '.join(link.peer)} only")
+        yield Check(PASS, "peer", f"{' and '.join(heard)} hears {', '.join(link.peer)} only")
     elif heard and not any(host in heard[0] for host in LOOPBACK):
         says = f"on {heard[0]} whoever speaks first is believed"
-        yield Check(Grade.WARN, "peer", f"{says}: name its address (link.peer), or sign (docs/signing.md)")
+        yield Check(WARN, "peer", f"{says}: name its address (link.peer), or sign (docs/signing.md)")

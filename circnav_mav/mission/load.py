@@ -1,7 +1,7 @@
 """Reads a mission file. Whatever is wrong becomes one line that names file and key."""
 
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +32,7 @@ def load_mission(path: str | Path, overrides: Iterable[str] = ()) -> Mission:
 
 
 def parse_mission(text: str, where: str, overrides: Iterable[str] = (), folder: Path | None = None) -> Mission:
-    """Validate the text of a mission file; `where` names it in errors. folder: from where its paths are told; they
+    """Validate the text of a mission file; `where` names it in errors. folder: that its paths are relative to; they
     become absolute, so that the file as flown can be flown again from its run folder. Raises MissionError."""
     try:
         table = tomllib.loads(text)
@@ -71,47 +71,37 @@ def mission_of(table: Mapping[str, Any], where: str, text: str = "") -> Mission:
         file = MissionFile.model_validate(table)
     except ValidationError as error:
         raise MissionError(f"{where}: {in_words(error)}") from None
-    if file.link.endpoint == SIM and file.sim is None:
-        raise MissionError(f'{where}: link.endpoint: is "{SIM}", which needs a [sim] table describing the vehicle')
-    if file.ranging.endpoint == SIM and file.link.endpoint != SIM:
-        raise MissionError(
-            f'{where}: ranging.endpoint: is "{SIM}" but the vehicle is not the bundled one: --set ranging.endpoint=URL'
-        )
-    if file.signing and file.signing.accept_unsigned == "ranging" and file.ranging.endpoint is None:
-        raise MissionError(f'{where}: signing.accept_unsigned: is "ranging", which needs a ranging.endpoint of its own')
-    _check_turning(file, where)
-    _check_height(file, where)
-    _check_order(file, where)
+    if clashes := list(_clashes(file)):
+        raise MissionError(f"{where}: {'; '.join(clashes)}")
     mission = Mission(file, text)
     _check_numbers(mission, where)
     return mission
 
 
-def _check_turning(file: MissionFile, where: str) -> None:
-    """A vehicle needs a limit to its turning, and one that banks to its bank. Raises MissionError."""
-    vehicle = file.vehicle
+def _clashes(file: MissionFile) -> Iterator[str]:
+    """What each key allows and the file as a whole does not."""
+    vehicle, orbit, ranging = file.vehicle, file.orbit, file.ranging
+    if file.link.endpoint == SIM and file.sim is None:
+        yield f'link.endpoint: is "{SIM}", which needs a [sim] table describing the vehicle'
+    if ranging.endpoint == SIM and file.link.endpoint != SIM:
+        yield f'ranging.endpoint: is "{SIM}" but the vehicle is not the bundled one: --set ranging.endpoint=URL'
+    if file.signing and file.signing.accept_unsigned == "ranging" and ranging.endpoint is None:
+        yield 'signing.accept_unsigned: is "ranging", which needs a ranging.endpoint of its own'
     rows = allowed(*table_key(vehicle.autopilot, vehicle.kind, vehicle.method)).values()
     if vehicle.max_bank_deg is None and any(row.banks for row in rows):
-        raise MissionError(f"{where}: vehicle.max_bank_deg: missing, a {vehicle.kind} turns by banking: add its limit")
-    if vehicle.max_bank_deg is None and vehicle.max_turn_rate_deg_s is None:
-        raise MissionError(f"{where}: vehicle.max_turn_rate_deg_s: missing, add it")
-
-
-def _check_height(file: MissionFile, where: str) -> None:
-    """The height above the target is told in one way. Raises MissionError."""
+        yield f"vehicle.max_bank_deg: missing, a {vehicle.kind} turns by banking: add its limit"
+    elif vehicle.max_bank_deg is None and vehicle.max_turn_rate_deg_s is None:
+        yield "vehicle.max_turn_rate_deg_s: missing, add it"
     ways = ("height_above_target_m", "target_altitude_m", "target_above_home_m")
-    given = [f"orbit.{way}" for way in ways if getattr(file.orbit, way) is not None]
+    given = [f"orbit.{way}" for way in ways if getattr(orbit, way) is not None]
     if len(given) > 1:
-        raise MissionError(f"{where}: {' and '.join(given)}: the height is told in one way only: keep one of them")
-
-
-def _check_order(file: MissionFile, where: str) -> None:
-    """A lower bound below its upper one: else a flight ends as it begins, or no range counts. Raises MissionError."""
+        yield f"{' and '.join(given)}: the height is given in one way only: keep one of them"
+    # in the other order a flight would end as it begins, or no range would count
     for table, quantity in (("bounds", "range_m"), ("bounds", "altitude_m"), ("ranging", "range_m")):
         low, high = (getattr(getattr(file, table), f"{side}_{quantity}") for side in ("min", "max"))
         if low is not None and high is not None and low >= high:
-            raise MissionError(
-                f"{where}: {table}.min_{quantity}: {low:g} is not below {table}.max_{quantity} = {high:g}: "
+            yield (
+                f"{table}.min_{quantity}: {low:g} is not below {table}.max_{quantity} = {high:g}: "
                 "lower it, or raise the other"
             )
 
@@ -150,7 +140,7 @@ def _put(table: Any, keys: list[str], value: Any, override: str) -> None:
 
 
 def _make_absolute(table: Any, folder: Path) -> None:
-    """The key files of a mission and of its bundled vehicle: told from the folder of the file, `~` from home."""
+    """The key files of a mission and of its bundled vehicle: relative to the folder of the file, `~` from home."""
     for place in (table, table.get("sim")):
         signing = place.get("signing") if isinstance(place, Mapping) else None
         if isinstance(signing, Mapping) and isinstance(name := signing.get("key_file"), str) and name:

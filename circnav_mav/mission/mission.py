@@ -6,6 +6,7 @@ from math import inf, radians, tan
 from circnav_mav.guidance.bounds import Bounds
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
 from circnav_mav.guidance.estimators.range_rate import SteadyState, steady_state
+from circnav_mav.guidance.estimators.table import default_estimator
 from circnav_mav.guidance.step import LawChoice
 from circnav_mav.guidance.tuning import default_gain, loop_lag
 from circnav_mav.guidance.types import Direction, Orbit
@@ -20,7 +21,7 @@ from circnav_mav.mission.schema import MissionFile
 from circnav_mav.pilot import LINKS, RANGING, VEHICLE, OutputMode, PilotSettings, Timing
 
 MOST_NOISE = 0.5
-"""Standard deviation of a range, of the radius, above which it is of no use for the circle."""
+"""Standard deviation of a range, of the radius, above which it tells nothing about the circle."""
 SIM = "sim"
 """The endpoint that stands for the bundled vehicle."""
 
@@ -53,8 +54,7 @@ class Mission:
     @property
     def estimator(self) -> str:
         """The estimator: the file's, or the one that the law wants."""
-        own = {"auto": "auto", "drift": "drift"}.get(self.file.guidance.law, "kalman")
-        return self.file.guidance.estimator or own
+        return self.file.guidance.estimator or default_estimator(self.file.guidance.law)
 
     @property
     def loop_lag(self) -> float:
@@ -175,7 +175,7 @@ class Mission:
         )
 
     def _max_turn_rate(self) -> float:
-        """The turn rate that the vehicle may be told, rad/s: given, or that of a coordinated turn at the bank limit."""
+        """The largest turn rate to command, rad/s: given, or that of a coordinated turn at the bank limit."""
         vehicle = self.file.vehicle
         banked = GRAVITY * tan(radians(vehicle.max_bank_deg)) / vehicle.speed_mps if vehicle.max_bank_deg else inf
         given = radians(vehicle.max_turn_rate_deg_s) if vehicle.max_turn_rate_deg_s else inf

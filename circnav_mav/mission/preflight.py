@@ -16,7 +16,12 @@ from circnav_mav.pilot.survey import Observations, VehicleSeen
 PASS, WARN, FAIL = Grade.PASS, Grade.WARN, Grade.FAIL
 LOW_RATE = 0.5
 """Fraction of a wanted rate below which a stream is as good as missing."""
+SILENT = 2.0
+"""Age of the newest heartbeat, s, at which one was missed for certain: autopilots send one a second."""
 SLOW_ROUND_TRIP = 0.1
+"""Time to the autopilot and back, s, from which on the delay is no longer small beside a turn lag of 0.4 s."""
+LEAST_SPAN = 1.0
+"""Time, s, over which the speed of a clock can be told within a few percent."""
 TROUBLE = ("prearm", "arm:", "failsafe", "failed", "error", "unhealthy", "denied", "variance")
 """Words of a STATUSTEXT that are worth repeating."""
 
@@ -125,11 +130,11 @@ def _company(mission: Mission, seen: Observations) -> Iterator[Check]:
         yield Check(PASS, "others", "no other autopilot and no twin of ours on the link")
 
 
-# --- what it tells ----------------------------------------------------------------------------------------------------
+# --- what it sends ----------------------------------------------------------------------------------------------------
 
 
 def _streams(mission: Mission, vehicle: VehicleSeen) -> Iterator[Check]:
-    if vehicle.heartbeat_age > 2.0:
+    if vehicle.heartbeat_age > SILENT:
         yield Check(FAIL, "heartbeat", f"the vehicle fell silent {vehicle.heartbeat_age:.1f} s before the end")
     for message_id, (wanted, measured) in vehicle.streams.items():
         name = dialect.mavlink_map[message_id].msgname
@@ -210,7 +215,7 @@ def _clock(mission: Mission, vehicle: VehicleSeen, clock_speed: float) -> Iterat
     if vehicle.reboots:
         yield Check(FAIL, "clock", f"the autopilot rebooted {vehicle.reboots} times while we listened")
     follows = mission.file.link.clock == "autopilot"
-    if vehicle.boot is None or vehicle.boot[1][0] - vehicle.boot[0][0] < 1.0:
+    if vehicle.boot is None or vehicle.boot[1][0] - vehicle.boot[0][0] < LEAST_SPAN:
         grade = FAIL if follows else WARN
         yield Check(
             grade, "clock", "no boot time of the autopilot (SYSTEM_TIME, ATTITUDE): its reboot would not be seen"

@@ -9,7 +9,7 @@ from pydantic_core import ErrorDetails
 from circnav_mav.mission.schema import MissionFile
 
 MOST_PROBLEMS = 8
-"""Problems of a file told in one line."""
+"""Problems of a file named in one line: more are not read."""
 _BOUNDS = {"gt": "above", "ge": "at least", "lt": "below", "le": "at most"}
 
 

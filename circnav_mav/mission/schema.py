@@ -1,4 +1,7 @@
-"""The tables and keys of a mission file, with their units in their names and their bounds."""
+"""The tables and keys of a mission file, with their units in their names and their bounds.
+
+Bounds keep out what cannot be meant (a tick of 1 kHz, a bank of 80 deg); what is flyable is said by `checks`.
+"""
 
 from ipaddress import ip_network
 from typing import Annotated, Any, Literal
@@ -10,9 +13,13 @@ from circnav_mav.guidance.laws import LAWS
 from circnav_mav.mav.autopilots.table import MISSION_AUTOPILOTS, MISSION_EXITS, MISSION_KINDS, MISSION_METHODS
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 
-Positive = Annotated[float, Field(gt=0, le=1e9)]
-NotNegative = Annotated[float, Field(ge=0, le=1e9)]
-Height = Annotated[float, Field(ge=-1e9, le=1e9)]
+SELDOM = "seldom set"
+"""Marks a key that nobody needs to set: its default was flown on every vehicle. It counts where a file has it."""
+FAR = 1e9
+"""Most that a number may be: beyond, products of a few of them are no numbers any more."""
+Positive = Annotated[float, Field(gt=0, le=FAR)]
+NotNegative = Annotated[float, Field(ge=0, le=FAR)]
+Height = Annotated[float, Field(ge=-FAR, le=FAR)]
 SystemId = Annotated[int, Field(ge=1, le=255)]
 ComponentId = Annotated[int, Field(ge=0, le=255)]
 Name = Annotated[str, Field(min_length=1)]
@@ -41,14 +48,15 @@ class Table(BaseModel):
 
 
 class LoopsTable(Table):
-    """[vehicle.loops]: our own height and airspeed loops, for method "attitude" only."""
+    """[vehicle.loops]: our own height and airspeed loops, for method "attitude" only. The defaults flew PX4's simulated
+    plane at 10 m/s."""
 
     trim_thrust: Annotated[float, Field(gt=0, lt=1)] = 0.63
-    thrust_per_mps: NotNegative = 0.08
-    thrust_per_bank: NotNegative = 0.25
-    pitch_deg_per_m: NotNegative = 1.146
-    pitch_deg_per_mps: NotNegative = 2.292
-    max_pitch_deg: Annotated[float, Field(gt=0, le=45)] = 15.0
+    thrust_per_mps: Annotated[NotNegative, SELDOM] = 0.08
+    thrust_per_bank: Annotated[NotNegative, SELDOM] = 0.25
+    pitch_deg_per_m: Annotated[NotNegative, SELDOM] = 1.146  # .02 rad
+    pitch_deg_per_mps: Annotated[NotNegative, SELDOM] = 2.292  # .04 rad
+    max_pitch_deg: Annotated[float, Field(gt=0, le=45), SELDOM] = 15.0
 
 
 class VehicleTable(Table):
@@ -59,13 +67,13 @@ class VehicleTable(Table):
     method: Literal[MISSION_METHODS] | None = None  # type: ignore[valid-type]
     speed_mps: Positive
     max_turn_rate_deg_s: Positive | None = None
-    max_bank_deg: Annotated[float, Field(gt=0, le=75)] | None = None
-    full_stick_bank_deg: Annotated[float, Field(gt=0, le=90)] = 50.0
-    max_turn_acceleration_deg_s2: Positive | None = None
+    max_bank_deg: Annotated[float, Field(gt=0, le=75)] | None = None  # at 75 a level turn pulls 3.9 g
+    full_stick_bank_deg: Annotated[float, Field(gt=0, le=90), SELDOM] = 50.0  # PX4's default of FW_R_LIM
+    max_turn_acceleration_deg_s2: Annotated[Positive | None, SELDOM] = None
     turn_lag_s: NotNegative = 0.4
-    turn_gain: Literal["learn"] | Annotated[float, Field(ge=0.5, le=1.5)] = "learn"
-    climb_gain_per_s: NotNegative = 0.5
-    max_climb_mps: Positive = 1.0
+    turn_gain: Annotated[Literal["learn"] | Annotated[float, Field(ge=0.5, le=1.5)], SELDOM] = "learn"
+    climb_gain_per_s: Annotated[NotNegative, SELDOM] = 0.5  # as flown on PX4's simulated copter
+    max_climb_mps: Annotated[Positive, SELDOM] = 1.0
     system_id: SystemId | None = None
     loops: LoopsTable = LoopsTable()
 
@@ -88,8 +96,8 @@ class GuidanceTable(Table):
     correct_radius: bool = True
     radius_trim_per_s: Annotated[float, Field(ge=0, le=0.2)] = 0.0
     estimator: Literal["kalman", "unicycle", "drift", "auto"] | None = None
-    gate_sigma: Annotated[float, Field(ge=2, le=20)] = 5.0
-    min_samples: Annotated[int, Field(ge=2, le=100)] = 5
+    gate_sigma: Annotated[float, Field(ge=2, le=20), SELDOM] = 5.0
+    min_samples: Annotated[int, Field(ge=2, le=100), SELDOM] = 5
 
 
 class RangingTable(Table):
@@ -102,8 +110,8 @@ class RangingTable(Table):
     beacon_id: Annotated[int, Field(ge=0, le=65535)] = 0
     sensor_id: Annotated[int, Field(ge=0, le=255)] | None = None
     orientation: Annotated[int, Field(ge=0, le=100)] | None = None
-    name: Annotated[str, Field(min_length=1, max_length=10)] = "RANGE"
-    system_id: SystemId | None = None
+    name: Annotated[str, Field(min_length=1, max_length=10)] = "RANGE"  # 10: of NAMED_VALUE_FLOAT
+    system_id: Annotated[SystemId | None, SELDOM] = None
     component_id: ComponentId | None = None
     min_range_m: NotNegative = 0.0
     max_range_m: Positive | None = None
@@ -116,17 +124,17 @@ class LinkTable(Table):
 
     endpoint: Name
     peer: Addresses | None = None
-    component_id: Annotated[int, Field(ge=191, le=194)] = 191
+    component_id: Annotated[int, Field(ge=191, le=194)] = 191  # MAV_COMP_ID_ONBOARD_COMPUTER .. 4
     wait_s: Positive = 30.0
     clock: Literal["local", "autopilot"] = "local"
     sim_speed: Annotated[float, Field(gt=0, le=100)] = 1.0
 
 
 class SigningTable(Table):
-    """[signing]: MAVLink 2 message signing. key_file is told from the mission file's folder."""
+    """[signing]: MAVLink 2 message signing. key_file is relative to the mission file's folder."""
 
     key_file: Name
-    link_id: Annotated[int, Field(ge=0, le=255)] = 0
+    link_id: Annotated[int, Field(ge=0, le=255), SELDOM] = 0
     accept_unsigned: Literal[False, True, "ranging"] = False
 
 
@@ -143,9 +151,9 @@ class LimitsTable(Table):
     duration_s: Positive
     stale_s: Annotated[float, Field(gt=0, le=5)] = 0.5
     hold_s: NotNegative = 10.0
-    outage_s: NotNegative = 60.0
+    outage_s: Annotated[NotNegative, SELDOM] = 60.0
     round_trip_s: Annotated[float, Field(gt=0, le=10)] = 0.6
-    tick_hz: Annotated[float, Field(ge=5, le=100)] = 20.0
+    tick_hz: Annotated[float, Field(ge=5, le=100), SELDOM] = 20.0  # PX4 leaves OFFBOARD below 2 Hz
 
 
 class ExitTable(Table):
@@ -167,7 +175,7 @@ class BoundsTable(Table):
 class LogTable(Table):
     """[log]"""
 
-    max_mb: Positive = 2000.0
+    max_mb: Annotated[Positive, SELDOM] = 2000.0  # some 65 h
 
 
 class MissionFile(Table):

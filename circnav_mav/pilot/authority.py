@@ -118,7 +118,7 @@ class Authority:
     def certain(self) -> bool:
         """Whether the vehicle is known to be the one of before, and in whose hands it is; who sends no setpoints need
         not know."""
-        return not self._flies or (self.view is View.CURRENT and not self._session.told.unproven)
+        return not self._flies or (self.view is View.CURRENT and not self._session.vehicle.unproven)
 
     @property
     def in_our_hands(self) -> bool:
@@ -128,7 +128,7 @@ class Authority:
     def may_say_last_words(self) -> bool:
         """Whether the safe setpoint may be sent by a shell whose pilot has failed."""
         begun = self._mission.begun and self._mission.phase not in NOT_OURS
-        return begun and self.in_our_hands and not self._session.told.unproven
+        return begun and self.in_our_hands and not self._session.vehicle.unproven
 
     def may_ask_for_exit(self, now: float) -> bool:
         """Whether that shell may ask for the exit action, too: a mode is obeyed whoever has the vehicle."""
@@ -145,7 +145,7 @@ class Authority:
 
     def disputed(self, now: float) -> str:
         """Why it is not sure who the vehicle, or its radio, is; asked before the first engagement only."""
-        rivals = [] if self._mission.begun else self._session.pinning.rivals.recent(now)
+        rivals = [] if self._mission.begun else self._session.identity.rivals.recent(now)
         return f"{rivals[0]}: name yours with link.peer, or sign" if rivals else ""
 
     def _streams_first(self, now: float) -> bool:
@@ -164,16 +164,16 @@ class Authority:
         session = self._session
         if not session.adapter.flies:
             return False
-        if not session.told.armed:
+        if not session.vehicle.armed:
             return True
-        if session.told.on_ground is None:
+        if session.vehicle.on_ground is None:
             goes_on = self._mission.begun and self._mission.phase is Phase.READY
-            return not goes_on and now - session.pinning.since < LANDED_PATIENCE
-        return session.told.on_ground
+            return not goes_on and now - session.identity.since < LANDED_PATIENCE
+        return session.vehicle.on_ground
 
     def link_quick(self, now: float) -> bool:
         """Whether question and answer are within the mission's bound; asked before the first engagement only."""
-        trip = self._session.round_trip
+        trip = self._session.timesync
         if self._mission.begun:
             return True
         return trip.settled(now) and (trip.typical or 0.0) <= self._settings.timing.round_trip
@@ -186,14 +186,14 @@ class Authority:
         if not self._may_ask(now):
             session.drop_mode_requests()
             return None
-        self._left_before = session.told.departures if self._left_before is None else self._left_before
+        self._left_before = session.vehicle.departures if self._left_before is None else self._left_before
         failure = self._request.ask(session, adapter.guided_mode, now)
         return None if failure is None else f"mode {adapter.guided_name} {failure}"
 
     @property
     def asks_for_mode(self) -> bool:
         """Whether the mode is ours to ask for. Once the operator has left the one that was asked for, it is his."""
-        left_again = self._left_before is not None and self._session.told.departures > self._left_before
+        left_again = self._left_before is not None and self._session.vehicle.departures > self._left_before
         return self._settings.request_mode and not left_again
 
     def _may_ask(self, now: float) -> bool:
@@ -208,7 +208,7 @@ class Authority:
 
     def watch_takeover(self) -> Takeover | None:
         """What took the vehicle from us, if it was ours until now."""
-        session, told = self._session, self._session.told
+        session, told = self._session, self._session.vehicle
         # a vehicle that we held is ours also where it was lost, or was given back and cannot be steered yet
         ours = self.holder is Holder.US or self._mission.phase not in (Phase.WAIT_LINK, Phase.YIELDED)
         departed, self._departures = told.departures > self._departures, told.departures
@@ -231,13 +231,13 @@ class Authority:
     def _saw(self, sight: Sight) -> None:
         before, self.holder = self.holder, HOLDERS.get((self.holder, sight), self.holder)
         if self.holder is Holder.RETURNING and before is not Holder.RETURNING:
-            self._back_since = self._session.told.heard_at
+            self._back_since = self._session.vehicle.heard_at
 
     # --- what we know of it -----------------------------------------------------------------------------------------
 
     def stepped(self, now: float) -> None:
         """A step begins. After a stall the vehicle may be in other hands until a heartbeat has told its mode."""
-        heartbeats = self._session.told.heartbeats
+        heartbeats = self._session.vehicle.heartbeats
         if self._stood_still(now):
             self._caught_up = now + CATCH_UP
         if self.may_be_backlog(now):

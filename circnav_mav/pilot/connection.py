@@ -53,7 +53,7 @@ class Connection:
             of_vehicle = link == VEHICLE and self.session.receive(message, now, source)
             yield Heard(message, of_vehicle, link == self.ranging_link)
         if link == VEHICLE and decoder.behind:
-            self.session.pinning.greet(source)
+            self.session.identity.greet(source)
 
     def hello(self, now: float) -> bytes:
         """What goes out on a separate ranging link: a heartbeat, for routers forward only to those who have spoken."""

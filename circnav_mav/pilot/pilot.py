@@ -43,7 +43,7 @@ class Pilot:
         self.session = session = self._connection.session
         self._say = session.announcer.say
         self._said: set[str] = set()
-        slower = nobody_tells if settings.ranging_apart else session.round_trip.slower
+        slower = nobody_tells if settings.ranging_apart else session.timesync.slower
         self.tracker = RangeTracker(settings, self._say, self._say_once, slower)
         self.controller = Controller(settings)
         self._mission = MissionState(settings.timing)
@@ -102,14 +102,14 @@ class Pilot:
         apart, session = self.settings.ranging_apart, self.session
         taken = self.tracker.receive(
             message, now, stalled=self._authority.may_be_backlog(now),
-            strangers=() if apart else session.pinning.strangers,
+            strangers=() if apart else session.identity.strangers,
             # before the engagement a slow link has its own bound, and is waited for
-            one_way=0.0 if apart or not self._mission.begun else session.round_trip.one_way,
+            one_way=0.0 if apart or not self._mission.begun else session.timesync.one_way,
             source=source, vehicle=session.peer.source if session.peer and not apart else None,
         )  # fmt: skip
         ranging = self.tracker.ranging
         if ranging.rival is not None and ranging.trusted is not None:
-            session.pinning.rivals.heard(RADIO_NAME, ranging.rival, ranging.trusted, now)
+            session.identity.rivals.heard(RADIO_NAME, ranging.rival, ranging.trusted, now)
         if taken:
             self._scheduler.heard(now)
 
@@ -167,7 +167,7 @@ class Pilot:
         self._watch_ranging(estimate, now)
         self._watch_drift(estimate)
         self._watch_engagement(now)
-        command = self.controller.command(self.phase, estimate, self.session.round_trip.worst, now)
+        command = self.controller.command(self.phase, estimate, self.session.timesync.worst, now)
         self._say_how_it_flies(command)
         messages, sent = self._setpoint(command, now)
         self._records.append(
@@ -186,7 +186,7 @@ class Pilot:
 
     def _say_rivals(self, now: float) -> None:
         """Say that somebody else uses the vehicle's name, ours or the radio's, once each time it begins."""
-        rivals = {line.partition(" has ")[0] for line in self.session.pinning.rivals.recent(now)}
+        rivals = {line.partition(" has ")[0] for line in self.session.identity.rivals.recent(now)}
         for name in sorted(rivals - self._rivals):
             self._say(f"rival of {name}", f"{name}: second sender rejected")
         self._rivals = rivals
@@ -201,7 +201,7 @@ class Pilot:
         if session.heartbeat_age(now) > LOST_AFTER:
             session.lose()
             mission.lose(now)
-        elif not session.told.unproven:
+        elif not session.vehicle.unproven:
             mission.happened(Event.LINK_UP, now)
         elif mission.phase is not Phase.LEAVING:
             mission.lose(now)
@@ -237,7 +237,7 @@ class Pilot:
             self.settings.bounds,
             r=estimate.r if estimate and self.phase is Phase.ENGAGED else None,
             altitude=session.motion.at(now).altitude,
-            battery=session.told.battery,
+            battery=session.vehicle.battery,
         )
         if broken is not None:
             self._finish(Outcome(Ending.ABORTED, broken), now)

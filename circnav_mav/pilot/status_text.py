@@ -66,7 +66,7 @@ class StatusText:
     def _no_vehicle(self) -> str:
         """Nobody that the mission means has been heard."""
         session = self._session
-        if session.up and session.told.unproven:
+        if session.up and session.vehicle.unproven:
             return "not known whether this is the same vehicle: no boot time yet (ATTITUDE, SYSTEM_TIME)"
         if session.misfits:
             return "; ".join(session.misfits.values())
@@ -91,7 +91,7 @@ class StatusText:
     def _not_engaged(self, now: float) -> str:
         """What the engagement waits for."""
         session, authority = self._session, self._authority
-        guided, told = session.adapter.guided_name, session.told
+        guided, told = session.adapter.guided_name, session.vehicle
         if authority.holder is not Holder.US:
             enter = f"leave {guided} and enter it" if authority.holder is Holder.OPERATOR_IN_MODE else f"enter {guided}"
             return f"the operator has the vehicle: {enter} again to hand it back"
@@ -108,7 +108,7 @@ class StatusText:
         return f"mode {guided}: " + ("requested" if authority.asks_for_mode else "the operator must enter it")
 
     def _slow(self) -> str:
-        round_trip, most = self._session.round_trip.typical, self._settings.timing.round_trip
+        round_trip, most = self._session.timesync.typical, self._settings.timing.round_trip
         if round_trip is None:
             return "measuring the round trip to the vehicle (TIMESYNC)"
         return f"link too slow: round trip {round_trip:.2f} s (limits.round_trip_s = {most:g} s)"

@@ -174,7 +174,7 @@ class Survey:
             version_1=counts.version_1,
             frames=counts.frames,
             others=dict(self.session.ignored),
-            rivals=tuple(self.session.pinning.rivals.recent(self._end)),
+            rivals=tuple(self.session.identity.rivals.recent(self._end)),
             misfits=tuple(self.session.misfits.values()),
             ranges=tuple(self._ranges),
             rejected=dict(self._ranging.rejected),
@@ -196,17 +196,17 @@ class Survey:
             firmware=session.firmware,
             mode=session.mode,
             mode_name=session.mode_name,
-            armed=session.told.armed,
+            armed=session.vehicle.armed,
             heartbeat_age=session.heartbeat_age(self._end),
             streams={id: (rate, self._counted[id] / max(self._measured_for, TICK)) for id, rate in wanted.items()},
             motion=session.motion.at(self._end),
             airspeed_told=self._airspeed,
             height=self._height.at(self._end),
             height_unknown=self._height.why_unknown(self._end),
-            battery=session.told.battery,
+            battery=session.vehicle.battery,
             boot=quick_span(self._boots),
             reboots=session.reboots,
-            round_trip=session.round_trip.typical,
+            round_trip=session.timesync.typical,
             parameters=dict(self._reader.values) if self._reader else {},
             texts=tuple(self._texts),
         )
@@ -270,6 +270,6 @@ class Survey:
         peer = None if self._settings.ranging_apart else self.session.peer
         sample = self._ranging.read(message, now, source=source, vehicle=peer.source if peer else None)
         if self._ranging.rival is not None and self._ranging.trusted is not None:
-            self.session.pinning.rivals.heard(RADIO_NAME, self._ranging.rival, self._ranging.trusted, now)
+            self.session.identity.rivals.heard(RADIO_NAME, self._ranging.rival, self._ranging.trusted, now)
         if sample is not None and self._settled(now):
             self._ranges.append(RangeHeard(sample.stamp, sample.time, now, sample.r, sample.sigma))

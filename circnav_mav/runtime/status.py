@@ -104,7 +104,7 @@ class Watch:
 
 def _alarms(pilot: Pilot, tick: TickRecord, now: float, rates: Rates | None, problem: str | None) -> list[str]:
     """What is wrong now, the worst first."""
-    timing, found = pilot.settings.timing, pilot.session.pinning.rivals.recent(now)
+    timing, found = pilot.settings.timing, pilot.session.identity.rivals.recent(now)
     if now - pilot.allowance.dropped_at < RATE_SPAN:
         found.append(f"FLOOD: what others send is not read, {pilot.allowance.dropped / 1000:.0f} kB so far")
     if pilot.outcome is not None and pilot.outcome.ending is not Ending.COMPLETED:

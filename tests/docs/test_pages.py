@@ -14,7 +14,7 @@ from circnav_mav.cli.exits import Exit
 from circnav_mav.guidance.types import Direction, Orbit
 from circnav_mav.mav.autopilots.table import AUTOPILOTS
 from circnav_mav.mav.ranging.interface import Reject
-from circnav_mav.mission.schema import MissionFile
+from circnav_mav.mission.schema import SELDOM, MissionFile
 from circnav_mav.pilot import TickRecord
 from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.runlog.summary import FlightFacts, summarise
@@ -68,16 +68,20 @@ def is_table(annotation) -> bool:
 
 
 def test_the_mission_page_has_every_key_with_its_default():
-    told = dict(re.findall(r"^\| `([a-z_0-9.]+)` \| ([^|]+?) \|", (DOCS / "mission.md").read_text(), re.MULTILINE))
+    page, seldom = (DOCS / "mission.md").read_text().split("### Seldom set")
+    told = dict(re.findall(r"^\| `([a-z_0-9.]+)` \| ([^|]+?) \|", page, re.MULTILINE))
+    for names, defaults in re.findall(r"^\| (`.+) \| ([^:]+):", seldom, re.MULTILINE):
+        told |= zip(re.findall(r"`(.+?)`", names), defaults.replace("none", "-").split(", "), strict=True)
     keys = dict(keys_of(MissionFile))
     for key, field in keys.items():
         default = field.default
+        assert (f"`{key}`" in seldom) is (SELDOM in field.metadata), key
         if field.is_required():
             assert told[key].startswith("needed"), key
         elif default is None:
             assert told[key] == "-", key
         else:
-            assert told[key].strip('"') == (str(default).lower() if isinstance(default, bool) else str(default)), key
+            assert told[key].strip('"`') == (str(default).lower() if isinstance(default, bool) else str(default)), key
     assert {key for key in told if "." in key} <= set(keys)
 
 

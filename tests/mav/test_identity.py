@@ -235,11 +235,11 @@ def test_a_vehicle_whose_heartbeats_have_a_counter_of_their_own_is_believed(rig,
         rig.hear(attitude)
     rig.hear(attitude, voice=voice(1, 1))
     rig.pass_time(0.6)
-    since, heard = rig.now, rig.pilot.session.told.heartbeats
+    since, heard = rig.now, rig.pilot.session.vehicle.heartbeats
     for _ in range(40):
         rig.hear(attitude, voice=voice(1, 1))
         rig.run(0.05)
-    assert rig.pilot.session.told.heartbeats > heard
+    assert rig.pilot.session.vehicle.heartbeats > heard
     assert rig.setpoints(since)
 
 
@@ -265,11 +265,11 @@ def test_frames_in_our_name_that_the_vehicle_did_not_forward_end_nothing_and_are
         rig.hear(mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 3, 3), voice=twin, source=("10.9.9.9", 6666))
         rig.run(0.1)
     assert rig.pilot.outcome is None
-    (line,) = rig.pilot.session.pinning.rivals.recent(rig.now)
+    (line,) = rig.pilot.session.identity.rivals.recent(rig.now)
     assert line.startswith("circnav has a second sender: 1/191 at 10.9.9.9:6666 is rejected")
     assert "circnav: circnav: second sender rejected" in rig.texts()
     rig.run(6.0)
-    assert rig.pilot.session.pinning.rivals.recent(rig.now) == []
+    assert rig.pilot.session.identity.rivals.recent(rig.now) == []
 
 
 @pytest.mark.parametrize("kind", ["HEARTBEAT", "COMMAND_ACK", "TIMESYNC", "PARAM_VALUE", "ATTITUDE"])
@@ -284,7 +284,7 @@ def test_what_is_said_in_the_vehicles_name_from_elsewhere_counts_for_nothing(rig
     session = rig.engage().pilot.session
     message = rig.vehicle.message(messages[kind])
     assert session.receive(message, rig.now, "elsewhere") is False
-    assert session.pinning.rivals.counts == {"the vehicle": 1}
+    assert session.identity.rivals.counts == {"the vehicle": 1}
     assert session.receive(message, rig.now, "vehicle") is True
 
 

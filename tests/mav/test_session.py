@@ -48,7 +48,7 @@ def test_the_first_vehicle_that_fits_is_pinned_and_answered_where_it_spoke(line)
     assert session.up
     assert session.peer.ids == (1, 1)
     assert session.reply_to == ("10.0.0.1", 14550)
-    assert (session.mode, session.mode_name, session.told.armed) == (5, "LOITER", True)
+    assert (session.mode, session.mode_name, session.vehicle.armed) == (5, "LOITER", True)
     assert session.heartbeat_age(2.5) == 1.5
 
 
@@ -278,7 +278,7 @@ def test_timesync_requests_are_answered_with_our_clock_when_heard_and_theirs_mir
 def test_the_vehicles_answer_to_our_question_is_its_round_trip(here):
     (question,) = here.poll(1.0, "TIMESYNC")
     here.hear(mavlink.MAVLink_timesync_message(10**12, question.ts1), 1.3)
-    assert here.session.round_trip.typical == pytest.approx(0.3)
+    assert here.session.timesync.typical == pytest.approx(0.3)
 
 
 def test_without_a_vehicle_nothing_but_heartbeats_is_said(line):

@@ -38,12 +38,6 @@ def test_every_mission_that_ships_loads_and_passes_its_checks(path):
     assert mission.pilot_settings() is not None
 
 
-def test_the_missions_of_the_paper_and_the_quickstart_ship():
-    assert {"quickstart.toml", "paper_example_1.toml", "paper_example_2.toml", "paper_example_3.toml"} <= {
-        path.name for path in CONFIG
-    }
-
-
 @pytest.mark.parametrize(
     ("example", "law", "k", "corrected"),
     [(1, "smooth", 0.01, False), (2, "smooth", 0.01, True), (3, "switching", 0.12, False)],
@@ -93,18 +87,12 @@ def test_every_number_of_a_file_reaches_the_pilot(mission):
 
 
 @pytest.mark.parametrize("second", ["target_altitude_m=584.0", "target_above_home_m=-2.0"])
-def test_the_height_is_told_in_one_way(mission, second):
+def test_the_height_is_given_in_one_way(mission, second):
     key = second.split("=")[0]
     assert getattr(mission(f"orbit.{second}").height, key.removesuffix("_m")) == float(second.split("=")[1])
-    clash = rf"small\.toml: orbit\.height_above_target_m and orbit\.{key}: the height is told in one way only"
+    clash = rf"small\.toml: orbit\.height_above_target_m and orbit\.{key}: the height is given in one way only"
     with pytest.raises(MissionError, match=clash):
         mission("orbit.height_above_target_m=30.0", f"orbit.{second}")
-
-
-def test_the_operator_keeps_the_mode_unless_the_file_says_otherwise(mission):
-    settings = mission().pilot_settings()
-    assert not settings.request_mode
-    assert settings.end_on_takeover
 
 
 @pytest.mark.parametrize(("law", "default"), [("smooth", 1e-4), ("switching", 0.18)])
@@ -127,16 +115,10 @@ def test_no_range_is_believed_beyond_what_its_message_can_carry(mission, overrid
     assert mission(*overrides).max_range == farthest
 
 
-@pytest.mark.parametrize(
-    ("override", "stamps", "resent"),
-    [
-        ("ranging.stamp=sensor", True, False),
-        ("ranging.stamp=arrival", False, False),
-        ("ranging.resent=true", True, True),
-    ],
-)
-def test_the_file_says_how_stamps_and_repeats_are_taken(mission, override, stamps, resent):
-    ranging = mission(override).pilot_settings().ranging
+@pytest.mark.parametrize(("table", "stamps", "resent"), [("stamp=sensor", True, False), ("stamp=arrival", False, False),
+                                                          ("resent=true", True, True)])  # fmt: skip
+def test_the_file_says_how_stamps_and_repeats_are_taken(mission, table, stamps, resent):
+    ranging = mission(f"ranging.{table}").pilot_settings().ranging
     assert (ranging.sensor_stamps, ranging.resent, ranging.rate) == (stamps, resent, 10.0)
 
 
@@ -157,9 +139,10 @@ def test_tcp_and_serial_are_byte_streams_and_udp_is_not(mission, link, ranging, 
     assert settings.ranging_apart == (ranging is not None)
 
 
-def test_a_dry_run_is_asked_for_at_the_start_and_not_in_the_file(mission):
+def test_what_a_file_does_not_ask_for_is_left_to_the_operator(mission):
+    settings = mission().pilot_settings()
+    assert (settings.request_mode, settings.end_on_takeover, settings.output_mode) == (False, True, OutputMode.FLY)
     assert mission().pilot_settings(OutputMode.DRY_RUN).output_mode is OutputMode.DRY_RUN
-    assert mission().pilot_settings().output_mode is OutputMode.FLY
 
 
 # --- overrides ---
@@ -178,12 +161,10 @@ def test_an_override_keeps_the_comments_of_the_file():
     assert parse_mission(flown, "again").orbit.radius == 80.0
 
 
-def test_an_override_may_open_a_table_that_the_file_does_not_have(mission):
-    assert mission("engage.request_mode=true").file.engage.request_mode
-
-
-def test_of_two_overrides_of_one_key_the_last_counts(mission):
-    assert mission("orbit.radius_m=80.0", "orbit.radius_m=90.0").orbit.radius == 90.0
+def test_an_override_may_open_a_table_and_of_two_the_last_counts(mission):
+    changed = mission("engage.request_mode=true", "orbit.radius_m=80.0", "orbit.radius_m=90.0")
+    assert changed.file.engage.request_mode
+    assert changed.orbit.radius == 90.0
 
 
 @pytest.mark.parametrize("override", ["orbit.radius_m", "=80", "", " = 3"])
@@ -191,36 +172,24 @@ def test_an_override_that_is_none_is_refused(text, override):
     assert refusal(text, override).startswith(f"--set {override}: write it as table.key=value")
 
 
-@pytest.mark.parametrize(
-    ("override", "line"),
-    [
-        ("orbit.raduis_m=80", "m.toml: orbit.raduis_m: unknown key, did you mean radius_m?"),
-        ("orbit.radius_m=-80", "m.toml: orbit.radius_m: must be above 0, not -80"),
-        ("orbit.radius_m=far", "m.toml: orbit.radius_m: should be a valid number, not 'far'"),
-        ("orbit.radius_m.x=1", "--set orbit.radius_m.x=1: radius_m is a value, not a table"),
-    ],
-)
-def test_an_override_is_validated_like_the_file(text, override, line):
-    assert refusal(text, override) == line
+def test_an_override_is_validated_like_the_file(text):
+    assert refusal(text, "orbit.radius_m=far") == "m.toml: orbit.radius_m: should be a valid number, not 'far'"
+    line = "--set orbit.radius_m.x=1: radius_m is a value, not a table"
+    assert refusal(text, "orbit.radius_m.x=1") == line
 
 
 # --- one line for each mistake ---
 
 
-def test_a_missing_file_is_named(tmp_path):
-    with pytest.raises(MissionError, match=r"nowhere\.toml: cannot be read: No such file or directory$"):
-        load_mission(tmp_path / "nowhere.toml")
-
-
-def test_a_folder_is_no_mission(tmp_path):
-    with pytest.raises(MissionError, match=r"cannot be read: Is a directory$"):
-        load_mission(tmp_path)
-
-
-@pytest.mark.parametrize("content", [b"\xff\xfe\x00name", b'name = "M\xfcnchen"'], ids=["utf-16", "latin-1"])
-def test_a_file_that_is_not_utf_8_is_named(tmp_path, content):
-    (tmp_path / "m.toml").write_bytes(content)
-    with pytest.raises(MissionError, match=r"m\.toml: is not a text file in UTF-8$"):
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [(None, "cannot be read: No such file or directory"), (b"\xff\xfe\x00name", "is not a text file in UTF-8"),
+     (b'name = "M\xfcnchen"', "is not a text file in UTF-8")],
+)  # fmt: skip
+def test_a_file_that_cannot_be_read_is_named(tmp_path, content, says):
+    if content is not None:
+        (tmp_path / "m.toml").write_bytes(content)
+    with pytest.raises(MissionError, match=rf"m\.toml: {says}$"):
         load_mission(tmp_path / "m.toml")
 
 
@@ -239,23 +208,15 @@ SPOILED = [
     ("radius_m = 100.0", "radius_m = 100.0\nzzz = 1", "m.toml: orbit.zzz: unknown key, known here: radius_m,"),
     ("radius_m = 100.0\n", "", "m.toml: orbit.radius_m: missing, add it"),
     ("radius_m = 100.0", "radius_m = 0.0", "m.toml: orbit.radius_m: must be above 0, not 0"),
-    ("radius_m = 100.0", "radius_m = -5", "m.toml: orbit.radius_m: must be above 0, not -5"),
-    ("radius_m = 100.0", "radius_m = nan", "m.toml: orbit.radius_m: must be a finite number, not nan"),
-    ("radius_m = 100.0", "radius_m = inf", "m.toml: orbit.radius_m: must be a finite number, not inf"),
     ("radius_m = 100.0", 'radius_m = "100"', "m.toml: orbit.radius_m: should be a valid number, not '100'"),
-    ("radius_m = 100.0", "radius_m = true", "m.toml: orbit.radius_m: should be a valid number, not True"),
-    ("speed_mps = 15.0", "speed_mps = 0", "m.toml: vehicle.speed_mps: must be above 0, not 0"),
     ("speed_mps = 15.0", "speed_mps = -1.5", "m.toml: vehicle.speed_mps: must be above 0, not -1.5"),
     ("rate_hz = 10.0", "rate_hz = 0.0", "m.toml: ranging.rate_hz: must be above 0, not 0"),
-    ("duration_s = 60.0", "duration_s = 0.0", "m.toml: limits.duration_s: must be above 0, not 0"),
     ("duration_s = 60.0", "duration_s = 60.0\ntick_hz = 4.0", "m.toml: limits.tick_hz: must be at least 5, not 4"),
     ("duration_s = 60.0", "duration_s = 60.0\nstale_s = 6.0", "m.toml: limits.stale_s: must be at most 5, not 6"),
     ('direction = "clockwise"', 'direction = "left"', "m.toml: orbit.direction: 'left' is not one of 'clockwise' or"),
     ('law = "smooth"', 'law = "magic"', "m.toml: guidance.law: 'magic' is not one of 'smooth'"),
     ('law = "smooth"', 'law = "smooth"\ngain = 0.0', "m.toml: guidance.gain: must be above 0, not 0"),
-    ('message = "distance_sensor"', 'message = "sonar"', "m.toml: ranging.message: 'sonar' is not one of 'ranging_b"),
     ('name = "small"', 'name = "../../etc"', "m.toml: name: "),
-    ('name = "small"', 'name = 5', "m.toml: name: should be a valid string, not 5"),
     ('endpoint = "udpin:127.0.0.1:14550"', 'endpoint = ""', "m.toml: link.endpoint: "),
     (
         'endpoint = "udpin:127.0.0.1:14550"',
@@ -296,17 +257,33 @@ def test_a_bound_that_would_never_act_or_always_is_refused_with_what_to_do(text,
     assert refusal(text, f"bounds.min_altitude_m={value}") == line
 
 
-@pytest.mark.parametrize(
-    ("table", "quantity", "low", "high"),
-    [("bounds", "range_m", 300, 200), ("bounds", "altitude_m", 50, -5), ("bounds", "altitude_m", 50, 50),
-     ("ranging", "range_m", 300, 200)],
-)  # fmt: skip
-def test_a_lower_bound_must_be_below_its_upper_one(text, table, quantity, low, high):
-    line = refusal(text, f"{table}.min_{quantity}={low}", f"{table}.max_{quantity}={high}")
-    assert line == (
-        f"m.toml: {table}.min_{quantity}: {low} is not below {table}.max_{quantity} = {high}: "
-        "lower it, or raise the other"
-    )
+CLASHES = [
+    ("vehicle.kind=plane", "vehicle.max_bank_deg: missing, a plane turns by banking: add its limit"),
+    ("link.endpoint=sim", 'link.endpoint: is "sim", which needs a [sim] table describing the vehicle'),
+    ("ranging.endpoint=sim",
+     'ranging.endpoint: is "sim" but the vehicle is not the bundled one: --set ranging.endpoint=URL'),
+    ("bounds.min_range_m=300 bounds.max_range_m=200",
+     "bounds.min_range_m: 300 is not below bounds.max_range_m = 200: lower it, or raise the other"),
+    ("bounds.min_altitude_m=50 bounds.max_altitude_m=50",
+     "bounds.min_altitude_m: 50 is not below bounds.max_altitude_m = 50: lower it, or raise the other"),
+    ("ranging.min_range_m=300 ranging.max_range_m=200 link.endpoint=sim",
+     'link.endpoint: is "sim", which needs a [sim] table describing the vehicle; '
+     "ranging.min_range_m: 300 is not below ranging.max_range_m = 200: lower it, or raise the other"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("overrides", "line"), CLASHES)
+def test_keys_that_do_not_go_together_are_named_all_at_once(text, overrides, line):
+    assert refusal(text, *overrides.split()) == f"m.toml: {line}"
+
+
+def test_a_radio_is_not_rejected_for_the_noise_that_the_mission_gives_it(mission):
+    assert mission("ranging.sigma_m=60").pilot_settings().ranging.max_sigma > 60
+
+
+def test_a_vehicle_needs_a_limit_to_its_turning(text):
+    without = text.replace("max_turn_rate_deg_s = 20.0\n", "")
+    assert refusal(without) == "m.toml: vehicle.max_turn_rate_deg_s: missing, add it"
 
 
 def test_bounds_in_their_order_are_taken_below_zero_too(mission):
@@ -314,15 +291,8 @@ def test_bounds_in_their_order_are_taken_below_zero_too(mission):
     assert (bounds.lowest, bounds.highest) == (-20.0, -5.5)
 
 
-def test_the_bundled_vehicle_needs_its_table(text):
-    line = refusal(text, "link.endpoint=sim")
-    assert line == 'm.toml: link.endpoint: is "sim", which needs a [sim] table describing the vehicle'
+def test_the_bundled_vehicle_is_flown_with_its_table(text):
     assert parse_mission(text + "\n[sim]\nseed = 1\n", "m.toml", ["link.endpoint=sim"]).flies_sim
-
-
-def test_a_mission_cannot_be_changed_after_it_was_read(mission):
-    with pytest.raises(Exception, match="frozen"):
-        mission().file.orbit.radius_m = 50.0
 
 
 def test_all_that_is_wrong_is_told_at_once(text):

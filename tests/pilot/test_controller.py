@@ -22,7 +22,7 @@ class Vehicle:
     def __init__(self, *overrides: str) -> None:
         settings = parse_mission(TEXT, "small.toml", overrides).pilot_settings()
         session = Session(settings.link, adapters(settings.autopilot, settings.kind, settings.facts))
-        session.pinning.peer = Peer("here", 1, 1)
+        session.identity.peer = Peer("here", 1, 1)
         self.controller, self.now, self.heading = Controller(settings), 0.0, 0.0
         self.controller.setpoint(TurnCommand(TOLD, TOLD, saturated=False), session, 0.0)
 

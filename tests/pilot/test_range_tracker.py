@@ -225,7 +225,7 @@ def test_a_link_that_gets_slower_in_flight_than_ranges_may_be_old_is_a_lost_rang
     rig = make_rig(exit="rtl").engage()
     rig.round_trip = 2.0
     rig.run(6.0)
-    assert rig.pilot.session.round_trip.typical == pytest.approx(2.0)
+    assert rig.pilot.session.timesync.typical == pytest.approx(2.0)
     assert rig.pilot.phase is Phase.HOLDING
     rig.run(10.0)
     assert rig.pilot.outcome.reason.startswith("no range for")
@@ -247,7 +247,7 @@ def test_the_delay_of_the_vehicles_link_is_not_that_of_a_radio_with_a_link_of_it
         if rig.tick % 2 == 0:
             rig.hear(say.distance(15000, 1_000_000 + round(rig.now * 1000)), link=RANGING)
         rig.round_trip = 2.0 if rig.pilot.engaged_at is not None else 0.0
-    assert rig.pilot.session.round_trip.typical == pytest.approx(2.0)
+    assert rig.pilot.session.timesync.typical == pytest.approx(2.0)
     assert rig.pilot.phase is Phase.ENGAGED
 
 

@@ -13,3 +13,8 @@ ESTIMATORS: dict[str, Callable[[EstimatorSettings], Estimator]] = {
     "drift": DriftEstimator,
     "auto": AutoEstimator,
 }
+
+
+def default_estimator(law_name: str) -> str:
+    """The estimator that a law wants: one that also finds the target, or range and range rate alone."""
+    return law_name if law_name in ("auto", "drift") else "kalman"

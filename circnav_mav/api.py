@@ -1,0 +1,149 @@
+"""Guidance for a loop of one's own (a ROS node, a notebook): ranges and own motion in, turn rates out. No MAVLink.
+
+Promised: the names of `circnav_mav.__all__`, which are imported from `circnav_mav`. SI units, radians, x right, y up,
+turn rates and headings counter-clockwise positive. Time is an argument: any clock, in seconds.
+"""
+
+from collections.abc import Callable, Mapping
+from math import pi, remainder
+
+from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings, Fused
+from circnav_mav.guidance.estimators.table import ESTIMATORS, default_estimator
+from circnav_mav.guidance.laws import LAWS
+from circnav_mav.guidance.step import LawChoice, Steering, compensate_turn_gain, limit, steering
+from circnav_mav.guidance.tuning import default_gain, loop_lag
+from circnav_mav.guidance.turn_gain import TurnGain, TurnGainSettings, learn
+from circnav_mav.guidance.turn_response import Pending, PendingTurn, ResponseLearner
+from circnav_mav.guidance.types import (
+    SAME_TIME,
+    Direction,
+    Orbit,
+    OwnMotion,
+    RangeEstimate,
+    RangeSample,
+    RelativeMotion,
+    TurnCommand,
+    TurnRate,
+)
+
+__all__ = [
+    "Direction",
+    "Estimator",
+    "Guidance",
+    "LawChoice",
+    "Orbit",
+    "OwnMotion",
+    "RangeEstimate",
+    "RangeSample",
+    "RelativeMotion",
+    "TurnCommand",
+    "tune",
+]
+OwnLaw = Callable[[RangeEstimate], float]
+"""A law of one's own: from the estimate to a turn rate, rad/s, counter-clockwise positive."""
+
+
+def tune(
+    orbit: Orbit, law: str = "auto", *, turn_lag: float = 0.4, sigma: float = 0.5, rate: float = 10.0
+) -> LawChoice:
+    """The law with the gain that a mission would fly.
+
+    turn_lag: from a command to its turn, s. sigma: standard deviation of a range, m. rate: of the ranges, Hz. Raises
+    ValueError for a law that does not exist.
+    """
+    _known("law", law, LAWS)
+    settings = EstimatorSettings(orbit.speed, orbit.max_turn_rate)
+    lag = loop_lag(turn_lag, settings, r_d=orbit.radius, sigma=sigma, period=1 / rate)
+    return LawChoice(law, default_gain(law, orbit.speed, orbit.radius, lag), lag=turn_lag)
+
+
+class Guidance:
+    """Guides one vehicle. Every flight needs its own: it remembers ranges, commands, and how the vehicle answers."""
+
+    def __init__(
+        self,
+        orbit: Orbit,
+        law: str | LawChoice | OwnLaw = "auto",
+        estimator: str | Estimator | None = None,
+        *,
+        turn_lag: float = 0.4,
+        stale: float = 0.5,
+    ) -> None:
+        """law: by name, as `tune` returns it, or a function of one's own. estimator: by name, or an object of one's
+        own; None: the one that the law wants. turn_lag: from a command to its turn, s. stale: age from which the
+        newest range steers no more, s. Raises ValueError for a name that does not exist."""
+        if isinstance(law, str):
+            law = tune(orbit, law, turn_lag=turn_lag)
+        if isinstance(law, LawChoice):
+            _known("law", law.name, LAWS)
+            name, turn_lag, self._steer = law.name, law.lag, steering(orbit, law)
+        else:
+            name, self._steer = "", _own(law, orbit)
+        self._orbit, self._stale = orbit, stale
+        wanted = estimator or default_estimator(name)
+        if isinstance(wanted, str):
+            _known("estimator", wanted, ESTIMATORS)
+            wanted = ESTIMATORS[wanted](EstimatorSettings(orbit.speed, orbit.max_turn_rate))
+        self._estimator = wanted
+        self._newest: float | None = None
+        self._commanded: TurnRate | None = None
+        self._turned = 0.0
+        self._gain, self._settings = TurnGain(), TurnGainSettings(lag=turn_lag)
+        self._response, self._pending = ResponseLearner(turn_lag), PendingTurn()
+
+    def observe(self, sample: RangeSample) -> bool:
+        """Take in a range; tells whether it was accepted, or rejected as an outlier."""
+        if self._estimator.observe(sample) is Fused.GATED:
+            return False
+        self._newest = sample.time
+        return True
+
+    def move(self, own: OwnMotion) -> None:
+        """Take in own motion, as often as it is known. Without it only laws on range alone fly."""
+        self._estimator.move(own)
+        self._turned += remainder(own.heading - self._turned, 2 * pi)
+        if self._commanded is not None:
+            self._response.feel(own.time, self._turned, link=0.0)
+            self._gain = learn(self._gain, self._settings, time=own.time, heading=own.heading, command=self._commanded)
+
+    def estimate(self, now: float) -> RangeEstimate | None:
+        """Range and range rate now, and in `relative` where the target is, where the estimator knows; None before the
+        first range."""
+        return self._estimator.at(now)
+
+    def command(self, now: float) -> TurnCommand | None:
+        """The turn rate to command now, within the vehicle's limit. None where there is no estimate that may steer:
+        before enough ranges came, and once the newest is stale."""
+        estimate = self.estimate(now)
+        fresh = self._newest is not None and now - self._newest <= self._stale + SAME_TIME
+        if estimate is None or not fresh or not self._estimator.ready:
+            self._let_go()
+            return None
+        turning = estimate.relative.turn_rate if estimate.relative is not None else 0.0
+        pending = self._pending.at(now, self._response.response(link=0.0), turning)
+        gain = self._gain.gain
+        command = compensate_turn_gain(self._steer(estimate, pending=pending), self._orbit.max_turn_rate, gain)
+        self._commanded = command.turn_rate
+        self._response.command(now, command.turn_rate)
+        self._pending.command(now, command.turn_rate * gain)
+        return command
+
+    def _let_go(self) -> None:
+        """What the vehicle does now is not our doing: it teaches nothing."""
+        self._commanded = None
+        self._response.reset()
+        self._pending.reset()
+
+
+def _own(law: OwnLaw, orbit: Orbit) -> Steering:
+    def steer(
+        estimate: RangeEstimate, trim: float = 0.0, pending: Pending | None = None, share: float = 1.0
+    ) -> TurnCommand:
+        return limit(TurnRate(law(estimate)), orbit.max_turn_rate)
+
+    return steer
+
+
+def _known(what: str, name: str, table: Mapping[str, object]) -> None:
+    if name not in table:
+        raise ValueError(f"{what} {name!r} is not one of {', '.join(table)}")

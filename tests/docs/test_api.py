@@ -1,0 +1,188 @@
+"""The public API: the examples of README and docs/api.md as they are printed, flown round a beacon."""
+
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from math import cos, hypot, radians, sin
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import circnav_mav
+from circnav_mav import Direction, Guidance, LawChoice, Orbit, OwnMotion, RangeEstimate, RangeSample, tune
+from circnav_mav.mission.load import parse_mission
+from tests import small_mission
+
+ROOT = Path(__file__).parents[2]
+ORBIT = Orbit(100.0, Direction.CLOCKWISE, 15.0, 0.35)
+
+
+def blocks(page: str) -> list[str]:
+    return re.findall(r"^```python\n(.*?)^```", (ROOT / page).read_text(), re.MULTILINE | re.DOTALL)
+
+
+def examples() -> dict[str, Any]:
+    """The names that the blocks of docs/api.md define."""
+    names: dict[str, Any] = {}
+    for block in blocks("docs/api.md"):
+        exec(block, names)
+    return names
+
+
+class World:
+    """A vehicle that turns at `gain` times what it is told, in wind, and a beacon at (0, 0). Its own arithmetic."""
+
+    def __init__(self, V: float, *, gain: float = 1.0, wind: float = 0.0) -> None:
+        self.V, self.gain, self.wind = V, gain, wind
+        self.x, self.y, self.heading, self.turn_rate, self.now = -2.5 * V * 10, V * 10, 0.3, 0.0, 0.0
+
+    def fly(self, guidance: Guidance, seconds: float) -> None:
+        for _ in range(round(seconds * 20)):
+            guidance.observe(RangeSample(self.now, self.now, hypot(self.x, self.y), 0.5))
+            guidance.move(OwnMotion(self.now, self.heading, self.turn_rate, self.V))
+            command = guidance.command(self.now)
+            self.step(command.turn_rate if command else 0.0)
+
+    def step(self, commanded: float) -> None:
+        self.turn_rate = self.gain * commanded
+        self.heading += 0.05 * self.turn_rate
+        self.x += 0.05 * (self.V * cos(self.heading) + self.wind)
+        self.y += 0.05 * self.V * sin(self.heading)
+        self.now += 0.05
+
+    @property
+    def radius(self) -> float:
+        return hypot(self.x, self.y)
+
+    @property
+    def sense(self) -> Direction:
+        """By the angular momentum round the beacon."""
+        left = self.x * sin(self.heading) - self.y * cos(self.heading) > 0
+        return Direction.COUNTERCLOCKWISE if left else Direction.CLOCKWISE
+
+
+@pytest.mark.parametrize("direction", Direction)
+def test_the_loop_of_the_readme_circles_the_right_way_round(direction, capsys):
+    (loop,) = blocks("README.md")
+    assert loop.count("CLOCKWISE") == 1
+    flown: dict[str, Any] = {}
+    exec(loop.replace("CLOCKWISE", direction.name), flown)
+    moment = flown["x"] * sin(flown["heading"]) - flown["y"] * cos(flown["heading"])
+    assert hypot(flown["x"], flown["y"]) == pytest.approx(100.0, abs=1.0)
+    assert moment == pytest.approx(100.0 if direction is Direction.COUNTERCLOCKWISE else -100.0, abs=1.0)
+    assert "100 m" in capsys.readouterr().out
+
+
+def test_the_callbacks_of_the_page_fly_their_circle():
+    node, world = examples()["Node"](), World(12.0)
+    while world.now < 120.0:
+        node.on_range(world.now, world.radius)
+        node.on_motion(world.now, world.heading, world.turn_rate, world.V)
+        world.step(node.on_timer(world.now) or 0.0)
+    assert world.radius == pytest.approx(80.0, rel=0.01)
+    assert world.sense is Direction.COUNTERCLOCKWISE
+
+
+def test_the_target_is_found_in_wind():
+    locate, world, guidance = examples()["locate"], World(15.0, wind=4.0), Guidance(ORBIT)
+    assert locate(guidance, 0.0, 0.0, 0.0) is None
+    world.fly(guidance, 180.0)
+    assert locate(guidance, world.now, world.x, world.y) == pytest.approx((0.0, 0.0), abs=5.0)
+    assert guidance.estimate(world.now).relative.drift_x == pytest.approx(4.0, abs=0.5)
+    assert world.radius == pytest.approx(100.0, rel=0.05)
+
+
+@pytest.mark.parametrize(("name", "direction"), [("own", Direction.COUNTERCLOCKWISE), ("bold", Direction.CLOCKWISE)])
+def test_a_law_and_a_gain_of_ones_own_fly(name, direction):
+    world = World(12.0)
+    world.fly(examples()[name], 150.0)
+    assert world.radius == pytest.approx(60.0, rel=0.05)
+    assert world.sense is direction
+
+
+def test_a_vehicle_that_turns_less_than_it_is_told_is_told_more():
+    world = World(15.0, gain=0.75)
+    world.fly(Guidance(ORBIT, "feedforward"), 180.0)
+    assert world.radius == pytest.approx(100.0, rel=0.01)
+
+
+def heard(guidance: Guidance, ranges: Callable[[float], float] = lambda time: 150.0) -> Guidance:
+    for step in range(20):
+        assert guidance.observe(RangeSample(step / 10, step / 10, ranges(step / 10), 0.5))
+    return guidance
+
+
+def test_no_turn_is_commanded_before_there_is_an_estimate_nor_once_it_is_stale():
+    guidance = Guidance(ORBIT, "feedforward")
+    assert guidance.command(0.0) is None
+    guidance.observe(RangeSample(-0.1, -0.1, 150.0, 0.5))
+    assert guidance.command(0.0) is None  # one range tells no rate
+    heard(guidance)
+    assert guidance.command(2.4) is not None
+    assert guidance.command(2.5) is None
+
+
+def test_an_outlier_is_rejected_and_keeps_no_estimate_fresh():
+    guidance = heard(Guidance(ORBIT, "feedforward"))
+    assert not guidance.observe(RangeSample(2.3, 2.3, 400.0, 0.5))
+    assert guidance.command(2.5) is None
+
+
+@pytest.mark.parametrize(("turn", "commanded"), [(9.0, 0.35), (-9.0, -0.35), (0.1, 0.1)])
+def test_a_law_of_ones_own_is_cut_to_the_limit(turn, commanded):
+    command = heard(Guidance(ORBIT, lambda estimate: turn)).command(2.0)
+    assert (command.turn_rate, command.saturated) == (commanded, turn != commanded)
+
+
+def test_an_estimator_of_ones_own_is_asked():
+    class Told:
+        ready, nis = True, None
+
+        def observe(self, sample):
+            self.sample = sample
+
+        def move(self, own):
+            pass
+
+        def at(self, time):
+            return RangeEstimate(time, self.sample.r, 7.0, 0.1, 0.1)
+
+    guidance = heard(Guidance(ORBIT, lambda estimate: 0.01 * estimate.r_dot, Told()))
+    assert guidance.command(2.0).turn_rate == pytest.approx(0.07)
+
+
+@pytest.mark.parametrize("law", ["auto", "feedforward", "smooth", "switching", "pd"])
+def test_tune_gives_the_gain_of_a_mission(law):
+    overrides = (f"guidance.law={law}", "vehicle.turn_lag_s=0.9", "ranging.sigma_m=2.0", "ranging.rate_hz=4.0")
+    mission = parse_mission(small_mission.TEXT, "small.toml", overrides)
+    orbit = Orbit(100.0, Direction.CLOCKWISE, 15.0, radians(20.0))
+    assert tune(orbit, law, turn_lag=0.9, sigma=2.0, rate=4.0) == mission.law
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: Guidance(ORBIT, "magic"), "law 'magic' is not one of smooth"),
+        (lambda: Guidance(ORBIT, LawChoice("magic", 1.0)), "law 'magic' is not one of smooth"),
+        (lambda: tune(ORBIT, "magic"), "law 'magic' is not one of smooth"),
+        (lambda: Guidance(ORBIT, estimator="magic"), "estimator 'magic' is not one of kalman"),
+        (lambda: Guidance(ORBIT, LawChoice("smooth", 1e-6)), "must be above"),
+    ],
+)
+def test_what_does_not_exist_is_named(make, words):
+    with pytest.raises(ValueError, match=words):
+        make()
+
+
+def test_the_page_has_every_promised_name():
+    told = re.findall(r"^\| `(\w+)` \|", (ROOT / "docs" / "api.md").read_text(), re.MULTILINE)
+    assert sorted(told) == sorted(circnav_mav.__all__)
+    assert all(hasattr(circnav_mav, name) for name in circnav_mav.__all__)
+
+
+def test_the_package_loads_no_filter_before_it_is_asked_for_one():
+    loaded = "import sys, circnav_mav; print('numpy' in sys.modules); circnav_mav.Orbit; print('numpy' in sys.modules)"
+    told = subprocess.run([sys.executable, "-c", loaded], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert told.stdout.split() == ["False", "True"]
