@@ -121,7 +121,7 @@ class Guidance:
             return None
         turning = estimate.relative.turn_rate if estimate.relative is not None else 0.0
         pending = self._pending.at(now, self._response.response(link=0.0), turning)
-        gain = self._gain.gain
+        gain = float(self._gain.gain)
         command = compensate_turn_gain(self._steer(estimate, pending=pending), self._orbit.max_turn_rate, gain)
         self._commanded = command.turn_rate
         self._response.command(now, command.turn_rate)

@@ -105,8 +105,8 @@ def test_udpin_hears_the_addresses_that_the_mission_names_and_no_other(host, pee
     with closing(open_link(f"udpin:{host}:0", peers)) as link, closing(socket.socket(family, UDP[1])) as other:
         other.sendto(b"hello", (to, link.port))
         assert [data for data, _ in receive(link)] == [b"hello"] * heard
-        assert [words for words in link.troubles if words.startswith("not heard, for it came from")] == (
-            [] if heard else [f"not heard, for it came from {host}:{other.getsockname()[1]}"]
+        assert [words for words in link.troubles if words.startswith("ignored: sent by")] == (
+            [] if heard else [f"ignored: sent by {host}:{other.getsockname()[1]}"]
         )
 
 

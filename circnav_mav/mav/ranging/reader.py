@@ -117,7 +117,7 @@ class RangeReader:
             return None
         sender = (message.get_srcSystem(), message.get_srcComponent(), source)
         if not self._from_our_sensor(sender, now, strangers):
-            self.rival = None if isinstance(reading, Reject) else self.rival
+            self.rival = self.rival if picked and not isinstance(reading, Reject) else None
             return Reject.WRONG_SOURCE
         if not picked:
             return Reject.OTHER_SENSOR
