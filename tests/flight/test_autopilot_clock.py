@@ -62,5 +62,5 @@ def test_a_vehicle_whose_time_runs_at_another_speed_is_noticed(speed: float, tol
         ticks += pilot.take_records()
     assert pilot.session.clock_speed.noticed == (told if told is None else pytest.approx(told, rel=0.02))
     alarms = [one for one in Watch(pilot).status(ticks[-1], 15.0).alarms if one.startswith("CLOCK")]
-    words = f"CLOCK: the autopilot's time runs at {speed:g} of ours: a simulator at this speed is flown with link.clock"
+    words = f"CLOCK: autopilot time runs {speed:g} times as fast as ours: for a simulator set link.clock"
     assert [alarm.startswith(words) for alarm in alarms] == ([] if told is None else [True])

@@ -6,15 +6,14 @@ back, last two laps): ArduPlane 4.6.3 at R 150, V 22: radius RMS .8 .. 1.7 m, co
 """
 
 from collections.abc import Callable
-from math import cos, degrees, pi, remainder, sin
+from math import cos, degrees, inf, pi, remainder, sin
 from typing import Any
 
 import numpy as np
 import pytest
 
 from circnav_mav.guidance import step
-from circnav_mav.guidance.turn_response import Pending
-from circnav_mav.guidance.types import RelativeMotion
+from circnav_mav.guidance.step import Found, Inputs, StepSettings
 from circnav_mav.guidance.vector_field import field_heading
 from sim.faults.impairment import Impairment
 from sim.faults.pipe import Pipe
@@ -24,28 +23,33 @@ RADIUS, SPEED = {"arduplane": 150.0, "arducopter": 30.0}, {"arduplane": 22.0, "a
 LAG = {"arduplane": 0.5, "arducopter": 0.7}  # turn_lag_s of the missions flown
 
 
-def as_shipped(share_counts: bool = False) -> Callable[..., float]:
+def as_shipped(mission: str, share_counts: bool = False) -> Callable[..., float]:
     """The law as flown on firmware at first: made for a pure first-order lag, with a full lead. share_counts: whether
     it lowers its gains where its command was found swinging."""
 
-    def steer(self: Any, motion: RelativeMotion, trim: float, pending: Pending, share: float) -> float:
-        orbit, lag, delay = self._orbit, self._lag, 0.022
-        sense, V, r_d = orbit.direction.turn_sign, motion.airspeed, orbit.radius + trim
+    before = {"psi": 0.0, "time": -inf, "rate": 0.0}
+
+    def steer(settings: StepSettings, found: Found, inputs: Inputs, xp: Any) -> float:
+        lag, delay, sense = LAG[mission], 0.022, settings.sense
+        V, r_d = found.airspeed, settings.r_d + inputs.trim
         lead = 1 - 2 * delay / lag
         left = lag / (1 + lead)
-        heading = 0.5 / (left + delay) * (share if share_counts else 1.0)
-        p, d = (motion.x, motion.y * sense), (motion.drift_x, motion.drift_y * sense)
-        psi, rate = motion.heading * sense, motion.turn_rate * sense
+        heading = 0.5 / (left + delay) * (inputs.share if share_counts else 1.0)
+        p, d, psi = (found.x, found.y * sense), (found.drift_x, found.drift_y * sense), found.heading * sense
+        if inputs.time - before["time"] > 0.001:
+            before["rate"] = remainder(psi - before["psi"], 2 * pi) / (inputs.time - before["time"])
+            before["psi"], before["time"] = psi, inputs.time
+        rate = before["rate"]
 
         def wanted(ahead: float) -> float:
             at = psi + rate * ahead / 2
             there = p[0] + d[0] * ahead + V * ahead * cos(at), p[1] + d[1] * ahead + V * ahead * sin(at)
             k = heading / (2.5 * V)
-            return float(field_heading(there, d, V=V, r_d=r_d, k=k, max_turn_rate=orbit.max_turn_rate))
+            return float(field_heading(there, d, V=V, r_d=r_d, k=k, max_turn_rate=settings.limit))
 
         rotation = remainder(wanted(left + 0.05) - wanted(left - 0.05), 2 * pi) / 0.1
         aimed = rotation + heading * remainder(wanted(0.0) - psi, 2 * pi)
-        return aimed + (lead * share if share_counts else lead) * (aimed - rate)
+        return aimed + (lead * inputs.share if share_counts else lead) * (aimed - rate)
 
     return steer
 
@@ -73,7 +77,7 @@ def last_two_laps(flown: Flight, mission: str) -> tuple[float, float, float, lis
 
 
 def test_the_plane_swings_with_the_gains_that_swing_on_firmware(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(step._HandingOver, "_by_bank", as_shipped())
+    monkeypatch.setattr(step, "_by_drift", as_shipped("arduplane"))
     rms, sd, turns, rolls = last_two_laps(laps("arduplane"), "arduplane")
     assert 8.0 < sd < 14.1 * 1.5 and 0.8 / 1.5 < rms < 1.7 * 1.5
     assert rolls[0] < -25 and rolls[1] > 45
@@ -81,7 +85,7 @@ def test_the_plane_swings_with_the_gains_that_swing_on_firmware(monkeypatch: pyt
 
 
 def test_the_copter_swings_with_the_gains_that_swing_on_firmware(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(step._HandingOver, "_by_bank", as_shipped())
+    monkeypatch.setattr(step, "_by_drift", as_shipped("arducopter"))
     flown = laps("arducopter")
     _, sd, turns, _ = last_two_laps(flown, "arducopter")
     assert 26 / 1.5 < sd < 30 * 1.5
@@ -104,7 +108,7 @@ def test_the_gains_of_today_fly_quietly_and_truly(mission: str, most: float) -> 
 def test_a_command_that_swings_is_said_and_answered_by_lower_gains_until_it_stops(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(step._HandingOver, "_by_bank", as_shipped(share_counts=True))
+    monkeypatch.setattr(step, "_by_drift", as_shipped("arducopter", share_counts=True))
     flown = laps("arducopter", 5)
     _, sd, turns, _ = last_two_laps(flown, "arducopter")
     assert flown.ticks[-1].gain_share < 1.0

@@ -1,16 +1,21 @@
-"""`kalman`: constant-velocity Kalman filter on (r, r'), one definition for the flight in the air and for B flights.
+"""`kalman`: constant-velocity Kalman filter on (r, r').
+
+The flight in the air is filtered by filterpy; B flights at once by the same equations as arrays, held to it by a test.
 
 State (r, r') in m and m/s, driven by an unknown acceleration that is constant over a sample interval. Its standard
 deviation is a third of the physical bound |r''| <= V^2/r + V omega_max. The first sample starts the filter with r' = 0
 and variance V^2/2: what -V cos(theta_b) has for a bearing nobody knows.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from math import sqrt
 from types import ModuleType
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from circnav_mav.guidance import floats
 from circnav_mav.guidance.estimators.interface import EstimatorSettings, Fused
@@ -70,28 +75,70 @@ def fused(P: Covariance, gain_r: Number, gain_v: Number) -> Covariance:
     return rr - gain_r * rr, rv - gain_r * rv, vv - gain_v * rv
 
 
+class Filtered(NamedTuple):
+    """A range taken in or not: r (m), r_dot (m/s) and covariance before it and after it; its innovation squared over
+    the variance of that."""
+
+    r: Number
+    r_dot: Number
+    P: Covariance
+    after_r: Number
+    after_r_dot: Number
+    P_after: Covariance
+    nis: Number
+
+
+def filtered(before: RangeRate, h: Number, q: Number, z: Number, sigma: Number) -> Filtered:
+    """The equations, of floats or arrays (B,): h seconds of an acceleration with variance q, then a range z."""
+    P = carried((before.rr, before.rv, before.vv), h, q)
+    S, r = P[0] + sigma**2, before.r + before.r_dot * h
+    gain_r, gain_v, nu = P[0] / S, P[1] / S, z - r
+    after = fused(P, gain_r, gain_v)
+    return Filtered(r, before.r_dot, P, r + gain_r * nu, before.r_dot + gain_v * nu, after, nu**2 / S)
+
+
+def _by_filterpy() -> Callable[[RangeRate, float, float, float, float], Filtered]:
+    """`filtered` by filterpy, which is loaded here: it takes a second, and only a flight needs it."""
+    from filterpy.kalman import predict, update
+
+    H = np.array([[1.0, 0.0]])
+
+    def by_filterpy(before: RangeRate, h: float, q: float, z: float, sigma: float) -> Filtered:
+        F, G = np.array([[1.0, h], [0.0, 1.0]]), np.array([[h * h / 2], [h]])
+        x, P = np.array([before.r, before.r_dot]), np.array([[before.rr, before.rv], [before.rv, before.vv]])
+        x, P = predict(x, P, F=F, Q=q * G @ G.T)
+        after_x, P_after, nu, _, S, _ = update(x, P, z, sigma**2, H, return_all=True)
+        nis = float(nu[0]) ** 2 / float(S[0, 0])
+        (r, r_dot), (after_r, after_r_dot) = x.tolist(), after_x.tolist()
+        return Filtered(r, r_dot, _parts(P), after_r, after_r_dot, _parts(P_after), nis)
+
+    return by_filterpy
+
+
+def _parts(P: NDArray[np.float64]) -> Covariance:
+    return float(P[0, 0]), float(P[0, 1]), float(P[1, 1])
+
+
 def observe(
-    before: RangeRate, settings: EstimatorSettings, *, h: Number, z: Number, sigma: Number, xp: ModuleType = floats
-) -> RangeRate:
+    before: RangeRate, settings: EstimatorSettings, *, h: Number, z: Number, sigma: Number, xp: ModuleType = floats,
+    filtered: Callable[..., Filtered] = filtered,
+) -> RangeRate:  # fmt: skip
     """The filter after a range z (m) of deviation sigma (m), measured h seconds after the sample before.
 
     A run of samples outside the gate that agree with each other means that the filter is the outlier: it starts anew.
     """
-    P = carried((before.rr, before.rv, before.vv), h, acceleration_variance(settings, before.r, xp))
-    rr, rv, _ = P
-    S, nu = rr + sigma**2, z - (before.r + before.r_dot * h)
-    started, nis = before.samples > 0, nu**2 / S
-    taken = started & (nis <= settings.gate**2)
-    gain_r, gain_v = xp.where(taken, rr / S, 0.0), xp.where(taken, rv / S, 0.0)
+    f = filtered(before, h, acceleration_variance(settings, before.r, xp), z, sigma)
+    started = before.samples > 0
+    taken = started & (f.nis <= settings.gate**2)
     # of one motion: no farther apart than twice the speed carries, plus noise
     reach = 2 * settings.speed * h + settings.gate * xp.sqrt(before.refused_sigma**2 + sigma**2)
     agree = (before.refused == 0) | (magnitude(z - before.refused_r) <= reach)
     refused = xp.where(taken, 0, xp.where(agree, before.refused + 1, 1))
     starts = xp.logical_not(started) | (refused >= settings.restart_after)
-    rr, rv, vv = fused(P, gain_r, gain_v)
+    rr, rv, vv = (xp.where(taken, new, old) for new, old in zip(f.P_after, f.P, strict=True))
     return RangeRate(
-        r=xp.where(starts, z, before.r + before.r_dot * h + gain_r * nu),
-        r_dot=xp.where(starts, 0.0, before.r_dot + gain_v * nu),
+        r=xp.where(starts, z, xp.where(taken, f.after_r, f.r)),
+        r_dot=xp.where(starts, 0.0, xp.where(taken, f.after_r_dot, f.r_dot)),
         rr=xp.where(starts, sigma**2, rr),
         rv=xp.where(starts, 0.0, rv),
         vv=xp.where(starts, settings.speed**2 / 2, vv),
@@ -99,7 +146,7 @@ def observe(
         refused=xp.where(starts, 0, refused),
         refused_r=z,
         refused_sigma=sigma,
-        nis=nis,
+        nis=f.nis,
     )
 
 
@@ -107,7 +154,7 @@ class KalmanRangeRate:
     """The filter in flight. The time step is the difference of two sensor stamps: jitter on the way costs nothing."""
 
     def __init__(self, settings: EstimatorSettings) -> None:
-        self._settings = settings
+        self._settings, self._filtered = settings, _by_filterpy()
         self.reset()
 
     def reset(self) -> None:
@@ -132,7 +179,7 @@ class KalmanRangeRate:
         """Take one sample in, or refuse it at the gate. Stamps must rise from call to call."""
         before, newest = self._state, self._newest
         h = 0.0 if newest is None else sample.stamp - newest.stamp
-        self._state = observe(before, self._settings, h=h, z=sample.r, sigma=sample.sigma)
+        self._state = observe(before, self._settings, h=h, z=sample.r, sigma=sample.sigma, filtered=self._filtered)
         self._newest = sample
         if self._state.refused:
             return Fused.GATED
