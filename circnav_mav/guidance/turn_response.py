@@ -7,7 +7,7 @@ bins, with a prior about the mission's `turn_lag_s`; the gain is `core.turn_gain
 
 from collections import deque
 from dataclasses import dataclass, replace
-from math import exp
+from math import exp, sqrt
 from typing import Any
 
 import numpy as np
@@ -42,6 +42,8 @@ LEAST_NOISE = 0.01
 EXPLAINED, LEAST_SLOPE, MOST_SLOPE = 0.6, 0.4, 1.6
 """Share of the turns' variance that the commands must explain, and bounds of the gain of changes, for them to count as
 answers; vehicles that follow have .8 and more, and .65 .. 1.2."""
+FAR_OFF = 2.0
+"""Residual of a bin, in standard deviations, from which on it counts for less."""
 KEPT = 4.0
 """Time for which commands are remembered, s: the longest dead time and link delay."""
 
@@ -134,6 +136,7 @@ class ResponseLearner:
         self._command: float | None = None
         self._bin: tuple[float, float] | None = None
         self._before: Array | None = None
+        self._fit: tuple[Any, float, float, float] | None = None
         self._known = Response(0.5 * expected + after, 0.5 * expected, 2 / max(expected, 0.05))
 
     def response(self, link: float) -> Response:
@@ -194,11 +197,19 @@ class ResponseLearner:
         moved = angles[after] - angles[after - 1]
         return np.asarray(angles[after - 1] + share[:, None] * moved)
 
+    def _weight(self, model: Array, rate: float) -> float:
+        """Of a bin: less for one far from what the best candidate says. A step that takes the roll to its rate limit
+        is answered later than any other, and one of them would count for more than a minute on the circle."""
+        if self._fit is None:
+            return 1.0
+        best, slope, offset, noise = self._fit
+        return min(1.0, (FAR_OFF * noise / max(abs(rate - slope * model[best] - offset), 1e-9)) ** 2)
+
     def _learn(self, model: Array, rate: float, width: float) -> None:
         """Take in the mean turn rate of a bin, and what the candidates say of it."""
         one, y = np.ones_like(model), np.full_like(model, rate)
         self._sums *= exp(-width / MEMORY)
-        self._sums += np.array([one, model, y, model * model, model * y, y * y])
+        self._sums += self._weight(model, rate) * np.array([one, model, y, model * model, model * y, y * y])
         n, m, s, mm, my, yy = self._sums
         if n[0, 0] < 10:
             return
@@ -207,6 +218,8 @@ class ResponseLearner:
         noise = max(float(left.min() / n[0, 0]), LEAST_NOISE**2)
         likely = self._prior - 0.5 * left / noise
         best = np.unravel_index(likely.argmax(), likely.shape)
+        by_best = cov[best] / max(var[best], 1e-9)
+        self._fit = best, by_best, (s[best] - by_best * m[best]) / n[best], sqrt(noise)
         # the turns of a vehicle that does not hear us, or only circles, are no answers to our commands
         slope, explained = cov[best] / max(var[best], 1e-9), EXPLAINED * var[best] * all_[best]
         if cov[best] ** 2 <= explained or not LEAST_SLOPE < slope < MOST_SLOPE:
