@@ -203,7 +203,8 @@ class ResponseLearner:
         if self._fit is None:
             return 1.0
         best, slope, offset, noise = self._fit
-        return min(1.0, (FAR_OFF * noise / max(abs(rate - slope * model[best] - offset), 1e-9)) ** 2)
+        residual = float(abs(rate - slope * model[best] - offset))
+        return min(1.0, (FAR_OFF * noise / max(residual, 1e-9)) ** 2)
 
     def _learn(self, model: Array, rate: float, width: float) -> None:
         """Take in the mean turn rate of a bin, and what the candidates say of it."""

@@ -24,8 +24,8 @@ class TickRecord:
     """One tick, for the log and the display. Rates are the paper's (counter-clockwise positive) except yaw_rate_sent,
     which is MAVLink's. turn_gain, turn_delay (s), gain_share: how the vehicle answers turn commands, and what is left
     of the gains once the command was found swinging. law, x .. airspeed_scale: which law flies, and the relative motion
-    where an estimator tells it (vehicle minus target, m; wind minus target velocity, m/s; paper's frame). height: above
-    the target, m, by which slant ranges are made horizontal. None stands for "not known" or "not sent"."""
+    where an estimator tells it (vehicle minus target, m; wind minus target velocity, m/s; paper's frame). felt:
+    how far that goes by measured accelerations, 0 .. 1. height: above the target, m, by which slant ranges are made horizontal. None stands for "not known" or "not sent"."""
 
     time: float
     phase: Phase
@@ -48,6 +48,7 @@ class TickRecord:
     drift_x: float | None
     drift_y: float | None
     airspeed_scale: float | None
+    felt: float | None
     heading: float | None
     airspeed: float | None
     altitude: float | None
@@ -105,6 +106,7 @@ def tick_record(
         drift_x=where.drift_x if where else None,
         drift_y=where.drift_y if where else None,
         airspeed_scale=where.scale if where else None,
+        felt=where.feels if where else None,
         heading=motion.yaw,
         airspeed=motion.airspeed,
         altitude=motion.altitude,

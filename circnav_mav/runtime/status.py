@@ -142,4 +142,5 @@ def _target(tick: TickRecord) -> str:
     bearing = degrees(compass_from_vector(-tick.x, -tick.y))
     towards = degrees(compass_from_vector(tick.drift_x, tick.drift_y))
     drift = hypot(tick.drift_x, tick.drift_y)
-    return f"bearing {bearing:03.0f} deg, drift {drift:.1f} m/s towards {towards:03.0f} deg"
+    felt = ", by accelerations" if tick.felt is not None and tick.felt > 0.5 else ""
+    return f"bearing {bearing:03.0f} deg, drift {drift:.1f} m/s towards {towards:03.0f} deg{felt}"
