@@ -24,8 +24,9 @@ class TickRecord:
     """One tick, for the log and the display. Rates are the paper's (counter-clockwise positive) except yaw_rate_sent,
     which is MAVLink's. turn_gain, turn_delay (s), gain_share: how the vehicle answers turn commands, and what is left
     of the gains once the command was found swinging. law, x .. airspeed_scale: which law flies, and the relative motion
-    where an estimator tells it (vehicle minus target, m; wind minus target velocity, m/s; paper's frame). felt:
-    how far that goes by measured accelerations, 0 .. 1. height: above the target, m, by which slant ranges are made horizontal. None stands for "not known" or "not sent"."""
+    where an estimator tells it (vehicle minus target, m; wind minus target velocity, m/s; paper's frame). felt: how far
+    that goes by measured accelerations, 0 .. 1. height: above the target, m, by which slant ranges are made horizontal.
+    None stands for "not known" or "not sent"."""
 
     time: float
     phase: Phase
