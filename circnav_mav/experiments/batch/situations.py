@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from math import radians
 
 from circnav_mav.experiments.batch.flight import Circle, Situation
-from circnav_mav.experiments.batch.sensors import LORA, UWB, Ranging
+from circnav_mav.experiments.batch.sensors import LORA, UWB, ImuNoise, Ranging
 
 V = Circle().speed
 LAST = 100.0
@@ -31,6 +31,7 @@ SITUATIONS: dict[str, Row] = {
         Row(Situation("target turns", target=3.0, target_turn=0.05)),
         Row(Situation("target accelerates", target=3.0, target_walk=0.3)),
         Row(Situation("gusts 1.5, wind .33 V", wind=5.0, gust=1.5), 1.0),
+        Row(Situation("the same with accelerations", wind=5.0, gust=1.5, imu=ImuNoise())),
         Row(Situation("uwb, wind .2 V", wind=0.20 * V, ranging=UWB), 0.35),
         Row(Situation("lora, wind .2 V", wind=0.20 * V, ranging=LORA), 2.0),
         Row(Situation("50 % loss at 5 Hz", wind=0.20 * V, ranging=Ranging(every=4, loss=0.5))),
