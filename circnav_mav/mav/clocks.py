@@ -157,6 +157,8 @@ class RemoteClock:
             self.followed = step - by_link
             self._offset += self.followed
             self._candidate, self._count = self._offset, 0
+            # what is left of it, where the link was slow meanwhile, shows in the lags to come, not in those of the rise
+            self._raised = _Raised(arrival, self._lag, self._lag, self._lag)
 
     def _steady(self, raised: _Raised) -> bool:
         assert self._offset is not None

@@ -163,6 +163,18 @@ def test_what_the_round_trip_does_not_explain_is_the_clocks():
     assert {round(age, 6) for time, age in shown if time > 6.05} == {0.2}
 
 
+def test_a_pause_of_the_whole_computer_is_followed_when_its_link_is_quick_again():
+    """Lags as flown: a simulator stood still for .5 s twice within 1.3 s, and answered slowly meanwhile. What the slow
+    answers explain at first is the clock's, too, once they are quick."""
+    stepping = [*[0.4] * 3, *[0.96, 0.88, 0.96, 1.09, 1.17, 1.26, 1.28, 1.28, 1.09], *[1.01] * 40]
+    clock, shown = RemoteClock(lambda since, now: 0.4 if now < 11.5 else 0.02), []
+    for i in range(200):
+        lag = 0.0 if i < 100 else stepping[min(i - 100, len(stepping) - 1)]
+        arrival = 0.1 * i
+        shown.append(arrival - clock.local(5000.0 + arrival - lag, arrival))
+    assert max(shown[135:]) < 0.1
+
+
 def test_a_step_is_doubted_while_it_may_be_the_clocks():
     clock = RemoteClock(lambda since, now: float("inf"))
     for i in range(20):
