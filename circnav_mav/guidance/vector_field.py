@@ -25,11 +25,11 @@ REACHABLE = 0.98
 """Largest sine of the drift angle: above it the ground course cannot be held, and the nose points nearly across."""
 
 
-CROSSOVER = 0.9
+CROSSOVER = 0.85
 """Crossover of the heading loop times the whole delay. What is under way is taken off, so only what the model of the
 delay leaves is felt: over the plants of real vehicles, delays known to a fifth, the gain margin stays above 6 dB and
 the phase margin above 45 deg (tests/guidance/test_margins.py)."""
-SETTLING_SHARE = 1.0
+SETTLING_SHARE = 0.95
 """Highest crossover in units of how fast the vehicle's answer settles: near its own frequency an inner loop that rings
 is louder than its delay tells."""
 FASTEST = 1.8

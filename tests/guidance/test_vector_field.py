@@ -73,10 +73,10 @@ def test_far_inside_the_course_leads_out_no_steeper_than_the_tightest_turn_can_f
 @pytest.mark.parametrize(
     ("delay", "settles", "share", "crossover"),
     [
-        (1.8, 9.0, 1.0, 0.5),  # .9/delay
+        (1.7, 9.0, 1.0, 0.5),  # .85/delay
         (0.1, 9.0, 1.0, 1.8),  # a quick vehicle: the ranges are the limit
-        (0.1, 0.9, 1.0, 0.9),  # how fast a ringing inner loop settles
-        (1.8, 9.0, 0.7, 0.35),
+        (0.1, 0.9, 1.0, 0.855),  # .95 of how fast a ringing inner loop settles
+        (1.7, 9.0, 0.7, 0.35),
     ],
 )
 def test_gains_by_their_rule(delay, settles, share, crossover):
