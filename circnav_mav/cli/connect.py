@@ -17,6 +17,7 @@ from circnav_mav.runlog.metrics import TOLERANCE
 from circnav_mav.runtime.clock import AutopilotClock, Clock
 from circnav_mav.runtime.keys import KeyFileError, SigningTime, read_key, timestamp_path
 from circnav_mav.runtime.links import Link, LinkError, UdpLink, open_link
+from circnav_mav.runtime.radio_link import open_radio
 from circnav_mav.runtime.web.feed import LivePage, WebError
 
 MOST_PORT = 65535
@@ -32,7 +33,8 @@ def open_links(mission: Mission, open_things: ExitStack) -> dict[str, Link]:
     for name, endpoint in endpoints.items():
         try:
             peers = () if endpoint == SIM else mission.file.link.peer or ()
-            links[name] = open_link(LOOPBACK if endpoint == SIM else endpoint, peers)
+            opens = open_radio if name == RANGING and mission.ranging_driver else open_link
+            links[name] = opens(LOOPBACK if endpoint == SIM else endpoint, peers)
         except LinkError as error:
             raise Refused(str(error), Exit.NOTHING_HEARD if error.nobody else Exit.USAGE) from None
         open_things.callback(links[name].close)
