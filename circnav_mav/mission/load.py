@@ -87,7 +87,7 @@ def _clashes(file: MissionFile) -> Iterator[str]:
     if ranging.endpoint == SIM and file.link.endpoint != SIM:
         yield f'ranging.endpoint: is "{SIM}" but the vehicle is not the bundled one: --set ranging.endpoint=URL'
     if split_driver(ranging.endpoint or "")[0] and ranging.message != "ranging_beacon":
-        yield f'ranging.message: is "{ranging.message}", the readings of a driver are logged as "ranging_beacon": set that'
+        yield f'ranging.message: is "{ranging.message}", a driver gives "ranging_beacon": set that'
     if file.signing and file.signing.accept_unsigned == "ranging" and ranging.endpoint is None:
         yield 'signing.accept_unsigned: is "ranging", which needs a ranging.endpoint of its own'
     rows = allowed(*table_key(vehicle.autopilot, vehicle.kind, vehicle.method)).values()

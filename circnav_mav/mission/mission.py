@@ -166,7 +166,7 @@ class Mission:
         table = self.file.ranging
         return RangingSettings(
             message=table.message,
-            # each beacon of a driver is a sender of its own, of which the first heard counts; MAVLink's are told by id only
+            # a driver's beacons are senders of their own: without an id the first heard counts
             beacon_id=0 if table.beacon_id is None and not self.ranging_driver else table.beacon_id,
             sensor_id=table.sensor_id,
             orientation=table.orientation,

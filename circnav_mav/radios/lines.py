@@ -1,7 +1,7 @@
 """A range a line, as anybody can print it: JSON objects or comma-separated values, metres and seconds.
 
-    {"range": 123.4, "id": 3, "sigma": 0.1, "time": 17.25}      only the range is needed
-    123.4            3,123.4            17.25,3,123.4            17.25,3,123.4,0.1
+{"range": 123.4, "id": 3, "sigma": 0.1, "time": 17.25}      only the range is needed
+123.4            3,123.4            17.25,3,123.4            17.25,3,123.4,0.1
 """
 
 import json

@@ -22,7 +22,7 @@ class _Layout(NamedTuple):
     stamped: bool
 
 
-LAYOUTS = {0x04: _Layout(119, 13, True), 0x05: _Layout(21, 7, False), 0x07: _Layout(21, 12, False)}
+LAYOUTS = {0x04: _Layout(119, 13, True), 0x05: _Layout(21, 7, False), 0x07: _Layout(21, 11, False)}
 """By the second byte of the frame: node frame 2, node frame 3, AoA node frame 0."""
 
 

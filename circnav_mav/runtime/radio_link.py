@@ -37,6 +37,8 @@ class RadioLink:
         self._sequence = 0
         self._since: float | None = None
         self._unread = 0
+        if self._line_end:
+            driver.receive(self._line_end, 0.0)  # the first datagram begins a line
 
     def fileno(self) -> int | None:
         """File descriptor to wait on, None while there is none."""
@@ -44,7 +46,8 @@ class RadioLink:
 
     def receive(self, now: float) -> list[tuple[bytes, Hashable]]:
         """A frame of each new reading."""
-        return [(self._frame(reading), f"{spelt(source)} beacon {reading.beacon}") for reading, source in self.read(now)]
+        heard = self.read(now)
+        return [(self._frame(reading), f"{spelt(source)} beacon {reading.beacon}") for reading, source in heard]
 
     def read(self, now: float) -> list[tuple[RadioReading, Hashable]]:
         """The new readings and where they came from. A driver that fails is a trouble, and loses these bytes."""
@@ -109,8 +112,7 @@ def radio_port(endpoint: str) -> tuple[str, Driver, str]:
     except DriverError as error:
         raise LinkError(f"endpoint {endpoint!r}: {error}") from None
     if port.startswith("/"):
-        device, sign, baud = port.rpartition(":")
-        port = f"serial:{port}" if sign and baud.isdecimal() else f"serial:{port}:{driver.baud}"
+        port = f"serial:{port}" if port.rpartition(":")[2].isdecimal() else f"serial:{port}:{driver.baud}"
     parse_endpoint(port)
     return name, driver, port
 
