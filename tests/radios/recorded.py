@@ -17,8 +17,8 @@ LINKTRACK = {
     NODE_FRAME_3: ({0: 2.850, 1: 6.051, 2: 7.304, 3: 5.350}, 463.352),
     AOA_NODE_FRAME_0: ({0: 0.767, 1: 0.770, 2: 1.004, 3: 1.416}, 160.702),
 }
-"""Frames of nooploop-dev/nlink_parser, test/test_nlink_parser.cpp, with the ranges by node and the local time, s, expected
-there; the time of a node of frame 2 is 20 ms before the frame's system_time, which is 1926842 there."""
+"""Frames of nooploop-dev/nlink_parser, test/test_nlink_parser.cpp, with the ranges by node and the time, s.
+The time of a node of frame 2 is 20 ms before the frame's system_time, which is 1926842 there."""
 
 LES = (
     b"1151[5.00,8.00,2.25]=6.48 0CA8[0.00,8.00,2.25]=6.51 111C[5.00,0.00,2.25]=3.18 1150[0.00,0.00,2.25]=3.16 "
