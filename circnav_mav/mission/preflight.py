@@ -7,8 +7,8 @@ from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mav.autopilots.parameters import Context, check_parameters
 from circnav_mav.mav.check_result import Check, Grade
-from circnav_mav.mav.identity import RADIO_NAME
 from circnav_mav.mav.clocks import span_speed
+from circnav_mav.mav.identity import RADIO_NAME
 from circnav_mav.mission.mission import Mission
 from circnav_mav.mission.preflight_ranging import FULL_RATE, SPEED_OFF, judge_ranging
 from circnav_mav.pilot import VEHICLE
