@@ -117,6 +117,19 @@ def test_the_scene_is_the_flight_seen_from_the_beacon_east_north_up(circnav, flo
     assert {one.frame_id for one in entities.values()} == {"beacon"}
 
 
+def test_a_text_that_came_in_chunks_is_one_line_of_the_log(circnav, flown, tmp_path):
+    run = shutil.copytree(flown, tmp_path / "run")
+    vehicle, whole = mavlink.MAVLink(None, srcSystem=1, srcComponent=1), "EKF3 lane switch 1, " * 6
+    with (run / "flight.tlog").open("ab") as tlog:
+        for chunk in range(3):
+            text = whole[50 * chunk : 50 * chunk + 50].encode()
+            frame = mavlink.MAVLink_statustext_message(3, text, 7, chunk).pack(vehicle)
+            tlog.write(struct.pack(">Q", EPOCH_US + 19_000_000 + chunk * 1000) + frame)
+    assert circnav("export", run, "--mcap").code == 0
+    said = [row for _, row, _ in messages(run / "flight.mcap")["/events"] if row.name == "vehicle says"]
+    assert [(row.message, row.level) for row in said if "EKF3" in row.message] == [(whole, 4)]  # ERROR
+
+
 def test_a_position_that_the_vehicle_reports_is_a_fix_on_the_map(circnav, flown, tmp_path):
     run = shutil.copytree(flown, tmp_path / "run")
     vehicle = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)

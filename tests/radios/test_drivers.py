@@ -51,6 +51,8 @@ def test_an_anchor_whose_piece_of_the_line_is_missing_is_not_guessed():
         0x1151: 6.44,
         0x0CA8: 6.5,
     }
+    for run_together in (b"DIST,1,AN0,1151,5.00,8.00,2.25,6.446.50\r\n", b"1151[5.00,8.00,2.25]=6.486.51\r\n"):
+        assert driver.receive(run_together, 0.3) == []
 
 
 def test_dwm1001_is_started_once_and_never_stopped_by_the_same_command():
