@@ -79,7 +79,7 @@ def test_the_truth_of_another_bundled_vehicle_on_the_link_is_left_out(tmp_path):
 @pytest.mark.parametrize(
     ("begins", "ends", "names"),
     [
-        ("## ticks.csv", "## MCAP", [field.name for field in fields(TickRecord)]),
+        ("## ticks.csv", "## Foxglove", [field.name for field in fields(TickRecord)]),
         ("## Why a range was rejected", "\n## ", [reason.value for reason in Reject]),
     ],
     ids=["columns of the ticks", "reasons to reject a range"],
