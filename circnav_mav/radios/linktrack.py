@@ -40,7 +40,7 @@ class LinkTrack:
         """The readings of the frames that these bytes complete."""
         buffer, at, readings = self._rest + data, 0, []
         while at < len(buffer):
-            size = _frame_size(buffer[at:])
+            size = _frame_size(buffer, at)
             if size is None:
                 break
             frame = buffer[at : at + size]
@@ -58,17 +58,17 @@ class LinkTrack:
         return b""
 
 
-def _frame_size(buffer: bytes) -> int | None:
-    """Bytes of the frame that begins here, 0 where none does, None where more bytes must tell."""
-    if buffer[0] != HEADER or (len(buffer) > 1 and buffer[1] not in LAYOUTS):
+def _frame_size(buffer: bytes, at: int) -> int | None:
+    """Bytes of the frame that begins there, 0 where none does, None where more bytes must tell."""
+    left = len(buffer) - at
+    if buffer[at] != HEADER or (left > 1 and buffer[at + 1] not in LAYOUTS):
         return 0
-    layout = LAYOUTS[buffer[1]] if len(buffer) >= SHORTEST else None
-    if layout is None or len(buffer) < layout.fixed:
+    if left < SHORTEST or left < (layout := LAYOUTS[buffer[at + 1]]).fixed:
         return None
-    size = layout.fixed + layout.node * buffer[layout.fixed - 1] + 1
-    if size != int.from_bytes(buffer[2:4], "little"):
+    size = layout.fixed + layout.node * buffer[at + layout.fixed - 1] + 1
+    if size != int.from_bytes(buffer[at + 2 : at + 4], "little"):
         return 0
-    return size if len(buffer) >= size else None
+    return size if left >= size else None
 
 
 def _read(frame: bytes) -> list[RadioReading]:
