@@ -7,14 +7,25 @@ from sim.agenda import NEVER
 from sim.airframes.unicycle import Unicycle
 from sim.autopilots.ardupilot import CUSTOM_MODE_ENABLED, ArduPilot
 from sim.autopilots.ardupilot_tables import ROVER, rover_parameters
-from sim.autopilots.contract import CRITICAL, STATUS_ACTIVE, STATUS_CRITICAL, STATUS_STANDBY, WARNING, Say
+from sim.autopilots.contract import (
+    ACCEPTED,
+    CRITICAL,
+    FAILED,
+    STATUS_ACTIVE,
+    STATUS_CRITICAL,
+    STATUS_STANDBY,
+    UNSUPPORTED,
+    WARNING,
+    Command,
+    Say,
+)
 from sim.body import Body, euler
 from sim.config import VehicleConfig
 from sim.demands import BodyVelocity, Brake
 from sim.wire import Message
 
 HOLD, LOITER, RTL, SMART_RTL, GUIDED = 4, 5, 11, 12, 15
-LOCAL_TARGET, ATTITUDE_TARGET = 84, 82
+LOCAL_TARGET, ATTITUDE_TARGET, DO_CHANGE_SPEED = 84, 82, 178
 POSITION, VELOCITY, ACCELERATION, YAW_RATE = 0x007, 0x038, 0x1C0, 0x800
 THROTTLE_BIT, YAW_RATE_BIT = 0x40, 0x04
 TIMEOUT_US, THINK_US = 3_000_000, 100_000
@@ -45,6 +56,7 @@ class ArduRover(ArduPilot):
         )
         self._target: BodyVelocity | None = None
         self._goal: tuple[float, float] | None = None  # north, east
+        self._leg_speed = self.params["WP_SPEED"]
         self._homing: BodyVelocity | None = None
         self._since = self._think_at = 0
         if self.mode == GUIDED and config.start.speed_mps:
@@ -82,7 +94,7 @@ class ArduRover(ArduPilot):
         if distance < AT_PLACE:
             return None
         error = math.remainder(math.atan2(east - body.east, north - body.north) - body.heading, math.tau)
-        speed = min(self.params["WP_SPEED"], NEARNESS * distance)
+        speed = min(self._leg_speed, NEARNESS * distance)
         return BodyVelocity(speed, yaw_rate=HOMING * error)
 
     # -- what is obeyed -----------------------------------------------------------------------------------------------
@@ -103,6 +115,15 @@ class ArduRover(ArduPilot):
 
     def go_to(self, north: float, east: float, down: float, now: int, body: Body) -> None:
         self._target, self._goal, self._think_at = None, (north, east), now
+
+    def own_command(self, command: Command, now: int, body: Body) -> int:
+        """Only a way to a place has a speed that can be changed: a setpoint brings its own."""
+        if command.number != DO_CHANGE_SPEED:
+            return UNSUPPORTED
+        if self._goal is None or not 0 < command.params[1] < 100:
+            return FAILED
+        self._leg_speed = command.params[1]
+        return ACCEPTED
 
     def _local_target(self, message: Message, body: Body) -> BodyVelocity | None:
         """Velocity and yaw rate; the frame is irrelevant. Other combinations are dropped without a word."""
@@ -132,6 +153,7 @@ class ArduRover(ArduPilot):
 
     def entered(self, mode: int, now: int) -> None:
         self._target = self._homing = None
+        self._leg_speed = self.params["WP_SPEED"]
         self._goal = (0.0, 0.0) if mode in (RTL, SMART_RTL) else None
         self._think_at = now
 

@@ -52,12 +52,17 @@ def test_a_plane_circles_there_at_that_height():
 def test_a_rover_drives_there_and_stops_and_the_next_setpoint_takes_it_away():
     companion = station("ardurover", mode="GUIDED")
     assert reposition(companion, 40.0, 30.0, 0.0) == ACCEPTED
+    companion.wait(10.0)
+    assert companion.command(CHANGE_SPEED, 1, 4.5, -1) == [ACCEPTED]
+    companion.wait(10.0)
+    assert companion.vehicle.truth.ground_speed == pytest.approx(4.5, abs=0.05)
     companion.wait(60.0)
     truth = companion.vehicle.truth
     assert math.hypot(truth.north - 40.0, truth.east - 30.0) < 4.0
     assert truth.ground_speed == pytest.approx(0.0, abs=0.05)
     companion.fly(5.0, 2.0, 0.0)
     assert companion.vehicle.truth.ground_speed == pytest.approx(2.0, abs=0.1)
+    assert companion.command(CHANGE_SPEED, 1, 4.5, -1) == [FAILED]
 
 
 @pytest.mark.parametrize("profile", ["arducopter", "arduplane", "ardurover"])
