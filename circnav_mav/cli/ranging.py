@@ -1,6 +1,5 @@
 """`circnav ranging watch`: what a radio measures, by its driver alone."""
 
-import select
 from collections import deque
 from contextlib import closing
 from itertools import pairwise
@@ -16,10 +15,10 @@ from circnav_mav.radios.interface import RadioReading
 from circnav_mav.runtime.clock import Clock
 from circnav_mav.runtime.links import LinkError
 from circnav_mav.runtime.radio_link import RadioLink, open_radio
-from circnav_mav.runtime.runner import StopRequest
+from circnav_mav.runtime.runner import LONGEST_WAIT, StopRequest, wait
 
-PERIOD, SPAN, LONGEST_WAIT = 1.0, 10.0, 0.05
-"""Time, s, between two lines, which they are about, and after which the driver is asked again."""
+PERIOD, SPAN = 1.0, 10.0
+"""Time, s, between two lines, and which they are about."""
 MOST_HEARD, MOST_BEACONS = 20_000, 32
 FEW = 5
 """Ranges from which on they tell of scatter and clock."""
@@ -46,8 +45,7 @@ def _listen(link: RadioLink, seconds: float) -> bool:
     clock, stop = Clock(), StopRequest()
     due, now = PERIOD, 0.0
     while now < seconds and stop.signal_name is None:
-        watched = [one for one in (link.fileno(), stop.fileno()) if one is not None]
-        select.select(watched, [], [], min(clock.until(due), LONGEST_WAIT))
+        wait({"radio": link}, stop, min(clock.until(due), LONGEST_WAIT))
         readings = link.read(now)
         now = clock.now()
         for reading, _ in readings:

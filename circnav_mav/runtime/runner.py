@@ -76,7 +76,7 @@ def run(
     newest: TickRecord | None = None
     now = 0.0
     while not pilot.done:
-        _wait(links, stop, min(clock.until(pilot.next_tick), LONGEST_WAIT))
+        wait(links, stop, min(clock.until(pilot.next_tick), LONGEST_WAIT))
         began = clock.real()
         heard = [(name, *one) for name, link in links.items() for one in link.receive(now)]
         now = clock.now()  # a range that came while we stood still is not dated before it was sent
@@ -111,7 +111,7 @@ def listen(
 ) -> None:
     """Listen until the survey is done or a signal has come."""
     while not survey.done and stop.signal_name is None:
-        _wait(links, stop, min(clock.until(survey.next_tick), LONGEST_WAIT))
+        wait(links, stop, min(clock.until(survey.next_tick), LONGEST_WAIT))
         now = clock.now()
         if signing_time is not None:
             signing_time.turn()
@@ -131,7 +131,7 @@ def _send(speaker: Pilot | Survey, out: bytes, links: Mapping[str, Link], now: f
     return hello
 
 
-def _wait(links: Mapping[str, Link], stop: StopRequest, seconds: float) -> None:
+def wait(links: Mapping[str, Link], stop: StopRequest, seconds: float) -> None:
     """Wait for bytes, a signal or the time, whichever comes first."""
     watched = [fd for link in links.values() if (fd := link.fileno()) is not None]
     if stop.signal_name is None:
