@@ -1,4 +1,4 @@
-"""The pages of this repository as a site: pip install '.[docs]', then sphinx-build -W -c docs . site; no network needed."""
+"""The pages of this repository as a site: pip install '.[docs]', then sphinx-build -W -c docs . site. Needs no network."""
 
 project = "circnav"
 extensions = ["myst_parser", "sphinx.ext.autodoc"]
