@@ -47,7 +47,7 @@ class _Raised:
     by_link: bool = False
 
     def add(self, arrival: float, lag: float) -> None:
-        """What was before STEADY no longer counts: a computer that stalls may shake lags for seconds before they settle."""
+        """What was before STEADY no longer counts: a computer that stalls may shake lags for seconds."""
         self.samples.append((arrival, lag))
         while len(self.samples) > STEADY_SAMPLES and arrival - self.samples[1][0] >= STEADY:
             self.samples.popleft()

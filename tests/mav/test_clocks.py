@@ -177,9 +177,11 @@ def test_a_pause_of_the_whole_computer_is_followed_when_its_link_is_quick_again(
 
 def test_lags_that_a_busy_computer_shakes_are_followed_within_a_second_of_settling():
     """Lags as flown, .1 s apart: a simulator that lost .83 s in many small stalls while the link stalled, too."""
-    shaken = [0.57, 0.6, 0.66, 0.56, 0.64, 0.67, 0.57, 0.67, 0.69, 0.79, 0.91, 0.96, 1.18, 1.27, 1.17, 1.18, 1.08, 1.16,
-              1.06, 0.96, 0.88, 0.78, 0.69, 0.67, 0.68, 0.97, 0.88, 0.81, 0.78, 0.79, 0.78, 0.78, 0.85, 0.81, 0.79, 0.78,
-              0.83, 0.86, 1.05, 0.96, 0.87]  # fmt: skip
+    shaken = [
+        0.57, 0.6, 0.66, 0.56, 0.64, 0.67, 0.57, 0.67, 0.69, 0.79, 0.91, 0.96, 1.18, 1.27, 1.17,
+        1.18, 1.08, 1.16, 1.06, 0.96, 0.88, 0.78, 0.69, 0.67, 0.68, 0.97, 0.88, 0.81, 0.78, 0.79,
+        0.78, 0.78, 0.85, 0.81, 0.79, 0.78, 0.83, 0.86, 1.05, 0.96, 0.87,
+    ]  # fmt: skip
     clock, shown = RemoteClock(lambda since, now: 0.29 if since < 14.0 else 0.005), []
     for i in range(200):
         lag = 0.0 if i < 100 else [*shaken, *[0.83] * 60][i - 100]
