@@ -1,4 +1,4 @@
-"""The pages of this repository as a site: pip install '.[docs]', then sphinx-build -c docs . site. No network needed."""
+"""These pages as a site: pip install '.[docs]', then sphinx-build -c docs . site. Needs no network."""
 
 project = "circnav"
 extensions = ["myst_parser", "sphinx.ext.autodoc"]
