@@ -126,6 +126,7 @@ class Pilot:
             return
         if adapter.velocity_loop is not None:
             self._copter_motion, own = self._copter_motion.follow(own, adapter.velocity_loop)
+            self.controller.drag = self._copter_motion.drag
         self.controller.on_motion(own)
         # a vehicle whose airspeed nobody measures has the commanded one while it flies as commanded; whose setpoints
         # are another's (a dry run) is taken to do so while it turns as we would command

@@ -116,7 +116,7 @@ class Px4Copter(Px4):
         down = max(-CLIMB, min(SINK, wanted[2]))
         if setpoint.along_nose is not None and isinstance(self._by_velocity, Unicycle):
             return BodyVelocity(*_at_most(*setpoint.along_nose, FASTEST), down, yaw_rate)
-        return EarthVelocity(north, east, down, yaw_rate)
+        return EarthVelocity(north, east, down, yaw_rate, *(fed or 0.0 for fed in setpoint.acceleration[:2]))
 
     @staticmethod
     def _yaw_rate(setpoint: Trajectory, body: Body) -> float:
