@@ -9,7 +9,6 @@ has its own seed, so a cell prints the same numbers alone and in the whole table
 import csv
 import time
 import zlib
-from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import closing
 from dataclasses import asdict, dataclass
@@ -24,7 +23,7 @@ from circnav_mav.experiments.batch.flight import Tracks, fly_situation, policy
 from circnav_mav.experiments.batch.guidance import POLICIES
 from circnav_mav.experiments.batch.situations import LAST, SITUATIONS, Row
 from circnav_mav.experiments.bench_table import markdown
-from circnav_mav.experiments.worker_pool import Job, worked
+from circnav_mav.experiments.worker_pool import workers
 from circnav_mav.guidance.types import Direction, Orbit
 from circnav_mav.runlog.atomic_write import atomic_write, write_text
 from circnav_mav.runlog.turn_command import turn_figures
@@ -103,19 +102,9 @@ def _flown(cells: list[tuple[str, str]], flights: int, seed: int, cores: int) ->
     if min(cores, len(cells)) == 1:
         yield from (fly_cell(*cell, flights, seed) for cell in cells)
         return
-    jobs: deque[Job] = deque((_numbered, (number, *cell, flights, seed)) for number, cell in enumerate(cells))
-    ready: dict[int, Cell] = {}
-    turn = 0
-    with closing(worked(jobs, cores)) as results:
-        for number, cell in results:
-            ready[number] = cell
-            while turn in ready:
-                yield ready.pop(turn)
-                turn += 1
-
-
-def _numbered(number: int, situation: str, policy: str, flights: int, seed: int) -> tuple[int, Cell]:
-    return number, fly_cell(situation, policy, flights, seed)
+    with workers(cores) as submit:
+        flown = [submit(fly_cell, *cell, flights, seed) for cell in cells]
+        yield from (cell.result() for cell in flown)
 
 
 def every_cell() -> Iterator[tuple[str, str]]:

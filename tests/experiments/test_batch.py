@@ -14,7 +14,6 @@ from circnav_mav.experiments.batch.guidance import POLICIES, Guidance
 from circnav_mav.experiments.batch.sensors import LORA, NO_NOISE, UWB, MotionNoise, OwnSenses, Radio, Ranging, Reading
 from circnav_mav.experiments.batch.world import Airframe, Surroundings, World, flown, turn_step
 from circnav_mav.experiments.bench import fly_cell, line, run
-from circnav_mav.experiments.bound import AlongsideBound
 from circnav_mav.guidance.estimators.interface import Fused
 from circnav_mav.guidance.estimators.relative_motion import AutoEstimator
 from circnav_mav.guidance.step import LawChoice, holding, steering
@@ -22,6 +21,7 @@ from circnav_mav.guidance.turn_response import PendingTurn, Response
 from circnav_mav.guidance.types import Direction, Orbit, OwnMotion, RangeSample
 from circnav_mav.mission.checks import check_mission
 from circnav_mav.mission.load import load_mission
+from tests.experiments.bound import AlongsideBound
 
 WINDY = Situation("windy", wind=5.0, duration=30.0)
 OUTAGE = Situation("outage", wind=5.0, ranging=Ranging(outage=10.0), duration=60.0)
