@@ -85,7 +85,7 @@ def test_the_stack_in_the_air_holds_through_an_outage_as_the_batch_does():
 
 def test_an_outage_in_wind_leaves_the_vehicle_on_its_circle():
     """The circle's own turn in the drift known; V/r_d would let 5 m/s of wind carry it off for 10 s."""
-    tracks = fly_situation(OUTAGE.lasting(180.0), policy("auto"), 8, seed=4)
+    tracks = fly_situation(replace(OUTAGE, duration=180.0), policy("auto"), 8, seed=4)
     assert np.abs(tracks.r[tracks.time > 120] - 100.0).max() < 5.0
 
 
@@ -185,7 +185,8 @@ def test_own_motion_is_reported_with_the_noise_of_real_sensors_and_from_a_seed()
 
 def test_a_seed_is_a_flight_whoever_flies_with_it():
     once, more, other = (
-        fly_situation(WINDY.lasting(5), policy("feedforward"), n, seed) for n, seed in ((4, 9), (6, 9), (4, 10))
+        fly_situation(replace(WINDY, duration=5), policy("feedforward"), n, seed)
+        for n, seed in ((4, 9), (6, 9), (4, 10))
     )
     assert once.r == pytest.approx(more.r[:, :4], rel=1e-6)
     assert not np.allclose(once.r, other.r)
