@@ -1,7 +1,9 @@
 """Processes that work off jobs, and end at once when nobody wants the rest of them.
 
-`ProcessPoolExecutor` finishes what its processes have begun before it lets go of them; here they are ended. loky (3.7)
-would replace processes that have grown by 300 MB, as batches of flights may.
+Each has a pipe and a thread of its own, so that one that is ended in the middle of a word harms nobody.
+`ProcessPoolExecutor` has one pipe for all answers, and waits for ever for the rest of an answer whose process was
+ended; `multiprocessing.Pool` waits for ever for the job of a process that died; loky (3.7, as its source has it)
+replaces processes that have grown by 300 MB, as batches of flights may.
 """
 
 import multiprocessing
@@ -9,10 +11,11 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager, suppress
 from multiprocessing import resource_tracker
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
 from typing import Any
 
 Submit = Callable[..., Future[Any]]
@@ -25,42 +28,69 @@ class WorkerDiedError(Exception):
 
 @contextmanager
 def workers(processes: int) -> Iterator[Submit]:
-    """What submits jobs to so many processes. Left, it ends them in the middle of their work. Raises
-    WorkerDiedError."""
-    pool = ProcessPoolExecutor(processes, multiprocessing.get_context("spawn"), _settle)
+    """What submits jobs to so many processes. A job whose process died raises WorkerDiedError. Left, it ends them all
+    in the middle of their work."""
+    crew: list[BaseProcess] = []
+    mine = threading.local()
 
-    def submit(function: Callable[..., Any], *arguments: Any) -> Future[Any]:
-        with _without_ctrl_c():  # for a process may be started
-            return pool.submit(function, *arguments)
+    def hire() -> None:
+        mine.pipe = _hired(crew)
 
+    def work(function: Callable[..., Any], *arguments: Any) -> Any:
+        try:
+            mine.pipe.send((function, arguments))
+            result, error = mine.pipe.recv()
+        except (EOFError, ConnectionError):
+            raise WorkerDiedError from None
+        if error is not None:
+            raise error
+        return result
+
+    resource_tracker.ensure_running()  # which would let Ctrl-C through again where a process is started
+    pool = ThreadPoolExecutor(processes, "worker", hire)
     try:
-        yield submit
-    except BrokenProcessPool:
-        raise WorkerDiedError from None
+        yield lambda function, *arguments: pool.submit(work, function, *arguments)
     finally:
-        for process in list(pool._processes.values()):  # `terminate_workers` from Python 3.14 on
-            process.terminate()
-        pool.shutdown(cancel_futures=True)
+        pool.shutdown(wait=False, cancel_futures=True)
+        _end(crew)
+        pool.shutdown()
+        _end(crew)  # who was hired meanwhile
 
 
-@contextmanager
-def _without_ctrl_c() -> Iterator[None]:
-    """A process that is started meanwhile never hears a Ctrl-C, not even while it imports; ours comes afterwards."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    resource_tracker.ensure_running()  # which would let Ctrl-C through again
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+def _end(crew: list[BaseProcess]) -> None:
+    for process in crew:
+        process.terminate()
+        process.join()
 
 
-def _settle() -> None:
+def _hired(crew: list[BaseProcess]) -> Connection:
+    """One more worker, by our end of the pipe to it. It never hears a Ctrl-C, not even while it imports: that is kept
+    from this thread, and so from what it starts; the main thread hears it."""
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    spawn = multiprocessing.get_context("spawn")
+    ours, theirs = spawn.Pipe()
+    process = spawn.Process(target=_work, args=(theirs,), daemon=True)
+    process.start()
+    theirs.close()  # so that the worker's end is the end of the pipe
+    crew.append(process)
+    return ours
+
+
+def _work(pipe: Connection) -> None:
     """In a worker: a signal from the terminal is the parent's to answer, and the parent's end is ours, too."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, name="end with parent", daemon=True).start()
+    with suppress(EOFError, ConnectionError):
+        while True:
+            pipe.send(_answer(*pipe.recv()))
+
+
+def _answer(function: Callable[..., Any], arguments: tuple[Any, ...]) -> tuple[Any, Exception | None]:
+    try:
+        return function(*arguments), None
+    except Exception as error:
+        return None, error
 
 
 def _end_with_parent() -> None:
