@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 from pymavlink.dialects.v20 import all as mavlink
 
-from sim.body import GRAVITY
+from sim.body import GRAVITY, to_earth
 from sim.demands import BodyVelocity, EarthVelocity, Tilt
 from sim.flight import Flight
 from sim.ranging_radio import centimetres
@@ -227,8 +227,7 @@ def position_target(flight: Flight) -> Message | None:
     """The copter's echo of the velocity it flies: earth frame, only velocities valid."""
     flown = flight.autopilot.flown()
     if isinstance(flown, BodyVelocity):
-        cos, sin = math.cos(flight.body.heading), math.sin(flight.body.heading)
-        north, east = flown.forward * cos - flown.right * sin, flown.forward * sin + flown.right * cos
+        north, east = to_earth(flown.forward, flown.right, flight.body.heading)
     elif isinstance(flown, EarthVelocity):
         north, east = flown.north, flown.east
     else:

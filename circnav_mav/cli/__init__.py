@@ -5,6 +5,7 @@ Imports of the rooms stand inside the commands, so that `circnav --help` does no
 
 import sys
 import warnings
+from typing import Any
 
 import click
 
@@ -49,17 +50,7 @@ def circnav() -> None:
 @click.option("--dry-run", is_flag=True, help="Compute and log everything, but send no setpoint and request no mode.")
 @click.option("--shadow", is_flag=True, help="Like --dry-run, and send nothing but our heartbeat and the plot values.")
 @click.option("--web", is_flag=False, flag_value="8080", metavar="[PORT]", help=WEB_HELP)
-def fly(
-    mission: str,
-    endpoint: str | None,
-    overrides: tuple[str, ...],
-    speed: float | None,
-    duration: float | None,
-    out: str | None,
-    dry_run: bool,
-    shadow: bool,
-    web: str | None,
-) -> int:
+def fly(**options: Any) -> int:
     """Fly MISSION, show it live, and record it in a run folder.
 
     Switch to any other flight mode and circnav stops sending immediately. Ctrl-C ends the flight safely.
@@ -72,7 +63,7 @@ def fly(
     """
     from circnav_mav.cli.fly import FlyOptions, fly_mission
 
-    return fly_mission(FlyOptions(mission, endpoint, overrides, speed, duration, out, dry_run, shadow, web))
+    return fly_mission(FlyOptions(**options))
 
 
 @circnav.command()
@@ -139,14 +130,7 @@ def preflight(mission: str, endpoint: str | None, overrides: tuple[str, ...], se
 @click.option("--estimator", metavar="NAME", help="Another estimator: guidance.estimator.")
 @click.option("--law", metavar="NAME", help="Another law: guidance.law.")
 @click.option("--out", type=click.Path(), metavar="DIR", help="Write the replay's ticks.csv and replay.png there.")
-def replay(
-    log: str,
-    mission: str | None,
-    overrides: tuple[str, ...],
-    estimator: str | None,
-    law: str | None,
-    out: str | None,
-) -> int:
+def replay(**options: Any) -> int:
     """Run a recorded flight through the pilot again, and compare. Estimates and commands are set against those of the
     flight.
 
@@ -161,7 +145,7 @@ def replay(
     """
     from circnav_mav.cli.replay import ReplayOptions, replay_log
 
-    return replay_log(ReplayOptions(log, mission, overrides, estimator, law, out))
+    return replay_log(ReplayOptions(**options))
 
 
 @circnav.command()
@@ -226,9 +210,7 @@ def bench(
 @click.option("--resume", is_flag=True, help="Go on with the campaign in DIR where it stopped.")
 @click.option("--processes", type=click.IntRange(1), metavar="N", help="Processes. [default: all cores]")
 @click.option("--scheduler", metavar="ADDR", help="Fly on a Dask scheduler's workers, e.g. tcp://host:8786.")
-def campaign(
-    file: str, runs: int | None, out: str | None, resume: bool, processes: int | None, scheduler: str | None
-) -> int:
+def campaign(**options: Any) -> int:
     """Fly a mission many times with varied values. FILE.toml says which; the result is a table, a summary and plots.
 
     \b
@@ -238,7 +220,7 @@ def campaign(
     """
     from circnav_mav.cli.campaign import CampaignOptions, fly_campaign
 
-    return fly_campaign(CampaignOptions(file, runs, out, resume, scheduler, processes))
+    return fly_campaign(CampaignOptions(**options))
 
 
 @circnav.command()

@@ -22,24 +22,34 @@ class MissionError(Exception):
 def load_mission(path: str | Path, overrides: Iterable[str] = ()) -> Mission:
     """Read and validate a mission file with `table.key=value` overrides. Raises MissionError."""
     path = Path(path)
+    text = read_text(path)
+    return parse_mission(text, str(path), overrides, path.parent)
+
+
+def read_text(path: Path) -> str:
+    """The text of a file. Raises MissionError."""
     try:
-        text = path.read_text(encoding="utf-8")
+        return path.read_text(encoding="utf-8")
     except OSError as error:
         raise MissionError(f"{path}: cannot be read: {error.strerror or error}") from None
     except UnicodeDecodeError:
         raise MissionError(f"{path}: is not a text file in UTF-8") from None
-    return parse_mission(text, str(path), overrides, path.parent)
+
+
+def read_toml(text: str, where: str) -> dict[str, Any]:
+    """The table of a TOML text; `where` names it in errors. Raises MissionError."""
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise MissionError(f"{where}: not valid TOML: {error}") from None
+    except RecursionError:
+        raise MissionError(f"{where}: not valid TOML: nested too deeply") from None
 
 
 def parse_mission(text: str, where: str, overrides: Iterable[str] = (), folder: Path | None = None) -> Mission:
     """Validate the text of a mission file; `where` names it in errors. folder: that its paths are relative to; they
     become absolute, so that the file as flown can be flown again from its run folder. Raises MissionError."""
-    try:
-        table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise MissionError(f"{where}: not valid TOML: {error}") from None
-    except RecursionError:
-        raise MissionError(f"{where}: not valid TOML: nested too deeply") from None
+    table = read_toml(text, where)
     document = tomlkit.parse(text)
     for override in overrides:
         keys, value = _override(override)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from sim.airframes.following import YawLoop
-from sim.body import GRAVITY, Body
+from sim.body import GRAVITY, Body, at_most
 from sim.demands import Brake, EarthVelocity
 
 STEP = 0.02
@@ -44,9 +44,10 @@ class DraggedCopter:
         error_north, error_east = body.velocity_error
         missing_north = wanted.north - body.velocity_north - error_north
         missing_east = wanted.east - body.velocity_east - error_east
-        north, east = _limited(
+        north, east = at_most(
             PROPORTIONAL * missing_north + body.push_north + wanted.acceleration_north,
             PROPORTIONAL * missing_east + body.push_east + wanted.acceleration_east,
+            MOST_ACCELERATION,
         )
         limited = math.hypot(north, east) >= MOST_ACCELERATION * 0.999
         drag_north, drag_east = (
@@ -68,12 +69,6 @@ class DraggedCopter:
             push_east=body.push_east + (0.0 if limited else INTEGRAL * missing_east * h),
             **_leaning(body, north_rate + drag_north, east_rate + drag_east, h),
         )
-
-
-def _limited(north: float, east: float) -> tuple[float, float]:
-    size = math.hypot(north, east)
-    share = min(1.0, MOST_ACCELERATION / size) if size > 0 else 1.0
-    return north * share, east * share
 
 
 def _leaning(body: Body, north: float, east: float, h: float) -> dict[str, Any]:

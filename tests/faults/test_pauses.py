@@ -10,8 +10,8 @@ from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.runtime.status import Watch
 from sim.faults import UP, Impairment
 from sim.faults.frames import read, rewritten
-from sim.faults.tampering import on
 from tests.faults.course import Course, on_the_circle
+from tests.faults.tampering import on
 from tests.rig import Rig, distance
 
 SMOOTH = ('guidance.law="smooth"',)

@@ -1,7 +1,7 @@
 """One situation of the benchmark, flown by B vehicles under one policy."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from math import radians
 from typing import Any
 
@@ -54,11 +54,13 @@ class Circle:
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """Everything that makes one row of the benchmark. wind, gust (standard deviation), target (speed): m/s, from and to
-    anywhere. target_turn (rad/s), compass_bias (rad), compass_drift (rad/s), airspeed_error (measured over true minus
-    1): either sign. target_walk: see `Surroundings`. start: range at first, m, uniform."""
+    """Everything that makes one row of the benchmark. required: median RMS radius error, m, that is asked of `auto`;
+    None where it is only reported. wind, gust (standard deviation), target (speed): m/s, from and to anywhere.
+    target_turn (rad/s), compass_bias (rad), compass_drift (rad/s), airspeed_error (measured over true minus 1): either
+    sign. target_walk: see `Surroundings`. start: range at first, m, uniform."""
 
     name: str
+    required: float | None = None
     wind: float = 0.0
     gust: float = 0.0
     target: float = 0.0
@@ -74,10 +76,6 @@ class Situation:
     start: tuple[float, float] = (10.0, 600.0)
     duration: float = 400.0
     dt: float = 0.05
-
-    def lasting(self, duration: float) -> "Situation":
-        """The same for so many seconds."""
-        return replace(self, duration=duration)
 
 
 @dataclass(frozen=True, slots=True)

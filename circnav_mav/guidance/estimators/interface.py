@@ -60,8 +60,9 @@ class Estimator(Protocol):
         ...
 
     def restamp(self) -> None:
-        """The sensor's clock has jumped: stamps before and after are not comparable, times of our clock are."""
-        ...
+        """The sensor's clock has jumped: stamps before and after are not comparable, times of our clock are. Nothing to
+        do for an estimator that goes by our clock."""
+        return
 
     def reset(self) -> None:
         """Forget everything."""

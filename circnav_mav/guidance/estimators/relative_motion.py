@@ -8,7 +8,7 @@ import numpy as np
 from circnav_mav.guidance.estimators.acquisition import SearchSettings
 from circnav_mav.guidance.estimators.acquisition_window import Prior
 from circnav_mav.guidance.estimators.dead_reckoning import Knot, OwnPath
-from circnav_mav.guidance.estimators.interface import EstimatorSettings, Fused
+from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings, Fused
 from circnav_mav.guidance.estimators.multiple_model import BankSettings, DriftBank, Stage
 from circnav_mav.guidance.estimators.prediction import Belief, Prediction, predict_belief
 from circnav_mav.guidance.estimators.range_rate import KalmanRangeRate
@@ -23,7 +23,7 @@ REMEMBERED, FORGOTTEN = 0.03, 1e-3
 """Standard deviation of that drift, in V, and how its variance grows, m^2/s^3."""
 
 
-class DriftEstimator:
+class DriftEstimator(Estimator):
     """Range, heading, turn rate and airspeed in; position relative to the target and drift out.
 
     Needs own motion that covers the moments of the ranges; without it, it is not ready. Samples that come late, twice
@@ -56,9 +56,6 @@ class DriftEstimator:
     def nis(self) -> float | None:
         """Normalised innovation squared of the newest sample; None while searching."""
         return None if np.isnan(self.bank.nis[0]) else float(self.bank.nis[0])
-
-    def restamp(self) -> None:
-        """Goes by our clock: nothing to do."""
 
     def move(self, motion: OwnMotion) -> None:
         """Take in own motion."""

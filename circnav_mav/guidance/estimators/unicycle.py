@@ -14,7 +14,7 @@ import numpy as np
 
 from circnav_mav.guidance.air_path import wrap
 from circnav_mav.guidance.estimators.dead_reckoning import Knot, OwnPath
-from circnav_mav.guidance.estimators.interface import EstimatorSettings, Fused
+from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings, Fused
 from circnav_mav.guidance.types import OwnMotion, RangeEstimate, RangeSample
 
 Array = Any
@@ -106,7 +106,7 @@ class UnicycleFilter:
         self.refused[who], self.samples[who] = 0, 1
 
 
-class UnicycleEstimator:
+class UnicycleEstimator(Estimator):
     """The filter in flight. Needs own motion that covers the moments of the ranges; without it, it is not ready."""
 
     def __init__(self, settings: EstimatorSettings) -> None:
@@ -130,9 +130,6 @@ class UnicycleEstimator:
     def nis(self) -> float | None:
         """Normalised innovation squared of the newest sample; None before the first."""
         return None if np.isnan(self.filter.nis[0]) else float(self.filter.nis[0])
-
-    def restamp(self) -> None:
-        """Goes by our clock: nothing to do."""
 
     def move(self, motion: OwnMotion) -> None:
         """Take in own motion."""

@@ -175,7 +175,7 @@ def test_a_wrong_sense_of_rotation_is_seen_on_the_true_track(write, monkeypatch)
     [
         ('mission = "m.toml"\nruns = 3\nrunz = 4\n[vary]', "runz: unknown key, did you mean runs?"),
         ('mission = "m.toml"\n[vary]', "runs: missing, add it"),
-        ('mission = "m.toml"\nruns = 0\n[vary]', "runs: should be greater than or equal to 1, not 0"),
+        ('mission = "m.toml"\nruns = 0\n[vary]', "runs: must be at least 1, not 0"),
         ('mission = "m.toml"\nruns = 3\n[vary]', "m.toml: cannot be read"),
         ("runs = ", "not valid TOML"),
         ('mission = "m.toml"\nruns = 3\nseed = "É"\n[vary]', "seed: should be a valid integer, not 'É'"),

@@ -3,7 +3,10 @@
 from collections.abc import Callable
 
 from sim.faults.frames import read, rewritten
-from sim.faults.tampering import (
+from tests.faults.cell import Scenario, Want
+from tests.faults.course import Course
+from tests.faults.scenarios.line import PX4
+from tests.faults.tampering import (
     Change,
     every,
     noise,
@@ -15,9 +18,6 @@ from sim.faults.tampering import (
     stamps,
     stuck,
 )
-from tests.faults.cell import Scenario, Want
-from tests.faults.course import Course
-from tests.faults.scenarios.line import PX4
 
 SLOW = {"px4_copter": Want.REGAIN}
 """Ten seconds without ranges take it farther than others off its circle."""
