@@ -1,13 +1,12 @@
-"""python -m sim [VEHICLE.toml]: the vehicle alone, for any ground station, companion or test."""
+"""python -m circnav_mav.emulator [VEHICLE.toml]: the vehicle alone, for any ground station, companion or test."""
 
 import argparse
-import os
 import signal
 import sys
 
-from sim.config import ConfigError, load_vehicle, parse_vehicle
-from sim.server import serve
-from sim.wires import EndpointError
+from .config import ConfigError, load_vehicle, parse_vehicle
+from .server import serve
+from .wires import EndpointError
 
 BAD_USAGE = 2
 
@@ -15,7 +14,6 @@ BAD_USAGE = 2
 def main(arguments: list[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     stop: list[int] = []
-    parent = os.getppid()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda received, _frame: stop.append(received))
     try:
@@ -29,7 +27,8 @@ def main(arguments: list[str] | None = None) -> int:
             speed=options.speed,
             duration=options.duration,
             ready=lambda line: print(line, flush=True),
-            stopped=lambda: bool(stop) or (options.with_parent and os.getppid() != parent),
+            stopped=lambda: bool(stop),
+            say=lambda line: print(line, file=sys.stderr, flush=True),
         )
     except (ConfigError, EndpointError) as error:
         print(f"sim: {error}", file=sys.stderr)
@@ -39,8 +38,8 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="python -m sim",
-        description="A MAVLink vehicle and its ranging radio. Example: python -m sim --endpoint udpin:0.0.0.0:14550",
+        prog="python -m circnav_mav.emulator",
+        description="A MAVLink vehicle and its ranging radio. Example: --endpoint udpin:0.0.0.0:14550",
     )
     parser.add_argument("vehicle", nargs="?", metavar="VEHICLE.toml", help="vehicle file, or a mission file with [sim]")
     parser.add_argument("--endpoint", default="udpout:127.0.0.1:14550", help="udpin:, udpout: or tcpin:HOST:PORT")
@@ -48,7 +47,6 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--speed", type=_positive, default=1.0, help="simulated seconds per second")
     parser.add_argument("--seed", type=int, help="overrides the file's seed")
     parser.add_argument("--duration", type=_positive, help="stop after so many simulated seconds")
-    parser.add_argument("--with-parent", action="store_true", help="end when the process that started it ends")
     return parser
 
 

@@ -9,6 +9,8 @@ OUT_OF_STEP = 1.0
 SPAN, SHORTEST_SPAN = 2.0, 0.25
 """Real time, s, over which the autopilot's speed is measured, and the least that will do."""
 SLOWEST, FASTEST = 0.01, 1000.0
+LONGEST_WAIT = 0.05
+"""Real time, s, that is waited in one go: meanwhile a link may be back, or the autopilot's time go faster."""
 _THROUGH_SLEEP: int | None = getattr(time, "CLOCK_BOOTTIME", None)
 
 
@@ -19,7 +21,7 @@ def steady() -> float:
 
 
 class Clock:
-    """Seconds since it was made, in whole microseconds, monotonic; `speed` times real time for the bundled vehicle.
+    """Seconds since it was made, in whole microseconds, monotonic.
 
     Whole microseconds are what a tlog can hold, so that a replay sees the very times that the flight saw.
     """
@@ -36,8 +38,11 @@ class Clock:
         return round((steady() - self._start) * self.speed * 1e6) / 1e6
 
     def until(self, moment: float) -> float:
-        """Real seconds to wait for a moment of this clock; 0 when it has passed."""
-        return max((moment - self.now()) / self.speed, 0.0)
+        """Real seconds to wait for a moment of this clock, or on the way there; 0 when it has passed."""
+        return min(max((moment - self.now()) / self.speed, 0.0), LONGEST_WAIT)
+
+    def advance(self, moment: float) -> None:
+        """A clock of simulated time goes on to the next thing that happens. Real time goes on by itself."""
 
     def real(self) -> float:
         """Real seconds, monotonic: how long something of ours takes."""

@@ -4,7 +4,7 @@ In lockstep it is an object (`FaultLink`), over UDP a program (`python -m sim.fa
 fault speaks MAVLink, frames; it knows neither the application nor the vehicle.
 """
 
-from sim.faults.impairment import CLEAN, Impairment
-from sim.faults.link import DOWN, UP, FaultLink
+from .impairment import CLEAN, Impairment
+from .link import DOWN, UP, FaultLink
 
 __all__ = ["CLEAN", "DOWN", "UP", "FaultLink", "Impairment"]

@@ -5,11 +5,11 @@ import signal
 import sys
 from pathlib import Path
 
-from sim.faults.impairment import FRACTIONS, Impairment
-from sim.faults.intruders import ground_station, recorded, strangers, twin, vehicle
-from sim.faults.link import FaultLink
-from sim.faults.proxy import Proxy
-from sim.wires import EndpointError
+from ..wires import EndpointError
+from .impairment import FRACTIONS, Impairment
+from .intruders import ground_station, recorded, strangers, twin, vehicle
+from .link import FaultLink
+from .proxy import Proxy
 
 BAD_USAGE = 2
 MEANINGS = {
