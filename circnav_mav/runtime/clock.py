@@ -9,8 +9,6 @@ OUT_OF_STEP = 1.0
 SPAN, SHORTEST_SPAN = 2.0, 0.25
 """Real time, s, over which the autopilot's speed is measured, and the least that will do."""
 SLOWEST, FASTEST = 0.01, 1000.0
-LONGEST_WAIT = 0.05
-"""Real time, s, that is waited in one go: meanwhile a link may be back, or the autopilot's time go faster."""
 _THROUGH_SLEEP: int | None = getattr(time, "CLOCK_BOOTTIME", None)
 
 
@@ -26,6 +24,9 @@ class Clock:
     Whole microseconds are what a tlog can hold, so that a replay sees the very times that the flight saw.
     """
 
+    longest_wait = 0.05
+    """Real time, s, that is waited in one go: meanwhile a link may be back, or the autopilot's time go faster."""
+
     def __init__(self, speed: float = 1.0) -> None:
         self.speed = speed
         """Seconds of this clock per real second."""
@@ -38,8 +39,8 @@ class Clock:
         return round((steady() - self._start) * self.speed * 1e6) / 1e6
 
     def until(self, moment: float) -> float:
-        """Real seconds to wait for a moment of this clock, or on the way there; 0 when it has passed."""
-        return min(max((moment - self.now()) / self.speed, 0.0), LONGEST_WAIT)
+        """Real seconds to wait for a moment of this clock; 0 when it has passed."""
+        return max((moment - self.now()) / self.speed, 0.0)
 
     def advance(self, moment: float) -> None:
         """A clock of simulated time goes on to the next thing that happens. Real time goes on by itself."""

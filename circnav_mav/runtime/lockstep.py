@@ -50,6 +50,8 @@ class Vehicle(Protocol):
 class Lockstep(Clock):
     """The clock of such a flight; it carries the vehicle along."""
 
+    longest_wait = inf
+
     def __init__(self, vehicle: Vehicle, speed: float = inf) -> None:
         """speed: simulated seconds per real second; infinite: as fast as the computer allows."""
         super().__init__(speed)

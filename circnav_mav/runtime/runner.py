@@ -75,7 +75,7 @@ def run(
     newest: TickRecord | None = None
     now = 0.0
     while not pilot.done:
-        _wait(links, stop, clock.until(pilot.next_tick))
+        _wait(links, stop, min(clock.until(pilot.next_tick), clock.longest_wait))
         clock.advance(pilot.next_tick)
         if signing_time is not None:
             signing_time.turn()
@@ -121,7 +121,7 @@ def listen(
 ) -> None:
     """Listen until the survey is done or a signal has come."""
     while not survey.done and stop.signal_name is None:
-        _wait(links, stop, clock.until(survey.next_tick))
+        _wait(links, stop, min(clock.until(survey.next_tick), clock.longest_wait))
         clock.advance(survey.next_tick)
         now = clock.now()
         if signing_time is not None:
