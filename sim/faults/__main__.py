@@ -1,4 +1,4 @@
-"""python -m sim.faults --listen ENDPOINT --forward ENDPOINT [faults]: a broken link between your own programs."""
+"""python -m circnav_mav.emulator.faults --listen ENDPOINT --forward ENDPOINT [faults]: a broken link between your own programs."""
 
 import argparse
 import signal
@@ -31,9 +31,9 @@ TIMES = {
 }
 EXAMPLE = """\
 three terminals, a fifth of all datagrams lost and a minute of silence after two:
-  circnav emulate config/arducopter.toml --endpoint udpout:127.0.0.1:14551
-  python -m sim.faults --forward udpin:127.0.0.1:14551 --listen udpout:127.0.0.1:14550 --loss 0.2 --outage 120+60
-  circnav fly config/arducopter.toml --endpoint udpin:127.0.0.1:14550
+  circnav emulate arducopter --endpoint udpout:127.0.0.1:14551
+  python -m circnav_mav.emulator.faults --forward udpin:127.0.0.1:14551 --listen udpout:127.0.0.1:14550 --loss 0.2 --outage 120+60
+  circnav fly arducopter --endpoint udpin:127.0.0.1:14550
 With a vehicle of your own, let it send to port 14551 instead of 14550. Ctrl-C ends it and tells what was lost.
 """
 
@@ -114,7 +114,7 @@ def _rate(text: str) -> float:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="python -m sim.faults",
+        prog="python -m circnav_mav.emulator.faults",
         description="A broken UDP link between your own application and your own vehicle, in both directions.",
         epilog=EXAMPLE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
