@@ -1,7 +1,7 @@
 """A link that is broken on purpose, between an application and a vehicle: seeded, in both directions.
 
-In lockstep it is an object (`FaultLink`), over UDP a program (`python -m circnav_mav.emulator.faults`). It knows bytes and, where a
-fault speaks MAVLink, frames; it knows neither the application nor the vehicle.
+In lockstep it is an object (`FaultLink`), over UDP a program (`python -m circnav_mav.emulator.faults`). It knows bytes
+and, where a fault speaks MAVLink, frames; it knows neither the application nor the vehicle.
 """
 
 from .impairment import CLEAN, Impairment

@@ -18,8 +18,8 @@ EPOCH_US = 1_790_000_000_000_000
 
 @dataclass
 class RecordedFlight(Flight):
-    """A flight whose turns and ticks go to a recorder. `interrupt_at`: when somebody presses Ctrl-C. `slow_at`: when a
-    turn takes so long that nothing is said in it."""
+    """A flight whose turns and ticks go to a recorder. `interrupt_at`: when somebody presses Ctrl-C. `slow_at`: from
+    when on turns take so long that nothing is said in them, up to the first that had something to say."""
 
     recorder: Recorder | None = None
     interrupt_at: float = math.inf
@@ -29,7 +29,6 @@ class RecordedFlight(Flight):
         slow = self.now >= self.slow_at
         self.clock.real = itertools.count(0.0, 1.0 if slow else 0.0).__next__  # type: ignore[method-assign]
         super()._step(moment)
-        self.slow_at = math.inf if slow else self.slow_at
 
     def _signal(self) -> str | None:
         return "SIGINT" if self.now >= self.interrupt_at else None
@@ -37,7 +36,10 @@ class RecordedFlight(Flight):
     def _keep(self, step: LoopStep) -> None:
         assert self.recorder is not None
         self.recorder.step(step)
-        self.recorder.ticks(self.pilot.take_records())
+        records = self.pilot.take_records()
+        self.recorder.ticks(records)
+        if step.held_back and records:
+            self.slow_at = math.inf
 
 
 def recorded_flight(folder: Path, mission: str, *overrides: str, output: OutputMode = OutputMode.FLY) -> RecordedFlight:

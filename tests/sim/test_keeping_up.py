@@ -12,6 +12,7 @@ def test_it_says_so_in_one_line_every_ten_seconds(monkeypatch, step, said):
     """Each turn of its loop takes a time on the wall, s; 15 s pass."""
     wall, lines = [100.0], []
     monkeypatch.setattr(server.time, "monotonic", lambda: wall[0])
+    monkeypatch.setattr(server, "_speak", lambda *_: None)
     monkeypatch.setattr(server, "_sleep", lambda *_: wall.__setitem__(0, wall[0] + step))
     server._fly(Vehicle(parse_vehicle({}, "here")), {}, 1.0, None, lambda: wall[0] > 115.0, lines.append)
     assert len(lines) == said
