@@ -1,36 +1,33 @@
-"""python -m sim [VEHICLE.toml]: the vehicle alone, for any ground station, companion or test."""
+"""python -m circnav_mav.emulator [VEHICLE.toml]: the vehicle alone, for any ground station, companion or test."""
 
-import os
 import signal
 import sys
 from functools import partial
 
 import click
 
-from sim.config import ConfigError, load_vehicle, parse_vehicle
-from sim.server import serve
-from sim.wires import EndpointError
+from .config import ConfigError, load_vehicle, parse_vehicle
+from .server import serve
+from .wires import EndpointError
 
 BAD_USAGE = 2
 MORE_THAN_0 = click.FloatRange(0, 1e9, min_open=True, max_open=True)
 said = partial(click.option, show_default=True)
 
 
-@click.command(epilog="Example: python -m sim --endpoint udpin:0.0.0.0:14550")
+@click.command(epilog="Example: python -m circnav_mav.emulator --endpoint udpin:0.0.0.0:14550")
 @click.argument("vehicle", required=False, metavar="[VEHICLE.toml]")
 @said("--endpoint", default="udpout:127.0.0.1:14550", metavar="URL", help="udpin:, udpout: or tcpin:HOST:PORT.")
 @said("--ranging-endpoint", metavar="URL", help='Where the radio speaks when its via = "direct".')
 @said("--speed", type=MORE_THAN_0, default=1.0, help="Simulated seconds per second.")
 @said("--seed", type=int, help="Instead of the file's.")
 @said("--duration", type=MORE_THAN_0, help="Stop after so many simulated seconds.")
-@said("--with-parent", is_flag=True, help="End when the process that started it ends.")
 def main(
     vehicle: str | None, endpoint: str, ranging_endpoint: str | None, speed: float, seed: int | None,
-    duration: float | None, with_parent: bool,
+    duration: float | None,
 ) -> None:  # fmt: skip
     """A MAVLink vehicle and its ranging radio, as VEHICLE.toml or the [sim] table of a mission file says."""
     stop: list[int] = []
-    parent = os.getppid()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda received, _frame: stop.append(received))
     try:
@@ -38,7 +35,8 @@ def main(
         serve(
             config if seed is None else config.seeded(seed), endpoint, ranging_endpoint, speed=speed, duration=duration,
             ready=lambda line: print(line, flush=True),
-            stopped=lambda: bool(stop) or (with_parent and os.getppid() != parent),
+            stopped=lambda: bool(stop),
+            say=lambda line: print(line, file=sys.stderr, flush=True),
         )  # fmt: skip
     except (ConfigError, EndpointError) as error:
         click.echo(f"sim: {error}", err=True)

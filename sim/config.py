@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from sim.autopilots.modes import MODES, PROFILES
-from sim.schema import ConfigError, key, nearest, place, read_table
-from sim.signing import read_key
+from .autopilots.modes import MODES, PROFILES
+from .schema import ConfigError, key, nearest, place, read_table
+from .signing import read_key
 
 __all__ = ["ConfigError", "VehicleConfig", "load_vehicle", "parse_vehicle"]
 

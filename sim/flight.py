@@ -6,18 +6,18 @@ from collections.abc import Callable
 from random import Random
 from typing import NamedTuple
 
-from sim.autopilots.arducopter import ArduCopter
-from sim.autopilots.arduplane import ArduPlane
-from sim.autopilots.ardurover import ArduRover
-from sim.autopilots.contract import Autopilot, Say
-from sim.autopilots.px4_copter import Px4Copter
-from sim.autopilots.px4_plane import Px4Plane
-from sim.body import GRAVITY, Body, Vector
-from sim.config import VehicleConfig
-from sim.instruments import Instruments
-from sim.sensor import Rangefinder
-from sim.starting import starting_body
-from sim.world import Air, TargetMotion
+from .autopilots.arducopter import ArduCopter
+from .autopilots.arduplane import ArduPlane
+from .autopilots.ardurover import ArduRover
+from .autopilots.contract import Autopilot, Say
+from .autopilots.px4_copter import Px4Copter
+from .autopilots.px4_plane import Px4Plane
+from .body import GRAVITY, Body, Vector
+from .config import VehicleConfig
+from .instruments import Instruments
+from .sensor import Rangefinder
+from .starting import starting_body
+from .world import Air, TargetMotion
 
 IMU_WINDOW_US = 20_000  # what an accelerometer's reading is averaged over: autopilots filter at 20 .. 30 Hz
 DRIFT_STEP_US = 100_000

@@ -9,11 +9,11 @@ from functools import partial
 
 from pymavlink.dialects.v20 import all as mavlink
 
-from sim.agenda import Agenda
-from sim.config import Ranging, VehicleConfig
-from sim.flight import Flight
-from sim.sensor import RangeSensor, Sample
-from sim.wire import Message
+from .agenda import Agenda
+from .config import Ranging, VehicleConfig
+from .flight import Flight
+from .sensor import RangeSensor, Sample
+from .wire import Message
 
 SECOND = 1_000_000
 UNKNOWN_U32, UNKNOWN_COVARIANCE, UNKNOWN_LATLON = 4_294_967_295, 255, 2_147_483_647

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from random import Random
 from typing import NamedTuple
 
-from sim.config import Ranging
+from .config import Ranging
 
 
 @dataclass(frozen=True)

@@ -5,12 +5,12 @@ from collections.abc import Callable
 
 from pymavlink.dialects.v20 import all as mavlink
 
-from sim.body import GRAVITY, to_earth
-from sim.demands import BodyVelocity, EarthVelocity, Tilt
-from sim.flight import Flight
-from sim.ranging_radio import centimetres
-from sim.wire import Message
-from sim.world import HOME_AMSL_M, HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG, to_degrees
+from .body import GRAVITY, to_earth
+from .demands import BodyVelocity, EarthVelocity, Tilt
+from .flight import Flight
+from .ranging_radio import centimetres
+from .wire import Message
+from .world import HOME_AMSL_M, HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG, to_degrees
 
 EPOCH_US = 1_750_000_000_000_000  # SYSTEM_TIME's wall clock at simulated time zero: fixed, so that runs repeat
 EKF_GOOD, EKF_NO_POSITION = 0x33F, 0xA7

@@ -6,18 +6,18 @@ from functools import partial
 
 from pymavlink.dialects.v20 import all as mavlink
 
-from sim.agenda import NEVER, Agenda
-from sim.config import Event, VehicleConfig
-from sim.flight import DRIFT_STEP_US, Flight, Truth
-from sim.links import HEARTBEAT, TYPE_GCS, Link, Router
-from sim.ranging_radio import SECOND, RangingRadio
-from sim.sensor import Sample
-from sim.services import Services
-from sim.signing import UNSIGNED_BY_ARDUPILOT, UNSIGNED_BY_PX4, Notary, read_key
-from sim.streams import Streams
-from sim.truth import sim_state, truth_array
-from sim.wire import Message, Sender
-from sim.world import Air
+from .agenda import NEVER, Agenda
+from .config import Event, VehicleConfig
+from .flight import DRIFT_STEP_US, Flight, Truth
+from .links import HEARTBEAT, TYPE_GCS, Link, Router
+from .ranging_radio import SECOND, RangingRadio
+from .sensor import Sample
+from .services import Services
+from .signing import UNSIGNED_BY_ARDUPILOT, UNSIGNED_BY_PX4, Notary, read_key
+from .streams import Streams
+from .truth import sim_state, truth_array
+from .wire import Message, Sender
+from .world import Air
 
 __all__ = ["Truth", "Vehicle"]
 

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from random import Random
 
-from sim.config import Target, Wind
+from .config import Target, Wind
 
 HOME_LATITUDE_DEG = -35.3632621
 HOME_LONGITUDE_DEG = 149.1652374

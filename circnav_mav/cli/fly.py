@@ -17,9 +17,7 @@ from circnav_mav.cli.connect import (
     open_links,
     open_page,
     open_signing,
-    run_speed,
     start_clock,
-    start_vehicle,
 )
 from circnav_mav.cli.exits import Exit, Refused, cannot, check_named
 from circnav_mav.cli.terminal import outlive_terminal
@@ -31,6 +29,7 @@ from circnav_mav.runtime.clock import Clock, local_time_name
 from circnav_mav.runtime.display import Display, display_for
 from circnav_mav.runtime.keys import SigningTime
 from circnav_mav.runtime.links import Link
+from circnav_mav.runtime.lockstep import Lockstep
 from circnav_mav.runtime.manifest import Manifest
 from circnav_mav.runtime.recorder import Recorder, RecorderError, TakenError
 from circnav_mav.runtime.runner import Onlookers, Show, StopRequest, run
@@ -42,6 +41,8 @@ EXITS = {
     Ending.ABORTED: Exit.ABORTED,
     Ending.INTERRUPTED: Exit.INTERRUPTED,
 }
+MOST_WATCHED = 10.0
+"""Times real time up to which what is shown comes as often as at real time; seen faster, it would only cost."""
 RECORDED = ("flight.tlog", "turns.csv", "ticks.csv", "summary.json", "manifest.json")
 """What shows that a folder holds a flight."""
 
@@ -89,7 +90,7 @@ def fly_mission(options: FlyOptions) -> int:
             clock, recorder = _start(options, mission, pilot, links, open_things)
             folder = recorder.folder
             manifest = _manifest(mission, options, folder, clock)
-            display = display_for(Console(), pilot, mission.file.name, run_speed(mission))
+            display = display_for(Console(), pilot, mission.file.name, min(clock.speed, MOST_WATCHED))
             open_things.callback(display.close)
             onlookers = _onlookers(display, page, recorder)
             crash = _loop(pilot, links, clock, recorder, onlookers, stop, signing_time)
@@ -147,16 +148,11 @@ def _overrides(options: FlyOptions) -> tuple[str, ...]:
 def _start(
     options: FlyOptions, mission: Mission, pilot: Pilot, links: dict[str, Link], open_things: ExitStack
 ) -> tuple[Clock, Recorder]:
-    """The recorder, the bundled vehicle if it is flown, and last the clock, which starts the run. Raises Refused."""
+    """The recorder, and last the clock, which starts the run. Raises Refused."""
     recorder = _recorder(options, mission)
     open_things.callback(recorder.close)
-    try:
-        start_vehicle(mission, recorder.folder / "mission.toml", links, open_things)
-        clock = start_clock(mission, pilot.session)
-    except Refused:
-        recorder.discard()
-        raise
-    recorder.start(clock.epoch_us)
+    clock = start_clock(mission, pilot.session, links, page=options.web is not None)
+    recorder.start(clock.epoch_us, at_once=isinstance(clock, Lockstep))
     return clock, recorder
 
 

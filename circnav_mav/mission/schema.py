@@ -128,7 +128,7 @@ class LinkTable(Table):
     component_id: Annotated[int, Field(ge=191, le=194), SELDOM] = 191  # MAV_COMP_ID_ONBOARD_COMPUTER .. 4
     wait_s: Positive = 30.0
     clock: Literal["local", "autopilot"] = "local"
-    sim_speed: Annotated[float, Field(gt=0, le=100)] = 1.0
+    sim_speed: Annotated[float, Field(gt=0, le=100)] | None = None
 
 
 class SigningTable(Table):

@@ -15,7 +15,6 @@ from circnav_mav.runtime.keys import SigningTime
 from circnav_mav.runtime.links import Link
 from circnav_mav.runtime.recorder import LoopStep, Recorder
 
-LONGEST_WAIT = 0.05
 LONGEST_STEP = 0.5
 """Real time, s, after which what a step has to say is not said: we stood still in it, and the vehicle may be in other
 hands since. A stall between two steps the pilot notices itself."""
@@ -76,30 +75,41 @@ def run(
     newest: TickRecord | None = None
     now = 0.0
     while not pilot.done:
-        _wait(links, stop, min(clock.until(pilot.next_tick), LONGEST_WAIT))
-        began = clock.real()
-        heard = [(name, *one) for name, link in links.items() for one in link.receive(now)]
-        now = clock.now()  # a range that came while we stood still is not dated before it was sent
+        _wait(links, stop, min(clock.until(pilot.next_tick), clock.longest_wait))
+        clock.advance(pilot.next_tick)
         if signing_time is not None:
             signing_time.turn()
-        step = LoopStep(now)
-        for name, data, source in heard:
-            pilot.receive(data, now, source, name)
-            step.heard.append((name, source, pilot.take_frames()))
-        if stop.signal_name and pilot.outcome is None:
-            step.interrupt = stop.signal_name
-            pilot.interrupt(now, stop.signal_name)
-        out = pilot.step(now)
-        if clock.real() - began > LONGEST_STEP:
-            out, step.held_back = b"", True
-            pilot.hold_back()
-        step.said = split_frames(out)
-        step.hello = split_frames(_send(pilot, out, links, now))
+        step = turn(pilot, links, clock, now, stop.signal_name)
+        now = step.time
         recorder.step(step)
         records = pilot.take_records()
         recorder.ticks(records)
         newest = records[-1] if records else newest
         show(newest, step)
+
+
+def turn(
+    pilot: Pilot, links: Mapping[str, Link], clock: Clock, before: float, signal_name: str | None = None
+) -> LoopStep:
+    """One turn of the loop: receive, step, send. before: time of the last one. signal_name: of a signal that has come
+    to end the flight."""
+    began = clock.real()
+    heard = [(name, *one) for name, link in links.items() for one in link.receive(before)]
+    now = clock.now()  # a range that came while we stood still is not dated before it was sent
+    step = LoopStep(now)
+    for name, data, source in heard:
+        pilot.receive(data, now, source, name)
+        step.heard.append((name, source, pilot.take_frames()))
+    if signal_name and pilot.outcome is None:
+        step.interrupt = signal_name
+        pilot.interrupt(now, signal_name)
+    out = pilot.step(now)
+    if clock.real() - began > LONGEST_STEP:
+        out, step.held_back = b"", True
+        pilot.hold_back()
+    step.said = split_frames(out)
+    step.hello = split_frames(_send(pilot, out, links, now))
+    return step
 
 
 def listen(
@@ -111,7 +121,8 @@ def listen(
 ) -> None:
     """Listen until the survey is done or a signal has come."""
     while not survey.done and stop.signal_name is None:
-        _wait(links, stop, min(clock.until(survey.next_tick), LONGEST_WAIT))
+        _wait(links, stop, min(clock.until(survey.next_tick), clock.longest_wait))
+        clock.advance(survey.next_tick)
         now = clock.now()
         if signing_time is not None:
             signing_time.turn()

@@ -3,12 +3,12 @@
 import math
 from dataclasses import dataclass
 
-from sim.airframes.multicopter import Multicopter, yaw_loop
-from sim.airframes.tilting import TiltingCopter
-from sim.airframes.unicycle import Unicycle
-from sim.body import Body, to_earth
-from sim.config import Airframe
-from sim.demands import BodyVelocity, Brake, Demand, EarthVelocity, Spin, Tilt, Velocity
+from ..body import Body, to_earth
+from ..config import Airframe
+from ..demands import BodyVelocity, Brake, Demand, EarthVelocity, Spin, Tilt, Velocity
+from .multicopter import Multicopter, yaw_loop
+from .tilting import TiltingCopter
+from .unicycle import Unicycle
 
 
 @dataclass(frozen=True)

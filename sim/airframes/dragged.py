@@ -9,9 +9,9 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from sim.airframes.following import YawLoop
-from sim.body import GRAVITY, Body, at_most
-from sim.demands import Brake, EarthVelocity
+from ..body import GRAVITY, Body, at_most
+from ..demands import Brake, EarthVelocity
+from .following import YawLoop
 
 STEP = 0.02
 PROPORTIONAL, INTEGRAL, DERIVATIVE = 1.8, 0.4, 0.2

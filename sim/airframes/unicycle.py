@@ -8,8 +8,8 @@ Gauss-Legendre quadrature over at most 0.1 s and 0.25 rad (error below a microme
 import math
 from dataclasses import dataclass
 
-from sim.body import Body, coordinated_bank, to_earth
-from sim.demands import BodyVelocity, Brake, EarthVelocity, Velocity
+from ..body import Body, coordinated_bank, to_earth
+from ..demands import BodyVelocity, Brake, EarthVelocity, Velocity
 
 SETTLED = 1e-12
 NODES = ((0.1127016653792583, 5 / 18), (0.5, 8 / 18), (0.8872983346207417, 5 / 18))

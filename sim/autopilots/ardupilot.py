@@ -4,8 +4,12 @@ from abc import abstractmethod
 from collections.abc import Mapping
 from typing import ClassVar
 
-from sim.agenda import NEVER
-from sim.autopilots.contract import (
+from ..agenda import NEVER
+from ..body import Body
+from ..config import VehicleConfig
+from ..params import Parameters
+from ..wire import Message
+from .contract import (
     ACCEPTED,
     CRITICAL,
     DENIED,
@@ -21,10 +25,6 @@ from sim.autopilots.contract import (
     Identity,
     Say,
 )
-from sim.body import Body
-from sim.config import VehicleConfig
-from sim.params import Parameters
-from sim.wire import Message
 
 CUSTOM_MODE_ENABLED, STABILIZED = 1, 16
 DO_SET_MODE, ARM_DISARM = 176, 400

@@ -2,10 +2,10 @@
 
 from dataclasses import replace
 
-from sim.autopilots import modes
-from sim.autopilots.contract import Identity, message_ids
-from sim.config import VehicleConfig
-from sim.params import INT8, INT16, Parameter, Parameters
+from ..config import VehicleConfig
+from ..params import INT8, INT16, Parameter, Parameters
+from . import modes
+from .contract import Identity, message_ids
 
 VERSION_4_6_3 = 0x040603FF
 

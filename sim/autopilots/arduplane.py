@@ -3,17 +3,17 @@
 import math
 from typing import ClassVar, NamedTuple
 
-from sim.agenda import NEVER
-from sim.airframes.fixedwing import FixedWing, falling
-from sim.autopilots.ardupilot import ArduPilot
-from sim.autopilots.ardupilot_tables import PLANE, plane_parameters
-from sim.autopilots.circling import Loiter, bank_for_heading, bank_on_loiter
-from sim.autopilots.contract import ACCEPTED, DENIED, FAILED, UNSUPPORTED, WARNING, Command, Say
-from sim.autopilots.sticks import Sticks
-from sim.body import GRAVITY, Body, euler
-from sim.config import VehicleConfig
-from sim.demands import Bank
-from sim.wire import Message
+from ..agenda import NEVER
+from ..airframes.fixedwing import FixedWing, falling
+from ..body import GRAVITY, Body, euler
+from ..config import VehicleConfig
+from ..demands import Bank
+from ..wire import Message
+from .ardupilot import ArduPilot
+from .ardupilot_tables import PLANE, plane_parameters
+from .circling import Loiter, bank_for_heading, bank_on_loiter
+from .contract import ACCEPTED, DENIED, FAILED, UNSUPPORTED, WARNING, Command, Say
+from .sticks import Sticks
 
 CIRCLE, RTL, LOITER, TAKEOFF, GUIDED = 1, 11, 12, 13, 15
 LOITERING = frozenset({RTL, LOITER, TAKEOFF, GUIDED})

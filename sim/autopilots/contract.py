@@ -5,12 +5,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from sim.agenda import NEVER
-from sim.body import Body
-from sim.config import Event, VehicleConfig
-from sim.demands import Demand
-from sim.params import Parameters
-from sim.wire import Message
+from ..agenda import NEVER
+from ..body import Body
+from ..config import Event, VehicleConfig
+from ..demands import Demand
+from ..params import Parameters
+from ..wire import Message
 
 Say = Callable[[int, str], None]
 """Send a STATUSTEXT of this severity."""

@@ -2,20 +2,20 @@
 
 import math
 
-from sim.agenda import NEVER
-from sim.airframes.dragged import DraggedCopter, yaw_loop
-from sim.airframes.tilting import TiltingCopter
-from sim.airframes.unicycle import Unicycle
-from sim.autopilots.contract import IN_AIR, LANDING, ON_GROUND, TAKING_OFF, Command, Say
-from sim.autopilots.px4 import LAND, LOITER, MANUAL_CONTROL, NEEDS_STICKS, OFFBOARD, RTL, TAKEOFF, Px4
-from sim.autopilots.px4_tables import px4_identity, px4_parameters
-from sim.autopilots.px4_targets import NOTHING, Trajectory
-from sim.body import Body, at_most
-from sim.config import VehicleConfig
-from sim.demands import BodyVelocity, Brake, Demand, EarthVelocity, Spin, Tilt
-from sim.params import Parameter
-from sim.wire import Message
-from sim.world import HOME_AMSL_M
+from ..agenda import NEVER
+from ..airframes.dragged import DraggedCopter, yaw_loop
+from ..airframes.tilting import TiltingCopter
+from ..airframes.unicycle import Unicycle
+from ..body import Body, at_most
+from ..config import VehicleConfig
+from ..demands import BodyVelocity, Brake, Demand, EarthVelocity, Spin, Tilt
+from ..params import Parameter
+from ..wire import Message
+from ..world import HOME_AMSL_M
+from .contract import IN_AIR, LANDING, ON_GROUND, TAKING_OFF, Command, Say
+from .px4 import LAND, LOITER, MANUAL_CONTROL, NEEDS_STICKS, OFFBOARD, RTL, TAKEOFF, Px4
+from .px4_tables import px4_identity, px4_parameters
+from .px4_targets import NOTHING, Trajectory
 
 THINK_US, IDLE_US = 20_000, 500_000
 MOST_YAW_RATE = 2.25  # rad/s, what MC_YAWRATE_MAX 200 deg/s comes to

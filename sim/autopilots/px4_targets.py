@@ -6,9 +6,9 @@ Each axis counts on its own in LOCAL_NED; in BODY_NED positions never count and 
 import math
 from typing import NamedTuple
 
-from sim.body import Body, euler, to_earth
-from sim.demands import Spin, Tilt
-from sim.wire import Message
+from ..body import Body, euler, to_earth
+from ..demands import Spin, Tilt
+from ..wire import Message
 
 LOCAL_TARGET, ATTITUDE_TARGET = 84, 82
 LOCAL_NED, BODY_NED = 1, 8

@@ -1,4 +1,4 @@
-"""python -m sim.faults --listen ENDPOINT --forward ENDPOINT [faults]: a broken link between your own programs."""
+"""A broken link between your own programs: python -m circnav_mav.emulator.faults --listen URL --forward URL [faults]."""
 
 import signal
 import sys
@@ -8,11 +8,11 @@ from typing import Any
 
 import click
 
-from sim.faults.impairment import CLEAN, FRACTIONS, Impairment
-from sim.faults.intruders import ground_station, recorded, strangers, twin, vehicle
-from sim.faults.link import FaultLink
-from sim.faults.proxy import Proxy
-from sim.wires import EndpointError
+from ..wires import EndpointError
+from .impairment import CLEAN, FRACTIONS, Impairment
+from .intruders import ground_station, recorded, strangers, twin, vehicle
+from .link import FaultLink
+from .proxy import Proxy
 
 BAD_USAGE = 2
 MEANINGS = {
@@ -34,9 +34,10 @@ TIMES = {
 }
 EXAMPLE = """\b
 three terminals, a fifth of all datagrams lost and a minute of silence after two:
-  circnav emulate config/arducopter.toml --endpoint udpout:127.0.0.1:14551
-  python -m sim.faults --forward udpin:127.0.0.1:14551 --listen udpout:127.0.0.1:14550 --loss 0.2 --outage 120+60
-  circnav fly config/arducopter.toml --endpoint udpin:127.0.0.1:14550
+  circnav emulate arducopter --endpoint udpout:127.0.0.1:14551
+  python -m circnav_mav.emulator.faults --loss 0.2 --outage 120+60 \\
+      --forward udpin:127.0.0.1:14551 --listen udpout:127.0.0.1:14550
+  circnav fly arducopter --endpoint udpin:127.0.0.1:14550
 With a vehicle of your own, let it send to port 14551 instead of 14550. Ctrl-C ends it and tells what was lost.
 """
 RATE = click.FloatRange(0, 100_000, min_open=True)

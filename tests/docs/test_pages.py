@@ -126,7 +126,9 @@ def test_every_option_in_a_printed_command_exists():
                 words = shlex.split(command.split("#")[0], posix=False)
                 if words[1] not in circnav.commands:
                     continue
-                known = {flag for option in circnav.commands[words[1]].params for flag in option.opts}
+                named = circnav.commands[words[1]]
+                named = getattr(named, "commands", {}).get(words[2], named) if len(words) > 2 else named
+                known = {flag for option in named.params for flag in option.opts}
                 given = {word.strip("[]") for word in words if word.strip("[").startswith("--")}
                 assert given <= known, command
                 seen += 1

@@ -138,7 +138,7 @@ def test_signed_flight_over_sockets_settles_and_is_replayed_without_its_key(tmp_
     """Between two processes; neither key nor signature is in the run folder."""
     key, folder = key_file(tmp_path, KEY), tmp_path / "out"
     process = circnav(
-        *("fly", QUICKSTART, "--speed", "6", "--duration", "72", "--out", str(folder)),
+        *("fly", QUICKSTART, "--duration", "72", "--out", str(folder)),
         *("--set", f"signing.key_file={key}", "--set", f"sim.signing.key_file={key}"),
         *("--set", 'guidance.law="smooth"'),
     )

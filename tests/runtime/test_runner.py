@@ -18,6 +18,8 @@ def frame(number):
 class FakeClock:
     """Time moves by a tick each time it is asked."""
 
+    longest_wait = 0.05
+
     def __init__(self):
         self.time = 0.0
 
@@ -27,6 +29,9 @@ class FakeClock:
 
     def until(self, moment):
         return 0.0
+
+    def advance(self, moment):
+        pass
 
     def real(self):
         return 0.0

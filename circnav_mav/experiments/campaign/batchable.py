@@ -4,9 +4,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from typing import Any
 
+from circnav_mav.emulator.config import Ranging
+from circnav_mav.emulator.sensor import CHARACTERS
 from circnav_mav.experiments.campaign.plan import Run
-from sim.config import Ranging
-from sim.sensor import CHARACTERS
 
 OWN = frozenset({
     "name", "vehicle.max_turn_rate_deg_s", "vehicle.max_bank_deg", "orbit.radius_m", "orbit.direction",
