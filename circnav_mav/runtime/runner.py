@@ -93,8 +93,10 @@ def run(
         if clock.real() - began > LONGEST_STEP:
             out, step.held_back = b"", True
             pilot.hold_back()
-        step.said = split_frames(out)
-        step.hello = split_frames(_send(pilot, out, links, now))
+        hello = _send(pilot, out, links, now)
+        # the setpoint is on its way: everything else comes behind it
+        pilot.settle()
+        step.said, step.hello = split_frames(out), split_frames(hello)
         recorder.step(step)
         records = pilot.take_records()
         recorder.ticks(records)

@@ -131,6 +131,9 @@ class UnicycleEstimator:
         """Normalised innovation squared of the newest sample; None before the first."""
         return None if np.isnan(self.filter.nis[0]) else float(self.filter.nis[0])
 
+    def settle(self) -> None:
+        """Nothing is left to do."""
+
     def restamp(self) -> None:
         """Goes by our clock: nothing to do."""
 
