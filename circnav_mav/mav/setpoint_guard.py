@@ -14,6 +14,7 @@ SLACK = 1 + 1e-6
 """Single precision."""
 EVERYBODY = 0
 BODY_NED = dialect.MAV_FRAME_BODY_NED
+NUMBER = (float, int)
 
 
 class Steer(NamedTuple):
@@ -125,7 +126,7 @@ def _numbers(message: Message) -> Iterator[float]:
     """Every number in a message, those in its arrays too."""
     for name in message.get_fieldnames():
         value = getattr(message, name)
-        if isinstance(value, list | tuple):
-            yield from value
-        else:
+        if isinstance(value, NUMBER):
             yield value
+        else:
+            yield from value

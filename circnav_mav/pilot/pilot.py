@@ -17,6 +17,7 @@ from circnav_mav.guidance.velocity_loop import CopterMotion
 from circnav_mav.mav.clocks import nobody_tells
 from circnav_mav.mav.codec import LinkCounts, Message
 from circnav_mav.mav.frames import YawRate
+from circnav_mav.mav.height import HEARD
 from circnav_mav.mav.identity import RADIO_NAME, Allowance, describe_sender
 from circnav_mav.mav.session import LOST_AFTER
 from circnav_mav.mav.setpoint_guard import UnsafeSetpointError
@@ -118,7 +119,7 @@ class Pilot:
         """Own motion teaches the height, the turn-rate gain, and estimators that know where the vehicle is heading."""
         adapter, motion, height = self.session.adapter, self.session.motion, self.tracker.height
         is_attitude = motion.receive(message, now)
-        if height.hear(message, motion.at(now).altitude, now):
+        if message.get_type() in HEARD and height.hear(message, motion.at(now).altitude, now):
             self._say("altitude", f"altitude jumped, {height.jumped:+.0f} m ignored")
         if not is_attitude:
             return
@@ -347,7 +348,9 @@ class Pilot:
 
     def _housekeeping(self, estimate: RangeEstimate | None, command: TurnCommand | None, now: float) -> list[Message]:
         """Heartbeat, commands, streams, texts and plot values; the farewell at the end."""
-        plots = self.session.announcer.plots(plot_values(self.settings.orbit, estimate, command), now)
+        announcer, plots = self.session.announcer, []
+        if announcer.plots_due(now):
+            plots = announcer.plots(plot_values(self.settings.orbit, estimate, command), now)
         if self.settings.output_mode is OutputMode.SHADOW:
             return self.session.heartbeats_due(now) + plots
         if self.done:

@@ -71,14 +71,18 @@ def run(
     show: Show,
     stop: StopRequest,
     signing_time: SigningTime | None = None,
+    ready: Callable[[], bool] = lambda: True,
 ) -> None:
-    """Fly until the pilot is done. Every frame and tick goes to the recorder; `show` gets every step."""
+    """Fly until the pilot is done. Every frame and tick goes to the recorder; `show` gets every step. What comes in
+    before all is loaded that is needed to fly (`ready`) is thrown away: it would be old before it is looked at."""
     newest: TickRecord | None = None
-    now = 0.0
+    now, loaded = 0.0, False
     while not pilot.done:
         _wait(links, stop, min(clock.until(pilot.next_tick), LONGEST_WAIT))
         began = clock.real()
         heard = [(name, *one) for name, link in links.items() for one in link.receive(now)]
+        loaded = loaded or ready()
+        heard = heard if loaded else []
         now = clock.now()  # a range that came while we stood still is not dated before it was sent
         if signing_time is not None:
             signing_time.turn()
@@ -94,11 +98,10 @@ def run(
             out, step.held_back = b"", True
             pilot.hold_back()
         hello = _send(pilot, out, links, now)
-        # the setpoint is on its way: everything else comes behind it
-        pilot.settle()
+        # the setpoint is on its way: the pilot's other work, and all that is recorded and shown, comes behind it
+        records = pilot.take_records()
         step.said, step.hello = split_frames(out), split_frames(hello)
         recorder.step(step)
-        records = pilot.take_records()
         recorder.ticks(records)
         newest = records[-1] if records else newest
         show(newest, step)
