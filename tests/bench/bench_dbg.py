@@ -140,7 +140,7 @@ def start(name: str, seconds: float, folder: Path) -> Listener:
         here.process = mp.Process(target=bare_loop, args=(here.port,), daemon=True)
         here.process.start()
         return here
-    command = [sys.executable, "/tmp/trace_fly.py", f"/tmp/trace_{name}.txt", "75", "fly", str(MISSION), "--out", str(folder / name)]
+    command = [sys.executable, "/tmp/trace_fly.py", f"/tmp/trace_{name}.txt", "55", "fly", str(MISSION), "--out", str(folder / name)]
     command += ["--endpoint", f"udpout:127.0.0.1:{here.port}", "--duration", "1e6", "--set", f'guidance.law="{law}"']
     here.process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL)
     return here
