@@ -17,6 +17,7 @@ MOST_DAMPED = 1.25
 """Acceleration to the side, in units of speed times turn rate, for a loop that damps what comes of it."""
 EVERYBODY = 0
 BODY_NED = dialect.MAV_FRAME_BODY_NED
+NUMBER = (float, int)
 
 
 class Steer(NamedTuple):
@@ -128,7 +129,7 @@ def _numbers(message: Message) -> Iterator[float]:
     """Every number in a message, those in its arrays too."""
     for name in message.get_fieldnames():
         value = getattr(message, name)
-        if isinstance(value, list | tuple):
-            yield from value
-        else:
+        if isinstance(value, NUMBER):
             yield value
+        else:
+            yield from value

@@ -34,10 +34,14 @@ class Announcer:
             messages.append(dialect.MAVLink_statustext_message(severity, _fit(text)))
         return messages
 
+    def plots_due(self, now: float) -> bool:
+        """Whether it is time for values to plot."""
+        return now - self._last_plot >= PLOT_INTERVAL
+
     def plots(self, values: dict[str, float], now: float) -> list[Message]:
         """NAMED_VALUE_FLOAT messages for any ground station's graphs, when due. Names have at most 9 characters: PX4
         cuts the tenth."""
-        if now - self._last_plot < PLOT_INTERVAL or not values:
+        if not self.plots_due(now) or not values:
             return []
         self._last_plot = now
         stamp = our_boot_ms(now)

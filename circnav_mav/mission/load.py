@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tomlkit
 from pydantic import ValidationError
 
 from circnav_mav.mav.autopilots.table import allowed, table_key
@@ -50,20 +49,29 @@ def parse_mission(text: str, where: str, overrides: Iterable[str] = (), folder: 
     """Validate the text of a mission file; `where` names it in errors. folder: that its paths are relative to; they
     become absolute, so that the file as flown can be flown again from its run folder. Raises MissionError."""
     table = read_toml(text, where)
-    document = tomlkit.parse(text)
-    for override in overrides:
-        keys, value = _override(override)
+    changes = [(*_override(override), override) for override in overrides]
+    _change(table, changes, folder)
+    flown = text if table == tomllib.loads(text) else _written(text, changes, folder, table)
+    return mission_of(table, where, flown)
+
+
+def _change(table: Any, changes: Iterable[tuple[list[str], Any, str]], folder: Path | None) -> None:
+    """Put overrides (keys, value, as written) into a mission's table, and make its paths absolute."""
+    for keys, value, override in changes:
         _put(table, keys, value, override)
-        _put(document, keys, value, override)
     if folder is not None:
         _make_absolute(table, folder)
-        _make_absolute(document, folder)
-    return mission_of(table, where, _written(document, table))
 
 
-def _written(document: tomlkit.TOMLDocument, table: dict[str, Any]) -> str:
+def _written(
+    text: str, changes: Iterable[tuple[list[str], Any, str]], folder: Path | None, table: dict[str, Any]
+) -> str:
     """The file as flown: with its comments, unless tomlkit puts an override where it does not belong, as among dotted
     keys."""
+    import tomlkit  # slow to load and to parse, and most files are flown as they are
+
+    document = tomlkit.parse(text)
+    _change(document, changes, folder)
     text = tomlkit.dumps(document)
     try:
         faithful = tomllib.loads(text) == table

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from math import isfinite
+from typing import NamedTuple
 
 from circnav_mav.guidance.types import Orbit, RangeEstimate, TurnCommand
 from circnav_mav.mav.frames import YawRate, yaw_rate_from_turn_rate
@@ -71,18 +72,21 @@ def plot_values(orbit: Orbit, estimate: RangeEstimate | None, command: TurnComma
     }  # fmt: skip
 
 
+class StepTaken(NamedTuple):
+    """A step of the pilot. sent: the yaw rate that left in the setpoint, None for none."""
+
+    now: float
+    phase: Phase
+    estimate: RangeEstimate | None
+    command: TurnCommand | None
+    sent: YawRate | None
+
+
 def tick_record(
-    now: float,
-    phase: Phase,
-    session: Session,
-    tracker: RangeTracker,
-    controller: Controller,
-    estimate: RangeEstimate | None,
-    command: TurnCommand | None,
-    sent: YawRate | None,
-    law: str,
+    step: StepTaken, session: Session, tracker: RangeTracker, controller: Controller, law: str
 ) -> TickRecord:
-    """A step in numbers. law: of the mission. sent: the yaw rate that left in the setpoint, None for none."""
+    """A step in numbers. law: of the mission."""
+    now, phase, estimate, command, sent = step
     link_age, motion, newest = session.heartbeat_age(now), session.motion.at(now), tracker.newest
     where = estimate.relative if estimate and estimate.relative and estimate.relative.trusted else None
     return TickRecord(

@@ -70,31 +70,41 @@ def run(
     show: Show,
     stop: StopRequest,
     signing_time: SigningTime | None = None,
+    ready: Callable[[], bool] = lambda: True,
 ) -> None:
-    """Fly until the pilot is done. Every frame and tick goes to the recorder; `show` gets every step."""
+    """Fly until the pilot is done. Every frame and tick goes to the recorder; `show` gets every step. What comes in
+    before all is loaded that is needed to fly (`ready`) is thrown away: it would be old before it is looked at."""
     newest: TickRecord | None = None
-    now = 0.0
+    now, loaded = 0.0, False
     while not pilot.done:
         _wait(links, stop, min(clock.until(pilot.next_tick), clock.longest_wait))
         clock.advance(pilot.next_tick)
         if signing_time is not None:
             signing_time.turn()
-        step = turn(pilot, links, clock, now, stop.signal_name)
+        loaded = loaded or ready()
+        step = turn(pilot, links, clock, now, stop.signal_name, deaf=not loaded)
         now = step.time
-        recorder.step(step)
         records = pilot.take_records()
+        recorder.step(step)
         recorder.ticks(records)
         newest = records[-1] if records else newest
         show(newest, step)
 
 
 def turn(
-    pilot: Pilot, links: Mapping[str, Link], clock: Clock, before: float, signal_name: str | None = None
+    pilot: Pilot,
+    links: Mapping[str, Link],
+    clock: Clock,
+    before: float,
+    signal_name: str | None = None,
+    *,
+    deaf: bool = False,
 ) -> LoopStep:
     """One turn of the loop: receive, step, send. before: time of the last one. signal_name: of a signal that has come
-    to end the flight."""
+    to end the flight. deaf: what comes in is thrown away."""
     began = clock.real()
-    heard = [(name, *one) for name, link in links.items() for one in link.receive(before)]
+    received = [(name, *one) for name, link in links.items() for one in link.receive(before)]
+    heard = [] if deaf else received
     now = clock.now()  # a range that came while we stood still is not dated before it was sent
     step = LoopStep(now)
     for name, data, source in heard:
@@ -107,8 +117,9 @@ def turn(
     if clock.real() - began > LONGEST_STEP:
         out, step.held_back = b"", True
         pilot.hold_back()
-    step.said = split_frames(out)
-    step.hello = split_frames(_send(pilot, out, links, now))
+    hello = _send(pilot, out, links, now)
+    # the setpoint is on its way: the pilot's other work, and all that is recorded and shown, comes behind it
+    step.said, step.hello = split_frames(out), split_frames(hello)
     return step
 
 

@@ -59,6 +59,10 @@ class Estimator(Protocol):
         """The estimate predicted to a moment of the local clock; None before the first sample."""
         ...
 
+    def settle(self) -> None:
+        """Do what no estimate of the newest sample needed; called before anything else comes in."""
+        return
+
     def restamp(self) -> None:
         """The sensor's clock has jumped: stamps before and after are not comparable, times of our clock are. Nothing to
         do for an estimator that goes by our clock."""

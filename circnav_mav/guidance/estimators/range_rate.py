@@ -97,26 +97,27 @@ def filtered(before: RangeRate, h: Number, q: Number, z: Number, sigma: Number) 
     return Filtered(r, before.r_dot, P, r + gain_r * nu, before.r_dot + gain_v * nu, after, nu**2 / S)
 
 
-def _by_filterpy() -> Callable[[RangeRate, float, float, float, float], Filtered]:
-    """`filtered` by filterpy, which is loaded here: it takes a second, and only a flight needs it."""
+OF_RANGE = np.array([[1.0, 0.0]])
+
+
+def filtered_by_filterpy(before: RangeRate, h: float, q: float, z: float, sigma: float) -> Filtered:
+    """`filtered` by filterpy. It takes a second to load: a flight does so while it waits for its vehicle."""
     from filterpy.kalman import predict, update
 
-    H = np.array([[1.0, 0.0]])
-
-    def by_filterpy(before: RangeRate, h: float, q: float, z: float, sigma: float) -> Filtered:
-        F, G = np.array([[1.0, h], [0.0, 1.0]]), np.array([[h * h / 2], [h]])
-        x, P = np.array([before.r, before.r_dot]), np.array([[before.rr, before.rv], [before.rv, before.vv]])
-        x, P = predict(x, P, F=F, Q=q * G @ G.T)
-        after_x, P_after, nu, _, S, _ = update(x, P, z, sigma**2, H, return_all=True)
-        nis = float(nu[0]) ** 2 / float(S[0, 0])
-        (r, r_dot), (after_r, after_r_dot) = x.tolist(), after_x.tolist()
-        return Filtered(r, r_dot, _parts(P), after_r, after_r_dot, _parts(P_after), nis)
-
-    return by_filterpy
+    x, P = np.array([before.r, before.r_dot]), np.array([[before.rr, before.rv], [before.rv, before.vv]])
+    g = h * h / 2
+    Q = np.array([[q * g * g, q * g * h], [q * h * g, q * h * h]])
+    x, P = predict(x, P, F=np.array([[1.0, h], [0.0, 1.0]]), Q=Q)
+    after_x, P_after = update(x, P, z, sigma**2, OF_RANGE)  # all that it could return costs twice as much again
+    (r, r_dot), (after_r, after_r_dot) = x.tolist(), after_x.tolist()
+    predicted = _parts(P)
+    nis = (z - r) ** 2 / (predicted[0] + sigma**2)
+    return Filtered(r, r_dot, predicted, after_r, after_r_dot, _parts(P_after), nis)
 
 
 def _parts(P: NDArray[np.float64]) -> Covariance:
-    return float(P[0, 0]), float(P[0, 1]), float(P[1, 1])
+    (rr, rv), (_, vv) = P.tolist()
+    return rr, rv, vv
 
 
 def observe(
@@ -154,7 +155,7 @@ class KalmanRangeRate:
     """The filter in flight. The time step is the difference of two sensor stamps: jitter on the way costs nothing."""
 
     def __init__(self, settings: EstimatorSettings) -> None:
-        self._settings, self._filtered = settings, _by_filterpy()
+        self._settings = settings
         self.reset()
 
     def reset(self) -> None:
@@ -179,11 +180,16 @@ class KalmanRangeRate:
         """Take one sample in, or refuse it at the gate. Stamps must rise from call to call."""
         before, newest = self._state, self._newest
         h = 0.0 if newest is None else sample.stamp - newest.stamp
-        self._state = observe(before, self._settings, h=h, z=sample.r, sigma=sample.sigma, filtered=self._filtered)
+        self._state = observe(
+            before, self._settings, h=h, z=sample.r, sigma=sample.sigma, filtered=filtered_by_filterpy
+        )
         self._newest = sample
         if self._state.refused:
             return Fused.GATED
         return Fused.RESTARTED if before.samples and self._state.samples == 1 else Fused.ACCEPTED
+
+    def settle(self) -> None:
+        """Nothing is left to do."""
 
     def restamp(self) -> None:
         """Start anew: the steps of this filter are those of the sensor's clock."""

@@ -57,6 +57,11 @@ class DriftEstimator(Estimator):
         """Normalised innovation squared of the newest sample; None while searching."""
         return None if np.isnan(self.bank.nis[0]) else float(self.bank.nis[0])
 
+    def settle(self) -> None:
+        """Go on with the search; what it has found counts from the next estimate on."""
+        if self.bank.settle():
+            self._note_belief()
+
     def move(self, motion: OwnMotion) -> None:
         """Take in own motion."""
         self._path.move(motion)
@@ -77,7 +82,7 @@ class DriftEstimator(Estimator):
         felt = None if before is None else knot.felt_since(before)
         change, air, nose = (None,) * 3 if felt is None else (np.array(part)[:, None] for part in felt[:3])
         of = None if felt is None else Felt(change, air, nose, np.array([felt.across]))
-        self.bank.step(np.array([dt]), _chord(before or knot, knot), *_arrays(sample), of)
+        self.bank.observe(np.array([dt]), _chord(before or knot, knot), *_arrays(sample), of)
         self._used, self._sigma, self._astray = knot, sample.sigma, False
         self._note_belief()
         self._remember(sample.time)
@@ -167,7 +172,17 @@ class AutoEstimator:
     """`auto`: range and range rate by `kalman` from the first samples on, everything by `drift` once it is trusted."""
 
     def __init__(self, settings: EstimatorSettings) -> None:
-        self.kalman, self.drift = KalmanRangeRate(settings), DriftEstimator(settings)
+        self._kalman, self.drift = KalmanRangeRate(settings), DriftEstimator(settings)
+        self._waiting: RangeSample | None = None
+        """A sample that `kalman` has not taken in: while `drift` steers, nobody asks it before the setpoint."""
+
+    @property
+    def kalman(self) -> KalmanRangeRate:
+        """`kalman`, with the newest sample."""
+        sample, self._waiting = self._waiting, None
+        if sample is not None:
+            self._kalman.observe(sample)
+        return self._kalman
 
     def reset(self) -> None:
         """Forget everything."""
@@ -177,7 +192,7 @@ class AutoEstimator:
     @property
     def ready(self) -> bool:
         """Whether either may steer."""
-        return self.kalman.ready or self.drift.ready
+        return self.drift.ready or self.kalman.ready
 
     @property
     def nis(self) -> float | None:
@@ -194,8 +209,16 @@ class AutoEstimator:
 
     def observe(self, sample: RangeSample) -> Fused:
         """Take one sample in; refused is what fits neither, for a bank that has lost its place refuses the truth."""
-        by_drift, by_range = self.drift.observe(sample), self.kalman.observe(sample)
-        return by_range if by_drift is Fused.GATED or not self.drift.ready else by_drift
+        by_drift, kalman = self.drift.observe(sample), self.kalman
+        if by_drift is Fused.GATED or not self.drift.ready:
+            return kalman.observe(sample)
+        self._waiting = sample
+        return by_drift
+
+    def settle(self) -> None:
+        """Let both take in all that they have not."""
+        self.drift.settle()
+        _ = self.kalman
 
     def at(self, time: float) -> RangeEstimate | None:
         """The estimate predicted to a moment; with the relative motion, trusted or on trial, wherever there is one."""
