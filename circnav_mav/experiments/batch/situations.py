@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from math import radians
 
 from circnav_mav.experiments.batch.flight import Circle, Situation
-from circnav_mav.experiments.batch.sensors import LORA, UWB, ImuNoise, Ranging
+from circnav_mav.experiments.batch.sensors import LORA, UWB, ImuNoise, Ranging, RateNoise
 
 V = Circle().speed
 LAST = 100.0
@@ -32,6 +32,9 @@ SITUATIONS: dict[str, Row] = {
         Row(Situation("target accelerates", target=3.0, target_walk=0.3)),
         Row(Situation("gusts 1.5, wind .33 V", wind=5.0, gust=1.5), 1.0),
         Row(Situation("the same with accelerations", wind=5.0, gust=1.5, imu=ImuNoise())),
+        Row(Situation("accelerations, rate .3", wind=5.0, gust=1.5, imu=ImuNoise(), rates=RateNoise(0.3))),
+        Row(Situation("accelerations, rate .1", wind=5.0, gust=1.5, imu=ImuNoise(), rates=RateNoise(0.1))),
+        Row(Situation("gusts with rate .1 alone", wind=5.0, gust=1.5, rates=RateNoise(0.1))),
         Row(Situation("uwb, wind .2 V", wind=0.20 * V, ranging=UWB), 0.35),
         Row(Situation("lora, wind .2 V", wind=0.20 * V, ranging=LORA), 2.0),
         Row(Situation("50 % loss at 5 Hz", wind=0.20 * V, ranging=Ranging(every=4, loss=0.5))),

@@ -156,7 +156,9 @@ class DriftBank:
         if not at.size:
             return
         theirs = None if felt is None else felt.of(at)
-        h = relative_ekf.predict(self._tracks, self.noise, dt[at], chord[:, at], sigma[at], theirs)
+        h = self._tracks
+        if dt[at].any():  # a rate has the very moment of its range
+            h = relative_ekf.predict(h, self.noise, dt[at], chord[:, at], sigma[at], theirs)
         if valid[at].any():
             h, said = relative_ekf.update(h, self.noise, z[at], sigma[at], valid[at], self.settings.gate)
             heaviest = (h.log_weight.argmax(axis=0), np.arange(at.size))

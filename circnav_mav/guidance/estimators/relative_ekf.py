@@ -252,7 +252,7 @@ def update(
 def update_rate(h: Hypotheses, noise: Noise, rates: Rates, gate: float) -> Hypotheses:
     """Take in a range rate per flight: z = n.(kappa V u(psi) + d + g + e) + white noise, n the unit vector of p."""
     n, t = axes(h.x[THETA])
-    vx, vy = h.x[KAPPA] * rates.air + drift(h.x)
+    vx, vy = (h.x[KAPPA] * air + d for air, d in zip(rates.air, drift(h.x), strict=True))
     along, across = n[0] * vx + n[1] * vy, t[0] * vx + t[1] * vy
     ahead = n[0] * rates.air[0] + n[1] * rates.air[1]
     H = ((THETA, across), (KAPPA, ahead), *((x, n[0]) for x in (DX, GX, EX)), *((y, n[1]) for y in (DY, GY, EY)))
