@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 from pydantic_core import PydanticCustomError
 
+from circnav_mav.guidance.estimators.table import ESTIMATORS
 from circnav_mav.guidance.laws import LAWS
 from circnav_mav.mav.autopilots.table import MISSION_AUTOPILOTS, MISSION_EXITS, MISSION_KINDS, MISSION_METHODS
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
@@ -95,7 +96,7 @@ class GuidanceTable(Table):
     gain: Positive | None = None
     correct_radius: bool = True
     radius_trim_per_s: Annotated[float, Field(ge=0, le=0.2)] = 0.0
-    estimator: Literal["kalman", "unicycle", "drift", "auto"] | None = None
+    estimator: Literal[tuple(ESTIMATORS)] | None = None  # type: ignore[valid-type]
     gate_sigma: Annotated[float, Field(ge=2, le=20), SELDOM] = 5.0
     min_samples: Annotated[int, Field(ge=2, le=100), SELDOM] = 5
 
@@ -111,6 +112,9 @@ class RangingTable(Table):
     sensor_id: Annotated[int, Field(ge=0, le=255)] | None = None
     orientation: Annotated[int, Field(ge=0, le=100)] | None = None
     name: Annotated[str, Field(min_length=1, max_length=10)] = "RANGE"  # 10: of NAMED_VALUE_FLOAT
+    rate_name: Annotated[str, Field(min_length=1, max_length=10)] | None = None
+    rate_sign: Literal["opening", "closing"] = "opening"
+    rate_sigma_mps: Positive = 0.3
     system_id: Annotated[SystemId | None, SELDOM] = None
     component_id: ComponentId | None = None
     min_range_m: NotNegative = 0.0

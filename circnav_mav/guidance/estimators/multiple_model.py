@@ -164,7 +164,7 @@ class DriftBank:
             heaviest = (h.log_weight.argmax(axis=0), np.arange(at.size))
             self._count(at, said.nis[heaviest], said.taken[heaviest], valid[at])
         if rates is not None and rates.valid[at].any():
-            h = relative_ekf.update_rate(h, self.noise, rates.of(at), self.settings.gate)
+            h = relative_ekf.update_rate(h, rates.of(at), self.settings.gate)
         mean, covariance = relative_ekf.mixture(h)
         self._believe(at, mean, covariance)
         self._tracks = _revive(h, mean, covariance)

@@ -249,7 +249,7 @@ def update(
     return _fused(h, PH, z - h.x[R] - h.x[B], S, valid, gate, OUTLIER_SPREAD)
 
 
-def update_rate(h: Hypotheses, noise: Noise, rates: Rates, gate: float) -> Hypotheses:
+def update_rate(h: Hypotheses, rates: Rates, gate: float) -> Hypotheses:
     """Take in a range rate per flight: z = n.(kappa V u(psi) + d + g + e) + white noise, n the unit vector of p."""
     n, t = axes(h.x[THETA])
     vx, vy = (h.x[KAPPA] * air + d for air, d in zip(rates.air, drift(h.x), strict=True))
@@ -257,8 +257,8 @@ def update_rate(h: Hypotheses, noise: Noise, rates: Rates, gate: float) -> Hypot
     ahead = n[0] * rates.air[0] + n[1] * rates.air[1]
     H = ((THETA, across), (KAPPA, ahead), *((x, n[0]) for x in (DX, GX, EX)), *((y, n[1]) for y in (DY, GY, EY)))
     PH = sum(of * h.P[:, state] for state, of in H)
-    # noise of the nose: a state of the models that feel accelerations, fresh every time for the others
-    nose = np.where(noise.feels > 0, 0.0, NOSE * np.hypot(*rates.air)) ** 2
+    # noise of the nose: a state, e, where accelerations are felt, else fresh every time
+    nose = np.where(h.P[EX, EX] > 0, 0.0, NOSE * np.hypot(*rates.air)) ** 2
     S = np.maximum(sum(of * PH[state] for state, of in H), 0.0) + rates.sigma**2 + nose
     return _fused(h, PH, rates.r_dot - along, S, rates.valid, gate, RATE_SPREAD)[0]
 
