@@ -14,12 +14,13 @@ from circnav_mav.guidance.theory import max_range_acceleration
 KEPT, ENOUGH = 60, 20
 """Bends from sample to sample that are remembered, and how many it takes at least."""
 TOO_MUCH = 3.0
-"""What is measured counts where it is so many times what is said, or what is said so many times what is measured: the
-quartile of 60 bends is some 25 % off, and one range in ten that is an outlier makes it half as large again."""
+"""What is measured counts where it is so many times what is said: the quartile of 60 bends is some 25 % off, and one
+range in ten that is an outlier makes it half as large again."""
 WIDE, KEPT_WIDE = 0.4, 200
 """Spacing, s, of the bends that must be small, too, before a sigma is lowered, and how many of them: 20 s at 10 Hz."""
-MARGIN = 2.0
-"""A sigma is lowered to so many times what is measured: bends hardly show the slow part of a radio's error."""
+TOO_LITTLE, MARGIN = 3.5, 2.0
+"""A sigma is lowered once it is so many times what such bends tell, and then goes by that times the second: they hardly
+show the slow part of a radio's error (UWB: a third)."""
 EVEN = 0.2
 """Two intervals are the same when they differ by less than this share."""
 QUARTILE_OF_NORMAL = 0.3186
@@ -32,8 +33,8 @@ TURN_BUILDS = 0.4
 """Time, s, within which a turn builds up: so fast range accelerations come and go."""
 ROUNDING = 1e-6
 """Differences below are rounding."""
-REPEATS = 10
-"""Same numbers in a row that it takes at least to call a sensor frozen."""
+FEW, REPEATS = 3, 10
+"""Same numbers in a row that tell nothing of the noise, and that it takes at least to call a sensor frozen."""
 
 
 class NoiseCheck:
@@ -77,7 +78,7 @@ class NoiseCheck:
         if len(self._wide) < KEPT_WIDE:
             return sigma
         measured = max(_spread(self._raw), _spread(self._wide))
-        if sigma <= TOO_MUCH * measured:
+        if self.lowered is None and sigma <= TOO_LITTLE * measured:
             return sigma
         least = max(RESOLUTION, 0.0 if self._step == inf else UNIFORM * self._step)
         lower = min(max(MARGIN * measured, least), sigma)
@@ -93,8 +94,8 @@ class NoiseCheck:
             last, first = stamp - middle, middle - oldest
             if abs(last - first) < EVEN * first:
                 bend = abs(value - 2 * between + before)
-                self._raw.append(bend)
                 self._resolve(bend)
+                self._raw.append(bend)
                 self._bends.append(max(bend - self._bend_of(between) * last * first, 0.0))
         newest.append((stamp, value))
         while newest[0][0] < stamp - 4 * WIDE and len(newest) > 2:
@@ -104,7 +105,8 @@ class NoiseCheck:
         middle, between = there
         if (there := self._before(2 * middle - stamp)) is not None:
             oldest, before = there
-            if abs((stamp - middle) - (middle - oldest)) < EVEN * (stamp - middle):
+            # a sensor that froze has not become quiet
+            if self._same < FEW and abs((stamp - middle) - (middle - oldest)) < EVEN * (stamp - middle):
                 self._wide.append(abs(value - 2 * between + before))
 
     def _resolve(self, difference: float) -> None:
