@@ -27,6 +27,8 @@ ACTIONS = (
     "wind",
     "mute_ranging",
     "unmute_ranging",
+    "freeze_ranging",
+    "unfreeze_ranging",
     "mute_autopilot",
     "unmute_autopilot",
     "reboot",
@@ -115,7 +117,11 @@ class Wind:
 
 @dataclass(frozen=True)
 class Ranging:
-    """[ranging]: the radio: how it measures and by which message and way it is heard."""
+    """[ranging]: the radio: how it measures and by which message and way it is heard.
+
+    rate_name: it also measures the range rate and sends it as a NAMED_VALUE_FLOAT of that name. rate_noise_mps: white.
+    rate_bias_mps: rms of the carrier's offset, which changes within a minute.
+    """
 
     message: str = key("distance_sensor", choices=MESSAGES)
     via: str = key("forwarded", choices=VIAS)
@@ -136,6 +142,10 @@ class Ranging:
     orientation: int = key(24, low=0, high=255)
     name: str = key("RANGE", longest=10)
     report_accuracy: bool = False
+    rate_name: str | None = key(None, longest=10)
+    rate_sign: str = key("opening", choices=("opening", "closing"))
+    rate_noise_mps: float = key(0.1, low=0.0)
+    rate_bias_mps: float = key(0.05, low=0.0)
 
 
 @dataclass(frozen=True)
@@ -292,5 +302,7 @@ def _check_ranging(config: VehicleConfig, where: str) -> None:
         )
     if ranging.via == "autopilot" and ranging.message != "distance_sensor":
         raise ConfigError(f'{here}.message: the autopilot re-sends only "distance_sensor", or use another via')
+    if ranging.rate_name is not None and ranging.via == "autopilot":
+        raise ConfigError(f"{here}.rate_name: the autopilot re-sends ranges only, use another via")
     if ranging.via != "autopilot" and (ranging.system_id, ranging.component_id) == (config.vehicle.system_id, 1):
         raise ConfigError(f"{here}.component_id: 1 is the autopilot itself, choose another (192)")

@@ -159,6 +159,16 @@ class Flight:
         body = self.body
         return math.dist((body.north, body.east, body.down), self.target.at(self.seconds))
 
+    def slant_rate(self) -> float:
+        """How fast the slant range grows, m/s."""
+        body = self.body
+        before, after = self.target.at(self.seconds - 0.01), self.target.at(self.seconds + 0.01)
+        here = self.target.at(self.seconds)
+        offset = [a - b for a, b in zip((body.north, body.east, body.down), here, strict=True)]
+        moved = [(b - a) / 0.02 for a, b in zip(before, after, strict=True)]
+        relative = [a - b for a, b in zip(self._velocity(), moved, strict=True)]
+        return sum(a * b for a, b in zip(offset, relative, strict=True)) / max(self.slant_range(), 1e-6)
+
     def truth(self) -> Truth:
         body, wind = self.body, self.air.velocity
         target = self.target.at(self.seconds)

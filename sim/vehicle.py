@@ -175,6 +175,8 @@ class Vehicle:
         flight, action = self._flight, event.action
         if action in ("mute_ranging", "unmute_ranging"):
             self._radio.muted = action == "mute_ranging"
+        elif action in ("freeze_ranging", "unfreeze_ranging"):
+            self._radio.frozen = action == "freeze_ranging"
         elif action in ("mute_autopilot", "unmute_autopilot"):
             self._dumb = action == "mute_autopilot"
             for link in self._autopilot_links():

@@ -105,6 +105,12 @@ def _clashes(file: MissionFile) -> Iterator[str]:
         yield f'ranging.endpoint: is "{SIM}" but the vehicle is not the bundled one: --set ranging.endpoint=URL'
     if file.signing and file.signing.accept_unsigned == "ranging" and ranging.endpoint is None:
         yield 'signing.accept_unsigned: is "ranging", which needs a ranging.endpoint of its own'
+    if ranging.rate_name is not None and ranging.message != "named_value_float":
+        yield f'ranging.rate_name: goes with message = "named_value_float", not with "{ranging.message}"'
+    if ranging.rate_name == ranging.name:
+        yield f'ranging.rate_name: is "{ranging.name}" as ranging.name: give the rate a name of its own'
+    if file.guidance.estimator == "measured" and ranging.rate_name is None:
+        yield 'guidance.estimator: is "measured", which needs a radio that measures the range rate: ranging.rate_name'
     rows = allowed(*table_key(vehicle.autopilot, vehicle.kind, vehicle.method)).values()
     if vehicle.max_bank_deg is None and any(row.banks for row in rows):
         yield f"vehicle.max_bank_deg: missing, a {vehicle.kind} turns by banking: add its limit"

@@ -8,7 +8,7 @@ from circnav_mav.guidance.estimators.interface import EstimatorSettings
 from circnav_mav.guidance.estimators.range_rate import SteadyState, steady_state
 from circnav_mav.guidance.estimators.table import default_estimator
 from circnav_mav.guidance.step import LawChoice
-from circnav_mav.guidance.tuning import default_gain, loop_lag
+from circnav_mav.guidance.tuning import default_gain
 from circnav_mav.guidance.types import Direction, Orbit
 from circnav_mav.mav.autopilots.interface import AirLoops, Autopilot, VehicleFacts
 from circnav_mav.mav.autopilots.table import allowed, table_key
@@ -59,15 +59,18 @@ class Mission:
     @property
     def loop_lag(self) -> float:
         """Delay from a change of range rate to the vehicle's turn, s: the filter's and the vehicle's."""
-        ranging, lag = self.file.ranging, self.file.vehicle.turn_lag_s
-        period = 1 / ranging.rate_hz
-        return loop_lag(lag, self.estimation, r_d=self.orbit.radius, sigma=ranging.sigma_m, period=period)
+        return self.file.vehicle.turn_lag_s + self.steady_estimate.lag
 
     @property
     def steady_estimate(self) -> SteadyState:
         """Noise and lag of the range rate on the circle."""
         ranging = self.file.ranging
-        return steady_state(self.estimation, r=self.orbit.radius, sigma=ranging.sigma_m, period=1 / ranging.rate_hz)
+        period, rate_sigma = 1 / ranging.rate_hz, ranging.rate_sigma_mps if ranging.rate_name else None
+        if self.estimator == "measured" and rate_sigma is not None:
+            return SteadyState(rate_sigma, period / 2)
+        return steady_state(
+            self.estimation, r=self.orbit.radius, sigma=ranging.sigma_m, period=period, rate_sigma=rate_sigma
+        )
 
     @property
     def estimation(self) -> EstimatorSettings:
@@ -171,6 +174,9 @@ class Mission:
             sensor_stamps=table.stamp == "sensor",
             rate=table.rate_hz,
             resent=table.resent,
+            rate_name=table.rate_name,
+            rate_sign=1 if table.rate_sign == "opening" else -1,
+            rate_sigma=table.rate_sigma_mps,
             max_sigma=max(MOST_NOISE * self.file.orbit.radius_m, 3 * table.sigma_m),
         )
 

@@ -96,7 +96,7 @@ class GuidanceTable(Table):
     gain: Positive | None = None
     correct_radius: Annotated[bool, SELDOM] = True
     radius_trim_per_s: Annotated[float, Field(ge=0, le=0.2)] = 0.0
-    estimator: Annotated[Literal[tuple(ESTIMATORS)] | None, SELDOM] = None  # type: ignore[valid-type]
+    estimator: Literal[tuple(ESTIMATORS)] | None = None  # type: ignore[valid-type]
     gate_sigma: Annotated[float, Field(ge=2, le=20), SELDOM] = 5.0
     min_samples: Annotated[int, Field(ge=2, le=100), SELDOM] = 5
 
@@ -112,6 +112,9 @@ class RangingTable(Table):
     sensor_id: Annotated[int, Field(ge=0, le=255)] | None = None
     orientation: Annotated[int, Field(ge=0, le=100)] | None = None
     name: Annotated[str, Field(min_length=1, max_length=10)] = "RANGE"  # 10: of NAMED_VALUE_FLOAT
+    rate_name: Annotated[str, Field(min_length=1, max_length=10)] | None = None
+    rate_sign: Literal["opening", "closing"] = "opening"
+    rate_sigma_mps: Positive = 0.3
     system_id: Annotated[SystemId | None, SELDOM] = None
     component_id: ComponentId | None = None
     min_range_m: Annotated[NotNegative, SELDOM] = 0.0

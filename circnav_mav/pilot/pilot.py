@@ -102,6 +102,7 @@ class Pilot:
 
     def _take_range(self, message: Message, now: float, source: Hashable) -> None:
         apart, session = self.settings.ranging_apart, self.session
+        self.tracker.ranging.moving = self._mission.steering and self.settings.output_mode is OutputMode.FLY
         taken = self.tracker.receive(
             message, now, stalled=self._authority.may_be_backlog(now),
             strangers=() if apart else session.identity.strangers,

@@ -27,7 +27,7 @@ class TickRecord:
     of the gains once the command was found swinging. law, x .. airspeed_scale: which law flies, and the relative motion
     where an estimator tells it (vehicle minus target, m; wind minus target velocity, m/s; paper's frame). felt: how far
     that goes by measured accelerations, 0 .. 1. height: above the target, m, by which slant ranges are made horizontal.
-    None stands for "not known" or "not sent"."""
+    measured_rate: newest range rate of the radio that counts, m/s. None stands for "not known" or "not sent"."""
 
     time: float
     phase: Phase
@@ -60,6 +60,7 @@ class TickRecord:
     mode: str
     accepted: int
     rejected: int
+    measured_rate: float | None = None
 
 
 def plot_values(orbit: Orbit, estimate: RangeEstimate | None, command: TurnCommand | None) -> dict[str, float]:
@@ -121,4 +122,5 @@ def tick_record(
         mode=session.mode_name,
         accepted=tracker.accepted,
         rejected=tracker.ranging.refused,
+        measured_rate=tracker.measured_rate(now),
     )

@@ -87,6 +87,8 @@ class Picture:
         to_right = None if turn is None else yaw_rate_from_turn_rate(TurnRate(turn)) / limit
         wanted = f" horizontal   desired {orbit.radius:.1f} m"
         rate = _with_sigma(tick.r_dot, tick.r_dot_sigma, "+.2f", "m/s", signs)
+        if tick.measured_rate is not None:
+            rate += f"   measured {tick.measured_rate:+.2f} m/s"
         answer = f"gain {tick.turn_gain:.2f}, delay {tick.turn_delay:.2f} s"
         return [
             ("range", _with_sigma(tick.r, tick.r_sigma, ".2f", "m", signs) + wanted),

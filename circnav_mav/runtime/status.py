@@ -117,6 +117,10 @@ def _alarms(pilot: Pilot, tick: TickRecord, now: float, rates: Rates | None, pro
         if tick.range_age is not None and tick.range_age > timing.stale:
             patience = f": holding the circle's turn rate, ends at {timing.stale + timing.hold:g} s"
             found.append(f"RANGE STALE {tick.range_age:.1f} s{patience if tick.phase is Phase.HOLDING else ''}")
+        if frozen := pilot.tracker.noise.repeated:
+            found.append(f"RANGE FROZEN: the same number for {frozen:.0f} s, ranges are rejected until it changes")
+        if wrong := pilot.tracker.rates.trouble:
+            found.append(f"RANGE RATE DROPPED: {wrong}")
         if tick.gain_share < 1:
             found.append(f"LIMIT CYCLE: turn command hits both limits, gains reduced to {100 * tick.gain_share:.0f} %")
         if pilot.drift_alarm.on:

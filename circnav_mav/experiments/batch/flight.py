@@ -10,7 +10,16 @@ import numpy as np
 from circnav_mav.experiments.batch.estimators import Truth
 from circnav_mav.experiments.batch.guidance import POLICIES, Guidance, estimator
 from circnav_mav.experiments.batch.loop import Always, fly
-from circnav_mav.experiments.batch.sensors import GAUSSIAN, ImuNoise, MotionNoise, OwnSenses, Radio, Ranging, Reading
+from circnav_mav.experiments.batch.sensors import (
+    GAUSSIAN,
+    ImuNoise,
+    MotionNoise,
+    OwnSenses,
+    Radio,
+    Ranging,
+    RateNoise,
+    Reading,
+)
 from circnav_mav.experiments.batch.world import Airframe, Surroundings, World
 from circnav_mav.guidance.air_path import wrap
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
@@ -67,6 +76,7 @@ class Situation:
     target_turn: float = 0.0
     target_walk: float = 0.0
     ranging: Ranging = GAUSSIAN
+    rates: RateNoise | None = None
     compass_bias: float = 0.0
     compass_drift: float = 0.0
     noise: MotionNoise = field(default_factory=MotionNoise)
@@ -124,7 +134,7 @@ def begin(situation: Situation, flights: int, seed: int) -> Start:
             psi,
             seeds,
         ),
-        Radio(s.ranging, Reading(s.ranging.sigma), seeds),
+        Radio(s.ranging, Reading(s.ranging.sigma), seeds, rates=s.rates),
         OwnSenses(s.noise, seeds, bias * s.compass_bias, drift * s.compass_drift, 1 + speed * s.airspeed_error, s.imu),
         np.where(np.arange(flights) % 2 == 0, 1.0, -1.0),
     )

@@ -3,7 +3,7 @@
 from math import radians
 
 from circnav_mav.experiments.batch.flight import Circle, Situation
-from circnav_mav.experiments.batch.sensors import LORA, UWB, ImuNoise, Ranging
+from circnav_mav.experiments.batch.sensors import LORA, UWB, ImuNoise, Ranging, RateNoise
 
 V = Circle().speed
 LAST = 100.0
@@ -23,6 +23,9 @@ SITUATIONS = {
         Situation("target accelerates", target=3.0, target_walk=0.3),
         Situation("gusts 1.5, wind .33 V", 1.0, wind=5.0, gust=1.5),
         Situation("the same with accelerations", wind=5.0, gust=1.5, imu=ImuNoise()),
+        Situation("accelerations, rate .3", wind=5.0, gust=1.5, imu=ImuNoise(), rates=RateNoise(0.3)),
+        Situation("accelerations, rate .1", wind=5.0, gust=1.5, imu=ImuNoise(), rates=RateNoise(0.1)),
+        Situation("gusts with rate .1 alone", wind=5.0, gust=1.5, rates=RateNoise(0.1)),
         Situation("uwb, wind .2 V", 0.35, wind=0.20 * V, ranging=UWB),
         Situation("lora, wind .2 V", 2.0, wind=0.20 * V, ranging=LORA),
         Situation("50 % loss at 5 Hz", wind=0.20 * V, ranging=Ranging(every=4, loss=0.5)),

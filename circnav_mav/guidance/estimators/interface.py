@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Protocol
 
-from circnav_mav.guidance.types import OwnMotion, RangeEstimate, RangeSample
+from circnav_mav.guidance.types import OwnMotion, RangeEstimate, RangeSample, RateSample
 
 
 class Fused(Enum):
@@ -48,7 +48,11 @@ class Estimator(Protocol):
         ...
 
     def observe(self, sample: RangeSample) -> Fused:
-        """Take one sample in, or refuse it."""
+        """Take one sample in, with its range rate where it has one, or refuse it."""
+        ...
+
+    def observe_rate(self, sample: RateSample) -> None:
+        """Take in a measured range rate; it comes at its own times, and counts only beside ranges."""
         ...
 
     def move(self, motion: OwnMotion) -> None:

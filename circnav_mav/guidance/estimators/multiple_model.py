@@ -31,6 +31,7 @@ from circnav_mav.guidance.estimators.relative_ekf import (
     Hypotheses,
     Noise,
     R,
+    Rates,
 )
 
 
@@ -135,18 +136,25 @@ class DriftBank:
         weight[:, self._tracking] = self._tracks.weight
         return Noise(*(part.T @ weight for part in (n.drift_psd, n.gust, n.white, n.drifting, n.nose, n.feels)))
 
-    def step(self, dt: Array, chord: Array, z: Array, sigma: Array, valid: Array, felt: Felt | None = None) -> None:
+    def step(
+        self, dt: Array, chord: Array, z: Array, sigma: Array, valid: Array, felt: Felt | None = None,
+        rates: Rates | None = None,
+    ) -> None:  # fmt: skip
         """`observe` and `settle`."""
-        self.observe(dt, chord, z, sigma, valid, felt)
+        self.observe(dt, chord, z, sigma, valid, felt, rates)
         self.settle()
 
-    def observe(self, dt: Array, chord: Array, z: Array, sigma: Array, valid: Array, felt: Felt | None = None) -> None:
+    def observe(
+        self, dt: Array, chord: Array, z: Array, sigma: Array, valid: Array, felt: Felt | None = None,
+        rates: Rates | None = None,
+    ) -> None:  # fmt: skip
         """Carry flights on by dt (B,) along chord (2, B), and take in their ranges z, sigma where valid (B,). Nothing
-        happens to those whose dt and chord are 0 and whose range is not valid. felt: the accelerations meanwhile."""
+        happens to those whose dt and chord are 0 and whose range is not valid. felt: the accelerations meanwhile.
+        rates: range rates measured now."""
         self.settle()
         sigma = np.minimum(np.maximum(sigma, LEAST_SIGMA), MOST_SIGMA)
         self._since += dt
-        self._track(dt, chord, z, sigma, valid, felt)
+        self._track(dt, chord, z, sigma, valid, felt, rates)
         lost = self._lose()
         self._since[valid] = 0.0
         self._unheard = dt, chord, z, sigma, valid
@@ -180,16 +188,22 @@ class DriftBank:
             self._due = due, sigma
             self._tell_favourites()
 
-    def _track(self, dt: Array, chord: Array, z: Array, sigma: Array, valid: Array, felt: Felt | None) -> None:
+    def _track(
+        self, dt: Array, chord: Array, z: Array, sigma: Array, valid: Array, felt: Felt | None, rates: Rates | None
+    ) -> None:
         at = self._tracking
         if not at.size:
             return
         theirs = None if felt is None else felt.of(at)
-        h = relative_ekf.predict(self._tracks, self.noise, dt[at], chord[:, at], sigma[at], theirs)
+        h = self._tracks
+        if dt[at].any():  # a rate has the very moment of its range
+            h = relative_ekf.predict(h, self.noise, dt[at], chord[:, at], sigma[at], theirs)
         if valid[at].any():
             h, said = relative_ekf.update(h, self.noise, z[at], sigma[at], valid[at], self.settings.gate)
             heaviest = (h.log_weight.argmax(axis=0), np.arange(at.size))
             self._count(at, said.nis[heaviest], said.taken[heaviest], valid[at])
+        if rates is not None and rates.valid[at].any():
+            h = relative_ekf.update_rate(h, rates.of(at), self.settings.gate)
         mean, covariance = relative_ekf.mixture(h)
         self._believe(at, mean, covariance)
         self._tracks = _revive(h, mean, covariance)

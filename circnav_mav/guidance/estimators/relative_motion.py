@@ -12,8 +12,8 @@ from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettin
 from circnav_mav.guidance.estimators.multiple_model import BankSettings, DriftBank, Stage
 from circnav_mav.guidance.estimators.prediction import Belief, Prediction, predict_belief
 from circnav_mav.guidance.estimators.range_rate import KalmanRangeRate
-from circnav_mav.guidance.estimators.relative_ekf import KAPPA, Array, Felt, drift
-from circnav_mav.guidance.types import OwnMotion, RangeEstimate, RangeSample, RelativeMotion
+from circnav_mav.guidance.estimators.relative_ekf import KAPPA, Array, Felt, Rates, drift
+from circnav_mav.guidance.types import OwnMotion, RangeEstimate, RangeSample, RateSample, RelativeMotion
 
 GAP = 20.0
 """After a longer time without ranges, s, the bank starts anew."""
@@ -42,6 +42,7 @@ class DriftEstimator(Estimator):
         self._note_belief()
         self._path = OwnPath()
         self._used: Knot | None = None
+        self._range_at = float("-inf")
         self._sigma = 1.0
         self._astray = False
         self._lately: _Memory | None = None
@@ -75,20 +76,32 @@ class DriftEstimator(Estimator):
         if before is not None and (knot.piece != before.piece or sample.time - before.motion.time > GAP):
             self._restart(sample.time)
             before = None
-        dt = 0.0 if before is None else sample.time - before.motion.time
-        if before is not None and dt <= 0:
+        if before is not None and (sample.time <= self._range_at or sample.time < before.motion.time):
             return Fused.GATED
-        was = self.bank.stage[0]
-        felt = None if before is None else knot.felt_since(before)
-        change, air, nose = (None,) * 3 if felt is None else (np.array(part)[:, None] for part in felt[:3])
-        of = None if felt is None else Felt(change, air, nose, np.array([felt.across]))
-        self.bank.observe(np.array([dt]), _chord(before or knot, knot), *_arrays(sample), of)
+        was, self._range_at = self.bank.stage[0], sample.time
+        self.bank.observe(*_step(before or knot, knot), *_arrays(sample), _felt(before, knot))
         self._used, self._sigma, self._astray = knot, sample.sigma, False
         self._note_belief()
         self._remember(sample.time)
+        if sample.rate is not None:
+            self.observe_rate(sample.rate)
         if was == Stage.TRACK and self.bank.stage[0] != Stage.TRACK:
             return Fused.RESTARTED
         return Fused.GATED if self.bank.refused[0] else Fused.ACCEPTED
+
+    def observe_rate(self, sample: RateSample) -> None:
+        """Take in a range rate, unless it is older than the newest sample. A search goes by ranges alone."""
+        knot, before = self._path.at(sample.time), self._used
+        known = knot is not None and before is not None and knot.piece == before.piece
+        if knot is None or before is None or not known or sample.time < before.motion.time:
+            return
+        nothing, V, psi = np.zeros(1), knot.motion.airspeed, knot.motion.heading
+        air = V * np.array([[np.cos(psi)], [np.sin(psi)]])
+        rates = Rates(np.array([sample.r_dot]), np.array([sample.sigma]), np.array([True]), air)
+        ranges = nothing, nothing + self._sigma, nothing > 0
+        self.bank.step(*_step(before, knot), *ranges, _felt(before, knot), rates)
+        self._used = knot
+        self._note_belief()
 
     def at(self, time: float) -> RangeEstimate | None:
         """The estimate predicted to a moment of the local clock; None while nothing is known."""
@@ -220,6 +233,11 @@ class AutoEstimator:
         self.drift.settle()
         _ = self.kalman
 
+    def observe_rate(self, sample: RateSample) -> None:
+        """Take in a range rate."""
+        self.drift.observe_rate(sample)
+        self.kalman.observe_rate(sample)
+
     def at(self, time: float) -> RangeEstimate | None:
         """The estimate predicted to a moment; with the relative motion, trusted or on trial, wherever there is one."""
         by_drift = self.drift.at(time)
@@ -234,8 +252,19 @@ class AutoEstimator:
         )  # fmt: skip
 
 
-def _chord(before: Knot, after: Knot) -> Array:
-    return np.array([[after.x - before.x], [after.y - before.y]])
+def _step(before: Knot, after: Knot) -> tuple[Array, Array]:
+    """Time and path from one knot to the next."""
+    dt = max(after.motion.time - before.motion.time, 0.0)
+    return np.array([dt]), np.array([[after.x - before.x], [after.y - before.y]])
+
+
+def _felt(before: Knot | None, after: Knot) -> Felt | None:
+    """What was felt meanwhile."""
+    felt = None if before is None else after.felt_since(before)
+    if felt is None:
+        return None
+    change, air, nose = (np.array(part)[:, None] for part in felt[:3])
+    return Felt(change, air, nose, np.array([felt.across]))
 
 
 def _arrays(sample: RangeSample) -> tuple[Array, Array, Array]:
