@@ -21,6 +21,7 @@ DATA_STREAM, TIMESYNC, FILE_TRANSFER = 66, 111, 110
 FTP_REFUSED, FTP_FILE_NOT_FOUND = 129, 10
 MISSION_UNSUPPORTED, MISSION_ACCEPTED = 3, 0
 ALL_STREAMS = 0
+RELATIVE = 3  # MAV_FRAME_GLOBAL_RELATIVE_ALT
 
 
 class Services:
@@ -141,8 +142,8 @@ def read_command(message: Message) -> Command:
     params = (message.param1, message.param2, message.param3, message.param4)
     sender = (message.get_srcSystem(), message.get_srcComponent())
     if message.get_msgId() == COMMAND_INT:
-        return Command(message.command, params, message.x * 1e-7, message.y * 1e-7, message.z, sender)
-    return Command(message.command, params, message.param5, message.param6, message.param7, sender)
+        return Command(message.command, params, message.x * 1e-7, message.y * 1e-7, message.z, sender, message.frame)
+    return Command(message.command, params, message.param5, message.param6, message.param7, sender, RELATIVE)
 
 
 def _whole(value: float) -> int:

@@ -143,7 +143,7 @@ class Vehicle:
         """A STATUSTEXT; a long one in numbered chunks under one id."""
         data = text.encode()
         number = 0 if len(data) <= TEXT_LENGTH else next(self._text_ids)
-        starts = range(0, len(data), TEXT_LENGTH)
+        starts = range(0, len(data) + (number > 0), TEXT_LENGTH)  # the last has room for a zero, which ends the text
         for link in self._autopilot_links():
             if link.gcs_heard or not self._flight.autopilot.identity.texts_for_gcs_only:
                 for chunk, at in enumerate(starts):

@@ -133,6 +133,36 @@ def preflight(mission: str, endpoint: str | None, overrides: tuple[str, ...], se
     return preflight_file(mission, endpoint, overrides, seconds)
 
 
+@circnav.group(short_help="Try a ranging radio and its driver.")
+def ranging() -> None:
+    """Try a ranging radio and its driver, without a vehicle.
+
+    \b
+    Example:
+        circnav ranging watch linktrack:/dev/ttyUSB0
+    """
+
+
+@ranging.command()
+@click.argument("radio", metavar="DRIVER:PORT")
+@click.option("--seconds", type=click.FloatRange(1), metavar="N", help="How long. [default: until Ctrl-C]")
+def watch(radio: str, seconds: float | None) -> int:
+    """Show what a radio measures: a line a second for each beacon, over the last ten seconds.
+
+    DRIVER is dwm1001, lines, linktrack or one of an installed package; PORT a device (/dev/ttyUSB0, or with its baud
+    rate /dev/ttyUSB0:115200) or an endpoint (udpin:0.0.0.0:5005, tcp:HOST:PORT). A mission takes the same as its
+    ranging.endpoint. Exit codes: 0 ranges were heard, 2 no such driver or port, 3 none were heard.
+
+    \b
+    Examples:
+        circnav ranging watch linktrack:/dev/ttyUSB0
+        circnav ranging watch lines:udpin:0.0.0.0:5005 --seconds 10
+    """
+    from circnav_mav.cli.ranging import watch_radio
+
+    return watch_radio(radio, seconds)
+
+
 @circnav.command(short_help="Run a recorded flight through the pilot again.")
 @click.argument("log", type=click.Path(), metavar="RUN_OR_TLOG")
 @click.option("--mission", type=MISSION, metavar="FILE", help="Another mission; a plain tlog needs one.")

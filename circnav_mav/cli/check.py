@@ -16,6 +16,7 @@ from circnav_mav.mission.load import MissionError, load_mission
 from circnav_mav.mission.mission import SIM, Mission
 from circnav_mav.runtime.keys import KeyFileError, read_key
 from circnav_mav.runtime.links import LinkError, parse_endpoint
+from circnav_mav.runtime.radio_link import radio_port
 
 COLOURS = {Grade.PASS: "green", Grade.WARN: "yellow", Grade.FAIL: "red"}
 
@@ -33,9 +34,13 @@ def read_mission(path: str, overrides: tuple[str, ...]) -> Mission:
     """A mission file with its endpoints, its [sim] table and its signing key checked too. Raises Refused."""
     try:
         mission = load_mission(path, overrides)
-        for endpoint in (mission.file.link.endpoint, mission.file.ranging.endpoint):
-            if endpoint not in (None, SIM):
-                parse_endpoint(endpoint)
+        link, ranging = mission.file.link.endpoint, mission.file.ranging.endpoint
+        if link != SIM:
+            parse_endpoint(link)
+        if ranging is not None and mission.ranging_driver:
+            radio_port(ranging)
+        elif ranging not in (None, SIM):
+            parse_endpoint(ranging)
         if mission.file.sim is not None:
             parse_vehicle(mission.file.sim, f"{path}: sim")
         if mission.file.signing is not None:

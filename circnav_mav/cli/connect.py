@@ -20,6 +20,7 @@ from circnav_mav.runtime.clock import AutopilotClock, Clock
 from circnav_mav.runtime.keys import KeyFileError, SigningTime, read_key, timestamp_path
 from circnav_mav.runtime.links import Link, LinkError, open_link
 from circnav_mav.runtime.lockstep import Lockstep
+from circnav_mav.runtime.radio_link import open_radio
 from circnav_mav.runtime.web.feed import LivePage, WebError
 
 MOST_PORT = 65535
@@ -35,7 +36,8 @@ def open_links(mission: Mission, open_things: ExitStack) -> dict[str, Link]:
         if endpoint in (None, SIM):
             continue
         try:
-            links[name] = open_link(endpoint, mission.file.link.peer or ())
+            opens = open_radio if name == RANGING and mission.ranging_driver else open_link
+            links[name] = opens(endpoint, mission.file.link.peer or ())
         except LinkError as error:
             raise Refused(str(error), Exit.NOTHING_HEARD if error.nobody else Exit.USAGE) from None
         open_things.callback(links[name].close)

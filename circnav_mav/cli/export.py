@@ -22,7 +22,7 @@ def export_run(folder: str, out: str | None) -> int:
             raise Refused(f"{folder}: an empty run, nothing was recorded", Exit.NOTHING_HEARD)
         counts = export_mcap(run, path)
     except ImportError:
-        raise Refused("export --mcap needs the package mcap: pip install mcap") from None
+        raise Refused("export --mcap needs the extra [mcap]: pip install 'circnav-mav[mcap]'") from None
     except RunError as error:
         raise Refused(str(error)) from None
     except OSError as error:

@@ -1,4 +1,7 @@
-"""What we say to ground stations: texts of what happens, numbers to plot. Never more often than they can read."""
+"""What we say to ground stations: texts of what happens, numbers to plot. Never more often than they can read. And
+long texts of others, put together again."""
+
+from itertools import cycle
 
 from pymavlink.dialects.v20 import all as dialect
 
@@ -7,7 +10,9 @@ from circnav_mav.mav.codec import Message
 
 TEXT_INTERVAL = 2.0
 PLOT_INTERVAL = 0.25
-LONGEST_TEXT = 50
+CHUNK, LONGEST_TEXT = 50, 200
+"""Bytes of a STATUSTEXT, and of a text: longer ones go out in chunks."""
+MOST_SENDERS = 16
 MOST_PLOTTED = 1e38
 """More does not fit into single precision, and is no number to look at."""
 
@@ -19,6 +24,7 @@ class Announcer:
         self._waiting: dict[str, tuple[int, str]] = {}
         self._last_text: dict[str, float] = {}
         self._last_plot = float("-inf")
+        self._text_ids = cycle(range(1, 65536))
 
     def say(self, kind: str, text: str, *, severity: int = dialect.MAV_SEVERITY_NOTICE) -> None:
         """Announce something; a newer text of the same kind replaces one that has not gone out."""
@@ -31,12 +37,23 @@ class Announcer:
         for kind in due:
             severity, text = self._waiting.pop(kind)
             self._last_text[kind] = now
-            messages.append(dialect.MAVLink_statustext_message(severity, _fit(text)))
+            messages += self._chunks(severity, text)
         return messages
 
     def plots_due(self, now: float) -> bool:
         """Whether it is time for values to plot."""
         return now - self._last_plot >= PLOT_INTERVAL
+
+    def _chunks(self, severity: int, text: str) -> list[Message]:
+        """The messages of one text. The last chunk has a zero in it, which ends the text; it may hold nothing else."""
+        data = text.encode("ascii", "replace")[:LONGEST_TEXT]
+        if len(data) <= CHUNK:
+            return [dialect.MAVLink_statustext_message(severity, data)]
+        ident, starts = next(self._text_ids), range(0, len(data) + 1, CHUNK)
+        return [
+            dialect.MAVLink_statustext_message(severity, data[at : at + CHUNK], ident, number)
+            for number, at in enumerate(starts)
+        ]
 
     def plots(self, values: dict[str, float], now: float) -> list[Message]:
         """NAMED_VALUE_FLOAT messages for any ground station's graphs, when due. Names have at most 9 characters: PX4
@@ -49,12 +66,25 @@ class Announcer:
         return [dialect.MAVLink_named_value_float_message(stamp, n.encode(), v) for n, v in plotted.items()]
 
 
+class TextReader:
+    """STATUSTEXT of any senders as texts. Each chunk of a long one gives the text so far: if the next is lost, that
+    much was read."""
+
+    def __init__(self) -> None:
+        self._newest: dict[tuple[int, int], tuple[int, int, str]] = {}
+
+    def read(self, message: Message) -> tuple[str, str | None]:
+        """The text so far, and the shorter text that it continues, None where it begins."""
+        sender = (message.get_srcSystem(), message.get_srcComponent())
+        ident, number, before = self._newest.get(sender, (0, 0, ""))
+        continues = message.id != 0 and (message.id, message.chunk_seq) == (ident, number + 1)
+        text = (before if continues else "") + plain_text(message.text)
+        if sender in self._newest or len(self._newest) < MOST_SENDERS:
+            self._newest[sender] = (message.id, message.chunk_seq, text)
+        return text, before if continues else None
+
+
 def plain_text(text: str | bytes) -> str:
     """A text that somebody else has made, up to its terminating zero, with nothing in it that a terminal would obey."""
     text = text.decode("ascii", "replace") if isinstance(text, bytes) else text
     return "".join(letter if letter.isprintable() else "?" for letter in text.partition("\0")[0])
-
-
-def _fit(text: str) -> bytes:
-    """A text as the 50 bytes that every receiver shows."""
-    return text.encode("ascii", "replace")[:LONGEST_TEXT]

@@ -7,7 +7,7 @@ from pymavlink.dialects.v20 import all as dialect
 from circnav_mav.mav.autopilots.interface import Autopilot
 from circnav_mav.mav.clocks import BOOT_WRAP, ClockSpeed, RemoteClock
 from circnav_mav.mav.codec import Message
-from circnav_mav.mav.statustext import plain_text
+from circnav_mav.mav.statustext import TextReader
 
 REBOOT_STEP = 1.0
 """Backward step of the vehicle's boot time, s, that proves a reboot."""
@@ -56,6 +56,7 @@ class VehicleState:
         are what every vehicle of a maker comes with. Its time tells; one that has reported none before need not."""
         self.clock_speed = ClockSpeed()
         self.texts: deque[str] = deque(maxlen=8)
+        self._text_reader = TextReader()
         self.firmware: str | None = None
 
     @property
@@ -166,7 +167,10 @@ class VehicleState:
         return step - silence > AHEAD + AHEAD_SHARE * silence
 
     def _on_text(self, message: Message, now: float) -> None:
-        self.texts.append(plain_text(message.text))
+        text, before = self._text_reader.read(message)
+        if before is not None and self.texts:
+            self.texts.pop()
+        self.texts.append(text)
 
     def _on_version(self, message: Message, now: float) -> None:
         version = message.flight_sw_version

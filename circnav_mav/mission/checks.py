@@ -11,6 +11,7 @@ from circnav_mav.mav.check_result import Check, Grade, graded
 from circnav_mav.mission.checks_ranging import check_ranging
 from circnav_mav.mission.mission import Mission
 from circnav_mav.mission.schema import SELDOM, Table
+from circnav_mav.radios.table import split_driver
 
 PASS, WARN, FAIL = Grade.PASS, Grade.WARN, Grade.FAIL
 WEAK = 0.1
@@ -197,7 +198,8 @@ def _signing(mission: Mission) -> Iterator[Check]:
 def _unsigned(mission: Mission) -> Iterator[Check]:
     """Who can pose as the vehicle where nobody signs."""
     link, ranging = mission.file.link, mission.file.ranging
-    heard = [one for one in (link.endpoint, ranging.endpoint) if one and one.startswith(("udp:", "udpin:"))]
+    ports = [split_driver(one)[1] for one in (link.endpoint, ranging.endpoint) if one]
+    heard = [one for one in ports if one.startswith(("udp:", "udpin:"))]
     if link.peer and not heard:
         yield Check(WARN, "peer", "link.peer has no effect: only udpin hears more than one address")
     elif link.peer:

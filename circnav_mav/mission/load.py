@@ -12,6 +12,7 @@ from circnav_mav.mav.autopilots.table import allowed, table_key
 from circnav_mav.mission.mission import SIM, Mission
 from circnav_mav.mission.problems import in_words
 from circnav_mav.mission.schema import MissionFile
+from circnav_mav.radios.table import split_driver
 
 
 class MissionError(Exception):
@@ -103,6 +104,8 @@ def _clashes(file: MissionFile) -> Iterator[str]:
         yield f'link.endpoint: is "{SIM}", which needs a [sim] table describing the vehicle'
     if ranging.endpoint == SIM and file.link.endpoint != SIM:
         yield f'ranging.endpoint: is "{SIM}" but the vehicle is not the bundled one: --set ranging.endpoint=URL'
+    if split_driver(ranging.endpoint or "")[0] and ranging.message != "ranging_beacon":
+        yield f'ranging.message: is "{ranging.message}", a driver gives "ranging_beacon": set that'
     if file.signing and file.signing.accept_unsigned == "ranging" and ranging.endpoint is None:
         yield 'signing.accept_unsigned: is "ranging", which needs a ranging.endpoint of its own'
     if ranging.rate_name is not None and ranging.message != "named_value_float":

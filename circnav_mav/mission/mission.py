@@ -19,6 +19,7 @@ from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.mav.session import LinkSettings
 from circnav_mav.mission.schema import MissionFile
 from circnav_mav.pilot import LINKS, RANGING, VEHICLE, OutputMode, PilotSettings, Timing
+from circnav_mav.radios.table import split_driver
 
 MOST_NOISE = 0.5
 """Standard deviation of a range, of the radius, above which it tells nothing about the circle."""
@@ -95,6 +96,11 @@ class Mission:
         return min(self.file.ranging.max_range_m or carried, carried)
 
     @property
+    def ranging_driver(self) -> str | None:
+        """The driver of the ranging radio, None where that speaks MAVLink."""
+        return split_driver(self.file.ranging.endpoint or "")[0]
+
+    @property
     def flies_sim(self) -> bool:
         """Whether the bundled vehicle is flown."""
         return self.file.link.endpoint == SIM
@@ -155,13 +161,16 @@ class Mission:
 
     def _unsigned_links(self) -> frozenset[str]:
         accepted = self.file.signing.accept_unsigned if self.file.signing else False
-        return frozenset((RANGING,) if accepted == "ranging" else LINKS if accepted else ())
+        if accepted == "ranging" or (self.ranging_driver and not accepted):  # a driver's frames are our own
+            return frozenset((RANGING,))
+        return frozenset(LINKS if accepted else ())
 
     def _ranging(self) -> RangingSettings:
         table = self.file.ranging
         return RangingSettings(
             message=table.message,
-            beacon_id=table.beacon_id,
+            # a driver's beacons are senders of their own: without an id the first heard counts
+            beacon_id=0 if table.beacon_id is None and not self.ranging_driver else table.beacon_id,
             sensor_id=table.sensor_id,
             orientation=table.orientation,
             name=table.name,

@@ -8,6 +8,7 @@ from pymavlink.dialects.v20 import all as dialect
 from circnav_mav.mav.autopilots.parameters import Context, check_parameters
 from circnav_mav.mav.check_result import Check, Grade
 from circnav_mav.mav.clocks import span_speed
+from circnav_mav.mav.identity import RADIO_NAME
 from circnav_mav.mission.mission import Mission
 from circnav_mav.mission.preflight_ranging import FULL_RATE, SPEED_OFF, judge_ranging
 from circnav_mav.pilot import VEHICLE
@@ -125,7 +126,9 @@ def _company(mission: Mission, seen: Observations) -> Iterator[Check]:
         advice = "" if mission.file.vehicle.system_id else "; name yours with vehicle.system_id"
         yield Check(WARN, "others", f"{strangers} heartbeats of another autopilot on the link{also}{advice}")
     for rival in seen.rivals:
-        yield Check(FAIL, "others", f"{rival}; name yours with link.peer, or sign")
+        of_driver = mission.ranging_driver is not None and rival.startswith(RADIO_NAME)
+        advice = "ranging.beacon_id" if of_driver else "link.peer, or sign"
+        yield Check(FAIL, "others", f"{rival}; name yours with {advice}")
     if not twins and not strangers and not seen.rivals:
         yield Check(PASS, "others", "no other autopilot and no twin of ours on the link")
 

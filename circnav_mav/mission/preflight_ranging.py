@@ -70,14 +70,16 @@ def _rejected(mission: Mission, seen: Observations, vehicle: VehicleSeen) -> Che
     """Messages of others do no harm where the mission names ours, or one is the autopilot's echo of the
     other."""
     table = mission.file.ranging
-    named = table.component_id is not None or table.system_id is not None
+    names = (table.component_id, table.system_id, table.beacon_id if mission.ranging_driver else None)
     counts = {reason: count for reason, count in seen.rejected.items() if reason not in OTHERS}
     words = describe_rejected(dict(sorted(seen.rejected.items())))
     share = sum(counts.values()) / max(sum(counts.values()) + len(seen.ranges), 1)
     autopilot = f"{vehicle.system}/{vehicle.component}"
     senders = {carrier.split()[0] for carrier in seen.carriers}
     echoed = vehicle.adapter.firmware.echoes_ranges and autopilot in senders and len(senders) == 2
-    if "wrong_source" in seen.rejected and not named and not (echoed and seen.ranges):
+    if "wrong_source" in seen.rejected and names == (None,) * 3 and not (echoed and seen.ranges):
+        if mission.ranging_driver:
+            return Check(WARN, "rejected", f"{words}: several beacons, name yours with ranging.beacon_id")
         return Check(WARN, "rejected", f"{words}: several senders, name yours with ranging.component_id")
     return Check(WARN if share > MOST_REJECTED else PASS, "rejected", words)
 
@@ -93,7 +95,7 @@ def _rates(mission: Mission, seen: Observations) -> Iterator[Check]:
         yield Check(FAIL, "range rate", f"{len(values)} NAMED_VALUE_FLOAT {name} of the ranges' sender and clock")
         return
     rate = len(values) / seen.seconds
-    noise = _spread([(b - (a + c) / 2) / sqrt(1.5) for (a, b), (_, c) in pairwise(pairwise(values))])
+    noise = spread_of([(b - (a + c) / 2) / sqrt(1.5) for (a, b), (_, c) in pairwise(pairwise(values))])
     enough, quiet = rate >= FULL_RATE * wanted, noise <= NOISE_NEAR * assumed * (1 + 1 / sqrt(len(values)))
     advice = "" if quiet else ": set ranging.rate_sigma_mps to it"
     yield Check(
@@ -109,21 +111,20 @@ def _noise(mission: Mission, ranges: Sequence[RangeHeard]) -> Iterator[Check]:
         words = f"all {len(ranges)} ranges are {ranges[0].r:.2f} m: a frozen radio, or one too coarse to show its noise"
         yield Check(WARN, "noise", f"{words}; move it and look again")
         return
-    residuals = _residuals(ranges)
-    noise, assumed = _spread(residuals), median(one.sigma for one in ranges)
+    residuals = residuals_of(ranges)
+    noise, assumed = spread_of(residuals), median(one.sigma for one in ranges)
     ratio = noise / assumed
     doubt = 1 + 1 / sqrt(len(residuals))
     grade = PASS if ratio <= NOISE_NEAR * doubt else WARN if ratio <= NOISE_FAR * doubt else FAIL
     advice = "" if grade is PASS else ": set ranging.sigma_m to it"
     yield Check(grade, "noise", f"{noise:.2f} m standard deviation, {assumed:.2f} m assumed{advice}")
     gate = mission.file.guidance.gate_sigma * assumed
-    outliers = sum(abs(residual) > gate for residual in residuals) / 3  # each shows in three second differences
-    share = outliers / len(residuals)
+    share = outliers_among(residuals, gate)
     grade = PASS if share <= MOST_OUTLIERS else WARN
     yield Check(grade, "outliers", f"about {100 * share:.0f} % of the ranges are off by more than {gate:.1f} m")
 
 
-def _spread(residuals: Sequence[float]) -> float:
+def spread_of(residuals: Sequence[float]) -> float:
     """Standard deviation of the bulk: from the median, again without what lies far beyond the first answer, and then
     the root mean square of what that leaves, which scatters less than a median (14 instead of 20 % at fifty ranges)."""
     sizes = list(map(abs, residuals))
@@ -133,7 +134,12 @@ def _spread(residuals: Sequence[float]) -> float:
     return sqrt(sum(size**2 for size in bulk) / len(bulk))
 
 
-def _residuals(ranges: Sequence[RangeHeard]) -> list[float]:
+def outliers_among(residuals: Sequence[float], gate: float) -> float:
+    """Share of the ranges that are off by more than the gate; each shows in three second differences."""
+    return sum(abs(residual) > gate for residual in residuals) / 3 / len(residuals)
+
+
+def residuals_of(ranges: Sequence[RangeHeard]) -> list[float]:
     """Each range against the line through its neighbours, scaled to the noise of one: blind to a steady motion, and
     nearly so to a turn (a second difference of 1 m/s^2 at 10 Hz is 4 mm)."""
     out = []

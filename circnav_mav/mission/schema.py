@@ -108,7 +108,7 @@ class RangingTable(Table):
     rate_hz: Positive
     sigma_m: Positive
     endpoint: Name | None = None
-    beacon_id: Annotated[int, Field(ge=0, le=65535)] = 0
+    beacon_id: Annotated[int, Field(ge=0, le=65535)] | None = None
     sensor_id: Annotated[int, Field(ge=0, le=255)] | None = None
     orientation: Annotated[int, Field(ge=0, le=100)] | None = None
     name: Annotated[str, Field(min_length=1, max_length=10)] = "RANGE"  # 10: of NAMED_VALUE_FLOAT

@@ -23,7 +23,7 @@ from circnav_mav.mav.ranging.range_rate import RangeRateReader
 from circnav_mav.mav.ranging.reader import RangeReader
 from circnav_mav.mav.session import describe_vehicle
 from circnav_mav.mav.signing import Signing
-from circnav_mav.mav.statustext import plain_text
+from circnav_mav.mav.statustext import TextReader, plain_text
 from circnav_mav.pilot.connection import Connection
 from circnav_mav.pilot.settings import VEHICLE, PilotSettings
 
@@ -138,6 +138,7 @@ class Survey:
         self._ranges: list[RangeHeard] = []
         self._carriers: Counter[str] = Counter()
         self._texts: dict[str, None] = {}
+        self._text_reader = TextReader()
 
     @property
     def next_tick(self) -> float:
@@ -257,8 +258,10 @@ class Survey:
             self._kind = describe_vehicle(message)
         elif type_ == "VFR_HUD":
             self._airspeed = message.airspeed
-        elif type_ == "STATUSTEXT" and session.texts:
-            self._texts[session.texts[-1]] = None
+        elif type_ == "STATUSTEXT":
+            text, before = self._text_reader.read(message)
+            self._texts.pop(before or "", None)
+            self._texts[text] = None
         elif type_ == "PARAM_VALUE" and self._reader is not None:
             self._reader.receive(message)
         if self._settled(now):

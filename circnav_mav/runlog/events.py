@@ -1,13 +1,13 @@
 """What happened in a run, in words: changes of phase, mode and law, rejected ranges, texts on the link."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from circnav_mav.mav.codec import Decoder
-from circnav_mav.mav.statustext import plain_text
+from circnav_mav.mav.statustext import TextReader, plain_text
 from circnav_mav.runlog.run_folder import Run
 from circnav_mav.runlog.ticks import Ticks
 from circnav_mav.runlog.tlog import message_id, read_tlog
@@ -48,8 +48,10 @@ def _changes(ticks: Ticks) -> Iterator[Event]:
             yield Event(float(ticks.time[at]), "rejected", f"ranges rejected: {steps[at]:.0f}")
 
 
-def _texts(path: Path, epoch_us: int) -> Iterator[Event]:
-    decoder = Decoder()
+def _texts(path: Path, epoch_us: int) -> list[Event]:
+    decoder, reader = Decoder(), TextReader()
+    found: list[Event] = []
+    newest: dict[int, int] = {}
     for stamp, frame in read_tlog(path):
         if message_id(frame) != STATUSTEXT:
             continue
@@ -57,4 +59,11 @@ def _texts(path: Path, epoch_us: int) -> Iterator[Event]:
             if message.get_msgId() != STATUSTEXT:
                 continue  # a damaged frame with a whole one inside
             who = "circnav says" if message.get_srcComponent() in OUR_COMPONENTS else "vehicle says"
-            yield Event((stamp - epoch_us) / 1e6, who, plain_text(message.text), message.severity <= SEVERE)
+            text, before = reader.read(message)
+            sender = message.get_srcSystem() << 8 | message.get_srcComponent()
+            if before is None:
+                newest[sender] = len(found)
+                found.append(Event((stamp - epoch_us) / 1e6, who, text, message.severity <= SEVERE))
+            else:
+                found[newest[sender]] = replace(found[newest[sender]], text=text)
+    return found

@@ -1,10 +1,10 @@
-"""A run as one MCAP file with JSON messages, for Foxglove and PlotJuggler: /ticks, /truth and /events.
+"""A run as one MCAP file for Foxglove and PlotJuggler: our ticks and truth as JSON, and Foxglove's own messages.
 
-Needs the package `mcap` (extra [mcap]). Times are the wall clock's of the flight. A value that is not known is left out
-of its message.
+Needs the extra [mcap]. Times are the wall clock's of the flight. A value that is not known is left out of its message.
 """
 
 import json
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -12,50 +12,44 @@ from typing import Any
 import numpy as np
 
 from circnav_mav.runlog.atomic_write import atomic_write
-from circnav_mav.runlog.events import Event, events
 from circnav_mav.runlog.run_folder import Run
 from circnav_mav.runlog.ticks import Ticks, Truth
 
 Row = tuple[float, dict[str, Any]]
 TRUTH_COLUMNS = ("time", "north", "east", "target_north", "target_east", "radius", "turn_rate")
-LOG_SCHEMA = {
-    "type": "object",
-    "properties": {
-        "timestamp": {"type": "object", "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}}},
-        "level": {"type": "integer"},
-        "name": {"type": "string"},
-        "message": {"type": "string"},
-        "file": {"type": "string"},
-        "line": {"type": "integer"},
-    },
-}
-"""foxglove.Log: the log panel shows it."""
-LOG_INFO, LOG_WARNING = 2, 3
 
 
 def export_mcap(run: Run, path: Path) -> dict[str, int]:
-    """Write the file, whole or not at all; returns the messages per topic. Raises ImportError without mcap, RunError,
-    OSError."""
+    """Write the file, whole or not at all; returns the messages per topic. Raises ImportError without the extra,
+    RunError, OSError."""
     from mcap.writer import Writer
+    from mcap_protobuf.schema import register_schema
 
-    topics: list[tuple[str, str, dict[str, Any], Iterator[Row]]] = [
-        ("/ticks", "circnav.Tick", _schema(run.ticks.numbers, run.ticks.words), _tick_rows(run.ticks)),
-        ("/events", "foxglove.Log", LOG_SCHEMA, _event_rows(events(run), run.epoch_us)),
-    ]
+    from circnav_mav.runlog.foxglove import foxglove_messages, stamp_ns
+
+    tables = [("/ticks", "circnav.Tick", _schema(run.ticks.numbers, run.ticks.words), _tick_rows(run.ticks))]
     if run.truth is not None:
-        topics.append(("/truth", "circnav.Truth", _schema(TRUTH_COLUMNS, ()), _truth_rows(run.truth)))
-    counts = {}
+        tables.append(("/truth", "circnav.Truth", _schema(TRUTH_COLUMNS, ()), _truth_rows(run.truth)))
+    counts: Counter[str] = Counter()
     with atomic_write(path.resolve()) as fresh, fresh.open("wb") as file:
         writer = Writer(file)
         writer.start(profile="", library=f"circnav {run.manifest.get('versions', {}).get('circnav', '')}".strip())
-        for topic, name, schema, rows in topics:
+
+        def add(channel: int, topic: str, time: float, data: bytes) -> None:
+            moment = stamp_ns(run, time)
+            writer.add_message(channel, moment, data, moment)
+            counts[topic] += 1
+
+        for topic, name, schema, rows in tables:
             schema_id = writer.register_schema(name, "jsonschema", json.dumps(schema).encode())
             channel = writer.register_channel(topic, "json", schema_id)
-            counts[topic] = 0
             for time, row in rows:
-                moment = run.epoch_us * 1000 + round(time * 1e6) * 1000
-                writer.add_message(channel, moment, json.dumps(row).encode(), moment)
-                counts[topic] += 1
+                add(channel, topic, time, json.dumps(row).encode())
+        channels: dict[str, int] = {}
+        for topic, time, message in foxglove_messages(run):
+            if topic not in channels:
+                channels[topic] = writer.register_channel(topic, "protobuf", register_schema(writer, type(message)))
+            add(channels[topic], topic, time, message.SerializeToString())
         writer.add_metadata("manifest", {key: json.dumps(value) for key, value in run.manifest.items()})
         writer.add_attachment(
             create_time=run.epoch_us * 1000, log_time=run.epoch_us * 1000, name="mission.toml",
@@ -83,19 +77,3 @@ def _truth_rows(truth: Truth) -> Iterator[Row]:
     table = np.column_stack([getattr(truth, name) for name in TRUTH_COLUMNS])
     for values in table.tolist():
         yield values[0], dict(zip(TRUTH_COLUMNS, values, strict=True))
-
-
-def _event_rows(happened: list[Event], epoch_us: int) -> Iterator[Row]:
-    for event in happened:
-        stamp = epoch_us + round(event.time * 1e6)
-        yield (
-            event.time,
-            {
-                "timestamp": {"sec": stamp // 1_000_000, "nsec": stamp % 1_000_000 * 1000},
-                "level": LOG_WARNING if event.kind == "rejected" else LOG_INFO,
-                "name": event.kind,
-                "message": event.text,
-                "file": "",
-                "line": 0,
-            },
-        )

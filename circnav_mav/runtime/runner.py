@@ -77,7 +77,7 @@ def run(
     newest: TickRecord | None = None
     now, loaded = 0.0, False
     while not pilot.done:
-        _wait(links, stop, min(clock.until(pilot.next_tick), clock.longest_wait))
+        wait(links, stop, min(clock.until(pilot.next_tick), clock.longest_wait))
         clock.advance(pilot.next_tick)
         if signing_time is not None:
             signing_time.turn()
@@ -132,7 +132,7 @@ def listen(
 ) -> None:
     """Listen until the survey is done or a signal has come."""
     while not survey.done and stop.signal_name is None:
-        _wait(links, stop, min(clock.until(survey.next_tick), clock.longest_wait))
+        wait(links, stop, min(clock.until(survey.next_tick), clock.longest_wait))
         clock.advance(survey.next_tick)
         now = clock.now()
         if signing_time is not None:
@@ -153,7 +153,7 @@ def _send(speaker: Pilot | Survey, out: bytes, links: Mapping[str, Link], now: f
     return hello
 
 
-def _wait(links: Mapping[str, Link], stop: StopRequest, seconds: float) -> None:
+def wait(links: Mapping[str, Link], stop: StopRequest, seconds: float) -> None:
     """Wait for bytes, a signal or the time, whichever comes first."""
     watched = [fd for link in links.values() if (fd := link.fileno()) is not None]
     if stop.signal_name is None:

@@ -28,7 +28,7 @@ from .contract import (
 from .copter_targets import GoTo, Poison, Stop, read_attitude_target, read_local_target
 
 GUIDED, RTL, LAND, GUIDED_NOGPS, SMART_RTL = 4, 6, 9, 20, 21
-LOCAL_TARGET, ATTITUDE_TARGET, TAKEOFF = 84, 82, 22
+LOCAL_TARGET, ATTITUDE_TARGET, TAKEOFF, DO_CHANGE_SPEED = 84, 82, 22, 178
 LEG_US = 100_000
 FALL = Brake(deceleration=1.0, down=10.0)  # on the ground: nothing
 LEVEL = Tilt(0.0, 0.0)
@@ -57,6 +57,7 @@ class ArduCopter(ArduPilot):
         self._airframe: CopterAirframe = copter_airframe(vehicle)
         self._target: Target | None = None
         self._climbing_to: float | None = None
+        self._leg_speeds = legs.Speeds(self.params)
         self._since = self._leg_at = 0
         self._demand: Demand = self._idle() if self.armed else FALL
         if self.mode == GUIDED and config.start.speed_mps:
@@ -91,14 +92,14 @@ class ArduCopter(ArduPilot):
 
     def _leg(self, body: Body) -> Demand:
         if self.mode == GUIDED and self._climbing_to is not None:
-            demand = legs.climb_out(body, self._climbing_to, self.params)
+            demand = legs.climb_out(body, self._climbing_to, self._leg_speeds)
             if demand is None:
                 self._climbing_to = None
             return demand or Brake()
         if isinstance(self._target, GoTo):
-            return legs.to_point(body, self._target, self.params)
+            return legs.to_point(body, self._target, self._leg_speeds)
         landing = self.mode == LAND or not self.position
-        demand = (legs.descent if landing else legs.way_home)(body, self.params)
+        demand = (legs.descent if landing else legs.way_home)(body, self._leg_speeds)
         if demand is None:
             self.disarm()
         return demand or Brake()
@@ -136,11 +137,25 @@ class ArduCopter(ArduPilot):
             self._rest(self._idle())
             return False
         self._target, self._since, self._leg_at = target, now, now
-        self._demand = legs.to_point(body, target, self.params) if isinstance(target, GoTo) else target
+        self._demand = legs.to_point(body, target, self._leg_speeds) if isinstance(target, GoTo) else target
         return True
 
+    def go_to(self, north: float, east: float, down: float, now: int, body: Body) -> None:
+        self._take(GoTo(north, east, down), now, body)
+
     def own_command(self, command: Command, now: int, body: Body) -> int:
+        if command.number == DO_CHANGE_SPEED:
+            return self._change_speed(command)
         return self._take_off(command, now, body) if command.number == TAKEOFF else UNSUPPORTED
+
+    def _change_speed(self, command: Command) -> int:
+        """Of the legs that it flies by itself, until it is asked for another."""
+        kind, speed = command.params[:2]
+        names = {0: "WPNAV_SPEED", 1: "WPNAV_SPEED", 2: "WPNAV_SPEED_UP", 3: "WPNAV_SPEED_DN"}
+        if kind not in names or not 0 < speed < 100:
+            return FAILED
+        self._leg_speeds[names[int(kind)]] = speed * 100
+        return ACCEPTED
 
     def _take_off(self, command: Command, now: int, body: Body) -> int:
         if self.mode != GUIDED or not self.armed or self.flying(body) or not command.z > 0:

@@ -9,6 +9,7 @@ from ..body import Body
 from ..config import VehicleConfig
 from ..params import Parameters
 from ..wire import Message
+from ..world import HOME_AMSL_M, from_degrees
 from .contract import (
     ACCEPTED,
     CRITICAL,
@@ -27,7 +28,8 @@ from .contract import (
 )
 
 CUSTOM_MODE_ENABLED, STABILIZED = 1, 16
-DO_SET_MODE, ARM_DISARM = 176, 400
+DO_SET_MODE, ARM_DISARM, DO_REPOSITION = 176, 400, 192
+SEA_LEVEL, ABOVE_HOME = (0, 5), (3, 6)  # MAV_FRAMEs of a height
 HEARTBEAT, SET_MODE, SET_ORIGIN = 0, 11, 48
 
 # REQUEST_DATA_STREAM groups (GCS_Mavlink.cpp of the vehicles).
@@ -79,6 +81,10 @@ class ArduPilot(Autopilot):
     def estimator_lost(self, now: int) -> None:
         """A plane's never is: its estimator goes on by its airspeed."""
 
+    @abstractmethod
+    def go_to(self, north: float, east: float, down: float, now: int, body: Body) -> None:
+        """In GUIDED, fly to a place and stay there."""
+
     def own_command(self, command: Command, now: int, body: Body) -> int:
         return UNSUPPORTED
 
@@ -113,8 +119,27 @@ class ArduPilot(Autopilot):
             return (self.change_mode(int(custom) if abs(custom) < 2**31 else -1, now),)
         if command.number == ARM_DISARM:
             return (self._arm(command.params[0], command.params[1] == FORCE, body),)
+        if command.number == DO_REPOSITION:
+            return (self._reposition(command, now, body),)
         mode = self.MODE_COMMANDS.get(command.number)
         return (self.own_command(command, now, body) if mode is None else self.change_mode(mode, now),)
+
+    def _reposition(self, command: Command, now: int, body: Body) -> int:
+        """As handle_command_int_do_reposition: in GUIDED, or with the flag that enters it. A real one takes it on the
+        ground, too, and stays there; here that is refused."""
+        guided, flags = self.identity.modes["GUIDED"], command.params[1]
+        changes_mode = 0 <= flags < 2**31 and int(flags) & 1
+        if self.mode != guided and not changes_mode:
+            return DENIED
+        place = abs(command.x) <= 90 and abs(command.y) <= 180 and abs(command.z) < 10_000
+        if not place or command.frame not in SEA_LEVEL + ABOVE_HOME:
+            return DENIED
+        standing = not self.armed or self.system_status(body) == STATUS_STANDBY
+        if standing or self.change_mode(guided, now) != ACCEPTED:
+            return FAILED
+        height = command.z - (HOME_AMSL_M if command.frame in SEA_LEVEL else 0.0)
+        self.go_to(*from_degrees(command.x, command.y), -height, now, body)
+        return ACCEPTED
 
     def _arm(self, wish: float, force: bool, body: Body) -> int:
         if wish == 1:

@@ -111,6 +111,11 @@ class ArduPlane(ArduPilot):
         self._here = body
         return super().command(command, now, body)
 
+    def go_to(self, north: float, east: float, down: float, now: int, body: Body) -> None:
+        self._forced = self._heading = None
+        self._loiter = Loiter(north, east, self.params["WP_LOITER_RAD"])
+        self._height = down
+
     def own_command(self, command: Command, now: int, body: Body) -> int:
         if command.number in (DO_CHANGE_ALTITUDE, CHANGE_ALTITUDE):
             return self._change_altitude(command)

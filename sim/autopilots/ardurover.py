@@ -20,7 +20,7 @@ THROTTLE_BIT, YAW_RATE_BIT = 0x40, 0x04
 TIMEOUT_US, THINK_US = 3_000_000, 100_000
 TURN_LAG, SPEED_LAG, TURN_GAIN = 0.12, 0.4, 0.985
 TIGHTEST = 0.9  # m: an Ackermann rover does not turn on the spot
-HOMING = 0.8
+HOMING, NEARNESS, AT_PLACE = 0.8, 0.4, 2.0  # 1/s, 1/s: speed wanted per metre left, m
 
 
 class ArduRover(ArduPilot):
@@ -44,6 +44,7 @@ class ArduRover(ArduPilot):
             limit, vehicle.turn_lag_s if ideal else TURN_LAG, vehicle.speed_lag_s if ideal else SPEED_LAG
         )
         self._target: BodyVelocity | None = None
+        self._goal: tuple[float, float] | None = None  # north, east
         self._homing: BodyVelocity | None = None
         self._since = self._think_at = 0
         if self.mode == GUIDED and config.start.speed_mps:
@@ -52,7 +53,7 @@ class ArduRover(ArduPilot):
     # -- what is flown ------------------------------------------------------------------------------------------------
 
     def fly(self, body: Body, dt: float, wind: tuple[float, float]) -> Body:
-        target = self._target if self.mode == GUIDED else self._homing
+        target = self._homing if self._goal is not None else self._target
         if not self.armed or target is None:
             return self._airframe.step(body, Brake(2.5), dt)._replace(roll=0.0)
         tightest = max(abs(body.forward_speed), 0.01) / TIGHTEST
@@ -63,7 +64,7 @@ class ArduRover(ArduPilot):
         own = NEVER
         if self.armed and self.mode == GUIDED and self._target is not None:
             own = self._since + TIMEOUT_US
-        elif self.armed and self.mode in (RTL, SMART_RTL):
+        elif self.armed and self._goal is not None:
             own = self._think_at
         return min(own, super().wake_us())
 
@@ -72,15 +73,17 @@ class ArduRover(ArduPilot):
         if self.mode == GUIDED and self._target is not None and now >= self._since + TIMEOUT_US:
             self._target = None
             self.say(WARNING, "target not received last 3secs, stopping")
-        if self.mode in (RTL, SMART_RTL):
+        if self._goal is not None:
             self._think_at = now + THINK_US
-            self._homing = self._way_home(body)
+            self._homing = self._way(body, *self._goal)
 
-    def _way_home(self, body: Body) -> BodyVelocity | None:
-        if math.hypot(body.north, body.east) < 2.0:
+    def _way(self, body: Body, north: float, east: float) -> BodyVelocity | None:
+        distance = math.hypot(body.north - north, body.east - east)
+        if distance < AT_PLACE:
             return None
-        error = math.remainder(math.atan2(-body.east, -body.north) - body.heading, math.tau)
-        return BodyVelocity(self.params["WP_SPEED"], yaw_rate=HOMING * error)
+        error = math.remainder(math.atan2(east - body.east, north - body.north) - body.heading, math.tau)
+        speed = min(self.params["WP_SPEED"], NEARNESS * distance)
+        return BodyVelocity(speed, yaw_rate=HOMING * error)
 
     # -- what is obeyed -----------------------------------------------------------------------------------------------
 
@@ -95,8 +98,11 @@ class ArduRover(ArduPilot):
             target = self._attitude_target(message, body)
         if target is None or not all(map(math.isfinite, target)):
             return False
-        self._target, self._since = target, now
+        self._target, self._since, self._goal = target, now, None
         return True
+
+    def go_to(self, north: float, east: float, down: float, now: int, body: Body) -> None:
+        self._target, self._goal, self._think_at = None, (north, east), now
 
     def _local_target(self, message: Message, body: Body) -> BodyVelocity | None:
         """Velocity and yaw rate; the frame is irrelevant. Other combinations are dropped without a word."""
@@ -126,13 +132,14 @@ class ArduRover(ArduPilot):
 
     def entered(self, mode: int, now: int) -> None:
         self._target = self._homing = None
+        self._goal = (0.0, 0.0) if mode in (RTL, SMART_RTL) else None
         self._think_at = now
 
     def flying(self, body: Body) -> bool:
         return False
 
     def disarmed(self) -> None:
-        self._target = self._homing = None
+        self._target = self._homing = self._goal = None
 
     def refuge(self) -> int:
         return HOLD

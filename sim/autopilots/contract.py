@@ -29,7 +29,8 @@ def message_ids(text: str) -> frozenset[int]:
 
 
 class Command(NamedTuple):
-    """COMMAND_LONG and COMMAND_INT alike; x and y in degrees, as the LONG carries them."""
+    """COMMAND_LONG and COMMAND_INT alike; x and y in degrees, as the LONG carries them. frame: of x, y and z; a LONG
+    has none, and ArduPilot takes its height as above home."""
 
     number: int
     params: tuple[float, float, float, float]
@@ -37,6 +38,7 @@ class Command(NamedTuple):
     y: float
     z: float
     sender: tuple[int, int]
+    frame: int
 
 
 @dataclass(frozen=True)

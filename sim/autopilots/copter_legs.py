@@ -11,20 +11,34 @@ NEARNESS = 0.5  # 1/s: speed wanted per metre left
 AT_HOME = 2.0  # m
 
 
-def to_point(body: Body, goal: GoTo, params: Parameters) -> Demand:
+class Speeds:
+    """The parameters, but for the speeds that DO_CHANGE_SPEED has set, cm/s."""
+
+    def __init__(self, params: Parameters) -> None:
+        self._params = params
+        self._asked: dict[str, float] = {}
+
+    def __getitem__(self, name: str) -> float:
+        return self._asked.get(name, self._params[name])
+
+    def __setitem__(self, name: str, speed: float) -> None:
+        self._asked[name] = speed
+
+
+def to_point(body: Body, goal: GoTo, params: Speeds) -> Demand:
     climbing = goal.down < body.down
     climb = params["WPNAV_SPEED_UP" if climbing else "WPNAV_SPEED_DN"] / 100
     return _toward(body, goal, params["WPNAV_SPEED"] / 100, climb)
 
 
-def climb_out(body: Body, down: float, params: Parameters) -> Demand | None:
+def climb_out(body: Body, down: float, params: Speeds) -> Demand | None:
     """Up to a height; None once there."""
     if body.down <= down + 0.1:
         return None
     return EarthVelocity(0.0, 0.0, max(-params["WPNAV_SPEED_UP"] / 100, NEARNESS * (down - body.down) - 0.2))
 
 
-def way_home(body: Body, params: Parameters) -> Demand | None:
+def way_home(body: Body, params: Speeds) -> Demand | None:
     """Up to RTL_ALT, home, down; None once landed."""
     if math.hypot(body.north, body.east) <= AT_HOME:
         return descent(body, params)
@@ -34,7 +48,7 @@ def way_home(body: Body, params: Parameters) -> Demand | None:
     return _toward(body, GoTo(0.0, 0.0, cruise), params["WPNAV_SPEED"] / 100, params["WPNAV_SPEED_UP"] / 100)
 
 
-def descent(body: Body, params: Parameters) -> Demand | None:
+def descent(body: Body, params: Speeds) -> Demand | None:
     """Straight down, slowly below 10 m; None once landed."""
     if body.down >= -0.01:
         return None

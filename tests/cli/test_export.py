@@ -1,12 +1,26 @@
 """`circnav export --mcap`, read back with mcap's own reader."""
 
+import importlib
 import json
+import math
+import shutil
+import struct
 
 import pytest
+from pymavlink.dialects.v20 import all as mavlink
 
 from tests.flight.recorded import EPOCH_US, recorded_flight
 
 reader = pytest.importorskip("mcap.reader")
+protobuf = pytest.importorskip("mcap_protobuf.decoder")
+pytest.importorskip("foxglove_schemas_protobuf")
+from google.protobuf.descriptor_pb2 import FileDescriptorSet  # noqa: E402
+
+OURS = {"/ticks", "/truth"}
+FOXGLOVE = {
+    "/estimate/pose": "PoseInFrame", "/truth/pose": "PoseInFrame", "/scene": "SceneUpdate", "/events": "Log",
+    "/tf": "FrameTransform", "/fix": "LocationFix",
+}  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -17,10 +31,11 @@ def flown(tmp_path_factory):
 
 
 def messages(path):
-    found = {}
+    found, proto = {}, protobuf.DecoderFactory()
     with path.open("rb") as file:
         for schema, channel, message in reader.make_reader(file).iter_messages():
-            found.setdefault(channel.topic, []).append((message.log_time, json.loads(message.data), schema))
+            decode = proto.decoder_for(channel.message_encoding, schema) or json.loads
+            found.setdefault(channel.topic, []).append((message.log_time, decode(message.data), schema))
     return found
 
 
@@ -28,7 +43,7 @@ def test_ticks_truth_and_events_come_back_at_the_times_of_the_flight(circnav, fl
     ran = circnav("export", flown, "--mcap", tmp_path / "x.mcap")
     assert (ran.code, ran.err) == (0, "")
     found = messages(tmp_path / "x.mcap")
-    assert set(found) == {"/ticks", "/truth", "/events"}
+    assert set(found) == OURS | set(FOXGLOVE) - {"/fix"}
     rows = (flown / "ticks.csv").read_text().splitlines()
     assert len(found["/ticks"]) == len(rows) - 1
     moment, tick, schema = found["/ticks"][-1]
@@ -46,7 +61,7 @@ def test_a_place_that_cannot_be_written_is_called_by_its_own_name(circnav, flown
 
 def test_the_events_are_a_log_that_tells_the_flight(circnav, flown):
     assert circnav("export", flown, "--mcap").code == 0
-    log = [(row["name"], row["message"]) for _, row, schema in messages(flown / "flight.mcap")["/events"]]
+    log = [(row.name, row.message) for _, row, schema in messages(flown / "flight.mcap")["/events"]]
     assert ("phase", "engaged") in log
     assert ("mode", "GUIDED") in log
     assert ("circnav says", "circnav: engaged, 100 m clockwise") in log
@@ -64,7 +79,67 @@ def test_a_run_without_truth_is_exported_without_it(circnav, tmp_path):
     flight = recorded_flight(tmp_path / "run", "quickstart", "limits.duration_s=3", "sim.truth.rate_hz=0").fly(8)
     flight.recorder.close()
     assert circnav("export", tmp_path / "run", "--mcap", tmp_path / "x.mcap").code == 0
-    assert "/truth" not in messages(tmp_path / "x.mcap")
+    found = messages(tmp_path / "x.mcap")
+    assert not {"/truth", "/truth/pose"} & set(found)
+    assert len(found["/tf"]) == 1
+
+
+def test_what_foxglove_shows_is_in_its_own_schemas_as_its_package_has_them(circnav, flown, tmp_path):
+    """Messages were decoded by the schema in the file; that schema is the package's, byte for byte."""
+    circnav("export", flown, "--mcap", tmp_path / "x.mcap")
+    for topic, said in messages(tmp_path / "x.mcap").items():
+        if topic in OURS:
+            continue
+        schema = said[0][2]
+        assert (schema.name, schema.encoding) == (f"foxglove.{FOXGLOVE[topic]}", "protobuf")
+        module = importlib.import_module(f"foxglove_schemas_protobuf.{FOXGLOVE[topic]}_pb2")
+        files = {file.name: file for file in FileDescriptorSet.FromString(schema.data).file}
+        theirs = module.DESCRIPTOR
+        assert files[theirs.name].SerializeToString() == theirs.serialized_pb
+        assert all(message.timestamp.ToNanoseconds() == at for at, message, _ in said if hasattr(message, "timestamp"))
+
+
+def test_the_scene_is_the_flight_seen_from_the_beacon_east_north_up(circnav, flown, tmp_path):
+    circnav("export", flown, "--mcap", tmp_path / "x.mcap")
+    found = messages(tmp_path / "x.mcap")
+    truth = [row for _, row, _ in found["/truth"]]
+    poses = [pose.pose for _, pose, _ in found["/truth/pose"]]
+    first, row = poses[0].position, truth[len(truth) - len(poses)]
+    assert (first.x, first.y) == pytest.approx((row["east"] - row["target_east"], row["north"] - row["target_north"]))
+    before, after = poses[-40], poses[-20]  # a copter's nose points where it flies, but for some degrees of lag
+    flies = math.atan2(after.position.y - before.position.y, after.position.x - before.position.x)
+    points = 2 * math.atan2(after.orientation.z, after.orientation.w)
+    assert abs(math.remainder(flies - points, math.tau)) < 0.5
+    entities = {one.id: one for _, update, _ in found["/scene"] for one in update.entities}
+    circle = entities["desired circle"].lines[0].points
+    assert {round(math.hypot(point.x, point.y), 6) for point in circle} == {100.0}
+    assert {"beacon", "track 0", "track 5", "estimated range"} <= set(entities)
+    assert {one.frame_id for one in entities.values()} == {"beacon"}
+
+
+def test_a_text_that_came_in_chunks_is_one_line_of_the_log(circnav, flown, tmp_path):
+    run = shutil.copytree(flown, tmp_path / "run")
+    vehicle, whole = mavlink.MAVLink(None, srcSystem=1, srcComponent=1), "EKF3 lane switch 1, " * 6
+    with (run / "flight.tlog").open("ab") as tlog:
+        for chunk in range(3):
+            text = whole[50 * chunk : 50 * chunk + 50].encode()
+            frame = mavlink.MAVLink_statustext_message(3, text, 7, chunk).pack(vehicle)
+            tlog.write(struct.pack(">Q", EPOCH_US + 19_000_000 + chunk * 1000) + frame)
+    assert circnav("export", run, "--mcap").code == 0
+    said = [row for _, row, _ in messages(run / "flight.mcap")["/events"] if row.name == "vehicle says"]
+    assert [(row.message, row.level) for row in said if "EKF3" in row.message] == [(whole, 4)]  # ERROR
+
+
+def test_a_position_that_the_vehicle_reports_is_a_fix_on_the_map(circnav, flown, tmp_path):
+    run = shutil.copytree(flown, tmp_path / "run")
+    vehicle = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+    said = mavlink.MAVLink_global_position_int_message(1000, 473977420, 85455940, 488000, 0, 0, 0, 0, 0)
+    with (run / "flight.tlog").open("ab") as tlog:
+        tlog.write(struct.pack(">Q", EPOCH_US + 19_000_000) + said.pack(vehicle))
+    assert circnav("export", run, "--mcap").code == 0
+    ((at, fix, _),) = messages(run / "flight.mcap")["/fix"]
+    assert (fix.latitude, fix.longitude, fix.altitude) == pytest.approx((47.3977420, 8.5455940, 488.0))
+    assert at == (EPOCH_US + 19_000_000) * 1000
 
 
 def test_what_cannot_be_exported_is_one_line(circnav, flown, tmp_path):

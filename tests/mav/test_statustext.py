@@ -1,8 +1,9 @@
 """What ground stations are told, and how often."""
 
 import pytest
+from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.mav.statustext import Announcer, plain_text
+from circnav_mav.mav.statustext import Announcer, TextReader, plain_text
 
 
 @pytest.fixture
@@ -41,14 +42,47 @@ def test_a_flood_of_texts_is_one_every_two_seconds(announcer):
     assert sent == 10
 
 
-@pytest.mark.parametrize("text", ["x" * 200, "é" * 200, "Zürich → Genève " * 20, "x" * 41])
-def test_a_text_fits_in_fifty_bytes(announcer, text):
+def on_the_wire(messages, system=1, component=191):
+    """As a receiver decodes them."""
+    sender, receiver = mavlink.MAVLink(None, system, component), mavlink.MAVLink(None)
+    return [receiver.decode(bytearray(message.pack(sender))) for message in messages]
+
+
+@pytest.mark.parametrize(
+    ("text", "chunks"),
+    [("x" * 41, [50]), ("x" * 42, [50, 1]), ("x" * 91, [50, 50, 0]), ("é" * 300, [50, 50, 50, 50, 0]),
+     ("Zürich → Genève " * 4, [50, 23])],
+)  # fmt: skip
+def test_a_text_of_more_than_fifty_bytes_is_told_in_chunks_whose_last_has_a_zero(announcer, text, chunks):
+    """STATUSTEXT of common.xml: one id, numbered from zero; "any null character in the text field is taken to mean this
+    was the last chunk"; id 0 is a text by itself."""
     announcer.say("end", text)
-    (message,) = announcer.texts(0.0)
-    raw = message.text if isinstance(message.text, bytes) else message.text.encode()
-    assert len(raw) == 50
-    assert raw.startswith(b"circnav: ")
-    raw.decode("ascii")
+    said = on_the_wire(announcer.texts(0.0))
+    assert [len(one.text) for one in said] == chunks
+    assert [one.chunk_seq for one in said] == list(range(len(chunks)))
+    assert {one.id for one in said} == ({0} if len(chunks) == 1 else {1})
+    whole = "".join(one.text for one in said)
+    assert whole == f"circnav: {text}".encode("ascii", "replace").decode()[:200]
+
+
+def test_two_long_texts_have_ids_of_their_own(announcer):
+    announcer.say("end", "x" * 60)
+    announcer.say("law", "y" * 60)
+    assert [(one.id, one.chunk_seq) for one in announcer.texts(0.0)] == [(1, 0), (1, 1), (2, 0), (2, 1)]
+
+
+def test_chunks_are_put_together_by_sender_and_a_lost_one_costs_the_rest():
+    announcer, reader = Announcer(), TextReader()
+    announcer.say("end", "a" * 41 + "b" * 50 + "c" * 9)
+    chunks = announcer.texts(0.0)
+    ours, theirs = on_the_wire(chunks), on_the_wire(chunks, component=192)
+    a, b, c = "circnav: " + "a" * 41, "b" * 50, "c" * 9
+    assert [reader.read(one) for pair in zip(ours, theirs, strict=True) for one in pair] == [
+        (a, None), (a, None), (a + b, a), (a + b, a), (a + b + c, a + b), (a + b + c, a + b)
+    ]  # fmt: skip
+    assert [reader.read(ours[0]), reader.read(ours[2])] == [(a, None), (c, None)]
+    short = on_the_wire([mavlink.MAVLink_statustext_message(6, b"short")] * 2)
+    assert [reader.read(one) for one in short] == [("short", None)] * 2
 
 
 def test_numbers_to_plot_come_at_four_hertz_with_their_names_and_our_clock(announcer):

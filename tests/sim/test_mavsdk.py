@@ -104,5 +104,10 @@ def test_ardupilot_is_seen_and_its_streams_come_when_asked(connect: Callable[[st
     telemetry.set_rate_position(5.0)
     until(lambda: telemetry.attitude_euler().yaw_deg == pytest.approx(0.0, abs=0.1))
     until(lambda: telemetry.position().relative_altitude_m == pytest.approx(50.0, abs=0.1))
+    here = telemetry.position()
+    action.set_current_speed(8.0)
+    action.goto_location(here.latitude_deg + 1e-4, here.longitude_deg, here.absolute_altitude_m, 0.0)  # 11 m
+    until(lambda: telemetry.flight_mode() == FlightMode.OFFBOARD)  # GUIDED
+    until(lambda: telemetry.position().latitude_deg == pytest.approx(here.latitude_deg + 1e-4, abs=1e-5))
     action.return_to_launch()
     until(lambda: telemetry.flight_mode() == FlightMode.RETURN_TO_LAUNCH)

@@ -51,7 +51,7 @@ RATE_SPREAD = 10.0
 """The same of a range rate, m/s."""
 NOSE = 0.1
 """What a measured range rate tells of the drift is so uncertain, in V, where accelerations are not felt: noise of
-heading and airspeed is a fifth of it, the rest keeps the filter consistent in gusts (NEES 2.4; with the fifth alone 10)."""
+heading and airspeed is a fifth of it, the rest keeps the filter consistent in gusts (NEES 2.4; with it alone 10)."""
 WEIGHT_MEMORY = 20.0
 """Time, s, after which the evidence for a hypothesis counts 1/e."""
 

@@ -61,7 +61,7 @@ class RangingSettings:
     """
 
     message: str = "distance_sensor"
-    beacon_id: int = 0
+    beacon_id: int | None = 0
     sensor_id: int | None = None
     orientation: int | None = None
     name: str = "RANGE"

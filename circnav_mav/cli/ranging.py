@@ -1,0 +1,100 @@
+"""`circnav ranging watch`: what a radio measures, by its driver alone."""
+
+from collections import deque
+from contextlib import closing
+from itertools import pairwise
+from math import inf, isfinite
+
+import click
+
+from circnav_mav.cli.exits import Exit, Refused
+from circnav_mav.mav.clocks import quick_span, span_speed
+from circnav_mav.mission.preflight_ranging import outliers_among, residuals_of, spread_of
+from circnav_mav.pilot.survey import RangeHeard
+from circnav_mav.radios.interface import RadioReading
+from circnav_mav.runtime.clock import Clock
+from circnav_mav.runtime.links import LinkError
+from circnav_mav.runtime.radio_link import RadioLink, open_radio
+from circnav_mav.runtime.runner import StopRequest, wait
+
+PERIOD, SPAN = 1.0, 10.0
+"""Time, s, between two lines, and which they are about."""
+MOST_HEARD, MOST_BEACONS = 20_000, 32
+FEW = 5
+"""Ranges from which on they tell of scatter and clock."""
+OUTLIER = 5.0
+"""Standard deviations from which on a range is an outlier: the mission's gate has the same default."""
+
+
+def watch_radio(endpoint: str, seconds: float | None) -> int:
+    """Print a line a second for each beacon until the time is over or a signal comes. Raises Refused."""
+    try:
+        link = open_radio(endpoint)
+    except LinkError as error:
+        raise Refused(str(error), Exit.NOTHING_HEARD if error.nobody else Exit.USAGE) from None
+    with closing(link):
+        heard = _listen(link, seconds or inf)
+        for words, count in link.troubles.items():
+            click.echo(f"  WARNING    {words}" + (f" ({count} times)" if count > 1 else ""))
+    return Exit.DONE if heard else Exit.NOTHING_HEARD
+
+
+def _listen(link: RadioLink, seconds: float) -> bool:
+    """Whether any range was heard."""
+    beacons: dict[int, deque[RangeHeard]] = {}
+    clock, stop = Clock(), StopRequest()
+    due, now = PERIOD, 0.0
+    while now < seconds and stop.signal_name is None:
+        wait({"radio": link}, stop, min(clock.until(due), clock.longest_wait))
+        readings = link.read(now)
+        now = clock.now()
+        for reading, _ in readings:
+            measured = isfinite(reading.range) and reading.range > 0
+            if measured and (reading.beacon in beacons or len(beacons) < MOST_BEACONS):
+                beacons.setdefault(reading.beacon, deque(maxlen=MOST_HEARD)).append(_heard(reading, now))
+        if now >= due:
+            due += PERIOD
+            for line in _lines(beacons, now):
+                click.echo(f"{now:6.1f} s  {line}")
+    return bool(beacons)
+
+
+def _heard(reading: RadioReading, now: float) -> RangeHeard:
+    stamp = now if reading.stamp is None else reading.stamp
+    return RangeHeard(stamp, stamp, now, reading.range, reading.sigma or 0.0)
+
+
+def _lines(beacons: dict[int, deque[RangeHeard]], now: float) -> list[str]:
+    if not beacons:
+        return ["no range yet"]
+    for ranges in beacons.values():
+        while len(ranges) > 1 and now - ranges[0].arrival > SPAN:
+            ranges.popleft()
+    return [_describe(beacon, list(ranges), now) for beacon, ranges in sorted(beacons.items())]
+
+
+def _describe(beacon: int, ranges: list[RangeHeard], now: float) -> str:
+    """Rate, newest, scatter, outliers, longest gap and clock."""
+    silent = now - ranges[-1].arrival
+    gap = max([silent, *(after.arrival - before.arrival for before, after in pairwise(ranges))])
+    words = [f"beacon {beacon:<5}", f"{len(ranges) / min(now, SPAN):5.1f} Hz", f"{ranges[-1].r:8.2f} m"]
+    if len(ranges) >= FEW:
+        residuals = residuals_of(ranges)
+        scatter = spread_of(residuals)
+        share = outliers_among(residuals, OUTLIER * scatter)
+        words += [f"scatter {scatter:.3f} m", f"outliers {100 * share:.0f} %"]
+    words.append(f"longest gap {gap:.2f} s")
+    if len(ranges) >= FEW:
+        words.append(_clock(ranges))
+    return "  ".join(words)
+
+
+def _clock(ranges: list[RangeHeard]) -> str:
+    """How fast the radio's clock runs, and how evenly its ranges come by it."""
+    if all(one.stamp == one.arrival for one in ranges):
+        return "no clock"
+    span = quick_span([(one.arrival, one.stamp) for one in ranges])
+    assert span is not None
+    delays = sorted(one.arrival - one.stamp for one in ranges)
+    jitter = delays[int(0.95 * (len(delays) - 1))] - delays[0]
+    return f"clock {span_speed(span):.4f} of ours, jitter {1000 * jitter:.0f} ms"

@@ -1,0 +1,81 @@
+"""Nooploop LinkTrack: node frames 2 and 3 and the AoA node frame 0 of its NLink protocol, little-endian.
+
+Source: the manufacturer's github.com/nooploop-dev/nlink_unpack. Choose one of these frames in NAssistant.
+"""
+
+import struct
+from typing import NamedTuple
+
+from circnav_mav.radios.interface import RadioReading
+
+HEADER = 0x55
+SHORTEST = 4
+"""Bytes that hold header, kind and length of a frame."""
+
+
+class _Layout(NamedTuple):
+    """fixed: bytes before the nodes, the last one their number. node: bytes of each. stamped: whether each node has the
+    network's time of its measurement, ms, at byte 7; else the frame has the radio's own time, ms, at byte 6."""
+
+    fixed: int
+    node: int
+    stamped: bool
+
+
+LAYOUTS = {0x04: _Layout(119, 13, True), 0x05: _Layout(21, 7, False), 0x07: _Layout(21, 11, False)}
+"""By the second byte of the frame: node frame 2, node frame 3, AoA node frame 0."""
+
+
+class LinkTrack:
+    """Ranges to all nodes in sight, each under the node's id."""
+
+    baud = 921600
+    line_end = b""
+
+    def __init__(self) -> None:
+        self.unread = 0
+        self._rest = b""
+
+    def receive(self, data: bytes, now: float) -> list[RadioReading]:
+        """The readings of the frames that these bytes complete."""
+        buffer, at, readings = self._rest + data, 0, []
+        while at < len(buffer):
+            size = _frame_size(buffer[at:])
+            if size is None:
+                break
+            frame = buffer[at : at + size]
+            if size and sum(frame[:-1]) % 256 == frame[-1]:
+                readings += _read(frame)
+                at += size
+            else:
+                self.unread += 1
+                at += 1
+        self._rest = buffer[at:]
+        return readings
+
+    def ask(self, now: float) -> bytes:
+        """Nothing: it speaks unasked."""
+        return b""
+
+
+def _frame_size(buffer: bytes) -> int | None:
+    """Bytes of the frame that begins here, 0 where none does, None where more bytes must tell."""
+    if buffer[0] != HEADER or (len(buffer) > 1 and buffer[1] not in LAYOUTS):
+        return 0
+    layout = LAYOUTS[buffer[1]] if len(buffer) >= SHORTEST else None
+    if layout is None or len(buffer) < layout.fixed:
+        return None
+    size = layout.fixed + layout.node * buffer[layout.fixed - 1] + 1
+    if size != int.from_bytes(buffer[2:4], "little"):
+        return 0
+    return size if len(buffer) >= size else None
+
+
+def _read(frame: bytes) -> list[RadioReading]:
+    """A node is role, id, range in mm (24 bits with sign), two signal strengths, and what its layout adds."""
+    layout, readings = LAYOUTS[frame[1]], []
+    for at in range(layout.fixed, len(frame) - 1, layout.node):
+        (stamp,) = struct.unpack_from("<I", frame, at + 7 if layout.stamped else 6)
+        millimetres = int.from_bytes(frame[at + 2 : at + 5], "little", signed=True)
+        readings.append(RadioReading(millimetres / 1000, beacon=frame[at + 1], stamp=stamp / 1000))
+    return readings

@@ -1,0 +1,207 @@
+"""A run in Foxglove's own messages: poses, scene, log and fixes for its 3D, log and map panels.
+
+Frame "beacon": x east, y north, z up, m, from the beacon, and moving with it. Needs the package
+`foxglove-schemas-protobuf` (extra [mcap]), whose message types these are.
+"""
+
+import tomllib
+from collections.abc import Iterator, Sequence
+from math import cos, isfinite, pi, sin
+from typing import Any
+
+import numpy as np
+from foxglove_schemas_protobuf.Color_pb2 import Color
+from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
+from foxglove_schemas_protobuf.LinePrimitive_pb2 import LinePrimitive
+from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.Point3_pb2 import Point3
+from foxglove_schemas_protobuf.Pose_pb2 import Pose
+from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
+from foxglove_schemas_protobuf.Quaternion_pb2 import Quaternion
+from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from foxglove_schemas_protobuf.SpherePrimitive_pb2 import SpherePrimitive
+from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
+from google.protobuf.timestamp_pb2 import Timestamp
+from pymavlink.dialects.v20 import all as dialect
+
+from circnav_mav.mav.codec import Decoder
+from circnav_mav.mav.frames import course_from_yaw
+from circnav_mav.runlog.events import events
+from circnav_mav.runlog.run_folder import Run
+from circnav_mav.runlog.ticks import Column
+from circnav_mav.runlog.tlog import message_id, read_tlog
+
+MAP, BEACON = "map", "beacon"
+POSITION = dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
+PIECE = 1.0
+"""Time, s, of a piece of the drawn track, and between two rings of the range."""
+CORNERS = 90
+BLUE, GREEN, GREY, ORANGE = (0.0, 0.45, 0.7, 1.0), (0.0, 0.62, 0.45, 1.0), (0.6, 0.6, 0.6, 0.6), (0.84, 0.37, 0.0, 1.0)
+"""Of Okabe and Ito's palette, which colour-blind people tell apart."""
+Said = tuple[str, float, Any]
+"""Topic, run time (s), message."""
+
+
+def stamp_ns(run: Run, time: float) -> int:
+    """A run time as nanoseconds since 1970."""
+    return run.epoch_us * 1000 + round(time * 1e6) * 1000
+
+
+def foxglove_messages(run: Run) -> Iterator[Said]:
+    """Everything, topic by topic. Raises RunError, OSError."""
+    times, places = _track(run)
+    yield from _poses(run, "/estimate/pose", run.ticks.time, *_estimated(run))
+    if run.truth is not None:
+        yield from _poses(run, "/truth/pose", times, places, _headings(run, times))
+    yield from _transforms(run)
+    yield from _scene(run, times, places)
+    yield from _log(run)
+    yield from _fixes(run)
+
+
+def _estimated(run: Run) -> tuple[Column, Column]:
+    """Where the vehicle is estimated to be at each tick (NaN where that is not known), and its heading."""
+    numbers = run.ticks.numbers
+    height = np.nan_to_num(numbers["height"])
+    return np.column_stack([numbers["x"], numbers["y"], height]), numbers["heading"]
+
+
+def _track(run: Run) -> tuple[Column, Column]:
+    """Times and places to draw: the truth where there is one, else the estimate."""
+    truth, ticks = run.truth, run.ticks
+    if truth is None:
+        return ticks.time, _estimated(run)[0]
+    height = np.interp(truth.time, ticks.time, np.nan_to_num(ticks.numbers["height"]))
+    return truth.time, np.column_stack([truth.east - truth.target_east, truth.north - truth.target_north, height])
+
+
+def _headings(run: Run, times: Column) -> Column:
+    """The heading of the newest tick at each time."""
+    at = np.searchsorted(run.ticks.time, times, side="right") - 1
+    return run.ticks.numbers["heading"][np.maximum(at, 0)]
+
+
+def _poses(run: Run, topic: str, times: Column, places: Column, headings: Column) -> Iterator[Said]:
+    for time, place, heading in zip(times.tolist(), places.tolist(), headings.tolist(), strict=True):
+        if isfinite(sum(place)) and isfinite(heading):
+            turn = course_from_yaw(heading)
+            pose = Pose(position=Vector3(**_xyz(place)), orientation=Quaternion(z=sin(turn / 2), w=cos(turn / 2)))
+            yield topic, time, PoseInFrame(timestamp=_stamp(run, time), frame_id=BEACON, pose=pose)
+
+
+def _transforms(run: Run) -> Iterator[Said]:
+    """Where the beacon is: at the origin of the map, or where the truth tells, once a piece."""
+    truth = run.truth
+    if truth is None:
+        rows = [(float(run.ticks.time[0]), [0.0, 0.0, 0.0])]
+    else:
+        rows = [
+            (float(truth.time[at]), [float(truth.target_east[at]), float(truth.target_north[at]), 0.0])
+            for at in _every_piece(truth.time)
+        ]
+    for time, place in rows:
+        yield "/tf", time, FrameTransform(
+            timestamp=_stamp(run, time), parent_frame_id=MAP, child_frame_id=BEACON,
+            translation=Vector3(**_xyz(place)), rotation=Quaternion(w=1.0),
+        )  # fmt: skip
+
+
+def _scene(run: Run, times: Column, places: Column) -> Iterator[Said]:
+    """Beacon and desired circle once; then, piece by piece, the track so far and the range as a ring."""
+    ticks, begins = run.ticks, float(run.ticks.time[0])
+    radius, height = _desired_radius(run), np.nan_to_num(ticks.numbers["height"])
+    entities = [
+        SceneEntity(
+            id="beacon",
+            spheres=[SpherePrimitive(pose=_here(), size=Vector3(x=5.0, y=5.0, z=5.0), color=_color(ORANGE))],
+        )
+    ]
+    if radius is not None:
+        above = float(np.median(height))
+        entities.append(SceneEntity(id="desired circle", lines=[_ring(radius, above, GREEN)]))
+    yield _update(run, begins, entities)
+    at = _every_piece(times)
+    for number, (first, last) in enumerate(zip(at, [*at[1:], len(times) - 1], strict=True)):
+        piece = [place for place in places[first : last + 1].tolist() if isfinite(sum(place))]
+        if len(piece) > 1:
+            yield _update(run, float(times[last]), [SceneEntity(id=f"track {number}", lines=[_line(piece, BLUE)])])
+    for tick in _every_piece(ticks.time):
+        if isfinite(r := float(ticks.numbers["r"][tick])):
+            ring = SceneEntity(id="estimated range", lines=[_ring(r, float(height[tick]), GREY)])
+            yield _update(run, float(ticks.time[tick]), [ring])
+
+
+def _desired_radius(run: Run) -> float | None:
+    """As the mission has it; a run that did not live to write its summary has one, too."""
+    try:
+        return float(tomllib.loads(run.mission_text)["orbit"]["radius_m"])
+    except (ValueError, KeyError, TypeError):
+        return None
+
+
+def _log(run: Run) -> Iterator[Said]:
+    for event in events(run):
+        level = Log.ERROR if event.severe else Log.WARNING if event.kind == "rejected" else Log.INFO
+        stamp = _stamp(run, event.time)
+        yield "/events", event.time, Log(timestamp=stamp, level=level, name=event.kind, message=event.text)
+
+
+def _fixes(run: Run) -> Iterator[Said]:
+    """The vehicle's position where it reports one (GLOBAL_POSITION_INT), for the map; it never steers."""
+    decoder, system = Decoder(wanted={POSITION}), (run.manifest.get("autopilot") or {}).get("system")
+    for stamp, frame in read_tlog(run.folder / "flight.tlog"):
+        if message_id(frame) != POSITION:
+            continue
+        for message in decoder.decode(frame):
+            time = (stamp - run.epoch_us) / 1e6
+            if message.get_srcSystem() == (system or message.get_srcSystem()) and (message.lat or message.lon):
+                yield "/fix", time, LocationFix(
+                    timestamp=_stamp(run, time), frame_id="vehicle", latitude=message.lat / 1e7,
+                    longitude=message.lon / 1e7, altitude=message.alt / 1000,
+                )  # fmt: skip
+
+
+def _every_piece(times: Column) -> list[int]:
+    """The index of the first of each piece."""
+    _, first = np.unique(np.floor(times / PIECE), return_index=True)
+    return [int(at) for at in first]
+
+
+def _update(run: Run, time: float, entities: Sequence[SceneEntity]) -> Said:
+    for entity in entities:
+        entity.timestamp.CopyFrom(_stamp(run, time))
+        entity.frame_id = BEACON
+    return "/scene", time, SceneUpdate(entities=entities)
+
+
+def _ring(radius: float, height: float, color: Sequence[float]) -> LinePrimitive:
+    turns = (2 * pi * corner / CORNERS for corner in range(CORNERS + 1))
+    return _line([(radius * cos(turn), radius * sin(turn), height) for turn in turns], color)
+
+
+def _line(places: Sequence[Sequence[float]], color: Sequence[float]) -> LinePrimitive:
+    """A line of 2 pixels through places."""
+    return LinePrimitive(
+        type=LinePrimitive.LINE_STRIP, pose=_here(), thickness=2.0, scale_invariant=True,
+        points=[Point3(**_xyz(place)) for place in places], color=_color(color),
+    )  # fmt: skip
+
+
+def _here() -> Pose:
+    return Pose(position=Vector3(), orientation=Quaternion(w=1.0))
+
+
+def _color(rgba: Sequence[float]) -> Color:
+    return Color(**dict(zip("rgba", rgba, strict=True)))
+
+
+def _xyz(place: Sequence[float]) -> dict[str, float]:
+    return dict(zip("xyz", place, strict=True))
+
+
+def _stamp(run: Run, time: float) -> Timestamp:
+    stamp = Timestamp()
+    stamp.FromNanoseconds(stamp_ns(run, time))
+    return stamp

@@ -1,0 +1,123 @@
+"""A ranging radio behind its driver, as a link that hears RANGING_BEACON: its readings take the one way that ranges
+have, through the same checks, into the same log and replay."""
+
+from collections import Counter
+from collections.abc import Hashable, Iterable
+from math import isfinite, nan
+
+from pymavlink.dialects.v20 import all as dialect
+
+from circnav_mav.mav.codec import Encoder
+from circnav_mav.mav.identity import spelt
+from circnav_mav.radios.interface import Driver, RadioReading
+from circnav_mav.radios.table import DriverError, make_driver, split_driver
+from circnav_mav.runtime.endpoint import LinkError
+from circnav_mav.runtime.links import Link, open_link, parse_endpoint
+
+SYSTEM, COMPONENT = 1, dialect.MAV_COMP_ID_ONBOARD_COMPUTER2
+"""The ids under which a driver's readings are logged: those of a radio on the companion in docs/own-vehicle.md."""
+UNKNOWN, NO_PLACE = 0xFFFFFFFF, 0x7FFFFFFF
+LONGEST_STAMP = 1e12
+"""Seconds: what is beyond is no time."""
+WATCHED, MANY = 2.0, 64
+"""Time, s, without a reading and bytes not understood in it, from which on that is said."""
+
+
+class RadioLink:
+    """The readings of a driver as frames, each from a source of its beacon's."""
+
+    def __init__(self, name: str, driver: Driver, link: Link, *, datagrams: bool) -> None:
+        """datagrams: whether what comes in ends with each datagram; else it is a stream."""
+        self.troubles: Counter[str] = link.troubles
+        self._name = name
+        self._driver = driver
+        self._link = link
+        self._line_end = driver.line_end if datagrams else b""
+        self._encoder = Encoder(SYSTEM, COMPONENT)
+        self._sequence = 0
+        self._since: float | None = None
+        self._unread = 0
+        if self._line_end:
+            driver.receive(self._line_end, 0.0)  # the first datagram begins a line
+
+    def fileno(self) -> int | None:
+        """File descriptor to wait on, None while there is none."""
+        return self._link.fileno()
+
+    def receive(self, now: float) -> list[tuple[bytes, Hashable]]:
+        """A frame of each new reading."""
+        heard = self.read(now)
+        return [(self._frame(reading), f"{spelt(source)} beacon {reading.beacon}") for reading, source in heard]
+
+    def read(self, now: float) -> list[tuple[RadioReading, Hashable]]:
+        """The new readings and where they came from. A driver that fails is a trouble, and loses these bytes."""
+        readings: list[tuple[RadioReading, Hashable]] = []
+        try:
+            if words := self._driver.ask(now):
+                self._link.send(words, None)
+            for data, source in self._link.receive(now):
+                whole = data if data.endswith(self._line_end) else data + self._line_end
+                readings += [(reading, source) for reading in self._driver.receive(whole, now)]
+        except Exception as error:
+            self.troubles[f"driver {self._name} failed: {error!r}"] += 1
+        self._watch(bool(readings), now)
+        return readings
+
+    def send(self, data: bytes, to: Hashable) -> None:
+        """Nothing: a radio behind a driver does not speak MAVLink."""
+
+    def close(self) -> None:
+        """Let go of the port."""
+        self._link.close()
+
+    def _watch(self, heard: bool, now: float) -> None:
+        """Say where bytes come in and none of them is a range: another speed, or another radio."""
+        if not heard and self._since is not None:
+            if now - self._since < WATCHED:
+                return
+            self._complain(self._driver.unread - self._unread)
+        self._since, self._unread = now, self._driver.unread
+
+    def _complain(self, unread: int) -> None:
+        if unread >= MANY:
+            words = f"bytes come in that are none of {self._name}: another baud rate, driver or output of the radio?"
+            self.troubles[words] += 1
+
+    def _frame(self, reading: RadioReading) -> bytes:
+        self._sequence = (self._sequence + 1) % 256
+        stamp = reading.stamp
+        return self._encoder.encode(
+            dialect.MAVLink_ranging_beacon_message(
+                round(stamp * 1e6) if stamp is not None and 0 < stamp < LONGEST_STAMP else 0,
+                0, 0, reading.beacon, _millimetres(reading.range), NO_PLACE, NO_PLACE, nan, 0, UNKNOWN, UNKNOWN,
+                0, _millimetres(reading.sigma), self._sequence, 0,
+            )
+        )  # fmt: skip
+
+
+def _millimetres(metres: float | None) -> int:
+    """As RANGING_BEACON carries it, the largest number for none."""
+    known = metres is not None and isfinite(metres) and metres > 0
+    return min(round(1000 * metres), UNKNOWN - 1) if known and metres is not None else UNKNOWN
+
+
+def radio_port(endpoint: str) -> tuple[str, Driver, str]:
+    """Driver and link of `linktrack:/dev/ttyUSB0`: a device is a serial line at the driver's speed unless it says
+    another. Raises LinkError."""
+    name, port = split_driver(endpoint)
+    if name is None:
+        raise LinkError(f"endpoint {endpoint!r}: names no driver, write it as linktrack:/dev/ttyUSB0")
+    try:
+        driver = make_driver(name)
+    except DriverError as error:
+        raise LinkError(f"endpoint {endpoint!r}: {error}") from None
+    if port.startswith("/"):
+        port = f"serial:{port}" if port.rpartition(":")[2].isdecimal() else f"serial:{port}:{driver.baud}"
+    parse_endpoint(port)
+    return name, driver, port
+
+
+def open_radio(endpoint: str, peers: Iterable[str] = ()) -> RadioLink:
+    """Open the port of a radio. peers: addresses and networks that `udpin` hears, none for all. Raises LinkError."""
+    name, driver, port = radio_port(endpoint)
+    return RadioLink(name, driver, open_link(port, peers), datagrams=port.startswith("udp"))
