@@ -13,6 +13,7 @@ from circnav_mav.pilot.survey import Survey
 from circnav_mav.runtime.clock import Clock
 from circnav_mav.runtime.keys import SigningTime
 from circnav_mav.runtime.links import Link
+from circnav_mav.runtime.locating import Locating
 from circnav_mav.runtime.recorder import LoopStep, Recorder
 
 LONGEST_WAIT = 0.05
@@ -71,12 +72,14 @@ def run(
     show: Show,
     stop: StopRequest,
     signing_time: SigningTime | None = None,
+    locating: Locating | None = None,
 ) -> None:
-    """Fly until the pilot is done. Every frame and tick goes to the recorder; `show` gets every step."""
+    """Fly until the pilot is done. Every frame and tick goes to the recorder; `show` gets every step. locating: the
+    survey beside it, which may go on when guidance has ended."""
     newest: TickRecord | None = None
     now = 0.0
-    while not pilot.done:
-        _wait(links, stop, min(clock.until(pilot.next_tick), LONGEST_WAIT))
+    while not pilot.done or (locating is not None and locating.busy and not stop.signal_name):
+        _wait(links, stop, LONGEST_WAIT if pilot.done else min(clock.until(pilot.next_tick), LONGEST_WAIT))
         began = clock.real()
         heard = [(name, *one) for name, link in links.items() for one in link.receive(now)]
         now = clock.now()  # a range that came while we stood still is not dated before it was sent
@@ -86,6 +89,8 @@ def run(
         for name, data, source in heard:
             pilot.receive(data, now, source, name)
             step.heard.append((name, source, pilot.take_frames()))
+            if locating is not None:
+                locating.hear(*step.heard[-1], now)
         if stop.signal_name and pilot.outcome is None:
             step.interrupt = stop.signal_name
             pilot.interrupt(now, stop.signal_name)
@@ -95,6 +100,9 @@ def run(
             pilot.hold_back()
         step.said = split_frames(out)
         step.hello = split_frames(_send(pilot, out, links, now))
+        if locating is not None and not step.held_back and (frames := locating.step(now)):
+            links[VEHICLE].send(b"".join(frames), pilot.reply_to)
+            step.survey = frames
         recorder.step(step)
         records = pilot.take_records()
         recorder.ticks(records)
