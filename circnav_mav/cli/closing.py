@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -55,6 +56,15 @@ def _located(recorder: Recorder, locator: Locator) -> dict[str, Any]:
             write_text(recorder.folder / "target.kml", kml({"target": place}))
         except OSError as error:
             recorder.problem = recorder.problem or f"{recorder.folder}: {error.strerror or error}"
+    if handback is not None and handback.given:
+        rows = ["time,latitude_deg,longitude_deg,sigma_m,by,answer,reported_off_m"]
+        rows += [
+            f"{one.time:.2f},{one.latitude:.7f},{one.longitude:.7f},{one.sigma:.1f},{one.by},{one.answer},"
+            + ("" if one.off is None else f"{one.off:.1f}")
+            for one in handback.given
+        ]
+        with suppress(OSError):
+            write_text(recorder.folder / "handback.csv", "\n".join(rows) + "\n")
     return {
         "place": None if place is None else place.plain(),
         "gps_watch": [{"time_s": round(time, 1), "text": text} for time, text in locator.watch.told],

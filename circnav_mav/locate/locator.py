@@ -14,7 +14,7 @@ from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.locate.estimator import Knowledge, NotYet, Ranges, Track
 from circnav_mav.locate.geodesy import Plane
-from circnav_mav.locate.handback import HandBack, HandBackSettings
+from circnav_mav.locate.handback import COMPASS_SIGMA, PLACE_SIGMA, DeadReckoning, HandBack, HandBackSettings
 from circnav_mav.locate.messages import camera, named_values, orbit_status, own_beacon
 from circnav_mav.locate.place import Place
 from circnav_mav.locate.watch import Alarm, Culprit, GpsWatch, Look, angle_between
@@ -43,6 +43,11 @@ WINDOW = 600.0
 """Newest time, s, that the place is made from."""
 FIX_3D, FIX_SILENT = 3, 3.0
 """GPS_RAW_INT.fix_type from which a position is one, and the silence, s, after which there is none."""
+GONE = 10.0
+"""Silence of the vehicle, s, after which nothing is given back any more."""
+AFTER = {dialect.MAVLINK_MSG_ID_ATTITUDE: 10.0, dialect.MAVLINK_MSG_ID_VFR_HUD: 5.0}
+"""Streams that dead reckoning needs when the pilot has given its own back, message id -> Hz."""
+RECKON_EVERY = 0.1
 SOLVE_EVERY, TELL_EVERY, TEXT_EVERY = 1.0, 1.0, 30.0
 HEIGHT_SIGMA = 5.0
 """Standard deviation, m, of a height that the mission gives: a barometer's drift and an operator's guess."""
@@ -73,13 +78,15 @@ class Locator:
         self._decoder = Decoder(wanted=WANTED)
         self._encoder = Encoder(1, settings.component, signing)
         self._announcer, self._commands = Announcer(), CommandSender()
-        self._streams = StreamRequests(STREAMS)
+        self._streams, self._after = StreamRequests(STREAMS), StreamRequests(AFTER)
         self.plane: Plane | None = None
         self.place: Place | None = None
         self.why = "no position of the vehicle"
         """Why there is no place, for people."""
         self.watch = GpsWatch()
-        self.handback = HandBack(settings.handback, settings.component) if settings.handback else None
+        self.handback = HandBack(settings.handback) if settings.handback else None
+        self._reckoning = DeadReckoning()
+        self._reckoned_at = float("-inf")
         self._track: deque[tuple[float, float, float, float]] = deque()
         self._ranges: deque[tuple[float, float, float]] = deque()
         self._accepted = 0
@@ -95,6 +102,7 @@ class Locator:
         self._alarm: Alarm | None = None
         self._aimed: Place | None = None
         self._ended = False
+        self._now = 0.0
         self.cot_due = False
 
     # --- in ---------------------------------------------------------------------------------------------------------
@@ -124,7 +132,7 @@ class Locator:
         elif kind == "COMMAND_ACK":
             self._commands.acknowledge(message, (self._encoder.system, self._settings.component), now)
             if self.handback is not None:
-                self.handback.acknowledged(message, (self._encoder.system, self._settings.component), now)
+                self.handback.answered(message, (self._encoder.system, self._settings.component), now)
         elif (message.lat, message.lon) != (0, 0) and abs(message.lat) <= 90e7 and abs(message.lon) <= 180e7:
             self._position(message, now)
 
@@ -153,7 +161,7 @@ class Locator:
         east, north = self.plane.to_metres(latitude, longitude)
         self._home = up - message.relative_alt / 1000
         if self.handback is not None:
-            self.handback.reported(east, north, now)
+            self.handback.reported(east, north, self._reckoning.where, now)
         if not self.has_fix(now):
             return  # a position without GPS is the autopilot's own dead reckoning
         self._look(east, north, up, now)
@@ -249,11 +257,13 @@ class Locator:
     @property
     def busy(self) -> bool:
         """Whether there is something to do after guidance has ended."""
-        return self.handback is not None and self.handback.active
+        back, session = self.handback, self._pilot.session
+        return back is not None and back.begun and session.vehicle.armed and session.heartbeat_age(self._now) < GONE
 
     def step(self, now: float) -> list[bytes]:
         """The frames due now."""
         session, mode = self._pilot.session, self._pilot.settings.output_mode
+        self._now = now
         if session.peer is None:
             return []
         self._encoder.system = session.encoder.system
@@ -290,20 +300,67 @@ class Locator:
         if self._pilot.done and not self.busy:
             if not self._ended:
                 self._ended = True
-                for command in self._streams.give_back():
+                for command in (*self._streams.give_back(), *(self._after.give_back() if self.handback else ())):
                     self._commands.send(command)
         else:
             for request in self._streams.poll(now):
+                self._commands.send(request)
+        if self._pilot.done and self.busy:
+            for request in self._after.poll(now):
                 self._commands.send(request)
         messages += self._commands.poll(peer.ids, now)
         for result in self._commands.take_results():
             if result.refused and result.command.number == dialect.MAV_CMD_SET_MESSAGE_INTERVAL:
                 self._streams.denied(result.command)
         flies = self._pilot.settings.output_mode is OutputMode.FLY
+        if flies and self.handback is not None and (given := self._give_back(place, now)) is not None:
+            messages.append(given)
         if flies and self._settings.camera and place is not None and not self._pilot.done and self._aim(place):
             self._aimed = place
             messages.append(camera(place, peer.ids))
         return messages
+
+    def _give_back(self, place: Place | None, now: float) -> Message | None:
+        """The position for an autopilot that has lost its own, when it is due."""
+        back, session = self.handback, self._pilot.session
+        assert back is not None
+        if back.place is not None and self.plane is None:
+            self.plane = Plane(*back.place)
+        if self.plane is None or session.peer is None:
+            return None
+        if now - self._reckoned_at >= RECKON_EVERY:
+            self._reckoned_at = now
+            self._reckon(self._given_place(now) or place, now)
+        heard = now - self._fix_at <= FIX_SILENT and session.vehicle.armed
+        fix = self.fixed if heard else None
+        return back.step(now, fix=fix, where=self._reckoning.where, plane=self.plane, target=session.peer.ids)
+
+    def _given_place(self, now: float) -> Place | None:
+        """The target's place as the mission gives it, None where it does not."""
+        back = self.handback
+        if back is None or back.place is None or self.plane is None:
+            return None
+        east, north = self.plane.to_metres(*back.place)
+        return Place(
+            time=now, plane=self.plane, east=float(east), north=float(north), up=0.0, covariance=np.eye(2),
+            up_sigma=HOME_SIGMA, up_known=False, bias=0.0, bias_sigma=0.0, delay=0.0, delay_sigma=0.0, noise=0.0,
+            used=0, outliers=0,
+        )  # fmt: skip
+
+    def _reckon(self, place: Place | None, now: float) -> None:
+        """Where the vehicle is by ranges and compass, or by its way through the air since."""
+        pilot = self._pilot
+        session, tracker = pilot.session, pilot.tracker
+        estimate = tracker.at(now)
+        relative = estimate.relative if estimate else None
+        fresh = tracker.newest is not None and now - tracker.newest.time < 2.0
+        if place is not None and place.sigma <= PLACE_SIGMA and relative is not None and relative.trusted and fresh:
+            sigma = COMPASS_SIGMA if self._turned_for > 10.0 else 3 * COMPASS_SIGMA
+            self._reckoning.ranged(now, place, relative, (self.compass_bias, sigma))
+            return
+        adapter = session.adapter
+        airspeed = adapter.airspeed(session.motion.at(now).airspeed if adapter.measures_airspeed else None)
+        self._reckoning.flown(now, session.motion.own(now, airspeed), self.compass_bias)
 
     def _aim(self, place: Place) -> bool:
         """Whether the camera must be pointed anew."""
