@@ -23,6 +23,7 @@ ACTIONS = (
     "rc_failsafe",
     "gps_off",
     "gps_on",
+    "gps_spoof",
     "battery",
     "wind",
     "mute_ranging",
@@ -162,6 +163,8 @@ class Sensors:
     accel_noise_mps2: rms of each reading. accel_bias_mps2: constant, signs drawn by the seed; None draws .05 .. 0.1.
     imu: "frozen" repeats its last reading, "clipped" ends at 8 m/s^2, "rotated" is mounted 90 deg to the right.
     velocity_error_mps: rms of the velocity estimate's slow error, horizontal; None: 0.3 of a realistic px4_copter.
+    gps_error_m: standard deviation of the reported position in each axis, first order with gps_error_time_s.
+    dead_reckoning_mps: speed in each axis, drawn, at which the reported position drifts away without GPS.
     """
 
     heading_bias_deg: float = key(0.0, low=-180.0, high=180.0)
@@ -174,6 +177,9 @@ class Sensors:
     imu: str = key("good", choices=IMU_STATES)
     velocity_error_mps: float | None = key(None, low=0.0, high=10.0)
     velocity_error_time_s: float = key(4.0, low=0.1, high=600.0)
+    gps_error_m: float = key(0.0, low=0.0, high=1000.0)
+    gps_error_time_s: float = key(60.0, low=0.1, high=10_000.0)
+    dead_reckoning_mps: float = key(0.3, low=0.0, high=20.0)
 
 
 @dataclass(frozen=True)

@@ -75,6 +75,12 @@ class Flight:
         self.autopilot = self._build_autopilot(config)
         self._velocities: deque[tuple[int, Vector]] = deque([(0, self._velocity())])
         self._estimator_rng = Random(f"{config.seed}:estimator")
+        self._position_rng = Random(f"{config.seed}:position")
+        size, drift = config.sensors.gps_error_m, config.sensors.dead_reckoning_mps
+        self._gps_error = self._position_rng.gauss(0.0, size), self._position_rng.gauss(0.0, size)
+        self._lost_drift = self._position_rng.gauss(0.0, drift), self._position_rng.gauss(0.0, drift)
+        self.position_error = self._gps_error  # reported less true, north and east, m
+        self.spoofed = 0.0  # m/s by which what the receiver believes moves north
 
     def next_due(self) -> int:
         return max(self.now, self.autopilot.wake_us())
@@ -125,6 +131,22 @@ class Flight:
         fresh = self.velocity_error_rms * math.sqrt((1 - kept * kept) / 2)  # of each axis
         north, east = (kept * error + self._estimator_rng.gauss(0.0, fresh) for error in self.body.velocity_error)
         self.body = self.body._replace(velocity_error=(north, east))
+
+    def wander(self) -> None:
+        """One step of 0.1 s of the error of the reported position: of the GPS, or of dead reckoning without it."""
+        sensors, dt = self.config.sensors, DRIFT_STEP_US * 1e-6
+        kept = math.exp(-dt / sensors.gps_error_time_s)
+        fresh = sensors.gps_error_m * math.sqrt(1 - kept * kept)
+        north, east = (kept * error + self._position_rng.gauss(0.0, fresh) for error in self._gps_error)
+        self._gps_error = north + self.spoofed * dt, east
+        if self.autopilot.gps:
+            self.position_error = self._gps_error
+            return
+        placed = self.autopilot.take_placed()
+        if placed is not None:
+            self.position_error = placed[0] - self.body.north, placed[1] - self.body.east
+        drift = self._lost_drift
+        self.position_error = self.position_error[0] + drift[0] * dt, self.position_error[1] + drift[1] * dt
 
     def reboot(self) -> None:
         """The autopilot starts afresh: disarmed, in its first mode, its clock at zero. The body stays where it is."""

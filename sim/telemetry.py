@@ -263,7 +263,8 @@ def _millivolts(percent: float) -> int:
 
 
 def _degrees_e7(flight: Flight) -> tuple[int, int]:
-    latitude, longitude = to_degrees(flight.body.north, flight.body.east)
+    north, east = flight.position_error
+    latitude, longitude = to_degrees(flight.body.north + north, flight.body.east + east)
     return round(latitude * 1e7), round(longitude * 1e7)
 
 

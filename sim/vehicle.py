@@ -166,6 +166,8 @@ class Vehicle:
             self._agenda.every(("truth",), round(SECOND / rate), 0, self._send_truth)
         if self._flight.air.gusty:
             self._agenda.every(("gusts",), Air.GUST_STEP_US, 0, self._flight.air.gust)
+        if self.config.sensors.gps_error_m > 0 or any(event.action.startswith("gps_") for event in self.config.events):
+            self._agenda.every(("position",), DRIFT_STEP_US, 0, self._flight.wander)
         if self._flight.velocity_error_rms > 0:
             self._agenda.every(("estimate",), DRIFT_STEP_US, 0, self._flight.drift_estimate)
         for i, event in enumerate(self.config.events):
@@ -187,6 +189,8 @@ class Vehicle:
             flight.charge(max(0.0, min(100.0, event.value or 0.0)))
         elif action.startswith("imu_"):
             flight.instruments.imu_state = action.removeprefix("imu_")
+        elif action == "gps_spoof":
+            flight.spoofed = event.value or 0.0
         elif action == "wind":
             flight.air.blow(event.value or 0.0)
         else:

@@ -188,6 +188,45 @@ def replay(**options: Any) -> int:
     return replay_log(ReplayOptions(**options))
 
 
+@circnav.command(short_help="Tell where the targets of a log are.")
+@click.argument("log", type=click.Path(), metavar="RUN|TLOG|CSV")
+@click.option("--tag", "tags", multiple=True, metavar="ID", help="Only this tag. May be repeated. [default: all]")
+@click.option(
+    "--sigma", type=float, metavar="M", help="Noise of the ranges, where the log says none. [default: as it shows]"
+)
+@click.option("--gps-sigma", type=float, default=1.5, show_default=True, metavar="M", help="Error of the positions.")
+@click.option(
+    "--bias", type=float, default=2.0, show_default=True, metavar="M", help="How far ranges may be off together."
+)
+@click.option("--altitude", type=float, metavar="M", help="Of the target, where it is known; as the log counts it.")
+@click.option("--out", type=click.Path(), metavar="DIR", help="Where to write. [default: beside the log]")
+def locate(
+    log: str,
+    tags: tuple[str, ...],
+    sigma: float | None,
+    gps_sigma: float,
+    bias: float,
+    altitude: float | None,
+    out: str | None,
+) -> int:
+    """Tell where the targets of a log are. Writes GeoJSON, KML and a picture.
+
+    A log is a run folder, a tlog with positions and ranges, or a CSV whose first line names time (s), latitude,
+    longitude, range (m), and maybe altitude (m), sigma (m), tag. Exit codes: 0 located, 2 bad usage, 3 nothing to
+    locate.
+
+    \b
+    Examples:
+        circnav locate runs/20260101-120000-quickstart
+        circnav locate collar.csv --tag 17 --out map
+    """
+    from circnav_mav.cli.locate import LocateOptions, locate_log
+
+    if min(gps_sigma, bias, 1.0 if sigma is None else sigma) <= 0:
+        raise Refused("locate: --sigma, --gps-sigma and --bias must be above 0")
+    return locate_log(LocateOptions(log, out, tags, sigma, gps_sigma, bias, altitude))
+
+
 @circnav.command(short_help="Convert a run for Foxglove or PlotJuggler.")
 @click.argument("run", type=click.Path())
 @click.option("--mcap", "mcap", is_flag=False, flag_value="", metavar="[FILE]", help="MCAP. [default: RUN/flight.mcap]")

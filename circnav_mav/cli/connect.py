@@ -11,6 +11,7 @@ import click
 from circnav_mav.cli.exits import Exit, Refused
 from circnav_mav.emulator.config import parse_vehicle
 from circnav_mav.emulator.vehicle import Vehicle
+from circnav_mav.locate.locator import Locator
 from circnav_mav.mav.session import Session
 from circnav_mav.mav.signing import Signing
 from circnav_mav.mission.mission import SIM, Mission
@@ -19,6 +20,7 @@ from circnav_mav.runlog.metrics import TOLERANCE
 from circnav_mav.runtime.clock import AutopilotClock, Clock
 from circnav_mav.runtime.keys import KeyFileError, SigningTime, read_key, timestamp_path
 from circnav_mav.runtime.links import Link, LinkError, open_link
+from circnav_mav.runtime.locating import Locating
 from circnav_mav.runtime.lockstep import Lockstep
 from circnav_mav.runtime.radio_link import open_radio
 from circnav_mav.runtime.web.feed import LivePage, WebError
@@ -69,7 +71,22 @@ def open_signing(mission: Mission, open_things: ExitStack) -> tuple[Signing, Sig
     return signing, signing_time
 
 
-def open_page(port: str | None, pilot: Pilot, mission: Mission, open_things: ExitStack) -> LivePage | None:
+def open_locating(mission: Mission, pilot: Pilot, signing: Signing | None, open_things: ExitStack) -> Locating | None:
+    """The survey of the target beside the pilot, where the mission wants one."""
+    settings = mission.locate_settings
+    if settings is None:
+        return None
+    cot = mission.file.locate.cot
+    host, _, port = (cot or "").rpartition(":")
+    name = f"{mission.file.name}.target"
+    locating = Locating(Locator(settings, pilot, signing), name, (host, int(port)) if cot else None)
+    open_things.callback(locating.close)
+    return locating
+
+
+def open_page(
+    port: str | None, pilot: Pilot, mission: Mission, open_things: ExitStack, locator: Locator | None
+) -> LivePage | None:
     """The live page on a port, where one is wanted. Raises Refused."""
     if port is None:
         return None
@@ -84,6 +101,7 @@ def open_page(port: str | None, pilot: Pilot, mission: Mission, open_things: Exi
             tolerance=TOLERANCE * orbit.radius,
             speed=run_speed(mission, page=True),
             truth=mission.flies_sim,
+            locator=locator,
         )
     except WebError as error:
         raise Refused(str(error)) from None

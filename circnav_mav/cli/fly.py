@@ -18,6 +18,7 @@ from circnav_mav.cli.closing import close_flight, draw_flight
 from circnav_mav.cli.connect import (
     link_troubles,
     open_links,
+    open_locating,
     open_page,
     open_signing,
     start_clock,
@@ -32,6 +33,7 @@ from circnav_mav.runtime.clock import Clock, local_time_name
 from circnav_mav.runtime.display import Display, display_for
 from circnav_mav.runtime.keys import SigningTime
 from circnav_mav.runtime.links import Link
+from circnav_mav.runtime.locating import Locating
 from circnav_mav.runtime.lockstep import Lockstep
 from circnav_mav.runtime.manifest import Manifest
 from circnav_mav.runtime.recorder import Recorder, RecorderError, TakenError
@@ -95,17 +97,21 @@ def fly_mission(options: FlyOptions) -> int:
             signing, signing_time = open_signing(mission, open_things)
             links = open_links(mission, open_things)
             pilot = Pilot(mission.pilot_settings(options.output_mode), signing)
-            page = open_page(options.web, pilot, mission, page_open)
+            locating = open_locating(mission, pilot, signing, open_things)
+            locator = None if locating is None else locating.locator
+            page = open_page(options.web, pilot, mission, page_open, locator)
             clock, recorder = _start(options, mission, pilot, links, open_things, loading)
             folder = recorder.folder
+            if locating is not None:
+                locating.epoch_us = clock.epoch_us
             manifest = _manifest(mission, options, folder, clock)
-            display = display_for(Console(), pilot, mission.file.name, min(clock.speed, MOST_WATCHED))
+            display = display_for(Console(), pilot, mission.file.name, min(clock.speed, MOST_WATCHED), locator)
             open_things.callback(display.close)
             onlookers = _onlookers(display, page, recorder)
-            crash = _loop(pilot, links, clock, recorder, onlookers, stop, signing_time, loading)
+            crash = _loop(pilot, links, clock, recorder, onlookers, stop, signing_time, loading, locating)
         assert pilot.outcome is not None
         code = Exit.INTERNAL if crash is not None else EXITS[pilot.outcome.ending]
-        summary, code = close_flight(pilot, recorder, mission, clock, manifest, code)
+        summary, code = close_flight(pilot, recorder, mission, clock, manifest, code, locator)
         words = verdict(summary, folder)
         if page is not None:
             page.finish(words)
@@ -115,6 +121,7 @@ def fly_mission(options: FlyOptions) -> int:
         *onlookers.problems,
         display.problem,
         signing_time.problem if signing_time else None,
+        locating.problem if locating else None,
     ]
     for problem in filter(None, (*problems, *draw_flight(folder))):
         click.echo(f"  WARNING    {problem}")
@@ -224,13 +231,17 @@ def _loop(
     stop: StopRequest,
     signing_time: SigningTime | None,
     loading: threading.Thread,
+    locating: Locating | None,
 ) -> Path | None:
     """Run to the end. An exception of ours still leaves a safe setpoint behind; returns where it is written down."""
     gc.collect()
     gc.freeze()  # a full collection would look through all that was imported, for 0.1 s and more
     sys.setswitchinterval(LONGEST_TURN)
     try:
-        run(pilot, links, clock, recorder, onlookers.show, stop, signing_time, ready=lambda: not loading.is_alive())
+        run(
+            pilot, links, clock, recorder, onlookers.show, stop, signing_time,
+            ready=lambda: not loading.is_alive(), locating=locating,
+        )  # fmt: skip
     except Exception as error:
         links[VEHICLE].send(pilot.last_words(clock.now()), pilot.reply_to)  # first of all, whatever the disk does
         pilot.abandon(f"internal error: {error}")

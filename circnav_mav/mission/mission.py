@@ -10,6 +10,8 @@ from circnav_mav.guidance.estimators.table import default_estimator
 from circnav_mav.guidance.step import LawChoice
 from circnav_mav.guidance.tuning import default_gain
 from circnav_mav.guidance.types import Direction, Orbit
+from circnav_mav.locate.handback import HandBackSettings
+from circnav_mav.locate.locator import LocateSettings
 from circnav_mav.mav.autopilots.interface import AirLoops, Autopilot, VehicleFacts
 from circnav_mav.mav.autopilots.table import allowed, table_key
 from circnav_mav.mav.frames import GRAVITY
@@ -23,6 +25,8 @@ from circnav_mav.radios.table import split_driver
 
 MOST_NOISE = 0.5
 """Standard deviation of a range, of the radius, above which it tells nothing about the circle."""
+LAST_COMPANION = 194
+"""MAV_COMP_ID_ONBOARD_COMPUTER4."""
 SIM = "sim"
 """The endpoint that stands for the bundled vehicle."""
 
@@ -88,6 +92,25 @@ class Mission:
         """What is said of the height above the target."""
         orbit = self.file.orbit
         return HeightSettings(orbit.height_above_target_m, orbit.target_altitude_m, orbit.target_above_home_m)
+
+    @property
+    def locate_settings(self) -> LocateSettings | None:
+        """The survey of the target; None: none. It speaks as the companion after ours."""
+        locate, back = self.file.locate, self.file.handback
+        if not locate.enabled:
+            return None
+        place = None
+        if back.latitude_deg is not None and back.longitude_deg is not None:
+            place = back.latitude_deg, back.longitude_deg
+        ours = self.file.link.component_id
+        return LocateSettings(
+            component=LAST_COMPANION if ours != LAST_COMPANION else LAST_COMPANION - 1,
+            gps_sigma=locate.gps_sigma_m,
+            range_bias_sigma=locate.range_bias_m,
+            beacon=locate.beacon,
+            camera=locate.camera,
+            handback=HandBackSettings(back.every_s, place) if back.enabled else None,
+        )
 
     @property
     def max_range(self) -> float:

@@ -176,6 +176,26 @@ class BoundsTable(Table):
     min_battery_percent: Annotated[float, Field(ge=0, le=100)] | None = None
 
 
+class LocateTable(Table):
+    """[locate]: where the target is on the map. Nothing of it steers."""
+
+    enabled: bool = True
+    gps_sigma_m: Annotated[float, Field(ge=0.01, le=1000)] = 1.5
+    range_bias_m: Annotated[float, Field(ge=0.01, le=1000)] = 2.0
+    cot: Annotated[str, Field(pattern=r"^[^:]+:[0-9]{1,5}$")] | None = None
+    camera: bool = False
+    beacon: bool = False
+
+
+class HandBackTable(Table):
+    """[handback]: telling an autopilot that has lost its position where it is."""
+
+    enabled: bool = False
+    every_s: Annotated[float, Field(ge=1, le=60)] = 5.0
+    latitude_deg: Annotated[float, Field(ge=-90, le=90)] | None = None
+    longitude_deg: Annotated[float, Field(ge=-180, le=180)] | None = None
+
+
 class LogTable(Table):
     """[log]"""
 
@@ -196,5 +216,7 @@ class MissionFile(Table):
     bounds: BoundsTable = BoundsTable()
     limits: LimitsTable
     log: LogTable = LogTable()
+    locate: LocateTable = LocateTable()
+    handback: HandBackTable = HandBackTable()
     signing: SigningTable | None = None
     sim: dict[str, Any] | None = None

@@ -57,7 +57,7 @@ class Picture:
     def draw(self, status: Status) -> Panel:
         """The picture of now."""
         rows = [*self._phase(status), *_alarms(status), *_steering(status)]
-        rows += [*self._circle(status.tick, status.target), *_traffic(status, self._settings)]
+        rows += [*self._circle(status.tick, status.target), *_place(status), *_traffic(status, self._settings)]
         text = Text(no_wrap=True, overflow="crop")
         for name, value in rows:
             text.append(f"{name:<{LABEL}}", "bold red" if name == ALARM else "").append(value).append("\n")
@@ -132,6 +132,11 @@ def _alarms(status: Status) -> list[Row]:
     """Near the top: a terminal that is too low shows no more than the first rows."""
     lines = _folded(status.alarms[:MOST_ALARMS])
     return [(ALARM, Text(line, "bold reverse red")) for line in lines] or [("alarms", "none")]
+
+
+def _place(status: Status) -> list[Row]:
+    """Where the target is on the map; one line, for there is no room for more."""
+    return [("place", line) for line in _folded([status.place])[:1]]
 
 
 def _steering(status: Status) -> list[Row]:

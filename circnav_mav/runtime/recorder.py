@@ -36,9 +36,10 @@ MOST_SOURCES = 1000
 CLOSE_PATIENCE = 10.0
 """Time, s, that a slow disk is given at the end."""
 TICK_COLUMNS = tuple(field.name for field in fields(TickRecord))
-TURN_COLUMNS = ("time_us", "heard", "said", "hello", "interrupt")
+TURN_COLUMNS = ("time_us", "heard", "said", "hello", "interrupt", "survey")
 """heard: link initial, number of the source and count of whole frames of each datagram, as in `v0*2 r1*1`. said, hello:
-frames of ours; HELD_BACK: what there was to say was not sent. The tlog holds the frames of a step in this order."""
+frames of ours; HELD_BACK: what there was to say was not sent; survey: frames of the survey. The tlog holds the frames
+of a step in this order, the survey's last."""
 HELD_BACK = "held"
 
 
@@ -53,13 +54,14 @@ class TakenError(RecorderError):
 @dataclass(slots=True)
 class LoopStep:
     """One step of the loop. heard: (link, source, whole frames) of each datagram. said: frames to the vehicle. hello:
-    frames to the ranging link. interrupt: why the flight was ended from outside in this step. held_back: whether
-    what there was to say was not sent."""
+    frames to the ranging link. survey: frames of the survey, which no pilot sends. interrupt: why the flight was ended
+    from outside in this step. held_back: whether what there was to say was not sent."""
 
     time: float
     heard: list[tuple[str, Hashable, list[bytes]]] = field(default_factory=list)
     said: list[bytes] = field(default_factory=list)
     hello: list[bytes] = field(default_factory=list)
+    survey: list[bytes] = field(default_factory=list)
     interrupt: str = ""
     held_back: bool = False
 
@@ -191,12 +193,12 @@ class Recorder:
         return False
 
     def _write_step(self, item: LoopStep) -> None:
-        frames = [frame for _, _, datagram in item.heard for frame in datagram] + item.said + item.hello
+        frames = [frame for _, _, datagram in item.heard for frame in datagram] + item.said + item.hello + item.survey
         stamp = struct.pack(">Q", self._epoch_us + round(item.time * 1e6))
         self._written += self._tlog.write(b"".join(stamp + without_signature(frame) for frame in frames))
         heard = " ".join(f"{link[0]}{self._number(source)}*{len(datagram)}" for link, source, datagram in item.heard)
         said = HELD_BACK if item.held_back else len(item.said) or ""
-        row = (round(item.time * 1e6), heard, said, len(item.hello) or "", item.interrupt)
+        row = (round(item.time * 1e6), heard, said, len(item.hello) or "", item.interrupt, len(item.survey) or "")
         self._written += self._turns_csv.writerow(row)
 
     def _number(self, source: Hashable) -> int:

@@ -13,6 +13,7 @@ from circnav_mav.pilot.survey import Survey
 from circnav_mav.runtime.clock import Clock
 from circnav_mav.runtime.keys import SigningTime
 from circnav_mav.runtime.links import Link
+from circnav_mav.runtime.locating import Locating
 from circnav_mav.runtime.recorder import LoopStep, Recorder
 
 LONGEST_STEP = 0.5
@@ -71,24 +72,38 @@ def run(
     stop: StopRequest,
     signing_time: SigningTime | None = None,
     ready: Callable[[], bool] = lambda: True,
+    locating: Locating | None = None,
 ) -> None:
     """Fly until the pilot is done. Every frame and tick goes to the recorder; `show` gets every step. What comes in
-    before all is loaded that is needed to fly (`ready`) is thrown away: it would be old before it is looked at."""
+    before all is loaded that is needed to fly (`ready`) is thrown away: it would be old before it is looked at.
+    locating: the survey beside it, which may go on when guidance has ended."""
     newest: TickRecord | None = None
     now, loaded = 0.0, False
-    while not pilot.done:
-        wait(links, stop, min(clock.until(pilot.next_tick), clock.longest_wait))
-        clock.advance(pilot.next_tick)
+    while not pilot.done or (locating is not None and locating.busy and not stop.signal_name):
+        due = now + clock.longest_wait if pilot.done else pilot.next_tick
+        wait(links, stop, min(clock.until(due), clock.longest_wait))
+        clock.advance(due)
         if signing_time is not None:
             signing_time.turn()
         loaded = loaded or ready()
         step = turn(pilot, links, clock, now, stop.signal_name, deaf=not loaded)
         now = step.time
+        if locating is not None:
+            _locate(locating, step, pilot, links)
         records = pilot.take_records()
         recorder.step(step)
         recorder.ticks(records)
         newest = records[-1] if records else newest
         show(newest, step)
+
+
+def _locate(locating: Locating, step: LoopStep, pilot: Pilot, links: Mapping[str, Link]) -> None:
+    """Let the survey hear what came in, and send what it has to say."""
+    for name, source, frames in step.heard:
+        locating.hear(name, source, frames, step.time)
+    if not step.held_back and (said := locating.step(step.time)):
+        links[VEHICLE].send(b"".join(said), pilot.reply_to)
+        step.survey = said
 
 
 def turn(

@@ -78,6 +78,12 @@ class Autopilot(ABC):
         self.armed = config.start.armed
         self.gps = self.position = config.vehicle.gps
         self._position_until = NEVER
+        self._placed: tuple[float, float] | None = None
+
+    def take_placed(self) -> tuple[float, float] | None:
+        """Where somebody else has said that it is, north and east, m, once; None: nobody has, or it does not obey."""
+        placed, self._placed = self._placed, None
+        return placed
 
     @abstractmethod
     def wake_us(self) -> int:
