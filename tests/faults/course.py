@@ -132,14 +132,16 @@ class Course:
                 watch(self)
         return self
 
-    def stall(self, seconds: float) -> None:
-        """The application does not run for some time; what came in waits in its socket, then it runs again."""
+    def stall(self, seconds: float, *, lost: bool = False) -> None:
+        """The application does not run for some time; what came in waits in its socket, or is lost; then it runs
+        again."""
         until = self.now + seconds
         waiting: list[Arrival] = []
         while self.now < until:
             self.now = min(max(self.vehicle.next_event, self.now), until)
             self.vehicle.advance(self.now)
-            waiting += self._arrivals()
+            arrived = self._arrivals()
+            waiting += [] if lost else arrived
             self._look()
         self.witness.stood_still()
         self._give(waiting, waited=True)

@@ -51,7 +51,7 @@ def test_no_range_that_a_slow_link_made_stale_steers(level: str, profile: str) -
 
 def test_every_fault_class_that_lockstep_can_show_has_a_level() -> None:
     """F8 is tests.faults.fuzz; F21 the signals and the process, tests/flight/test_process.py and tests/bench."""
-    assert {one.fault for one in SCENARIOS} == {f"F{n}" for n in range(1, 23)} - {"F8", "F21"}
+    assert {one.fault for one in SCENARIOS} == {f"F{n}" for n in range(1, 25)} - {"F8", "F21"}
 
 
 def test_levels_have_names_of_their_own() -> None:

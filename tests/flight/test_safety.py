@@ -18,11 +18,11 @@ def is_ranging(frame: bytes) -> bool:
     return message_ids(frame) == [132]
 
 
-def test_no_setpoint_leaves_after_the_tick_that_saw_the_operator_take_over_200_times_in_one_flight() -> None:
+def test_no_setpoint_leaves_after_the_tick_that_saw_the_operator_take_over_again_and_again() -> None:
     flown = flight("quickstart", 'engage.on_takeover="wait"', "limits.duration_s=100000")
     operator, pilot, chance = Operator(flown.vehicle), flown.pilot, random.Random(1)
     flown.fly(5)
-    for _ in range(200):
+    for _ in range(30):
         assert pilot.phase is Phase.ENGAGED
         flown.fly(flown.now + chance.uniform(0.3, 1.2))
         operator.set_mode(LOITER)
