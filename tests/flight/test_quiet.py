@@ -33,8 +33,10 @@ def sense(flown):
 
 
 @pytest.mark.parametrize("mission", UNREST)
-def test_the_turn_is_steady_on_the_circle(mission):
+def test_auto_holds_the_circle_in_the_sense_of_the_mission_with_a_steady_turn(mission):
     flown = flight(mission, f"limits.duration_s={SECONDS}", law="auto").fly(SECONDS)
+    radius = flown.pilot.settings.orbit.radius
+    assert rms_error(last_third(flown), radius) < 0.02 * radius
     assert unrest(flown) < UNREST[mission]
     assert clockwise_turns(last_third(flown)) * sense(flown) > 0.2
 
