@@ -252,18 +252,13 @@ class Course:
         slow = fast = V
         if self._drift is not None:
             drift, slack = self._drift, 0.1 * V / self.radius
-            slow, fast = sorted((V, max(self._true_speed(), 0.5 * V)))
+            slow, fast = sorted((V, max(self.vehicle.truth.ground_speed, 0.5 * V)))
         least, most = (slow - drift) ** 2 / (slow * self.radius), (fast + drift) ** 2 / (fast * self.radius)
         asked = self.pilot.settings.orbit.direction.turn_sign * (nan if record.demanded is None else record.demanded)
         if not min(least, self.allowed.yaw_rate) - slack <= asked <= min(most, self.allowed.yaw_rate) + slack:
             self.broken.append(
                 f"{self.now:.2f} s: {record.phase.value} steers {asked}, not {least:.6f} .. {most:.6f} rad/s"
             )
-
-    def _true_speed(self) -> float:
-        """Over the ground, m/s, from the simulator's track."""
-        a, b = self.truths[-2:]
-        return hypot(b.north - a.north, b.east - a.east) / (b.time - a.time)
 
     def _look(self) -> None:
         if self.now >= self._next_truth:
