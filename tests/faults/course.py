@@ -143,10 +143,15 @@ class Course:
             arrived = self._arrivals()
             waiting += [] if lost else arrived
             self._look()
-        self.witness.stood_still()
+        self.stood_still(seconds)
         self._give(waiting, waited=True)
         if sum(map(is_heartbeat, frames(self._answer()))) > 1:
             self.broken.append(f"{self.now:.2f} s: heartbeats made up for after standing still")
+
+    def stood_still(self, seconds: float) -> None:
+        """From a second on, the vehicle may be in other hands."""
+        if seconds >= 1.0:
+            self.witness.stood_still()
 
     def interrupt(self) -> None:
         """A signal ends the flight: the very next words are the safe setpoint, where the vehicle is ours to steer."""

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 
-from circnav_mav.pilot.authority import STALL
 from sim.faults.frames import read, rewritten
 from sim.faults.tampering import on
 from tests.faults.cell import Scenario, Want
@@ -67,8 +66,7 @@ def computer_pauses(course: Course, seconds: float) -> None:
     """Vehicle, radio and we stand still with the computer that all of them run on; its clock goes on."""
     before = course.clock
     course.clock = lambda now: before(now) + seconds
-    if seconds > STALL:
-        course.witness.stood_still()
+    course.stood_still(seconds)
 
 
 PAUSES: dict[str, Pause] = {
