@@ -1,27 +1,16 @@
 """The bundled vehicle does not outlive the application that started it."""
 
-import os
 import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 
 import pytest
 
-from tests.process import PATIENCE
-
-ROOT = Path(__file__).parents[2]
+from tests.process import PATIENCE, QUICKSTART, circnav
 
 
 def test_a_killed_application_leaves_no_vehicle_behind(tmp_path: Path) -> None:
-    process = subprocess.Popen(
-        [sys.executable, "-m", "circnav_mav", "fly", str(ROOT / "config" / "quickstart.toml"), "--out", str(tmp_path)],
-        stdout=subprocess.PIPE,
-        text=True,
-        cwd=ROOT,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )
+    process = circnav("fly", QUICKSTART, "--out", str(tmp_path))
     assert process.stdout is not None
     process.stdout.readline()
     assert vehicles(tmp_path)
@@ -51,12 +40,7 @@ def read(path: Path) -> bytes:
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_signal_while_the_vehicle_starts_ends_both(number: int, tmp_path: Path) -> None:
-    process = subprocess.Popen(
-        [sys.executable, "-m", "circnav_mav", "fly", str(ROOT / "config" / "quickstart.toml"), "--out", str(tmp_path)],
-        stdout=subprocess.DEVNULL,
-        cwd=ROOT,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )
+    process = circnav("fly", QUICKSTART, "--out", str(tmp_path))
     while not vehicles(tmp_path):
         assert process.poll() is None
         time.sleep(0.005)
