@@ -7,7 +7,7 @@ from sim.faults.impairment import Impairment
 from sim.faults.pipe import Pipe
 from tests.flight.lockstep import clockwise_turns, flight, last_third, rms_error
 
-SECONDS = 120.0
+SECONDS = 150.0
 UNREST = {
     "quickstart": 1.5,
     "arduplane": 1.5,
