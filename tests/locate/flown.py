@@ -1,16 +1,16 @@
 """Flights of the bundled vehicle in lockstep, with the survey beside the pilot, as the loop of a flight runs them."""
 
 from dataclasses import dataclass, field
-from math import hypot, inf
+from math import hypot
 
 import numpy as np
 
 from circnav_mav.locate.estimator import locate
 from circnav_mav.locate.locator import LocateSettings, Locator
 from circnav_mav.locate.place import Place
-from circnav_mav.pilot import VEHICLE
+from circnav_mav.runtime.recorder import LoopStep
 from sim.world import to_degrees
-from tests.flight.lockstep import LINKS, Flight, flight
+from tests.flight.lockstep import Flight, flight
 
 COMPONENT = 194
 
@@ -25,37 +25,23 @@ class Surveyed(Flight):
     solve_every: float = 1.0
     _solve_at: float = 0.0
 
-    def _step(self, due: float) -> None:
-        pilot, vehicle, locator = self.pilot, self.vehicle, self.locator
+    def _keep(self, step: LoopStep) -> None:
+        super()._keep(step)
+        locator = self.locator
         assert locator is not None
-        self.now = max(due, self.now)
-        vehicle.advance(self.now)
-        links = LINKS if pilot.settings.ranging_apart else {"main": VEHICLE}
-        for sim_link, link in links.items():
-            for frame in vehicle.outgoing(sim_link):
-                if self.hears(frame, self.now):
-                    pilot.receive(frame, self.now, "sim", link)
-                    locator.hear(link, "sim", pilot.take_frames(), self.now)
-        out = pilot.step(self.now)
-        if out:
-            vehicle.receive(out)
-            self.sent.append((self.now, out))
+        for link, source, frames in step.heard:
+            locator.hear(link, source, frames, self.now)
         if self.now >= max(self.solve_from, self._solve_at) and (job := locator.job(self.now)) is not None:
             self._solve_at = self.now + self.solve_every
             locator.found(locate(*job))
         for frame in locator.step(self.now):
             self.said.append((self.now, frame))
-            vehicle.receive(frame)
-        self.ticks += pilot.take_records()
-        if self.now >= self.next_truth:
-            self.truths.append(vehicle.truth)
-            self.next_truth = self.now + 0.1
+            self.vehicle.receive(frame)
 
     def fly(self, until: float, watch=None) -> "Surveyed":  # type: ignore[no-untyped-def, override]
         """Also beyond the end of guidance, as long as the survey has something to do."""
         while self.now < until and (not self.pilot.done or self.locator.busy):  # type: ignore[union-attr]
-            tick = inf if self.pilot.done else max(self.pilot.next_tick, self.now)
-            self._step(min(self.vehicle.next_event, tick, until))
+            self._step(until if self.pilot.done else min(self.pilot.next_tick, until))
             if watch is not None:
                 watch(self)
         return self
