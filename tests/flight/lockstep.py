@@ -53,6 +53,11 @@ class Flight:
                 watch(self)
         return self
 
+    @property
+    def setpoint_times(self) -> list[float]:
+        """When setpoints were sent."""
+        return [time for time, data in self.sent if any(id in SETPOINT_IDS for id in message_ids(data))]
+
     def _step(self, moment: float) -> None:
         self.clock.advance(moment)
         self.now = self.clock.now()
@@ -87,11 +92,6 @@ class Wire:
     def send(self, data: bytes, to: Hashable) -> None:
         if self.name == VEHICLE:
             self.flight.sent.append((self.flight.now, data))
-
-    @property
-    def setpoint_times(self) -> list[float]:
-        """When setpoints were sent."""
-        return [time for time, data in self.sent if any(id in SETPOINT_IDS for id in message_ids(data))]
 
 
 def through(pipe: Pipe | None, data: list[bytes], now: float) -> list[bytes]:
