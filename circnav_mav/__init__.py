@@ -7,18 +7,17 @@ for its filters take their time and `circnav --help` needs none.
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from circnav_mav.api import (
+    from circnav_mav.api import Guidance, tune
+    from circnav_mav.guidance.estimators.interface import Estimator
+    from circnav_mav.guidance.step import LawChoice
+    from circnav_mav.guidance.types import (
         Direction,
-        Estimator,
-        Guidance,
-        LawChoice,
         Orbit,
         OwnMotion,
         RangeEstimate,
         RangeSample,
         RelativeMotion,
         TurnCommand,
-        tune,
     )
 
 __version__ = "0.1.0"
@@ -41,5 +40,6 @@ def __getattr__(name: str) -> Any:
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from circnav_mav import api
+    from circnav_mav.guidance import types
 
-    return getattr(api, name)
+    return getattr(api, name, None) or getattr(types, name)

@@ -2,4 +2,5 @@
 
 from circnav_mav.cli import main
 
-main()
+if __name__ == "__main__":  # the survey's process imports this, too
+    main()

@@ -16,29 +16,14 @@ from circnav_mav.guidance.turn_gain import TurnGain, TurnGainSettings, learn
 from circnav_mav.guidance.turn_response import Pending, PendingTurn, ResponseLearner
 from circnav_mav.guidance.types import (
     SAME_TIME,
-    Direction,
     Orbit,
     OwnMotion,
     RangeEstimate,
     RangeSample,
-    RelativeMotion,
     TurnCommand,
     TurnRate,
 )
 
-__all__ = [
-    "Direction",
-    "Estimator",
-    "Guidance",
-    "LawChoice",
-    "Orbit",
-    "OwnMotion",
-    "RangeEstimate",
-    "RangeSample",
-    "RelativeMotion",
-    "TurnCommand",
-    "tune",
-]
 OwnLaw = Callable[[RangeEstimate], float]
 """A law of one's own: from the estimate to a turn rate, rad/s, counter-clockwise positive."""
 

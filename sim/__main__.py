@@ -1,63 +1,47 @@
-"""python -m sim [VEHICLE.toml]: the vehicle alone, for any ground station, companion or test."""
+"""python -m circnav_mav.emulator [VEHICLE.toml]: the vehicle alone, for any ground station, companion or test."""
 
-import argparse
-import os
 import signal
 import sys
+from functools import partial
 
-from sim.config import ConfigError, load_vehicle, parse_vehicle
-from sim.server import serve
-from sim.wires import EndpointError
+import click
+
+from .config import ConfigError, load_vehicle, parse_vehicle
+from .server import serve
+from .wires import EndpointError
 
 BAD_USAGE = 2
+MORE_THAN_0 = click.FloatRange(0, 1e9, min_open=True, max_open=True)
+said = partial(click.option, show_default=True)
 
 
-def main(arguments: list[str] | None = None) -> int:
-    options = _parser().parse_args(arguments)
+@click.command(epilog="Example: python -m circnav_mav.emulator --endpoint udpin:0.0.0.0:14550")
+@click.argument("vehicle", required=False, metavar="[VEHICLE.toml]")
+@said("--endpoint", default="udpout:127.0.0.1:14550", metavar="URL", help="udpin:, udpout: or tcpin:HOST:PORT.")
+@said("--ranging-endpoint", metavar="URL", help='Where the radio speaks when its via = "direct".')
+@said("--speed", type=MORE_THAN_0, default=1.0, help="Simulated seconds per second.")
+@said("--seed", type=int, help="Instead of the file's.")
+@said("--duration", type=MORE_THAN_0, help="Stop after so many simulated seconds.")
+def main(
+    vehicle: str | None, endpoint: str, ranging_endpoint: str | None, speed: float, seed: int | None,
+    duration: float | None,
+) -> None:  # fmt: skip
+    """A MAVLink vehicle and its ranging radio, as VEHICLE.toml or the [sim] table of a mission file says."""
     stop: list[int] = []
-    parent = os.getppid()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda received, _frame: stop.append(received))
     try:
-        config = load_vehicle(options.vehicle) if options.vehicle else parse_vehicle({}, "sim")
-        if options.seed is not None:
-            config = config.seeded(options.seed)
+        config = load_vehicle(vehicle) if vehicle else parse_vehicle({}, "sim")
         serve(
-            config,
-            options.endpoint,
-            options.ranging_endpoint,
-            speed=options.speed,
-            duration=options.duration,
+            config if seed is None else config.seeded(seed), endpoint, ranging_endpoint, speed=speed, duration=duration,
             ready=lambda line: print(line, flush=True),
-            stopped=lambda: bool(stop) or (options.with_parent and os.getppid() != parent),
-        )
+            stopped=lambda: bool(stop),
+            say=lambda line: print(line, file=sys.stderr, flush=True),
+        )  # fmt: skip
     except (ConfigError, EndpointError) as error:
-        print(f"sim: {error}", file=sys.stderr)
-        return BAD_USAGE
-    return 0
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="python -m sim",
-        description="A MAVLink vehicle and its ranging radio. Example: python -m sim --endpoint udpin:0.0.0.0:14550",
-    )
-    parser.add_argument("vehicle", nargs="?", metavar="VEHICLE.toml", help="vehicle file, or a mission file with [sim]")
-    parser.add_argument("--endpoint", default="udpout:127.0.0.1:14550", help="udpin:, udpout: or tcpin:HOST:PORT")
-    parser.add_argument("--ranging-endpoint", metavar="URL", help='where the radio speaks when its via = "direct"')
-    parser.add_argument("--speed", type=_positive, default=1.0, help="simulated seconds per second")
-    parser.add_argument("--seed", type=int, help="overrides the file's seed")
-    parser.add_argument("--duration", type=_positive, help="stop after so many simulated seconds")
-    parser.add_argument("--with-parent", action="store_true", help="end when the process that started it ends")
-    return parser
-
-
-def _positive(text: str) -> float:
-    value = float(text)
-    if not 0 < value < 1e9:
-        raise argparse.ArgumentTypeError(f"{text} must be greater than 0")
-    return value
+        click.echo(f"sim: {error}", err=True)
+        sys.exit(BAD_USAGE)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

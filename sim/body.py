@@ -90,6 +90,19 @@ class Body(NamedTuple):
         )
 
 
+def to_earth(forward: float, right: float, heading: float) -> tuple[float, float]:
+    """A horizontal vector seen from the nose as north and east."""
+    cos, sin = math.cos(heading), math.sin(heading)
+    return forward * cos - right * sin, forward * sin + right * cos
+
+
+def at_most(first: float, second: float, most: float) -> tuple[float, float]:
+    """A vector, no longer than that."""
+    size = math.hypot(first, second)
+    share = min(1.0, most / size) if size > 0 else 1.0
+    return first * share, second * share
+
+
 def coordinated_bank(speed: float, turn_rate: float) -> float:
     """The bank that turns at this rate without slip: tan(roll) = V w / g."""
     return math.atan(speed * turn_rate / GRAVITY)

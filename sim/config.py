@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from sim.autopilots.modes import MODES, PROFILES
-from sim.schema import ConfigError, key, nearest, place, read_table
-from sim.signing import read_key
+from .autopilots.modes import MODES, PROFILES
+from .schema import ConfigError, key, nearest, place, read_table
+from .signing import read_key
 
 __all__ = ["ConfigError", "VehicleConfig", "load_vehicle", "parse_vehicle"]
 
@@ -23,10 +23,13 @@ ACTIONS = (
     "rc_failsafe",
     "gps_off",
     "gps_on",
+    "gps_spoof",
     "battery",
     "wind",
     "mute_ranging",
     "unmute_ranging",
+    "freeze_ranging",
+    "unfreeze_ranging",
     "mute_autopilot",
     "unmute_autopilot",
     "reboot",
@@ -115,7 +118,11 @@ class Wind:
 
 @dataclass(frozen=True)
 class Ranging:
-    """[ranging]: the radio: how it measures and by which message and way it is heard."""
+    """[ranging]: the radio: how it measures and by which message and way it is heard.
+
+    rate_name: it also measures the range rate and sends it as a NAMED_VALUE_FLOAT of that name. rate_noise_mps: white.
+    rate_bias_mps: rms of the carrier's offset, which changes within a minute.
+    """
 
     message: str = key("distance_sensor", choices=MESSAGES)
     via: str = key("forwarded", choices=VIAS)
@@ -136,6 +143,10 @@ class Ranging:
     orientation: int = key(24, low=0, high=255)
     name: str = key("RANGE", longest=10)
     report_accuracy: bool = False
+    rate_name: str | None = key(None, longest=10)
+    rate_sign: str = key("opening", choices=("opening", "closing"))
+    rate_noise_mps: float = key(0.1, low=0.0)
+    rate_bias_mps: float = key(0.05, low=0.0)
 
 
 @dataclass(frozen=True)
@@ -152,6 +163,8 @@ class Sensors:
     accel_noise_mps2: rms of each reading. accel_bias_mps2: constant, signs drawn by the seed; None draws .05 .. 0.1.
     imu: "frozen" repeats its last reading, "clipped" ends at 8 m/s^2, "rotated" is mounted 90 deg to the right.
     velocity_error_mps: rms of the velocity estimate's slow error, horizontal; None: 0.3 of a realistic px4_copter.
+    gps_error_m: standard deviation of the reported position in each axis, first order with gps_error_time_s.
+    dead_reckoning_mps: speed in each axis, drawn, at which the reported position drifts away without GPS.
     """
 
     heading_bias_deg: float = key(0.0, low=-180.0, high=180.0)
@@ -164,6 +177,9 @@ class Sensors:
     imu: str = key("good", choices=IMU_STATES)
     velocity_error_mps: float | None = key(None, low=0.0, high=10.0)
     velocity_error_time_s: float = key(4.0, low=0.1, high=600.0)
+    gps_error_m: float = key(0.0, low=0.0, high=1000.0)
+    gps_error_time_s: float = key(60.0, low=0.1, high=10_000.0)
+    dead_reckoning_mps: float = key(0.3, low=0.0, high=20.0)
 
 
 @dataclass(frozen=True)
@@ -292,5 +308,7 @@ def _check_ranging(config: VehicleConfig, where: str) -> None:
         )
     if ranging.via == "autopilot" and ranging.message != "distance_sensor":
         raise ConfigError(f'{here}.message: the autopilot re-sends only "distance_sensor", or use another via')
+    if ranging.rate_name is not None and ranging.via == "autopilot":
+        raise ConfigError(f"{here}.rate_name: the autopilot re-sends ranges only, use another via")
     if ranging.via != "autopilot" and (ranging.system_id, ranging.component_id) == (config.vehicle.system_id, 1):
         raise ConfigError(f"{here}.component_id: 1 is the autopilot itself, choose another (192)")

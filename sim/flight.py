@@ -6,18 +6,18 @@ from collections.abc import Callable
 from random import Random
 from typing import NamedTuple
 
-from sim.autopilots.arducopter import ArduCopter
-from sim.autopilots.arduplane import ArduPlane
-from sim.autopilots.ardurover import ArduRover
-from sim.autopilots.contract import Autopilot, Say
-from sim.autopilots.px4_copter import Px4Copter
-from sim.autopilots.px4_plane import Px4Plane
-from sim.body import GRAVITY, Body, Vector
-from sim.config import VehicleConfig
-from sim.instruments import Instruments
-from sim.sensor import Rangefinder
-from sim.starting import starting_body
-from sim.world import Air, TargetMotion
+from .autopilots.arducopter import ArduCopter
+from .autopilots.arduplane import ArduPlane
+from .autopilots.ardurover import ArduRover
+from .autopilots.contract import Autopilot, Say
+from .autopilots.px4_copter import Px4Copter
+from .autopilots.px4_plane import Px4Plane
+from .body import GRAVITY, Body, Vector
+from .config import VehicleConfig
+from .instruments import Instruments
+from .sensor import Rangefinder
+from .starting import starting_body
+from .world import Air, TargetMotion
 
 IMU_WINDOW_US = 20_000  # what an accelerometer's reading is averaged over: autopilots filter at 20 .. 30 Hz
 DRIFT_STEP_US = 100_000
@@ -75,6 +75,12 @@ class Flight:
         self.autopilot = self._build_autopilot(config)
         self._velocities: deque[tuple[int, Vector]] = deque([(0, self._velocity())])
         self._estimator_rng = Random(f"{config.seed}:estimator")
+        self._position_rng = Random(f"{config.seed}:position")
+        size, drift = config.sensors.gps_error_m, config.sensors.dead_reckoning_mps
+        self._gps_error = self._position_rng.gauss(0.0, size), self._position_rng.gauss(0.0, size)
+        self._lost_drift = self._position_rng.gauss(0.0, drift), self._position_rng.gauss(0.0, drift)
+        self.position_error = self._gps_error  # reported less true, north and east, m
+        self.spoofed = 0.0  # m/s by which what the receiver believes moves north
 
     def next_due(self) -> int:
         return max(self.now, self.autopilot.wake_us())
@@ -126,6 +132,22 @@ class Flight:
         north, east = (kept * error + self._estimator_rng.gauss(0.0, fresh) for error in self.body.velocity_error)
         self.body = self.body._replace(velocity_error=(north, east))
 
+    def wander(self) -> None:
+        """One step of 0.1 s of the error of the reported position: of the GPS, or of dead reckoning without it."""
+        sensors, dt = self.config.sensors, DRIFT_STEP_US * 1e-6
+        kept = math.exp(-dt / sensors.gps_error_time_s)
+        fresh = sensors.gps_error_m * math.sqrt(1 - kept * kept)
+        north, east = (kept * error + self._position_rng.gauss(0.0, fresh) for error in self._gps_error)
+        self._gps_error = north + self.spoofed * dt, east
+        if self.autopilot.gps:
+            self.position_error = self._gps_error
+            return
+        placed = self.autopilot.take_placed()
+        if placed is not None:
+            self.position_error = placed[0] - self.body.north, placed[1] - self.body.east
+        drift = self._lost_drift
+        self.position_error = self.position_error[0] + drift[0] * dt, self.position_error[1] + drift[1] * dt
+
     def reboot(self) -> None:
         """The autopilot starts afresh: disarmed, in its first mode, its clock at zero. The body stays where it is."""
         fresh = self.config.rebooted()
@@ -158,6 +180,16 @@ class Flight:
     def slant_range(self) -> float:
         body = self.body
         return math.dist((body.north, body.east, body.down), self.target.at(self.seconds))
+
+    def slant_rate(self) -> float:
+        """How fast the slant range grows, m/s."""
+        body = self.body
+        before, after = self.target.at(self.seconds - 0.01), self.target.at(self.seconds + 0.01)
+        here = self.target.at(self.seconds)
+        offset = [a - b for a, b in zip((body.north, body.east, body.down), here, strict=True)]
+        moved = [(b - a) / 0.02 for a, b in zip(before, after, strict=True)]
+        relative = [a - b for a, b in zip(self._velocity(), moved, strict=True)]
+        return sum(a * b for a, b in zip(offset, relative, strict=True)) / max(self.slant_range(), 1e-6)
 
     def truth(self) -> Truth:
         body, wind = self.body, self.air.velocity

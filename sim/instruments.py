@@ -3,8 +3,8 @@
 import math
 from random import Random
 
-from sim.body import Body, Vector
-from sim.config import Sensors
+from .body import Body, Vector
+from .config import Sensors
 
 CLIP_MPS2 = 8.0  # below 1 g, so that the vertical axis shows it in level flight
 VIBRATION_HZ = 73.0  # of a motor; a stream of 50 Hz sees its alias

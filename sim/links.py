@@ -2,8 +2,8 @@
 
 from collections import deque
 
-from sim.signing import Notary
-from sim.wire import Message, Parser, Sender
+from .signing import Notary
+from .wire import Message, Parser, Sender
 
 HEARTBEAT = 0
 NEVER_FORWARDED = frozenset({109, 166, 246, 256})  # RADIO_STATUS, RADIO, ADSB_VEHICLE, SETUP_SIGNING

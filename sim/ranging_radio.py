@@ -9,11 +9,11 @@ from functools import partial
 
 from pymavlink.dialects.v20 import all as mavlink
 
-from sim.agenda import Agenda
-from sim.config import Ranging, VehicleConfig
-from sim.flight import Flight
-from sim.sensor import RangeSensor, Sample
-from sim.wire import Message
+from .agenda import Agenda
+from .config import Ranging, VehicleConfig
+from .flight import Flight
+from .sensor import DopplerSensor, RangeSensor, Sample
+from .wire import Message
 
 SECOND = 1_000_000
 UNKNOWN_U32, UNKNOWN_COVARIANCE, UNKNOWN_LATLON = 4_294_967_295, 255, 2_147_483_647
@@ -38,7 +38,10 @@ class RangingRadio:
         self._send = send
         self._driver = driver
         self._sensor = RangeSensor(config.ranging, config.seed)
+        self._doppler = DopplerSensor(config.ranging, config.seed)
         self.muted = False
+        self.frozen = False
+        self._held: Sample | None = None
         if self._config.rate_hz > 0:
             agenda.every(("range",), round(SECOND / self._config.rate_hz), 0, self._measure)
         if self._config.via == "forwarded":
@@ -47,8 +50,13 @@ class RangingRadio:
     def _measure(self) -> None:
         now = self._flight.now
         sample = self._sensor.measure(self._flight.slant_range(), now)
+        rate = self._doppler.measure(self._flight.slant_rate())
         if sample is None or self.muted:
             return
+        if self.frozen and self._held is not None:
+            sample = sample._replace(distance=self._held.distance, rate=self._held.rate)
+        else:
+            sample = self._held = sample._replace(rate=rate)
         latency = round(self._config.latency_s * SECOND)
         if latency == 0:
             self._report(sample)
@@ -59,6 +67,8 @@ class RangingRadio:
         if self._config.via == "autopilot":
             self._driver(sample)
         else:
+            if self._config.rate_name is not None:
+                self._send(named_rate(self._config, sample))
             self._send(MESSAGES[self._config.message](self._config, sample))
 
     def _heartbeat(self) -> None:
@@ -109,6 +119,13 @@ def ranging_beacon(config: Ranging, sample: Sample) -> Message:
 def named_value(config: Ranging, sample: Sample) -> Message:
     stamp = _stamp_us(config, sample) // 1000 & 0xFFFFFFFF
     return mavlink.MAVLink_named_value_float_message(stamp, config.name.encode(), sample.distance)
+
+
+def named_rate(config: Ranging, sample: Sample) -> Message:
+    """The range rate under its own name and the stamp of its range, which comes right after it."""
+    stamp = _stamp_us(config, sample) // 1000 & 0xFFFFFFFF
+    rate = sample.rate if config.rate_sign == "opening" else -sample.rate
+    return mavlink.MAVLink_named_value_float_message(stamp, (config.rate_name or "").encode(), rate)
 
 
 def _stamp_us(config: Ranging, sample: Sample) -> int:

@@ -118,6 +118,29 @@ def _noun(value: object) -> str:
     return repr(value) if isinstance(value, (int, float)) else type(value).__name__
 
 
+def json_schema(kind: type) -> dict[str, Any]:
+    """What `read_table` takes, as a JSON schema for editors."""
+    hints = get_type_hints(kind)
+    properties = {f.name: _schema_of(hints[f.name]) | _limits(f.metadata.get("bounds", Bounds())) for f in fields(kind)}
+    return {"type": "object", "additionalProperties": False, "properties": properties}
+
+
+def _schema_of(hint: Any) -> dict[str, Any]:
+    wanted = next((h for h in get_args(hint) if h is not type(None)), hint) if type(None) in get_args(hint) else hint
+    if is_dataclass(wanted):
+        return json_schema(wanted)  # type: ignore[arg-type]
+    if get_origin(wanted) is tuple:
+        return {"type": "array", "items": _schema_of(get_args(wanted)[0])}
+    return {"type": {float: "number", int: "integer", bool: "boolean", str: "string"}[wanted]}
+
+
+def _limits(bounds: Bounds) -> dict[str, Any]:
+    """Bounds in a schema's words; those of a pair hold for each number, which a schema would say elsewhere."""
+    words = {"minimum": bounds.low, "maximum": bounds.high, "exclusiveMinimum": bounds.above}
+    limits: dict[str, Any] = {word: limit for word, limit in words.items() if math.isfinite(limit)}
+    return limits | ({"enum": list(bounds.choices)} if bounds.choices else {})
+
+
 def place(where: str, name: object) -> str:
     """`file: section.key`: the first part is the file, dots join what is inside it."""
     return f"{where}.{name}" if ": " in where else f"{where}: {name}"

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from random import Random
 from typing import NamedTuple
 
-from sim.config import Ranging
+from .config import Ranging
 
 
 @dataclass(frozen=True)
@@ -31,11 +31,12 @@ CHARACTERS = {
 
 
 class Sample(NamedTuple):
-    """One measurement, as long as it is not lost. Microseconds and metres."""
+    """One measurement, as long as it is not lost. Microseconds, metres, and m/s away from the target."""
 
     taken_us: int
     distance: float
     sequence: int
+    rate: float = 0.0
 
 
 class RangeSensor:
@@ -74,6 +75,24 @@ class RangeSensor:
             distance += c.outlier_m * spread
         self._sequence = (self._sequence + 1) % 256
         return Sample(now, max(0.0, distance), self._sequence)
+
+
+class DopplerSensor:
+    """The range rate by the carrier's Doppler shift: white noise, and the offset of two oscillators that wander."""
+
+    WANDERS = 60.0  # s
+
+    def __init__(self, config: Ranging, seed: int) -> None:
+        self._config = config
+        self._rng = Random(f"{seed}:doppler")
+        self._offset = config.rate_bias_mps * self._rng.gauss(0.0, 1.0)
+        self._kept = math.exp(-1 / (self.WANDERS * config.rate_hz)) if config.rate_hz > 0 else 1.0
+
+    def measure(self, true_rate: float) -> float:
+        c, rng = self._config, self._rng
+        white, fresh = rng.gauss(0.0, 1.0), rng.gauss(0.0, 1.0)
+        self._offset = self._kept * self._offset + c.rate_bias_mps * math.sqrt(1 - self._kept**2) * fresh
+        return true_rate + self._offset + c.rate_noise_mps * white
 
 
 class Rangefinder:

@@ -4,12 +4,14 @@ import select
 import time
 from collections.abc import Callable
 
-from sim.config import VehicleConfig
-from sim.vehicle import MAIN, RANGING, Vehicle
-from sim.wires import EndpointError, Wire, open_wire, parse_endpoint
+from .config import VehicleConfig
+from .vehicle import MAIN, RANGING, Vehicle
+from .wires import EndpointError, Wire, open_wire, parse_endpoint
 
 LONGEST_SLEEP = 0.25  # s of wall time: signals and the end of the flight are seen by then
+LATE = 0.2  # s of simulated time behind that are worth a line
 BURST = 0.5  # s of simulated time at most caught up in one go
+TELL_EVERY = 10.0  # s of wall time between two such lines
 
 
 def serve(
@@ -20,8 +22,10 @@ def serve(
     duration: float | None = None,
     ready: Callable[[str], None] = lambda line: None,
     stopped: Callable[[], bool] = lambda: False,
+    say: Callable[[str], None] = lambda line: None,
 ) -> None:
-    """Fly until `duration` (simulated s) is over or `stopped()`; `ready` gets one line once the ports are open.
+    """Fly until `duration` (simulated s) is over or `stopped()`; `ready` gets one line once the ports are open, `say`
+    one when this computer cannot keep up.
 
     Raises EndpointError when a port cannot be opened or the ranging endpoint is missing.
     """
@@ -29,7 +33,7 @@ def serve(
     vehicle = Vehicle(config)
     try:
         ready(ready_line(config, endpoint, ranging_endpoint))
-        _fly(vehicle, wires, speed, duration, stopped)
+        _fly(vehicle, wires, speed, duration, stopped, say)
     finally:
         for wire in wires.values():
             wire.close()
@@ -55,16 +59,27 @@ def open_wires(config: VehicleConfig, endpoint: str, ranging_endpoint: str | Non
 
 
 def _fly(
-    vehicle: Vehicle, wires: dict[str, Wire], speed: float, duration: float | None, stopped: Callable[[], bool]
+    vehicle: Vehicle,
+    wires: dict[str, Wire],
+    speed: float,
+    duration: float | None,
+    stopped: Callable[[], bool],
+    say: Callable[[str], None],
 ) -> None:
-    started = time.monotonic()
+    started = quiet_until = time.monotonic()
+    lost = 0.0  # simulated time left out for good, s
     while not stopped():
-        simulated = (time.monotonic() - started) * speed
+        wall = time.monotonic()
+        simulated = (wall - started) * speed
         if duration is not None and simulated >= duration:
             return
         behind = simulated - vehicle.time
+        if behind > LATE and wall >= quiet_until:
+            quiet_until = wall + TELL_EVERY
+            say(f"sim: this computer cannot keep up: simulated time is {lost + behind:.1f} s behind")
         if behind > BURST:  # the machine cannot keep up: fly slower rather than deaf
             started += (behind - BURST) / speed
+            lost += behind - BURST
             simulated -= behind - BURST
         vehicle.tell_time(time.time())
         vehicle.advance(simulated)

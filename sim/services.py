@@ -5,12 +5,12 @@ The vehicle itself answers commands about its streams, the rest goes to the auto
 
 from pymavlink.dialects.v20 import all as mavlink
 
-from sim.autopilots.ardupilot import STREAM_GROUPS
-from sim.autopilots.contract import ACCEPTED, DENIED, FAILED, Command, Say
-from sim.flight import Flight
-from sim.links import Link
-from sim.streams import Streams
-from sim.wire import Message
+from .autopilots.ardupilot import STREAM_GROUPS
+from .autopilots.contract import ACCEPTED, DENIED, FAILED, Command, Say
+from .flight import Flight
+from .links import Link
+from .streams import Streams
+from .wire import Message
 
 COMMAND_INT, COMMAND_LONG = 75, 76
 GET_INTERVAL, SET_INTERVAL, REQUEST_MESSAGE, REQUEST_CAPABILITIES, GET_HOME = 510, 511, 512, 520, 410

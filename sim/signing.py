@@ -8,8 +8,8 @@ from pathlib import Path
 
 from pymavlink.dialects.v20 import all as mavlink
 
-from sim.schema import ConfigError
-from sim.wire import Message
+from .schema import ConfigError
+from .wire import Message
 
 EPOCH_S = 1_420_070_400  # 2015 in unix time
 TICKS_PER_S = 100_000

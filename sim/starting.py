@@ -3,8 +3,8 @@
 import math
 from random import Random
 
-from sim.body import Body
-from sim.config import VehicleConfig
+from .body import Body
+from .config import VehicleConfig
 
 ALTITUDE_M = {"arduplane": 100.0, "px4_plane": 100.0, "ardurover": 0.0}
 CRUISE_MPS = {"arduplane": 22.0, "px4_plane": 10.0}

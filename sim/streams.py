@@ -2,11 +2,11 @@
 
 from functools import partial
 
-from sim.agenda import Agenda
-from sim.autopilots.contract import ACCEPTED, INFO, Say
-from sim.flight import Flight
-from sim.links import HEARTBEAT, Link
-from sim.telemetry import BUILDERS
+from .agenda import Agenda
+from .autopilots.contract import ACCEPTED, INFO, Say
+from .flight import Flight
+from .links import HEARTBEAT, Link
+from .telemetry import BUILDERS
 
 STOP, DEFAULT = -1, 0
 SLOWEST_US = 60_000_000

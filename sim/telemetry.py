@@ -5,12 +5,12 @@ from collections.abc import Callable
 
 from pymavlink.dialects.v20 import all as mavlink
 
-from sim.body import GRAVITY
-from sim.demands import BodyVelocity, EarthVelocity, Tilt
-from sim.flight import Flight
-from sim.ranging_radio import centimetres
-from sim.wire import Message
-from sim.world import HOME_AMSL_M, HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG, to_degrees
+from .body import GRAVITY, to_earth
+from .demands import BodyVelocity, EarthVelocity, Tilt
+from .flight import Flight
+from .ranging_radio import centimetres
+from .wire import Message
+from .world import HOME_AMSL_M, HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG, to_degrees
 
 EPOCH_US = 1_750_000_000_000_000  # SYSTEM_TIME's wall clock at simulated time zero: fixed, so that runs repeat
 EKF_GOOD, EKF_NO_POSITION = 0x33F, 0xA7
@@ -227,8 +227,7 @@ def position_target(flight: Flight) -> Message | None:
     """The copter's echo of the velocity it flies: earth frame, only velocities valid."""
     flown = flight.autopilot.flown()
     if isinstance(flown, BodyVelocity):
-        cos, sin = math.cos(flight.body.heading), math.sin(flight.body.heading)
-        north, east = flown.forward * cos - flown.right * sin, flown.forward * sin + flown.right * cos
+        north, east = to_earth(flown.forward, flown.right, flight.body.heading)
     elif isinstance(flown, EarthVelocity):
         north, east = flown.north, flown.east
     else:
@@ -264,7 +263,8 @@ def _millivolts(percent: float) -> int:
 
 
 def _degrees_e7(flight: Flight) -> tuple[int, int]:
-    latitude, longitude = to_degrees(flight.body.north, flight.body.east)
+    north, east = flight.position_error
+    latitude, longitude = to_degrees(flight.body.north + north, flight.body.east + east)
     return round(latitude * 1e7), round(longitude * 1e7)
 
 

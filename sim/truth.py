@@ -4,9 +4,9 @@ import math
 
 from pymavlink.dialects.v20 import all as mavlink
 
-from sim.flight import Flight
-from sim.wire import Message
-from sim.world import HOME_AMSL_M, to_degrees
+from .flight import Flight
+from .wire import Message
+from .world import HOME_AMSL_M, to_degrees
 
 NAME = b"SIM_TRUTH"
 ZEROS = [0.0] * 41

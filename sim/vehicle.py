@@ -6,18 +6,18 @@ from functools import partial
 
 from pymavlink.dialects.v20 import all as mavlink
 
-from sim.agenda import NEVER, Agenda
-from sim.config import Event, VehicleConfig
-from sim.flight import DRIFT_STEP_US, Flight, Truth
-from sim.links import HEARTBEAT, TYPE_GCS, Link, Router
-from sim.ranging_radio import SECOND, RangingRadio
-from sim.sensor import Sample
-from sim.services import Services
-from sim.signing import UNSIGNED_BY_ARDUPILOT, UNSIGNED_BY_PX4, Notary, read_key
-from sim.streams import Streams
-from sim.truth import sim_state, truth_array
-from sim.wire import Message, Sender
-from sim.world import Air
+from .agenda import NEVER, Agenda
+from .config import Event, VehicleConfig
+from .flight import DRIFT_STEP_US, Flight, Truth
+from .links import HEARTBEAT, TYPE_GCS, Link, Router
+from .ranging_radio import SECOND, RangingRadio
+from .sensor import Sample
+from .services import Services
+from .signing import UNSIGNED_BY_ARDUPILOT, UNSIGNED_BY_PX4, Notary, read_key
+from .streams import Streams
+from .truth import sim_state, truth_array
+from .wire import Message, Sender
+from .world import Air
 
 __all__ = ["Truth", "Vehicle"]
 
@@ -166,6 +166,8 @@ class Vehicle:
             self._agenda.every(("truth",), round(SECOND / rate), 0, self._send_truth)
         if self._flight.air.gusty:
             self._agenda.every(("gusts",), Air.GUST_STEP_US, 0, self._flight.air.gust)
+        if self.config.sensors.gps_error_m > 0 or any(event.action.startswith("gps_") for event in self.config.events):
+            self._agenda.every(("position",), DRIFT_STEP_US, 0, self._flight.wander)
         if self._flight.velocity_error_rms > 0:
             self._agenda.every(("estimate",), DRIFT_STEP_US, 0, self._flight.drift_estimate)
         for i, event in enumerate(self.config.events):
@@ -175,6 +177,8 @@ class Vehicle:
         flight, action = self._flight, event.action
         if action in ("mute_ranging", "unmute_ranging"):
             self._radio.muted = action == "mute_ranging"
+        elif action in ("freeze_ranging", "unfreeze_ranging"):
+            self._radio.frozen = action == "freeze_ranging"
         elif action in ("mute_autopilot", "unmute_autopilot"):
             self._dumb = action == "mute_autopilot"
             for link in self._autopilot_links():
@@ -185,6 +189,8 @@ class Vehicle:
             flight.charge(max(0.0, min(100.0, event.value or 0.0)))
         elif action.startswith("imu_"):
             flight.instruments.imu_state = action.removeprefix("imu_")
+        elif action == "gps_spoof":
+            flight.spoofed = event.value or 0.0
         elif action == "wind":
             flight.air.blow(event.value or 0.0)
         else:

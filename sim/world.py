@@ -4,19 +4,20 @@ import math
 from dataclasses import dataclass
 from random import Random
 
-from sim.config import Target, Wind
+from .config import Target, Wind
 
 HOME_LATITUDE_DEG = -35.3632621
 HOME_LONGITUDE_DEG = 149.1652374
 HOME_AMSL_M = 584.0
-EARTH_RADIUS_M = 6_378_137.0
+# WGS84 at home: metres of a degree of latitude and of longitude (the usual series; a sphere is 0.3 % off)
+_LAT = math.radians(HOME_LATITUDE_DEG)
+M_PER_LATITUDE = 111132.954 - 559.822 * math.cos(2 * _LAT) + 1.175 * math.cos(4 * _LAT)
+M_PER_LONGITUDE = 111412.877 * math.cos(_LAT) - 93.504 * math.cos(3 * _LAT) + 0.118 * math.cos(5 * _LAT)
 
 
 def to_degrees(north: float, east: float) -> tuple[float, float]:
-    """Metres from home to latitude and longitude in degrees (equirectangular: centimetres over a few kilometres)."""
-    latitude = HOME_LATITUDE_DEG + math.degrees(north / EARTH_RADIUS_M)
-    longitude = HOME_LONGITUDE_DEG + math.degrees(east / (EARTH_RADIUS_M * math.cos(math.radians(HOME_LATITUDE_DEG))))
-    return latitude, longitude
+    """Metres from home to latitude and longitude in degrees (centimetres over a few kilometres)."""
+    return HOME_LATITUDE_DEG + north / M_PER_LATITUDE, HOME_LONGITUDE_DEG + east / M_PER_LONGITUDE
 
 
 @dataclass(frozen=True)
@@ -48,8 +49,8 @@ def _path(speed: float, acceleration: float, course: float, turn: float, t: floa
 
 def from_degrees(latitude: float, longitude: float) -> tuple[float, float]:
     """Degrees to metres north and east of home."""
-    north = math.radians(latitude - HOME_LATITUDE_DEG) * EARTH_RADIUS_M
-    east = math.radians(longitude - HOME_LONGITUDE_DEG) * EARTH_RADIUS_M * math.cos(math.radians(HOME_LATITUDE_DEG))
+    north = (latitude - HOME_LATITUDE_DEG) * M_PER_LATITUDE
+    east = (longitude - HOME_LONGITUDE_DEG) * M_PER_LONGITUDE
     return north, east
 
 

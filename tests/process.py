@@ -18,8 +18,13 @@ UNHURRIED = ("--set", "limits.stale_s=3.0", "--set", "limits.round_trip_s=5.0")
 
 def circnav(*arguments: str) -> subprocess.Popen[str]:
     """Start it; what it prints and its errors can be read."""
+    return python("-m", "circnav_mav", *arguments)
+
+
+def python(*arguments: str) -> subprocess.Popen[str]:
+    """The same of any Python program, from the project's folder."""
     return subprocess.Popen(
-        [sys.executable, "-m", "circnav_mav", *arguments],
+        [sys.executable, *arguments],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

@@ -5,16 +5,20 @@ Imports of the rooms stand inside the commands, so that `circnav --help` does no
 
 import sys
 import warnings
+from typing import Any
 
 import click
 
 from circnav_mav import __version__
+from circnav_mav.cli.bundled import FileOrName
 from circnav_mav.cli.exits import Exit, Refused
 from circnav_mav.cli.terminal import mind_output
 
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 SET_HELP = "Override a mission value, e.g. --set orbit.radius_m=80. May be repeated."
 
+MISSION, CAMPAIGN = FileOrName("mission"), FileOrName("campaign")
+SPEED_HELP = "Bundled vehicle: N times real time, to watch it. [default: as fast as possible; with --web 6]"
 WEB_HELP = "Show the flight in a browser on this computer, too, at http://127.0.0.1:PORT. [default port: 8080]"
 
 
@@ -25,7 +29,12 @@ def circnav() -> None:
 
     \b
     First flight, no hardware needed:
-        circnav fly config/quickstart.toml
+        circnav fly quickstart
+
+    \b
+    A mission of your own:
+        circnav init copter          (or plane, rover, px4-copter, px4-plane, ...)
+        circnav fly copter.toml
 
     \b
     Exit codes:
@@ -39,81 +48,73 @@ def circnav() -> None:
     """
 
 
-@circnav.command()
-@click.argument("mission", type=click.Path())
+@circnav.command(short_help="Fly a mission, show it live, record it.")
+@click.argument("mission", type=MISSION)
 @click.option("--endpoint", metavar="URL", help="The vehicle: udpin:, udpout:, tcp:HOST:PORT or serial:PATH:BAUD.")
 @click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True, help=SET_HELP)
-@click.option("--speed", type=float, metavar="N", help="Fly the bundled vehicle N times faster than real time.")
+@click.option("--speed", type=float, metavar="N", help=SPEED_HELP)
 @click.option("--duration", type=float, metavar="S", help="Seconds to fly after engaging.")
 @click.option("--out", type=click.Path(), metavar="DIR", help="Run folder. [default: runs/<time>-<name>]")
 @click.option("--dry-run", is_flag=True, help="Compute and log everything, but send no setpoint and request no mode.")
 @click.option("--shadow", is_flag=True, help="Like --dry-run, and send nothing but our heartbeat and the plot values.")
 @click.option("--web", is_flag=False, flag_value="8080", metavar="[PORT]", help=WEB_HELP)
-def fly(
-    mission: str,
-    endpoint: str | None,
-    overrides: tuple[str, ...],
-    speed: float | None,
-    duration: float | None,
-    out: str | None,
-    dry_run: bool,
-    shadow: bool,
-    web: str | None,
-) -> int:
+def fly(**options: Any) -> int:
     """Fly MISSION, show it live, and record it in a run folder.
+
+    MISSION is a file, or the name of a bundled mission: quickstart, arducopter, px4-plane.
 
     Switch to any other flight mode and circnav stops sending immediately. Ctrl-C ends the flight safely.
 
     \b
     Examples:
-        circnav fly config/quickstart.toml --set orbit.radius_m=80
-        circnav fly config/quickstart.toml --web
-        circnav fly config/vehicle_udp.toml --endpoint udpin:0.0.0.0:14550
+        circnav fly quickstart --set orbit.radius_m=80
+        circnav fly quickstart --web
+        circnav fly my.toml --endpoint udpin:0.0.0.0:14550
     """
     from circnav_mav.cli.fly import FlyOptions, fly_mission
 
-    return fly_mission(FlyOptions(mission, endpoint, overrides, speed, duration, out, dry_run, shadow, web))
+    return fly_mission(FlyOptions(**options))
 
 
-@circnav.command()
-@click.argument("vehicle", required=False, type=click.Path(), metavar="[VEHICLE.toml]")
+@circnav.command(short_help="Run the bundled vehicle alone, for any client.")
+@click.argument("vehicle", required=False, type=MISSION, metavar="[VEHICLE]")
 @click.option(
     "--endpoint", default="udpout:127.0.0.1:14550", show_default=True, metavar="URL", help="Where it sends to."
 )
 @click.option("--ranging-endpoint", metavar="URL", help='Where its radio sends to, for ranging that goes "direct".')
 @click.option("--speed", type=float, default=1.0, show_default=True, metavar="N", help="Times real time.")
 def emulate(vehicle: str | None, endpoint: str, ranging_endpoint: str | None, speed: float) -> int:
-    """Run the bundled simulated vehicle alone. Any ground station or client may connect; Ctrl-C ends it.
+    """Run the bundled simulated vehicle alone, in real time. Any ground station or client may connect; Ctrl-C ends it.
 
-    VEHICLE.toml is a vehicle file, or a mission file with a [sim] table; without it, a copter hovers.
+    VEHICLE is a vehicle file, or a mission (file or name) with a [sim] table; without it, a copter hovers.
 
     \b
     Example, in two terminals (at --speed 8 the flight needs --set 'link.clock="autopilot"', too):
-        circnav emulate config/quickstart.toml --endpoint udpout:127.0.0.1:14550
-        circnav fly config/quickstart.toml --endpoint udpin:0.0.0.0:14550
+        circnav emulate quickstart --endpoint udpout:127.0.0.1:14550
+        circnav fly quickstart --endpoint udpin:0.0.0.0:14550
     """
     from circnav_mav.cli.emulate import run_emulator
 
     return run_emulator(vehicle, endpoint, ranging_endpoint, speed)
 
 
-@circnav.command()
-@click.argument("mission", type=click.Path())
+@circnav.command(short_help="Check a mission without flying it.")
+@click.argument("mission", type=MISSION)
 @click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True, help=SET_HELP)
 def check(mission: str, overrides: tuple[str, ...]) -> int:
     """Check MISSION without flying it. Prints PASS, WARN or FAIL for each point, with the number and its limit.
 
     \b
     Example:
-        circnav check config/quickstart.toml --set guidance.law=smooth --set guidance.gain=1e-5
+        circnav check quickstart --set guidance.law=smooth --set guidance.gain=1e-5
     """
     from circnav_mav.cli.check import check_file
 
     return check_file(mission, overrides)
 
 
-@circnav.command()
-@click.argument("mission", type=click.Path())
+@circnav.command(short_help="Listen to vehicle and ranging; command nothing.")
+@click.argument("mission", type=MISSION)
 @click.option("--endpoint", metavar="URL", help="The vehicle: udpin:, udpout:, tcp:HOST:PORT or serial:PATH:BAUD.")
 @click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True, help=SET_HELP)
 @click.option("--seconds", type=float, default=10.0, show_default=True, metavar="N", help="How long to listen.")
@@ -125,14 +126,14 @@ def preflight(mission: str, endpoint: str | None, overrides: tuple[str, ...], se
 
     \b
     Example:
-        circnav preflight config/vehicle_udp.toml --endpoint udpin:0.0.0.0:14550
+        circnav preflight my.toml --endpoint udpin:0.0.0.0:14550
     """
     from circnav_mav.cli.preflight import preflight_file
 
     return preflight_file(mission, endpoint, overrides, seconds)
 
 
-@circnav.group()
+@circnav.group(short_help="Try a ranging radio and its driver.")
 def ranging() -> None:
     """Try a ranging radio and its driver, without a vehicle.
 
@@ -162,21 +163,14 @@ def watch(radio: str, seconds: float | None) -> int:
     return watch_radio(radio, seconds)
 
 
-@circnav.command()
+@circnav.command(short_help="Run a recorded flight through the pilot again.")
 @click.argument("log", type=click.Path(), metavar="RUN_OR_TLOG")
-@click.option("--mission", type=click.Path(), metavar="FILE", help="Another mission; a plain tlog needs one.")
+@click.option("--mission", type=MISSION, metavar="FILE", help="Another mission; a plain tlog needs one.")
 @click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True, help=SET_HELP)
 @click.option("--estimator", metavar="NAME", help="Another estimator: guidance.estimator.")
 @click.option("--law", metavar="NAME", help="Another law: guidance.law.")
 @click.option("--out", type=click.Path(), metavar="DIR", help="Write the replay's ticks.csv and replay.png there.")
-def replay(
-    log: str,
-    mission: str | None,
-    overrides: tuple[str, ...],
-    estimator: str | None,
-    law: str | None,
-    out: str | None,
-) -> int:
+def replay(**options: Any) -> int:
     """Run a recorded flight through the pilot again, and compare. Estimates and commands are set against those of the
     flight.
 
@@ -187,14 +181,53 @@ def replay(
     \b
     Examples:
         circnav replay runs/20260101-120000-quickstart --law switching
-        circnav replay yesterday.tlog --mission config/vehicle_udp.toml --out what-if
+        circnav replay yesterday.tlog --mission my.toml --out what-if
     """
     from circnav_mav.cli.replay import ReplayOptions, replay_log
 
-    return replay_log(ReplayOptions(log, mission, overrides, estimator, law, out))
+    return replay_log(ReplayOptions(**options))
 
 
-@circnav.command()
+@circnav.command(short_help="Tell where the targets of a log are.")
+@click.argument("log", type=click.Path(), metavar="RUN|TLOG|CSV")
+@click.option("--tag", "tags", multiple=True, metavar="ID", help="Only this tag. May be repeated. [default: all]")
+@click.option(
+    "--sigma", type=float, metavar="M", help="Noise of the ranges, where the log says none. [default: as it shows]"
+)
+@click.option("--gps-sigma", type=float, default=1.5, show_default=True, metavar="M", help="Error of the positions.")
+@click.option(
+    "--bias", type=float, default=2.0, show_default=True, metavar="M", help="How far ranges may be off together."
+)
+@click.option("--altitude", type=float, metavar="M", help="Of the target, where it is known; as the log counts it.")
+@click.option("--out", type=click.Path(), metavar="DIR", help="Where to write. [default: beside the log]")
+def locate(
+    log: str,
+    tags: tuple[str, ...],
+    sigma: float | None,
+    gps_sigma: float,
+    bias: float,
+    altitude: float | None,
+    out: str | None,
+) -> int:
+    """Tell where the targets of a log are. Writes GeoJSON, KML and a picture.
+
+    A log is a run folder, a tlog with positions and ranges, or a CSV whose first line names time (s), latitude,
+    longitude, range (m), and maybe altitude (m), sigma (m), tag. Exit codes: 0 located, 2 bad usage, 3 nothing to
+    locate.
+
+    \b
+    Examples:
+        circnav locate runs/20260101-120000-quickstart
+        circnav locate collar.csv --tag 17 --out map
+    """
+    from circnav_mav.cli.locate import LocateOptions, locate_log
+
+    if min(gps_sigma, bias, 1.0 if sigma is None else sigma) <= 0:
+        raise Refused("locate: --sigma, --gps-sigma and --bias must be above 0")
+    return locate_log(LocateOptions(log, out, tags, sigma, gps_sigma, bias, altitude))
+
+
+@circnav.command(short_help="Convert a run for Foxglove or PlotJuggler.")
 @click.argument("run", type=click.Path())
 @click.option("--mcap", "mcap", is_flag=False, flag_value="", metavar="[FILE]", help="MCAP. [default: RUN/flight.mcap]")
 def export(run: str, mcap: str | None) -> int:
@@ -211,7 +244,7 @@ def export(run: str, mcap: str | None) -> int:
     return export_run(run, mcap or None)
 
 
-@circnav.command()
+@circnav.command(short_help="Reproduce the paper's three examples.")
 @click.option("--out", type=click.Path(), default="paper", show_default=True, metavar="DIR", help="Where to write.")
 @click.option("--starts", type=int, default=200, show_default=True, metavar="N", help="Random starts of each example.")
 @click.option("--seed", type=int, default=1, show_default=True, metavar="N", help="Of the random starts.")
@@ -227,7 +260,7 @@ def paper(out: str, starts: int, seed: int) -> int:
     return reproduce(out, starts, seed)
 
 
-@circnav.command()
+@circnav.command(short_help="Compare the laws over many flights.")
 @click.option("--flights", type=int, default=1000, show_default=True, metavar="N", help="Flights of each cell.")
 @click.option("--law", "laws", multiple=True, metavar="NAME", help="Only this law (law+estimator). May be repeated.")
 @click.option("--situation", "situations", multiple=True, metavar="NAME", help="Only this situation. May be repeated.")
@@ -249,29 +282,28 @@ def bench(
     return fly_bench(flights, laws, situations, seed, out, cost)
 
 
-@circnav.command()
-@click.argument("file", type=click.Path(), metavar="FILE.toml")
+@circnav.command(short_help="Fly a mission many times with varied values.")
+@click.argument("file", type=CAMPAIGN, metavar="CAMPAIGN")
 @click.option("--runs", type=click.IntRange(1), metavar="N", help="Flights. [default: as the file says]")
 @click.option("--out", type=click.Path(), metavar="DIR", help="Folder. [default: campaigns/<time>-<name>]")
 @click.option("--resume", is_flag=True, help="Go on with the campaign in DIR where it stopped.")
 @click.option("--processes", type=click.IntRange(1), metavar="N", help="Processes. [default: all cores]")
 @click.option("--scheduler", metavar="ADDR", help="Fly on a Dask scheduler's workers, e.g. tcp://host:8786.")
-def campaign(
-    file: str, runs: int | None, out: str | None, resume: bool, processes: int | None, scheduler: str | None
-) -> int:
-    """Fly a mission many times with varied values. FILE.toml says which; the result is a table, a summary and plots.
+def campaign(**options: Any) -> int:
+    """Fly a mission many times with varied values. CAMPAIGN, a file or the name of a bundled one, says which; the
+    result is a table, a summary and plots.
 
     \b
     Examples:
-        circnav campaign config/campaigns/wind.toml
-        circnav campaign config/campaigns/wind.toml --runs 20000 --out wind --resume
+        circnav campaign wind
+        circnav campaign wind --runs 20000 --out wind --resume
     """
     from circnav_mav.cli.campaign import CampaignOptions, fly_campaign
 
-    return fly_campaign(CampaignOptions(file, runs, out, resume, scheduler, processes))
+    return fly_campaign(CampaignOptions(**options))
 
 
-@circnav.command()
+@circnav.command(short_help="Draw the report of a run: one page, and pictures.")
 @click.argument("run", type=click.Path())
 @click.option(
     "--after-flight", is_flag=True, hidden=True, help="As fly ends: what it makes, and a line for what fails."
@@ -289,6 +321,88 @@ def report(run: str, after_flight: bool) -> int:
     from circnav_mav.cli.report import report_flight, report_run
 
     return report_flight(run) if after_flight else report_run(run)
+
+
+@circnav.command(short_help="Write a commented mission file of your own.")
+@click.argument("vehicle")
+@click.argument("file", required=False, type=click.Path())
+def init(vehicle: str, file: str | None) -> int:
+    """Write a commented mission for VEHICLE to FILE. [default: VEHICLE.toml] It flies on the bundled emulator at once;
+    nothing is ever overwritten.
+
+    VEHICLE is copter, plane or rover (ArduPilot), px4-copter, px4-plane, px4-plane-attitude, or any bundled mission.
+    mission.schema.json beside it lets an editor complete and check the keys.
+
+    \b
+    Example:
+        circnav init plane survey.toml
+    """
+    from circnav_mav.cli.init import write_mission
+
+    return write_mission(vehicle, file)
+
+
+@circnav.command(short_help="Print the JSON schema of a file, for editors.")
+@click.argument("kind", type=click.Choice(["mission", "campaign"]))
+def schema(kind: str) -> int:
+    """Print the JSON schema of mission or campaign files. Editors with TOML support (Even Better TOML, taplo, tombi)
+    complete and check a file whose first line names it: #:schema mission.schema.json
+
+    \b
+    Example:
+        circnav schema mission > mission.schema.json
+    """
+    from circnav_mav.cli.init import schema_text
+
+    click.echo(schema_text(kind), nl=False)
+    return Exit.DONE
+
+
+@circnav.command(short_help="Print what a shell needs to complete commands.")
+@click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
+def completion(shell: str) -> int:
+    """Print the script that lets SHELL complete commands, options and bundled missions.
+
+    \b
+    Examples, for each new shell:
+        circnav completion bash > ~/.local/share/bash-completion/completions/circnav
+        circnav completion zsh > "${fpath[1]}/_circnav"
+        circnav completion fish > ~/.config/fish/completions/circnav.fish
+    """
+    from click.shell_completion import get_completion_class
+
+    kind = get_completion_class(shell)
+    assert kind is not None
+    click.echo(kind(circnav, {}, "circnav", "_CIRCNAV_COMPLETE").source())
+    return Exit.DONE
+
+
+@circnav.group(short_help="Delete old run folders.")
+def runs() -> None:
+    """Look after run folders.
+
+    \b
+    Example:
+        circnav runs clean --older-than 30d --keep 5
+    """
+
+
+@runs.command(short_help="Delete old run folders; asks first.")
+@click.argument("folder", type=click.Path(exists=True, file_okay=False), default="runs")
+@click.option("--older-than", default="30d", show_default=True, metavar="AGE", help="Such as 12h, 30d or 4w.")
+@click.option("--keep", type=click.IntRange(0), default=5, show_default=True, metavar="N", help="The newest N stay.")
+@click.option("--yes", is_flag=True, help="Delete without asking.")
+def clean(folder: str, older_than: str, keep: int, yes: bool) -> int:
+    """Show the old runs of FOLDER [default: runs], and delete them if you say so. Only folders that circnav recorded a
+    flight in, and that hold nothing else.
+
+    \b
+    Example:
+        circnav runs clean --older-than 30d --keep 5
+    """
+    from circnav_mav.cli.runs import clean_runs
+
+    return clean_runs(folder, older_than, keep, yes)
 
 
 def main() -> None:

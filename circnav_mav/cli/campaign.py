@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from circnav_mav.cli.exits import Exit, Refused, check_named
+from circnav_mav.emulator.config import ConfigError
 from circnav_mav.experiments.campaign.batchable import obstacle
 from circnav_mav.experiments.campaign.execute import ExecutionError, cores, on_cores, on_scheduler
 from circnav_mav.experiments.campaign.file import CampaignError, load_campaign
@@ -25,7 +26,6 @@ from circnav_mav.experiments.campaign.summary import SUMMARY, summarise, write_s
 from circnav_mav.mission.load import MissionError
 from circnav_mav.runlog.run_folder import printable
 from circnav_mav.runtime.clock import local_time_name
-from sim.config import ConfigError
 
 MOST_JUDGED = 200
 """Flights of which it is found out beforehand which engine they need."""

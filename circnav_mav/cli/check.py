@@ -7,6 +7,8 @@ from pathlib import Path
 import click
 
 from circnav_mav.cli.exits import Exit, Refused
+from circnav_mav.emulator.config import ConfigError, VehicleConfig, parse_vehicle
+from circnav_mav.emulator.starting import CRUISE_MPS
 from circnav_mav.mav.autopilots.table import AUTOPILOTS
 from circnav_mav.mav.check_result import Check, Grade
 from circnav_mav.mission.checks import check_mission, drift_allowed
@@ -15,8 +17,6 @@ from circnav_mav.mission.mission import SIM, Mission
 from circnav_mav.runtime.keys import KeyFileError, read_key
 from circnav_mav.runtime.links import LinkError, parse_endpoint
 from circnav_mav.runtime.radio_link import radio_port
-from sim.config import ConfigError, VehicleConfig, parse_vehicle
-from sim.starting import CRUISE_MPS
 
 COLOURS = {Grade.PASS: "green", Grade.WARN: "yellow", Grade.FAIL: "red"}
 

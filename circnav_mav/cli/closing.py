@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,8 +11,11 @@ from typing import Any
 import circnav_mav
 from circnav_mav import __version__
 from circnav_mav.cli.exits import Exit
+from circnav_mav.locate.export import geojson, kml
+from circnav_mav.locate.locator import Locator
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import Ending, Pilot
+from circnav_mav.runlog.atomic_write import write_text
 from circnav_mav.runlog.summary import FlightFacts, summarise, write_summary
 from circnav_mav.runlog.ticks import NO_TICKS, Ticks, Truth, read_ticks, read_truth
 from circnav_mav.runtime.clock import Clock
@@ -23,16 +27,49 @@ OUTCOMES = {Ending.COMPLETED: "completed", Ending.INTERRUPTED: "interrupted"}
 
 
 def close_flight(
-    pilot: Pilot, recorder: Recorder, mission: Mission, clock: Clock, manifest: Manifest, code: Exit
+    pilot: Pilot,
+    recorder: Recorder,
+    mission: Mission,
+    clock: Clock,
+    manifest: Manifest,
+    code: Exit,
+    locator: Locator | None = None,
 ) -> tuple[dict[str, Any], Exit]:
     """The summary, written as summary.json, and the rest of manifest.json, if the disk takes them; and the exit code: a
     flight that went well is not done if it was not recorded, for whoever flew it for its record."""
     gaps = recorder.problem is not None  # from here on it may also be that what was recorded is not understood
     summary = _summary(pilot, recorder, mission, clock)
+    if locator is not None:
+        summary |= _located(recorder, locator)
     unwritten = _write(recorder.folder, summary)
     code = Exit.NOT_RECORDED if code is Exit.DONE and (gaps or unwritten) else code
     unwritten = _complete(manifest, pilot, summary, code)
     return summary, Exit.NOT_RECORDED if code is Exit.DONE and unwritten else code
+
+
+def _located(recorder: Recorder, locator: Locator) -> dict[str, Any]:
+    """What the survey found, for the summary; and target.geojson and target.kml where there is a place."""
+    place, handback = locator.place, locator.handback
+    if place is not None:
+        try:
+            write_text(recorder.folder / "target.geojson", geojson({"target": place}, locator.track))
+            write_text(recorder.folder / "target.kml", kml({"target": place}))
+        except OSError as error:
+            recorder.problem = recorder.problem or f"{recorder.folder}: {error.strerror or error}"
+    if handback is not None and handback.given:
+        rows = ["time,latitude_deg,longitude_deg,sigma_m,by,answer,reported_off_m"]
+        rows += [
+            f"{one.time:.2f},{one.latitude:.7f},{one.longitude:.7f},{one.sigma:.1f},{one.by},{one.answer},"
+            + ("" if one.off is None else f"{one.off:.1f}")
+            for one in handback.given
+        ]
+        with suppress(OSError):
+            write_text(recorder.folder / "handback.csv", "\n".join(rows) + "\n")
+    return {
+        "place": None if place is None else place.plain(),
+        "gps_watch": [{"time_s": round(time, 1), "text": text} for time, text in locator.watch.told],
+        "handback": None if handback is None else handback.plain(),
+    }
 
 
 def _summary(pilot: Pilot, recorder: Recorder, mission: Mission, clock: Clock) -> dict[str, Any]:

@@ -1,14 +1,17 @@
-"""What `fly` and `preflight` share: the mission's links and key opened, the bundled vehicle started, the clock of the
-run."""
+"""What `fly` and `preflight` share: the mission's links and key opened, the bundled vehicle put on its links, the clock
+of the run."""
 
 from collections.abc import Iterator
 from contextlib import ExitStack
+from math import inf
 from pathlib import Path
 
 import click
 
-from circnav_mav.cli.emulate import EmulatedVehicle
 from circnav_mav.cli.exits import Exit, Refused
+from circnav_mav.emulator.config import parse_vehicle
+from circnav_mav.emulator.vehicle import Vehicle
+from circnav_mav.locate.locator import Locator
 from circnav_mav.mav.session import Session
 from circnav_mav.mav.signing import Signing
 from circnav_mav.mission.mission import SIM, Mission
@@ -16,25 +19,27 @@ from circnav_mav.pilot import RANGING, VEHICLE, Pilot
 from circnav_mav.runlog.metrics import TOLERANCE
 from circnav_mav.runtime.clock import AutopilotClock, Clock
 from circnav_mav.runtime.keys import KeyFileError, SigningTime, read_key, timestamp_path
-from circnav_mav.runtime.links import Link, LinkError, UdpLink, open_link
+from circnav_mav.runtime.links import Link, LinkError, open_link
+from circnav_mav.runtime.locating import Locating
+from circnav_mav.runtime.lockstep import Lockstep
 from circnav_mav.runtime.radio_link import open_radio
 from circnav_mav.runtime.web.feed import LivePage, WebError
 
 MOST_PORT = 65535
-LOOPBACK = "udpin:127.0.0.1:0"
+PAGE_SPEED = 6.0
+"""Times real time that the bundled vehicle flies for people who watch the live page and have asked for no speed."""
 
 
 def open_links(mission: Mission, open_things: ExitStack) -> dict[str, Link]:
-    """The mission's endpoints, opened. Raises Refused."""
-    endpoints = {VEHICLE: mission.file.link.endpoint}
-    if mission.file.ranging.endpoint:
-        endpoints[RANGING] = mission.file.ranging.endpoint
+    """The mission's endpoints, opened; the bundled vehicle has none. Raises Refused."""
+    endpoints = {VEHICLE: mission.file.link.endpoint, RANGING: mission.file.ranging.endpoint}
     links: dict[str, Link] = {}
     for name, endpoint in endpoints.items():
+        if endpoint in (None, SIM):
+            continue
         try:
-            peers = () if endpoint == SIM else mission.file.link.peer or ()
             opens = open_radio if name == RANGING and mission.ranging_driver else open_link
-            links[name] = opens(LOOPBACK if endpoint == SIM else endpoint, peers)
+            links[name] = opens(endpoint, mission.file.link.peer or ())
         except LinkError as error:
             raise Refused(str(error), Exit.NOTHING_HEARD if error.nobody else Exit.USAGE) from None
         open_things.callback(links[name].close)
@@ -66,7 +71,22 @@ def open_signing(mission: Mission, open_things: ExitStack) -> tuple[Signing, Sig
     return signing, signing_time
 
 
-def open_page(port: str | None, pilot: Pilot, mission: Mission, open_things: ExitStack) -> LivePage | None:
+def open_locating(mission: Mission, pilot: Pilot, signing: Signing | None, open_things: ExitStack) -> Locating | None:
+    """The survey of the target beside the pilot, where the mission wants one."""
+    settings = mission.locate_settings
+    if settings is None:
+        return None
+    cot = mission.file.locate.cot
+    host, _, port = (cot or "").rpartition(":")
+    name = f"{mission.file.name}.target"
+    locating = Locating(Locator(settings, pilot, signing), name, (host, int(port)) if cot else None)
+    open_things.callback(locating.close)
+    return locating
+
+
+def open_page(
+    port: str | None, pilot: Pilot, mission: Mission, open_things: ExitStack, locator: Locator | None
+) -> LivePage | None:
     """The live page on a port, where one is wanted. Raises Refused."""
     if port is None:
         return None
@@ -79,8 +99,9 @@ def open_page(port: str | None, pilot: Pilot, mission: Mission, open_things: Exi
             int(port),
             name=mission.file.name,
             tolerance=TOLERANCE * orbit.radius,
-            speed=run_speed(mission),
+            speed=run_speed(mission, page=True),
             truth=mission.flies_sim,
+            locator=locator,
         )
     except WebError as error:
         raise Refused(str(error)) from None
@@ -89,22 +110,24 @@ def open_page(port: str | None, pilot: Pilot, mission: Mission, open_things: Exi
     return page
 
 
-def start_vehicle(mission: Mission, vehicle_file: Path, links: dict[str, Link], open_things: ExitStack) -> None:
-    """The bundled vehicle, if the mission flies it, speaking to our links. Raises Refused."""
+def start_clock(mission: Mission, session: Session, links: dict[str, Link], *, page: bool = False) -> Clock:
+    """The clock that the mission asks for; it starts the run. With the bundled vehicle that is simulated time, and the
+    vehicle's links join the others."""
+    if mission.flies_sim and mission.file.sim is not None:
+        clock = Lockstep(Vehicle(parse_vehicle(mission.file.sim, "sim")), run_speed(mission, page=page))
+        links.update(clock.links(ranging_apart=mission.file.ranging.endpoint == SIM))
+        return clock
+    return AutopilotClock(lambda: session.boot_time) if mission.file.link.clock == "autopilot" else Clock()
+
+
+def run_speed(mission: Mission, *, page: bool = False) -> float:
+    """Times real time that the run goes, as far as it is known beforehand; infinite: as fast as the computer allows.
+    page: whether people watch it in a browser. A radio of somebody's own beside the bundled vehicle is in real time."""
+    file = mission.file
     if not mission.flies_sim:
-        return
-    ports = {name: link.port for name, link in links.items() if isinstance(link, UdpLink)}
-    vehicle = EmulatedVehicle(vehicle_file, ports[VEHICLE], ports.get(RANGING), run_speed(mission))
-    open_things.callback(vehicle.stop)
-
-
-def start_clock(mission: Mission, session: Session) -> Clock:
-    """The clock that the mission asks for; it starts the run."""
-    if mission.file.link.clock == "autopilot":
-        return AutopilotClock(lambda: session.boot_time, run_speed(mission))
-    return Clock(run_speed(mission))
-
-
-def run_speed(mission: Mission) -> float:
-    """Times real time that the run goes, as far as it is known beforehand."""
-    return mission.file.link.sim_speed if mission.flies_sim else 1.0
+        return 1.0
+    if file.link.sim_speed is not None:
+        return file.link.sim_speed
+    if file.ranging.endpoint not in (None, SIM):
+        return 1.0
+    return PAGE_SPEED if page else inf

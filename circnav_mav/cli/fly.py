@@ -1,6 +1,9 @@
 """`circnav fly`: mission file in, circle out."""
 
 import gc
+import importlib
+import sys
+import threading
 import traceback
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
@@ -15,11 +18,10 @@ from circnav_mav.cli.closing import close_flight, draw_flight
 from circnav_mav.cli.connect import (
     link_troubles,
     open_links,
+    open_locating,
     open_page,
     open_signing,
-    run_speed,
     start_clock,
-    start_vehicle,
 )
 from circnav_mav.cli.exits import Exit, Refused, cannot, check_named
 from circnav_mav.cli.terminal import outlive_terminal
@@ -31,6 +33,8 @@ from circnav_mav.runtime.clock import Clock, local_time_name
 from circnav_mav.runtime.display import Display, display_for
 from circnav_mav.runtime.keys import SigningTime
 from circnav_mav.runtime.links import Link
+from circnav_mav.runtime.locating import Locating
+from circnav_mav.runtime.lockstep import Lockstep
 from circnav_mav.runtime.manifest import Manifest
 from circnav_mav.runtime.recorder import Recorder, RecorderError, TakenError
 from circnav_mav.runtime.runner import Onlookers, Show, StopRequest, run
@@ -42,8 +46,14 @@ EXITS = {
     Ending.ABORTED: Exit.ABORTED,
     Ending.INTERRUPTED: Exit.INTERRUPTED,
 }
+MOST_WATCHED = 10.0
+"""Times real time up to which what is shown comes as often as at real time; seen faster, it would only cost."""
 RECORDED = ("flight.tlog", "turns.csv", "ticks.csv", "summary.json", "manifest.json")
 """What shows that a folder holds a flight."""
+
+LONGEST_TURN = 0.0005
+"""Time, s, for which the loop waits for another thread of this process (recorder, display) that computes; Python's own
+value is ten times as long, more than a setpoint takes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,22 +90,28 @@ def fly_mission(options: FlyOptions) -> int:
         raise Refused(f"{options.mission}: refused by its checks, see FAIL above")
     show_checks([line for line in lines if line.grade is Grade.WARN])
     _run_folder(options.out, mission)  # refused before anything is opened
+    loading = threading.Thread(target=_load_filter, name="load filterpy", daemon=True)
+    loading.start()
     with ExitStack() as page_open:
         with ExitStack() as open_things:
             signing, signing_time = open_signing(mission, open_things)
             links = open_links(mission, open_things)
             pilot = Pilot(mission.pilot_settings(options.output_mode), signing)
-            page = open_page(options.web, pilot, mission, page_open)
-            clock, recorder = _start(options, mission, pilot, links, open_things)
+            locating = open_locating(mission, pilot, signing, open_things)
+            locator = None if locating is None else locating.locator
+            page = open_page(options.web, pilot, mission, page_open, locator)
+            clock, recorder = _start(options, mission, pilot, links, open_things, loading)
             folder = recorder.folder
+            if locating is not None:
+                locating.epoch_us = clock.epoch_us
             manifest = _manifest(mission, options, folder, clock)
-            display = display_for(Console(), pilot, mission.file.name, run_speed(mission))
+            display = display_for(Console(), pilot, mission.file.name, min(clock.speed, MOST_WATCHED), locator)
             open_things.callback(display.close)
             onlookers = _onlookers(display, page, recorder)
-            crash = _loop(pilot, links, clock, recorder, onlookers, stop, signing_time)
+            crash = _loop(pilot, links, clock, recorder, onlookers, stop, signing_time, loading, locating)
         assert pilot.outcome is not None
         code = Exit.INTERNAL if crash is not None else EXITS[pilot.outcome.ending]
-        summary, code = close_flight(pilot, recorder, mission, clock, manifest, code)
+        summary, code = close_flight(pilot, recorder, mission, clock, manifest, code, locator)
         words = verdict(summary, folder)
         if page is not None:
             page.finish(words)
@@ -105,12 +121,21 @@ def fly_mission(options: FlyOptions) -> int:
         *onlookers.problems,
         display.problem,
         signing_time.problem if signing_time else None,
+        locating.problem if locating else None,
     ]
     for problem in filter(None, (*problems, *draw_flight(folder))):
         click.echo(f"  WARNING    {problem}")
     if crash is not None:
         raise Refused(f"internal error, see {crash}", Exit.INTERNAL)
     return code
+
+
+def _load_filter() -> None:
+    """Load what filters the ranges, a second of computing, while the vehicle is started and waited for."""
+    gc.disable()
+    importlib.import_module("filterpy.kalman")
+    gc.freeze()
+    gc.enable()
 
 
 def _run_folder(out: str | None, mission: Mission) -> Path:
@@ -145,18 +170,20 @@ def _overrides(options: FlyOptions) -> tuple[str, ...]:
 
 
 def _start(
-    options: FlyOptions, mission: Mission, pilot: Pilot, links: dict[str, Link], open_things: ExitStack
+    options: FlyOptions,
+    mission: Mission,
+    pilot: Pilot,
+    links: dict[str, Link],
+    open_things: ExitStack,
+    loading: threading.Thread,
 ) -> tuple[Clock, Recorder]:
-    """The recorder, the bundled vehicle if it is flown, and last the clock, which starts the run. Raises Refused."""
+    """The recorder, and last the clock, which starts the run. Raises Refused."""
     recorder = _recorder(options, mission)
     open_things.callback(recorder.close)
-    try:
-        start_vehicle(mission, recorder.folder / "mission.toml", links, open_things)
-        clock = start_clock(mission, pilot.session)
-    except Refused:
-        recorder.discard()
-        raise
-    recorder.start(clock.epoch_us)
+    if mission.flies_sim:
+        loading.join()  # its time goes so fast that the patience of the mission would run out
+    clock = start_clock(mission, pilot.session, links, page=options.web is not None)
+    recorder.start(clock.epoch_us, at_once=isinstance(clock, Lockstep))
     return clock, recorder
 
 
@@ -203,12 +230,18 @@ def _loop(
     onlookers: Onlookers,
     stop: StopRequest,
     signing_time: SigningTime | None,
+    loading: threading.Thread,
+    locating: Locating | None,
 ) -> Path | None:
     """Run to the end. An exception of ours still leaves a safe setpoint behind; returns where it is written down."""
     gc.collect()
     gc.freeze()  # a full collection would look through all that was imported, for 0.1 s and more
+    sys.setswitchinterval(LONGEST_TURN)
     try:
-        run(pilot, links, clock, recorder, onlookers.show, stop, signing_time)
+        run(
+            pilot, links, clock, recorder, onlookers.show, stop, signing_time,
+            ready=lambda: not loading.is_alive(), locating=locating,
+        )  # fmt: skip
     except Exception as error:
         links[VEHICLE].send(pilot.last_words(clock.now()), pilot.reply_to)  # first of all, whatever the disk does
         pilot.abandon(f"internal error: {error}")

@@ -1,13 +1,11 @@
 """`circnav preflight`: the check of the mission, and then of the vehicle and the ranging themselves."""
 
-import tempfile
 from contextlib import ExitStack
-from pathlib import Path
 
 import click
 
 from circnav_mav.cli.check import all_checks, read_mission, show_checks, show_counts
-from circnav_mav.cli.connect import link_troubles, open_links, open_signing, start_clock, start_vehicle
+from circnav_mav.cli.connect import link_troubles, open_links, open_signing, start_clock
 from circnav_mav.cli.exits import Exit, Refused
 from circnav_mav.mav.check_result import Check, Grade
 from circnav_mav.mission.mission import Mission
@@ -42,11 +40,8 @@ def _observe(mission: Mission, seconds: float) -> tuple[Observations, float, lis
     with ExitStack() as open_things:
         signing, signing_time = open_signing(mission, open_things)
         links = open_links(mission, open_things)
-        folder = Path(open_things.enter_context(tempfile.TemporaryDirectory(prefix="circnav-")))
-        (folder / "mission.toml").write_text(mission.text, encoding="utf-8")
-        start_vehicle(mission, folder / "mission.toml", links, open_things)
         survey = Survey(mission.pilot_settings(), seconds=seconds, signing=signing)
-        clock = start_clock(mission, survey.session)
+        clock = start_clock(mission, survey.session, links)
         stop = StopRequest()
         listen(survey, links, clock, stop, signing_time)
         if stop.signal_name:

@@ -15,7 +15,7 @@ from circnav_mav.radios.interface import RadioReading
 from circnav_mav.runtime.clock import Clock
 from circnav_mav.runtime.links import LinkError
 from circnav_mav.runtime.radio_link import RadioLink, open_radio
-from circnav_mav.runtime.runner import LONGEST_WAIT, StopRequest, wait
+from circnav_mav.runtime.runner import StopRequest, wait
 
 PERIOD, SPAN = 1.0, 10.0
 """Time, s, between two lines, and which they are about."""
@@ -45,7 +45,7 @@ def _listen(link: RadioLink, seconds: float) -> bool:
     clock, stop = Clock(), StopRequest()
     due, now = PERIOD, 0.0
     while now < seconds and stop.signal_name is None:
-        wait({"radio": link}, stop, min(clock.until(due), LONGEST_WAIT))
+        wait({"radio": link}, stop, min(clock.until(due), clock.longest_wait))
         readings = link.read(now)
         now = clock.now()
         for reading, _ in readings:

@@ -13,6 +13,7 @@ from circnav_mav.cli.exits import Exit, Refused, cannot
 from circnav_mav.cli.verdict import verdict
 from circnav_mav.mission.load import MissionError, parse_mission
 from circnav_mav.mission.mission import Mission
+from circnav_mav.report.map import plot_map
 from circnav_mav.report.page import ReportFacts, write_report
 from circnav_mav.report.plots import plot_estimates, plot_flight
 from circnav_mav.runlog.run_folder import Run, RunError, open_run
@@ -36,6 +37,7 @@ def report_run(folder: str) -> int:
         title = f"{run.name}: {mission.orbit.radius:g} m {mission.orbit.direction.value}"
         plot_flight(run.folder / "flight.png", run.ticks, run.truth, mission.orbit, title)
         plot_estimates(run.folder / "estimates.png", run.ticks, mission.file.guidance.gate_sigma, title)
+        _map(run)
         click.echo(write_report(run, report_facts(run, mission, summary)))  # it holds the picture
         click.echo(f"{run.folder / 'flight.png'}\n{run.folder / 'estimates.png'}")
     except (RunError, MissionError) as error:
@@ -65,7 +67,15 @@ def _picture(run: Run, mission: Mission) -> None:
     plot_flight(run.folder / "flight.png", run.ticks, run.truth, orbit, title)
 
 
+def _map(run: Run) -> None:
+    """target.png, where a place was surveyed."""
+    table = run.folder / "target.geojson"
+    if table.is_file():
+        plot_map(run.folder / "target.png", table.read_text(encoding="utf-8"), f"{run.name}: the target")
+
+
 def _page(run: Run, mission: Mission) -> None:
+    _map(run)
     write_report(run, report_facts(run, mission, _unfinished(run, mission) | run.summary))
 
 

@@ -9,22 +9,21 @@ has its own seed, so a cell prints the same numbers alone and in the whole table
 import csv
 import time
 import zlib
-from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable
 from contextlib import closing
 from dataclasses import asdict, dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from circnav_mav.experiments import dubins
 from circnav_mav.experiments.batch import metrics
-from circnav_mav.experiments.batch.flight import Tracks, fly_situation, policy
+from circnav_mav.experiments.batch.flight import Situation, Tracks, fly_situation, policy
 from circnav_mav.experiments.batch.guidance import POLICIES
-from circnav_mav.experiments.batch.situations import LAST, SITUATIONS, Row
+from circnav_mav.experiments.batch.situations import LAST, SITUATIONS
 from circnav_mav.experiments.bench_table import markdown
-from circnav_mav.experiments.worker_pool import Job, worked
+from circnav_mav.experiments.worker_pool import workers
 from circnav_mav.guidance.types import Direction, Orbit
 from circnav_mav.runlog.atomic_write import atomic_write, write_text
 from circnav_mav.runlog.turn_command import turn_figures
@@ -83,7 +82,7 @@ def run(
 ) -> list[Cell]:
     """Fly cells, (situation, policy) by name, all of them by default; write table.csv, .md and .png into `out`."""
     done: list[Cell] = []
-    with closing(_flown(list(cells or every_cell()), flights, seed, cores)) as flown:
+    with closing(_flown(list(cells or product(SITUATIONS, POLICIES)), flights, seed, cores)) as flown:
         for cell in flown:
             done.append(cell)
             if tell is not None:
@@ -103,38 +102,23 @@ def _flown(cells: list[tuple[str, str]], flights: int, seed: int, cores: int) ->
     if min(cores, len(cells)) == 1:
         yield from (fly_cell(*cell, flights, seed) for cell in cells)
         return
-    jobs: deque[Job] = deque((_numbered, (number, *cell, flights, seed)) for number, cell in enumerate(cells))
-    ready: dict[int, Cell] = {}
-    turn = 0
-    with closing(worked(jobs, cores)) as results:
-        for number, cell in results:
-            ready[number] = cell
-            while turn in ready:
-                yield ready.pop(turn)
-                turn += 1
-
-
-def _numbered(number: int, situation: str, policy: str, flights: int, seed: int) -> tuple[int, Cell]:
-    return number, fly_cell(situation, policy, flights, seed)
-
-
-def every_cell() -> Iterator[tuple[str, str]]:
-    """All pairs, situation by situation."""
-    return ((row, policy) for row in SITUATIONS for policy in POLICIES)
+    with workers(cores) as submit:
+        flown = [submit(fly_cell, *cell, flights, seed) for cell in cells]
+        yield from (cell.result() for cell in flown)
 
 
 def fly_cell(situation: str, law: str, flights: int, seed: int) -> Cell:
     """Fly one cell. Its worlds depend on seed and situation only: all policies meet the same."""
-    row = SITUATIONS[situation]
+    flown = SITUATIONS[situation]
     began = time.perf_counter()
     world = seed + zlib.crc32(situation.encode()) % 1_000_000
-    tracks = fly_situation(row.situation, policy(law), flights, world)
-    return judged(row, law, tracks, time.perf_counter() - began)
+    tracks = fly_situation(flown, policy(law), flights, world)
+    return judged(flown, law, tracks, time.perf_counter() - began)
 
 
-def judged(row: Row, policy: str, tracks: Tracks, seconds: float) -> Cell:
+def judged(situation: Situation, policy: str, tracks: Tracks, seconds: float) -> Cell:
     """The numbers of a cell."""
-    circle = row.situation.circle
+    circle = situation.circle
     r_d = circle.radius
 
     def end(values: Array) -> Array:
@@ -144,7 +128,7 @@ def judged(row: Row, policy: str, tracks: Tracks, seconds: float) -> Cell:
     right_way = metrics.right_way(end(tracks.angle), tracks.sense)
     outside = tracks.r[0] > 1.3 * r_d
     start = tracks.start
-    ideal = dubins.tangent_time(
+    ideal = metrics.tangent_time(
         start.p[:, outside], start.psi[outside], tracks.sense[outside],
         V=circle.speed, r_d=r_d, max_turn_rate=circle.max_turn_rate,
     )  # fmt: skip
@@ -157,7 +141,7 @@ def judged(row: Row, policy: str, tracks: Tracks, seconds: float) -> Cell:
     known = np.isfinite(nees)
     in_band = (nees >= 0.0506) & (nees <= 7.378)
     return Cell(
-        situation=row.situation.name,
+        situation=situation.name,
         policy=policy,
         flights=rms.size,
         kept=int(((rms < KEPT_BELOW) & right_way).sum()),

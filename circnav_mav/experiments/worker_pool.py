@@ -1,79 +1,80 @@
 """Processes that work off jobs, and end at once when nobody wants the rest of them.
 
-`ProcessPoolExecutor` finishes what its processes have begun before it lets go of them, and has no public way to end
-them before Python 3.14; `multiprocessing.Pool` waits for ever for the job of a process that died; loky (3.7, as its
-source has it) replaces processes that have grown by 300 MB, as batches of flights may.
+Each has a pipe and a thread of its own, so that one that is ended in the middle of a word harms nobody.
+`ProcessPoolExecutor` has one pipe for all answers, and waits for ever for the rest of an answer whose process was
+ended; `multiprocessing.Pool` waits for ever for the job of a process that died; loky (3.7, as its source has it)
+replaces processes that have grown by 300 MB, as batches of flights may.
 """
 
 import multiprocessing
 import os
 import signal
 import threading
-from collections import deque
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from multiprocessing import resource_tracker
-from multiprocessing.connection import Connection, wait
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
 from typing import Any
 
-Job = tuple[Callable[..., Any], tuple[Any, ...]]
-"""A function that a fresh process can import, and its arguments."""
+Submit = Callable[..., Future[Any]]
+"""Takes a function that a fresh process can import, and its arguments."""
 
 
 class WorkerDiedError(Exception):
     """A process ended in the middle of a job, as by a kernel that runs out of memory."""
 
 
-def worked(jobs: deque[Job], processes: int) -> Generator[Any, None, None]:
-    """The results of jobs as they come, in any order; jobs that are appended meanwhile are done, too. Closed or failed,
-    it ends its processes in the middle of their work. Raises WorkerDiedError, and what a job raises."""
-    crew: dict[Connection, multiprocessing.process.BaseProcess] = {}
-    idle: list[Connection] = []
+@contextmanager
+def workers(processes: int) -> Iterator[Submit]:
+    """What submits jobs to so many processes. A job whose process died raises WorkerDiedError. Left, it ends them all
+    in the middle of their work."""
+    crew: list[BaseProcess] = []
+    mine = threading.local()
+
+    def hire() -> None:
+        mine.pipe = _hired(crew)
+
+    def work(function: Callable[..., Any], *arguments: Any) -> Any:
+        try:
+            mine.pipe.send((function, arguments))
+            result, error = mine.pipe.recv()
+        except (EOFError, ConnectionError):
+            raise WorkerDiedError from None
+        if error is not None:
+            raise error
+        return result
+
+    resource_tracker.ensure_running()  # which would let Ctrl-C through again where a process is started
+    pool = ThreadPoolExecutor(processes, "worker", hire)
     try:
-        while jobs or len(idle) < len(crew):
-            while jobs and (idle or len(crew) < processes):
-                worker = idle.pop() if idle else _hired(crew)
-                worker.send(jobs.popleft())
-            ready = wait([worker for worker in crew if worker not in idle])
-            answers = [worker.recv() for worker in ready if isinstance(worker, Connection)]
-            idle += [worker for worker in ready if isinstance(worker, Connection)]
-            for result, error in answers:
-                if error is not None:
-                    raise error
-                yield result
-    except (EOFError, ConnectionError):
-        raise WorkerDiedError from None
+        yield lambda function, *arguments: pool.submit(work, function, *arguments)
     finally:
-        for worker, process in crew.items():
-            process.terminate()
-            process.join()
-            worker.close()
+        pool.shutdown(wait=False, cancel_futures=True)
+        _end(crew)
+        pool.shutdown()
+        _end(crew)  # who was hired meanwhile
 
 
-def _hired(crew: dict[Connection, Any]) -> Connection:
-    """One more worker, by our end of the pipe to it."""
+def _end(crew: list[BaseProcess]) -> None:
+    for process in crew:
+        process.terminate()
+        process.join()
+
+
+def _hired(crew: list[BaseProcess]) -> Connection:
+    """One more worker, by our end of the pipe to it. It never hears a Ctrl-C, not even while it imports: that is kept
+    from this thread, and so from what it starts; the main thread hears it."""
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     spawn = multiprocessing.get_context("spawn")
     ours, theirs = spawn.Pipe()
     process = spawn.Process(target=_work, args=(theirs,), daemon=True)
-    resource_tracker.ensure_running()  # which would let Ctrl-C through again
-    with _without_ctrl_c():
-        process.start()
+    process.start()
     theirs.close()  # so that the worker's end is the end of the pipe
-    crew[ours] = process
+    crew.append(process)
     return ours
-
-
-@contextmanager
-def _without_ctrl_c() -> Iterator[None]:
-    """A process that is started meanwhile never hears a Ctrl-C, not even while it imports; ours comes afterwards."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _work(pipe: Connection) -> None:

@@ -7,7 +7,7 @@ approach weaves. Whatever steers, every change is bumpless: the difference to th
 For the counter-clockwise orbit. Arrays of shape (B,) over flights; of the one in the air, plain numbers.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
 
@@ -98,9 +98,3 @@ def hand_over(
     changed = (before.flies >= 0) & ((flies != before.flies) | (on_trial != before.favourite))
     offset = xp.where(changed, before.command - wanted, before.offset * xp.exp(-dt / FADE))
     return Handover(flies, on_trial, xp.clip(wanted + offset, -limit, limit), offset, untrusted, closest, astray)
-
-
-def merged(which: Array, after: Handover, before: Handover) -> Handover:
-    """Of B flights, the handovers after a step for some (mask) and those before it for the others."""
-    names = (field.name for field in fields(Handover))
-    return Handover(*(np.where(which, getattr(after, name), getattr(before, name)) for name in names))

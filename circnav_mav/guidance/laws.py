@@ -8,12 +8,20 @@ counter-clockwise (the paper's remark after its second theorem). A law knows not
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
+from functools import wraps
 from typing import Protocol
 
 import numpy as np
 
-from circnav_mav.guidance import range_laws, theory
+from circnav_mav.guidance import theory
 from circnav_mav.guidance.floats import Number, magnitude
+
+LEAST = 1.2
+"""Default gains stay this many times above the paper's bound."""
+SMOOTH_LOOP = 0.35
+"""What 2 k r_d V lag is for law 1 at the most; from about .45 on, vehicles limit-cycle."""
+LOOP_LAG = 0.55
+"""Lag of turn and filter, s, that the gain of `bounded` and the boundary layer of `relay` are made for."""
 
 
 class Kind(Enum):
@@ -57,11 +65,17 @@ def _as_asked(V: float, r_d: float, k: float) -> float:
     return r_d
 
 
+def _of_any_size(V: float, r_d: float) -> float:
+    """The bound of a law that converges by every gain above 0."""
+    return 0.0
+
+
 @dataclass(frozen=True, slots=True)
 class Law:
     """A law with what a mission and its check need to know of it.
 
-    gain_bound: (V, r_d) -> magnitude of k, exclusive: the source's condition. Default gains are in `tuning`.
+    default_gain: (V, r_d, lag of the loop in s) -> magnitude of k. gain_bound: (V, r_d) -> magnitude of k, exclusive:
+    the source's condition.
     reached_radius: (V, r_d, k) -> radius flown when fed r_d. fed_radius: the r_d to feed to fly a given radius.
     """
 
@@ -69,7 +83,8 @@ class Law:
     function: LawFunction
     gain_unit: str
     gain_condition: str
-    gain_bound: Callable[[float, float], float]
+    default_gain: Callable[[float, float, float], Number] = theory.rate_gain
+    gain_bound: Callable[[float, float], float] = _of_any_size
     reached_radius: Callable[[float, float, float], float] = _as_asked
     fed_radius: Callable[[float, float, float], float] = _as_asked
     switches: bool = False
@@ -81,97 +96,119 @@ class Law:
         return self.kind in (Kind.RELATIVE, Kind.AUTO)
 
 
+def counterclockwise(law: LawFunction) -> LawFunction:
+    """A law that is written for k > 0 and a counter-clockwise orbit (omega > 0 turns left), for both senses: range and
+    range rate do not change under reflection."""
+
+    @wraps(law)
+    def either(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number) -> Number:
+        return -np.sign(k) * law(r, r_dot, V=V, r_d=r_d, k=magnitude(k))
+
+    return either
+
+
+@counterclockwise
 def bounded(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number) -> Number:
-    """`range_laws.bounded` with the sense in the sign of k. |k| > 1/r_d."""
-    return -np.sign(k) * range_laws.bounded(r, r_dot, V=V, r_d=r_d, k=magnitude(k))
+    """omega = k [r' + V sqrt(1 - (r_s/r)^2)] outside r_s = sqrt(r_d^2 - 1/k^2), k [r' - V sqrt(1 - (r/r_s)^2)] inside.
+
+    k > 1/r_d, in 1/m; exact radius, |omega| <= 2 k V. Source: Cao, "UAV circumnavigating an unknown target under a
+    GPS-denied environment with range-only measurements", Automatica 55 (2015); inside in its two-sided form.
+    A smaller r_d, as a trim can make it, counts as 1/k, the smallest circle that this k flies (r_s = 0).
+    """
+    r_s = np.sqrt(np.maximum(r_d**2 - 1 / k**2, 1e-12))  # not 0, by which the inside divides
+    outside = V * np.sqrt(np.maximum(1 - (r_s / np.maximum(r, 1e-6)) ** 2, 0.0))
+    inside = V * np.sqrt(np.maximum(1 - (r / r_s) ** 2, 0.0))
+    return k * (r_dot + np.where(r >= r_s, outside, -inside))
 
 
-RELAY_LAG = 0.55
-"""Lag of turn and filter, s, that the relay's boundary layer is made for."""
-
-
+@counterclockwise
 def relay(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number) -> Number:
-    """`range_laws.relay` with w = |k|: approach at half the speed at most; the boundary layer makes the slope w/phi
-    what the loop bears."""
-    return -np.sign(k) * range_laws.relay(
-        r, r_dot, V=V, r_d=r_d, w=magnitude(k), gamma=V / r_d, v_star=range_laws.closing_speed(V, 0.0, 0.5),
-        phi=magnitude(k) / theory.rate_gain(V, r_d, RELAY_LAG),
-    )  # fmt: skip
+    """omega = k sat((r' + chi)/phi) + V/r_d with chi = clip(V e/r_d, -V/2, V/2): sliding on r' = -chi. e = r - r_d.
+
+    k > V/r_d, rad/s. The boundary layer phi (m/s), without which it chatters, makes the slope k/phi what the loop
+    bears. Copes with a moving target. Source: Matveev, Teimoori, Savkin, "Range-only measurements based target
+    following for wheeled mobile robots", Automatica 47 (2011).
+    """
+    chi = np.clip(V / r_d * (r - r_d), -0.5 * V, 0.5 * V)
+    phi = k / theory.rate_gain(V, r_d, LOOP_LAG)
+    return k * np.clip((r_dot + chi) / phi, -1.0, 1.0) + V / r_d
 
 
+@counterclockwise
 def pd(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number) -> Number:
-    """`range_laws.pd` with k_d = |k| and k_p for a damping of 1; e is cut where it asks for half the speed."""
-    k_p = magnitude(k) ** 2 * V / 4
-    return -np.sign(k) * range_laws.pd(
-        r, r_dot, V=V, r_d=r_d, k_p=k_p, k_d=magnitude(k), e_max=magnitude(k) * 0.5 * V / k_p
-    )
+    """omega = V/r_d + k_p sat(e) + k r'. k in rad/m; k_p = k^2 V/4, for a damping of 1.
+
+    Source: Dong, You, Xie, Hu, coordinate-free circumnavigation with range-based PD control. Far out r' settles to
+    k_p e_max/k + V/(r_d k): e is cut to the e_max that asks for half the speed.
+    """
+    k_p = k**2 * V / 4
+    e_max = k * 0.5 * V / k_p
+    return V / r_d + k_p * np.clip(r - r_d, -e_max, e_max) + k * r_dot
 
 
+@counterclockwise
 def feedforward(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number) -> Number:
-    """`range_laws.feedforward` with gamma = |k| V/6 and an approach at 0.55 V, which a wind of 0.3 V leaves flyable."""
-    return -np.sign(k) * range_laws.feedforward(
-        r, r_dot, V=V, r_d=r_d, k=magnitude(k), gamma=magnitude(k) * V / 6,
-        v_star=range_laws.closing_speed(V, 0.3 * V, 0.55), r_floor=0.43 * r_d,
-    )  # fmt: skip
+    """omega = sqrt(V^2 - r'^2)/max(r, .43 r_d) + k (r' + chi), chi = v* tanh(gamma e/v*). k in rad/m.
+
+    The first term is the turn of the circle through the present point, so the radius has no bias for any k. v* = .55 V,
+    an approach that a wind of .3 V leaves flyable. gamma = k V/6; condition: gamma <= k V/4 (damping at least 1) and
+    k V (course lag + filter lag) < about .5. Derived for this product.
+    """
+    gamma, v_star = k * V / 6, 0.55 * V
+    chi = v_star * np.tanh(gamma * (r - r_d) / v_star)
+    return np.sqrt(np.maximum(V**2 - r_dot**2, 0.0)) / np.maximum(r, 0.43 * r_d) + k * (r_dot + chi)
 
 
 def pi(
     r: Number, r_dot: Number, memory: Number, dt: Number, *, V: Number, r_d: Number, k: Number
 ) -> tuple[Number, Number]:
-    """`range_laws.pi` with k_p = |k| and an integral ten times slower than the turn; memory in, memory out."""
+    """s = r' + c tanh(e/delta); omega = |k| s + k_i int s. Memory (the integral, m) in, turn rate and memory out.
+
+    c = V/2 and delta = r_d/2; k_i = |k| V/r_d, ten times slower than the turn. The integral comes to rest at
+    V/(r_d k_i) by itself and is held within twice that, so that it cannot wind up while the turn saturates. Source:
+    Dong, You, Wang, isoline tracking with PI control: any field that falls with range will do.
+    """
     k_i = magnitude(k) * V / r_d
-    turn, memory = range_laws.pi(
-        r, r_dot, memory, dt, r_d=r_d, k_p=magnitude(k), k_i=k_i, c=range_laws.closing_speed(V, 0.0, 0.5),
-        delta=0.5 * r_d, I_max=2 * V / (r_d * k_i),
-    )  # fmt: skip
-    return -np.sign(k) * turn, memory
+    s = r_dot + 0.5 * V * np.tanh((r - r_d) / (0.5 * r_d))
+    memory = np.clip(memory + s * dt, 0.0, 2 * V / (r_d * k_i))
+    return -np.sign(k) * (magnitude(k) * s + k_i * memory), memory
+
+
+def _smooth_gain(V: float, r_d: float, lag: float) -> float:
+    """Twice the bound, as in the paper's example, or less where the delay would make the circle oscillate."""
+    bound = theory.smooth_gain_bound(r_d)
+    return max(LEAST * bound, min(2 * bound, SMOOTH_LOOP / (2 * r_d * V * lag)))
 
 
 LAWS: dict[str, Law] = {
     law.name: law
     for law in (
         Law(
-            "smooth", smooth, "1/m^2", "k > 1/(2 r_d^2)",
+            "smooth", smooth, "1/m^2", "k > 1/(2 r_d^2)", _smooth_gain,
             gain_bound=lambda V, r_d: theory.smooth_gain_bound(r_d),
             reached_radius=lambda V, r_d, k: theory.reached_radius(r_d, k),
             fed_radius=lambda V, r_d, k: theory.corrected_radius(r_d, k),
         ),
         Law(
             "switching", switching, "rad/s", "k > V/r_d",
-            gain_bound=lambda V, r_d: theory.switching_gain_bound(V, r_d),
+            lambda V, r_d, lag: LEAST * theory.switching_gain_bound(V, r_d),  # as in the paper's example
+            gain_bound=theory.switching_gain_bound,
             switches=True,
         ),
         Law(
             "bounded", bounded, "1/m", "k > 1/r_d",
+            lambda V, r_d, lag: max(0.5 * theory.rate_gain(V, r_d, LOOP_LAG), 1.5 / r_d),  # its slope in r is k^2 V
             gain_bound=lambda V, r_d: 1 / r_d,
         ),
         Law(
-            "relay", relay, "rad/s", "k > V/r_d",
-            gain_bound=lambda V, r_d: V / r_d,
+            "relay", relay, "rad/s", "k > V/r_d", lambda V, r_d, lag: 1.33 * V / r_d,
+            gain_bound=theory.switching_gain_bound,
         ),
-        Law(
-            "pd", pd, "rad/m", "k > 0",
-            gain_bound=lambda V, r_d: 0.0,
-        ),
-        Law(
-            "pi", feedforward, "rad/m", "k > 0",
-            gain_bound=lambda V, r_d: 0.0,
-            kind=Kind.MEMORY,
-        ),
-        Law(
-            "feedforward", feedforward, "rad/m", "k > 0",
-            gain_bound=lambda V, r_d: 0.0,
-        ),
-        Law(
-            "drift", feedforward, "rad/m", "k > 0",
-            gain_bound=lambda V, r_d: 0.0,
-            kind=Kind.RELATIVE,
-        ),
-        Law(
-            "auto", feedforward, "rad/m", "k > 0",
-            gain_bound=lambda V, r_d: 0.0,
-            kind=Kind.AUTO,
-        ),
+        Law("pd", pd, "rad/m", "k > 0"),
+        Law("pi", feedforward, "rad/m", "k > 0", kind=Kind.MEMORY),
+        Law("feedforward", feedforward, "rad/m", "k > 0"),
+        Law("drift", feedforward, "rad/m", "k > 0", kind=Kind.RELATIVE),  # until there is relative motion to trust
+        Law("auto", feedforward, "rad/m", "k > 0", kind=Kind.AUTO),
     )
 }  # fmt: skip
 """The laws by their mission names."""

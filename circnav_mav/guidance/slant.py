@@ -18,3 +18,10 @@ def horizontal(slant: float, sigma: float, height: float) -> tuple[float, float]
     rho = sqrt(inside)
     growth = slant / rho
     return None if growth > MAX_SIGMA_GROWTH else (rho, sigma * growth)
+
+
+def horizontal_rate(slant: float, rate: float, sigma: float, height: float) -> tuple[float, float] | None:
+    """Horizontal range rate and its standard deviation, m/s, from those of a slant range (m), in level flight:
+    rho' = slant slant'/rho. None as `horizontal`."""
+    flat = horizontal(slant, sigma, height)
+    return None if flat is None else (rate * slant / flat[0], flat[1])

@@ -1,6 +1,6 @@
-"""What the paper proves about its laws: radius reached, gain conditions, kinematics. SI units, radians."""
+"""What the paper proves about its laws: radius reached, gain conditions. SI units, radians."""
 
-from math import cos, pi, sin, sqrt
+from math import pi, sqrt
 from types import ModuleType
 
 import numpy as np
@@ -35,16 +35,6 @@ def corrected_radius(r_d: float, k: float) -> float:
     return r_d * sqrt(inside)
 
 
-def range_rate(V: float, theta_b: float) -> float:
-    """r' = -V cos(theta_b), m/s; theta_b from the line of sight to the heading, counter-clockwise (eq. `rdot`)."""
-    return -V * cos(theta_b)
-
-
-def bearing_rate(V: float, r: float, theta_b: float, omega: float) -> float:
-    """theta_b' = omega + V sin(theta_b)/r, rad/s (eq. `thetadot`)."""
-    return omega + V * sin(theta_b) / r
-
-
 def max_range_acceleration(V: Number, max_turn_rate: Number, r: Number, xp: ModuleType = floats) -> Number:
     """Bound of |r''| = |V sin(theta_b) theta_b'| <= V^2/r + V omega_max, m/s^2.
 
@@ -63,17 +53,12 @@ def rate_gain(V: Number, r_d: Number, lag: Number) -> Number:
     return gain
 
 
-def smallest_radius(V: float, max_turn_rate: float, W: float = 0.0, turn_gain: float = 1.0) -> float:
-    """Smallest circle over the ground that can be held in drift W, m: (V + W)^2/(V omega_max).
-
-    At the most downwind point the ground speed is V + W and the turn of the course V/(V + W) times that of the nose.
-    turn_gain: realised over commanded turn rate. Derived; necessary for every law.
-    """
-    return (V + W) ** 2 / (V * max_turn_rate * turn_gain)
-
-
 def tolerated_drift(V: float, r_d: float, max_turn_rate: float, turn_gain: float = 1.0) -> float:
-    """Largest drift W, m/s, in which the circle can be held, below V; negative if not even in still air."""
+    """Largest drift W, m/s, in which the circle can be held, below V; negative if not even in still air.
+
+    (V + W)^2/(V omega_max) <= r_d: at the most downwind point the ground speed is V + W and the turn of the course
+    V/(V + W) times that of the nose. turn_gain: realised over commanded turn rate. Derived; necessary for every law.
+    """
     return min(sqrt(r_d * V * max_turn_rate * turn_gain) - V, 0.99 * V)
 
 

@@ -141,7 +141,9 @@ class ResponseLearner:
 
     def response(self, link: float) -> Response:
         """As known now; link: there and back, s."""
-        return replace(self._known, link=link)
+        if link != self._known.link:
+            self._known = replace(self._known, link=link)
+        return self._known
 
     def command(self, time: float, rate: float) -> None:
         """From this time on the vehicle is told to turn at `rate`, rad/s."""

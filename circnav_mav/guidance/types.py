@@ -42,6 +42,22 @@ class RangeSample:
     r_dot: float | None = None
     r_dot_sigma: float = 0.5
 
+    @property
+    def rate(self) -> "RateSample | None":
+        """The range rate of the same moment, where there is one."""
+        return None if self.r_dot is None else RateSample(self.stamp, self.time, self.r_dot, self.r_dot_sigma)
+
+
+@dataclass(frozen=True, slots=True)
+class RateSample:
+    """One measured range rate, m/s, positive away from the target, horizontal. stamp, time: as of a RangeSample. sigma:
+    its standard deviation, m/s."""
+
+    stamp: float
+    time: float
+    r_dot: float
+    sigma: float
+
 
 @dataclass(frozen=True, slots=True)
 class FeltVelocity:

@@ -41,14 +41,32 @@ def our_boot_ms(now: float) -> int:
 
 @dataclass(slots=True)
 class _Raised:
-    """Samples in a row whose lags are above the offset: since when, the first lag, the least and the most, s."""
+    """The newest samples in a row whose lags are above the offset: (arrival, lag), s, over STEADY."""
 
-    since: float
-    first: float
-    least: float
-    most: float
-    samples: int = 1
+    samples: deque[tuple[float, float]]
     by_link: bool = False
+
+    def add(self, arrival: float, lag: float) -> None:
+        """What was before STEADY no longer counts: a computer that stalls may shake lags for seconds."""
+        self.samples.append((arrival, lag))
+        while len(self.samples) > STEADY_SAMPLES and arrival - self.samples[1][0] >= STEADY:
+            self.samples.popleft()
+
+    @property
+    def since(self) -> float:
+        return self.samples[0][0]
+
+    @property
+    def first(self) -> float:
+        return self.samples[0][1]
+
+    @property
+    def least(self) -> float:
+        return min(lag for _, lag in self.samples)
+
+    @property
+    def most(self) -> float:
+        return max(lag for _, lag in self.samples)
 
 
 class RemoteClock:
@@ -89,7 +107,7 @@ class RemoteClock:
     def doubted(self) -> bool:
         """Whether the newest stamps look like a step of the remote clock that is not followed yet."""
         raised = self._raised
-        stepped = raised is not None and raised.samples > 1 and not raised.by_link and self._steady(raised)
+        stepped = raised is not None and len(raised.samples) > 1 and not raised.by_link and self._steady(raised)
         return stepped or self._off_line is not None
 
     # --- the order of stamps ---
@@ -141,15 +159,14 @@ class RemoteClock:
         if late < STEP:
             self._raised = None
         elif rise >= max(STEP, RISE * late) or (raised is not None and lag < raised.first - FALL):
-            self._raised = _Raised(arrival, lag, lag, lag)
+            self._raised = _Raised(deque([(arrival, lag)]))
         elif raised is not None:
-            raised.least, raised.most = min(raised.least, lag), max(raised.most, lag)
-            raised.samples += 1
+            raised.add(arrival, lag)
 
     def _follow(self, raised: _Raised, arrival: float) -> None:
         """Follow a step that has lasted, as far as the link does not account for it."""
         assert self._offset is not None
-        if arrival - raised.since < STEADY or raised.samples < STEADY_SAMPLES or not self._steady(raised):
+        if arrival - raised.since < STEADY or len(raised.samples) < STEADY_SAMPLES or not self._steady(raised):
             return
         step, by_link = raised.least - self._offset, self._slower(raised.since, arrival)
         raised.by_link = SPREAD * step < by_link < inf
@@ -158,7 +175,7 @@ class RemoteClock:
             self._offset += self.followed
             self._candidate, self._count = self._offset, 0
             # what is left of it, where the link was slow meanwhile, shows in the lags to come, not in those of the rise
-            self._raised = _Raised(arrival, self._lag, self._lag, self._lag)
+            self._raised = _Raised(deque([(arrival, self._lag)]))
 
     def _steady(self, raised: _Raised) -> bool:
         assert self._offset is not None

@@ -13,6 +13,9 @@ MOST_CLIMB = 20.0
 BUNCHED = 0.25
 """Least time, s, by which two altitudes count as apart: a link may deliver several at once."""
 
+HEARD = frozenset({"VFR_HUD", "HOME_POSITION"})
+"""Types of the messages that tell of the height."""
+
 
 @dataclass(frozen=True, slots=True)
 class HeightSettings:

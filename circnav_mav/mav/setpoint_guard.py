@@ -7,13 +7,17 @@ from typing import NamedTuple
 
 from pymavlink.dialects.v20 import all as dialect
 
+from circnav_mav.guidance.velocity_loop import MOST_FED
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.frames import YawRate, euler_from_quaternion
 
 SLACK = 1 + 1e-6
 """Single precision."""
+MOST_DAMPED = 1.25
+"""Acceleration to the side, in units of speed times turn rate, for a loop that damps what comes of it."""
 EVERYBODY = 0
 BODY_NED = dialect.MAV_FRAME_BODY_NED
+NUMBER = (float, int)
 
 
 class Steer(NamedTuple):
@@ -94,11 +98,11 @@ def _within(message: Message, limits: Limits) -> bool:
 
 def _velocity_within(message: Message, limits: Limits) -> bool:
     forward = abs(message.vx) <= limits.max_speed * SLACK and message.vy == 0 and message.coordinate_frame == BODY_NED
-    across = abs(message.afy) <= limits.max_speed * limits.max_yaw_rate * SLACK  # what the turn needs
-    only_across = message.afx == 0 and message.afz == 0
+    across = abs(message.afy) <= MOST_DAMPED * limits.max_speed * limits.max_yaw_rate
+    ahead = 0 <= message.afx <= MOST_FED and message.afz == 0
     level = abs(message.vz) <= limits.max_climb
     turning = abs(message.yaw_rate) <= limits.max_yaw_rate * SLACK
-    return bool(forward and across and only_across and level and turning)
+    return bool(forward and across and ahead and level and turning)
 
 
 def _attitude_within(message: Message, limits: Limits) -> bool:
@@ -125,7 +129,7 @@ def _numbers(message: Message) -> Iterator[float]:
     """Every number in a message, those in its arrays too."""
     for name in message.get_fieldnames():
         value = getattr(message, name)
-        if isinstance(value, list | tuple):
-            yield from value
-        else:
+        if isinstance(value, NUMBER):
             yield value
+        else:
+            yield from value

@@ -40,6 +40,10 @@ class Announcer:
             messages += self._chunks(severity, text)
         return messages
 
+    def plots_due(self, now: float) -> bool:
+        """Whether it is time for values to plot."""
+        return now - self._last_plot >= PLOT_INTERVAL
+
     def _chunks(self, severity: int, text: str) -> list[Message]:
         """The messages of one text. The last chunk has a zero in it, which ends the text; it may hold nothing else."""
         data = text.encode("ascii", "replace")[:LONGEST_TEXT]
@@ -54,7 +58,7 @@ class Announcer:
     def plots(self, values: dict[str, float], now: float) -> list[Message]:
         """NAMED_VALUE_FLOAT messages for any ground station's graphs, when due. Names have at most 9 characters: PX4
         cuts the tenth."""
-        if now - self._last_plot < PLOT_INTERVAL or not values:
+        if not self.plots_due(now) or not values:
             return []
         self._last_plot = now
         stamp = our_boot_ms(now)

@@ -20,8 +20,8 @@ MOST_REPEATS = 10
 AGAIN = 0.2
 """Time after which a question is asked again, s, that should have been answered by now: it was lost, or the link has
 become slow, and to learn either is urgent."""
-REMEMBERED = 64
-"""Newest answers by which a link is compared with what it was."""
+REMEMBERED = 256
+"""Newest answers by which a link is compared with what it was: some four minutes."""
 OUTSTANDING = 64
 """Questions that may wait for an answer, more than are asked within PATIENCE; it mirrors our stamp, so nobody else's
 answer is taken for ours."""

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tomlkit
 from pydantic import ValidationError
 
 from circnav_mav.mav.autopilots.table import allowed, table_key
@@ -23,38 +22,57 @@ class MissionError(Exception):
 def load_mission(path: str | Path, overrides: Iterable[str] = ()) -> Mission:
     """Read and validate a mission file with `table.key=value` overrides. Raises MissionError."""
     path = Path(path)
+    text = read_text(path)
+    return parse_mission(text, str(path), overrides, path.parent)
+
+
+def read_text(path: Path) -> str:
+    """The text of a file. Raises MissionError."""
     try:
-        text = path.read_text(encoding="utf-8")
+        return path.read_text(encoding="utf-8")
     except OSError as error:
         raise MissionError(f"{path}: cannot be read: {error.strerror or error}") from None
     except UnicodeDecodeError:
         raise MissionError(f"{path}: is not a text file in UTF-8") from None
-    return parse_mission(text, str(path), overrides, path.parent)
+
+
+def read_toml(text: str, where: str) -> dict[str, Any]:
+    """The table of a TOML text; `where` names it in errors. Raises MissionError."""
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise MissionError(f"{where}: not valid TOML: {error}") from None
+    except RecursionError:
+        raise MissionError(f"{where}: not valid TOML: nested too deeply") from None
 
 
 def parse_mission(text: str, where: str, overrides: Iterable[str] = (), folder: Path | None = None) -> Mission:
     """Validate the text of a mission file; `where` names it in errors. folder: that its paths are relative to; they
     become absolute, so that the file as flown can be flown again from its run folder. Raises MissionError."""
-    try:
-        table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise MissionError(f"{where}: not valid TOML: {error}") from None
-    except RecursionError:
-        raise MissionError(f"{where}: not valid TOML: nested too deeply") from None
-    document = tomlkit.parse(text)
-    for override in overrides:
-        keys, value = _override(override)
+    table = read_toml(text, where)
+    changes = [(*_override(override), override) for override in overrides]
+    _change(table, changes, folder)
+    flown = text if table == tomllib.loads(text) else _written(text, changes, folder, table)
+    return mission_of(table, where, flown)
+
+
+def _change(table: Any, changes: Iterable[tuple[list[str], Any, str]], folder: Path | None) -> None:
+    """Put overrides (keys, value, as written) into a mission's table, and make its paths absolute."""
+    for keys, value, override in changes:
         _put(table, keys, value, override)
-        _put(document, keys, value, override)
     if folder is not None:
         _make_absolute(table, folder)
-        _make_absolute(document, folder)
-    return mission_of(table, where, _written(document, table))
 
 
-def _written(document: tomlkit.TOMLDocument, table: dict[str, Any]) -> str:
+def _written(
+    text: str, changes: Iterable[tuple[list[str], Any, str]], folder: Path | None, table: dict[str, Any]
+) -> str:
     """The file as flown: with its comments, unless tomlkit puts an override where it does not belong, as among dotted
     keys."""
+    import tomlkit  # slow to load and to parse, and most files are flown as they are
+
+    document = tomlkit.parse(text)
+    _change(document, changes, folder)
     text = tomlkit.dumps(document)
     try:
         faithful = tomllib.loads(text) == table
@@ -90,11 +108,21 @@ def _clashes(file: MissionFile) -> Iterator[str]:
         yield f'ranging.message: is "{ranging.message}", a driver gives "ranging_beacon": set that'
     if file.signing and file.signing.accept_unsigned == "ranging" and ranging.endpoint is None:
         yield 'signing.accept_unsigned: is "ranging", which needs a ranging.endpoint of its own'
+    if ranging.rate_name is not None and ranging.message != "named_value_float":
+        yield f'ranging.rate_name: goes with message = "named_value_float", not with "{ranging.message}"'
+    if ranging.rate_name == ranging.name:
+        yield f'ranging.rate_name: is "{ranging.name}" as ranging.name: give the rate a name of its own'
+    if file.guidance.estimator == "measured" and ranging.rate_name is None:
+        yield 'guidance.estimator: is "measured", which needs a radio that measures the range rate: ranging.rate_name'
     rows = allowed(*table_key(vehicle.autopilot, vehicle.kind, vehicle.method)).values()
     if vehicle.max_bank_deg is None and any(row.banks for row in rows):
         yield f"vehicle.max_bank_deg: missing, a {vehicle.kind} turns by banking: add its limit"
     elif vehicle.max_bank_deg is None and vehicle.max_turn_rate_deg_s is None:
         yield "vehicle.max_turn_rate_deg_s: missing, add it"
+    if file.handback.enabled and not file.locate.enabled:
+        yield "handback.enabled: needs locate.enabled = true"
+    if (file.handback.latitude_deg is None) != (file.handback.longitude_deg is None):
+        yield "handback.latitude_deg and handback.longitude_deg: one is missing, give both or neither"
     ways = ("height_above_target_m", "target_altitude_m", "target_above_home_m")
     given = [f"orbit.{way}" for way in ways if getattr(orbit, way) is not None]
     if len(given) > 1:

@@ -8,8 +8,10 @@ from circnav_mav.guidance.estimators.interface import EstimatorSettings
 from circnav_mav.guidance.estimators.range_rate import SteadyState, steady_state
 from circnav_mav.guidance.estimators.table import default_estimator
 from circnav_mav.guidance.step import LawChoice
-from circnav_mav.guidance.tuning import default_gain, loop_lag
+from circnav_mav.guidance.tuning import default_gain
 from circnav_mav.guidance.types import Direction, Orbit
+from circnav_mav.locate.handback import HandBackSettings
+from circnav_mav.locate.locator import LocateSettings
 from circnav_mav.mav.autopilots.interface import AirLoops, Autopilot, VehicleFacts
 from circnav_mav.mav.autopilots.table import allowed, table_key
 from circnav_mav.mav.frames import GRAVITY
@@ -23,6 +25,8 @@ from circnav_mav.radios.table import split_driver
 
 MOST_NOISE = 0.5
 """Standard deviation of a range, of the radius, above which it tells nothing about the circle."""
+LAST_COMPANION = 194
+"""MAV_COMP_ID_ONBOARD_COMPUTER4."""
 SIM = "sim"
 """The endpoint that stands for the bundled vehicle."""
 
@@ -60,15 +64,18 @@ class Mission:
     @property
     def loop_lag(self) -> float:
         """Delay from a change of range rate to the vehicle's turn, s: the filter's and the vehicle's."""
-        ranging, lag = self.file.ranging, self.file.vehicle.turn_lag_s
-        period = 1 / ranging.rate_hz
-        return loop_lag(lag, self.estimation, r_d=self.orbit.radius, sigma=ranging.sigma_m, period=period)
+        return self.file.vehicle.turn_lag_s + self.steady_estimate.lag
 
     @property
     def steady_estimate(self) -> SteadyState:
         """Noise and lag of the range rate on the circle."""
         ranging = self.file.ranging
-        return steady_state(self.estimation, r=self.orbit.radius, sigma=ranging.sigma_m, period=1 / ranging.rate_hz)
+        period, rate_sigma = 1 / ranging.rate_hz, ranging.rate_sigma_mps if ranging.rate_name else None
+        if self.estimator == "measured" and rate_sigma is not None:
+            return SteadyState(rate_sigma, period / 2)
+        return steady_state(
+            self.estimation, r=self.orbit.radius, sigma=ranging.sigma_m, period=period, rate_sigma=rate_sigma
+        )
 
     @property
     def estimation(self) -> EstimatorSettings:
@@ -85,6 +92,25 @@ class Mission:
         """What is said of the height above the target."""
         orbit = self.file.orbit
         return HeightSettings(orbit.height_above_target_m, orbit.target_altitude_m, orbit.target_above_home_m)
+
+    @property
+    def locate_settings(self) -> LocateSettings | None:
+        """The survey of the target; None: none. It speaks as the companion after ours."""
+        locate, back = self.file.locate, self.file.handback
+        if not locate.enabled:
+            return None
+        place = None
+        if back.latitude_deg is not None and back.longitude_deg is not None:
+            place = back.latitude_deg, back.longitude_deg
+        ours = self.file.link.component_id
+        return LocateSettings(
+            component=LAST_COMPANION if ours != LAST_COMPANION else LAST_COMPANION - 1,
+            gps_sigma=locate.gps_sigma_m,
+            range_bias_sigma=locate.range_bias_m,
+            beacon=locate.beacon,
+            camera=locate.camera,
+            handback=HandBackSettings(back.every_s, place) if back.enabled else None,
+        )
 
     @property
     def max_range(self) -> float:
@@ -180,6 +206,9 @@ class Mission:
             sensor_stamps=table.stamp == "sensor",
             rate=table.rate_hz,
             resent=table.resent,
+            rate_name=table.rate_name,
+            rate_sign=1 if table.rate_sign == "opening" else -1,
+            rate_sigma=table.rate_sigma_mps,
             max_sigma=max(MOST_NOISE * self.file.orbit.radius_m, 3 * table.sigma_m),
         )
 

@@ -39,6 +39,8 @@ def judge_ranging(mission: Mission, seen: Observations, vehicle: VehicleSeen) ->
     ranges = seen.ranges
     if len(ranges) >= 10:
         yield from _noise(mission, ranges)
+    if mission.file.ranging.rate_name is not None:
+        yield from _rates(mission, seen)
     if ranges:
         yield _age(mission, seen)
         yield from _stamps(mission, ranges, vehicle)
@@ -82,7 +84,33 @@ def _rejected(mission: Mission, seen: Observations, vehicle: VehicleSeen) -> Che
     return Check(WARN if share > MOST_REJECTED else PASS, "rejected", words)
 
 
+def _rates(mission: Mission, seen: Observations) -> Iterator[Check]:
+    """The measured range rate: whether it comes, scatters as the mission says, and goes with the ranges."""
+    table, values = mission.file.ranging, seen.rates
+    name, wanted, assumed = table.rate_name, table.rate_hz, table.rate_sigma_mps
+    if seen.rate_trouble:
+        yield Check(FAIL, "range rate", f"{name}: {seen.rate_trouble}")
+        return
+    if len(values) < 10:
+        yield Check(FAIL, "range rate", f"{len(values)} NAMED_VALUE_FLOAT {name} of the ranges' sender and clock")
+        return
+    rate = len(values) / seen.seconds
+    noise = spread_of([(b - (a + c) / 2) / sqrt(1.5) for (a, b), (_, c) in pairwise(pairwise(values))])
+    enough, quiet = rate >= FULL_RATE * wanted, noise <= NOISE_NEAR * assumed * (1 + 1 / sqrt(len(values)))
+    advice = "" if quiet else ": set ranging.rate_sigma_mps to it"
+    yield Check(
+        PASS if enough and quiet else WARN,
+        "range rate",
+        f"{name} {rate:.1f} Hz, newest {values[-1]:+.2f} m/s; {noise:.2f} m/s standard deviation, {assumed:.2f} m/s "
+        f"assumed{advice}",
+    )
+
+
 def _noise(mission: Mission, ranges: Sequence[RangeHeard]) -> Iterator[Check]:
+    if len({one.r for one in ranges}) == 1:
+        words = f"all {len(ranges)} ranges are {ranges[0].r:.2f} m: a frozen radio, or one too coarse to show its noise"
+        yield Check(WARN, "noise", f"{words}; move it and look again")
+        return
     residuals = residuals_of(ranges)
     noise, assumed = spread_of(residuals), median(one.sigma for one in ranges)
     ratio = noise / assumed

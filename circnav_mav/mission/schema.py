@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 from pydantic_core import PydanticCustomError
 
+from circnav_mav.guidance.estimators.table import ESTIMATORS
 from circnav_mav.guidance.laws import LAWS
 from circnav_mav.mav.autopilots.table import MISSION_AUTOPILOTS, MISSION_EXITS, MISSION_KINDS, MISSION_METHODS
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
@@ -93,9 +94,9 @@ class GuidanceTable(Table):
 
     law: Literal[tuple(LAWS)] = "auto"  # type: ignore[valid-type]
     gain: Positive | None = None
-    correct_radius: bool = True
+    correct_radius: Annotated[bool, SELDOM] = True
     radius_trim_per_s: Annotated[float, Field(ge=0, le=0.2)] = 0.0
-    estimator: Literal["kalman", "unicycle", "drift", "auto"] | None = None
+    estimator: Literal[tuple(ESTIMATORS)] | None = None  # type: ignore[valid-type]
     gate_sigma: Annotated[float, Field(ge=2, le=20), SELDOM] = 5.0
     min_samples: Annotated[int, Field(ge=2, le=100), SELDOM] = 5
 
@@ -111,12 +112,15 @@ class RangingTable(Table):
     sensor_id: Annotated[int, Field(ge=0, le=255)] | None = None
     orientation: Annotated[int, Field(ge=0, le=100)] | None = None
     name: Annotated[str, Field(min_length=1, max_length=10)] = "RANGE"  # 10: of NAMED_VALUE_FLOAT
+    rate_name: Annotated[str, Field(min_length=1, max_length=10)] | None = None
+    rate_sign: Literal["opening", "closing"] = "opening"
+    rate_sigma_mps: Positive = 0.3
     system_id: Annotated[SystemId | None, SELDOM] = None
     component_id: ComponentId | None = None
-    min_range_m: NotNegative = 0.0
+    min_range_m: Annotated[NotNegative, SELDOM] = 0.0
     max_range_m: Positive | None = None
-    stamp: Literal["sensor", "arrival"] = "sensor"
-    resent: bool = False
+    stamp: Annotated[Literal["sensor", "arrival"], SELDOM] = "sensor"
+    resent: Annotated[bool, SELDOM] = False
 
 
 class LinkTable(Table):
@@ -124,10 +128,10 @@ class LinkTable(Table):
 
     endpoint: Name
     peer: Addresses | None = None
-    component_id: Annotated[int, Field(ge=191, le=194)] = 191  # MAV_COMP_ID_ONBOARD_COMPUTER .. 4
+    component_id: Annotated[int, Field(ge=191, le=194), SELDOM] = 191  # MAV_COMP_ID_ONBOARD_COMPUTER .. 4
     wait_s: Positive = 30.0
     clock: Literal["local", "autopilot"] = "local"
-    sim_speed: Annotated[float, Field(gt=0, le=100)] = 1.0
+    sim_speed: Annotated[float, Field(gt=0, le=100)] | None = None
 
 
 class SigningTable(Table):
@@ -135,7 +139,7 @@ class SigningTable(Table):
 
     key_file: Name
     link_id: Annotated[int, Field(ge=0, le=255), SELDOM] = 0
-    accept_unsigned: Literal[False, True, "ranging"] = False
+    accept_unsigned: Annotated[Literal[False, True, "ranging"], SELDOM] = False
 
 
 class EngageTable(Table):
@@ -152,7 +156,7 @@ class LimitsTable(Table):
     stale_s: Annotated[float, Field(gt=0, le=5)] = 0.5
     hold_s: NotNegative = 10.0
     outage_s: Annotated[NotNegative, SELDOM] = 60.0
-    round_trip_s: Annotated[float, Field(gt=0, le=10)] = 0.6
+    round_trip_s: Annotated[float, Field(gt=0, le=10), SELDOM] = 0.6
     tick_hz: Annotated[float, Field(ge=5, le=100), SELDOM] = 20.0  # PX4 leaves OFFBOARD below 2 Hz
 
 
@@ -170,6 +174,26 @@ class BoundsTable(Table):
     min_altitude_m: Height | None = None
     max_altitude_m: Height | None = None
     min_battery_percent: Annotated[float, Field(ge=0, le=100)] | None = None
+
+
+class LocateTable(Table):
+    """[locate]: where the target is on the map. Nothing of it steers."""
+
+    enabled: bool = True
+    gps_sigma_m: Annotated[float, Field(ge=0.01, le=1000)] = 1.5
+    range_bias_m: Annotated[float, Field(ge=0.01, le=1000)] = 2.0
+    cot: Annotated[str, Field(pattern=r"^[^:]+:[0-9]{1,5}$")] | None = None
+    camera: bool = False
+    beacon: bool = False
+
+
+class HandBackTable(Table):
+    """[handback]: telling an autopilot that has lost its position where it is."""
+
+    enabled: bool = False
+    every_s: Annotated[float, Field(ge=1, le=60)] = 5.0
+    latitude_deg: Annotated[float, Field(ge=-90, le=90)] | None = None
+    longitude_deg: Annotated[float, Field(ge=-180, le=180)] | None = None
 
 
 class LogTable(Table):
@@ -192,5 +216,7 @@ class MissionFile(Table):
     bounds: BoundsTable = BoundsTable()
     limits: LimitsTable
     log: LogTable = LogTable()
+    locate: LocateTable = LocateTable()
+    handback: HandBackTable = HandBackTable()
     signing: SigningTable | None = None
     sim: dict[str, Any] | None = None

@@ -18,7 +18,8 @@ HOME_RATE = 1.0
 
 
 class Heard(NamedTuple):
-    """One message. of_vehicle: of the pinned vehicle, on its link. of_ranging: on the link that ranging comes on."""
+    """One message. of_vehicle: of the pinned vehicle, on its link. of_ranging: it may be a range, for it is the
+    mission's message, on the link that ranging comes on."""
 
     message: Message
     of_vehicle: bool
@@ -51,7 +52,8 @@ class Connection:
         decoder = self.decoders[link]
         for message in decoder.decode(data):
             of_vehicle = link == VEHICLE and self.session.receive(message, now, source)
-            yield Heard(message, of_vehicle, link == self.ranging_link)
+            of_ranging = link == self.ranging_link and message.get_msgId() == self.ranging_message.id
+            yield Heard(message, of_vehicle, of_ranging)
         if link == VEHICLE and decoder.behind:
             self.session.identity.greet(source)
 

@@ -25,6 +25,9 @@ LONGEST_GAP = 1.0
 """Gap between two reports of own motion, s, after which the vehicle may have stopped meanwhile."""
 DEAF_AFTER = 1.0
 """Time of not turning as told, s, after which a vehicle counts as not hearing us: a reversed turn takes less."""
+DOUBTED_AFTER = 0.7
+"""Time of not turning as told, s, after which its path is not counted: a turn that swings through zero is told and
+flown at different moments for as long."""
 DRIFT = Flies.DRIFT.name.lower()
 SLIP = 0.2
 """How much later than its bank a plane's nose turns, s: side-slip, as seen on ArduPlane 4.6.3."""
@@ -64,6 +67,8 @@ class Controller:
         self._told: TurnRate | None = None
         self._followed_at = self._slow_at = float("-inf")
         self._height: float | None = None
+        self.drag = 0.0
+        """Of a copter, 1/s, as learnt in flight."""
         self._trim = 0.0
         self._steered_at: float | None = None
 
@@ -95,7 +100,8 @@ class Controller:
     @property
     def at_speed(self) -> bool:
         """Whether the vehicle has flown what it is told for long enough to have the speed that it is told."""
-        return self.followed and float(self._learnt.time) - self._slow_at >= SPEED_UP - SAME_TIME
+        now = float(self._learnt.time)
+        return now - self._followed_at <= DOUBTED_AFTER and now - self._slow_at >= SPEED_UP - SAME_TIME
 
     def on_motion(self, own: OwnMotion) -> None:
         """Learn the turn-rate gain and the delay from the vehicle's heading, and whether it flies what we tell it."""
@@ -179,4 +185,4 @@ class Controller:
         motion = session.motion.at(now)
         if engaged and self._height is None:
             self._height = motion.altitude
-        return Addressee(*session.vehicle_ids, motion=motion, height=self._height)
+        return Addressee(*session.vehicle_ids, motion=motion, height=self._height, drag=self.drag)

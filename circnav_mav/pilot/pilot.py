@@ -17,6 +17,7 @@ from circnav_mav.guidance.velocity_loop import CopterMotion
 from circnav_mav.mav.clocks import nobody_tells
 from circnav_mav.mav.codec import LinkCounts, Message
 from circnav_mav.mav.frames import YawRate
+from circnav_mav.mav.height import HEARD
 from circnav_mav.mav.identity import RADIO_NAME, Allowance, describe_sender
 from circnav_mav.mav.session import LOST_AFTER
 from circnav_mav.mav.setpoint_guard import UnsafeSetpointError
@@ -27,7 +28,7 @@ from circnav_mav.pilot.controller import Controller
 from circnav_mav.pilot.mission_state import Ending, Event, MissionState, Outcome, Phase
 from circnav_mav.pilot.mode_request import ExitAction
 from circnav_mav.pilot.range_tracker import RangeTracker
-from circnav_mav.pilot.record import TickRecord, plot_values, tick_record
+from circnav_mav.pilot.record import StepTaken, TickRecord, plot_values, tick_record
 from circnav_mav.pilot.settings import VEHICLE, OutputMode, PilotSettings
 from circnav_mav.pilot.status_text import StatusText
 from circnav_mav.pilot.tick_scheduler import TickScheduler
@@ -59,10 +60,10 @@ class Pilot:
         self.drift_alarm = DriftAlarm()
         self.allowance = Allowance()
         self._rivals: set[str] = set()
-        self.allowance = Allowance()
         self.setpoints_sent = 0
         self._setpoints_before = 0
         self._records: list[TickRecord] = []
+        self._unsettled: StepTaken | None = None
         self._frames: list[bytes] = []
         self._copter_motion = CopterMotion()
         self._reboots = self._limit_cycles = 0
@@ -72,6 +73,7 @@ class Pilot:
 
     def receive(self, data: bytes, now: float, source: Hashable = None, link: str = VEHICLE) -> None:
         """Take in one datagram (or chunk of a stream) that arrived at `now` from `source` on a link."""
+        self.settle()
         if not self._worth_reading(source, len(data), now, link):
             return
         for message, of_vehicle, of_ranging in self._connection.receive(data, now, source, link):
@@ -100,6 +102,7 @@ class Pilot:
 
     def _take_range(self, message: Message, now: float, source: Hashable) -> None:
         apart, session = self.settings.ranging_apart, self.session
+        self.tracker.ranging.moving = self._mission.steering and self.settings.output_mode is OutputMode.FLY
         taken = self.tracker.receive(
             message, now, stalled=self._authority.may_be_backlog(now),
             strangers=() if apart else session.identity.strangers,
@@ -117,7 +120,7 @@ class Pilot:
         """Own motion teaches the height, the turn-rate gain, and estimators that know where the vehicle is heading."""
         adapter, motion, height = self.session.adapter, self.session.motion, self.tracker.height
         is_attitude = motion.receive(message, now)
-        if height.hear(message, motion.at(now).altitude, now):
+        if message.get_type() in HEARD and height.hear(message, motion.at(now).altitude, now):
             self._say("altitude", f"altitude jumped, {height.jumped:+.0f} m ignored")
         if not is_attitude:
             return
@@ -126,6 +129,7 @@ class Pilot:
             return
         if adapter.velocity_loop is not None:
             self._copter_motion, own = self._copter_motion.follow(own, adapter.velocity_loop)
+            self.controller.drag = self._copter_motion.drag
         self.controller.on_motion(own)
         # a vehicle whose airspeed nobody measures has the commanded one while it flies as commanded; whose setpoints
         # are another's (a dry run) is taken to do so while it turns as we would command
@@ -148,6 +152,7 @@ class Pilot:
 
     def step(self, now: float) -> bytes:
         """Decide and answer. Acts when a fresh range is waiting or a tick is due; else returns nothing at once."""
+        self.settle()
         self._setpoints_before = self.setpoints_sent
         self._authority.stepped(now)
         if self._authority.view is View.BACKLOG:
@@ -170,14 +175,18 @@ class Pilot:
         command = self.controller.command(self.phase, estimate, self.session.timesync.worst, now)
         self._say_how_it_flies(command)
         messages, sent = self._setpoint(command, now)
-        self._records.append(
-            tick_record(
-                now, self.phase, self.session, self.tracker, self.controller, estimate, command, sent,
-                self.settings.law.name,
-            )
-        )  # fmt: skip
+        self._unsettled = StepTaken(now, self.phase, estimate, command, sent)
         messages += self._housekeeping(estimate, command, now)
         return b"".join(map(self.session.encode, messages))
+
+    def settle(self) -> None:
+        """Do what the newest step has left for after its setpoint: the estimator's preparations and the tick's record.
+        Done before anything else happens, if nobody has called it until then."""
+        self.tracker.estimator.settle()
+        if self._unsettled is not None:
+            step, self._unsettled = self._unsettled, None
+            law = self.settings.law.name
+            self._records.append(tick_record(step, self.session, self.tracker, self.controller, law))
 
     def _due(self, now: float) -> bool:
         """Whether this step acts. The safe setpoints of the end are a tick apart, however many ranges come."""
@@ -322,6 +331,7 @@ class Pilot:
 
     def hold_back(self) -> None:
         """What the newest step gave out was not sent: the shell had stood still in it for too long."""
+        self.settle()
         if self.setpoints_sent > self._setpoints_before:
             self.setpoints_sent = self._setpoints_before
             self._records[-1] = replace(self._records[-1], yaw_rate_sent=None)
@@ -340,7 +350,9 @@ class Pilot:
 
     def _housekeeping(self, estimate: RangeEstimate | None, command: TurnCommand | None, now: float) -> list[Message]:
         """Heartbeat, commands, streams, texts and plot values; the farewell at the end."""
-        plots = self.session.announcer.plots(plot_values(self.settings.orbit, estimate, command), now)
+        announcer, plots = self.session.announcer, []
+        if announcer.plots_due(now):
+            plots = announcer.plots(plot_values(self.settings.orbit, estimate, command), now)
         if self.settings.output_mode is OutputMode.SHADOW:
             return self.session.heartbeats_due(now) + plots
         if self.done:
@@ -423,6 +435,7 @@ class Pilot:
 
     def take_records(self) -> list[TickRecord]:
         """The ticks since the last call."""
+        self.settle()
         records, self._records = self._records, []
         return records
 

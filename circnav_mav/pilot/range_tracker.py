@@ -5,11 +5,12 @@ from collections.abc import Collection, Hashable
 from circnav_mav.guidance.estimators.interface import Fused
 from circnav_mav.guidance.estimators.table import ESTIMATORS
 from circnav_mav.guidance.range_noise import NoiseCheck
-from circnav_mav.guidance.types import SAME_TIME, OwnMotion, RangeEstimate, RangeSample
+from circnav_mav.guidance.types import SAME_TIME, OwnMotion, RangeEstimate, RangeSample, RateSample
 from circnav_mav.mav.clocks import Slower
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.height import Height
 from circnav_mav.mav.ranging.interface import Reject
+from circnav_mav.mav.ranging.range_rate import RangeRateReader
 from circnav_mav.mav.ranging.reader import RangeReader
 from circnav_mav.pilot.mission_state import Say
 from circnav_mav.pilot.settings import PilotSettings
@@ -19,6 +20,7 @@ FRESH = 0.6
 CALM = 1.0
 """Time, s, for which ranges must not have been stale to steer again otherwise: a radio whose ranges come at an age near
 `stale` would else start and stop steering with each of them."""
+_DROPPED = {"range": "frozen, rejected", "range rate": "wrong, dropped"}
 
 
 class RangeTracker:
@@ -28,15 +30,19 @@ class RangeTracker:
         """slower: tells of the link that ranges come on."""
         self._say, self._say_once = say, say_once
         self._stale = settings.timing.stale
-        self._noise = NoiseCheck(settings.orbit.speed, settings.orbit.max_turn_rate)
+        speed, max_turn_rate = settings.orbit.speed, settings.orbit.max_turn_rate
+        self.noise = NoiseCheck.of_ranges(speed, max_turn_rate)
         self._needs_altitude = settings.height.needs_altitude
         self.height = Height(settings.height)
-        self.ranging = RangeReader(settings.ranging, self._noise, slower)
+        self.ranging = RangeReader(settings.ranging, self.noise, slower)
+        self.rates = RangeRateReader(settings.ranging, self.ranging, NoiseCheck.of_rates(speed, max_turn_rate), speed)
         self.estimator = ESTIMATORS[settings.estimator](settings.estimation)
         self.newest: RangeSample | None = None
+        self.newest_rate: RateSample | None = None
         self.fresh = False
         self.accepted = 0
         self._stale_at = float("-inf")
+        self._troubles = (False, False)
 
     def receive(
         self,
@@ -53,6 +59,13 @@ class RangeTracker:
         strangers: systems of other vehicles. one_way: least delay of the link that it came on, s. source: where it came
         from. vehicle: where the vehicle's frames come from, where that is the same link."""
         height = self.height.at(now)
+        if self.rates.carries(message):
+            rate = self.rates.read(message, now, height=height, source=source)
+            if rate is not None and not stalled:
+                self.newest_rate = rate
+                self.estimator.observe_rate(rate)
+            self._say_trouble()
+            return False
         sample = self.ranging.read(
             message, now, height=height, strangers=strangers, one_way=one_way, source=source, vehicle=vehicle
         )
@@ -60,6 +73,7 @@ class RangeTracker:
             self.estimator.restamp()
         if self.ranging.stepped:
             self._say("clock", f"sensor clock stalled {self.ranging.stepped:.1f} s")
+        self._say_trouble()
         if sample is None:
             return False
         if stalled:
@@ -68,14 +82,30 @@ class RangeTracker:
         if height is None and self._needs_altitude:
             self.ranging.reject(Reject.NO_HEIGHT)
             return False
-        if self._noise.found is not None:
-            self._say_once("noise", "range noise {1:.2g} m, expected {0:.2g} m".format(*self._noise.found))
+        self.rates.range_taken(sample)
+        if self.noise.found is not None:
+            self._say_once("noise", "range noise {1:.2g} m, expected {0:.2g} m".format(*self.noise.found))
+        if self.noise.lowered is not None:
+            self._say_once("low noise", "range noise {1:.2g} m, expected {0:.2g} m".format(*self.noise.lowered))
         if self.estimator.observe(sample) is Fused.GATED:
             self.ranging.reject(Reject.GATED)
             return False
         self.accepted += 1
         self.newest, self.fresh = sample, True
         return True
+
+    def _say_trouble(self) -> None:
+        """Say what no longer counts, and that it counts again."""
+        troubles = bool(self.noise.repeated), bool(self.rates.trouble)
+        for name, is_, was in zip(("range", "range rate"), troubles, self._troubles, strict=True):
+            if is_ != was:
+                self._say(f"{name} trouble", f"{name} {_DROPPED[name] if is_ else 'counts again'}")
+        self._troubles = troubles
+
+    def measured_rate(self, now: float) -> float | None:
+        """The newest range rate that counted, m/s; None where none counts now."""
+        rate = self.newest_rate
+        return None if rate is None or now - rate.time > self._stale + SAME_TIME else rate.r_dot
 
     def move(self, own: OwnMotion) -> None:
         """The vehicle's own motion, where it is as it is told."""

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from math import isfinite
+from typing import NamedTuple
 
 from circnav_mav.guidance.types import Orbit, RangeEstimate, TurnCommand
 from circnav_mav.mav.frames import YawRate, yaw_rate_from_turn_rate
@@ -26,7 +27,7 @@ class TickRecord:
     of the gains once the command was found swinging. law, x .. airspeed_scale: which law flies, and the relative motion
     where an estimator tells it (vehicle minus target, m; wind minus target velocity, m/s; paper's frame). felt: how far
     that goes by measured accelerations, 0 .. 1. height: above the target, m, by which slant ranges are made horizontal.
-    None stands for "not known" or "not sent"."""
+    measured_rate: newest range rate of the radio that counts, m/s. None stands for "not known" or "not sent"."""
 
     time: float
     phase: Phase
@@ -59,6 +60,7 @@ class TickRecord:
     mode: str
     accepted: int
     rejected: int
+    measured_rate: float | None = None
 
 
 def plot_values(orbit: Orbit, estimate: RangeEstimate | None, command: TurnCommand | None) -> dict[str, float]:
@@ -71,18 +73,21 @@ def plot_values(orbit: Orbit, estimate: RangeEstimate | None, command: TurnComma
     }  # fmt: skip
 
 
+class StepTaken(NamedTuple):
+    """A step of the pilot. sent: the yaw rate that left in the setpoint, None for none."""
+
+    now: float
+    phase: Phase
+    estimate: RangeEstimate | None
+    command: TurnCommand | None
+    sent: YawRate | None
+
+
 def tick_record(
-    now: float,
-    phase: Phase,
-    session: Session,
-    tracker: RangeTracker,
-    controller: Controller,
-    estimate: RangeEstimate | None,
-    command: TurnCommand | None,
-    sent: YawRate | None,
-    law: str,
+    step: StepTaken, session: Session, tracker: RangeTracker, controller: Controller, law: str
 ) -> TickRecord:
-    """A step in numbers. law: of the mission. sent: the yaw rate that left in the setpoint, None for none."""
+    """A step in numbers. law: of the mission."""
+    now, phase, estimate, command, sent = step
     link_age, motion, newest = session.heartbeat_age(now), session.motion.at(now), tracker.newest
     where = estimate.relative if estimate and estimate.relative and estimate.relative.trusted else None
     return TickRecord(
@@ -117,4 +122,5 @@ def tick_record(
         mode=session.mode_name,
         accepted=tracker.accepted,
         rejected=tracker.ranging.refused,
+        measured_rate=tracker.measured_rate(now),
     )

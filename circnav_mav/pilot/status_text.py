@@ -9,6 +9,8 @@ from circnav_mav.pilot.mission_state import Ending, MissionState, Outcome, Overd
 from circnav_mav.pilot.range_tracker import FRESH, RangeTracker
 from circnav_mav.pilot.settings import OutputMode, PilotSettings
 
+_NEEDS = {"kalman": "", "measured": "; it needs the measured range rate (ranging.rate_name), too"}
+
 
 class StatusText:
     """Words for what a pilot's parts know."""
@@ -80,7 +82,7 @@ class StatusText:
         age, ready = tracker.age(now), tracker.estimator.ready
         if not ready and not missing and age is not None and age <= self._settings.timing.stale:
             name = self._settings.estimator
-            needs = "" if name == "kalman" else "; it needs the vehicle's own motion first (auto does not)"
+            needs = _NEEDS.get(name, "; it needs the vehicle's own motion first (auto does not)")
             return f"{tracker.accepted} ranges accepted, estimator {name} has not converged yet{needs}"
         if ready and missing:
             return self._not_told(missing)

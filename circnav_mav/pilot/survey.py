@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 from pymavlink.dialects.v20 import all as dialect
 
+from circnav_mav.guidance.range_noise import NoiseCheck
 from circnav_mav.mav.autopilots.interface import Autopilot
 from circnav_mav.mav.clocks import Moment, Span, quick_span
 from circnav_mav.mav.codec import Message
@@ -18,6 +19,7 @@ from circnav_mav.mav.height import Height
 from circnav_mav.mav.identity import RADIO_NAME
 from circnav_mav.mav.own_motion import Motion
 from circnav_mav.mav.params import ParameterReader
+from circnav_mav.mav.ranging.range_rate import RangeRateReader
 from circnav_mav.mav.ranging.reader import RangeReader
 from circnav_mav.mav.session import describe_vehicle
 from circnav_mav.mav.signing import Signing
@@ -77,7 +79,8 @@ class Observations:
     """All that a survey has heard. links: each link's bytes, frames and systems in words. rivals: second senders at the
     end, in words. carriers: ranging messages by sender and marks. end, seconds: when the listening ended and how long
     it measured, s. signed, zero_key, refused: frames of the vehicle's link with a signature, with one of the all-zero
-    key where we have none, and those not believed, by reason."""
+    key where we have none, and those not believed, by reason. rates, rate_trouble: range rates heard (m/s), and why
+    they would not count, in words."""
 
     vehicle: VehicleSeen | None
     links: Mapping[str, str]
@@ -94,6 +97,8 @@ class Observations:
     signed: int
     zero_key: int
     refused: Mapping[str, int]
+    rates: tuple[float, ...] = ()
+    rate_trouble: str = ""
 
 
 class Survey:
@@ -113,6 +118,11 @@ class Survey:
         self._settings = settings
         self._seconds = seconds
         self._ranging = RangeReader(settings.ranging)
+        speed, max_turn_rate = settings.orbit.speed, settings.orbit.max_turn_rate
+        self._rating = RangeRateReader(
+            settings.ranging, self._ranging, NoiseCheck.of_rates(speed, max_turn_rate), speed
+        )
+        self._rates: list[float] = []
         self._height = Height(settings.height)
 
         self._reader: ParameterReader | None = None
@@ -185,6 +195,8 @@ class Survey:
             signed=counts.signed,
             zero_key=counts.zero_key,
             refused=dict(counts.refused),
+            rates=tuple(self._rates),
+            rate_trouble=self._rating.trouble,
         )
 
     def _vehicle(self) -> VehicleSeen:
@@ -268,11 +280,18 @@ class Survey:
         kind = self._connection.ranging_message
         if message.get_type() != kind.type:
             return
+        if self._rating.carries(message):
+            rate = self._rating.read(message, now, source=source)
+            if rate is not None and self._settled(now):
+                self._rates.append(rate.r_dot)
+            return
         marks = ", ".join(f"{mark} {plain_text(str(value))}" for mark, value in kind.mark_values(message).items())
         self._carriers[f"{message.get_srcSystem()}/{message.get_srcComponent()} {marks}"] += 1
         peer = None if self._settings.ranging_apart else self.session.peer
         sample = self._ranging.read(message, now, source=source, vehicle=peer.source if peer else None)
         if self._ranging.rival is not None and self._ranging.trusted is not None:
             self.session.identity.rivals.heard(RADIO_NAME, self._ranging.rival, self._ranging.trusted, now)
+        if sample is not None:
+            self._rating.range_taken(sample)
         if sample is not None and self._settled(now):
             self._ranges.append(RangeHeard(sample.stamp, sample.time, now, sample.r, sample.sigma))

@@ -49,6 +49,7 @@ def report(run: Run, facts: ReportFacts) -> str:
         "TRACK": escape(_track_words(run), quote=False),
         "PICTURE": _picture(run.folder / "flight.png"),
         "DATA": as_script(data | {"alarms": alarms(run.ticks, happened)}),
+        "PLACE": _place(run),
         "EVENTS": _events(happened, names),
         "SETTINGS": _rows(facts.settings),
         "VERSIONS": _rows(_versions(run)),
@@ -91,6 +92,17 @@ def _picture(path: Path) -> str:
     if not path.is_file():
         return ""
     return f'<img alt="the flight" src="data:image/png;base64,{base64.b64encode(path.read_bytes()).decode()}">'
+
+
+def _place(run: Run) -> str:
+    """The map with the surveyed place of the target, where there is one."""
+    place, map_picture = run.summary.get("place"), run.folder / "target.png"
+    if not place or not map_picture.is_file():
+        return ""
+    picture = base64.b64encode(map_picture.read_bytes()).decode()
+    known = {name: str(value) for name, value in place.items() if value is not None and name != "ellipse_95"}
+    image = f'<img style="max-width:100%" alt="map of the target" src="data:image/png;base64,{picture}">'
+    return f"<h2>Target on the map</h2>{image}<table>{_rows(known)}</table>"
 
 
 def _phase_names(run: Run) -> dict[str, str]:

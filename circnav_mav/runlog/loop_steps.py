@@ -52,7 +52,7 @@ def recorded_steps(folder: Path) -> Iterator[LoopStep]:
 def _step(row: list[str], frames: Iterator[bytes]) -> LoopStep | None:
     """A line of turns.csv with its frames out of the tlog; None if they are not all there. Raises ValueError, KeyError
     for what the recorder never wrote."""
-    time_us, datagrams, sent, hello, interrupt = row
+    time_us, datagrams, sent, hello, interrupt, *survey = row
     sources = []
     for datagram in datagrams.split():
         source, _, count = datagram.partition("*")
@@ -61,7 +61,8 @@ def _step(row: list[str], frames: Iterator[bytes]) -> LoopStep | None:
     held_back = sent == HELD_BACK
     ours = (0 if held_back else int(sent or 0)) + int(hello or 0)
     sent_frames = tuple(islice(frames, ours))
-    if len(received) < len(sources) or len(sent_frames) < ours:
+    beside = int(survey[0] or 0) if survey else 0  # no pilot sent these, so none is replayed
+    if len(received) < len(sources) or len(sent_frames) < ours or len(tuple(islice(frames, beside))) < beside:
         return None
     return LoopStep(int(time_us) / 1e6, received, sent_frames, interrupt, held_back)
 

@@ -61,6 +61,8 @@ SUMMARY = _table({
     Number | None: "height_min_m height_max_m turn_std_deg_s turn_at_limit turn_variation_rad_s2 turn_gain "
                    "turn_delay_s gain_share clock_speed",
     Flag | None: "turn_limit_cycle",
+    dict[Text, Any] | None: "place handback",
+    list[dict[Text, Any]]: "gps_watch",
 })  # fmt: skip
 MANIFEST = _table({
     Text: "mission voice",

@@ -19,10 +19,13 @@ def steady() -> float:
 
 
 class Clock:
-    """Seconds since it was made, in whole microseconds, monotonic; `speed` times real time for the bundled vehicle.
+    """Seconds since it was made, in whole microseconds, monotonic.
 
     Whole microseconds are what a tlog can hold, so that a replay sees the very times that the flight saw.
     """
+
+    longest_wait = 0.05
+    """Real time, s, that is waited in one go: meanwhile a link may be back, or the autopilot's time go faster."""
 
     def __init__(self, speed: float = 1.0) -> None:
         self.speed = speed
@@ -38,6 +41,9 @@ class Clock:
     def until(self, moment: float) -> float:
         """Real seconds to wait for a moment of this clock; 0 when it has passed."""
         return max((moment - self.now()) / self.speed, 0.0)
+
+    def advance(self, moment: float) -> None:
+        """A clock of simulated time goes on to the next thing that happens. Real time goes on by itself."""
 
     def real(self) -> float:
         """Real seconds, monotonic: how long something of ours takes."""

@@ -13,6 +13,7 @@ from typing import Protocol
 from rich.console import Console
 from rich.live import Live
 
+from circnav_mav.locate.locator import Locator
 from circnav_mav.pilot import Pilot, TickRecord
 from circnav_mav.runtime.picture import Picture
 from circnav_mav.runtime.status import Status, Watch
@@ -41,7 +42,7 @@ class PlainScreen:
     def __init__(self, console: Console, radius: float) -> None:
         self._console, self._radius = console, radius
         self._alarms: set[str] = set()
-        self._waits, self._waits_told, self._believed = "", "", ""
+        self._waits, self._waits_told, self._believed, self._place = "", "", "", ""
 
     def draw(self, status: Status) -> None:
         """Print the lines."""
@@ -49,6 +50,9 @@ class PlainScreen:
         if status.flown is not None and status.believed not in ("", self._believed):
             self._print(f"  BELIEVED {status.believed}")
             self._believed = status.believed
+        if status.place and _kind(status.place) != self._place:
+            self._print(f"  PLACE    {status.place}")
+            self._place = _kind(status.place)
         waits, self._waits = self._waits, _kind(status.waits)
         if self._waits not in ("", self._waits_told) and self._waits == waits:
             self._print(f"  WAITING  {status.waits}")
@@ -87,10 +91,12 @@ class LiveScreen:
 class Display:
     """Hands the newest status to a screen when one is due; `show` never waits."""
 
-    def __init__(self, screen: Screen, pilot: Pilot, period: float, *, last: bool) -> None:
+    def __init__(
+        self, screen: Screen, pilot: Pilot, period: float, *, last: bool, locator: Locator | None = None
+    ) -> None:
         """period: seconds of the run's clock between two drawings. last: draw the end of the flight though not due."""
         self._screen, self._pilot, self._period, self._last = screen, pilot, period, last
-        self._watch = Watch(pilot)
+        self._watch = Watch(pilot, locator)
         self._due = 0.0
         self.problem: str | None = None
         """Why nothing more was drawn, unless it is that nobody looks."""
@@ -136,12 +142,12 @@ class Display:
                 self._screen.draw(self._waiting.pop())
 
 
-def display_for(console: Console, pilot: Pilot, title: str, speed: float) -> Display:
+def display_for(console: Console, pilot: Pilot, title: str, speed: float, locator: Locator | None = None) -> Display:
     """The display for where the output goes. speed: run seconds per real second."""
     if console.is_terminal and not console.is_dumb_terminal:
         screen: Screen = LiveScreen(console, Picture(pilot.settings, title, ascii_only=console.options.ascii_only))
-        return Display(screen, pilot, speed / PICTURES_A_SECOND, last=True)
-    return Display(PlainScreen(console, pilot.settings.orbit.radius), pilot, speed, last=False)
+        return Display(screen, pilot, speed / PICTURES_A_SECOND, last=True, locator=locator)
+    return Display(PlainScreen(console, pilot.settings.orbit.radius), pilot, speed, last=False, locator=locator)
 
 
 def one_line(status: Status, radius: float) -> str:

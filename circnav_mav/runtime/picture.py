@@ -57,7 +57,7 @@ class Picture:
     def draw(self, status: Status) -> Panel:
         """The picture of now."""
         rows = [*self._phase(status), *_alarms(status), *_steering(status)]
-        rows += [*self._circle(status.tick, status.target), *_traffic(status, self._settings)]
+        rows += [*self._circle(status.tick, status.target), *_place(status), *_traffic(status, self._settings)]
         text = Text(no_wrap=True, overflow="crop")
         for name, value in rows:
             text.append(f"{name:<{LABEL}}", "bold red" if name == ALARM else "").append(value).append("\n")
@@ -87,6 +87,8 @@ class Picture:
         to_right = None if turn is None else yaw_rate_from_turn_rate(TurnRate(turn)) / limit
         wanted = f" horizontal   desired {orbit.radius:.1f} m"
         rate = _with_sigma(tick.r_dot, tick.r_dot_sigma, "+.2f", "m/s", signs)
+        if tick.measured_rate is not None:
+            rate += f"   measured {tick.measured_rate:+.2f} m/s"
         answer = f"gain {tick.turn_gain:.2f}, delay {tick.turn_delay:.2f} s"
         return [
             ("range", _with_sigma(tick.r, tick.r_sigma, ".2f", "m", signs) + wanted),
@@ -130,6 +132,11 @@ def _alarms(status: Status) -> list[Row]:
     """Near the top: a terminal that is too low shows no more than the first rows."""
     lines = _folded(status.alarms[:MOST_ALARMS])
     return [(ALARM, Text(line, "bold reverse red")) for line in lines] or [("alarms", "none")]
+
+
+def _place(status: Status) -> list[Row]:
+    """Where the target is on the map; one line, for there is no room for more."""
+    return [("place", line) for line in _folded([status.place])[:1]]
 
 
 def _steering(status: Status) -> list[Row]:

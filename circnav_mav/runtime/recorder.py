@@ -36,9 +36,10 @@ MOST_SOURCES = 1000
 CLOSE_PATIENCE = 10.0
 """Time, s, that a slow disk is given at the end."""
 TICK_COLUMNS = tuple(field.name for field in fields(TickRecord))
-TURN_COLUMNS = ("time_us", "heard", "said", "hello", "interrupt")
+TURN_COLUMNS = ("time_us", "heard", "said", "hello", "interrupt", "survey")
 """heard: link initial, number of the source and count of whole frames of each datagram, as in `v0*2 r1*1`. said, hello:
-frames of ours; HELD_BACK: what there was to say was not sent. The tlog holds the frames of a step in this order."""
+frames of ours; HELD_BACK: what there was to say was not sent; survey: frames of the survey. The tlog holds the frames
+of a step in this order, the survey's last."""
 HELD_BACK = "held"
 
 
@@ -53,13 +54,14 @@ class TakenError(RecorderError):
 @dataclass(slots=True)
 class LoopStep:
     """One step of the loop. heard: (link, source, whole frames) of each datagram. said: frames to the vehicle. hello:
-    frames to the ranging link. interrupt: why the flight was ended from outside in this step. held_back: whether
-    what there was to say was not sent."""
+    frames to the ranging link. survey: frames of the survey, which no pilot sends. interrupt: why the flight was ended
+    from outside in this step. held_back: whether what there was to say was not sent."""
 
     time: float
     heard: list[tuple[str, Hashable, list[bytes]]] = field(default_factory=list)
     said: list[bytes] = field(default_factory=list)
     hello: list[bytes] = field(default_factory=list)
+    survey: list[bytes] = field(default_factory=list)
     interrupt: str = ""
     held_back: bool = False
 
@@ -76,7 +78,7 @@ class Recorder:
         self._most = max_mb * 1e6
         self._written = 0
         self._broken = False
-        self._epoch_us = 0
+        self._epoch_us, self._at_once = 0, False
         try:
             folder.mkdir(parents=True, exist_ok=True)
             self._tlog = _claimed(folder / "flight.tlog")
@@ -95,10 +97,12 @@ class Recorder:
         self._queue: queue.SimpleQueue[LoopStep | TickRecord | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._drain, name="recorder", daemon=True)
 
-    def start(self, epoch_us: int) -> None:
-        """Begin to write; `epoch_us` is the wall-clock time of second 0 of the run, for the tlog's stamps."""
-        self._epoch_us = epoch_us
-        self._thread.start()
+    def start(self, epoch_us: int, *, at_once: bool = False) -> None:
+        """Begin to write; `epoch_us` is the wall-clock time of second 0 of the run, for the tlog's stamps. at_once:
+        whether the run may wait for the disk, as simulated time does, and nothing is ever lost to a slow one."""
+        self._epoch_us, self._at_once = epoch_us, at_once
+        if not at_once:
+            self._thread.start()
 
     def step(self, step: LoopStep) -> None:
         """Record a step of the loop with the whole MAVLink frames that came in and went out in it."""
@@ -113,7 +117,9 @@ class Recorder:
     def close(self) -> None:
         """Write what is waiting and close the files. What a slow disk does not take in time is noted."""
         self._queue.put(None)
-        if self._thread.is_alive():
+        if self._at_once:
+            self._drain()
+        elif self._thread.is_alive():
             self._thread.join(CLOSE_PATIENCE)
             if self._thread.is_alive():
                 self._note(f"{self.folder}: the end is not recorded: the disk is too slow")
@@ -129,7 +135,9 @@ class Recorder:
             self.folder.rmdir()
 
     def _put(self, item: LoopStep | TickRecord) -> None:
-        if self._queue.qsize() < MOST_WAITING:
+        if self._at_once:
+            self._take(item)
+        elif self._queue.qsize() < MOST_WAITING:
             self._queue.put(item)
         else:
             self._note(f"{self.folder}: recording has gaps from {item.time:.0f} s on: the disk is too slow")
@@ -148,12 +156,16 @@ class Recorder:
                 continue
             if item is None:
                 break
-            self._guarded(self._write, item)
-            if item.time - self._flushed_at >= FLUSH_PERIOD:
-                self._flushed_at = item.time
-                self._guarded(self._flush)
+            self._take(item)
         for file in (self._tlog, self._turns, self._ticks):
             self._guarded(file.close)
+
+    def _take(self, item: LoopStep | TickRecord) -> None:
+        """Write an item, and what has waited for long enough."""
+        self._guarded(self._write, item)
+        if item.time - self._flushed_at >= FLUSH_PERIOD:
+            self._flushed_at = item.time
+            self._guarded(self._flush)
 
     def _guarded(self, action: Any, *arguments: Any) -> None:
         if self._broken:
@@ -181,12 +193,12 @@ class Recorder:
         return False
 
     def _write_step(self, item: LoopStep) -> None:
-        frames = [frame for _, _, datagram in item.heard for frame in datagram] + item.said + item.hello
+        frames = [frame for _, _, datagram in item.heard for frame in datagram] + item.said + item.hello + item.survey
         stamp = struct.pack(">Q", self._epoch_us + round(item.time * 1e6))
         self._written += self._tlog.write(b"".join(stamp + without_signature(frame) for frame in frames))
         heard = " ".join(f"{link[0]}{self._number(source)}*{len(datagram)}" for link, source, datagram in item.heard)
         said = HELD_BACK if item.held_back else len(item.said) or ""
-        row = (round(item.time * 1e6), heard, said, len(item.hello) or "", item.interrupt)
+        row = (round(item.time * 1e6), heard, said, len(item.hello) or "", item.interrupt, len(item.survey) or "")
         self._written += self._turns_csv.writerow(row)
 
     def _number(self, source: Hashable) -> int:

@@ -13,9 +13,9 @@ from circnav_mav.pilot.survey import Survey
 from circnav_mav.runtime.clock import Clock
 from circnav_mav.runtime.keys import SigningTime
 from circnav_mav.runtime.links import Link
+from circnav_mav.runtime.locating import Locating
 from circnav_mav.runtime.recorder import LoopStep, Recorder
 
-LONGEST_WAIT = 0.05
 LONGEST_STEP = 0.5
 """Real time, s, after which what a step has to say is not said: we stood still in it, and the vehicle may be in other
 hands since. A stall between two steps the pilot notices itself."""
@@ -71,35 +71,71 @@ def run(
     show: Show,
     stop: StopRequest,
     signing_time: SigningTime | None = None,
+    ready: Callable[[], bool] = lambda: True,
+    locating: Locating | None = None,
 ) -> None:
-    """Fly until the pilot is done. Every frame and tick goes to the recorder; `show` gets every step."""
+    """Fly until the pilot is done. Every frame and tick goes to the recorder; `show` gets every step. What comes in
+    before all is loaded that is needed to fly (`ready`) is thrown away: it would be old before it is looked at.
+    locating: the survey beside it, which may go on when guidance has ended."""
     newest: TickRecord | None = None
-    now = 0.0
-    while not pilot.done:
-        wait(links, stop, min(clock.until(pilot.next_tick), LONGEST_WAIT))
-        began = clock.real()
-        heard = [(name, *one) for name, link in links.items() for one in link.receive(now)]
-        now = clock.now()  # a range that came while we stood still is not dated before it was sent
+    now, loaded = 0.0, False
+    while not pilot.done or (locating is not None and locating.busy and not stop.signal_name):
+        due = now + clock.longest_wait if pilot.done else pilot.next_tick
+        wait(links, stop, min(clock.until(due), clock.longest_wait))
+        clock.advance(due)
         if signing_time is not None:
             signing_time.turn()
-        step = LoopStep(now)
-        for name, data, source in heard:
-            pilot.receive(data, now, source, name)
-            step.heard.append((name, source, pilot.take_frames()))
-        if stop.signal_name and pilot.outcome is None:
-            step.interrupt = stop.signal_name
-            pilot.interrupt(now, stop.signal_name)
-        out = pilot.step(now)
-        if clock.real() - began > LONGEST_STEP:
-            out, step.held_back = b"", True
-            pilot.hold_back()
-        step.said = split_frames(out)
-        step.hello = split_frames(_send(pilot, out, links, now))
-        recorder.step(step)
+        loaded = loaded or ready()
+        step = turn(pilot, links, clock, now, stop.signal_name, deaf=not loaded)
+        now = step.time
+        if locating is not None:
+            _locate(locating, step, pilot, links)
         records = pilot.take_records()
+        recorder.step(step)
         recorder.ticks(records)
         newest = records[-1] if records else newest
         show(newest, step)
+
+
+def _locate(locating: Locating, step: LoopStep, pilot: Pilot, links: Mapping[str, Link]) -> None:
+    """Let the survey hear what came in, and send what it has to say."""
+    for name, source, frames in step.heard:
+        locating.hear(name, source, frames, step.time)
+    if not step.held_back and (said := locating.step(step.time)):
+        links[VEHICLE].send(b"".join(said), pilot.reply_to)
+        step.survey = said
+
+
+def turn(
+    pilot: Pilot,
+    links: Mapping[str, Link],
+    clock: Clock,
+    before: float,
+    signal_name: str | None = None,
+    *,
+    deaf: bool = False,
+) -> LoopStep:
+    """One turn of the loop: receive, step, send. before: time of the last one. signal_name: of a signal that has come
+    to end the flight. deaf: what comes in is thrown away."""
+    began = clock.real()
+    received = [(name, *one) for name, link in links.items() for one in link.receive(before)]
+    heard = [] if deaf else received
+    now = clock.now()  # a range that came while we stood still is not dated before it was sent
+    step = LoopStep(now)
+    for name, data, source in heard:
+        pilot.receive(data, now, source, name)
+        step.heard.append((name, source, pilot.take_frames()))
+    if signal_name and pilot.outcome is None:
+        step.interrupt = signal_name
+        pilot.interrupt(now, signal_name)
+    out = pilot.step(now)
+    if clock.real() - began > LONGEST_STEP:
+        out, step.held_back = b"", True
+        pilot.hold_back()
+    hello = _send(pilot, out, links, now)
+    # the setpoint is on its way: the pilot's other work, and all that is recorded and shown, comes behind it
+    step.said, step.hello = split_frames(out), split_frames(hello)
+    return step
 
 
 def listen(
@@ -111,7 +147,8 @@ def listen(
 ) -> None:
     """Listen until the survey is done or a signal has come."""
     while not survey.done and stop.signal_name is None:
-        wait(links, stop, min(clock.until(survey.next_tick), LONGEST_WAIT))
+        wait(links, stop, min(clock.until(survey.next_tick), clock.longest_wait))
+        clock.advance(survey.next_tick)
         now = clock.now()
         if signing_time is not None:
             signing_time.turn()

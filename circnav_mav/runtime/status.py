@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from math import degrees, hypot
 from typing import NamedTuple
 
+from circnav_mav.locate.locator import Locator
 from circnav_mav.mav.frames import compass_from_vector
 from circnav_mav.mav.ranging.interface import OTHERS
 from circnav_mav.pilot import Ending, Outcome, OutputMode, Pilot, TickRecord, phase_name
@@ -34,9 +35,9 @@ class Rates(NamedTuple):
 @dataclass(frozen=True, slots=True)
 class Status:
     """A tick and what stands round it. time: of the run, s. flown: s since engaging, None before. phase: in words,
-    waits: what the vehicle is not steered for, why: why this law flies, target: where it is and what drifts, believed:
-    who is believed, and from where, alarms: what is wrong, all for people. rejected: ranges refused, by reason; others:
-    those of other senders, harmless. A range too old to hold is none."""
+    waits: what the vehicle is not steered for, why: why this law flies, target: where it is and what drifts,
+    place: where it is on the map, believed: who is believed, and from where, alarms: what is wrong, all for people.
+    rejected: ranges refused, by reason; others: those of other senders, harmless. A range too old to hold is none."""
 
     time: float
     tick: TickRecord
@@ -52,13 +53,14 @@ class Status:
     rates: Rates | None
     setpoints: int
     outcome: Outcome | None
+    place: str = ""
 
 
 class Watch:
     """Looks at a pilot from time to time and remembers enough to tell rates."""
 
-    def __init__(self, pilot: Pilot) -> None:
-        self._pilot = pilot
+    def __init__(self, pilot: Pilot, locator: Locator | None = None) -> None:
+        self._pilot, self._locator = pilot, locator
         self._seen: deque[tuple[float, Rates]] = deque()
 
     def status(self, tick: TickRecord, now: float, problem: str | None = None) -> Status:
@@ -74,7 +76,8 @@ class Watch:
             why=pilot.why if tick.law else "",
             target=_target(tick),
             believed=pilot.believed,
-            alarms=tuple(_alarms(pilot, tick, now, rates, problem)),
+            place=_place(self._locator, now),
+            alarms=tuple(_alarms(pilot, tick, now, rates, problem) + _watch_alarms(self._locator)),
             rejected={why: count for why, count in pilot.tracker.ranging.rejected.most_common() if why not in OTHERS},
             others=sum(pilot.tracker.ranging.rejected[why] for why in OTHERS),
             rates=rates,
@@ -117,6 +120,10 @@ def _alarms(pilot: Pilot, tick: TickRecord, now: float, rates: Rates | None, pro
         if tick.range_age is not None and tick.range_age > timing.stale:
             patience = f": holding the circle's turn rate, ends at {timing.stale + timing.hold:g} s"
             found.append(f"RANGE STALE {tick.range_age:.1f} s{patience if tick.phase is Phase.HOLDING else ''}")
+        if frozen := pilot.tracker.noise.repeated:
+            found.append(f"RANGE FROZEN: the same number for {frozen:.0f} s, ranges are rejected until it changes")
+        if wrong := pilot.tracker.rates.trouble:
+            found.append(f"RANGE RATE DROPPED: {wrong}")
         if tick.gain_share < 1:
             found.append(f"LIMIT CYCLE: turn command hits both limits, gains reduced to {100 * tick.gain_share:.0f} %")
         if pilot.drift_alarm.on:
@@ -133,6 +140,22 @@ def _alarms(pilot: Pilot, tick: TickRecord, now: float, rates: Rates | None, pro
     if problem is not None:
         found.append(f"NOT RECORDING: {problem}")
     return found
+
+
+def _place(locator: Locator | None, now: float) -> str:
+    """Where the target is on the map, or why that is not known; empty where nobody surveys."""
+    if locator is None:
+        return ""
+    return locator.why if locator.place is None else locator.place.at(now).words()
+
+
+def _watch_alarms(locator: Locator | None) -> list[str]:
+    """What the watch over GPS, ranges and compass says, and the hand-back."""
+    if locator is None:
+        return []
+    alarm = locator.watch.alarm
+    said = [] if alarm is None else [f"GPS WATCH: {alarm.text}"]
+    return said + ([f"HAND-BACK: {locator.handback.words}"] if locator.handback and locator.handback.words else [])
 
 
 def _target(tick: TickRecord) -> str:

@@ -3,12 +3,12 @@
 import math
 from dataclasses import dataclass
 
-from sim.airframes.multicopter import Multicopter, yaw_loop
-from sim.airframes.tilting import TiltingCopter
-from sim.airframes.unicycle import Unicycle
-from sim.body import Body
-from sim.config import Airframe
-from sim.demands import BodyVelocity, Brake, Demand, EarthVelocity, Spin, Tilt, Velocity
+from ..body import Body, to_earth
+from ..config import Airframe
+from ..demands import BodyVelocity, Brake, Demand, EarthVelocity, Spin, Tilt, Velocity
+from .multicopter import Multicopter, yaw_loop
+from .tilting import TiltingCopter
+from .unicycle import Unicycle
 
 
 @dataclass(frozen=True)
@@ -52,9 +52,7 @@ def over_ground(demand: Velocity, heading: float) -> EarthVelocity | Brake:
     """A body velocity as it is over the ground right now."""
     if not isinstance(demand, BodyVelocity):
         return demand
-    cos, sin = math.cos(heading), math.sin(heading)
-    north, east = demand.forward * cos - demand.right * sin, demand.forward * sin + demand.right * cos
-    return EarthVelocity(north, east, demand.down, demand.yaw_rate)
+    return EarthVelocity(*to_earth(demand.forward, demand.right, heading), demand.down, demand.yaw_rate)
 
 
 def copter_airframe(config: Airframe) -> CopterAirframe:

@@ -3,9 +3,9 @@
 import math
 from dataclasses import dataclass
 
-from sim.airframes.following import second_order, through_line
-from sim.body import GRAVITY, Body
-from sim.demands import Bank, Glide
+from ..body import GRAVITY, Body
+from ..demands import Bank, Glide
+from .following import second_order, through_line
 
 STEP = 0.02
 SPEED_LAG, HEIGHT_LAG, CLIMB_LAG = 3.0, 2.0, 1.0  # s

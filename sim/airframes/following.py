@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from sim.body import Body
+from ..body import Body
 
 Line = tuple[tuple[float, float], ...]
 """Commands on their way: seconds until each arrives and its value. The first has arrived and is in force."""

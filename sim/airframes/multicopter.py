@@ -8,9 +8,9 @@ error (a slip of 5 deg at 3 m/s and 0.2 rad/s, 10 at 5 and 0.3), unless the cent
 import math
 from dataclasses import dataclass
 
-from sim.airframes.following import YawLoop
-from sim.body import GRAVITY, Body
-from sim.demands import Brake, EarthVelocity
+from ..body import GRAVITY, Body
+from ..demands import Brake, EarthVelocity
+from .following import YawLoop
 
 STEP = 0.02
 YAW_EXCESS = 0.23  # of the centripetal acceleration in g

@@ -3,8 +3,8 @@
 import math
 from dataclasses import dataclass
 
-from sim.body import GRAVITY, Body
-from sim.demands import Spin, Tilt
+from ..body import GRAVITY, Body
+from ..demands import Spin, Tilt
 
 STEP = 0.025
 TILT_LAG, YAW_LAG = 0.12, 0.15  # s

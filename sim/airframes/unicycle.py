@@ -8,8 +8,8 @@ Gauss-Legendre quadrature over at most 0.1 s and 0.25 rad (error below a microme
 import math
 from dataclasses import dataclass
 
-from sim.body import Body, coordinated_bank
-from sim.demands import BodyVelocity, Brake, EarthVelocity, Velocity
+from ..body import Body, coordinated_bank, to_earth
+from ..demands import BodyVelocity, Brake, EarthVelocity, Velocity
 
 SETTLED = 1e-12
 NODES = ((0.1127016653792583, 5 / 18), (0.5, 8 / 18), (0.8872983346207417, 5 / 18))
@@ -49,14 +49,14 @@ class Unicycle:
             body.heading, rate, forward, right, dt
         )
         heading = math.remainder(body.heading + rate.integral(dt), math.tau)
-        u, v, cos, sin = forward.at(dt), right.at(dt), math.cos(heading), math.sin(heading)
+        velocity_north, velocity_east = to_earth(forward.at(dt), right.at(dt), heading)
         return body._replace(
             north=body.north + north,
             east=body.east + east,
             heading=heading,
             turn_rate=rate.at(dt),
-            velocity_north=u * cos - v * sin,
-            velocity_east=u * sin + v * cos,
+            velocity_north=velocity_north,
+            velocity_east=velocity_east,
         )
 
     def _over_the_ground(self, body: Body, demand: EarthVelocity, dt: float) -> Body:

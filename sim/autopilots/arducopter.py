@@ -2,12 +2,16 @@
 
 from typing import ClassVar
 
-from sim.agenda import NEVER
-from sim.airframes.copter import CopterAirframe, copter_airframe
-from sim.autopilots import copter_legs as legs
-from sim.autopilots.ardupilot import ArduPilot
-from sim.autopilots.ardupilot_tables import COPTER, copter_parameters
-from sim.autopilots.contract import (
+from ..agenda import NEVER
+from ..airframes.copter import CopterAirframe, copter_airframe
+from ..body import Body
+from ..config import VehicleConfig
+from ..demands import BodyVelocity, Brake, Demand, EarthVelocity, Spin, Tilt
+from ..wire import Message
+from . import copter_legs as legs
+from .ardupilot import ArduPilot
+from .ardupilot_tables import COPTER, copter_parameters
+from .contract import (
     ACCEPTED,
     CRITICAL,
     EMERGENCY,
@@ -21,11 +25,7 @@ from sim.autopilots.contract import (
     Command,
     Say,
 )
-from sim.autopilots.copter_targets import GoTo, Poison, Stop, read_attitude_target, read_local_target
-from sim.body import Body
-from sim.config import VehicleConfig
-from sim.demands import BodyVelocity, Brake, Demand, EarthVelocity, Spin, Tilt
-from sim.wire import Message
+from .copter_targets import GoTo, Poison, Stop, read_attitude_target, read_local_target
 
 GUIDED, RTL, LAND, GUIDED_NOGPS, SMART_RTL = 4, 6, 9, 20, 21
 LOCAL_TARGET, ATTITUDE_TARGET, TAKEOFF, DO_CHANGE_SPEED = 84, 82, 22, 178

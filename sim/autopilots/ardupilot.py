@@ -4,8 +4,13 @@ from abc import abstractmethod
 from collections.abc import Mapping
 from typing import ClassVar
 
-from sim.agenda import NEVER
-from sim.autopilots.contract import (
+from ..agenda import NEVER
+from ..body import Body
+from ..config import VehicleConfig
+from ..params import Parameters
+from ..wire import Message
+from ..world import HOME_AMSL_M, from_degrees
+from .contract import (
     ACCEPTED,
     CRITICAL,
     DENIED,
@@ -21,11 +26,6 @@ from sim.autopilots.contract import (
     Identity,
     Say,
 )
-from sim.body import Body
-from sim.config import VehicleConfig
-from sim.params import Parameters
-from sim.wire import Message
-from sim.world import HOME_AMSL_M, from_degrees
 
 CUSTOM_MODE_ENABLED, STABILIZED = 1, 16
 DO_SET_MODE, ARM_DISARM, DO_REPOSITION = 176, 400, 192

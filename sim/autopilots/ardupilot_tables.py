@@ -1,9 +1,11 @@
 """Who the ArduPilot vehicles say they are, and those of their parameters that matter to a companion."""
 
-from sim.autopilots import modes
-from sim.autopilots.contract import Identity, message_ids
-from sim.config import VehicleConfig
-from sim.params import INT8, INT16, Parameter, Parameters
+from dataclasses import replace
+
+from ..config import VehicleConfig
+from ..params import INT8, INT16, Parameter, Parameters
+from . import modes
+from .contract import Identity, message_ids
 
 VERSION_4_6_3 = 0x040603FF
 
@@ -36,31 +38,9 @@ COPTER = Identity(
     unknown_ids=UNKNOWN_IDS,
     default_streams=TIMESYNC_EVERY,
 )
-
-PLANE = Identity(
-    mav_type=1,
-    autopilot=3,
-    version=VERSION_4_6_3,
-    capabilities=CAPABILITIES,  # takes no local position targets
-    modes=modes.PLANE,
-    streamable=STREAMABLE,
-    fastest_us=25_000,  # loop rate 50 Hz
-    unknown_ids=UNKNOWN_IDS,
-    default_streams=UNASKED,
-)
-
-ROVER = Identity(
-    mav_type=10,
-    autopilot=3,
-    version=VERSION_4_6_3,
-    capabilities=CAPABILITIES | SET_LOCAL_POSITION,
-    modes=modes.ROVER,
-    streamable=STREAMABLE,
-    fastest_us=25_000,  # loop rate 50 Hz
-    unknown_ids=UNKNOWN_IDS,
-    default_streams=UNASKED,
-    mode_refusal="Flight mode change failed",
-)
+SLOWER = replace(COPTER, fastest_us=25_000, default_streams=UNASKED)  # loop rate 50 Hz
+PLANE = replace(SLOWER, mav_type=1, capabilities=CAPABILITIES, modes=modes.PLANE)  # takes no local position targets
+ROVER = replace(SLOWER, mav_type=10, modes=modes.ROVER, mode_refusal="Flight mode change failed")
 
 
 def copter_parameters(config: VehicleConfig) -> Parameters:

@@ -3,22 +3,24 @@
 import math
 from typing import ClassVar, NamedTuple
 
-from sim.agenda import NEVER
-from sim.airframes.fixedwing import FixedWing, falling
-from sim.autopilots.ardupilot import ArduPilot
-from sim.autopilots.ardupilot_tables import PLANE, plane_parameters
-from sim.autopilots.circling import Loiter, bank_for_heading, bank_on_loiter
-from sim.autopilots.contract import ACCEPTED, DENIED, FAILED, UNSUPPORTED, WARNING, Command, Say
-from sim.autopilots.sticks import Sticks
-from sim.body import GRAVITY, Body, euler
-from sim.config import VehicleConfig
-from sim.demands import Bank
-from sim.wire import Message
+from ..agenda import NEVER
+from ..airframes.fixedwing import FixedWing, falling
+from ..body import GRAVITY, Body, euler
+from ..config import VehicleConfig
+from ..demands import Bank
+from ..wire import Message
+from ..world import from_degrees
+from .ardupilot import ArduPilot
+from .ardupilot_tables import PLANE, plane_parameters
+from .circling import Loiter, bank_for_heading, bank_on_loiter
+from .contract import ACCEPTED, DENIED, FAILED, UNSUPPORTED, WARNING, Command, Say
+from .sticks import Sticks
 
 CIRCLE, RTL, LOITER, TAKEOFF, GUIDED = 1, 11, 12, 13, 15
 LOITERING = frozenset({RTL, LOITER, TAKEOFF, GUIDED})
 ATTITUDE_TARGET = 82
 ROLL_RATE, PITCH_RATE, THROTTLE, ATTITUDE = 0x01, 0x02, 0x40, 0x80  # bits of its type_mask
+EXTERNAL_POSITION = 43003
 CHANGE_SPEED, CHANGE_ALTITUDE, CHANGE_HEADING, DO_CHANGE_SPEED, DO_CHANGE_ALTITUDE = 43000, 43001, 43002, 178, 186
 THINK_US, LOOP_US, TIMEOUT_US = 100_000, 20_000, 3_000_000
 CIRCLE_BANK = math.radians(20)
@@ -117,11 +119,22 @@ class ArduPlane(ArduPilot):
         self._height = down
 
     def own_command(self, command: Command, now: int, body: Body) -> int:
+        if command.number == EXTERNAL_POSITION:
+            return self._be_placed(command)
         if command.number in (DO_CHANGE_ALTITUDE, CHANGE_ALTITUDE):
             return self._change_altitude(command)
         if command.number in (CHANGE_SPEED, DO_CHANGE_SPEED):
             return self._change_speed(command)
         return self._change_heading(command) if command.number == CHANGE_HEADING else UNSUPPORTED
+
+    def _be_placed(self, command: Command) -> int:
+        """As NavEKF3 does: only without GPS, and only without an altitude."""
+        if not math.isnan(command.z) or not (abs(command.x) <= 90 and abs(command.y) <= 180):
+            return DENIED
+        if self.gps:
+            return FAILED
+        self._placed = from_degrees(command.x, command.y)
+        return ACCEPTED
 
     def _change_altitude(self, command: Command) -> int:
         height = command.params[0] if command.number == DO_CHANGE_ALTITUDE else command.z

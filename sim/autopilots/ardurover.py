@@ -3,11 +3,15 @@
 import math
 from typing import ClassVar
 
-from sim.agenda import NEVER
-from sim.airframes.unicycle import Unicycle
-from sim.autopilots.ardupilot import CUSTOM_MODE_ENABLED, ArduPilot
-from sim.autopilots.ardupilot_tables import ROVER, rover_parameters
-from sim.autopilots.contract import (
+from ..agenda import NEVER
+from ..airframes.unicycle import Unicycle
+from ..body import Body, euler
+from ..config import VehicleConfig
+from ..demands import BodyVelocity, Brake
+from ..wire import Message
+from .ardupilot import CUSTOM_MODE_ENABLED, ArduPilot
+from .ardupilot_tables import ROVER, rover_parameters
+from .contract import (
     ACCEPTED,
     CRITICAL,
     FAILED,
@@ -19,10 +23,6 @@ from sim.autopilots.contract import (
     Command,
     Say,
 )
-from sim.body import Body, euler
-from sim.config import VehicleConfig
-from sim.demands import BodyVelocity, Brake
-from sim.wire import Message
 
 HOLD, LOITER, RTL, SMART_RTL, GUIDED = 4, 5, 11, 12, 15
 LOCAL_TARGET, ATTITUDE_TARGET, DO_CHANGE_SPEED = 84, 82, 178

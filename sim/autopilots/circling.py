@@ -3,7 +3,7 @@
 import math
 from typing import NamedTuple
 
-from sim.body import GRAVITY, Body
+from ..body import GRAVITY, Body
 
 COURSE_GAIN = 1.0  # rad/s per rad
 HEADING_GAIN = 2.0

@@ -5,12 +5,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from sim.agenda import NEVER
-from sim.body import Body
-from sim.config import Event, VehicleConfig
-from sim.demands import Demand
-from sim.params import Parameters
-from sim.wire import Message
+from ..agenda import NEVER
+from ..body import Body
+from ..config import Event, VehicleConfig
+from ..demands import Demand
+from ..params import Parameters
+from ..wire import Message
 
 Say = Callable[[int, str], None]
 """Send a STATUSTEXT of this severity."""
@@ -78,6 +78,12 @@ class Autopilot(ABC):
         self.armed = config.start.armed
         self.gps = self.position = config.vehicle.gps
         self._position_until = NEVER
+        self._placed: tuple[float, float] | None = None
+
+    def take_placed(self) -> tuple[float, float] | None:
+        """Where somebody else has said that it is, north and east, m, once; None: nobody has, or it does not obey."""
+        placed, self._placed = self._placed, None
+        return placed
 
     @abstractmethod
     def wake_us(self) -> int:

@@ -2,10 +2,10 @@
 
 import math
 
-from sim.autopilots.copter_targets import GoTo
-from sim.body import Body
-from sim.demands import Brake, Demand, EarthVelocity
-from sim.params import Parameters
+from ..body import Body
+from ..demands import Brake, Demand, EarthVelocity
+from ..params import Parameters
+from .copter_targets import GoTo
 
 NEARNESS = 0.5  # 1/s: speed wanted per metre left
 AT_HOME = 2.0  # m

@@ -7,10 +7,10 @@ the vehicle.
 import math
 from typing import NamedTuple
 
-from sim.body import Body, euler
-from sim.demands import BodyVelocity, EarthVelocity, Spin, Tilt
-from sim.params import Parameters
-from sim.wire import Message
+from ..body import Body, euler, to_earth
+from ..demands import BodyVelocity, EarthVelocity, Spin, Tilt
+from ..params import Parameters
+from ..wire import Message
 
 LOCAL_NED, LOCAL_OFFSET_NED, BODY_NED, BODY_OFFSET_NED = 1, 7, 8, 9
 POSITION, VELOCITY, ACCELERATION = 0x007, 0x038, 0x1C0
@@ -65,8 +65,8 @@ def _velocity(message: Message, body: Body, turns_with_nose: bool) -> Target:
         return EarthVelocity(*wanted, yaw_rate, *fed)
     if turns_with_nose:
         return BodyVelocity(*wanted, yaw_rate)
-    north, east = _rotate(message.vx, message.vy, body.heading)
-    return EarthVelocity(north, east, message.vz, yaw_rate, *_rotate(*fed, body.heading))
+    north, east = to_earth(message.vx, message.vy, body.heading)
+    return EarthVelocity(north, east, message.vz, yaw_rate, *to_earth(*fed, body.heading))
 
 
 def _position(message: Message, body: Body) -> Target:
@@ -74,15 +74,10 @@ def _position(message: Message, body: Body) -> Target:
     if not all(math.isfinite(v) for v in (north, east, down)):
         return Stop()
     if message.coordinate_frame in (BODY_NED, BODY_OFFSET_NED):
-        north, east = _rotate(north, east, body.heading)
+        north, east = to_earth(north, east, body.heading)
     if message.coordinate_frame != LOCAL_NED:
         north, east, down = north + body.north, east + body.east, down + body.down
     return GoTo(north, east, down)
-
-
-def _rotate(forward: float, right: float, heading: float) -> tuple[float, float]:
-    cos, sin = math.cos(heading), math.sin(heading)
-    return forward * cos - right * sin, forward * sin + right * cos
 
 
 def read_attitude_target(message: Message, params: Parameters) -> Tilt | Spin | Stop | Poison | None:

@@ -3,8 +3,14 @@
 import math
 from abc import abstractmethod
 
-from sim.agenda import NEVER
-from sim.autopilots.contract import (
+from ..agenda import NEVER
+from ..body import Body
+from ..config import Event, VehicleConfig
+from ..demands import Spin, Tilt
+from ..params import Parameters
+from ..wire import Message
+from ..world import HOME_AMSL_M, from_degrees
+from .contract import (
     ACCEPTED,
     CRITICAL,
     DENIED,
@@ -21,15 +27,9 @@ from sim.autopilots.contract import (
     Identity,
     Say,
 )
-from sim.autopilots.modes import PX4 as MODES
-from sim.autopilots.px4_targets import Rejected, Trajectory, read_setpoint
-from sim.autopilots.sticks import Sticks
-from sim.body import Body
-from sim.config import Event, VehicleConfig
-from sim.demands import Spin, Tilt
-from sim.params import Parameters
-from sim.wire import Message
-from sim.world import HOME_AMSL_M, from_degrees
+from .modes import PX4 as MODES
+from .px4_targets import Rejected, Trajectory, read_setpoint
+from .sticks import Sticks
 
 MANUAL, ALTCTL, POSCTL, TAKEOFF = MODES["MANUAL"], MODES["ALTCTL"], MODES["POSCTL"], MODES["TAKEOFF"]
 LOITER, RTL, LAND, OFFBOARD = MODES["LOITER"], MODES["RTL"], MODES["LAND"], MODES["OFFBOARD"]

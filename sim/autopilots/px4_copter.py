@@ -2,20 +2,20 @@
 
 import math
 
-from sim.agenda import NEVER
-from sim.airframes.dragged import DraggedCopter, yaw_loop
-from sim.airframes.tilting import TiltingCopter
-from sim.airframes.unicycle import Unicycle
-from sim.autopilots.contract import IN_AIR, LANDING, ON_GROUND, TAKING_OFF, Command, Say
-from sim.autopilots.px4 import LAND, LOITER, MANUAL_CONTROL, NEEDS_STICKS, OFFBOARD, RTL, TAKEOFF, Px4
-from sim.autopilots.px4_tables import px4_identity, px4_parameters
-from sim.autopilots.px4_targets import NOTHING, Trajectory
-from sim.body import Body
-from sim.config import VehicleConfig
-from sim.demands import BodyVelocity, Brake, Demand, EarthVelocity, Spin, Tilt
-from sim.params import Parameter
-from sim.wire import Message
-from sim.world import HOME_AMSL_M
+from ..agenda import NEVER
+from ..airframes.dragged import DraggedCopter, yaw_loop
+from ..airframes.tilting import TiltingCopter
+from ..airframes.unicycle import Unicycle
+from ..body import Body, at_most
+from ..config import VehicleConfig
+from ..demands import BodyVelocity, Brake, Demand, EarthVelocity, Spin, Tilt
+from ..params import Parameter
+from ..wire import Message
+from ..world import HOME_AMSL_M
+from .contract import IN_AIR, LANDING, ON_GROUND, TAKING_OFF, Command, Say
+from .px4 import LAND, LOITER, MANUAL_CONTROL, NEEDS_STICKS, OFFBOARD, RTL, TAKEOFF, Px4
+from .px4_tables import px4_identity, px4_parameters
+from .px4_targets import NOTHING, Trajectory
 
 THINK_US, IDLE_US = 20_000, 500_000
 MOST_YAW_RATE = 2.25  # rad/s, what MC_YAWRATE_MAX 200 deg/s comes to
@@ -112,11 +112,11 @@ class Px4Copter(Px4):
             to_place = POSITION_GAIN * (place - now) if place is not None else 0.0
             wanted.append((velocity or 0.0) + to_place)
         yaw_rate = self._yaw_rate(setpoint, body)
-        north, east = _at_most(wanted[0], wanted[1], FASTEST)
+        north, east = at_most(wanted[0], wanted[1], FASTEST)
         down = max(-CLIMB, min(SINK, wanted[2]))
         if setpoint.along_nose is not None and isinstance(self._by_velocity, Unicycle):
-            return BodyVelocity(*_at_most(*setpoint.along_nose, FASTEST), down, yaw_rate)
-        return EarthVelocity(north, east, down, yaw_rate)
+            return BodyVelocity(*at_most(*setpoint.along_nose, FASTEST), down, yaw_rate)
+        return EarthVelocity(north, east, down, yaw_rate, *(fed or 0.0 for fed in setpoint.acceleration[:2]))
 
     @staticmethod
     def _yaw_rate(setpoint: Trajectory, body: Body) -> float:
@@ -180,14 +180,8 @@ class Px4Copter(Px4):
 
 
 def _towards(body: Body, north: float, east: float, down: float, speed: float = FASTEST) -> EarthVelocity:
-    vn, ve = _at_most(POSITION_GAIN * (north - body.north), POSITION_GAIN * (east - body.east), speed)
+    vn, ve = at_most(POSITION_GAIN * (north - body.north), POSITION_GAIN * (east - body.east), speed)
     return EarthVelocity(vn, ve, max(-CLIMB, min(SINK, HEIGHT_GAIN * (down - body.down))))
-
-
-def _at_most(first: float, second: float, most: float) -> tuple[float, float]:
-    size = math.hypot(first, second)
-    share = min(1.0, most / size) if size > 0 else 1.0
-    return first * share, second * share
 
 
 def _at_rest(body: Body, dt: float) -> Body:

@@ -3,18 +3,18 @@
 import math
 from dataclasses import replace
 
-from sim.agenda import NEVER
-from sim.airframes.fixedwing import FixedWing, falling
-from sim.autopilots.circling import Loiter, bank_on_loiter
-from sim.autopilots.contract import Command, Say
-from sim.autopilots.modes import PX4 as MODES
-from sim.autopilots.px4 import ALTCTL, LAND, OFFBOARD, POSCTL, RTL, Px4
-from sim.autopilots.px4_tables import px4_identity, px4_parameters
-from sim.autopilots.px4_targets import Trajectory
-from sim.body import GRAVITY, Body
-from sim.config import VehicleConfig
-from sim.demands import Bank, Glide, Tilt
-from sim.params import Parameter
+from ..agenda import NEVER
+from ..airframes.fixedwing import FixedWing, falling
+from ..body import GRAVITY, Body
+from ..config import VehicleConfig
+from ..demands import Bank, Glide, Tilt
+from ..params import Parameter
+from .circling import Loiter, bank_on_loiter
+from .contract import Command, Say
+from .modes import PX4 as MODES
+from .px4 import ALTCTL, LAND, OFFBOARD, POSCTL, RTL, Px4
+from .px4_tables import px4_identity, px4_parameters
+from .px4_targets import Trajectory
 
 THINK_US = 50_000
 DEAD_TIME, ROLL_FREQUENCY, ROLL_DAMPING = 0.08, 4.5, 1.0  # s, rad/s: 63 % of a bank after 0.5 s

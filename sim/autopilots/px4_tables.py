@@ -1,9 +1,9 @@
 """Who the PX4 vehicles say they are, what they stream, and those of their parameters that matter to a companion."""
 
-from sim.autopilots.contract import FAILED, Identity, message_ids
-from sim.autopilots.modes import PX4 as MODES
-from sim.config import VehicleConfig
-from sim.params import INT32, Parameter, Parameters
+from ..config import VehicleConfig
+from ..params import INT32, Parameter, Parameters
+from .contract import FAILED, Identity, message_ids
+from .modes import PX4 as MODES
 
 # In pymavlink's "all" but not in PX4's dialect.
 _UNKNOWN = (

@@ -6,9 +6,9 @@ Each axis counts on its own in LOCAL_NED; in BODY_NED positions never count and 
 import math
 from typing import NamedTuple
 
-from sim.body import Body, euler
-from sim.demands import Spin, Tilt
-from sim.wire import Message
+from ..body import Body, euler, to_earth
+from ..demands import Spin, Tilt
+from ..wire import Message
 
 LOCAL_TARGET, ATTITUDE_TARGET = 84, 82
 LOCAL_NED, BODY_NED = 1, 8
@@ -85,8 +85,7 @@ def _rotated(vector: tuple[Axis, Axis, Axis], heading: float) -> tuple[Axis, Axi
     forward, right, down = vector
     if forward is None or right is None or down is None:
         return NOTHING
-    cos, sin = math.cos(heading), math.sin(heading)
-    return forward * cos - right * sin, forward * sin + right * cos, down
+    return *to_earth(forward, right, heading), down
 
 
 def _finite(value: float) -> Axis:

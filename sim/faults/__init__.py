@@ -1,10 +1,10 @@
 """A link that is broken on purpose, between an application and a vehicle: seeded, in both directions.
 
-In lockstep it is an object (`FaultLink`), over UDP a program (`python -m sim.faults`). It knows bytes and, where a
-fault speaks MAVLink, frames; it knows neither the application nor the vehicle.
+In lockstep it is an object (`FaultLink`), over UDP a program (`python -m circnav_mav.emulator.faults`). It knows bytes
+and, where a fault speaks MAVLink, frames; it knows neither the application nor the vehicle.
 """
 
-from sim.faults.impairment import CLEAN, Impairment
-from sim.faults.link import DOWN, UP, FaultLink
+from .impairment import CLEAN, Impairment
+from .link import DOWN, UP, FaultLink
 
 __all__ = ["CLEAN", "DOWN", "UP", "FaultLink", "Impairment"]

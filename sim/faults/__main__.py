@@ -1,15 +1,18 @@
-"""python -m sim.faults --listen ENDPOINT --forward ENDPOINT [faults]: a broken link between your own programs."""
+"""A broken link: python -m circnav_mav.emulator.faults --listen URL --forward URL [faults]."""
 
-import argparse
 import signal
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
-from sim.faults.impairment import FRACTIONS, Impairment
-from sim.faults.intruders import ground_station, recorded, strangers, twin, vehicle
-from sim.faults.link import FaultLink
-from sim.faults.proxy import Proxy
-from sim.wires import EndpointError
+import click
+
+from ..wires import EndpointError
+from .impairment import CLEAN, FRACTIONS, Impairment
+from .intruders import ground_station, recorded, strangers, twin, vehicle
+from .link import FaultLink
+from .proxy import Proxy
 
 BAD_USAGE = 2
 MEANINGS = {
@@ -29,57 +32,72 @@ TIMES = {
     "burst": "mean length of the random outages",
     "echo": "by which a duplicate comes later, as by a second route",
 }
-EXAMPLE = """\
+EXAMPLE = """\b
 three terminals, a fifth of all datagrams lost and a minute of silence after two:
-  circnav emulate config/arducopter.toml --endpoint udpout:127.0.0.1:14551
-  python -m sim.faults --forward udpin:127.0.0.1:14551 --listen udpout:127.0.0.1:14550 --loss 0.2 --outage 120+60
-  circnav fly config/arducopter.toml --endpoint udpin:127.0.0.1:14550
+  circnav emulate arducopter --endpoint udpout:127.0.0.1:14551
+  python -m circnav_mav.emulator.faults --loss 0.2 --outage 120+60 \\
+      --forward udpin:127.0.0.1:14551 --listen udpout:127.0.0.1:14550
+  circnav fly arducopter --endpoint udpin:127.0.0.1:14550
 With a vehicle of your own, let it send to port 14551 instead of 14550. Ctrl-C ends it and tells what was lost.
 """
+RATE = click.FloatRange(0, 100_000, min_open=True)
 
 
-def main(arguments: list[str] | None = None) -> int:
-    options = _parser().parse_args(arguments)
+def line_options(command: Callable[..., None]) -> Callable[..., None]:
+    """The fields of an impairment as options."""
+    for name, meaning in reversed(TIMES.items()):
+        command = click.option(f"--{name}", type=float, default=0.0, metavar="S", help=f"s, {meaning}.")(command)
+    for name in reversed(FRACTIONS):
+        told = f"Fraction {MEANINGS[name]}."
+        command = click.option(f"--{name}", type=float, default=0.0, metavar="0..1", help=told)(command)
+    return command
+
+
+@click.command(epilog=EXAMPLE)
+@click.option("--listen", required=True, metavar="URL", help="The application's side: udpin (it calls) or udpout.")
+@click.option("--forward", required=True, metavar="URL", help="The vehicle's side, as well.")
+@click.option("--seed", default=0, help="The same seed breaks the same datagrams.")
+@click.option("--only", type=click.Choice(["up", "down"]), help="Break this direction only (up: to the vehicle).")
+@line_options
+@click.option("--depth", default=5, help="Most datagrams that overtake a held one.")
+@click.option("--in-order", is_flag=True, help="Jitter keeps the order, as a stream does.")
+@click.option("--outage", multiple=True, metavar="AT+LENGTH", help="Nothing passes: s from the start, and how long.")
+@click.option("--second-vehicle", type=click.IntRange(1, 255), metavar="SYSID", help="Another vehicle speaks, too.")
+@click.option("--twin", "twin_ids", metavar="SYS/COMP", help="Another companion under these ids.")
+@click.option("--flood", type=RATE, metavar="HZ", help="Unknown ids, names, systems, and a ground station.")
+@click.option("--inject", type=Path, metavar="FILE.tlog", help="Its frames join those of the vehicle.")
+@click.option("--inject-rate", type=RATE, default=10.0, metavar="HZ", help="How many of them a second.")
+def main(
+    listen: str, forward: str, seed: int, only: str | None, outage: tuple[str, ...], second_vehicle: int | None,
+    twin_ids: str | None, flood: float | None, inject: Path | None, inject_rate: float, **line: Any,
+) -> None:  # fmt: skip
+    """A broken UDP link between your own application and your own vehicle, in both directions."""
     stop: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda received, _frame: stop.append(received))
     try:
-        link = fault_link(options)
-        proxy = Proxy(options.listen, options.forward, link)
+        broken = Impairment(**line, outages=tuple(map(_outage, outage)))
+        up, down = (CLEAN if only == other else broken for other in ("down", "up"))
+        link = FaultLink(up=up, down=down, seed=seed)
+        if second_vehicle:
+            link.intruders.append(vehicle(second_vehicle))
+        if twin_ids:
+            link.intruders.append(twin(*_ids(twin_ids)))
+        if flood:
+            link.intruders += [strangers(flood, seed), ground_station(flood)]
+        if inject:
+            link.intruders.append(recorded(inject, inject_rate))
+        proxy = Proxy(listen, forward, link)
     except (EndpointError, ValueError, OSError) as error:
         told = f"{error.filename}: {error.strerror}" if isinstance(error, OSError) and error.filename else error
-        print(f"sim.faults: {told}", file=sys.stderr)
-        return BAD_USAGE
-    print(f"faults: {options.listen} <-> {options.forward}, seed {options.seed}: {impairment(options)}", flush=True)
+        click.echo(f"sim.faults: {told}", err=True)
+        sys.exit(BAD_USAGE)
+    click.echo(f"faults: {listen} <-> {forward}, seed {seed}: {broken}")
     try:
         proxy.run(lambda: bool(stop))
     finally:
         proxy.close()
-    print(f"faults: lost {link.lost}", flush=True)
-    return 0
-
-
-def impairment(options: argparse.Namespace) -> Impairment:
-    """The line that the options describe. Raises ValueError."""
-    values = {name: getattr(options, name) for name in (*FRACTIONS, *(name.replace("-", "_") for name in TIMES))}
-    outages = tuple((since, since + length) for since, length in map(_outage, options.outage))
-    return Impairment(**values, depth=options.depth, in_order=options.in_order, outages=outages)
-
-
-def fault_link(options: argparse.Namespace) -> FaultLink:
-    """The link that the options describe. Raises ValueError and OSError."""
-    line, clean = impairment(options), Impairment()
-    up, down = (clean if options.only == other else line for other in ("down", "up"))
-    link = FaultLink(up=up, down=down, seed=options.seed)
-    if options.second_vehicle:
-        link.intruders.append(vehicle(options.second_vehicle))
-    if options.twin:
-        link.intruders.append(twin(*_ids(options.twin)))
-    if options.flood:
-        link.intruders += [strangers(options.flood, options.seed), ground_station(options.flood)]
-    if options.inject:
-        link.intruders.append(recorded(options.inject, options.inject_rate))
-    return link
+    click.echo(f"faults: lost {link.lost}")
 
 
 def _outage(text: str) -> tuple[float, float]:
@@ -87,67 +105,15 @@ def _outage(text: str) -> tuple[float, float]:
         since, length = map(float, text.split("+"))
     except ValueError:
         raise ValueError(f"--outage {text}: write AT+LENGTH in seconds, as in 120+60") from None
-    return since, length
+    return since, since + length
 
 
 def _ids(text: str) -> tuple[int, int]:
-    try:
-        system, component = map(int, text.split("/"))
-        if not (0 < system < 256 and 0 < component < 256):
-            raise ValueError
-    except ValueError:
-        raise ValueError(f"--twin {text}: write SYS/COMP, each 1 to 255, as in 1/191") from None
-    return system, component
-
-
-def _system(text: str) -> int:
-    if not 0 < int(text) < 256:
-        raise argparse.ArgumentTypeError(f"{text}: must be 1 to 255")
-    return int(text)
-
-
-def _rate(text: str) -> float:
-    if not 0 < float(text) <= 100_000:
-        raise argparse.ArgumentTypeError(f"{text}: must be above 0 and at most 100000")
-    return float(text)
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="python -m sim.faults",
-        description="A broken UDP link between your own application and your own vehicle, in both directions.",
-        epilog=EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument(
-        "--listen",
-        required=True,
-        metavar="URL",
-        help="the application's side: udpin:HOST:PORT (it calls) or udpout:HOST:PORT (it waits)",
-    )
-    parser.add_argument("--forward", required=True, metavar="URL", help="the vehicle's side, as well")
-    parser.add_argument("--seed", type=int, default=0, help="the same seed breaks the same datagrams")
-    parser.add_argument("--only", choices=("up", "down"), help="break this direction only (up: to the vehicle)")
-    for name in FRACTIONS:
-        parser.add_argument(f"--{name}", type=float, default=0.0, metavar="0..1", help=f"fraction {MEANINGS[name]}")
-    for name, meaning in TIMES.items():
-        parser.add_argument(f"--{name}", type=float, default=0.0, metavar="S", help=f"s, {meaning}")
-    parser.add_argument("--depth", type=int, default=5, help="most datagrams that overtake a held one")
-    parser.add_argument("--in-order", action="store_true", help="jitter keeps the order, as a stream does")
-    parser.add_argument(
-        "--outage",
-        action="append",
-        default=[],
-        metavar="AT+LENGTH",
-        help="nothing passes: s from the start, and for how long; may be given more than once",
-    )
-    parser.add_argument("--second-vehicle", type=_system, metavar="SYSID", help="another vehicle speaks, too")
-    parser.add_argument("--twin", metavar="SYS/COMP", help="another companion under these ids")
-    parser.add_argument("--flood", type=_rate, metavar="HZ", help="unknown ids, names, systems, and a ground station")
-    parser.add_argument("--inject", type=Path, metavar="FILE.tlog", help="its frames join those of the vehicle")
-    parser.add_argument("--inject-rate", type=_rate, default=10.0, metavar="HZ", help="how many of them a second")
-    return parser
+    system, _, component = text.partition("/")
+    if not all(part.isdecimal() and 0 < int(part) < 256 for part in (system, component)):
+        raise ValueError(f"--twin {text}: write SYS/COMP, each 1 to 255, as in 1/191")
+    return int(system), int(component)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

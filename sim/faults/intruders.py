@@ -7,8 +7,8 @@ from random import Random
 
 from pymavlink.dialects.v20 import all as mavlink
 
-from sim.faults.frames import message_id, raw_frame, write
-from sim.faults.link import DOWN, Intruder, Passage
+from .frames import message_id, raw_frame, write
+from .link import DOWN, Intruder, Passage
 
 GCS = (255, 190)
 

@@ -2,8 +2,8 @@
 
 from collections.abc import Callable, Iterable
 
-from sim.faults.impairment import CLEAN, Impairment
-from sim.faults.pipe import Pipe
+from .impairment import CLEAN, Impairment
+from .pipe import Pipe
 
 UP, DOWN = "up", "down"
 """From the application to the vehicle, and back."""

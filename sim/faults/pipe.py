@@ -3,7 +3,7 @@
 import heapq
 from random import Random
 
-from sim.faults.impairment import Impairment, damaged
+from .impairment import Impairment, damaged
 
 LONGEST_HELD = 1.0
 """Time, s, after which a datagram held back for reordering or joining goes out all the same."""

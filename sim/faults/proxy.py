@@ -5,8 +5,8 @@ import socket
 import time
 from collections.abc import Callable
 
-from sim.faults.link import DOWN, UP, FaultLink
-from sim.wires import BATCH, BIGGEST, Endpoint, EndpointError, bound, parse_endpoint, resolved
+from ..wires import BATCH, BIGGEST, Endpoint, EndpointError, bound, parse_endpoint, resolved
+from .link import DOWN, UP, FaultLink
 
 LONGEST_SLEEP = 0.05
 

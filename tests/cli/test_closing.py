@@ -11,7 +11,7 @@ import pytest
 from circnav_mav.pilot.mission_state import Phase
 from tests.process import QUICKSTART, ROOT
 
-SHORT = ("--speed", 2, "--duration", 4)
+SHORT = ("--duration", 4)
 """Slow enough that neither process is missed where it stands still for a second."""
 
 

@@ -1,5 +1,6 @@
 """Run folders that were damaged in every way: report, export and replay tell what there is, or refuse in one line."""
 
+import importlib
 import json
 import os
 import re
@@ -27,6 +28,14 @@ def flown(tmp_path_factory):
 def run(flown, tmp_path):
     shutil.copytree(flown, tmp_path / "run")
     return tmp_path / "run"
+
+
+@pytest.fixture
+def no_pictures(monkeypatch):
+    """Where only words are looked at: drawing takes nearly all of a report's time."""
+    module = importlib.import_module("circnav_mav.cli.report")  # the package's `report` is the command
+    for name in ("plot_flight", "plot_estimates"):
+        monkeypatch.setattr(module, name, lambda path, *what: path.write_bytes(b"a picture"))
 
 
 def rows(run):
@@ -103,6 +112,7 @@ def verdict_of(circnav, run, summary):
     return (run / "report.html").read_text().partition('<div class="outcome')[2].partition("</pre>")[0]
 
 
+@pytest.mark.usefixtures("no_pictures")
 @pytest.mark.parametrize("missing", WHOLE)
 def test_a_summary_without_one_of_its_values_is_told_with_what_was_recorded(circnav, run, missing):
     told = verdict_of(circnav, run, {key: value for key, value in WHOLE.items() if key != missing})
@@ -110,6 +120,7 @@ def test_a_summary_without_one_of_its_values_is_told_with_what_was_recorded(circ
     assert ("COMPLETED" in told) == (missing != "outcome")
 
 
+@pytest.mark.usefixtures("no_pictures")
 @pytest.mark.parametrize(
     "changed",
     [
@@ -123,6 +134,7 @@ def test_a_summary_with_a_value_of_another_kind_is_told_with_what_was_recorded(c
     assert "setpoints" in verdict_of(circnav, run, WHOLE | changed)
 
 
+@pytest.mark.usefixtures("no_pictures")
 @pytest.mark.parametrize("text", ["", "{", "[]", "{}", "[" * 100_000, "null"], ids=range(6))
 def test_a_summary_that_a_full_disk_left_half_written_is_no_obstacle(circnav, run, text):
     told = verdict_of(circnav, run, text)
@@ -130,6 +142,7 @@ def test_a_summary_that_a_full_disk_left_half_written_is_no_obstacle(circnav, ru
     assert circnav("replay", run).code == 0
 
 
+@pytest.mark.usefixtures("no_pictures")
 @pytest.mark.parametrize(
     "changed",
     [{"autopilot": "x"}, {"seeds": [1]}, {"versions": None}, {"versions": []}, {"exit": "y"}, {"mission": 5},

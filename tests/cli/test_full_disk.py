@@ -17,7 +17,7 @@ def limited(place, kilobytes, *command):
 
 
 def test_a_flight_that_went_well_and_was_not_recorded_to_its_end_has_an_exit_code_of_its_own(tmp_path):
-    ran = limited(tmp_path, 60, "fly", QUICKSTART, "--speed", "6", "--duration", "30", "--out", "run")
+    ran = limited(tmp_path, 60, "fly", QUICKSTART, "--duration", "30", "--out", "run")
     assert (ran.returncode, ran.stderr) == (5, "")
     assert "COMPLETED: flown to its end" in ran.stdout
     assert "WARNING    run: recording stopped: File too large" in ran.stdout
@@ -27,7 +27,7 @@ def test_a_flight_that_went_well_and_was_not_recorded_to_its_end_has_an_exit_cod
 
 def test_a_flight_that_did_not_end_well_keeps_its_own_exit_code(tmp_path):
     ends = ("--set", "bounds.max_range_m=340", "--set", "orbit.direction=counterclockwise")
-    ran = limited(tmp_path, 8, "fly", QUICKSTART, "--speed", "6", *ends, "--out", "run")
+    ran = limited(tmp_path, 8, "fly", QUICKSTART, *ends, "--out", "run")
     assert (ran.returncode, ran.stderr) == (4, "")
     assert "WARNING    run: recording stopped: File too large" in ran.stdout
 

@@ -14,7 +14,6 @@ from circnav_mav.experiments.batch.guidance import POLICIES, Guidance
 from circnav_mav.experiments.batch.sensors import LORA, NO_NOISE, UWB, MotionNoise, OwnSenses, Radio, Ranging, Reading
 from circnav_mav.experiments.batch.world import Airframe, Surroundings, World, flown, turn_step
 from circnav_mav.experiments.bench import fly_cell, line, run
-from circnav_mav.experiments.bound import AlongsideBound
 from circnav_mav.guidance.estimators.interface import Fused
 from circnav_mav.guidance.estimators.relative_motion import AutoEstimator
 from circnav_mav.guidance.step import LawChoice, holding, steering
@@ -22,6 +21,7 @@ from circnav_mav.guidance.turn_response import PendingTurn, Response
 from circnav_mav.guidance.types import Direction, Orbit, OwnMotion, RangeSample
 from circnav_mav.mission.checks import check_mission
 from circnav_mav.mission.load import load_mission
+from tests.experiments.bound import AlongsideBound
 
 WINDY = Situation("windy", wind=5.0, duration=30.0)
 OUTAGE = Situation("outage", wind=5.0, ranging=Ranging(outage=10.0), duration=60.0)
@@ -61,6 +61,7 @@ class InTheAir:
         if seen.arrived[i]:
             sample = RangeSample(now, now, float(seen.z[i]), float(seen.sigma[i]))
             self.newest[i] = self.newest[i] if estimator.observe(sample) is Fused.GATED else now
+            estimator.settle()
         estimate, pending = estimator.at(now), under_way.at(now, self.answer, float(seen.turn_rate[i]))
         if estimator.ready and now - self.newest[i] < STALE + 1e-6:
             command = steer(estimate, 0.0, pending).turn_rate
@@ -85,7 +86,7 @@ def test_the_stack_in_the_air_holds_through_an_outage_as_the_batch_does():
 
 def test_an_outage_in_wind_leaves_the_vehicle_on_its_circle():
     """The circle's own turn in the drift known; V/r_d would let 5 m/s of wind carry it off for 10 s."""
-    tracks = fly_situation(OUTAGE.lasting(180.0), policy("auto"), 8, seed=4)
+    tracks = fly_situation(replace(OUTAGE, duration=180.0), policy("auto"), 8, seed=4)
     assert np.abs(tracks.r[tracks.time > 120] - 100.0).max() < 5.0
 
 
@@ -185,7 +186,8 @@ def test_own_motion_is_reported_with_the_noise_of_real_sensors_and_from_a_seed()
 
 def test_a_seed_is_a_flight_whoever_flies_with_it():
     once, more, other = (
-        fly_situation(WINDY.lasting(5), policy("feedforward"), n, seed) for n, seed in ((4, 9), (6, 9), (4, 10))
+        fly_situation(replace(WINDY, duration=5), policy("feedforward"), n, seed)
+        for n, seed in ((4, 9), (6, 9), (4, 10))
     )
     assert once.r == pytest.approx(more.r[:, :4], rel=1e-6)
     assert not np.allclose(once.r, other.r)

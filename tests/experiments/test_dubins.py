@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from circnav_mav.experiments.dubins import tangent_time
+from circnav_mav.experiments.batch.metrics import tangent_time
 
 SPEED = {"V": 15.0, "r_d": 100.0, "max_turn_rate": 0.45}
 

@@ -1,6 +1,6 @@
 """The bound for flight in gusts."""
 
-from circnav_mav.experiments.gust_limit import Channel, limit
+from tests.experiments.gust_limit import Channel, limit
 
 
 def test_nobody_holds_the_circle_better_than_the_noise_lets_him_see_it():

@@ -5,59 +5,47 @@ import os
 import subprocess
 import sys
 import time
-from collections import deque
-from contextlib import closing
 
 import pytest
 
 from circnav_mav.experiments import bench
 from circnav_mav.experiments.batch.situations import SITUATIONS
-from circnav_mav.experiments.worker_pool import WorkerDiedError, worked
+from circnav_mav.experiments.worker_pool import WorkerDiedError, workers
 from tests.process import PATIENCE, ROOT
 
 FOREVER = 600.0
 JOBS = """
 import math, os, signal, sys, threading
-from circnav_mav.experiments.worker_pool import _hired
+from circnav_mav.experiments.worker_pool import workers
 
 def interrupt():
     os.killpg(0, signal.SIGINT)  # as a terminal does: everybody hears it
 
 if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    try:
-        crew = {}
-        pipe = _hired(crew)
-        threading.Timer(float(sys.argv[1]), interrupt).start()
-        pipe.poll(60)
-    except KeyboardInterrupt:
-        pass
-    pipe.send((math.sqrt, (4.0,)))
-    sys.exit(7 if pipe.recv() == (2.0, None) else 1)
+    with workers(1) as submit:
+        heard = False
+        try:
+            job = submit(math.sqrt, 4.0)
+            threading.Timer(float(sys.argv[1]), interrupt).start()
+            threading.Event().wait(60)
+        except KeyboardInterrupt:
+            heard = True
+        sys.exit(7 if heard and job.result() == 2.0 else 1)
 """
 
 
-def test_all_jobs_are_done_and_those_that_come_up_meanwhile_too():
-    jobs, found = deque((math.sqrt, (float(n),)) for n in range(10)), []
-    with closing(worked(jobs, 2)) as results:
-        for result in results:
-            found.append(result)
-            if result == 3.0:
-                jobs.append((math.sqrt, (10_000.0,)))
-    assert sorted(found) == [*(math.sqrt(n) for n in range(10)), 100.0]
-
-
 def test_what_nobody_waits_for_any_more_is_dropped_in_the_middle():
-    jobs = deque([(math.sqrt, (4.0,)), *((time.sleep, (FOREVER,)) for _ in range(5))])
-    with closing(worked(jobs, 2)) as results:
-        assert next(results) == 2.0
+    with workers(2) as submit:
+        first, *_ = [submit(math.sqrt, 4.0), *(submit(time.sleep, FOREVER) for _ in range(5))]
+        assert first.result() == 2.0
         began = time.monotonic()
     assert time.monotonic() - began < 10
 
 
 def test_what_a_job_raises_is_raised_here():
-    with closing(worked(deque([(math.sqrt, (-1.0,))]), 2)) as results, pytest.raises(ValueError, match="math domain"):
-        next(results)
+    with workers(2) as submit, pytest.raises(ValueError, match="math domain"):
+        submit(math.sqrt, -1.0).result()
 
 
 def test_a_ctrl_c_is_not_heard_by_the_processes_whenever_it_comes(tmp_path):
@@ -73,9 +61,9 @@ def test_a_ctrl_c_is_not_heard_by_the_processes_whenever_it_comes(tmp_path):
 
 
 def test_a_process_that_dies_in_its_job_is_no_endless_wait():
-    jobs = deque([(os._exit, (9,)), (time.sleep, (FOREVER,))])
-    with closing(worked(jobs, 2)) as results, pytest.raises(WorkerDiedError):
-        next(results)
+    with pytest.raises(WorkerDiedError), workers(2) as submit:
+        submit(time.sleep, FOREVER)
+        submit(os._exit, 9).result()
 
 
 def test_the_cells_of_the_benchmark_come_in_their_order_and_the_rest_is_dropped():

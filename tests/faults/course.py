@@ -132,19 +132,26 @@ class Course:
                 watch(self)
         return self
 
-    def stall(self, seconds: float) -> None:
-        """The application does not run for some time; what came in waits in its socket, then it runs again."""
+    def stall(self, seconds: float, *, lost: bool = False) -> None:
+        """The application does not run for some time; what came in waits in its socket, or is lost; then it runs
+        again."""
         until = self.now + seconds
         waiting: list[Arrival] = []
         while self.now < until:
             self.now = min(max(self.vehicle.next_event, self.now), until)
             self.vehicle.advance(self.now)
-            waiting += self._arrivals()
+            arrived = self._arrivals()
+            waiting += [] if lost else arrived
             self._look()
-        self.witness.stood_still()
+        self.stood_still(seconds)
         self._give(waiting, waited=True)
         if sum(map(is_heartbeat, frames(self._answer()))) > 1:
             self.broken.append(f"{self.now:.2f} s: heartbeats made up for after standing still")
+
+    def stood_still(self, seconds: float) -> None:
+        """From a second on, the vehicle may be in other hands."""
+        if seconds >= 1.0:
+            self.witness.stood_still()
 
     def interrupt(self) -> None:
         """A signal ends the flight: the very next words are the safe setpoint, where the vehicle is ours to steer."""
@@ -250,18 +257,13 @@ class Course:
         slow = fast = V
         if self._drift is not None:
             drift, slack = self._drift, 0.1 * V / self.radius
-            slow, fast = sorted((V, max(self._true_speed(), 0.5 * V)))
+            slow, fast = sorted((V, max(self.vehicle.truth.ground_speed, 0.5 * V)))
         least, most = (slow - drift) ** 2 / (slow * self.radius), (fast + drift) ** 2 / (fast * self.radius)
         asked = self.pilot.settings.orbit.direction.turn_sign * (nan if record.demanded is None else record.demanded)
         if not min(least, self.allowed.yaw_rate) - slack <= asked <= min(most, self.allowed.yaw_rate) + slack:
             self.broken.append(
                 f"{self.now:.2f} s: {record.phase.value} steers {asked}, not {least:.6f} .. {most:.6f} rad/s"
             )
-
-    def _true_speed(self) -> float:
-        """Over the ground, m/s, from the simulator's track."""
-        a, b = self.truths[-2:]
-        return hypot(b.north - a.north, b.east - a.east) / (b.time - a.time)
 
     def _look(self) -> None:
         if self.now >= self._next_truth:

@@ -11,12 +11,15 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from tests.faults.cell import LAW, Scenario, Verdict, fly
+from tests.faults.scenarios.attacks import ATTACKS
 from tests.faults.scenarios.line import LINE
+from tests.faults.scenarios.pauses import STANDSTILLS
 from tests.faults.scenarios.peers import PEERS
 from tests.faults.scenarios.ranging import RANGING
 from tests.faults.scenarios.signing import SIGNING
 
-SCENARIOS = tuple(sorted((*LINE, *RANGING, *PEERS, *SIGNING), key=lambda one: int(one.fault[1:])))
+EVERY = (*LINE, *RANGING, *PEERS, *SIGNING, *ATTACKS, *STANDSTILLS)
+SCENARIOS = tuple(sorted(EVERY, key=lambda one: int(one.fault[1:])))
 PROFILES = ("arducopter", "arduplane", "ardurover", "px4_copter", "px4_plane", "px4_plane_attitude")
 FIRST = PROFILES[:2]
 HEAD = (
@@ -75,7 +78,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m tests.faults.matrix", description="Flies the fault matrix.")
     parser.add_argument("--quick", action="store_true", help="one or two levels of each fault, two vehicles")
     parser.add_argument("--profile", choices=PROFILES)
-    parser.add_argument("--fault", help="F1 .. F22")
+    parser.add_argument("--fault", help="F1 .. F24")
     parser.add_argument("--level", help="part of the level's name")
     parser.add_argument("--law", default=LAW, help="guidance.law of the missions")
     parser.add_argument("--seed", type=int, default=1)

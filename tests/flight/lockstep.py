@@ -1,71 +1,97 @@
-"""Flies a pilot against the bundled vehicle in lockstep: real MAVLink bytes, one manual clock, no sockets."""
+"""Flies a pilot against the bundled vehicle in the product's own lockstep, with faults between them."""
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from circnav_mav.mission.load import load_mission
-from circnav_mav.pilot import RANGING, VEHICLE, Pilot, TickRecord
+from circnav_mav.pilot import VEHICLE, Pilot, TickRecord
+from circnav_mav.runtime.links import Link
+from circnav_mav.runtime.lockstep import Lockstep
+from circnav_mav.runtime.recorder import LoopStep
+from circnav_mav.runtime.runner import turn
 from sim.config import parse_vehicle
 from sim.faults.pipe import Pipe
 from sim.vehicle import Truth, Vehicle
 
 CONFIG = Path(__file__).parents[2] / "config"
-LINKS = {"main": VEHICLE, "ranging": RANGING}
 SETPOINT_IDS = {84, 82}  # SET_POSITION_TARGET_LOCAL_NED, SET_ATTITUDE_TARGET
 
 
 @dataclass
 class Flight:
-    """A flight under way, with what was seen of it. down, up: what the link does to what we hear and say; None:
-    nothing, at once."""
+    """A flight under way as the product flies it, with what was seen of it. down, up: what the link does to what we
+    hear and say; None: nothing, at once."""
 
     pilot: Pilot
     vehicle: Vehicle
     truths: list[Truth] = field(default_factory=list)
     ticks: list[TickRecord] = field(default_factory=list)
     sent: list[tuple[float, bytes]] = field(default_factory=list)
+    others: list[tuple[bytes, Hashable]] = field(default_factory=list)
+    """What somebody else says on the vehicle's link in every step, with his address."""
     hears: Callable[[bytes, float], bool] = lambda frame, now: True
     down: Pipe | None = None
     up: Pipe | None = None
     now: float = 0.0
     next_truth: float = 0.0
 
+    def __post_init__(self) -> None:
+        self.clock = Lockstep(self.vehicle)
+        self.clock.epoch_us = 0  # no GPS time, which would sign
+        links = self.clock.links(ranging_apart=self.pilot.settings.ranging_apart)
+        self.links = {name: Wire(self, link, name) for name, link in links.items()}
+
     def fly(self, until: float, watch: Callable[["Flight"], None] | None = None) -> "Flight":
         """Run both to a time, stepping from event to event; `watch` is called after each step."""
         while self.now < until and not self.pilot.done:
             arrivals = [pipe.next_due for pipe in (self.down, self.up) if pipe is not None]
-            self._step(min(self.vehicle.next_event, max(self.pilot.next_tick, self.now), until, *arrivals))
+            self._step(min(self.pilot.next_tick, until, *arrivals))
             if watch is not None:
                 watch(self)
         return self
-
-    def _step(self, due: float) -> None:
-        pilot, vehicle = self.pilot, self.vehicle
-        self.now = max(due, self.now)
-        vehicle.advance(self.now)
-        links = LINKS if pilot.settings.ranging_apart else {"main": VEHICLE}
-        for sim_link, link in links.items():
-            for frame in through(self.down, vehicle.outgoing(sim_link), self.now):
-                if self.hears(frame, self.now):
-                    pilot.receive(frame, self.now, "sim", link)
-        out = pilot.step(self.now)
-        for data in through(self.up, [out] if out else [], self.now):
-            vehicle.receive(data)
-        if out:
-            self.sent.append((self.now, out))
-        self.ticks += pilot.take_records()
-        pilot.take_frames()
-        if self.now >= self.next_truth:
-            self.truths.append(vehicle.truth)
-            self.next_truth = self.now + 0.1
 
     @property
     def setpoint_times(self) -> list[float]:
         """When setpoints were sent."""
         return [time for time, data in self.sent if any(id in SETPOINT_IDS for id in message_ids(data))]
+
+    def _step(self, moment: float) -> None:
+        self.clock.advance(moment)
+        self.now = self.clock.now()
+        self._keep(turn(self.pilot, self.links, self.clock, self.now, self._signal()))
+        for data in through(self.up, [data for then, data in self.sent[-1:] if then == self.now], self.now):
+            self.vehicle.receive(data)
+        if self.now >= self.next_truth:
+            self.truths.append(self.vehicle.truth)
+            self.next_truth = self.now + 0.1
+
+    def _signal(self) -> str | None:
+        """The signal that has come."""
+        return None
+
+    def _keep(self, step: LoopStep) -> None:
+        self.ticks += self.pilot.take_records()
+
+
+@dataclass
+class Wire:
+    """A link of the vehicle, with what the flight does to it; what is sent on it is on its way after the step."""
+
+    flight: Flight
+    link: Link
+    name: str
+
+    def receive(self, now: float) -> list[tuple[bytes, Hashable]]:
+        frames = through(self.flight.down, [frame for frame, _ in self.link.receive(now)], now)
+        heard: list[tuple[bytes, Hashable]] = [(frame, "sim") for frame in frames if self.flight.hears(frame, now)]
+        return heard + (self.flight.others if self.name == VEHICLE else [])
+
+    def send(self, data: bytes, to: Hashable) -> None:
+        if self.name == VEHICLE:
+            self.flight.sent.append((self.flight.now, data))
 
 
 def through(pipe: Pipe | None, data: list[bytes], now: float) -> list[bytes]:

@@ -21,12 +21,13 @@ class SignedFlight(Flight):
     signing: Signing | None = None
     vehicle_clock: float | None = 0.0
 
-    def _step(self, due: float) -> None:
+    def _step(self, moment: float) -> None:
+        now = max(min(self.vehicle.next_event, moment), self.now)
         if self.signing is not None:
-            self.signing.advance(UNIX + due)
+            self.signing.advance(UNIX + now)
         if self.vehicle_clock is not None:
-            self.vehicle.tell_time(UNIX + self.vehicle_clock + due)
-        super()._step(due)
+            self.vehicle.tell_time(UNIX + self.vehicle_clock + now)
+        super()._step(moment)
 
 
 def key_file(folder: Path, key: bytes, name: str = "drone.key") -> Path:

@@ -1,22 +1,12 @@
 """docs/beacon.py against the emulator with its own radio switched off: the range of a simulator that has none."""
 
-import os
 import socket
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from tests.process import PATIENCE, UNHURRIED
-
-ROOT = Path(__file__).parents[2]
-
-
-def start(*command: str) -> subprocess.Popen[str]:
-    env = {**os.environ, "PYTHONPATH": str(ROOT)}
-    return subprocess.Popen([sys.executable, *command], stdout=subprocess.PIPE, text=True, cwd=ROOT, env=env)
+from tests.process import PATIENCE, ROOT, UNHURRIED, circnav, python
 
 
 def wait_for_ranges(port: int) -> None:
@@ -37,15 +27,15 @@ def test_a_simulator_without_a_radio_gets_one(profile: str, port: int, tmp_path:
     text = (ROOT / "config" / f"{profile}.toml").read_text()
     mission.write_text(text.replace("rate_hz = 10.0\nnoise_m", "rate_hz = 0.0\nnoise_m"))
     at = f"127.0.0.1:{port}"
-    vehicle = start("-m", "circnav_mav", "emulate", str(mission), "--endpoint", f"udpin:{at}", "--speed", "2")
+    vehicle = circnav("emulate", str(mission), "--endpoint", f"udpin:{at}", "--speed", "2")
     processes = [vehicle]
     try:
         assert vehicle.stdout is not None
         vehicle.stdout.readline()
-        processes.append(start("docs/beacon.py", f"udpout:{at}", "--north", "30", "--east", "40", "--seed", "1"))
+        processes.append(python("docs/beacon.py", f"udpout:{at}", "--north", "30", "--east", "40", "--seed", "1"))
         wait_for_ranges(port)
         overrides = ("--set", 'link.clock="autopilot"', "--seconds", "10", *UNHURRIED)
-        survey = start("-m", "circnav_mav", "preflight", str(mission), "--endpoint", f"udpout:{at}", *overrides)
+        survey = circnav("preflight", str(mission), "--endpoint", f"udpout:{at}", *overrides)
         printed, _ = survey.communicate(timeout=PATIENCE)
     finally:
         for process in processes:

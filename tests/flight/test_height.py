@@ -36,9 +36,13 @@ def test_the_radius_stays_when_the_operator_sends_the_plane_20_m_higher() -> Non
 
 
 @pytest.mark.parametrize(
-    ("mission", "radius", "flies"), [("arduplane", 150.0, 95.0), ("arducopter", 30.0, 25.0), ("px4_copter", 50.0, 30.0)]
+    ("mission", "radius", "flies", "key"),
+    [
+        ("arduplane", 150.0, 95.0, "target_above_home_m = 5.0"),
+        ("arducopter", 30.0, 25.0, f"target_altitude_m = {HOME_AMSL + 5}"),
+        ("px4_copter", 50.0, 30.0, "target_above_home_m = 5.0"),
+    ],
 )
-@pytest.mark.parametrize("key", [f"target_altitude_m = {HOME_AMSL + 5}", "target_above_home_m = 5.0"])
 def test_the_radius_is_true_at_a_height_that_nobody_told(mission: str, radius: float, flies: float, key: str) -> None:
     placed = ("sim.target.altitude_m=5.0", f"sim.start.altitude_m={flies}", "limits.duration_s=150.0")
     flown = told_by(mission, key, *placed).fly(250)

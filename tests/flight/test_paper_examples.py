@@ -6,23 +6,26 @@ import pytest
 
 from tests.flight.lockstep import clockwise_turns, flight, last_third, mean_radius, true_radius
 
-STARTS = range(20)
 SECONDS = 180
 EXAMPLES = {1: (10.987, 0.02), 2: (10.0, 0.02), 3: (10.0, 0.05)}  # reached radius and tolerance, m
 
 
-@pytest.mark.parametrize("start", STARTS)
+@pytest.mark.parametrize("start", range(2))
 @pytest.mark.parametrize("example", EXAMPLES)
-def test_example_reaches_the_papers_radius_clockwise(example: int, start: int) -> None:
+def test_example_reaches_the_papers_radius_clockwise_and_enters_the_circle_once(example: int, start: int) -> None:
+    """From two starts; sixty, and two thousand, without MAVLink: tests/experiments, `circnav paper`."""
     flown = flight(f"paper_example_{example}", f"limits.duration_s={SECONDS}", f"sim.seed={start}").fly(SECONDS + 10)
     assert flown.pilot.outcome is not None
     assert flown.pilot.outcome.ending.value == "completed"
     radius, tolerance = EXAMPLES[example]
     assert mean_radius(last_third(flown)) == pytest.approx(radius, abs=tolerance)
     assert clockwise_turns(last_third(flown)) > 0.5
+    if example == 1:  # lemma in_C_d_once
+        inside = [true_radius(truth) < 10.0 for truth in flown.truths if truth.time > 2]
+        assert sum(now and not before for before, now in itertools.pairwise(inside)) <= 1
 
 
-@pytest.mark.parametrize("start", range(5))
+@pytest.mark.parametrize("start", [2])
 @pytest.mark.parametrize("example", EXAMPLES)
 def test_negative_gain_flies_the_mirror_image(example: int, start: int) -> None:
     """Reflection in the north-south line through the target leaves every range as it was and turns the other way."""
@@ -46,12 +49,3 @@ def test_negative_gain_flies_the_mirror_image(example: int, start: int) -> None:
     left = from_start(-1, "counterclockwise")
     for a, b in zip(right, left, strict=True):
         assert a == pytest.approx(b, abs=1e-3 if example != 3 else 0.05)
-
-
-def test_law_one_never_enters_the_circle_twice() -> None:
-    """Lemma in_C_d_once, on the track: at most one stay inside r_d."""
-    for start in range(6):
-        flown = flight("paper_example_1", "limits.duration_s=90", f"sim.seed={100 + start}").fly(100)
-        inside = [true_radius(truth) < 10.0 for truth in flown.truths if truth.time > 2]
-        entries = sum(now and not before for before, now in itertools.pairwise(inside))
-        assert entries <= 1

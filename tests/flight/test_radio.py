@@ -1,5 +1,7 @@
 """The circle flown with a radio behind a driver: the emulator's ranges as lines of text, beside another beacon's."""
 
+from collections import Counter
+
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.mission.load import parse_mission
@@ -10,7 +12,6 @@ from circnav_mav.runlog.replay import replay
 from circnav_mav.runlog.run_folder import open_run
 from circnav_mav.runtime.radio_link import RadioLink
 from tests.flight.recorded import RecordedFlight, recorded_flight
-from tests.runtime.test_radio_link import Wire
 
 OVERRIDES = (
     'ranging.message="ranging_beacon"', 'ranging.endpoint="lines:udpin:127.0.0.1:5005"', 'guidance.law="smooth"',
@@ -19,26 +20,25 @@ OVERRIDES = (
 SILENT = (15.0, 17.0)
 
 
-class RadioFlight(RecordedFlight):
-    """Each range of the emulator's radio comes as a line, after one of a beacon that is nearer."""
+class TextPort:
+    """The emulator's radio as lines of text: each range after one of a beacon that is nearer, and some chatter."""
 
-    def _hear(self, frame, link, source, step):
-        if link != RANGING:
-            super()._hear(frame, link, source, step)
-            return
-        beacon = mavlink.MAVLink(None).decode(bytearray(frame))
-        stamp = beacon.time_usec / 1e6
-        text = f"{stamp},4,33.3\n{stamp},3,{beacon.range / 1000}\nno range\n"
-        self.wire.waiting = [] if SILENT[0] < self.now < SILENT[1] else [(text.encode(), ("10.0.0.9", 4000))]
-        for reading, at in self.radio.receive(self.now):
-            super()._hear(reading, link, at, step)
+    def __init__(self, link):
+        self._link = link
+        self.troubles = Counter()
+
+    def receive(self, now):
+        heard = [mavlink.MAVLink(None).decode(bytearray(frame)) for frame, _ in self._link.receive(now)]
+        if SILENT[0] < now < SILENT[1]:
+            return []
+        stamped = [(one.time_usec / 1e6, one.range / 1000) for one in heard]
+        lines = [f"{stamp},4,33.3\n{stamp},3,{metres}\nno range\n" for stamp, metres in stamped]
+        return [(line.encode(), ("10.0.0.9", 4000)) for line in lines]
 
 
-def radio_flight(folder, *overrides) -> RadioFlight:
-    plain = recorded_flight(folder, "quickstart", *OVERRIDES, *overrides)
-    flight = RadioFlight(plain.pilot, plain.vehicle, recorder=plain.recorder)
-    flight.wire = Wire()
-    flight.radio = RadioLink("lines", Lines(), flight.wire, datagrams=True)
+def radio_flight(folder, *overrides) -> RecordedFlight:
+    flight = recorded_flight(folder, "quickstart", *OVERRIDES, *overrides)
+    flight.links[RANGING] = RadioLink("lines", Lines(), TextPort(flight.links[RANGING]), datagrams=True)
     flight.fly(100).recorder.close()
     return flight
 

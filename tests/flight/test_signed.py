@@ -24,17 +24,11 @@ MODE_LOITER = mavlink.MAVLink_command_long_message(1, 1, 176, 0, 1, 5, 0, 0, 0, 
 EPOCH = 1_420_070_400
 
 
-@pytest.mark.parametrize(
-    ("mission", "direction", "turns"),
-    [
-        ("arducopter", "counterclockwise", -1),
-        ("arduplane", "clockwise", 1),
-    ],
-)
-def test_signed_flight_circles_as_asked(mission: str, direction: str, turns: int, tmp_path: Path) -> None:
-    flown = signed_flight(mission, tmp_path, f'orbit.direction="{direction}"', "limits.duration_s=1000.0").fly(220)
+def test_signed_flight_circles_as_asked(tmp_path: Path) -> None:
+    flown = signed_flight("arducopter", tmp_path, 'orbit.direction="counterclockwise"', "limits.duration_s=1000.0")
+    flown.fly(150)
     assert flown.pilot.phase is Phase.ENGAGED
-    assert clockwise_turns(last_third(flown)) * turns > 0.5
+    assert clockwise_turns(last_third(flown)) < -0.5
     radius = flown.pilot.settings.orbit.radius
     assert rms_error(last_third(flown), radius) < 0.05 * radius
     assert flown.pilot.frames_refused() == {}
@@ -138,7 +132,7 @@ def test_signed_flight_over_sockets_settles_and_is_replayed_without_its_key(tmp_
     """Between two processes; neither key nor signature is in the run folder."""
     key, folder = key_file(tmp_path, KEY), tmp_path / "out"
     process = circnav(
-        *("fly", QUICKSTART, "--speed", "6", "--duration", "72", "--out", str(folder)),
+        *("fly", QUICKSTART, "--duration", "72", "--out", str(folder)),
         *("--set", f"signing.key_file={key}", "--set", f"sim.signing.key_file={key}"),
         *("--set", 'guidance.law="smooth"'),
     )

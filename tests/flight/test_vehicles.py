@@ -25,40 +25,45 @@ def take_over(flown: Flight, mission: str) -> None:
     Operator(flown.vehicle).set_mode(*numbers)
 
 
-@pytest.mark.parametrize("direction", DIRECTIONS)
-@pytest.mark.parametrize("mission", VEHICLES)
-@pytest.mark.parametrize("law", ["smooth", "auto"])
-def test_vehicle_holds_the_circle_to_two_percent_in_the_sense_asked_for(law: str, mission: str, direction: str) -> None:
-    shorter = ("limits.duration_s=130.0",) if law == "auto" else ()
-    flown = flight(mission, f'orbit.direction="{direction}"', *shorter, law=law)
+@pytest.mark.parametrize(
+    ("mission", "law", "seconds", "direction"),
+    [
+        *((name, "auto", 130, "counterclockwise") for name in VEHICLES),
+        ("ardurover", "smooth", 200, "clockwise"),
+        ("px4_plane", "smooth", 200, "clockwise"),
+    ],
+)
+def test_vehicle_holds_the_circle_to_two_percent_in_the_sense_asked_for(
+    mission: str, law: str, seconds: int, direction: str
+) -> None:
+    """`auto` clockwise: test_quiet.py, test_ringing.py."""
+    overrides = (f'orbit.direction="{direction}"', f"limits.duration_s={seconds}.0")
+    flown = flight(mission, *overrides, law=law).fly(seconds + 100)
     radius = flown.pilot.settings.orbit.radius
-    flown.fly(400)
     assert flown.pilot.outcome is not None
     assert flown.pilot.outcome.ending is Ending.COMPLETED
     assert rms_error(last_third(flown), radius) < 0.02 * radius
     assert DIRECTIONS[direction] * clockwise_turns(last_third(flown)) > 0.4
 
 
-@pytest.mark.parametrize("direction", DIRECTIONS)
-@pytest.mark.parametrize("effectiveness", [0.73, 1.0])
+@pytest.mark.parametrize(("effectiveness", "direction"), [(0.73, "counterclockwise"), (1.0, "clockwise")])
 def test_plane_flies_the_same_mission_whatever_its_turn_effectiveness(effectiveness: float, direction: str) -> None:
+    """22.0 m/s indicated is 23.4 true on the emulated plane: the coordinated rate it knows is 6 % too high. The mean
+    radius is true all the same."""
     flown = flight("arduplane", f"sim.vehicle.turn_effectiveness={effectiveness}", f'orbit.direction="{direction}"')
     flown.fly(400)
     assert rms_error(last_third(flown), 150.0) < 1.0
     assert DIRECTIONS[direction] * clockwise_turns(last_third(flown)) > 0.8
-
-
-def test_turn_gain_is_learnt_and_bounded() -> None:
-    """22.0 m/s indicated is 23.4 true on the emulated plane: the coordinated rate it knows is 6 % too high."""
-    flown = flight("arduplane", "sim.vehicle.turn_effectiveness=0.73").fly(120)
-    assert flown.pilot.controller.turn_gain == pytest.approx(0.73 * 22.0 / 23.4, abs=0.03)
+    assert mean_radius(last_third(flown)) == pytest.approx(150.0, abs=0.2)
+    assert flown.pilot.controller.turn_gain == pytest.approx(effectiveness * 22.0 / 23.4, abs=0.03)
 
 
 @pytest.mark.parametrize("mission", VEHICLES)
-def test_no_setpoint_after_the_tick_that_saw_the_operator_take_over_at_200_random_ticks(mission: str) -> None:
+def test_no_setpoint_after_the_tick_that_saw_the_operator_take_over_at_random_ticks(mission: str) -> None:
+    """A thousand of them: the fault matrix, F16."""
     chance = random.Random(3)
     base = flight(mission).fly(8)
-    for _ in range(200):
+    for _ in range(15):
         flown = copy.deepcopy(base)
         flown.fly(flown.now + chance.uniform(0, 0.6))
         take_over(flown, mission)
@@ -165,32 +170,9 @@ def test_px4_copter_holds_its_height_although_zero_climb_rate_does_not() -> None
     assert max(heights) - min(heights) < 1.0
 
 
-def test_reboot_of_the_autopilot_ends_the_stream_and_is_not_flown_through() -> None:
-    flown = flight("arducopter", 'sim.events=[{at_s=40.0, action="reboot"}]').fly(120)
-    assert flown.pilot.outcome is not None
-    assert flown.pilot.outcome.ending is Ending.ABORTED
-    assert [time for time in flown.setpoint_times if time > 44] == []
-
-
 def test_bound_that_is_broken_gives_the_vehicle_back() -> None:
     flown = flight("arduplane", "bounds.min_range_m=200.0", "limits.duration_s=100.0").fly(120)
     assert flown.pilot.outcome is not None
     assert "is nearer than 200.0 m" in flown.pilot.outcome.reason
     assert true_radius(flown.truths[-1]) > 150
     assert flown.vehicle.truth.mode == flown.pilot.session.adapter.exits["loiter"]
-
-
-def test_mean_radius_is_true_although_the_airspeed_is_not() -> None:
-    flown = flight("arduplane").fly(400)
-    assert mean_radius(last_third(flown)) == pytest.approx(150.0, abs=0.2)
-
-
-@pytest.mark.parametrize(
-    "weather", [("sim.wind.speed_mps=5.0",), ("sim.target.velocity_north_mps=4.0", "sim.wind.speed_mps=3.0")]
-)
-def test_plane_holds_a_tight_circle_in_wind_and_round_a_moving_target(weather: tuple[str, ...]) -> None:
-    """The paper's law swings by some 10 m here; the drift law knows what carries it."""
-    flown = flight("arduplane", *weather, "limits.duration_s=150.0", law="auto").fly(200)
-    assert rms_error(last_third(flown), 150.0) < 0.6
-    assert clockwise_turns(last_third(flown)) > 0.8
-    assert flown.ticks[-20].law == "drift"

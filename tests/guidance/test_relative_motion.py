@@ -1,6 +1,7 @@
 """The bank in flight: own motion and ranges that come at their own times, get lost, lie or stop."""
 
 from dataclasses import dataclass, field, replace
+from functools import cache
 from math import cos, hypot, pi, sin
 
 import numpy as np
@@ -426,6 +427,7 @@ def test_the_bank_is_ready_again_once_it_takes_ranges_in():
     assert estimator.ready
 
 
+@cache
 def in_gusts(imu: ImuNoise | None, lie: str = "") -> tuple[float, float]:
     """Median RMS radius error (m) of flights in gusts of .1 V, and how far accelerations are believed. lie: what is
     wrong with them."""
@@ -443,7 +445,7 @@ def in_gusts(imu: ImuNoise | None, lie: str = "") -> tuple[float, float]:
         banks.append(Deceived(circle.estimation, sense.size, circle.speed))
         return Guidance(circle.settings("auto", sense), banks[0], sense.size, lag=circle.lag, stale=0.5)
 
-    gusts = Situation("gusts", wind=5.0, gust=1.5, imu=imu, start=(80, 150), duration=150.0)
+    gusts = Situation("gusts", wind=5.0, gust=1.5, imu=imu, start=(80, 150), duration=110.0)
     tracks = fly_situation(gusts, make, 8, 5)
     late = tracks.r[tracks.time > 60] - 100.0
     return float(np.median(np.sqrt((late**2).mean(axis=0)))), float(banks[0]._banks[0].likely_noise.feels.mean())

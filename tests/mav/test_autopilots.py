@@ -47,9 +47,11 @@ def frame(message_id: int, crc_extra: int, payload: bytes) -> bytes:
     return b"\xfd" + body + struct.pack("<H", x25(body + bytes((crc_extra,))))
 
 
-def velocity_frame(mask: int, *, forward: float, down: float, yaw_rate: float, right: float = 0.0) -> bytes:
+def velocity_frame(
+    mask: int, *, forward: float, down: float, yaw_rate: float, ahead: float = 0.0, right: float = 0.0
+) -> bytes:
     """SET_POSITION_TARGET_LOCAL_NED (84, extra 143) in MAV_FRAME_BODY_NED (8)."""
-    floats = (0.0, 0.0, 0.0, forward, 0.0, down, 0.0, right, 0.0, 0.0, yaw_rate)
+    floats = (0.0, 0.0, 0.0, forward, 0.0, down, ahead, right, 0.0, 0.0, yaw_rate)
     return frame(84, 143, struct.pack("<I11fH3B", 12345, *floats, mask, *VEHICLE_IDS, 8))
 
 
@@ -99,11 +101,13 @@ def test_rover_is_commanded_speed_and_yaw_rate(side: str) -> None:
 
 
 @pytest.mark.parametrize("side", SIDES)
-def test_px4_copter_is_commanded_speed_yaw_rate_and_the_climb_to_its_height(side: str) -> None:
-    """1 m too high: down at 0.5 /s times 1 m."""
+def test_px4_copter_is_commanded_speed_yaw_rate_their_acceleration_and_the_climb_to_its_height(side: str) -> None:
+    """1 m too high: down at 0.5 /s times 1 m. 1.2 V w = 2.4 m/s^2 to the right; 0.3/s of drag at 10 m/s: 3 m/s^2
+    ahead."""
     turn_rate, sense = SIDES[side]
-    expected = velocity_frame(0x5C7, forward=10.0, down=0.5, yaw_rate=0.2 * sense if sense else -0.0)
-    assert sent(("px4", "copter"), turn_rate) == expected
+    rate, right = (0.2 * sense, 1.2 * 10.0 * 0.2 * sense) if sense else (-0.0, -0.0)
+    expected = velocity_frame(0x407, forward=10.0, down=0.5, yaw_rate=rate, ahead=3.0, right=right)
+    assert sent(("px4", "copter"), turn_rate, replace(STATE, drag=0.3)) == expected
 
 
 @pytest.mark.parametrize("side", SIDES)
@@ -135,7 +139,7 @@ def test_px4_plane_attitude_has_the_bank_and_the_pitch_and_thrust_of_our_loops(s
 def test_hold_is_standing_still_or_wings_level() -> None:
     assert sent(("ardupilot", "copter"), None) == velocity_frame(0x407, forward=0.0, down=0.0, yaw_rate=0.0)
     assert sent(("ardupilot", "rover"), None) == velocity_frame(0x5C7, forward=0.0, down=0.0, yaw_rate=0.0)
-    assert sent(("px4", "copter"), None) == velocity_frame(0x5C7, forward=0.0, down=0.5, yaw_rate=0.0)
+    assert sent(("px4", "copter"), None) == velocity_frame(0x407, forward=0.0, down=0.5, yaw_rate=0.0)
     assert sent(("ardupilot", "plane"), None) == attitude_frame(0xC6, roll=0.0, pitch=0.0, thrust=0.0)
     assert sent(("px4", "plane"), None) == stick_frame(0)
     level = floats_of(attitude_frame(0x07, roll=0.0, pitch=-0.04, thrust=0.63))

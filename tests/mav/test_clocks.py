@@ -152,12 +152,12 @@ def test_a_link_that_has_turned_slow_in_one_step_is_told_by_its_round_trip():
     slower = lambda since, now: asked.append((since, now)) or 1.0  # noqa: E731
     shown = ages(lambda stamp: 1.0, slower=slower)
     assert {round(age, 6) for time, age in shown if time > 5.0} == {1.0}
-    assert all((since, now - since >= 0.45) == (pytest.approx(5.0), True) for since, now in asked)
+    assert all(since >= 5.0 and now - since >= 0.45 for since, now in asked)
 
 
 def test_what_the_round_trip_does_not_explain_is_the_clocks():
     """Nobody has told for a second; then a round trip that has grown by 0.2 s explains as much of 1 s."""
-    slower = lambda since, now: float("inf") if now - since < 1.0 else 0.2  # noqa: E731
+    slower = lambda since, now: float("inf") if now < 6.0 else 0.2  # noqa: E731
     shown = ages(lambda stamp: 1.0, slower=slower)
     assert [round(age, 6) for time, age in shown if 5.0 < time < 5.95] == [1.0] * 9
     assert {round(age, 6) for time, age in shown if time > 6.05} == {0.2}
@@ -173,6 +173,21 @@ def test_a_pause_of_the_whole_computer_is_followed_when_its_link_is_quick_again(
         arrival = 0.1 * i
         shown.append(arrival - clock.local(5000.0 + arrival - lag, arrival))
     assert max(shown[135:]) < 0.1
+
+
+def test_lags_that_a_busy_computer_shakes_are_followed_within_a_second_of_settling():
+    """Lags as flown, .1 s apart: a simulator that lost .83 s in many small stalls while the link stalled, too."""
+    shaken = [
+        0.57, 0.6, 0.66, 0.56, 0.64, 0.67, 0.57, 0.67, 0.69, 0.79, 0.91, 0.96, 1.18, 1.27, 1.17,
+        1.18, 1.08, 1.16, 1.06, 0.96, 0.88, 0.78, 0.69, 0.67, 0.68, 0.97, 0.88, 0.81, 0.78, 0.79,
+        0.78, 0.78, 0.85, 0.81, 0.79, 0.78, 0.83, 0.86, 1.05, 0.96, 0.87,
+    ]  # fmt: skip
+    clock, shown = RemoteClock(lambda since, now: 0.29 if since < 14.0 else 0.005), []
+    for i in range(200):
+        lag = 0.0 if i < 100 else [*shaken, *[0.83] * 60][i - 100]
+        arrival = 0.1 * i
+        shown.append(arrival - clock.local(5000.0 + arrival - lag, arrival))
+    assert max(shown[100 + len(shaken) + 10 :]) < 0.1
 
 
 def test_a_step_is_doubted_while_it_may_be_the_clocks():

@@ -6,7 +6,7 @@ from math import degrees
 import numpy as np
 import pytest
 
-from circnav_mav.experiments import dubins
+from circnav_mav.experiments.batch import metrics
 from circnav_mav.mav.check_result import Grade
 from circnav_mav.mission.checks import check_mission
 
@@ -227,7 +227,7 @@ def test_the_settling_time_is_that_of_the_shortest_tangent_and_is_not_promised_f
     heading = np.radians(np.arange(0.0, 360.0))
     away = np.stack([np.full(360, 500.0), np.zeros(360)])
     limit = mission().orbit.max_turn_rate
-    tangent = dubins.tangent_time(away, heading, np.ones(360), V=15.0, r_d=100.0, max_turn_rate=limit).max()
+    tangent = metrics.tangent_time(away, heading, np.ones(360), V=15.0, r_d=100.0, max_turn_rate=limit).max()
     assert float(re.search(r"about (\d+) s", line.says)[1]) == pytest.approx(tangent, abs=1.5)
     assert "at most" not in line.says
     assert "laws on range alone may take twice as long" in line.says

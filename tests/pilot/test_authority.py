@@ -179,16 +179,6 @@ def test_a_dry_run_is_not_flown_to_its_end(make_rig, say):
 # --- the mission's own bounds, and another companion ---
 
 
-def test_another_companion_of_our_ids_is_told_and_ends_the_mission(rig, voice):
-    rig.engage()
-    twin = voice(1, 191)
-    for _ in range(6):
-        rig.run(0.5)
-        rig.hear(mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3), voice=twin)
-    assert rig.pilot.outcome.ending is Ending.ABORTED
-    assert "another companion sends as 1/191" in rig.pilot.outcome.reason
-
-
 def test_an_echo_of_our_own_frames_is_no_twin(rig):
     """Some routers send back what they get."""
     rig.engage()

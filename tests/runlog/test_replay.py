@@ -87,7 +87,7 @@ def test_an_impostor_with_the_vehicles_ids_is_told_apart_by_its_source(tmp_path)
     flight = recorded_flight(tmp_path, "quickstart", SHORT)
     loiter = mavlink.MAVLink_heartbeat_message(2, 3, 0x81, 5, 4, 3).pack(mavlink.MAVLink(None, 1, 1))
     flight.fly(5)
-    flight.noise = [bytes(loiter)]
+    flight.others = [(bytes(loiter), "somebody else")]
     flight.fly(30).recorder.close()
     pilot = Pilot(settings_of(tmp_path))
     assert replay(pilot, recorded_steps(tmp_path)).identical

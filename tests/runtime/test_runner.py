@@ -18,6 +18,8 @@ def frame(number):
 class FakeClock:
     """Time moves by a tick each time it is asked."""
 
+    longest_wait = 0.05
+
     def __init__(self):
         self.time = 0.0
 
@@ -27,6 +29,9 @@ class FakeClock:
 
     def until(self, moment):
         return 0.0
+
+    def advance(self, moment):
+        pass
 
     def real(self):
         return 0.0
@@ -244,3 +249,21 @@ def test_an_onlooker_that_fails_is_shown_no_more_and_the_others_go_on():
     assert onlookers.problems == [
         "live page: stopped at 2.0 s: ValueError('Out of range float values are not JSON compliant')"
     ]
+
+
+def test_what_comes_in_before_all_is_loaded_is_thrown_away(stop):
+    pilot, loaded = FakePilot(), iter([False, False, True])
+    vehicle = FakeLink([(b"a", "x"), (b"b", "x"), (b"c", "x"), (b"d", "x")])
+    run(pilot, {"vehicle": vehicle}, FakeClock(), FakeRecorder(), lambda *_: None, stop, ready=lambda: next(loaded))
+    assert [data for data, _, _ in pilot.heard] == [b"c", b"d"]
+    assert len(vehicle.sent) == 5, "it speaks all the while"
+
+
+def test_a_setpoint_leaves_before_anything_is_recorded_or_shown(stop, monkeypatch):
+    order = []
+    pilot, vehicle, recorder = FakePilot(1), FakeLink(), FakeRecorder()
+    monkeypatch.setattr(vehicle, "send", lambda *_: order.append("sent"))
+    monkeypatch.setattr(pilot, "take_records", lambda: order.append("records worked out") or [0])
+    monkeypatch.setattr(recorder, "step", lambda _: order.append("recorded"))
+    run(pilot, {"vehicle": vehicle}, FakeClock(), recorder, lambda *_: order.append("shown"), stop)
+    assert order == ["sent", "records worked out", "recorded", "shown"]

@@ -14,7 +14,7 @@ from sim.faults import DOWN, UP, FaultLink, Impairment
 from sim.faults.frames import message_id, read, rewritten, write
 from sim.faults.impairment import corrupted
 from sim.faults.pipe import Pipe
-from sim.faults.tampering import dropping, on, outliers
+from tests.faults.tampering import dropping, on, outliers
 from tests.process import PATIENCE
 
 ROOT = Path(__file__).parents[2]

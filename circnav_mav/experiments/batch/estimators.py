@@ -9,8 +9,8 @@ from circnav_mav.guidance.air_path import chord, wrap
 from circnav_mav.guidance.estimators.acquisition import SearchSettings
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
 from circnav_mav.guidance.estimators.multiple_model import BankSettings, DriftBank, Stage
-from circnav_mav.guidance.estimators.range_rate import RangeRate, observe
-from circnav_mav.guidance.estimators.relative_ekf import KAPPA, Felt, R, drift, position
+from circnav_mav.guidance.estimators.range_rate import RangeRate, observe, observe_rate
+from circnav_mav.guidance.estimators.relative_ekf import KAPPA, Felt, R, Rates, drift, position
 from circnav_mav.guidance.estimators.unicycle import SURE, UnicycleFilter
 from circnav_mav.guidance.step import Found
 
@@ -23,7 +23,8 @@ BLOCK = 250
 @dataclass(frozen=True, slots=True)
 class Seen:
     """What flights get in one step, arrays (B,): heading, turn rate and airspeed as reported; range where arrived.
-    flies: who is steered by us. felt (2, B): change of the velocity since the step before, m/s, by accelerometers."""
+    flies: who is steered by us. felt (2, B): change of the velocity since the step before, m/s, by accelerometers.
+    rate: range rates (B,) measured with the ranges that arrived, and their standard deviation, m/s."""
 
     dt: float
     psi: Array
@@ -34,6 +35,7 @@ class Seen:
     arrived: Array
     flies: Array
     felt: Array | None = None
+    rate: tuple[Array, float] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,6 +90,8 @@ class Kalman(Estimator):
         self._age = self._age + seen.dt
         if seen.arrived.any():
             after = observe(self._state, self._settings, h=self._age, z=seen.z, sigma=seen.sigma, xp=np)
+            if seen.rate is not None:
+                after = observe_rate(after, self._settings, h=0.0, z=seen.rate[0], sigma=seen.rate[1], xp=np)
             self._state = merged(seen.arrived, after, self._state)
             self._age = np.where(seen.arrived, 0.0, self._age)
             self.ready = np.asarray(self._state.ready(self._settings))
@@ -108,6 +112,8 @@ class Unicycle(Estimator):
             self._filter.predict(seen.airspeed, wrap(seen.psi - self._psi), seen.dt)
         self._psi = seen.psi
         self._filter.update(seen.z, seen.sigma, seen.arrived)
+        if seen.rate is not None:
+            self._filter.update_rate(*seen.rate, seen.airspeed, seen.arrived)
         (self.r, eta), P = self._filter.likelier
         self.r_dot = -seen.airspeed * np.cos(eta)
         self.ready = (self._filter.samples >= self._needed) & (P[1, 1] < SURE**2)
@@ -138,9 +144,14 @@ class Auto(Estimator):
             air, nose = seen.airspeed * _nose(seen.psi) - V * _nose(psi), (_nose(seen.psi) + _nose(psi)) / 2
             felt = Felt(seen.felt, air, dt * nose, seen.airspeed * seen.turn_rate)
         self._before, valid = (seen.psi, seen.airspeed), seen.arrived & seen.flies
+        rates = None
+        if seen.rate is not None:
+            sigma = np.full(valid.shape, seen.rate[1])
+            rates = Rates(seen.rate[0], sigma, valid, seen.airspeed * _nose(seen.psi))
         for part, bank in zip(self._parts, self._banks, strict=True):
             theirs = None if felt is None else felt.of(part)
-            bank.step(dt[part], path[:, part], seen.z[part], seen.sigma[part], valid[part], theirs)
+            measured = None if rates is None else rates.of(part)
+            bank.step(dt[part], path[:, part], seen.z[part], seen.sigma[part], valid[part], theirs, measured)
         x, P, trusted, stage = (self._all(name) for name in ("mean", "covariance", "trusted", "stage"))
         p, d = position(x), drift(x)
         V = np.where(stage == Stage.EMPTY, self._speed, x[KAPPA] * seen.airspeed)

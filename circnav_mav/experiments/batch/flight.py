@@ -1,7 +1,7 @@
 """One situation of the benchmark, flown by B vehicles under one policy."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from math import radians
 from typing import Any
 
@@ -10,7 +10,16 @@ import numpy as np
 from circnav_mav.experiments.batch.estimators import Truth
 from circnav_mav.experiments.batch.guidance import POLICIES, Guidance, estimator
 from circnav_mav.experiments.batch.loop import Always, fly
-from circnav_mav.experiments.batch.sensors import GAUSSIAN, ImuNoise, MotionNoise, OwnSenses, Radio, Ranging, Reading
+from circnav_mav.experiments.batch.sensors import (
+    GAUSSIAN,
+    ImuNoise,
+    MotionNoise,
+    OwnSenses,
+    Radio,
+    Ranging,
+    RateNoise,
+    Reading,
+)
 from circnav_mav.experiments.batch.world import Airframe, Surroundings, World
 from circnav_mav.guidance.air_path import wrap
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
@@ -54,17 +63,20 @@ class Circle:
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """Everything that makes one row of the benchmark. wind, gust (standard deviation), target (speed): m/s, from and to
-    anywhere. target_turn (rad/s), compass_bias (rad), compass_drift (rad/s), airspeed_error (measured over true minus
-    1): either sign. target_walk: see `Surroundings`. start: range at first, m, uniform."""
+    """Everything that makes one row of the benchmark. required: median RMS radius error, m, that is asked of `auto`;
+    None where it is only reported. wind, gust (standard deviation), target (speed): m/s, from and to anywhere.
+    target_turn (rad/s), compass_bias (rad), compass_drift (rad/s), airspeed_error (measured over true minus 1): either
+    sign. target_walk: see `Surroundings`. start: range at first, m, uniform."""
 
     name: str
+    required: float | None = None
     wind: float = 0.0
     gust: float = 0.0
     target: float = 0.0
     target_turn: float = 0.0
     target_walk: float = 0.0
     ranging: Ranging = GAUSSIAN
+    rates: RateNoise | None = None
     compass_bias: float = 0.0
     compass_drift: float = 0.0
     noise: MotionNoise = field(default_factory=MotionNoise)
@@ -74,10 +86,6 @@ class Situation:
     start: tuple[float, float] = (10.0, 600.0)
     duration: float = 400.0
     dt: float = 0.05
-
-    def lasting(self, duration: float) -> "Situation":
-        """The same for so many seconds."""
-        return replace(self, duration=duration)
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,7 +134,7 @@ def begin(situation: Situation, flights: int, seed: int) -> Start:
             psi,
             seeds,
         ),
-        Radio(s.ranging, Reading(s.ranging.sigma), seeds),
+        Radio(s.ranging, Reading(s.ranging.sigma), seeds, rates=s.rates),
         OwnSenses(s.noise, seeds, bias * s.compass_bias, drift * s.compass_drift, 1 + speed * s.airspeed_error, s.imu),
         np.where(np.arange(flights) % 2 == 0, 1.0, -1.0),
     )

@@ -16,25 +16,18 @@ from circnav_mav.experiments.batch.estimators import (
     merged,
 )
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
+from circnav_mav.guidance.estimators.table import default_estimator
 from circnav_mav.guidance.law_selector import at_start
+from circnav_mav.guidance.laws import LAWS
 from circnav_mav.guidance.step import Inputs, StepSettings, StepState, compensated, hold, step
 from circnav_mav.guidance.turn_gain import TurnGain, TurnGainSettings, learn
 from circnav_mav.guidance.turn_response import Pending, PendingTurn, Response
 from circnav_mav.guidance.types import SAME_TIME
 
 Array = Any
-POLICIES: dict[str, tuple[str, str]] = {
-    "auto": ("auto", "auto"),
-    "drift": ("drift", "auto"),
-    "feedforward": ("feedforward", "kalman"),
+POLICIES: dict[str, tuple[str, str]] = {law: (law, default_estimator(law)) for law in reversed(LAWS)} | {
     "feedforward+unicycle": ("feedforward", "unicycle"),
-    "smooth": ("smooth", "kalman"),
     "smooth+unicycle": ("smooth", "unicycle"),
-    "switching": ("switching", "kalman"),
-    "bounded": ("bounded", "kalman"),
-    "relay": ("relay", "kalman"),
-    "pd": ("pd", "kalman"),
-    "pi": ("pi", "kalman"),
     "full information": ("drift", "truth"),
 }
 """What the benchmark flies: law and estimator."""

@@ -64,10 +64,12 @@ def fly(
         now = step * dt
         true = Truth(world.p, world.drift, world.psi, world.turn_rate)
         z, sigma, arrived = radio.measure(world.r, step, dt)
+        rate = radio.measure_rate(world.r_dot, step, dt)
         psi, turn_rate, airspeed = senses.report(world.psi, world.turn_rate, world.airframe.speed, now)
         felt = senses.feel(world.psi, world.velocity, now)
         arrived &= authority.hears(step)
-        guidance.see(now, Seen(dt if step else 0.0, psi, turn_rate, airspeed, z, sigma, arrived, flies, felt), true)
+        seen = Seen(dt if step else 0.0, psi, turn_rate, airspeed, z, sigma, arrived, flies, felt, rate)
+        guidance.see(now, seen, true)
         before, good = flies, guidance.good
         flies = authority.flies(step, good)
         if step % feels == 0:

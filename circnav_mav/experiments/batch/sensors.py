@@ -47,6 +47,21 @@ LORA = Ranging(white=1.0, drifting=2.0, every=2, loss=0.1, near_bias=3.0)
 
 
 @dataclass(frozen=True, slots=True)
+class RateNoise:
+    """Standard deviations of measured range rates, m/s. white: from sample to sample. bias: of an error that lasts,
+    with correlation time bias_time, s: the carrier's offset."""
+
+    white: float = 0.3
+    bias: float = 0.0
+    bias_time: float = 60.0
+
+    @property
+    def sigma(self) -> float:
+        """The standard deviation of all of it, m/s."""
+        return float(np.hypot(self.white, self.bias))
+
+
+@dataclass(frozen=True, slots=True)
 class Reading:
     """What a receiver makes of ranges; numbers or arrays (B,), m. sigma: standard deviation said or assumed. least,
     most: ranges that count. height: above the target, by which slant ranges are made horizontal."""
@@ -60,14 +75,32 @@ class Reading:
 class Radio:
     """Ranges of B flights. height (B,): of the vehicles above their targets, m."""
 
-    def __init__(self, ranging: Ranging, reading: Reading, seeds: Sequence[Sequence[int]], height: Array = 0.0) -> None:
-        self._ranging, self._reading, self._height = ranging, reading, height
+    def __init__(
+        self, ranging: Ranging, reading: Reading, seeds: Sequence[Sequence[int]], height: Array = 0.0,
+        rates: RateNoise | None = None,
+    ) -> None:  # fmt: skip
+        """rates: of the range rates that come with the ranges; None: there are none."""
+        self._ranging, self._reading, self._height, self._rates = ranging, reading, height, rates
         self._draws = Draws(seeds, 1, 2, 5)
         first = self._draws.next()
         self._error, self._outage_from = ranging.drifting * first[0], 20.0 + 40.0 * first[2]
         self._deaf_until = np.zeros(len(seeds))
         nothing = np.zeros(len(seeds))
         self._newest = nothing, nothing + 1.0
+        if rates is not None:
+            self._carrier = Draws(seeds, 5, 2)
+            self._offset = rates.bias * self._carrier.next()[0]
+
+    def measure_rate(self, r_dot: Array, step: int, dt: float) -> tuple[Array, float] | None:
+        """Of horizontal range rates (B,), m/s, what is measured, and its standard deviation; None where nothing is.
+        Called once in every simulation step."""
+        noise, every = self._rates, self._ranging.every
+        if noise is None or step % every:
+            return None
+        white, fresh = self._carrier.next()
+        kept = np.exp(-dt * every / noise.bias_time)
+        self._offset = kept * self._offset + noise.bias * np.sqrt(1 - kept**2) * fresh
+        return r_dot + self._offset + noise.white * white, noise.sigma
 
     def measure(self, r: Array, step: int, dt: float) -> tuple[Array, Array, Array]:
         """Of horizontal ranges (B,) what is read, its standard deviation, and which of them count, (B,). Called once in

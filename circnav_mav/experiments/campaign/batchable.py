@@ -4,9 +4,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from typing import Any
 
+from circnav_mav.emulator.config import Ranging
+from circnav_mav.emulator.sensor import CHARACTERS
 from circnav_mav.experiments.campaign.plan import Run
-from sim.config import Ranging
-from sim.sensor import CHARACTERS
 
 OWN = frozenset({
     "name", "vehicle.max_turn_rate_deg_s", "vehicle.max_bank_deg", "orbit.radius_m", "orbit.direction",
@@ -56,6 +56,7 @@ def _obstacles(run: Run) -> Iterator[tuple[bool, str]]:
     wild = ranging.outlier_fraction > MOST_OUTLIERS and ranging.outlier_m > 2 * file.ranging.sigma_m
     yield wild, "sim.ranging.outlier_fraction is so large that the pilot takes outliers for noise"
     yield file.ranging.resent or file.ranging.stamp == "arrival", "[ranging] resent or stamp is not the default"
+    yield file.ranging.rate_name is not None, "ranging.rate_name: a measured range rate"
     yield file.vehicle.max_turn_acceleration_deg_s2 is not None, "vehicle.max_turn_acceleration_deg_s2 is set"
     yield file.guidance.radius_trim_per_s > 0, "guidance.radius_trim_per_s is not 0"
     yield file.bounds != type(file.bounds)(), "[bounds] are set"

@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 
+from circnav_mav.emulator.sensor import CHARACTERS
+from circnav_mav.emulator.starting import starting_body
 from circnav_mav.experiments.batch.guidance import Guidance, estimator
 from circnav_mav.experiments.batch.sensors import Radio, Ranging, Reading
 from circnav_mav.experiments.batch.world import Airframe, Surroundings, World
 from circnav_mav.experiments.campaign.plan import Run
 from circnav_mav.guidance.step import StepSettings
 from circnav_mav.mav.frames import YawRate, course_from_yaw, turn_rate_from_yaw_rate
-from sim.sensor import CHARACTERS
-from sim.starting import starting_body
 
 Array = Any
 SAID = {"distance_sensor": (0.01, 0.1594), "ranging_beacon": (1e-3, np.inf), "named_value_float": (np.inf, 0.0)}

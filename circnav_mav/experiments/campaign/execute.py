@@ -5,12 +5,13 @@ import os
 import socket
 from collections import deque
 from collections.abc import Collection, Generator, Sequence
-from contextlib import closing
+from concurrent.futures import Future
+from queue import SimpleQueue
 from typing import Any
 
 from circnav_mav.experiments.campaign.fly import Row, fly_part
 from circnav_mav.experiments.campaign.plan import Campaign
-from circnav_mav.experiments.worker_pool import Job, WorkerDiedError, worked
+from circnav_mav.experiments.worker_pool import Submit, WorkerDiedError, workers
 
 Runs = Sequence[int]
 Chunks = Sequence[Runs]
@@ -23,6 +24,9 @@ SCHEMES = (*GREET, "tls", "ws", "wss")
 MOST_PORT = 65535
 PATIENCE = 5.0
 """Time, s, that a scheduler is given to answer."""
+
+AHEAD = 1000
+"""Jobs that are handed out at once: more than any cluster has workers, and few enough to be remembered."""
 
 
 class ExecutionError(Exception):
@@ -40,23 +44,35 @@ def on_cores(campaign: Campaign, chunks: Chunks, processes: int, done: Done = fr
     if processes == 1:
         yield from _in_turn(campaign, parts)
         return
-    jobs: deque[Job] = deque((fly_wanted, (campaign, chunk, wanted)) for chunk, wanted in parts)
-    if len(jobs) == 1:  # not worth another process; what it leaves to be flown alone is
-        rows, alone = fly_wanted(campaign, *parts[0])
-        jobs = _flights(campaign, alone)
-        yield rows
     try:
-        with closing(worked(jobs, processes)) as results:
-            for rows, alone in results:
-                jobs += _flights(campaign, alone)
-                yield rows
+        with workers(processes) as submit:
+            yield from _gathered(submit, campaign, parts)
     except WorkerDiedError:
         raise ExecutionError("a worker process died (out of memory?): --resume flies what is missing") from None
 
 
-def _flights(campaign: Campaign, numbers: Runs) -> deque[Job]:
-    """A job for each run."""
-    return deque((fly_part, (campaign, [number])) for number in numbers)
+def _in_turn(campaign: Campaign, parts: Sequence[tuple[Runs, Runs]]) -> Rows:
+    """The same one after the other, in this process."""
+    waiting = deque(parts)
+    while waiting:
+        rows, alone = fly_wanted(campaign, *waiting.popleft())
+        waiting.extendleft(([number], [number]) for number in reversed(alone))
+        yield rows
+
+
+def _gathered(submit: Submit, campaign: Campaign, parts: Sequence[tuple[Runs, Runs]]) -> Rows:
+    """The rows of the parts, flown by whoever takes what is submitted; what must be flown alone is a job each."""
+    ready: SimpleQueue[Future[Part]] = SimpleQueue()
+    jobs = deque((fly_wanted, campaign, *part) for part in parts)
+    under_way = 0
+    while jobs or under_way:
+        while jobs and under_way < AHEAD:
+            submit(*jobs.popleft()).add_done_callback(ready.put)
+            under_way += 1
+        rows, alone = ready.get().result()
+        under_way -= 1
+        jobs.extend((fly_wanted, campaign, [number], [number]) for number in alone)
+        yield rows
 
 
 def _parts(chunks: Chunks, done: Done) -> list[tuple[Runs, Runs]]:
@@ -71,15 +87,6 @@ def fly_wanted(campaign: Campaign, chunk: Runs, wanted: Runs) -> Part:
     rows, alone = fly_part(campaign, chunk)
     left = set(wanted)
     return [row for row in rows if row["run"] in left], [number for number in alone if number in left]
-
-
-def _in_turn(campaign: Campaign, parts: Sequence[tuple[Runs, Runs]]) -> Rows:
-    """The same one after the other, in this process."""
-    waiting = deque(parts)
-    while waiting:
-        rows, alone = fly_wanted(campaign, *waiting.popleft())
-        waiting.extendleft(([number], [number]) for number in reversed(alone))
-        yield rows
 
 
 def on_scheduler(campaign: Campaign, chunks: Chunks, address: str, done: Done = frozenset()) -> Rows:
@@ -103,7 +110,13 @@ def on_scheduler(campaign: Campaign, chunks: Chunks, address: str, done: Done = 
     with client:
         if not client.scheduler_info()["workers"]:
             raise ExecutionError(f"--scheduler {address}: has no workers: start some with: dask worker {address}")
-        yield from _gathered(distributed, client, campaign, _parts(chunks, done), address)
+        try:
+            yield from _gathered(client.get_executor(pure=False).submit, campaign, _parts(chunks, done))
+        except Exception as error:
+            said = " ".join(str(error).split())[:200]
+            raise ExecutionError(
+                f"--scheduler {address}: {type(error).__name__}: {said}; --resume flies what is missing"
+            ) from None
 
 
 def _knock(address: str) -> None:
@@ -122,26 +135,3 @@ def _knock(address: str) -> None:
         ) from None
     if not greeted:
         raise ExecutionError(f"--scheduler {address}: whoever answers there is no Dask scheduler")
-
-
-def _gathered(
-    distributed: Any, client: Any, campaign: Campaign, parts: Sequence[tuple[Runs, Runs]], address: str
-) -> Rows:
-    try:
-        shared = client.scatter(campaign, broadcast=True, hash=False)
-        futures = [client.submit(fly_wanted, shared, list(chunk), list(wanted), pure=False) for chunk, wanted in parts]
-        ready = distributed.as_completed(futures, loop=client.loop, with_results=True)
-        for _, part in ready:
-            if isinstance(part, BaseException):  # a scheduler that died in between
-                raise part
-            rows, alone = part
-            for number in alone:
-                ready.add(client.submit(fly_part, shared, [number], pure=False))
-            yield rows
-    except GeneratorExit:
-        raise
-    except Exception as error:
-        said = " ".join(str(error).split())[:200]
-        raise ExecutionError(
-            f"--scheduler {address}: {type(error).__name__}: {said}; --resume flies what is missing"
-        ) from None

@@ -10,7 +10,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from circnav_mav.experiments.campaign.plan import START, Campaign
 from circnav_mav.experiments.campaign.spec import DRAWS, Spec, SpecError, read_spec
-from circnav_mav.mission.load import MissionError, load_mission
+from circnav_mav.mission.load import MissionError, load_mission, read_text, read_toml
+from circnav_mav.mission.problems import in_words
 
 
 class CampaignError(Exception):
@@ -32,19 +33,17 @@ class CampaignFile(BaseModel):
 def load_campaign(path: str | Path, runs: int | None = None) -> Campaign:
     """Read and validate a campaign file; `runs` replaces its number of flights. Raises CampaignError."""
     path = Path(path)
-    text = _text(path)
     try:
-        table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise CampaignError(f"{path}: not valid TOML: {error}") from None
-    except RecursionError:
-        raise CampaignError(f"{path}: not valid TOML: nested too deeply") from None
+        text = read_text(path)
+        table = read_toml(text, str(path))
+    except MissionError as error:
+        raise CampaignError(str(error)) from None
     if "vehicle" in table and "vary" not in table:
         raise CampaignError(f"{path}: is a mission file, fly it with: circnav fly {path}")
     try:
         file = CampaignFile.model_validate(table if runs is None else table | {"runs": runs})
     except ValidationError as error:
-        raise CampaignError(f"{path}: {_first_problem(error)}") from None
+        raise CampaignError(f"{path}: {in_words(error, CampaignFile)}") from None
     mission_path = path.parent / file.mission
     try:
         mission = load_mission(mission_path)
@@ -62,15 +61,6 @@ def load_campaign(path: str | Path, runs: int | None = None) -> Campaign:
         engine=file.engine,
         specs=_specs(file.vary, str(path)),
     )
-
-
-def _text(path: Path) -> str:
-    try:
-        return path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise CampaignError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except UnicodeDecodeError:
-        raise CampaignError(f"{path}: is not a text file in UTF-8") from None
 
 
 def _specs(vary: Mapping[str, Any], where: str) -> dict[str, Spec]:
@@ -106,15 +96,3 @@ def _flat(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any
             yield from _flat(value, f"{before}{key}.")
         else:
             yield before + key, value
-
-
-def _first_problem(error: ValidationError) -> str:
-    problem = min(error.errors(), key=lambda problem: problem["type"] != "extra_forbidden")
-    key, known = ".".join(map(str, problem["loc"])), list(CampaignFile.model_fields)
-    if problem["type"] == "extra_forbidden":
-        near = get_close_matches(key, known, n=1)
-        return f"{key}: unknown key, " + (f"did you mean {near[0]}?" if near else f"known here: {', '.join(known)}")
-    if problem["type"] == "missing":
-        return f"{key}: missing, add it"
-    said = problem["msg"].removeprefix("Input ")
-    return f"{key}: {said[:1].lower()}{said[1:]}, not {problem['input']!r}"

@@ -7,16 +7,16 @@ from typing import Any
 
 import numpy as np
 
+from circnav_mav.emulator.config import RandomStart
+from circnav_mav.emulator.starting import starting_body
 from circnav_mav.experiments.batch.estimators import Truth
 from circnav_mav.experiments.batch.loop import fly
 from circnav_mav.experiments.batch.sensors import NO_NOISE, OwnSenses
 from circnav_mav.experiments.campaign import emulated
-from circnav_mav.experiments.campaign.lockstep import COMPLETED, Lockstep
+from circnav_mav.experiments.campaign.lockstep import COMPLETED, Flight
 from circnav_mav.experiments.campaign.plan import Run
 from circnav_mav.experiments.campaign.track import Track
 from circnav_mav.guidance.types import SAME_TIME
-from sim.config import RandomStart
-from sim.starting import starting_body
 
 Array = Any
 NEVER = 1 << 40
@@ -41,7 +41,7 @@ def opening(run: Run) -> Opening | None:
         target=replace(target, velocity_north_mps=0.0, velocity_east_mps=0.0, acceleration_mps2=0.0),
         ranging=replace(vehicle.ranging, preset="gaussian", noise_m=0.0, outlier_fraction=0.0, dropout_fraction=0.0),
     )
-    flight = Lockstep(replace(run, vehicle=clean))
+    flight = Flight(replace(run, vehicle=clean))
     patience = 2 * run.mission.file.link.wait_s
     heard = None
     while flight.pilot.engaged_at is None and not flight.pilot.done and flight.now < patience:

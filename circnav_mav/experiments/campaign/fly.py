@@ -4,13 +4,13 @@ import traceback
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
+from circnav_mav.emulator.config import ConfigError
 from circnav_mav.experiments.campaign.batchable import group, obstacle
 from circnav_mav.experiments.campaign.figures import failed_row, row
 from circnav_mav.experiments.campaign.flights import fly_batch, time_step
 from circnav_mav.experiments.campaign.lockstep import fly_lockstep
 from circnav_mav.experiments.campaign.plan import Campaign, Run, prepare
 from circnav_mav.mission.load import MissionError
-from sim.config import ConfigError
 
 Row = dict[str, Any]
 BATCH_STEPS = 8_000_000

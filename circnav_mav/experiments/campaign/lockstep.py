@@ -1,44 +1,44 @@
-"""One flight of a campaign as it really is: the pilot and the bundled vehicle in lockstep, MAVLink bytes between them,
-one manual clock, no sockets."""
+"""One flight of a campaign as `fly` flies it: the pilot and the bundled vehicle in lockstep, MAVLink bytes between
+them."""
 
 import numpy as np
 
+from circnav_mav.emulator.vehicle import Truth, Vehicle
 from circnav_mav.experiments.campaign.plan import Run
 from circnav_mav.experiments.campaign.track import Track
-from circnav_mav.pilot import RANGING, VEHICLE, Ending, Pilot, TickRecord
-from sim.vehicle import Truth, Vehicle
+from circnav_mav.pilot import Ending, Pilot, TickRecord
+from circnav_mav.runtime.lockstep import Lockstep
+from circnav_mav.runtime.runner import turn
 
 COMPLETED = "completed"
 EXIT_TIME = 60.0
 """Time, s, beyond the mission's own that a flight may take to wait, engage and give the vehicle back."""
 
 
-class Lockstep:
+class Flight:
     """A flight under way. ticks: those that commanded a turn."""
 
     def __init__(self, run: Run) -> None:
         self.pilot, self.vehicle = Pilot(run.mission.pilot_settings()), Vehicle(run.vehicle)
-        self.now, self.ticks = 0.0, list[TickRecord]()
-        self._links = {"main": VEHICLE} | ({"ranging": RANGING} if self.pilot.settings.ranging_apart else {})
+        self.ticks = list[TickRecord]()
+        self._clock = Lockstep(self.vehicle)
+        self._links = self._clock.links(ranging_apart=self.pilot.settings.ranging_apart)
+
+    @property
+    def now(self) -> float:
+        """Simulated time, s."""
+        return self._clock.now()
 
     def step(self, until: float) -> None:
         """On to the next thing that happens, `until` at the latest."""
-        pilot, vehicle = self.pilot, self.vehicle
-        self.now = max(self.now, min(vehicle.next_event, max(pilot.next_tick, self.now), until))
-        vehicle.advance(self.now)
-        for theirs, ours in self._links.items():
-            for frame in vehicle.outgoing(theirs):
-                pilot.receive(frame, self.now, "sim", ours)
-        out = pilot.step(self.now)
-        if out:
-            vehicle.receive(out)
-        self.ticks += (tick for tick in pilot.take_records() if tick.turn_rate is not None)
-        pilot.take_frames()
+        self._clock.advance(min(self.pilot.next_tick, until))
+        turn(self.pilot, self._links, self._clock, self.now)
+        self.ticks += (tick for tick in self.pilot.take_records() if tick.turn_rate is not None)
 
 
 def fly_lockstep(run: Run) -> Track:
     """Fly one run to its end."""
-    flight = Lockstep(run)
+    flight = Flight(run)
     pilot, timing = flight.pilot, flight.pilot.settings.timing
     start, truths, due = flight.vehicle.truth, list[Truth](), 0.0
     until = timing.duration + timing.wait_link + timing.wait_ranging + timing.outage + EXIT_TIME

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from circnav_mav.emulator.config import ConfigError, VehicleConfig, parse_vehicle
 from circnav_mav.experiments.campaign.spec import Drawn, Grid, Spec
 from circnav_mav.mission.load import MissionError, mission_of
 from circnav_mav.mission.mission import Mission
-from sim.config import ConfigError, VehicleConfig, parse_vehicle
 
 START = {f"start.{name}": f"sim.start.random.{name}" for name in ("range_m", "bearing_deg", "heading_deg")}
 """The start as seen from the target, which the vehicle file only knows as bounds to draw from."""

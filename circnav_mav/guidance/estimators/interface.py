@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Protocol
 
-from circnav_mav.guidance.types import OwnMotion, RangeEstimate, RangeSample
+from circnav_mav.guidance.types import OwnMotion, RangeEstimate, RangeSample, RateSample
 
 
 class Fused(Enum):
@@ -48,7 +48,11 @@ class Estimator(Protocol):
         ...
 
     def observe(self, sample: RangeSample) -> Fused:
-        """Take one sample in, or refuse it."""
+        """Take one sample in, with its range rate where it has one, or refuse it."""
+        ...
+
+    def observe_rate(self, sample: RateSample) -> None:
+        """Take in a measured range rate; it comes at its own times, and counts only beside ranges."""
         ...
 
     def move(self, motion: OwnMotion) -> None:
@@ -59,9 +63,14 @@ class Estimator(Protocol):
         """The estimate predicted to a moment of the local clock; None before the first sample."""
         ...
 
+    def settle(self) -> None:
+        """Do what no estimate of the newest sample needed; called before anything else comes in."""
+        return
+
     def restamp(self) -> None:
-        """The sensor's clock has jumped: stamps before and after are not comparable, times of our clock are."""
-        ...
+        """The sensor's clock has jumped: stamps before and after are not comparable, times of our clock are. Nothing to
+        do for an estimator that goes by our clock."""
+        return
 
     def reset(self) -> None:
         """Forget everything."""

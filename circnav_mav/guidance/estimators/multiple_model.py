@@ -31,6 +31,7 @@ from circnav_mav.guidance.estimators.relative_ekf import (
     Hypotheses,
     Noise,
     R,
+    Rates,
 )
 
 
@@ -82,7 +83,8 @@ FORGOTTEN, REVIVED = -12.0, -6.0
 
 
 class DriftBank:
-    """The banks of B flights that are stepped together. `step` is the only way in; the attributes are what is believed.
+    """The banks of B flights that are stepped together. `step` is the only way in, or
+    its two parts; the attributes are what is believed.
 
     mean (12, B), covariance (12, 12, B), stage, nis, missed, refused, spread (B,): nis of the heaviest hypothesis,
     share of recent misses, whether the last sample was refused, standard deviation of the position over the range
@@ -101,6 +103,10 @@ class DriftBank:
         self.refused = np.zeros(flights, bool)
         self.spread = np.full(flights, np.inf)
         self._since = np.zeros(flights)
+        self._unheard: tuple[Array, Array, Array, Array, Array] | None = None
+        """The newest range (dt, chord, z, sigma, valid) that the search has not taken in."""
+        self._due: tuple[Array, Array] | None = None
+        """Whose search it is time to go on with, (B,), and the deviations of their ranges, m."""
         self._search = RingSearch(settings.search or SearchSettings(settings.speed), flights, known)
         self._tracking = np.zeros(0, int)
         self._tracks = _copies(self.mean[:, :0], self.covariance[..., :0], len(self.noise.white))
@@ -130,30 +136,74 @@ class DriftBank:
         weight[:, self._tracking] = self._tracks.weight
         return Noise(*(part.T @ weight for part in (n.drift_psd, n.gust, n.white, n.drifting, n.nose, n.feels)))
 
-    def step(self, dt: Array, chord: Array, z: Array, sigma: Array, valid: Array, felt: Felt | None = None) -> None:
+    def step(
+        self, dt: Array, chord: Array, z: Array, sigma: Array, valid: Array, felt: Felt | None = None,
+        rates: Rates | None = None,
+    ) -> None:  # fmt: skip
+        """`observe` and `settle`."""
+        self.observe(dt, chord, z, sigma, valid, felt, rates)
+        self.settle()
+
+    def observe(
+        self, dt: Array, chord: Array, z: Array, sigma: Array, valid: Array, felt: Felt | None = None,
+        rates: Rates | None = None,
+    ) -> None:  # fmt: skip
         """Carry flights on by dt (B,) along chord (2, B), and take in their ranges z, sigma where valid (B,). Nothing
-        happens to those whose dt and chord are 0 and whose range is not valid. felt: the accelerations meanwhile."""
+        happens to those whose dt and chord are 0 and whose range is not valid. felt: the accelerations meanwhile.
+        rates: range rates measured now."""
+        self.settle()
         sigma = np.minimum(np.maximum(sigma, LEAST_SIGMA), MOST_SIGMA)
         self._since += dt
-        due = self._search.hear(dt, chord, z, sigma, valid)
-        self._track(dt, chord, z, sigma, valid, felt)
-        self._lose(z, valid)
+        self._track(dt, chord, z, sigma, valid, felt, rates)
+        lost = self._lose()
+        self._since[valid] = 0.0
+        self._unheard = dt, chord, z, sigma, valid
+        if lost or self._tracking.size < self.stage.size:
+            self._hear()  # a vehicle that searches is steered by what its search thinks most of
+
+    def settle(self) -> bool:
+        """Go on with the searches: what no track needs, and no vehicle before its setpoint. Tells whether there were
+        any."""
+        if self._unheard is not None:
+            self._hear()
+        if self._due is None:
+            return False
+        (due, sigma), self._due = self._due, None
         found = self._search.go_on(due, sigma) if due.any() else None
         if found is not None:
             self._start(found, sigma)
         self._tell_favourites()
-        self._since[valid] = 0.0
+        return True
 
-    def _track(self, dt: Array, chord: Array, z: Array, sigma: Array, valid: Array, felt: Felt | None) -> None:
+    def _hear(self) -> None:
+        """Let the search take in the newest range, and begin for those that hear their first one."""
+        assert self._unheard is not None
+        (dt, chord, z, sigma, valid), self._unheard = self._unheard, None
+        due = self._search.hear(dt, chord, z, sigma, valid)
+        begin = np.flatnonzero(valid & (self.stage == Stage.EMPTY))
+        if begin.size:
+            self.stage[begin] = Stage.SEARCH
+            self._search.begin(begin, z[begin])
+        if self._search.at.size:
+            self._due = due, sigma
+            self._tell_favourites()
+
+    def _track(
+        self, dt: Array, chord: Array, z: Array, sigma: Array, valid: Array, felt: Felt | None, rates: Rates | None
+    ) -> None:
         at = self._tracking
         if not at.size:
             return
         theirs = None if felt is None else felt.of(at)
-        h = relative_ekf.predict(self._tracks, self.noise, dt[at], chord[:, at], sigma[at], theirs)
+        h = self._tracks
+        if dt[at].any():  # a rate has the very moment of its range
+            h = relative_ekf.predict(h, self.noise, dt[at], chord[:, at], sigma[at], theirs)
         if valid[at].any():
             h, said = relative_ekf.update(h, self.noise, z[at], sigma[at], valid[at], self.settings.gate)
             heaviest = (h.log_weight.argmax(axis=0), np.arange(at.size))
             self._count(at, said.nis[heaviest], said.taken[heaviest], valid[at])
+        if rates is not None and rates.valid[at].any():
+            h = relative_ekf.update_rate(h, rates.of(at), self.settings.gate)
         mean, covariance = relative_ekf.mixture(h)
         self._believe(at, mean, covariance)
         self._tracks = _revive(h, mean, covariance)
@@ -171,25 +221,25 @@ class DriftBank:
         self.missed[of] += (~taken[valid] - self.missed[of]) * weight
         self.nis[of] = nis[valid]
 
-    def _lose(self, z: Array, valid: Array) -> None:
-        """Send flights back to the ring whose track does not hold, and those that hear their first range."""
+    def _lose(self) -> bool:
+        """Send flights back to the ring whose track does not hold; tells whether there are any."""
+        if not self._tracking.size:
+            return False
         cfg = self.settings
         drift = np.hypot(*relative_ekf.drift(self.mean))
         astray = (self.missed > cfg.missed) | (self.spread > cfg.lost) | (drift > cfg.drift_most * cfg.speed)
         sound = np.isfinite(self.mean.sum(axis=0) + self.covariance.sum(axis=(0, 1)))
         lost = (self.stage == Stage.TRACK) & (astray | ~sound)
-        if lost.any():
-            stay = ~lost[self._tracking]
-            h = self._tracks
-            self._tracks = Hypotheses(h.x[..., stay], h.P[..., stay], h.log_weight[..., stay])
-            self._tracking = self._tracking[stay]
-            self.stage[lost], self.spread[lost] = Stage.EMPTY, np.inf
-            self.mean[:, ~sound], self.covariance[:, :, ~sound] = 0.0, 0.0
-            self._search.forget()
-        begin = np.flatnonzero(valid & (self.stage == Stage.EMPTY))
-        if begin.size:
-            self.stage[begin] = Stage.SEARCH
-            self._search.begin(begin, z[begin])
+        if not lost.any():
+            return False
+        stay = ~lost[self._tracking]
+        h = self._tracks
+        self._tracks = Hypotheses(h.x[..., stay], h.P[..., stay], h.log_weight[..., stay])
+        self._tracking = self._tracking[stay]
+        self.stage[lost], self.spread[lost] = Stage.EMPTY, np.inf
+        self.mean[:, ~sound], self.covariance[:, :, ~sound] = 0.0, 0.0
+        self._search.forget()
+        return True
 
     def _tell_favourites(self) -> None:
         """What a search thinks most of, as the mean."""

@@ -22,6 +22,7 @@ from circnav_mav.guidance.estimators.relative_ekf import (
     KAPPA,
     KAPPA_PSD,
     LEFT,
+    STATES,
     Array,
     axes,
     motion,
@@ -65,7 +66,10 @@ def predict_belief(
     """The belief carried on by dt (s) along an air path (m, at the measured airspeed) to where the vehicle flies with
     that heading (rad) and that measured airspeed (m/s). felt: what was felt meanwhile, see `Knot.felt_since`."""
     x, calm = belief.mean, xp.exp(-dt / GUST_TIME)
-    r, theta, (out, left) = motion(x, dt, chord, xp)
+    r, theta, row = motion(x, dt, chord, xp)
+    out, left = [0.0 * r] * STATES, [0.0 * r] * STATES
+    for state, entry in row:
+        out[state], left[state] = entry.real, entry.imag / r
     n, t = axes(theta, xp)
     air = airspeed * xp.cos(heading), airspeed * xp.sin(heading)
     d = x[DX] + calm * x[GX], x[DY] + calm * x[GY]

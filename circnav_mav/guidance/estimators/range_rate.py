@@ -8,7 +8,7 @@ and variance V^2/2: what -V cos(theta_b) has for a bearing nobody knows.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from math import sqrt
 from types import ModuleType
@@ -21,7 +21,7 @@ from circnav_mav.guidance import floats
 from circnav_mav.guidance.estimators.interface import EstimatorSettings, Fused
 from circnav_mav.guidance.floats import Flag, Number, magnitude
 from circnav_mav.guidance.theory import max_range_acceleration
-from circnav_mav.guidance.types import OwnMotion, RangeEstimate, RangeSample
+from circnav_mav.guidance.types import OwnMotion, RangeEstimate, RangeSample, RateSample
 
 ACCELERATION_SIGMAS = 3.0
 """The physical bound on |r''| is taken as this many standard deviations of the process noise."""
@@ -69,15 +69,20 @@ def carried(P: Covariance, h: Number, q: Number) -> Covariance:
     return rr + 2 * h * rv + h**2 * vv + q * h**4 / 4, rv + h * vv + q * h**3 / 2, vv + q * h**2
 
 
-def fused(P: Covariance, gain_r: Number, gain_v: Number) -> Covariance:
-    """The covariance after a range was taken in with these gains."""
+RANGE, RATE = 0, 1
+"""What was measured: which component of the state."""
+
+
+def fused(P: Covariance, gain_r: Number, gain_v: Number, of: int = RANGE) -> Covariance:
+    """The covariance after a range or a range rate was taken in with these gains."""
     rr, rv, vv = P
-    return rr - gain_r * rr, rv - gain_r * rv, vv - gain_v * rv
+    seen = (rr, rv) if of == RANGE else (rv, vv)
+    return rr - gain_r * seen[0], rv - gain_r * seen[1], vv - gain_v * seen[1]
 
 
 class Filtered(NamedTuple):
-    """A range taken in or not: r (m), r_dot (m/s) and covariance before it and after it; its innovation squared over
-    the variance of that."""
+    """A measurement taken in or not: r (m), r_dot (m/s) and covariance before it and after it; its innovation squared
+    over the variance of that."""
 
     r: Number
     r_dot: Number
@@ -88,35 +93,37 @@ class Filtered(NamedTuple):
     nis: Number
 
 
-def filtered(before: RangeRate, h: Number, q: Number, z: Number, sigma: Number) -> Filtered:
-    """The equations, of floats or arrays (B,): h seconds of an acceleration with variance q, then a range z."""
+def filtered(before: RangeRate, h: Number, q: Number, z: Number, sigma: Number, of: int = RANGE) -> Filtered:
+    """The equations, of floats or arrays (B,): h seconds of an acceleration with variance q, then a range z, or a range
+    rate."""
     P = carried((before.rr, before.rv, before.vv), h, q)
-    S, r = P[0] + sigma**2, before.r + before.r_dot * h
-    gain_r, gain_v, nu = P[0] / S, P[1] / S, z - r
-    after = fused(P, gain_r, gain_v)
+    r = before.r + before.r_dot * h
+    S, nu = P[2 * of] + sigma**2, z - (r if of == RANGE else before.r_dot)
+    gain_r, gain_v = P[of] / S, P[1 + of] / S
+    after = fused(P, gain_r, gain_v, of)
     return Filtered(r, before.r_dot, P, r + gain_r * nu, before.r_dot + gain_v * nu, after, nu**2 / S)
 
 
-def _by_filterpy() -> Callable[[RangeRate, float, float, float, float], Filtered]:
-    """`filtered` by filterpy, which is loaded here: it takes a second, and only a flight needs it."""
+H = np.eye(2)
+
+
+def filtered_by_filterpy(before: RangeRate, h: float, q: float, z: float, sigma: float, of: int = RANGE) -> Filtered:
+    """`filtered` by filterpy. It takes a second to load: a flight does so while it waits for its vehicle."""
     from filterpy.kalman import predict, update
 
-    H = np.array([[1.0, 0.0]])
-
-    def by_filterpy(before: RangeRate, h: float, q: float, z: float, sigma: float) -> Filtered:
-        F, G = np.array([[1.0, h], [0.0, 1.0]]), np.array([[h * h / 2], [h]])
-        x, P = np.array([before.r, before.r_dot]), np.array([[before.rr, before.rv], [before.rv, before.vv]])
-        x, P = predict(x, P, F=F, Q=q * G @ G.T)
-        after_x, P_after, nu, _, S, _ = update(x, P, z, sigma**2, H, return_all=True)
-        nis = float(nu[0]) ** 2 / float(S[0, 0])
-        (r, r_dot), (after_r, after_r_dot) = x.tolist(), after_x.tolist()
-        return Filtered(r, r_dot, _parts(P), after_r, after_r_dot, _parts(P_after), nis)
-
-    return by_filterpy
+    x, P = np.array([before.r, before.r_dot]), np.array([[before.rr, before.rv], [before.rv, before.vv]])
+    g = h * h / 2
+    Q = np.array([[q * g * g, q * g * h], [q * h * g, q * h * h]])
+    x, P = predict(x, P, F=np.array([[1.0, h], [0.0, 1.0]]), Q=Q)
+    after_x, P_after = update(x, P, z, sigma**2, H[of : of + 1])  # all that it could return costs twice as much again
+    (r, r_dot), (after_r, after_r_dot) = x.tolist(), after_x.tolist()
+    nis = (z - (r, r_dot)[of]) ** 2 / (float(P[of, of]) + sigma**2)
+    return Filtered(r, r_dot, _parts(P), after_r, after_r_dot, _parts(P_after), nis)
 
 
 def _parts(P: NDArray[np.float64]) -> Covariance:
-    return float(P[0, 0]), float(P[0, 1]), float(P[1, 1])
+    (rr, rv), (_, vv) = P.tolist()
+    return rr, rv, vv
 
 
 def observe(
@@ -150,18 +157,31 @@ def observe(
     )
 
 
+def observe_rate(
+    before: RangeRate, settings: EstimatorSettings, *, h: Number, z: Number, sigma: Number, xp: ModuleType = floats,
+    filtered: Callable[..., Filtered] = filtered,
+) -> RangeRate:  # fmt: skip
+    """The filter h seconds after the sample before, with a measured range rate z (m/s) of deviation sigma. Outside the
+    gate it is left out: the ranges tell who is wrong. Before the first range nothing of it counts."""
+    f = filtered(before, h, acceleration_variance(settings, before.r, xp), z, sigma, RATE)
+    taken = f.nis <= settings.gate**2
+    rr, rv, vv = (xp.where(taken, new, old) for new, old in zip(f.P_after, f.P, strict=True))
+    r, r_dot = xp.where(taken, f.after_r, f.r), xp.where(taken, f.after_r_dot, f.r_dot)
+    return replace(before, r=r, r_dot=r_dot, rr=rr, rv=rv, vv=vv)
+
+
 class KalmanRangeRate:
     """The filter in flight. The time step is the difference of two sensor stamps: jitter on the way costs nothing."""
 
     def __init__(self, settings: EstimatorSettings) -> None:
-        self._settings, self._filtered = settings, _by_filterpy()
+        self._settings = settings
         self.reset()
 
     def reset(self) -> None:
         """Forget everything."""
         self._state, self._newest, self._fused = RangeRate(), None, Fused.ACCEPTED
 
-    _newest: RangeSample | None
+    _newest: RangeSample | RateSample | None
 
     @property
     def ready(self) -> bool:
@@ -178,12 +198,29 @@ class KalmanRangeRate:
     def observe(self, sample: RangeSample) -> Fused:
         """Take one sample in, or refuse it at the gate. Stamps must rise from call to call."""
         before, newest = self._state, self._newest
-        h = 0.0 if newest is None else sample.stamp - newest.stamp
-        self._state = observe(before, self._settings, h=h, z=sample.r, sigma=sample.sigma, filtered=self._filtered)
+        h = 0.0 if newest is None else max(sample.stamp - newest.stamp, 0.0)  # a rate may have come before its range
+        self._state = observe(
+            before, self._settings, h=h, z=sample.r, sigma=sample.sigma, filtered=filtered_by_filterpy
+        )
         self._newest = sample
+        if sample.rate is not None:
+            self.observe_rate(sample.rate)
         if self._state.refused:
             return Fused.GATED
         return Fused.RESTARTED if before.samples and self._state.samples == 1 else Fused.ACCEPTED
+
+    def settle(self) -> None:
+        """Nothing is left to do."""
+
+    def observe_rate(self, sample: RateSample) -> None:
+        """Take in a range rate, unless it is older than the newest sample."""
+        if self._newest is None or sample.stamp < self._newest.stamp:
+            return
+        h = sample.stamp - self._newest.stamp
+        self._state = observe_rate(
+            self._state, self._settings, h=h, z=sample.r_dot, sigma=sample.sigma, filtered=filtered_by_filterpy
+        )
+        self._newest = sample
 
     def restamp(self) -> None:
         """Start anew: the steps of this filter are those of the sensor's clock."""
@@ -212,16 +249,25 @@ class SteadyState:
 
 
 @lru_cache(maxsize=1024)
-def steady_state(settings: EstimatorSettings, *, r: float, sigma: float, period: float) -> SteadyState:
-    """What the filter settles to after many samples of noise sigma (m) every `period` (s) at range r.
+def steady_state(
+    settings: EstimatorSettings, *, r: float, sigma: float, period: float, rate_sigma: float | None = None
+) -> SteadyState:
+    """What the filter settles to after many samples of noise sigma (m) every `period` (s) at range r. rate_sigma: noise
+    of range rates measured with them, m/s; None: there are none.
 
-    The lag is that of an alpha-beta filter under constant acceleration, T (2 alpha - beta)/(2 beta).
+    The lag is that under constant acceleration: the error e of the state, once it stays the same from sample to sample,
+    e = (I - K H)(F e + G a). Of ranges alone it is that of an alpha-beta filter, T (2 alpha - beta)/(2 beta).
     """
     q = acceleration_variance(settings, r)
     P: Covariance = (sigma**2, 0.0, settings.speed**2 / 2)
-    alpha = beta = 0.0
+    measured = [(RANGE, sigma)] if rate_sigma is None else [(RANGE, sigma), (RATE, rate_sigma)]
+    keeps = np.eye(2)
     for _ in range(STEPS):
-        rr, rv, _ = P = carried(P, period, q)
-        alpha, beta = float(rr / (rr + sigma**2)), float(rv / (rr + sigma**2))
-        P = fused(P, alpha, beta)
-    return SteadyState(float(np.sqrt(P[2])), period * (2 * alpha - beta * period) / (2 * beta * period))
+        P, keeps = carried(P, period, q), np.eye(2)
+        for of, noise in measured:
+            gain = P[of] / (P[2 * of] + noise**2), P[1 + of] / (P[2 * of] + noise**2)
+            P = fused(P, *gain, of)
+            keeps = (np.eye(2) - np.outer(np.array(gain), np.eye(2)[of])) @ keeps
+    F, G = np.array([[1.0, period], [0.0, 1.0]]), np.array([period**2 / 2, period])
+    error = np.linalg.solve(np.eye(2) - keeps @ F, keeps @ G)
+    return SteadyState(float(np.sqrt(P[2])), float(error[1]))

@@ -26,7 +26,8 @@ import numpy as np
 from circnav_mav.guidance.air_path import wrap
 
 Array = Any
-Row = tuple[Array, ...]
+Row = tuple[tuple[int, Array], ...]
+"""Entries of a row of a matrix, by state."""
 R, THETA, DX, DY, KAPPA, B, GX, GY, FORWARD, LEFT, EX, EY = range(12)
 STATES = 12
 BIAS_TIME = 2.0
@@ -46,6 +47,11 @@ FELT_BIAS, FELT_BIAS_PSD = 0.2, 1e-5
 m^2/s^5."""
 OUTLIER_SHARE, OUTLIER_SPREAD = 0.05, 100.0
 """A range may be worthless: with this probability it is anywhere within so many metres."""
+RATE_SPREAD = 10.0
+"""The same of a range rate, m/s."""
+NOSE = 0.1
+"""What a measured range rate tells of the drift is so uncertain, in V, where accelerations are not felt: noise of
+heading and airspeed is a fifth of it, the rest keeps the filter consistent in gusts (NEES 2.4; with it alone 10)."""
 WEIGHT_MEMORY = 20.0
 """Time, s, after which the evidence for a hypothesis counts 1/e."""
 
@@ -86,6 +92,21 @@ class Felt:
 
 
 @dataclass(frozen=True, slots=True)
+class Rates:
+    """Measured range rates of B flights, arrays (B,): r_dot and its sigma, m/s, where valid. air (2, B): V u(psi) of
+    that moment at the measured airspeed, m/s."""
+
+    r_dot: Array
+    sigma: Array
+    valid: Array
+    air: Array
+
+    def of(self, flights: Any) -> "Rates":
+        """Some of the flights."""
+        return Rates(self.r_dot[flights], self.sigma[flights], self.valid[flights], self.air[:, flights])
+
+
+@dataclass(frozen=True, slots=True)
 class Hypotheses:
     """M filters for each of B flights: x (12, M, B), P (12, 12, M, B), log_weight (M, B) with maximum 0 per flight."""
 
@@ -96,7 +117,7 @@ class Hypotheses:
     @property
     def weight(self) -> Array:
         """Probabilities of the hypotheses, shape (M, B)."""
-        weight = np.exp(self.log_weight - self.log_weight.max(axis=0))
+        weight = np.exp(self.log_weight)
         return weight / weight.sum(axis=0)
 
 
@@ -111,25 +132,34 @@ class Innovation:
 def predict(h: Hypotheses, noise: Noise, dt: Array, chord: Array, sigma: Array, felt: Felt | None = None) -> Hypotheses:
     """Carry on by dt (B,), in s, along air paths whose chords are (2, B), in m at the measured airspeed; felt: where
     the acceleration was measured meanwhile."""
-    x, keep = h.x.copy(), kept(dt)[:, None]
-    x[R], x[THETA], rows = motion(h.x, dt, chord)
-    x[B:] *= keep[B:]
-    F: Array = np.array(rows)
-    moved = np.einsum("ik...,kj...->ij...", F, h.P)
-    place = np.einsum("ik...,jk...->ij...", moved, F)
-    place[1, 0] = place[0, 1]
-    steady, gusty = steps(noise.drift_psd, noise.gust, dt)
+    keep, x, P = kept(dt)[:, None], h.x, h.P
+    r, theta, row = motion(x, dt, chord)
+    place = np.zeros(x.shape, complex)
+    for state, entry in row:
+        place[state] = entry
+    # rows of range and direction after the step, and of what is felt of it, by the states before
+    rows = np.empty((2 if felt is None else 4, *x.shape))
+    rows[0], rows[1] = place.real, place.imag / r
+    lever = np.zeros((len(rows), 2, *x.shape[1:]))  # what noise of each axis does to them, meanwhile
+    lever[:2] = rows[:2, DX:KAPPA] / 2
+    if felt is not None:
+        rows[2:] = _felt_rows(felt, keep)
+        lever[2, 0] = lever[3, 1] = 1.0
+    moved = np.einsum("ik...,kj...->ij...", rows, P)
+    near = np.einsum("ik...,jk...->ij...", moved, rows)
     moved *= keep
-    moved[:, DX:KAPPA] += F[:, DX:KAPPA] * (steady / 2)
-    moved[:, GX:FORWARD] += F[:, GX:FORWARD] * (gusty / 2)
+    steady, gusty = steps(noise.drift_psd, noise.gust, dt)
     fresh = 0.0 if felt is None else (dt > 0) * noise.nose**2
-    moved[:, EX:] += F[:, EX:] * fresh
+    for first, q in (DX, steady), (GX, gusty), (EX, fresh):
+        moved[:, first : first + 2] += lever * q
     wander = wandered(steady, gusty, dt) + fresh * (dt / 2) ** 2
-    place[0, 0] += wander
-    place[1, 1] += wander / x[R] ** 2
-    P = h.P * (keep[:, None] * keep)
-    P[:2], P[:, :2] = moved, np.swapaxes(moved, 0, 1)
-    P[:2, :2] = place
+    near[0, 0] += wander
+    near[1, 1] += wander / r**2
+    near[1, 0] = near[0, 1]
+    x, P = x * keep, P * (keep[:, None] * keep)
+    x[R], x[THETA] = r, theta
+    P[:2], P[:, :2] = moved[:2], np.swapaxes(moved[:2], 0, 1)
+    P[:2, :2] = near[:2, :2]
     drifting = (1 - keep[B] ** 2) * (noise.drifting * sigma) ** 2
     bias = FELT_BIAS_PSD * dt
     for i, q in (
@@ -137,78 +167,80 @@ def predict(h: Hypotheses, noise: Noise, dt: Array, chord: Array, sigma: Array, 
         (FORWARD, bias), (LEFT, bias), (EX, fresh), (EY, fresh),
     ):  # fmt: skip
         P[i, i] += q
-    after = Hypotheses(x, P, h.log_weight * np.exp(-dt / WEIGHT_MEMORY))
-    return after if felt is None else _felt(h, after, F, noise, dt, felt)
+    if felt is not None:
+        all_ = steady + gusty + fresh
+        moved[2:, :2] = near[2:, :2] + np.swapaxes(lever[:2], 0, 1) * all_
+        felt_noise = all_ + FELT_PSD * dt
+        expected = felt.air[:, None] * h.x[KAPPA] + (rows[2:, GX:] * h.x[GX:]).sum(axis=1)
+        _correct(x, P, noise.feels, moved[2:], near[2:, 2:], felt_noise, felt.change[:, None] - expected)
+    return Hypotheses(x, P, h.log_weight * np.exp(-dt / WEIGHT_MEMORY))
 
 
-def _felt(h: Hypotheses, after: Hypotheses, F: Array, noise: Noise, dt: Array, felt: Felt) -> Hypotheses:
-    """The prediction corrected by the measured acceleration, a measurement of kappa, g and the noise of the step:
+def _felt_rows(felt: Felt, keep: Array) -> Array:
+    """The measured change of velocity by the states before the step, (2, 12, 1, B):
 
     change = kappa air + (g + d) after - (g + d) before + (f, l) turned by the nose + white noise
     """
-    keep = kept(dt)[:, None]
-    steady, gusty = steps(noise.drift_psd, noise.gust, dt)
-    (c, s), fades = felt.nose, keep[GX] - 1
+    c, s = felt.nose
+    rows = np.zeros((2, STATES, 1, c.size))
     # kappa is learnt from the turn that the gyros tell: noise of the nose in `air` would drag it down
-    turned = -felt.across * s, felt.across * c
-    rows = (
-        ((KAPPA, turned[0]), (GX, fades), (FORWARD, c), (LEFT, -s), (EX, -1.0)),
-        ((KAPPA, turned[1]), (GY, fades), (FORWARD, s), (LEFT, c), (EY, -1.0)),
-    )
-    nu = [
-        felt.change[i] - h.x[KAPPA] * felt.air[i] - sum(of * h.x[state] for state, of in row[1:])
-        for i, row in enumerate(rows)
-    ]
-    seen = [sum(of * h.P[:, state] for state, of in row) for row in rows]
-    S = [[sum(of * seen[j][state] for state, of in rows[i]) for j in (0, 1)] for i in (0, 1)]
-    fresh = (dt > 0) * noise.nose**2
-    more = steady + gusty + fresh + FELT_PSD * dt
-    C = []
-    for i in (0, 1):
-        crossed = keep * seen[i]
-        crossed[:2] = (F * seen[i]).sum(axis=1) + F[:, DX + i] * ((steady + gusty) / 2) + F[:, EX + i] * fresh
-        crossed[DX + i] += steady
-        crossed[GX + i] += gusty
-        crossed[EX + i] += fresh
-        C.append(crossed)
+    rows[0, KAPPA], rows[1, KAPPA] = -felt.across * s, felt.across * c
+    rows[0, GX] = rows[1, GY] = keep[GX] - 1
+    rows[0, FORWARD] = rows[1, LEFT] = c
+    rows[0, LEFT], rows[1, FORWARD] = -s, s
+    rows[0, EX] = rows[1, EY] = -1.0
+    return rows
+
+
+def _correct(x: Array, P: Array, feels: Array, C: Array, S: Array, noise: Array, nu: Array) -> None:
+    """Correct x and P in their place by two measurements with covariances C (2, 12, M, B) with the state, S (2, 2, M,
+    B) and `noise` (M, B) of each, and innovations nu (2, M, B), where they count (`feels`)."""
     # the 2 x 2 system by its Cholesky factor: what is symmetric stays so
-    a = np.sqrt(S[0][0] + more)
-    b = S[0][1] / a
-    e = np.sqrt(np.maximum(S[1][1] + more - b * b, 1e-12))
-    first = noise.feels * C[0] / a
-    second = noise.feels * (C[1] - b * C[0] / a) / e
-    x = after.x + first * (nu[0] / a) + second * ((nu[1] - b * nu[0] / a) / e)
-    P = after.P - first[:, None] * first[None, :] - second[:, None] * second[None, :]
+    a = np.sqrt(S[0, 0] + noise)
+    b = S[0, 1] / a
+    e = np.sqrt(np.maximum(S[1, 1] + noise - b * b, 1e-12))
+    gain = C / a
+    gain[1] = (C[1] - b * gain[0]) / e
+    gain *= feels
+    first = nu[0] / a
+    x += gain[0] * first + gain[1] * ((nu[1] - b * first) / e)
+    P -= np.einsum("ki...,kj...->ij...", gain, gain)
+    _within_bounds(x)
+
+
+def _within_bounds(x: Array) -> None:
     np.maximum(x[R], CLOSEST, out=x[R])
-    np.clip(x[KAPPA], *KAPPA_RANGE, out=x[KAPPA])
-    return Hypotheses(x, P, after.log_weight)
+    least, most = KAPPA_RANGE
+    np.minimum(np.maximum(x[KAPPA], least), most, out=x[KAPPA])
 
 
-def motion(x: Any, dt: Array, chord: Any, xp: Any = np) -> tuple[Array, Array, tuple[Row, Row]]:
-    """Range and direction after dt along a chord, and their rows of the Jacobian: what an error of each state does.
+def motion(x: Any, dt: Array, chord: Any, xp: Any = np) -> tuple[Array, Array, Row]:
+    """Range and direction after dt along a chord, and their row of the Jacobian: what an error of each state does to
+    the range, and, as the imaginary part, to the direction times the range. States that do nothing are left out.
 
     The other states are multiplied by `kept`. x: by state, arrays or floats. xp: numpy, or `floats` for one flight.
+    East and north are the parts of complex numbers, and conj(u) turns them to along and across the line of sight u.
     """
-    c, s = xp.cos(x[THETA]), xp.sin(x[THETA])
-    half = dt / 2
-    east = x[KAPPA] * chord[0] + (x[DX] + x[GX]) * dt + x[EX] * half
-    north = x[KAPPA] * chord[1] + (x[DY] + x[GY]) * dt + x[EY] * half
-    along, across = x[R] + c * east + s * north, c * north - s * east
-    r, turn = xp.maximum(xp.hypot(along, across), CLOSEST), xp.arctan2(across, along)
-    theta = x[THETA] + turn
-    n, t = axes(theta, xp)
-    c, s, none = xp.cos(turn), xp.sin(turn), 0.0 * r
-    along, aside = n[0] * chord[0] + n[1] * chord[1], t[0] * chord[0] + t[1] * chord[1]
-    out = c, x[R] * s, n[0] * dt, n[1] * dt, along, none, n[0] * dt, n[1] * dt, none, none, n[0] * half, n[1] * half
-    left = -s, x[R] * c, t[0] * dt, t[1] * dt, aside, none, t[0] * dt, t[1] * dt, none, none, t[0] * half, t[1] * half
-    return r, theta, (out, tuple(entry / r for entry in left))
+    towards, path = xp.cos(x[THETA]) - 1j * xp.sin(x[THETA]), chord[0] + 1j * chord[1]
+    drifts = x[DX] + x[GX] + x[EX] / 2 + 1j * (x[DY] + x[GY] + x[EY] / 2)
+    seen = x[R] + (x[KAPPA] * path + drifts * dt) * towards
+    turn = xp.arctan2(seen.imag, seen.real)
+    turned = xp.cos(turn) - 1j * xp.sin(turn)
+    after = towards * turned
+    east = after * dt
+    north = 1j * east
+    row = (
+        (R, turned), (THETA, 1j * x[R] * turned), (DX, east), (DY, north), (KAPPA, after * path), (GX, east),
+        (GY, north), (EX, east / 2), (EY, north / 2),
+    )  # fmt: skip
+    return xp.maximum(abs(seen), CLOSEST), x[THETA] + turn, row
 
 
 def kept(dt: Array) -> Array:
     """What is left of each state but range and direction after dt (B,), (12, B)."""
-    fade, calm, all_ = np.exp(-dt / BIAS_TIME), np.exp(-dt / GUST_TIME), np.ones_like(dt)
-    still = np.where(dt > 0, 0.0, 1.0)
-    return np.array([all_, all_, all_, all_, all_, fade, calm, calm, all_, all_, still, still])
+    keep = np.ones((STATES, dt.size))
+    keep[B], keep[GX:FORWARD], keep[EX:] = np.exp(-dt / BIAS_TIME), np.exp(-dt / GUST_TIME), dt <= 0
+    return keep
 
 
 def steps(drift_psd: Array, gust: Array, dt: Array, xp: Any = np) -> tuple[Array, Array]:
@@ -227,17 +259,37 @@ def update(
     """Take in one range per flight, z and sigma (B,), where valid (B,); per hypothesis refuse it outside the gate."""
     PH = h.P[:, R] + h.P[:, B]
     S = np.maximum(PH[R] + PH[B], 0.0) + (noise.white * sigma) ** 2
-    nu = z - h.x[R] - h.x[B]
+    return _fused(h, PH, z - h.x[R] - h.x[B], S, valid, gate, OUTLIER_SPREAD)
+
+
+def update_rate(h: Hypotheses, rates: Rates, gate: float) -> Hypotheses:
+    """Take in a range rate per flight: z = n.(kappa V u(psi) + d + g + e) + white noise, n the unit vector of p."""
+    n, t = axes(h.x[THETA])
+    vx, vy = (h.x[KAPPA] * air + d for air, d in zip(rates.air, drift(h.x), strict=True))
+    along, across = n[0] * vx + n[1] * vy, t[0] * vx + t[1] * vy
+    ahead = n[0] * rates.air[0] + n[1] * rates.air[1]
+    H = ((THETA, across), (KAPPA, ahead), *((x, n[0]) for x in (DX, GX, EX)), *((y, n[1]) for y in (DY, GY, EY)))
+    PH = sum(of * h.P[:, state] for state, of in H)
+    # where accelerations are felt, noise of the nose is a state, e
+    nose = np.where(h.P[EX, EX] > 0, 0.0, NOSE * np.hypot(*rates.air)) ** 2
+    S = np.maximum(sum(of * PH[state] for state, of in H), 0.0) + rates.sigma**2 + nose
+    return _fused(h, PH, rates.r_dot - along, S, rates.valid, gate, RATE_SPREAD)[0]
+
+
+def _fused(
+    h: Hypotheses, PH: Array, nu: Array, S: Array, valid: Array, gate: float, spread: float
+) -> tuple[Hypotheses, Innovation]:
+    """After a measurement with innovation nu of variance S; PH: covariance of the states with it. spread: an outlier is
+    anywhere within."""
     nis = nu**2 / S
     taken = valid & (nis < gate**2)
     share = taken / S
     x = h.x + PH * (share * nu)
-    np.maximum(x[R], CLOSEST, out=x[R])
-    np.clip(x[KAPPA], *KAPPA_RANGE, out=x[KAPPA])
+    _within_bounds(x)
     learnt = PH * np.sqrt(share)  # K S K' as a product with itself: what is symmetric stays so, to the last bit
     P = h.P - learnt[:, None] * learnt[None, :]
     fits = (1 - OUTLIER_SHARE) * np.exp(-0.5 * np.minimum(nis, 1e3)) / np.sqrt(2 * np.pi * S)
-    log_weight = h.log_weight + np.where(valid, np.log(fits + OUTLIER_SHARE / OUTLIER_SPREAD), 0.0)
+    log_weight = h.log_weight + np.where(valid, np.log(fits + OUTLIER_SHARE / spread), 0.0)
     return Hypotheses(x, P, log_weight - log_weight.max(axis=0)), Innovation(nis, taken)
 
 
@@ -255,9 +307,9 @@ def mixture(h: Hypotheses) -> tuple[Array, Array]:
     heaviest = h.x[THETA, h.log_weight.argmax(axis=0), np.arange(w.shape[1])]
     x = h.x.copy()
     x[THETA] = heaviest + wrap(x[THETA] - heaviest)
-    mean = (w * x).sum(axis=1)
-    apart = x - mean[:, None]
-    return mean, (w * (h.P + apart[:, None] * apart[None, :])).sum(axis=2)
+    mean = np.einsum("mb,imb->ib", w, x)
+    apart = (x - mean[:, None]) * np.sqrt(w)
+    return mean, np.einsum("mb,ijmb->ijb", w, h.P) + np.einsum("imb,jmb->ijb", apart, apart)
 
 
 def polar(p: Array, P: Array) -> tuple[Array, Array]:

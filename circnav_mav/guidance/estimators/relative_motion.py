@@ -8,12 +8,12 @@ import numpy as np
 from circnav_mav.guidance.estimators.acquisition import SearchSettings
 from circnav_mav.guidance.estimators.acquisition_window import Prior
 from circnav_mav.guidance.estimators.dead_reckoning import Knot, OwnPath
-from circnav_mav.guidance.estimators.interface import EstimatorSettings, Fused
+from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings, Fused
 from circnav_mav.guidance.estimators.multiple_model import BankSettings, DriftBank, Stage
 from circnav_mav.guidance.estimators.prediction import Belief, Prediction, predict_belief
 from circnav_mav.guidance.estimators.range_rate import KalmanRangeRate
-from circnav_mav.guidance.estimators.relative_ekf import KAPPA, Array, Felt, drift
-from circnav_mav.guidance.types import OwnMotion, RangeEstimate, RangeSample, RelativeMotion
+from circnav_mav.guidance.estimators.relative_ekf import KAPPA, Array, Felt, Rates, drift
+from circnav_mav.guidance.types import OwnMotion, RangeEstimate, RangeSample, RateSample, RelativeMotion
 
 GAP = 20.0
 """After a longer time without ranges, s, the bank starts anew."""
@@ -23,7 +23,7 @@ REMEMBERED, FORGOTTEN = 0.03, 1e-3
 """Standard deviation of that drift, in V, and how its variance grows, m^2/s^3."""
 
 
-class DriftEstimator:
+class DriftEstimator(Estimator):
     """Range, heading, turn rate and airspeed in; position relative to the target and drift out.
 
     Needs own motion that covers the moments of the ranges; without it, it is not ready. Samples that come late, twice
@@ -42,6 +42,7 @@ class DriftEstimator:
         self._note_belief()
         self._path = OwnPath()
         self._used: Knot | None = None
+        self._range_at = float("-inf")
         self._sigma = 1.0
         self._astray = False
         self._lately: _Memory | None = None
@@ -57,8 +58,10 @@ class DriftEstimator:
         """Normalised innovation squared of the newest sample; None while searching."""
         return None if np.isnan(self.bank.nis[0]) else float(self.bank.nis[0])
 
-    def restamp(self) -> None:
-        """Goes by our clock: nothing to do."""
+    def settle(self) -> None:
+        """Go on with the search; what it has found counts from the next estimate on."""
+        if self.bank.settle():
+            self._note_belief()
 
     def move(self, motion: OwnMotion) -> None:
         """Take in own motion."""
@@ -73,20 +76,32 @@ class DriftEstimator:
         if before is not None and (knot.piece != before.piece or sample.time - before.motion.time > GAP):
             self._restart(sample.time)
             before = None
-        dt = 0.0 if before is None else sample.time - before.motion.time
-        if before is not None and dt <= 0:
+        if before is not None and (sample.time <= self._range_at or sample.time < before.motion.time):
             return Fused.GATED
-        was = self.bank.stage[0]
-        felt = None if before is None else knot.felt_since(before)
-        change, air, nose = (None,) * 3 if felt is None else (np.array(part)[:, None] for part in felt[:3])
-        of = None if felt is None else Felt(change, air, nose, np.array([felt.across]))
-        self.bank.step(np.array([dt]), _chord(before or knot, knot), *_arrays(sample), of)
+        was, self._range_at = self.bank.stage[0], sample.time
+        self.bank.observe(*_step(before or knot, knot), *_arrays(sample), _felt(before, knot))
         self._used, self._sigma, self._astray = knot, sample.sigma, False
         self._note_belief()
         self._remember(sample.time)
+        if sample.rate is not None:
+            self.observe_rate(sample.rate)
         if was == Stage.TRACK and self.bank.stage[0] != Stage.TRACK:
             return Fused.RESTARTED
         return Fused.GATED if self.bank.refused[0] else Fused.ACCEPTED
+
+    def observe_rate(self, sample: RateSample) -> None:
+        """Take in a range rate, unless it is older than the newest sample. A search goes by ranges alone."""
+        knot, before = self._path.at(sample.time), self._used
+        known = knot is not None and before is not None and knot.piece == before.piece
+        if knot is None or before is None or not known or sample.time < before.motion.time:
+            return
+        nothing, V, psi = np.zeros(1), knot.motion.airspeed, knot.motion.heading
+        air = V * np.array([[np.cos(psi)], [np.sin(psi)]])
+        rates = Rates(np.array([sample.r_dot]), np.array([sample.sigma]), np.array([True]), air)
+        ranges = nothing, nothing + self._sigma, nothing > 0
+        self.bank.step(*_step(before, knot), *ranges, _felt(before, knot), rates)
+        self._used = knot
+        self._note_belief()
 
     def at(self, time: float) -> RangeEstimate | None:
         """The estimate predicted to a moment of the local clock; None while nothing is known."""
@@ -170,7 +185,17 @@ class AutoEstimator:
     """`auto`: range and range rate by `kalman` from the first samples on, everything by `drift` once it is trusted."""
 
     def __init__(self, settings: EstimatorSettings) -> None:
-        self.kalman, self.drift = KalmanRangeRate(settings), DriftEstimator(settings)
+        self._kalman, self.drift = KalmanRangeRate(settings), DriftEstimator(settings)
+        self._waiting: RangeSample | None = None
+        """A sample that `kalman` has not taken in: while `drift` steers, nobody asks it before the setpoint."""
+
+    @property
+    def kalman(self) -> KalmanRangeRate:
+        """`kalman`, with the newest sample."""
+        sample, self._waiting = self._waiting, None
+        if sample is not None:
+            self._kalman.observe(sample)
+        return self._kalman
 
     def reset(self) -> None:
         """Forget everything."""
@@ -180,7 +205,7 @@ class AutoEstimator:
     @property
     def ready(self) -> bool:
         """Whether either may steer."""
-        return self.kalman.ready or self.drift.ready
+        return self.drift.ready or self.kalman.ready
 
     @property
     def nis(self) -> float | None:
@@ -197,8 +222,21 @@ class AutoEstimator:
 
     def observe(self, sample: RangeSample) -> Fused:
         """Take one sample in; refused is what fits neither, for a bank that has lost its place refuses the truth."""
-        by_drift, by_range = self.drift.observe(sample), self.kalman.observe(sample)
-        return by_range if by_drift is Fused.GATED or not self.drift.ready else by_drift
+        by_drift, kalman = self.drift.observe(sample), self.kalman
+        if by_drift is Fused.GATED or not self.drift.ready:
+            return kalman.observe(sample)
+        self._waiting = sample
+        return by_drift
+
+    def settle(self) -> None:
+        """Let both take in all that they have not."""
+        self.drift.settle()
+        _ = self.kalman
+
+    def observe_rate(self, sample: RateSample) -> None:
+        """Take in a range rate."""
+        self.drift.observe_rate(sample)
+        self.kalman.observe_rate(sample)
 
     def at(self, time: float) -> RangeEstimate | None:
         """The estimate predicted to a moment; with the relative motion, trusted or on trial, wherever there is one."""
@@ -214,8 +252,19 @@ class AutoEstimator:
         )  # fmt: skip
 
 
-def _chord(before: Knot, after: Knot) -> Array:
-    return np.array([[after.x - before.x], [after.y - before.y]])
+def _step(before: Knot, after: Knot) -> tuple[Array, Array]:
+    """Time and path from one knot to the next."""
+    dt = max(after.motion.time - before.motion.time, 0.0)
+    return np.array([dt]), np.array([[after.x - before.x], [after.y - before.y]])
+
+
+def _felt(before: Knot | None, after: Knot) -> Felt | None:
+    """What was felt meanwhile."""
+    felt = None if before is None else after.felt_since(before)
+    if felt is None:
+        return None
+    change, air, nose = (np.array(part)[:, None] for part in felt[:3])
+    return Felt(change, air, nose, np.array([felt.across]))
 
 
 def _arrays(sample: RangeSample) -> tuple[Array, Array, Array]:

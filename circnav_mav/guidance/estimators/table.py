@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings
+from circnav_mav.guidance.estimators.measured import Measured
 from circnav_mav.guidance.estimators.range_rate import KalmanRangeRate
 from circnav_mav.guidance.estimators.relative_motion import AutoEstimator, DriftEstimator
 from circnav_mav.guidance.estimators.unicycle import UnicycleEstimator
@@ -12,6 +13,7 @@ ESTIMATORS: dict[str, Callable[[EstimatorSettings], Estimator]] = {
     "unicycle": UnicycleEstimator,
     "drift": DriftEstimator,
     "auto": AutoEstimator,
+    "measured": Measured,
 }
 
 

@@ -14,8 +14,8 @@ import numpy as np
 
 from circnav_mav.guidance.air_path import wrap
 from circnav_mav.guidance.estimators.dead_reckoning import Knot, OwnPath
-from circnav_mav.guidance.estimators.interface import EstimatorSettings, Fused
-from circnav_mav.guidance.types import OwnMotion, RangeEstimate, RangeSample
+from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings, Fused
+from circnav_mav.guidance.types import OwnMotion, RangeEstimate, RangeSample, RateSample
 
 Array = Any
 POSITION_PSD, ANGLE_PSD = 0.05**2, 0.03**2
@@ -106,7 +106,7 @@ class UnicycleFilter:
         self.refused[who], self.samples[who] = 0, 1
 
 
-class UnicycleEstimator:
+class UnicycleEstimator(Estimator):
     """The filter in flight. Needs own motion that covers the moments of the ranges; without it, it is not ready."""
 
     def __init__(self, settings: EstimatorSettings) -> None:
@@ -119,6 +119,7 @@ class UnicycleEstimator:
         self.filter = UnicycleFilter(self._settings.gate)
         self._path = OwnPath()
         self._used: Knot | None = None
+        self._range_at = float("-inf")
 
     @property
     def ready(self) -> bool:
@@ -130,9 +131,6 @@ class UnicycleEstimator:
     def nis(self) -> float | None:
         """Normalised innovation squared of the newest sample; None before the first."""
         return None if np.isnan(self.filter.nis[0]) else float(self.filter.nis[0])
-
-    def restamp(self) -> None:
-        """Goes by our clock: nothing to do."""
 
     def move(self, motion: OwnMotion) -> None:
         """Take in own motion."""
@@ -146,19 +144,29 @@ class UnicycleEstimator:
         if before is not None and (knot.piece != before.piece or self._bent(before, knot)):
             self.filter, before = UnicycleFilter(self._settings.gate), None
         if before is not None:
-            if sample.time <= before.motion.time:
+            if sample.time <= self._range_at:
                 return Fused.GATED
             self._carry(self.filter, before, knot)
+        self._range_at = sample.time
         started = self.filter.samples[0]
         one, sigma = np.array([True]), np.array([sample.sigma])
         self.filter.update(np.array([sample.r]), sigma, one)
-        if sample.r_dot is not None:
-            V = np.array([knot.motion.airspeed])
-            self.filter.update_rate(np.array([sample.r_dot]), np.array([sample.r_dot_sigma]), V, one)
         self._used = knot
+        if sample.rate is not None:
+            self.observe_rate(sample.rate)
         if started and self.filter.samples[0] == 1:
             return Fused.RESTARTED
         return Fused.GATED if self.filter.refused[0] else Fused.ACCEPTED
+
+    def observe_rate(self, sample: RateSample) -> None:
+        """Take in a range rate, unless it is older than the newest sample."""
+        knot, before = self._path.at(sample.time), self._used
+        if knot is None or before is None or knot.piece != before.piece or sample.time < before.motion.time:
+            return
+        self._carry(self.filter, before, knot)
+        V, one = np.array([knot.motion.airspeed]), np.array([True])
+        self.filter.update_rate(np.array([sample.r_dot]), np.array([sample.sigma]), V, one)
+        self._used = knot
 
     def at(self, time: float) -> RangeEstimate | None:
         """The estimate predicted to a moment of the local clock; None while nothing is known."""

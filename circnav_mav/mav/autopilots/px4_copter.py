@@ -3,7 +3,7 @@
 from circnav_mav.guidance.velocity_loop import VelocityLoop
 from circnav_mav.mav.autopilots.parameters import at_least, rule, velocity_limit
 from circnav_mav.mav.autopilots.px4 import OFFBOARD_RULES, PX4Vehicle
-from circnav_mav.mav.autopilots.targets import COPTER_TYPES, VELOCITY_AND_YAW_RATE, Addressee, body_velocity
+from circnav_mav.mav.autopilots.targets import COPTER_TYPES, Addressee, body_velocity
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.setpoint_guard import Steer
 
@@ -17,20 +17,21 @@ _yaw_rate_limit = at_least(
 class PX4Copter(PX4Vehicle):
     """OFFBOARD (6): body velocity and yaw rate, height held by us through the climb rate.
 
-    SET_POSITION_TARGET_LOCAL_NED, frame BODY_NED (8; 7, 9, 12 and 20 are dropped), mask 0x5C7: all three velocities
-    must be used, masking one of them makes the setpoint invalid. vz = 0 does not hold height (it wandered 15 m), so
-    vz = gain (altitude - wanted), down positive. Turn rate true to 1 %, the ground speed droops and the course lags the
-    nose by 10 .. 40 degrees. Without setpoints for COM_OF_LOSS_T (1 s): failsafe, RTL without RC.
+    SET_POSITION_TARGET_LOCAL_NED, frame BODY_NED (8; 7, 9, 12 and 20 are dropped), mask 0x407: all three velocities and
+    accelerations must be used, masking one of them masks its kind. The acceleration is fed forward: without it the
+    ground speed droops and the course lags the nose by 10 .. 40 degrees (guidance.velocity_loop). vz = 0 does not hold
+    height (it wandered 15 m), so vz = gain (altitude - wanted), down positive. Turn rate true to 1 %. Without setpoints
+    for COM_OF_LOSS_T (1 s): failsafe, RTL without RC.
     """
 
-    MASK = VELOCITY_AND_YAW_RATE
+    MASK = 0x407
     name = "px4 copter"
     bundled = ("px4_copter",)
     vehicle_types = COPTER_TYPES
     shapes = frozenset({("SET_POSITION_TARGET_LOCAL_NED", MASK)})
     needs = frozenset({"altitude"})
     ground_speed_sigma = 0.05  # a drag that only the flight tells takes some of it
-    velocity_loop = VelocityLoop(proportional=1.8, integral=0.4)  # MPC_XY_VEL_P_ACC, MPC_XY_VEL_I_ACC as they come
+    velocity_loop = VelocityLoop(proportional=1.8, integral=0.4, derivative=0.2)  # MPC_XY_VEL_P_ACC, _I_, _D_
     parameters = (
         *OFFBOARD_RULES,
         rule("MC_YAWRATE_MAX", _yaw_rate_limit),
@@ -38,7 +39,7 @@ class PX4Copter(PX4Vehicle):
     )
 
     def setpoint(self, steer: Steer, to: Addressee, now: float) -> Message:
-        """Forward speed and yaw rate at the height to hold."""
+        """Forward speed and yaw rate at the height to hold, and the acceleration that both need."""
         return self._target(steer.speed, steer.yaw_rate, to, now)
 
     def safe_setpoint(self, to: Addressee, now: float) -> Message:
@@ -46,7 +47,10 @@ class PX4Copter(PX4Vehicle):
         return self._target(0.0, 0.0, to, now)
 
     def _target(self, forward: float, yaw_rate: float, to: Addressee, now: float) -> Message:
-        return body_velocity(self.MASK, to, now, forward=forward, down=self._down(to), yaw_rate=yaw_rate)
+        push, right = self.velocity_loop.fed(forward, yaw_rate, to.drag)
+        return body_velocity(
+            self.MASK, to, now, forward=forward, down=self._down(to), yaw_rate=yaw_rate, push=push, right=right
+        )
 
     def _down(self, to: Addressee) -> float:
         """Descent rate that returns to the height to hold, m/s; 0 when one of the two heights is not known."""

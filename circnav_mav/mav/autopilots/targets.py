@@ -33,13 +33,14 @@ class Addressee:
     """Whom a setpoint is for, and what may be used beside the command.
 
     target_system, target_component: its ids. motion: what is known of the vehicle's own motion. height: altitude to
-    hold, m above sea level, None when the vehicle holds it or nothing is known.
+    hold, m above sea level, None when the vehicle holds it or nothing is known. drag: of a copter, 1/s, as learnt.
     """
 
     target_system: int
     target_component: int
     motion: Motion
     height: float | None
+    drag: float = 0.0
 
 
 def body_velocity(
@@ -50,10 +51,11 @@ def body_velocity(
     forward: float,
     down: float = 0.0,
     yaw_rate: float,
+    push: float = 0.0,
     right: float = 0.0,
 ) -> Message:
     """SET_POSITION_TARGET_LOCAL_NED in BODY_NED: forward and down speed (m/s), yaw rate (rad/s, clockwise positive),
-    acceleration to the right (m/s^2)."""
+    acceleration forward (push) and to the right (m/s^2)."""
     return dialect.MAVLink_set_position_target_local_ned_message(
         our_boot_ms(now),
         to.target_system,
@@ -62,7 +64,7 @@ def body_velocity(
         mask,
         *(0.0, 0.0, 0.0),
         *(forward, 0.0, down),
-        *(0.0, right, 0.0),
+        *(push, right, 0.0),
         0.0,
         yaw_rate,
     )

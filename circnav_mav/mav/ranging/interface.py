@@ -27,6 +27,7 @@ class Reject(Enum):
     CLOCK = "clock"
     TOO_OLD = "too_old"
     TOO_NOISY = "too_noisy"
+    FROZEN = "frozen"
     OVERHEAD = "overhead"
     NO_HEIGHT = "no_height"
     GATED = "gated"
@@ -54,7 +55,9 @@ class RangingSettings:
     sender, None for the first that fits. sigma: standard deviation to assume, m, when the message carries none.
     min_range, max_range: slant range accepted, m. max_age: oldest sample taken, s. sensor_stamps: whether the message's
     own time is used. rate: how often the sensor measures, Hz. resent: the sender is known to repeat values faster than
-    that. max_sigma: standard deviation, reported or measured, m, above which a range is of no use.
+    that. max_sigma: standard deviation, reported or measured, m, above which a range is of no use. rate_name: the
+    NAMED_VALUE_FLOAT that carries the range rate, None for none. rate_sign: +1 where it is positive away from the
+    target, -1 where it is positive towards it. rate_sigma: standard deviation to assume, m/s.
     """
 
     message: str = "distance_sensor"
@@ -72,6 +75,9 @@ class RangingSettings:
     rate: float = 10.0
     resent: bool = False
     max_sigma: float = inf
+    rate_name: str | None = None
+    rate_sign: int = 1
+    rate_sigma: float = 0.3
 
 
 @dataclass(frozen=True, slots=True)

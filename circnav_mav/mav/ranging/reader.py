@@ -43,7 +43,8 @@ class RangeReader:
         self._settings = settings
         self._noise = noise
         self._kind = RANGING_MESSAGES[settings.message]
-        self._clock = RemoteClock(slower, wrap=self._kind.stamp_wrap if settings.sensor_stamps else None)
+        self.clock = RemoteClock(slower, wrap=self._kind.stamp_wrap if settings.sensor_stamps else None)
+        """The sensor's clock, on which its range rates are, too."""
         self.trusted: Sender | None = None
         """Whose ranges count, and from where."""
         self.rival: Sender | None = None
@@ -52,10 +53,13 @@ class RangeReader:
         self._taken = 0
         self._ahead_at = float("-inf")
         self._sequence: int | None = None
-        self._slant = 0.0
+        self.slant = 0.0
+        """The newest slant range, m."""
         self.restarted = False
         self.stepped = 0.0
         """By how much the sensor's clock was found to have stood still with the newest message, s; 0 if not."""
+        self.moving = False
+        """Whether the vehicle certainly moves, so that its range cannot stay one number."""
         self.sender_stays = False
         """Whether nobody may stand in for a sender that falls silent: the vehicle is being steered by it."""
         self.rejected: Counter[str] = Counter()
@@ -68,7 +72,7 @@ class RangeReader:
     @property
     def clock_doubted(self) -> bool:
         """Whether the newest ranges are rejected because the sensor's clock has stepped, as it seems."""
-        return self._clock.doubted
+        return self.clock.doubted
 
     def read(
         self,
@@ -131,24 +135,28 @@ class RangeReader:
             self._begin_anew()
             self._with_vehicle = False
         carried = reading.stamp if self._settings.sensor_stamps else None
-        stamp = now if carried is None else self._clock.unwrapped(carried)
+        stamp = now if carried is None else self.clock.unwrapped(carried)
         rejection = self._order(reading, stamp, now)
         if rejection is not None:
             return rejection
-        self.trusted, self._sequence, self._slant = sender, reading.sequence, reading.slant
+        self.trusted, self._sequence, self.slant = sender, reading.sequence, reading.slant
         self._taken += 1
-        self._clock.take(stamp, now)
+        self.clock.take(stamp, now)
         return self._sample(reading, stamp, now, height)
 
     def _sample(self, reading: Reading, stamp: float, now: float, height: float | None) -> RangeSample | Reject:
         """The sample of a reading that is new, unless it is too old or the target is overhead."""
         settings = self._settings
-        time = self._clock.local(stamp, now)
-        self.stepped = self._clock.followed
+        time = self.clock.local(stamp, now)
+        self.stepped = self.clock.followed
         if now - time > settings.max_age:
-            return Reject.CLOCK if self._clock.doubted else Reject.TOO_OLD
-        sigma = reading.sigma or settings.sigma
-        flat = (reading.slant, sigma if self._noise is None else self._noise.inflate(stamp, reading.slant, sigma))
+            return Reject.CLOCK if self.clock.doubted else Reject.TOO_OLD
+        sigma, noise = reading.sigma or settings.sigma, self._noise
+        if noise is not None:
+            sigma = noise.corrected(stamp, reading.slant, sigma, moving=self.moving)
+            if noise.repeated:
+                return Reject.FROZEN
+        flat = reading.slant, sigma
         if flat[1] > settings.max_sigma:
             return Reject.TOO_NOISY
         if height:
@@ -169,46 +177,46 @@ class RangeReader:
             return False
         if self.trusted in (None, sender):
             return True
-        silent = now - self._clock.newest_at > SOURCE_SILENT
+        silent = now - self.clock.newest_at > SOURCE_SILENT
         self.rival = None if silent or sender[2] == self.trusted[2] else sender
         return silent and not self.sender_stays
 
     def _order(self, reading: Reading, stamp: float, now: float) -> Reject | None:
         """Why a reading is not a newer measurement than the last, or None."""
-        if self._clock.newest is None:
+        if self.clock.newest is None:
             return None
-        step, waited = stamp - self._clock.newest, now - self._clock.newest_at
-        ahead = self._clock.ahead(stamp, now)
+        step, waited = stamp - self.clock.newest, now - self.clock.newest_at
+        ahead = self.clock.ahead(stamp, now)
         if self._taken > KNOWN_AFTER and FUTURE < ahead <= EPOCH_JUMP:
             self._ahead_at = now
             return self._jump(stamp, now)
         if step <= -EPOCH_JUMP or ahead > EPOCH_JUMP:
             return self._jump(stamp, now)
         if now - self._ahead_at < DOUBT:
-            self._clock.newest_at = now
+            self.clock.newest_at = now
             return Reject.CLOCK
-        self._clock.on_line()
+        self.clock.on_line()
         if step < 0:
             return Reject.OLDER
         if step == 0 or (reading.sequence is not None and reading.sequence == self._sequence and waited < 10):
             return Reject.REPEAT
         settings = self._settings
-        if settings.resent and reading.slant == self._slant and step < 0.9 / settings.rate:
+        if settings.resent and reading.slant == self.slant and step < 0.9 / settings.rate:
             return Reject.REPEAT
         return None
 
     def _jump(self, stamp: float, now: float) -> Reject | None:
         """A stamp of another clock: followed when the next one agrees with it, a glitch must not reset us; and when no
         range came by the old clock meanwhile, which a looped route does not silence."""
-        anew = self._clock.set_anew(stamp, now, within=EPOCH_JUMP)
-        if not anew or now - self._clock.newest_at < MISSED / self._settings.rate:
+        anew = self.clock.set_anew(stamp, now, within=EPOCH_JUMP)
+        if not anew or now - self.clock.newest_at < MISSED / self._settings.rate:
             return Reject.STAMP_JUMP
         self._begin_anew()
         return None
 
     def _begin_anew(self) -> None:
         """Another clock, or another sensor: what was known of the old one says nothing of it."""
-        self._clock.reset()
+        self.clock.reset()
         self._sequence, self._taken = None, 0
         self._ahead_at = float("-inf")
         self.restarted = True

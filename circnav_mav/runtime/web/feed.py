@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import circnav_mav
+from circnav_mav.locate.locator import Locator
 from circnav_mav.mav.truth import is_truth_frame, relative_truth
 from circnav_mav.pilot import Pilot, TickRecord
 from circnav_mav.pilot.mission_state import Phase
@@ -39,15 +40,23 @@ class LivePage:
     """The server's process, and the pipe to it. `show` never waits."""
 
     def __init__(
-        self, pilot: Pilot, port: int, *, name: str, tolerance: float, speed: float, truth: bool = False
+        self,
+        pilot: Pilot,
+        port: int,
+        *,
+        name: str,
+        tolerance: float,
+        speed: float,
+        truth: bool = False,
+        locator: Locator | None = None,
     ) -> None:
         """port: 0 for any free one. tolerance: half width of the band round the radius, m. speed: run seconds per real
         second. truth: whether frames that tell the truth count, as the bundled vehicle's do: with any other, they are
-        somebody's who made them up. Raises WebError."""
+        somebody's who made them up. locator: of the survey. Raises WebError."""
         missing = [package for package in NEEDED if importlib.util.find_spec(package) is None]
         if missing:
             raise WebError(f"--web needs the package {' and '.join(missing)}: pip install {' '.join(missing)}")
-        self._watch, self._period, self._due = Watch(pilot), speed / LINES_A_SECOND, 0.0
+        self._watch, self._period, self._due = Watch(pilot, locator), speed / LINES_A_SECOND, 0.0
         self._hears_truth, self._truth = truth, b""
         self._place: tuple[float | None, float | None] = (None, None)
         with _listener(port) as listener:
@@ -164,6 +173,7 @@ def _told(status: Status) -> dict[str, Any]:
         "waits": status.waits[:LONGEST_TEXT],
         "why": status.why,
         "target": status.target,
+        "place": status.place[:LONGEST_TEXT],
         "alarms": [alarm[:LONGEST_TEXT] for alarm in status.alarms],
         "reasons": status.rejected,
         "others": status.others,

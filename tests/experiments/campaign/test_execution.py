@@ -1,5 +1,7 @@
 """Who flies a campaign, and what is left when they end before it does."""
 
+import concurrent.futures
+import contextlib
 import select
 import socket
 import subprocess
@@ -160,24 +162,30 @@ def test_somebody_who_listens_and_is_no_scheduler_is_told_apart(write, monkeypat
             list(on_scheduler(load_campaign(write(SHORT)), [[0]], address))
 
 
-def test_a_scheduler_that_dies_in_between_is_one_line_that_says_how_to_go_on(write):
+def test_a_scheduler_that_dies_in_between_is_one_line_that_says_how_to_go_on(write, monkeypatch):
     distributed = pytest.importorskip("distributed", reason="needs the extra [cluster]")
+    died = distributed.client.FutureCancelledError("fly", "scheduler-connection-lost")
 
-    class Dead:
-        """What `as_completed` gives when the scheduler is gone."""
+    class Dead(concurrent.futures.Executor):
+        """What a client's executor does when the scheduler is gone."""
 
-        loop = None
+        def submit(self, *arguments, **options):
+            future = concurrent.futures.Future()
+            future.set_exception(died)
+            return future
 
-        def scatter(self, *arguments, **options):
-            return None
+    class Client(contextlib.nullcontext):
+        def __init__(self, *arguments, **options):
+            super().__init__()
 
-        submit = scatter
+        def scheduler_info(self):
+            return {"workers": {"one": None}}
 
-    class Gone:
-        @staticmethod
-        def as_completed(*arguments, **options):
-            return iter([(None, distributed.client.FutureCancelledError("fly", "scheduler-connection-lost"))])
+        def get_executor(self, **options):
+            return Dead()
 
+    monkeypatch.setattr(distributed, "Client", Client)
+    monkeypatch.setattr(execute, "_knock", lambda address: None)
     with pytest.raises(ExecutionError, match=r"scheduler-connection-lost.*--resume flies what is missing") as told:
-        list(execute._gathered(Gone, Dead(), load_campaign(write(SHORT)), [([0], [0])], "tcp://there:1"))
+        list(on_scheduler(load_campaign(write(SHORT)), [[0]], "tcp://there:1"))
     assert "\n" not in str(told.value)

@@ -11,10 +11,10 @@ from pymavlink.dialects.v20 import all as mavlink
 from sim.faults import Impairment
 from sim.faults.frames import write
 from sim.faults.intruders import speaking
-from sim.faults.tampering import acknowledgement
 from tests.faults.cell import FRESH_PATIENCE, Scenario, Want
 from tests.faults.course import Course
 from tests.faults.scenarios.signing import BOTH
+from tests.faults.tampering import acknowledgement
 from tests.flight.lockstep import true_radius
 
 VEHICLE, RADIO, OURS = (1, 1), (1, 192), (1, 191)

@@ -32,7 +32,9 @@ LOSS = [
 ]
 OUTAGES = [
     *(outage(s, "both", quick=s in (3, 60)) for s in (0.2, 0.5, 1, 3, 10, 60)),
-    *(outage(s, "up") for s in (1, 10, 60)),
+    *(outage(s, "up", quick=s == 10) for s in (0.5, 1, 3, 10, 60)),
+    outage(90, "up", want=Want.SAFE),
+    Scenario("F2", "up, bursts of 1 s every 10 s", up=Impairment(burst_every=10, burst=1), want=Want.REGAIN),
     *(outage(s, "down") for s in (1, 10, 60)),
     both("F2", "bursts of 1 s every 10 s", Impairment(burst_every=10, burst=1), want=Want.REGAIN),
     outage(90, "both", want=Want.END, reason="no vehicle or no ranging for", quick=True),

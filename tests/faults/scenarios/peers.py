@@ -14,11 +14,11 @@ from sim.faults import DOWN, UP, Impairment
 from sim.faults.frames import message_id, raw_frame, sender
 from sim.faults.intruders import GCS, ground_station, speaking, strangers, twin, vehicle
 from sim.faults.link import Intruder, Passage, Tamper
-from sim.faults.tampering import acknowledgement, answered, dropping, late
 from tests.faults.cell import Scenario, Want
 from tests.faults.course import Course
 from tests.faults.scenarios.line import PX4
 from tests.faults.scenarios.ranging import SLOW
+from tests.faults.tampering import acknowledgement, answered, dropping, late
 from tests.flight.ground_station import Operator
 
 SET_MODE, ACK = 176, 77

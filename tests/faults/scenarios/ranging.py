@@ -3,7 +3,10 @@
 from collections.abc import Callable
 
 from sim.faults.frames import read, rewritten
-from sim.faults.tampering import (
+from tests.faults.cell import Scenario, Want
+from tests.faults.course import Course
+from tests.faults.scenarios.line import PX4
+from tests.faults.tampering import (
     Change,
     every,
     noise,
@@ -15,9 +18,6 @@ from sim.faults.tampering import (
     stamps,
     stuck,
 )
-from tests.faults.cell import Scenario, Want
-from tests.faults.course import Course
-from tests.faults.scenarios.line import PX4
 
 SLOW = {"px4_copter": Want.REGAIN}
 """Ten seconds without ranges take it farther than others off its circle."""
@@ -147,6 +147,9 @@ def _alternating(shift: float) -> Callable[[float, float], float]:
 STAMPS = [
     stamped("frozen", lambda stamp, now: 100.0, want=Want.REGAIN),
     stamped("zero", lambda stamp, now: 0.0),
+    *(stamped(f"{ms} ms ahead", lambda stamp, now, ms=ms: stamp + ms / 1000) for ms in (40, 100)),  # type: ignore[misc]
+    stamped("400 ms ahead", lambda stamp, now: stamp + 0.4, want=Want.REGAIN, quick=True),
+    stamped("every other 400 ms ahead", _alternating(0.4), want=Want.REGAIN),
     stamped("one sample back", lambda stamp, now: stamp - 0.1),
     *(stamped(f"{s:+g} s", lambda stamp, now, s=s: stamp + s, on=SLOW) for s in (1, -1, 3600)),  # type: ignore[misc]
     stamped("epoch instead of boot", lambda stamp, now: stamp + 1_000_000.0, quick=True),

@@ -6,7 +6,7 @@ e = r - r_d (m), w the radial gust (m/s), v the radial speed that the heading ma
 the circle's own (rad/s). The bearing to the target and the model are taken as known, which makes the answer a bound
 for range-only flight, not a prediction. Source: separation theorem, Anderson and Moore, "Optimal Control" (1990).
 
-    python -m circnav_mav.experiments.gust_limit
+    python -m tests.experiments.gust_limit
 """
 
 import sys

@@ -1,0 +1,50 @@
+"""The mission and campaign files that come with circnav: they go by name, as in `circnav fly quickstart`."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+from click.shell_completion import CompletionItem
+
+import circnav_mav
+from circnav_mav.cli.exits import Refused
+
+CONFIG = Path(circnav_mav.__file__).parent / "config"
+FOLDERS = {"mission": CONFIG, "campaign": CONFIG / "campaigns"}
+
+
+def names(kind: str) -> list[str]:
+    """What is bundled, as people type it."""
+    return sorted(path.stem.replace("_", "-") for path in FOLDERS[kind].glob("*.toml"))
+
+
+def bundled(kind: str, name: str) -> Path | None:
+    """The file of a name, None where there is none: `px4-plane`; `plane` is ArduPilot's."""
+    wanted = name.lower().replace("-", "_")
+    paths = (FOLDERS[kind] / f"{start}{wanted}.toml" for start in ("", "ardu"))
+    return next(filter(Path.is_file, paths), None)
+
+
+class FileOrName(click.ParamType):  # type: ignore[type-arg]
+    """A file, or the name of a bundled one; a file of that name in the current folder comes first."""
+
+    def __init__(self, kind: str) -> None:
+        self.kind = self.name = kind
+
+    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """The path. Raises Refused for a word that is neither."""
+        path = Path(value)
+        found = None if path.is_file() else bundled(self.kind, path.stem)
+        if path.name == path.stem == value and not path.is_file():
+            if found is None:
+                known = ", ".join(names(self.kind))
+                raise Refused(f"{value}: is no file and no bundled {self.kind}; bundled: {known}")
+            return str(found)
+        if found is not None and not path.exists():
+            raise Refused(f"{value}: no such file; the bundled one goes by its name: {path.stem.replace('_', '-')}")
+        return value
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[Any]:
+        """Files first: the shell's own list of them takes the place of what came before."""
+        fits = [name for name in names(self.kind) if name.startswith(incomplete)]
+        return [CompletionItem(incomplete, type="file"), *map(CompletionItem, fits)]

@@ -1,0 +1,77 @@
+"""`circnav init` and `circnav schema`: a mission of one's own, and what an editor wants to know of it."""
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import click
+
+from circnav_mav.cli.bundled import bundled, names
+from circnav_mav.cli.exits import Exit, Refused, cannot
+from circnav_mav.emulator.config import VehicleConfig
+from circnav_mav.emulator.schema import json_schema
+from circnav_mav.experiments.campaign.file import CampaignFile
+from circnav_mav.mission.schema import MissionFile
+
+SCHEMA = "mission.schema.json"
+DRAFT = "http://json-schema.org/draft-07/schema#"
+
+
+def write_mission(vehicle: str, out: str | None) -> int:
+    """Write the bundled mission of a vehicle under a name of one's own, never over anything. Raises Refused."""
+    source = bundled("mission", vehicle)
+    if source is None:
+        raise Refused(f"init {vehicle}: is not one of {', '.join(names('mission'))}")
+    path = Path(out or f"{vehicle}.toml")
+    if not re.fullmatch(r"[A-Za-z0-9._-]+", path.stem):
+        raise Refused(f"init: {path.name}: a mission's name has letters, digits, '.', '_' and '-' only")
+    text = source.read_text(encoding="utf-8")
+    called = source.stem.replace("_", "-")
+    text = re.sub(rf"(circnav \w+ ){called}\b", lambda found: found[1] + str(path), text)
+    text = text.replace(f'\nname = "{source.stem}"\n', f'\nname = "{path.stem}"\n', 1)
+    try:
+        with path.open("x", encoding="utf-8") as file:
+            file.write(text)
+        schema = path.with_name(SCHEMA)
+        if not schema.exists():
+            schema.write_text(schema_text("mission"), encoding="utf-8")
+    except FileExistsError:
+        raise Refused(f"init: {path}: is there already, name another file: circnav init {vehicle} FILE") from None
+    except OSError as error:
+        raise cannot(path, error) from None
+    about = next((line[2:] for line in text.splitlines() if line.startswith("# ")), "")
+    click.echo(f"{path}: {about}\nEvery value is commented. Change what is yours, then:")
+    click.echo(f"  circnav check {path}    # each value against its limits")
+    click.echo(f"  circnav fly {path}      # {_flies(text)}")
+    return Exit.DONE
+
+
+def _flies(text: str) -> str:
+    return "on the bundled emulator" if '\nendpoint = "sim"' in text else "on your vehicle"
+
+
+def schema_text(kind: str) -> str:
+    """The JSON schema of mission or campaign files."""
+    table: dict[str, Any] = CampaignFile.model_json_schema()
+    if kind == "mission":
+        table = MissionFile.model_json_schema()
+        table["properties"]["sim"] = json_schema(VehicleConfig)
+    return json.dumps({"$schema": DRAFT, **_plain(table)}, indent=1, ensure_ascii=False) + "\n"
+
+
+def _plain(node: Any) -> Any:
+    """What pydantic says, in words that editors of TOML know: `definitions` as in draft 7, no null, which TOML has not,
+    and no titles made of the names."""
+    if isinstance(node, list):
+        return [_plain(one) for one in node if one != {"type": "null"}]
+    if isinstance(node, str):
+        return node.replace("#/$defs/", "#/definitions/")
+    if not isinstance(node, dict):
+        return node
+    plain = {
+        "definitions" if key == "$defs" else key: _plain(value) for key, value in node.items() if value is not None
+    }
+    if isinstance(plain.get("title"), str):
+        del plain["title"]
+    return plain.pop("anyOf")[0] | plain if len(plain.get("anyOf", ())) == 1 else plain

@@ -1,0 +1,128 @@
+"""`circnav locate`: where the targets of a log are."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import click
+import numpy as np
+
+from circnav_mav.cli.exits import Exit, Refused, cannot, check_named
+from circnav_mav.locate.estimator import Knowledge, NotYet, Ranges, Track, locate
+from circnav_mav.locate.export import geojson, kml
+from circnav_mav.locate.geodesy import Plane
+from circnav_mav.locate.place import NOT_OBSERVABLE, Place
+from circnav_mav.report.map import plot_map
+from circnav_mav.runlog.atomic_write import write_text
+from circnav_mav.runlog.range_log import RangeLog, read_log
+from circnav_mav.runlog.run_folder import RunError, printable
+
+OFFSETS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
+"""Offsets, s, that are tried where the clocks of positions and ranges do not seem to agree."""
+BETTER, MIXED, POOR = 0.7, 0.25, 0.05
+"""Noise over that without an offset, below which an offset counts; share of outliers that are more than outliers; noise
+over range that no radio has."""
+
+
+@dataclass(frozen=True, slots=True)
+class LocateOptions:
+    """The command line of `locate`."""
+
+    log: str
+    out: str | None
+    tags: tuple[str, ...]
+    sigma: float | None
+    gps_sigma: float
+    bias: float
+    altitude: float | None
+
+
+def locate_log(options: LocateOptions) -> int:
+    """Locate every tag of a log, and write the map. Raises Refused."""
+    check_named("--out", options.out)
+    source = Path(options.log)
+    try:
+        log = read_log(source)
+        plane, unknown = log.plane(), [tag for tag in options.tags if tag not in log.ranges]
+        if unknown:
+            raise Refused(f"--tag {unknown[0]}: not in {source}, which has: {', '.join(map(repr, log.ranges))}")
+        places = {
+            tag: place for tag in options.tags or log.ranges if (place := _one(options, log, plane, tag)) is not None
+        }
+        if not places:
+            raise Refused(f"{source}: no target was located", Exit.NOTHING_HEARD)
+        _write(options, source, places, log)
+    except RunError as error:
+        raise Refused(str(error), Exit.NOTHING_HEARD if "in it" in str(error) else Exit.USAGE) from None
+    except OSError as error:
+        raise cannot(source, error) from None
+    return Exit.DONE
+
+
+def _one(options: LocateOptions, log: RangeLog, plane: Plane, tag: str) -> Place | None:
+    """A tag, with what is known of it printed."""
+    ranges, said = log.of(tag, options.sigma)
+    track = log.track(plane)
+    ground = float(track.up.min())
+    known = Knowledge(
+        up=ground if options.altitude is None else options.altitude,
+        up_sigma=50.0 if options.altitude is None else 1.0,
+        gps_sigma=options.gps_sigma, bias_sigma=options.bias, delay_sigma=0.5, sigma_known=said,
+    )  # fmt: skip
+    if not said:  # how good the ranges are shows in the fit: once roughly, and then by what was found
+        rough = locate(plane, track, replace(ranges, sigma=ranges.sigma * 10), known)
+        if isinstance(rough, Place):
+            ranges = replace(ranges, sigma=np.full(len(ranges.r), max(rough.noise, 0.01)))
+    place = _with_offset(plane, track, ranges, known)
+    click.echo(f"{tag}: {len(ranges.r)} ranges")
+    if isinstance(place, NotYet):
+        click.echo(f"  WARNING    not located: {place.why}")
+        return None
+    _say(place, known)
+    return place
+
+
+def _with_offset(plane: Plane, track: Track, ranges: Ranges, known: Knowledge) -> Place | NotYet:
+    """The place; where it fits badly, with the offset between the two clocks that fits best."""
+    best = locate(plane, track, ranges, known)
+    if isinstance(best, Place) and best.noise < 1.5 * np.median(ranges.sigma) and best.outliers < MIXED * best.used:
+        return best
+    for offset in (sign * size for size in OFFSETS for sign in (-1, 1)):
+        shifted = locate(plane, replace(track, time=track.time - offset), ranges, known)
+        if isinstance(shifted, Place) and (isinstance(best, NotYet) or _misfit(shifted) < BETTER * _misfit(best)):
+            best = replace(shifted, delay=shifted.delay + offset)
+    return best
+
+
+def _misfit(place: Place) -> float:
+    return place.noise * (1 + 10 * place.outliers / (place.used + place.outliers))
+
+
+def _say(place: Place, known: Knowledge) -> None:
+    ellipse = place.ellipse
+    click.echo(f"  place      {place.words()}")
+    click.echo(
+        f"  95 %       {ellipse.major:.1f} x {ellipse.minor:.1f} m, long axis {ellipse.azimuth:.0f} deg; the "
+        f"positions' own error counts with {known.gps_sigma:g} m"
+    )
+    if not place.up_known:
+        click.echo(f"  height     {NOT_OBSERVABLE}")
+    click.echo(f"  ranges     noise {place.noise:.2f} m, bias {place.bias:+.2f} +-{place.bias_sigma:.2f} m")
+    click.echo(f"  clocks     positions are stamped {place.delay:+.2f} +-{place.delay_sigma:.2f} s later than ranges")
+    total = place.used + place.outliers
+    if place.outliers:
+        click.echo(f"  outliers   {place.outliers} of {total} left out")
+    if place.outliers > MIXED * total or place.noise > POOR * place.range_scale:
+        click.echo("  WARNING    the ranges fit no single place well: two tags mixed? Give the CSV a column tag")
+
+
+def _write(options: LocateOptions, source: Path, places: dict[str, Place], log: RangeLog) -> None:
+    """GeoJSON, KML and the picture."""
+    folder = Path(options.out) if options.out else source if source.is_dir() else source.parent
+    name = "locate" if source.is_dir() else f"{source.stem}.locate"
+    folder.mkdir(parents=True, exist_ok=True)
+    track = [(latitude, longitude) for _, latitude, longitude, _ in sorted(log.positions)]
+    table = geojson(places, track[:: max(1, len(track) // 5000)])
+    write_text(folder / f"{name}.geojson", table)
+    write_text(folder / f"{name}.kml", kml(places))
+    plot_map(folder / f"{name}.png", table, printable(str(source)))
+    click.echo(f"  written    {folder / name}.geojson, .kml, .png")

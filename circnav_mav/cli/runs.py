@@ -1,0 +1,75 @@
+"""`circnav runs clean`: old run folders are deleted, and nothing that is not one."""
+
+import re
+import shutil
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import click
+
+from circnav_mav.cli.exits import Exit, Refused, cannot
+from circnav_mav.runtime.clock import unix_time
+
+HOURS = {"h": 1, "d": 24, "w": 168}
+NEEDED = frozenset({"flight.tlog", "mission.toml", "ticks.csv", "turns.csv"})
+"""What each run folder holds, from its first moment on."""
+MADE = NEEDED | {"manifest.json", "summary.json", "error.txt", "flight.png", "estimates.png", "report.html",
+                 "replay.png", "flight.mcap"}  # fmt: skip
+"""All that circnav writes there."""
+
+
+@dataclass(frozen=True)
+class RunFolder:
+    """One run on the disk. foreign: names of what circnav has not made. written: s since 1970."""
+
+    folder: Path
+    written: float
+    size: int
+    foreign: list[str]
+
+
+def clean_runs(runs: str, older_than: str, keep: int, yes: bool) -> int:
+    """Show what would go, and delete it if that is wanted. Raises Refused."""
+    age = _seconds(older_than)
+    try:
+        found = sorted(find_runs(Path(runs)), key=lambda run: -run.written)
+        old = [run for run in found[keep:] if unix_time() - run.written > age]
+        doomed = [run for run in old if not run.foreign]
+        for run in old:
+            kept = f"   kept: {', '.join(run.foreign)} is not circnav's" if run.foreign else ""
+            click.echo(f"{run.size / 1e6:8.1f} MB  {run.folder}{kept}")
+        size = sum(run.size for run in doomed) / 1e6
+        click.echo(
+            f"{len(doomed)} of {len(found)} runs: older than {older_than}, without the newest {keep}: {size:.1f} MB"
+        )
+        if doomed and not yes and not sys.stdin.isatty():
+            click.echo("Nothing is deleted without --yes.")
+        elif doomed and (yes or click.confirm("Delete them?")):
+            for run in doomed:
+                shutil.rmtree(run.folder)
+            click.echo("deleted")
+    except OSError as error:
+        raise cannot(runs, error) from None
+    return Exit.DONE
+
+
+def find_runs(folder: Path) -> list[RunFolder]:
+    """The run folders that lie directly in a folder, links left out. Raises OSError."""
+    found = []
+    for place in folder.iterdir():
+        if place.is_symlink() or not place.is_dir():
+            continue
+        files = {path.name: path for path in place.iterdir()}
+        if set(files) >= NEEDED:
+            size = sum(path.lstat().st_size for path in files.values())
+            foreign = sorted(set(files) - MADE)
+            found.append(RunFolder(place, files["flight.tlog"].stat().st_mtime, size, foreign))
+    return found
+
+
+def _seconds(text: str) -> float:
+    match = re.fullmatch(r"(\d+)([hdw])", text)
+    if match is None:
+        raise Refused(f"--older-than {text}: write hours, days or weeks: 12h, 30d, 4w")
+    return int(match[1]) * HOURS[match[2]] * 3600.0

@@ -1,0 +1,51 @@
+"""`measured`: range and range rate as the radio measures them, with no filter in between: the paper as written."""
+
+from circnav_mav.guidance.estimators.interface import EstimatorSettings, Fused
+from circnav_mav.guidance.types import OwnMotion, RangeEstimate, RangeSample, RateSample
+
+APART = 0.25
+"""Most time, s, between the newest range and the newest rate that may steer."""
+
+
+class Measured:
+    """The newest range and the newest range rate. An outlier steers, too, until the next."""
+
+    nis: float | None = None
+
+    def __init__(self, settings: EstimatorSettings) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self._range: RangeSample | None = None
+        self._rate: RateSample | None = None
+
+    def settle(self) -> None:
+        """Nothing is left to do."""
+
+    def restamp(self) -> None:
+        """Goes by our clock: nothing to do."""
+
+    def move(self, motion: OwnMotion) -> None:
+        """Of no use here."""
+
+    @property
+    def ready(self) -> bool:
+        """Whether there are both, of about one moment."""
+        return self._range is not None and self._rate is not None and abs(self._range.time - self._rate.time) <= APART
+
+    def observe(self, sample: RangeSample) -> Fused:
+        """Take in a range."""
+        self._range = sample
+        self._rate = sample.rate or self._rate
+        return Fused.ACCEPTED
+
+    def observe_rate(self, sample: RateSample) -> None:
+        """Take in a range rate."""
+        self._rate = sample
+
+    def at(self, time: float) -> RangeEstimate | None:
+        """What was measured last; None before there are both."""
+        if self._range is None or self._rate is None:
+            return None
+        return RangeEstimate(time, self._range.r, self._rate.r_dot, self._range.sigma, self._rate.sigma)

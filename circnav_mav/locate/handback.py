@@ -1,0 +1,203 @@
+"""Giving a position back to an autopilot that has lost its own: MAV_CMD_EXTERNAL_POSITION_ESTIMATE every few seconds.
+
+Never while the GPS has a fix, or when nobody says whether it has; never again to an autopilot that does not know the
+command, answers what nobody understands, or accepts and does nothing. Facts: ../shared/survey.md, section 4.
+"""
+
+from dataclasses import dataclass, replace
+from math import cos, hypot, sin
+from typing import Any
+
+from pymavlink.dialects.v20 import all as dialect
+
+from circnav_mav.guidance.types import OwnMotion, RelativeMotion
+from circnav_mav.locate.geodesy import Plane
+from circnav_mav.locate.messages import position_estimate
+from circnav_mav.locate.place import Place
+from circnav_mav.mav.codec import Message
+from circnav_mav.mav.commands import RESULT_NAMES
+
+LOST_FOR = 2.0
+"""Time, s, without a fix from which the position counts as lost."""
+ANSWER_PATIENCE, MOST_SILENT = 2.0, 3
+AFTER_FAILED = 10.0
+"""Time, s, until the next try after FAILED: the autopilot has a position after all, or none to set anew."""
+LOOK_AFTER, EFFECT, MOST_WITHOUT = 0.5, 30.0, 3
+"""When, s, after an acceptance the reported position is looked at; how far, m, it may be from the one that was given;
+so many in a row without effect are enough."""
+LEAST_SIGMA, MOST_SIGMA = 1.0, 150.0
+"""Standard deviation, m, that is told at least (PX4 resets hard below it); of a position that helps nobody any more."""
+PLACE_SIGMA = 15.0
+COMPASS_SIGMA = 0.03
+"""What is not known of the compass, rad, where its bias was learnt; three times that where it was not."""
+WIND_SIGMA = 0.3
+"""Error of the wind in dead reckoning, m/s."""
+LONGEST_STEP = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class HandBackSettings:
+    """every: s. place: of the target, latitude and longitude in degrees, where the mission gives it."""
+
+    every: float = 5.0
+    place: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Given:
+    """A position that was given. by: ranges or dead reckoning. answer: in words. off: how far the position that the
+    vehicle reported then was from it, m."""
+
+    time: float
+    latitude: float
+    longitude: float
+    sigma: float
+    by: str
+    answer: str = "no answer"
+    off: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Where:
+    """Our own idea of where the vehicle is: m on the plane, wind (m/s), true over measured airspeed."""
+
+    time: float
+    east: float
+    north: float
+    sigma: float
+    wind: tuple[float, float]
+    scale: float
+    by_ranges: bool
+
+
+class DeadReckoning:
+    """The vehicle's place from the target's, the ranges and the compass; without ranges, from air path and wind."""
+
+    def __init__(self) -> None:
+        self.where: Where | None = None
+
+    def ranged(self, now: float, target: Place, relative: RelativeMotion, compass: tuple[float, float]) -> None:
+        """Take the filter's word. compass: bias, rad, counter-clockwise positive, and its standard deviation."""
+        (x, y), (wind_x, wind_y) = (_turned(way, -compass[0]) for way in
+                                    ((relative.x, relative.y), (relative.drift_x, relative.drift_y)))  # fmt: skip
+        sigma = hypot(target.sigma, relative.sigma, compass[1] * hypot(x, y))
+        wind = wind_x + target.velocity[0], wind_y + target.velocity[1]
+        self.where = Where(now, target.east + x, target.north + y, sigma, wind, relative.scale, True)
+
+    def flown(self, now: float, own: OwnMotion | None, bias: float) -> None:
+        """Carry the place on through the air."""
+        before = self.where
+        if before is None or own is None:
+            return
+        dt = now - before.time
+        if not 0 < dt <= LONGEST_STEP:
+            self.where = None if dt > LONGEST_STEP else before  # where it went meanwhile is not known
+            return
+        speed, heading = own.airspeed * before.scale, own.heading - bias
+        self.where = replace(
+            before, time=now, by_ranges=False, sigma=before.sigma + WIND_SIGMA * dt,
+            east=before.east + (speed * cos(heading) + before.wind[0]) * dt,
+            north=before.north + (speed * sin(heading) + before.wind[1]) * dt,
+        )  # fmt: skip
+
+
+class HandBack:
+    """Decides when a position is given, and to whom never again."""
+
+    def __init__(self, settings: HandBackSettings) -> None:
+        self._settings = settings
+        self.given: list[Given] = []
+        self.ended = "the position was not lost"
+        """Why nothing is given now, for people."""
+        self.over = False
+        """Whether nothing will be given any more."""
+        self._lost_since: float | None = None
+        self._due = 0.0
+        self._waits = False
+        self._silent = self._without = 0
+        self._look_at: float | None = None
+
+    @property
+    def begun(self) -> bool:
+        """Whether the position is lost, and somebody is there who takes ours."""
+        return self._lost_since is not None and not self.over
+
+    @property
+    def place(self) -> tuple[float, float] | None:
+        """Of the target, as the mission gives it."""
+        return self._settings.place
+
+    @property
+    def words(self) -> str:
+        """What goes on, for people; empty where nothing does."""
+        if not self.given or not self.begun:
+            return f"stopped: {self.ended}" if self.over else ""
+        newest = self.given[-1]
+        return f"GPS lost, position given by {newest.by}, +-{newest.sigma:.0f} m, {newest.answer}"
+
+    def step(
+        self, now: float, *, fix: bool | None, where: Where | None, plane: Plane, target: tuple[int, int]
+    ) -> Message | None:
+        """The command due now. fix: whether the GPS has one; None: nobody says."""
+        if fix is None or fix:
+            self._lost_since, self._waits = None, False
+            if self.given and not self.over:
+                self.ended = "GPS is back" if fix else "GPS_RAW_INT is not heard"
+            return None
+        self._lost_since = now if self._lost_since is None else self._lost_since
+        if self._waits and now - self.given[-1].time > ANSWER_PATIENCE:
+            self._waits, self._silent = False, self._silent + 1
+            if self._silent >= MOST_SILENT:
+                self._end("the autopilot does not answer")
+        usable = where is not None and where.sigma <= MOST_SIGMA
+        if self.over or self._waits or not usable or now - self._lost_since < LOST_FOR or now < self._due:
+            return None
+        assert where is not None
+        self._due, self._waits, self._look_at = now + self._settings.every, True, None
+        latitude, longitude = plane.to_degrees(where.east, where.north)
+        sigma = max(where.sigma, LEAST_SIGMA)
+        by = "ranges" if where.by_ranges else "dead reckoning"
+        self.given.append(Given(now, float(latitude), float(longitude), sigma, by))
+        self.ended = "going on"
+        return position_estimate(float(latitude), float(longitude), sigma, target, now)
+
+    def answered(self, message: Message, us: tuple[int, int], now: float) -> None:
+        """A COMMAND_ACK of the vehicle."""
+        if message.command != dialect.MAV_CMD_EXTERNAL_POSITION_ESTIMATE or not self._waits:
+            return
+        if message.target_system not in (0, us[0]) or message.target_component not in (0, us[1]):
+            return
+        self._waits, self._silent = False, 0
+        answer = RESULT_NAMES.get(message.result, f"result {message.result}")
+        self.given[-1] = replace(self.given[-1], answer=answer)
+        match message.result:
+            case dialect.MAV_RESULT_ACCEPTED:
+                self._look_at = now + LOOK_AFTER
+            case dialect.MAV_RESULT_FAILED | dialect.MAV_RESULT_TEMPORARILY_REJECTED:
+                self._due = max(self._due, now + AFTER_FAILED)
+            case _:
+                self._end(f"the autopilot answered: {answer}")
+
+    def reported(self, east: float, north: float, here: Where | None, now: float) -> None:
+        """A position that the vehicle reports: after an acceptance it must be about ours."""
+        if self._look_at is None or here is None or now < self._look_at:
+            return
+        self._look_at = None
+        off = hypot(east - here.east, north - here.north)
+        self.given[-1] = replace(self.given[-1], off=off)
+        self._without = self._without + 1 if off > max(EFFECT, 5 * here.sigma) else 0
+        if self._without >= MOST_WITHOUT:
+            self._end("positions are accepted, and have no effect")
+
+    def plain(self) -> dict[str, Any]:
+        """For the summary."""
+        answers = [one.answer for one in self.given]
+        return {"sent": len(answers), "accepted": answers.count("accepted"), "ended": self.ended}
+
+    def _end(self, why: str) -> None:
+        self.over, self.ended = True, why
+
+
+def _turned(way: tuple[float, float], angle: float) -> tuple[float, float]:
+    """A vector turned counter-clockwise by an angle, rad."""
+    return way[0] * cos(angle) - way[1] * sin(angle), way[0] * sin(angle) + way[1] * cos(angle)

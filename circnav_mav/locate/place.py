@@ -1,0 +1,153 @@
+"""The place of the target as the estimator tells it, in metres on a plane and in degrees."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import atan2, degrees, hypot, sqrt
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from circnav_mav.locate.geodesy import Plane
+
+Array = NDArray[np.float64]
+CHI95 = 2.4477
+"""Semi-axes of the 95 % ellipse in standard deviations: the root of chi-squared with two degrees of freedom."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ellipse:
+    """The 95 % ellipse: semi-axes, m, and the direction of the major one, degrees clockwise from north."""
+
+    major: float
+    minor: float
+    azimuth: float
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where the target is at a time (s). East, north, up: m on the plane, up above sea level as the vehicle counts it.
+
+    covariance: (2, 2) of east and north, m^2, the vehicle's own position error included. up_sigma: m. up_known: whether
+    the height is observed (or was given); else it is no more than the prior. velocity: m/s east and north, zero of a
+    target that does not move as far as anybody can tell; velocity_sigma: None then. bias: m, range measured too long;
+    delay: s by which positions are older than ranges of the same stamp. noise: standard deviation of the ranges about
+    the model, m. used, outliers: ranges. range_scale: their median, m. bias_prior:
+    standard deviation of the bias as it was expected, m.
+    """
+
+    time: float
+    plane: Plane
+    east: float
+    north: float
+    up: float
+    covariance: Array
+    up_sigma: float
+    up_known: bool
+    bias: float
+    bias_sigma: float
+    delay: float
+    delay_sigma: float
+    noise: float
+    used: int
+    outliers: int
+    velocity: tuple[float, float] = (0.0, 0.0)
+    velocity_sigma: float | None = None
+    range_scale: float = 100.0
+    bias_prior: float = 2.0
+
+    @cached_property
+    def _degrees(self) -> tuple[float, float]:
+        latitude, longitude = self.plane.to_degrees(self.east, self.north)
+        return float(latitude), float(longitude)
+
+    @property
+    def latitude(self) -> float:
+        """Degrees."""
+        return self._degrees[0]
+
+    @property
+    def longitude(self) -> float:
+        """Degrees."""
+        return self._degrees[1]
+
+    @property
+    def ellipse(self) -> Ellipse:
+        """Of 95 %."""
+        values, vectors = np.linalg.eigh(self.covariance)
+        minor, major = np.sqrt(np.maximum(values, 0.0)) * CHI95
+        return Ellipse(float(major), float(minor), degrees(atan2(vectors[0, 1], vectors[1, 1])) % 180)
+
+    @property
+    def sigma(self) -> float:
+        """Standard deviation along the major axis, m."""
+        return self.ellipse.major / CHI95
+
+    @property
+    def moves(self) -> bool:
+        """Whether the target moves."""
+        return self.velocity_sigma is not None
+
+    @property
+    def speed(self) -> float:
+        """Over the ground, m/s."""
+        return hypot(*self.velocity)
+
+    @property
+    def course(self) -> float:
+        """Of a target that moves, degrees clockwise from north."""
+        return degrees(atan2(*self.velocity)) % 360
+
+    def at(self, time: float) -> "Place":
+        """The place at another time; a target that moves is less well known then."""
+        if self.velocity_sigma is None:
+            return self
+        dt = time - self.time
+        covariance = self.covariance + np.eye(2) * (self.velocity_sigma * dt) ** 2
+        east, north = self.east + self.velocity[0] * dt, self.north + self.velocity[1] * dt
+        return replace(self, time=time, east=east, north=north, covariance=covariance)
+
+    def plain(self) -> dict[str, Any]:
+        """For summary.json and GeoJSON: names with units."""
+        ellipse = self.ellipse
+        return {
+            "latitude_deg": round(self.latitude, 8),
+            "longitude_deg": round(self.longitude, 8),
+            "altitude_m": round(self.up, 2) if self.up_known else None,
+            "altitude_sigma_m": round(self.up_sigma, 2) if self.up_known else None,
+            "height": "known" if self.up_known else NOT_OBSERVABLE,
+            "sigma_m": round(self.sigma, 2),
+            "ellipse_95": {
+                "semi_major_m": round(ellipse.major, 2),
+                "semi_minor_m": round(ellipse.minor, 2),
+                "azimuth_deg": round(ellipse.azimuth, 1),
+            },
+            "moves": self.moves,
+            "speed_mps": round(self.speed, 2),
+            "course_deg": round(self.course, 1) if self.moves else None,
+            "speed_sigma_mps": None if self.velocity_sigma is None else round(self.velocity_sigma, 2),
+            "range_bias_m": round(self.bias, 2),
+            "range_bias_sigma_m": round(self.bias_sigma, 2),
+            "position_delay_s": round(self.delay, 3),
+            "position_delay_sigma_s": round(self.delay_sigma, 3),
+            "range_noise_m": round(self.noise, 2),
+            "ranges": self.used,
+            "outliers": self.outliers,
+            "time_s": round(self.time, 2),
+        }  # fmt: skip
+
+    def words(self) -> str:
+        """One line for people."""
+        height = f"altitude {self.up:.1f} +-{self.up_sigma:.1f} m" if self.up_known else "height not observable"
+        moves = ""
+        if self.velocity_sigma is not None:
+            moves = f", moves {self.speed:.1f} +-{self.velocity_sigma:.1f} m/s towards {self.course:03.0f} deg"
+        return f"{self.latitude:.7f} {self.longitude:.7f} +-{self.sigma:.1f} m{moves}, {height}"
+
+
+NOT_OBSERVABLE = "not observable: one circle cannot tell it from a range bias; fly a second radius or height"
+
+
+def distance(east: float, north: float, up: float) -> float:
+    """Length of a vector, m."""
+    return sqrt(east * east + north * north + up * up)

@@ -1,0 +1,158 @@
+"""Whether the GPS, the ranges and the compass still tell of one flight; and which of them is the odd one out.
+
+Three comparisons: the range against the distance from the reported position to the surveyed place; the way that the
+reported positions make against the way through the air and the wind learnt before; the bearing of the target by
+position against that by ranges and compass. What fails together names the culprit. It never steers.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+from enum import Enum
+from math import atan2, cos, hypot, pi, sin
+
+SPAN = 3.0
+"""Time, s, over which ways are compared: longer than the jitter of the streams, much shorter than a lap."""
+FACTOR = 5.0
+RANGE_FLOOR, SPEED_FLOOR, BEARING_FLOOR = 6.0, 4.0, 0.2
+"""Differences, m, m/s and rad, that are no alarm however small the standard deviations are: GPS multipath, gusts, and a
+compass in a turn."""
+PATIENCE = 2.0
+"""Time, s, that a comparison must fail for."""
+WIND_MEMORY = 20.0
+RECENT = 30.0
+"""Time, s, for which a way that did not fit tells against the GPS."""
+CALM = 10.0
+"""Time, s, without a difference after which the alarm ends."""
+
+
+class Culprit(Enum):
+    """What is likeliest wrong."""
+
+    GPS = "GPS"
+    BEACON = "beacon"
+    COMPASS = "compass"
+
+
+@dataclass(frozen=True, slots=True)
+class Alarm:
+    """A disagreement that lasts. since: s. text: for people."""
+
+    culprit: Culprit
+    since: float
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """One moment. east, north: position, m. heading: of the nose in the paper's frame, rad; airspeed: m/s; None: not
+    known. range_off: measured less predicted range, m, with its standard deviation; bearing_off: bearing of the target
+    by compass less that by position, rad, with its own; None where there is nothing to compare."""
+
+    time: float
+    east: float
+    north: float
+    heading: float | None
+    airspeed: float | None
+    range_off: tuple[float, float] | None = None
+    bearing_off: tuple[float, float] | None = None
+
+
+class GpsWatch:
+    """Looks at every position."""
+
+    def __init__(self) -> None:
+        self.alarm: Alarm | None = None
+        self._looks: deque[Look] = deque()
+        self._wind: tuple[float, float] | None = None
+        self._gusts = 1.0
+        self._learnt = 0.0
+        self._failing: dict[str, float] = {}
+        self._way_failed_at = float("-inf")
+        self._calm_since: float | None = None
+        self.told: list[tuple[float, str]] = []
+        """The alarms so far: when each began, and its first words."""
+
+    @property
+    def trusts_positions(self) -> bool:
+        """Whether positions may go on to tell where the target is."""
+        range_fails = "range" in self._failing
+        return not (range_fails or (self.alarm is not None and self.alarm.culprit is Culprit.GPS))
+
+    def see(self, look: Look) -> None:
+        """Take one moment in."""
+        self._looks.append(look)
+        while self._looks[-1].time - self._looks[0].time > SPAN:
+            self._looks.popleft()
+        self._compare_ways()
+        for name, off, floor in (
+            ("range", look.range_off, RANGE_FLOOR),
+            ("bearing", look.bearing_off, BEARING_FLOOR),
+        ):
+            fails = off is not None and abs(off[0]) > max(FACTOR * off[1], floor)
+            if not fails:
+                self._failing.pop(name, None)
+            else:
+                self._failing.setdefault(name, look.time)
+        self._judge(look)
+
+    def forget_ranges(self) -> None:
+        """The place is surveyed anew."""
+        self._failing.pop("range", None)
+
+    def _compare_ways(self) -> None:
+        """The way by positions less the way through the air: the wind, and what does not fit it."""
+        first, last = self._looks[0], self._looks[-1]
+        span = last.time - first.time
+        air = [
+            (look.airspeed * cos(look.heading), look.airspeed * sin(look.heading))
+            for look in self._looks
+            if look.heading is not None and look.airspeed is not None
+        ]
+        if span < SPAN / 2 or len(air) < len(self._looks):
+            return
+        east, north = (sum(way) / len(air) for way in zip(*air, strict=True))
+        wind = (last.east - first.east) / span - east, (last.north - first.north) / span - north
+        if self._wind is None:
+            self._wind, self._learnt = wind, last.time
+            return
+        off = hypot(wind[0] - self._wind[0], wind[1] - self._wind[1])
+        settled = last.time - self._learnt > WIND_MEMORY
+        if settled and off > max(FACTOR * self._gusts, SPEED_FLOOR):
+            self._way_failed_at = last.time
+            return  # what does not fit teaches no wind
+        dt = min(last.time - self._looks[-2].time, 1.0) if len(self._looks) > 1 else 0.0
+        share = dt / WIND_MEMORY
+        self._gusts += share * (off - self._gusts)
+        self._wind = tuple(w + share * (n - w) for w, n in zip(self._wind, wind, strict=True))
+
+    def _judge(self, look: Look) -> None:
+        lasting = {name for name, since in self._failing.items() if look.time - since >= PATIENCE}
+        if not lasting:
+            self._calm_since = look.time if self._calm_since is None else self._calm_since
+            if self.alarm is not None and look.time - self._calm_since > CALM:
+                self.alarm = None
+            return
+        self._calm_since = None
+        by_way = look.time - self._way_failed_at < RECENT
+        by_range = Culprit.GPS if by_way else Culprit.BEACON
+        culprit = by_range if "range" in lasting else Culprit.COMPASS
+        since = look.time if self.alarm is None else self.alarm.since
+        if self.alarm is not None and self.alarm.culprit is Culprit.GPS and culprit is Culprit.BEACON:
+            culprit = Culprit.GPS  # the jump itself is seen only once
+        before, self.alarm = self.alarm, Alarm(culprit, since, _words(culprit, look))
+        if before is None or before.culprit is not culprit:
+            self.told.append((look.time, self.alarm.text))
+
+
+def _words(culprit: Culprit, look: Look) -> str:
+    if culprit is Culprit.COMPASS:
+        off = look.bearing_off[0] if look.bearing_off else 0.0
+        return f"compass and GPS disagree by {abs(off) * 180 / pi:.0f} deg of bearing: compass likeliest"
+    off = look.range_off[0] if look.range_off else 0.0
+    return f"range and GPS disagree by {abs(off):.0f} m: {culprit.value} likeliest"
+
+
+def angle_between(first: tuple[float, float], second: tuple[float, float]) -> float:
+    """Angle from the second vector to the first, rad, counter-clockwise positive."""
+    cross = second[0] * first[1] - second[1] * first[0]
+    return atan2(cross, first[0] * second[0] + first[1] * second[1])

@@ -1,0 +1,169 @@
+"""Positions and ranges out of anybody's log: a tlog, or a CSV with time, latitude, longitude, altitude and range."""
+
+import csv
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from math import isfinite, nan
+from pathlib import Path
+
+import numpy as np
+from pymavlink.dialects.v20 import all as dialect
+
+from circnav_mav.locate.estimator import Ranges, Track
+from circnav_mav.locate.geodesy import Plane
+from circnav_mav.mav.codec import Decoder, Message
+from circnav_mav.mav.ranging.interface import RangingSettings, Reading
+from circnav_mav.mav.ranging.table import RANGING_MESSAGES
+from circnav_mav.runlog.run_folder import RunError, printable
+from circnav_mav.runlog.tlog import message_id, read_tlog
+
+NAMES = {
+    "time": ("time", "time_s", "t", "timestamp"),
+    "latitude": ("latitude", "latitude_deg", "lat"),
+    "longitude": ("longitude", "longitude_deg", "lon", "lng"),
+    "altitude": ("altitude", "altitude_m", "alt"),
+    "range": ("range", "range_m", "distance", "distance_m"),
+    "sigma": ("sigma", "sigma_m", "range_sigma", "range_sigma_m", "accuracy"),
+    "tag": ("tag", "tag_id", "id", "beacon_id", "beacon"),
+}
+"""The columns of a CSV, by the names that are understood."""
+NEEDED = ("time", "latitude", "longitude", "range")
+ONE_TAG = "target"
+FIX_3D = 3
+DOWN = 25
+"""MAV_SENSOR_ORIENTATION of a height sensor."""
+
+
+@dataclass(slots=True)
+class RangeLog:
+    """positions: time (s), latitude, longitude (degrees), altitude (m, NaN where there is none). ranges: of each tag,
+    time (s), range (m), standard deviation (m, NaN where it says none)."""
+
+    positions: list[tuple[float, float, float, float]] = field(default_factory=list)
+    ranges: dict[str, list[tuple[float, float, float]]] = field(default_factory=dict)
+
+    def plane(self) -> Plane:
+        """That touches the earth at the first position."""
+        return Plane(*self.positions[0][1:3])
+
+    def track(self, plane: Plane) -> Track:
+        """The positions in the order of their times; without an altitude, at zero."""
+        table = np.array(sorted(self.positions))
+        east, north = plane.to_metres(table[:, 1], table[:, 2])
+        return Track(table[:, 0], east, north, np.nan_to_num(table[:, 3]))
+
+    def of(self, tag: str, sigma: float | None) -> tuple[Ranges, bool]:
+        """A tag's ranges, and whether they say how good they are. sigma: m, for all that do not; None: not known."""
+        table = np.array(sorted(self.ranges[tag]))
+        told = np.isfinite(table[:, 2])
+        filled = np.where(told, table[:, 2], 1.0 if sigma is None else sigma)
+        return Ranges(table[:, 0], table[:, 1], filled), bool(told.all() or sigma is not None)
+
+
+def read_log(path: Path) -> RangeLog:
+    """Positions and ranges of a run folder, a tlog or a CSV. Raises RunError, OSError."""
+    file = path / "flight.tlog" if path.is_dir() else path
+    if not file.exists():
+        raise RunError(f"{file}: no such file")
+    log = _read_csv(file) if file.suffix.lower() in (".csv", ".txt") else _read_tlog(file)
+    if not log.ranges:
+        kinds = ", ".join(kind.type for kind in RANGING_MESSAGES.values())
+        raise RunError(f"{file}: no ranges in it: {kinds} of a tlog, or the column range of a CSV")
+    if len(log.positions) < 2:
+        raise RunError(
+            f"{file}: no positions in it: GLOBAL_POSITION_INT with a 3D fix, or latitude and longitude of a CSV"
+        )
+    return log
+
+
+def _read_csv(file: Path) -> RangeLog:
+    log = RangeLog()
+    try:
+        with file.open(newline="", encoding="utf-8-sig") as lines:
+            rows = csv.DictReader(lines)
+            columns = _columns(file, rows.fieldnames or [])
+            for row in rows:
+                cells = {name: _number(row.get(column), file, rows.line_num, name)
+                         for name, column in columns.items() if name != "tag"}  # fmt: skip
+                time = cells["time"]
+                if not isfinite(time):
+                    raise RunError(f"{file}: line {rows.line_num}: time: is missing")
+                latitude, longitude = cells["latitude"], cells["longitude"]
+                if isfinite(latitude) and isfinite(longitude):
+                    if not (abs(latitude) <= 90 and abs(longitude) <= 180):
+                        raise RunError(
+                            f"{file}: line {rows.line_num}: {latitude:g} {longitude:g} is no place: degrees?"
+                        )
+                    log.positions.append((time, latitude, longitude, cells.get("altitude", nan)))
+                if cells["range"] > 0:
+                    tag = printable(str(row.get(columns.get("tag", ""), "") or "")) or ONE_TAG
+                    log.ranges.setdefault(tag, []).append((time, cells["range"], cells.get("sigma", nan)))
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise RunError(f"{file}: is no CSV: {error}") from None
+    return log
+
+
+def _columns(file: Path, header: Sequence[str]) -> dict[str, str]:
+    """Our names of the columns that are there. Raises RunError."""
+    known = {column.strip().lower(): column for column in header}
+    found = {name: known[wanted] for name, names in NAMES.items() for wanted in reversed(names) if wanted in known}
+    missing = [name for name in NEEDED if name not in found]
+    if missing:
+        raise RunError(
+            f"{file}: no column {', '.join(missing)}: the first line must name time (s), latitude, longitude (degrees) "
+            "and range (m), and may name altitude (m), sigma (m), tag"
+        )
+    return found
+
+
+def _number(cell: str | None, file: Path, line: int, name: str) -> float:
+    """A cell as a number, NaN if it is empty. Raises RunError."""
+    try:
+        return float(cell) if cell and cell.strip() else nan
+    except ValueError:
+        raise RunError(f"{file}: line {line}: {name}: {printable(str(cell))[:40]!r} is not a number") from None
+
+
+def _read_tlog(file: Path) -> RangeLog:
+    """Positions of the first vehicle while it has a fix; ranges of every source, a tag each."""
+    log, fixed, vehicle, began = RangeLog(), None, None, None
+    kinds = {kind.id: kind for kind in RANGING_MESSAGES.values()}
+    wanted = {dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, dialect.MAVLINK_MSG_ID_GPS_RAW_INT, *kinds}
+    decoder, newest = Decoder(wanted=wanted), dict[str, tuple[float | None, float]]()
+    for stamp, frame in read_tlog(file):
+        if message_id(frame) not in wanted:
+            continue
+        began = stamp if began is None else began
+        time = (stamp - began) / 1e6
+        for message in decoder.decode(frame):
+            sender, kind = (message.get_srcSystem(), message.get_srcComponent()), kinds.get(message.get_msgId())
+            if kind is not None:
+                reading = kind.read(message)
+                tag = _tag(message)
+                if isinstance(reading, Reading) and tag is not None and _is_new(reading, tag, newest, time):
+                    log.ranges.setdefault(tag, []).append((time, reading.slant, reading.sigma or nan))
+            elif vehicle in (None, sender):
+                if message.get_type() == "GPS_RAW_INT":
+                    fixed = message.fix_type >= FIX_3D
+                elif fixed is not False and (message.lat, message.lon) != (0, 0):
+                    vehicle = sender
+                    log.positions.append((time, message.lat / 1e7, message.lon / 1e7, message.alt / 1000))
+    return log
+
+
+def _is_new(reading: Reading, tag: str, newest: dict[str, tuple[float | None, float]], time: float) -> bool:
+    """Whether it is no repetition of the range before, as autopilots make them."""
+    before, newest[tag] = newest.get(tag), (reading.stamp, reading.slant)
+    return before is None or before != newest[tag]
+
+
+def _tag(message: Message) -> str | None:
+    """Name of the source of a range, None where it is none: a height sensor, a value of another kind."""
+    sender = f"{message.get_srcSystem()}/{message.get_srcComponent()}"
+    match message.get_type():
+        case "DISTANCE_SENSOR":
+            return None if message.orientation == DOWN else f"sensor {message.id} of {sender}"
+        case "RANGING_BEACON":
+            return f"beacon {message.beacon_id} of {sender}"
+    name = message.name.decode("ascii", "replace") if isinstance(message.name, bytes) else message.name
+    return f"{name} of {sender}" if name == RangingSettings().name else None

@@ -1,0 +1,76 @@
+"""The survey beside the loop of a flight: its process, its socket; and no error of it ends a flight."""
+
+import socket
+from collections.abc import Hashable, Iterable
+from concurrent.futures import Future
+from contextlib import suppress
+
+from circnav_mav.locate.estimator import NotYet, locate
+from circnav_mav.locate.export import cursor_on_target
+from circnav_mav.locate.locator import Locator
+from circnav_mav.locate.place import Place
+from circnav_mav.runtime.solver import start_solver
+
+
+class Locating:
+    """Runs a locator. The estimate is made in a process of its own: it takes longer than a tick may, and a thread would
+    hold the interpreter's lock while a range waits for its answer."""
+
+    def __init__(self, locator: Locator, name: str, cot: tuple[str, int] | None = None) -> None:
+        """name: of the target for others. cot: where Cursor on Target goes."""
+        self.locator, self._name, self._cot = locator, name, cot
+        self.epoch_us = 0
+        self.problem: str | None = None
+        """Why nothing more is surveyed."""
+        self._pool = start_solver()  # now, not in flight
+        self._under_way: Future[Place | NotYet] | None = None
+        self._socket = None if cot is None else socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        if self._socket is not None:
+            self._socket.setblocking(False)
+
+    @property
+    def busy(self) -> bool:
+        """Whether there is something to do after guidance has ended."""
+        return self.problem is None and self.locator.busy
+
+    def hear(self, link: str, source: Hashable, frames: Iterable[bytes], now: float) -> None:
+        """What the pilot has heard."""
+        if self.problem is None:
+            try:
+                self.locator.hear(link, source, frames, now)
+            except Exception as error:
+                self._stop(error, now)
+
+    def step(self, now: float) -> list[bytes]:
+        """The frames to send now."""
+        if self.problem is not None:
+            return []
+        try:
+            if self._under_way is not None and self._under_way.done():
+                self.locator.found(self._under_way.result())
+                self._under_way = None
+            if self._under_way is None and (job := self.locator.job(now)) is not None:
+                self._under_way = self._pool.submit(locate, *job)
+            frames = self.locator.step(now)
+            self._tell_cot(now)
+            return frames
+        except Exception as error:
+            self._stop(error, now)
+            return []
+
+    def close(self) -> None:
+        """End the process."""
+        self._pool.shutdown(wait=False, cancel_futures=True)
+        if self._socket is not None:
+            self._socket.close()
+
+    def _stop(self, error: Exception, now: float) -> None:
+        self.problem = f"survey of the target: stopped at {now:.1f} s: {error!r}"
+
+    def _tell_cot(self, now: float) -> None:
+        place = self.locator.place
+        if self._socket is None or self._cot is None or place is None or not self.locator.cot_due:
+            return
+        self.locator.cot_due = False
+        with suppress(OSError):  # nobody there, or no network now
+            self._socket.sendto(cursor_on_target(place.at(now), self._name, self.epoch_us, now), self._cot)

@@ -1,0 +1,60 @@
+"""What a command loads, and when: nothing that it does not need, and nothing slow once it is needed."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+QUICKSTART = Path(__file__).parents[2] / "config" / "quickstart.toml"
+RUN = """
+import contextlib, io, json, sys
+from circnav_mav.cli import main
+sys.argv = ["circnav", *{arguments!r}]
+{before}
+with contextlib.redirect_stdout(io.StringIO()):
+    try:
+        main()
+    except SystemExit as end:
+        code = end.code
+print(json.dumps({after}))
+"""
+
+
+def told(arguments, after, before=""):
+    program = RUN.format(arguments=arguments, before=before, after=after)
+    ran = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    return json.loads(ran.stdout)
+
+
+def test_check_loads_nothing_that_is_slow_to_load():
+    code, loaded = told(["check", str(QUICKSTART)], "[code, sorted(sys.modules)]")
+    assert code == 0
+    assert not {"scipy", "filterpy", "matplotlib", "rich", "tomlkit"} & set(loaded)
+
+
+WATCHED = """
+import signal
+from circnav_mav.cli import fly
+from circnav_mav.pilot import Pilot
+loaded, receive = [], Pilot.receive
+
+def heard(pilot, *arguments):
+    loaded.append(hasattr(sys.modules.get("filterpy.kalman"), "update"))
+    receive(pilot, *arguments)
+
+def draw(folder):
+    loaded.append("matplotlib" not in sys.modules)
+    signal.raise_signal(signal.SIGTERM)
+    return []
+
+Pilot.receive, fly.draw_flight = heard, draw
+"""
+
+
+def test_a_flight_has_its_filter_before_it_hears_anything_and_pictures_neither_load_nor_end_with_it(tmp_path):
+    """A signal that comes while pictures are made leaves the flight its exit code."""
+    arguments = ["fly", str(QUICKSTART), "--duration", "3", "--out", str(tmp_path / "run")]
+    code, loaded = told(arguments, "[code, loaded]", WATCHED)
+    assert code == 0
+    assert len(loaded) > 100
+    assert all(loaded)

@@ -1,0 +1,86 @@
+"""Whether a measured range rate goes with the ranges."""
+
+from math import cos, hypot, sin
+
+import numpy as np
+import pytest
+
+from circnav_mav.guidance.rate_check import RateCheck
+
+V, HZ = 15.0, 10.0
+
+
+def flight(seconds, seed=1, sigma=0.5, rate_sigma=0.1, outliers=0.0, drifting=0.0):
+    """An approach, then the circle of 100 m in 5 m/s of wind: (t, r, true rate, measured r, measured rate)."""
+    chance, psi, x, y, slow = np.random.default_rng(seed), 0.3, -250.0, 60.0, 0.0
+    for n in range(round(seconds * HZ)):
+        for _ in range(5):
+            r = hypot(x, y)
+            vx, vy = V * cos(psi) + 5.0, V * sin(psi)
+            rate = (x * vx + y * vy) / r
+            wanted = V / max(r, 40) + 0.06 * (rate + 8 * np.tanh(0.15 * (r - 100) / 8))
+            psi += float(np.clip(wanted, -0.35, 0.35)) / HZ / 5
+            x, y = x + vx / HZ / 5, y + vy / HZ / 5
+        slow = 0.95 * slow + drifting * 0.31 * chance.normal()
+        z = hypot(x, y) + sigma * chance.normal() + slow
+        z += chance.uniform(-20, 20) if chance.random() < outliers else 0.0
+        yield n / HZ, z, rate, rate + rate_sigma * chance.normal()
+
+
+def judged(said, **noise):
+    """When the rates were dropped and counted again; `said(t, true, measured)` is what the radio reports."""
+    check, changes, was = RateCheck(), [], True
+    for t, z, true, measured in flight(**noise):
+        check.add_rate(t, said(t, true, measured))
+        check.add_range(t, z, hypot(noise.get("sigma", 0.5), noise.get("drifting", 0.0)), noise.get("rate_sigma", 0.1))
+        if check.trusted != was:
+            was = check.trusted
+            changes.append(t)
+    return check, changes
+
+
+@pytest.mark.parametrize(
+    "noise",
+    [{}, {"rate_sigma": 0.3}, {"sigma": 0.02, "drifting": 0.15}, {"outliers": 0.1}, {"sigma": 1.0, "drifting": 2}],
+)
+def test_an_honest_rate_counts_all_the_time(noise):
+    for seed in (1, 2):
+        check, changes = judged(lambda t, true, measured: measured, seconds=300.0, seed=seed, **noise)
+        assert changes == []
+        assert abs(check.bias) < 0.2
+
+
+@pytest.mark.parametrize("since", [0.0, 6.0])
+@pytest.mark.parametrize(
+    ("lie", "words"),
+    [
+        (lambda true, measured: -measured, "the opposite: see ranging.rate_sign"),
+        (lambda true, measured: 1.5 * measured, "ranges change by"),
+        (lambda true, measured: measured + 3.0, "ranges change by"),
+        (lambda true, measured: 4.0, "ranges change by"),
+    ],
+    ids=["sign", "scale", "bias", "frozen"],
+)
+def test_a_rate_that_lies_is_dropped_within_three_seconds(since, lie, words):
+    said = lambda t, true, measured: lie(true, measured) if t >= since else measured  # noqa: E731
+    check, changes = judged(said, seconds=since + 9.0)
+    assert changes[0] <= since + 3.0
+    assert since or words in check.why
+
+
+def test_a_dropped_rate_is_tried_again_once_it_agrees_and_later_each_time():
+    def said(t, true, measured):
+        return measured + (5.0 if t < 20.0 or 40.0 <= t < 50.0 else 0.0)
+
+    _, changes = judged(said, seconds=90.0)
+    dropped, again, dropped_again, at_last = changes
+    assert dropped <= 3.0
+    assert 29.0 <= again <= 34.0
+    assert 40.0 <= dropped_again <= 43.0
+    assert 69.0 <= at_last <= 74.0
+
+
+def test_a_small_offset_of_the_carrier_is_found_and_harms_nobody():
+    check, changes = judged(lambda t, true, measured: measured + 0.2, seconds=60.0)
+    assert changes == []
+    assert check.bias == pytest.approx(0.2, abs=0.1)

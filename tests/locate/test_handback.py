@@ -1,0 +1,101 @@
+"""Positions given back to an autopilot that has lost its own: whole flights of the emulated plane."""
+
+from math import hypot, pi
+
+import pytest
+from pymavlink.dialects.v20 import all as mavlink
+
+from circnav_mav.guidance.types import OwnMotion
+from circnav_mav.locate.geodesy import Plane
+from circnav_mav.locate.handback import DeadReckoning, HandBack, HandBackSettings, Where
+from tests.locate.flown import Surveyed, surveyed
+
+POSITION = mavlink.MAV_CMD_EXTERNAL_POSITION_ESTIMATE
+LOST_AT, END = 60.0, 105.0
+PLANE = (
+    'sim.events=[{at_s=60.0, action="gps_off"}]', "sim.sensors.dead_reckoning_mps=1", "sim.sensors.gps_error_m=1",
+    "sim.sensors.gps_error_time_s=600", "sim.wind.speed_mps=5", "sim.start.north_m=150", "sim.start.east_m=-100",
+    "limits.duration_s=85",
+)  # fmt: skip
+HERE = Where(0.0, 15.0, 0.0, 3.0, (0.0, 0.0), 1.0, True)
+ON_PLANE = Plane(-35.0, 149.0)
+
+
+def commands(flown: Surveyed) -> list[tuple[float, mavlink.MAVLink_message]]:
+    parser = mavlink.MAVLink(None)
+    read = [(time, message) for time, frame in flown.said for message in parser.parse_buffer(frame) or ()]
+    return [(time, one) for time, one in read if one.get_type() == "COMMAND_INT" and one.command == POSITION]
+
+
+def own_error(flown: Surveyed) -> float:
+    """Of the position that the autopilot reports, m."""
+    return hypot(*flown.vehicle._flight.position_error)
+
+
+def test_an_autopilot_without_gps_is_kept_where_it_is_also_after_guidance_has_ended() -> None:
+    """Of an autopilot that drifts away by 1 m/s in each axis, which nobody helps: 45 s later it is some 45 m off."""
+    errors: list[tuple[float, float]] = []
+    flown = surveyed("arduplane", *PLANE, law="auto", handback=HandBackSettings())
+    flown.solve_from, flown.solve_every = 50.0, 10.0
+    flown.fly(END, lambda one: errors.append((one.now, own_error(one))))
+    given = commands(flown)
+    assert [time for time, _ in given if time < LOST_AT + 2.0] == []
+    assert len(given) >= 8 and flown.pilot.done
+    late = sorted(error for time, error in errors if time > LOST_AT + 10)
+    assert late[len(late) // 2] < 10.0 and late[-1] < 25.0
+    (_, first), back = given[0], flown.locator.handback  # type: ignore[union-attr]
+    assert first.frame == mavlink.MAV_FRAME_GLOBAL and first.z != first.z and first.param3 >= 1.0
+    assert back is not None and back.plain() == {"sent": len(given), "accepted": len(given), "ended": "going on"}
+    assert given[-1][0] > flown.sent[-1][0] + 5.0, "it ended with guidance"
+
+
+def test_off_by_default_nothing_is_given_and_the_same_autopilot_drifts_away() -> None:
+    flown = surveyed("arduplane", *PLANE, law="smooth")
+    flown.solve_from = 1e9
+    flown.fly(END)
+    assert commands(flown) == []
+    assert own_error(flown) > 30.0
+
+
+def test_nothing_is_given_while_the_gps_has_a_fix_or_nobody_says_so_and_no_more_once_it_is_back() -> None:
+    back = HandBack(HandBackSettings())
+    said = [True] * 50 + [False] * 200 + [None] * 100 + [True] * 100
+    times = []
+    for tick, fix in enumerate(said):
+        if back.step(tick / 10, fix=fix, where=HERE, plane=ON_PLANE, target=(1, 1)) is not None:
+            times.append(tick / 10)
+            back.answered(mavlink.MAVLink_command_ack_message(POSITION, 0, 0, 0, 1, 194), (1, 194), tick / 10)
+    assert times == [7.0, 12.0, 17.0, 22.0]  # the fix is gone at 5 s, and has been for 2
+    assert back.ended == "GPS is back"
+
+
+def test_dead_reckoning_goes_on_through_the_air_with_the_wind_learnt_before() -> None:
+    """Due north at 20 m/s through the air, 5 m/s of wind to the east, for 60 s from 100 m east of the target."""
+    reckoning = DeadReckoning()
+    reckoning.where = Where(0.0, 100.0, 0.0, 3.0, (5.0, 0.0), 1.0, True)
+    for tick in range(1, 601):
+        reckoning.flown(tick / 10, OwnMotion(tick / 10, pi / 2, 0.0, 20.0), 0.0)
+    here = reckoning.where
+    assert here is not None and (here.east, here.north) == pytest.approx((400.0, 1200.0), abs=1e-6)
+    assert here.sigma == pytest.approx(3.0 + 0.3 * 60) and not here.by_ranges
+
+
+@pytest.mark.parametrize("result", [mavlink.MAV_RESULT_UNSUPPORTED, mavlink.MAV_RESULT_DENIED, 77])
+def test_an_autopilot_whose_answer_is_no_or_not_understood_is_asked_once(result: int) -> None:
+    back, sent = HandBack(HandBackSettings()), 0
+    for tick in range(600):
+        if back.step(tick / 10, fix=False, where=HERE, plane=ON_PLANE, target=(1, 1)) is not None:
+            sent += 1
+            back.answered(mavlink.MAVLink_command_ack_message(POSITION, result, 0, 0, 1, 194), (1, 194), tick / 10)
+    assert sent == 1 and back.over
+
+
+def test_an_autopilot_that_accepts_and_does_nothing_is_left_alone() -> None:
+    """Where DCM flies, the command is accepted without effect."""
+    back, sent = HandBack(HandBackSettings()), 0
+    for tick in range(600):
+        if back.step(tick / 10, fix=False, where=HERE, plane=ON_PLANE, target=(1, 1)) is not None:
+            sent += 1
+            back.answered(mavlink.MAVLink_command_ack_message(POSITION, 0, 0, 0, 1, 194), (1, 194), tick / 10)
+        back.reported(HERE.east + 400.0, HERE.north, HERE, tick / 10)
+    assert sent == 3 and back.ended == "positions are accepted, and have no effect"

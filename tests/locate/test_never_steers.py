@@ -1,0 +1,92 @@
+"""Positions never steer: what the pilot sends is the same, byte for byte, with survey and hand-back or without."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import all as mavlink
+
+from circnav_mav.locate.estimator import locate
+from circnav_mav.locate.handback import HandBackSettings
+from circnav_mav.locate.locator import COMMANDS, SAYS, LocateSettings, Locator
+from circnav_mav.pilot import VEHICLE
+from circnav_mav.pilot.mission_state import Phase
+from tests.rig import Rig, decode
+
+SETPOINTS = {"SET_POSITION_TARGET_LOCAL_NED", "SET_ATTITUDE_TARGET", "MANUAL_CONTROL", "SET_POSITION_TARGET_GLOBAL_INT"}
+
+
+class SurveyedRig(Rig):
+    """A rig whose pilot has a survey with everything switched on beside it."""
+
+    def __init__(self, **changes: Any) -> None:
+        super().__init__(**changes)
+        settings = LocateSettings(194, beacon=True, camera=True, handback=HandBackSettings(place=(47.3, 8.5)))
+        self.locator = Locator(settings, self.pilot)
+        self.survey: list[bytes] = []
+
+    def hear(self, message: Any, **how: Any) -> None:
+        super().hear(message, **how)
+        self.locator.hear(VEHICLE, how.get("source") or self.source, self.pilot.take_frames(), self.now)
+
+    def step(self) -> list[Any]:
+        messages = super().step()
+        if (job := self.locator.job(self.now)) is not None and self.tick % 40 == 0:
+            self.locator.found(locate(*job))
+        self.survey += self.locator.step(self.now)
+        return messages
+
+
+def circling(latitude: int, longitude: int, tick: int) -> Any:
+    return mavlink.MAVLink_global_position_int_message(
+        50 * tick, latitude + 40 * tick, longitude, 500_000, 40_000, 1500, 0, 0, 0
+    )
+
+
+LIES: dict[str, Callable[[int], list[Any]]] = {
+    "a position that runs away": lambda tick: [
+        mavlink.MAVLink_gps_raw_int_message(50_000 * tick, 3, 0, 0, 0, 1, 1, 0, 0, 9),
+        circling(473_000_000, 85_000_000, tick),
+    ],
+    "a fix that comes and goes, and jumps by kilometres": lambda tick: [
+        mavlink.MAVLink_gps_raw_int_message(50_000 * tick, 3 * (tick // 30 % 2), 0, 0, 0, 1, 1, 0, 0, 9),
+        circling(473_000_000 + 1_000_000 * (tick // 45 % 2), 85_000_000, tick),
+    ],
+    "no fix, and every answer a yes": lambda tick: [
+        mavlink.MAVLink_gps_raw_int_message(50_000 * tick, 1, 0, 0, 0, 1, 1, 0, 0, 9),
+        circling(473_000_000, 85_000_000, tick),
+        mavlink.MAVLink_command_ack_message(mavlink.MAV_CMD_EXTERNAL_POSITION_ESTIMATE, 0, 0, 0, 1, 194),
+    ],
+}
+
+
+@pytest.mark.parametrize("lie", LIES.values(), ids=LIES)
+def test_false_positions_change_no_byte_of_the_output_with_survey_and_hand_back_on(
+    lie: Callable[[int], list[Any]],
+) -> None:
+    honest, lied_to = Rig(), SurveyedRig()
+    for tick in range(160):
+        honest.run(0.05)
+        lied_to.run(0.05)
+        for message in lie(tick):
+            # without a place in the vehicle's own count: the honest rig hears none of these
+            frame = lied_to.vehicle.say(message)
+            lied_to.pilot.receive(frame, lied_to.now, lied_to.source)
+            lied_to.locator.hear(VEHICLE, lied_to.source, lied_to.pilot.take_frames(), lied_to.now)
+    assert honest.pilot.phase is Phase.ENGAGED
+    assert lied_to.raw == honest.raw
+    said = [message for frame in lied_to.survey for message in decode(frame)]
+    assert said, "the survey was silent: nothing was tested"
+    assert {one.get_type() for one in said} <= SAYS and not SAYS & SETPOINTS
+    assert {one.command for one in said if one.get_type().startswith("COMMAND")} <= COMMANDS
+    assert {one.get_srcComponent() for one in said} == {194}
+
+
+def test_what_moves_a_vehicle_cannot_leave_the_survey() -> None:
+    rig = SurveyedRig()
+    for message in (
+        mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 0, [1, 0, 0, 0], 0, 0, 0, 0),
+        mavlink.MAVLink_command_long_message(1, 1, mavlink.MAV_CMD_DO_SET_MODE, 0, 1, 4, 0, 0, 0, 0, 0),
+    ):
+        with pytest.raises(ValueError, match="must not leave"):
+            rig.locator._encode(message)
