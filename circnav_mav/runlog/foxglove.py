@@ -59,6 +59,7 @@ def foxglove_messages(run: Run) -> Iterator[Said]:
     yield from _scene(run, times, places)
     yield from _log(run)
     yield from _fixes(run)
+    yield from _target(run)
 
 
 def _estimated(run: Run) -> tuple[Column, Column]:
@@ -161,6 +162,22 @@ def _fixes(run: Run) -> Iterator[Said]:
                     timestamp=_stamp(run, time), frame_id="vehicle", latitude=message.lat / 1e7,
                     longitude=message.lon / 1e7, altitude=message.alt / 1000,
                 )  # fmt: skip
+
+
+def _target(run: Run) -> Iterator[Said]:
+    """The surveyed place of the target, as the summary has it."""
+    try:
+        place = run.summary["place"]
+        time, variance = float(place["time_s"]), float(place["sigma_m"]) ** 2
+        fix = LocationFix(
+            timestamp=_stamp(run, time), frame_id=BEACON, latitude=place["latitude_deg"],
+            longitude=place["longitude_deg"], altitude=place["altitude_m"] or 0.0,
+            position_covariance=[variance, 0, 0, 0, variance, 0, 0, 0, 0],
+            position_covariance_type=LocationFix.APPROXIMATED,
+        )  # fmt: skip
+    except (KeyError, TypeError, ValueError, OverflowError):  # none was found, or the file is not as we wrote it
+        return
+    yield "/target", time, fix
 
 
 def _every_piece(times: Column) -> list[int]:

@@ -142,6 +142,27 @@ def test_a_position_that_the_vehicle_reports_is_a_fix_on_the_map(circnav, flown,
     assert at == (EPOCH_US + 19_000_000) * 1000
 
 
+@pytest.mark.parametrize("wrong", [None, "latitude_deg", "sigma_m", "time_s"])
+def test_the_surveyed_place_of_the_target_is_a_fix_on_the_map(circnav, flown, tmp_path, wrong):
+    run = shutil.copytree(flown, tmp_path / "run")
+    place = {
+        "latitude_deg": -35.3632621,
+        "longitude_deg": 149.1652374,
+        "altitude_m": None,
+        "sigma_m": 1.5,
+        "time_s": 18,
+    }
+    (run / "summary.json").write_text(json.dumps({"place": place | ({wrong: "no number"} if wrong else {})}))
+    assert circnav("export", run, "--mcap").code == 0
+    found = messages(run / "flight.mcap")
+    assert ("/target" in found) is (wrong is None)
+    for at, fix, schema in found.get("/target", ()):
+        assert schema.name == "foxglove.LocationFix"
+        assert (fix.latitude, fix.longitude) == (-35.3632621, 149.1652374)
+        assert list(fix.position_covariance) == [2.25, 0, 0, 0, 2.25, 0, 0, 0, 0]
+        assert at == (EPOCH_US + 18_000_000) * 1000
+
+
 def test_what_cannot_be_exported_is_one_line(circnav, flown, tmp_path):
     assert "no such run folder" in circnav("export", tmp_path / "no", "--mcap").line
     assert "No such file or directory" in circnav("export", flown, "--mcap", tmp_path / "no" / "x.mcap").line
