@@ -29,6 +29,8 @@ SITUATIONS: dict[str, Row] = {
         Row(Situation("target .2 V", target=3.0), 0.30),
         Row(Situation("target .2 V, wind .2 V", target=3.0, wind=0.20 * V), 0.40),
         Row(Situation("target turns", target=3.0, target_turn=0.05)),
+        Row(Situation("wind .33 V turns 90 deg in 10 s", wind=0.33 * V, veer=radians(90)), 0.4),
+        Row(Situation("target stops and goes", target=3.0, stands=30.0), 0.4),
         Row(Situation("target accelerates", target=3.0, target_walk=0.3)),
         Row(Situation("gusts 1.5, wind .33 V", wind=5.0, gust=1.5), 1.0),
         Row(Situation("the same with accelerations", wind=5.0, gust=1.5, imu=ImuNoise())),
