@@ -102,7 +102,7 @@ def drift(
     return rotation + gains.heading * (wrap(wanted(0.0 * ahead) - psi) - under_way)
 
 
-LEAD_TIME = 0.5
+LEAD_TIME = 0.7
 """Time constant, s, of how fast the field turns beyond what was foreseen."""
 
 

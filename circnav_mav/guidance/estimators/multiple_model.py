@@ -49,7 +49,7 @@ class BankSettings:
     trusted, lost: bounds of the position's standard deviation over the range: above the first the estimate must not
     steer, above the second the track is given up. missed: share of recent samples outside the gate that ends the
     track; recent: memory of it, s. drift_most: largest drift that makes sense, in V. winds, noises: the models, all
-    pairs of (m^2/s^3 of d, gust in V, noise of the nose in V, whether accelerations count, rad/s of w) and (white, drifting) parts
+    pairs of (m^2/s^3 of d, gust in V, noise of the nose in V, whether accelerations count) and (white, drifting) parts
     of sigma. search: how to search, None for the defaults.
     """
 
@@ -60,8 +60,8 @@ class BankSettings:
     missed: float = 0.6
     recent: float = 3.0
     drift_most: float = 0.85
-    winds: tuple[tuple[float, float, float, float, float], ...] = (
-        (3e-4, 0, 0, 0, 0), (5e-2, 0, 0, 0, 0), (1e-2, 0.1, 0, 0, 0), (3e-4, 0.1, 0.03, 1, 0), (3e-4, 0, 0, 0, 0.1),
+    winds: tuple[tuple[float, float, float, float], ...] = (
+        (3e-4, 0, 0, 0), (5e-2, 0, 0, 0), (1e-2, 0.1, 0, 0), (3e-4, 0.1, 0.03, 1), (5e-1, 0, 0, 0),
     )  # fmt: skip
     noises: tuple[tuple[float, float], ...] = ((1.0, 0.0), (0.4, 0.9))
     search: SearchSettings | None = None
@@ -70,19 +70,21 @@ class BankSettings:
         """All models, arrays (M, 1)."""
         models = np.array([(*wind, *noise) for wind, noise in product(self.winds, self.noises)])
         models[:, 1:3] *= self.speed
-        psd, gust, nose, feels, turn, white, drifting = models.T[..., None]
-        return Noise(psd, gust, white, drifting, nose, feels, turn)
+        psd, gust, nose, feels, white, drifting = models.T[..., None]
+        return Noise(psd, gust, white, drifting, nose, feels)
 
 
 LEAST_SIGMA, MOST_SIGMA = 1e-3, 1e3
 """What the standard deviation of a range counts as at least and at most, m: none is known better than the motion in
 between, worse ones tell nothing, and variances that are farther apart cancel to nothing in a covariance."""
+FORGOTTEN, REVIVED = -12.0, -6.0
+"""A model whose log weight falls below the first starts again from the mixture with the second."""
 
 
 class DriftBank:
     """The banks of B flights that are stepped together. `step` is the only way in; the attributes are what is believed.
 
-    mean (13, B), covariance (13, 13, B), stage, nis, missed, refused, spread (B,): nis of the heaviest hypothesis,
+    mean (12, B), covariance (12, 12, B), stage, nis, missed, refused, spread (B,): nis of the heaviest hypothesis,
     share of recent misses, whether the last sample was refused, standard deviation of the position over the range
     (infinite before it is known where the target is).
     """
@@ -123,9 +125,10 @@ class DriftBank:
     @property
     def likely_noise(self) -> Noise:
         """What the tracking models assume on average, arrays (1, B); the middle of them for those that search."""
-        weight = np.full((len(self.noise.white), self.stage.size), 1 / len(self.noise.white))
+        n = self.noise
+        weight = np.full((len(n.white), self.stage.size), 1 / len(n.white))
         weight[:, self._tracking] = self._tracks.weight
-        return Noise(*(part.T @ weight for part in self.noise.parts))
+        return Noise(*(part.T @ weight for part in (n.drift_psd, n.gust, n.white, n.drifting, n.nose, n.feels)))
 
     def step(self, dt: Array, chord: Array, z: Array, sigma: Array, valid: Array, felt: Felt | None = None) -> None:
         """Carry flights on by dt (B,) along chord (2, B), and take in their ranges z, sigma where valid (B,). Nothing
@@ -153,8 +156,7 @@ class DriftBank:
             self._count(at, said.nis[heaviest], said.taken[heaviest], valid[at])
         mean, covariance = relative_ekf.mixture(h)
         self._believe(at, mean, covariance)
-        changes = 1 - np.exp(-dt[at] / relative_ekf.STAYS)
-        self._tracks = relative_ekf.mixed(h, self.noise, mean, covariance, changes)
+        self._tracks = _revive(h, mean, covariance)
 
     def _believe(self, at: Array, mean: Array, covariance: Array) -> None:
         self.mean[:, at], self.covariance[:, :, at] = mean, covariance
@@ -223,4 +225,16 @@ def _copies(mean: Array, covariance: Array, count: int) -> Hypotheses:
         np.repeat(mean[:, None], count, axis=1),
         np.repeat(covariance[:, :, None], count, axis=2),
         np.zeros((count, mean.shape[-1])),
+    )
+
+
+def _revive(h: Hypotheses, mean: Array, covariance: Array) -> Hypotheses:
+    """Start models again that lost; what they hold is no use to anybody."""
+    dead = h.log_weight < FORGOTTEN
+    if not dead.any():
+        return h
+    return Hypotheses(
+        np.where(dead, mean[:, None], h.x),
+        np.where(dead, covariance[:, :, None], h.P),
+        np.where(dead, REVIVED, h.log_weight),
     )

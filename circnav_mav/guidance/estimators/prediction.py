@@ -22,10 +22,7 @@ from circnav_mav.guidance.estimators.relative_ekf import (
     KAPPA,
     KAPPA_PSD,
     LEFT,
-    TURN,
     Array,
-    Noise,
-    Turned,
     axes,
     motion,
     steps,
@@ -35,12 +32,14 @@ from circnav_mav.guidance.estimators.relative_ekf import (
 
 @dataclass(frozen=True, slots=True)
 class Belief:
-    """mean: the state of `relative_ekf`, 13 numbers. covariance (13, 13) or (B, 13, 13). noise: what it assumes,
-    numbers or arrays (B,)."""
+    """mean: the state of `relative_ekf`, 12 numbers. covariance (12, 12) or (B, 12, 12). drift_psd (m^2/s^3), gust
+    (m/s), feels (0 .. 1): what it assumes."""
 
     mean: Array | tuple[float, ...]
     covariance: Array
-    noise: Noise
+    drift_psd: Array
+    gust: Array
+    feels: Array = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,27 +64,25 @@ def predict_belief(
 ) -> Prediction:  # fmt: skip
     """The belief carried on by dt (s) along an air path (m, at the measured airspeed) to where the vehicle flies with
     that heading (rad) and that measured airspeed (m/s). felt: what was felt meanwhile, see `Knot.felt_since`."""
-    x, noise, calm = belief.mean, belief.noise, xp.exp(-dt / GUST_TIME)
-    steady = Turned.of(x, dt, xp)
+    x, calm = belief.mean, xp.exp(-dt / GUST_TIME)
     r, theta, (out, left) = motion(x, dt, chord, xp)
     n, t = axes(theta, xp)
     air = airspeed * xp.cos(heading), airspeed * xp.sin(heading)
-    d = steady.d[0] + calm * x[GX], steady.d[1] + calm * x[GY]
+    d = x[DX] + calm * x[GX], x[DY] + calm * x[GY]
     if felt is not None:
         # the measured change in the place of the assumed one, as far as the models that feel it are believed
         c, s = felt.nose
-        stays = calm + noise.feels * (1 - calm)
+        stays = calm + belief.feels * (1 - calm)
         errors = c * x[FORWARD] - s * x[LEFT], s * x[FORWARD] + c * x[LEFT]
         d = tuple(
-            steady.d[i] + stays * x[GX + i] + x[EX + i] - error + noise.feels * (change - x[KAPPA] * nose)
+            x[DX + i] + stays * x[GX + i] + x[EX + i] - error + belief.feels * (change - x[KAPPA] * nose)
             for i, error, change, nose in zip((0, 1), errors, felt.change, felt.air, strict=True)
         )
     v = x[KAPPA] * air[0] + d[0], x[KAPPA] * air[1] + d[1]
     across, ahead = t[0] * v[0] + t[1] * v[1], n[0] * air[0] + n[1] * air[1]
     rate = [across * entry for entry in left]  # r' = n.v, and an error of the direction turns n
     for state, gradient in (
-        (DX, n[0]), (DY, n[1]), (KAPPA, ahead), (GX, calm * n[0]), (GY, calm * n[1]),
-        (TURN, n[0] * steady.by_turn[0] + n[1] * steady.by_turn[1]),
+        (DX, n[0]), (DY, n[1]), (KAPPA, ahead), (GX, calm * n[0]), (GY, calm * n[1])
     ):  # fmt: skip
         rate[state] += gradient
     if felt is not None:
@@ -93,8 +90,8 @@ def predict_belief(
     rows = np.array((out, left, rate)).T  # (8, 3) or (B, 8, 3)
     variances = (belief.covariance @ rows * rows).sum(axis=-2)
     of_r, of_direction, of_rate = variances.tolist() if xp is floats else variances.T
-    blown, gusty = steps(noise, x, dt, xp)
-    wander = wandered(blown, gusty, dt)
+    steady, gusty = steps(belief.drift_psd, belief.gust, dt, xp)
+    wander = wandered(steady, gusty, dt)
     turned = wander / r**2
     return Prediction(
         r=r,
@@ -105,5 +102,5 @@ def predict_belief(
         r_dot=n[0] * v[0] + n[1] * v[1],
         r_variance=of_r + wander,
         direction_variance=of_direction + turned,
-        r_dot_variance=of_rate + across**2 * turned + blown + gusty + KAPPA_PSD * dt * ahead**2,
+        r_dot_variance=of_rate + across**2 * turned + steady + gusty + KAPPA_PSD * dt * ahead**2,
     )

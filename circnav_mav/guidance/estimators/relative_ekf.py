@@ -1,12 +1,12 @@
 """The relative-motion filters as arrays: one step serves one flight and a thousand, one hypothesis and thirty-two.
 
-State x = (r, theta, d_x, d_y, kappa, b, g_x, g_y, f, l, e_x, e_y, w), shape (13, M, B) for M hypotheses of each of B
+State x = (r, theta, d_x, d_y, kappa, b, g_x, g_y, f, l, e_x, e_y), shape (12, M, B) for M hypotheses of each of B
 flights: r, theta = range (m) and direction (rad) of p = vehicle - target, d + g + e = wind - target velocity (m/s), of
-which d is steady or turns at the rate w (rad/s: a wind that veers, a target that circles), g comes and goes (gusts, side-slip, a turning target) and e is new at every step (noise of heading
+which d is steady, g comes and goes (gusts, side-slip, a turning target) and e is new at every step (noise of heading
 and airspeed), kappa = true over measured airspeed, b = slowly drifting error of the range (m), f, l = error of the
 measured acceleration, forward and to the left (m/s^2). Frame: the paper's, turned by the compass' constant error.
 
-    p' = v = kappa V u(psi) + d + g + e,   d' = w x d + white noise,   g' = -g/tau_g + white noise,   b', w' likewise,
+    p' = v = kappa V u(psi) + d + g + e,   d' = white noise,   g' = -g/tau_g + white noise,   b' likewise,
     z = r + b + white noise,   measured acceleration = v' + (f, l) turned by psi + white noise
 
 The acceleration tells how d + g + e change, whatever the nose does: a gust, and a vehicle that slips or lags, are known
@@ -27,8 +27,8 @@ from circnav_mav.guidance.air_path import wrap
 
 Array = Any
 Row = tuple[Array, ...]
-R, THETA, DX, DY, KAPPA, B, GX, GY, FORWARD, LEFT, EX, EY, TURN = range(13)
-STATES = 13
+R, THETA, DX, DY, KAPPA, B, GX, GY, FORWARD, LEFT, EX, EY = range(12)
+STATES = 12
 BIAS_TIME = 2.0
 """Correlation time of the drifting range error, s: what UWB and LoRa radios show (1..3 s)."""
 GUST_TIME = 10.0
@@ -37,8 +37,6 @@ KAPPA_RANGE = (0.85, 1.15)
 """Airspeed sensors err by no more; without the clamp a filter can lock on a wrong mode."""
 CLOSEST = 1.0
 """The bearing is singular at the target: ranges count as at least this, m."""
-TURN_TIME = 10.0
-"""Correlation time of w, s."""
 POSITION_PSD, KAPPA_PSD = 1e-4, 1e-7
 """Process noise for what the model leaves out: m^2/s and 1/s."""
 FELT_PSD = 1e-2
@@ -48,8 +46,8 @@ FELT_BIAS, FELT_BIAS_PSD = 0.2, 1e-5
 m^2/s^5."""
 OUTLIER_SHARE, OUTLIER_SPREAD = 0.05, 100.0
 """A range may be worthless: with this probability it is anywhere within so many metres."""
-STAYS = 20.0
-"""Mean time, s, for which one hypothesis stays true."""
+WEIGHT_MEMORY = 20.0
+"""Time, s, after which the evidence for a hypothesis counts 1/e."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +56,7 @@ class Noise:
 
     drift_psd: of d', m^2/s^3. gust: standard deviation of each component of g, m/s. white, drifting: the two parts of
     the range error, in units of the sample's sigma. nose: of each component of e, m/s. feels: 1 where the measured
-    acceleration counts, else 0. turn: standard deviation of w, rad/s.
+    acceleration counts, else 0.
     """
 
     drift_psd: Array
@@ -67,12 +65,6 @@ class Noise:
     drifting: Array
     nose: Array = 0.0
     feels: Array = 0.0
-    turn: Array = 0.0
-
-    @property
-    def parts(self) -> tuple[Array, ...]:
-        """All of it, in this order."""
-        return self.drift_psd, self.gust, self.white, self.drifting, self.nose, self.feels, self.turn
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +87,7 @@ class Felt:
 
 @dataclass(frozen=True, slots=True)
 class Hypotheses:
-    """M filters for each of B flights: x (13, M, B), P (13, 13, M, B), log_weight (M, B) with maximum 0 per flight."""
+    """M filters for each of B flights: x (12, M, B), P (12, 12, M, B), log_weight (M, B) with maximum 0 per flight."""
 
     x: Array
     P: Array
@@ -122,39 +114,30 @@ def predict(h: Hypotheses, noise: Noise, dt: Array, chord: Array, sigma: Array, 
     x, keep = h.x.copy(), kept(dt)[:, None]
     x[R], x[THETA], rows = motion(h.x, dt, chord)
     x[B:] *= keep[B:]
-    turned = Turned.of(h.x, dt)
-    x[DX], x[DY] = turned.d
     F: Array = np.array(rows)
     moved = np.einsum("ik...,kj...->ij...", F, h.P)
     place = np.einsum("ik...,jk...->ij...", moved, F)
     place[1, 0] = place[0, 1]
-    steady, gusty = steps(noise, h.x, dt)
-    moved[:, DX:KAPPA] = np.stack(turned.rows(np.swapaxes(moved, 0, 1)), axis=1)
+    steady, gusty = steps(noise.drift_psd, noise.gust, dt)
     moved *= keep
     moved[:, DX:KAPPA] += F[:, DX:KAPPA] * (steady / 2)
     moved[:, GX:FORWARD] += F[:, GX:FORWARD] * (gusty / 2)
     fresh = 0.0 if felt is None else (dt > 0) * noise.nose**2
-    moved[:, EX:TURN] += F[:, EX:TURN] * fresh
+    moved[:, EX:] += F[:, EX:] * fresh
     wander = wandered(steady, gusty, dt) + fresh * (dt / 2) ** 2
     place[0, 0] += wander
     place[1, 1] += wander / x[R] ** 2
     P = h.P * (keep[:, None] * keep)
-    rows = np.stack(turned.rows(h.P))
-    both = np.stack(turned.rows(np.swapaxes(rows, 0, 1)))
-    rows = rows * keep
-    P[DX:KAPPA], P[:, DX:KAPPA] = rows, np.swapaxes(rows, 0, 1)
-    P[DX:KAPPA, DX:KAPPA] = both
-    P[DX, DY] = both[1, 0]
     P[:2], P[:, :2] = moved, np.swapaxes(moved, 0, 1)
     P[:2, :2] = place
     drifting = (1 - keep[B] ** 2) * (noise.drifting * sigma) ** 2
     bias = FELT_BIAS_PSD * dt
     for i, q in (
         (DX, steady), (DY, steady), (GX, gusty), (GY, gusty), (KAPPA, KAPPA_PSD * dt), (B, drifting),
-        (FORWARD, bias), (LEFT, bias), (EX, fresh), (EY, fresh), (TURN, (1 - keep[TURN] ** 2) * noise.turn**2),
+        (FORWARD, bias), (LEFT, bias), (EX, fresh), (EY, fresh),
     ):  # fmt: skip
         P[i, i] += q
-    after = Hypotheses(x, P, h.log_weight)
+    after = Hypotheses(x, P, h.log_weight * np.exp(-dt / WEIGHT_MEMORY))
     return after if felt is None else _felt(h, after, F, noise, dt, felt)
 
 
@@ -164,7 +147,7 @@ def _felt(h: Hypotheses, after: Hypotheses, F: Array, noise: Noise, dt: Array, f
     change = kappa air + (g + d) after - (g + d) before + (f, l) turned by the nose + white noise
     """
     keep = kept(dt)[:, None]
-    steady, gusty = steps(noise, h.x, dt)
+    steady, gusty = steps(noise.drift_psd, noise.gust, dt)
     (c, s), fades = felt.nose, keep[GX] - 1
     # kappa is learnt from the turn that the gyros tell: noise of the nose in `air` would drag it down
     turned = -felt.across * s, felt.across * c
@@ -201,73 +184,36 @@ def _felt(h: Hypotheses, after: Hypotheses, F: Array, noise: Noise, dt: Array, f
     return Hypotheses(x, P, after.log_weight)
 
 
-@dataclass(frozen=True, slots=True)
-class Turned:
-    """d after it has turned for a while, its cosine and sine, and what an error of w does to it."""
-
-    d: tuple[Array, Array]
-    c: Array
-    s: Array
-    by_turn: tuple[Array, Array]
-
-    @classmethod
-    def of(cls, x: Any, dt: Array, xp: Any = np) -> "Turned":
-        """From a state dt before."""
-        time = turning(dt, xp)[0]
-        c, s = xp.cos(time * x[TURN]), xp.sin(time * x[TURN])
-        d = c * x[DX] - s * x[DY], s * x[DX] + c * x[DY]
-        return cls(d, c, s, (-time * d[1], time * d[0]))
-
-    def rows(self, of: Array) -> tuple[Array, Array]:
-        """What becomes of rows (or errors) of the state, those of d."""
-        (x, y), c, s = self.by_turn, self.c, self.s
-        return c * of[DX] - s * of[DY] + x * of[TURN], s * of[DX] + c * of[DY] + y * of[TURN]
-
-
-def turning(dt: Array, xp: Any = np) -> tuple[Array, Array]:
-    """By what angle a w of 1 rad/s, which fades, turns d in dt (s), and the integral of that (s^2)."""
-    angle = TURN_TIME * (1 - xp.exp(-dt / TURN_TIME))
-    return angle, TURN_TIME * (dt - angle)
-
-
 def motion(x: Any, dt: Array, chord: Any, xp: Any = np) -> tuple[Array, Array, tuple[Row, Row]]:
     """Range and direction after dt along a chord, and their rows of the Jacobian: what an error of each state does.
 
     The other states are multiplied by `kept`. x: by state, arrays or floats. xp: numpy, or `floats` for one flight.
     """
     c, s = xp.cos(x[THETA]), xp.sin(x[THETA])
-    half, reach = dt / 2, turning(dt, xp)[1]
-    aside = -reach * x[DY], reach * x[DX]
-    east = x[KAPPA] * chord[0] + (x[DX] + x[GX]) * dt + x[EX] * half + x[TURN] * aside[0]
-    north = x[KAPPA] * chord[1] + (x[DY] + x[GY]) * dt + x[EY] * half + x[TURN] * aside[1]
+    half = dt / 2
+    east = x[KAPPA] * chord[0] + (x[DX] + x[GX]) * dt + x[EX] * half
+    north = x[KAPPA] * chord[1] + (x[DY] + x[GY]) * dt + x[EY] * half
     along, across = x[R] + c * east + s * north, c * north - s * east
     r, turn = xp.maximum(xp.hypot(along, across), CLOSEST), xp.arctan2(across, along)
     theta = x[THETA] + turn
     n, t = axes(theta, xp)
     c, s, none = xp.cos(turn), xp.sin(turn), 0.0 * r
-    def by(u: Row) -> Row:
-        d, e = (u[0] * dt, u[1] * dt), (u[0] * half, u[1] * half)
-        air, turn = (u[0] * way[0] + u[1] * way[1] for way in (chord, aside))
-        return *d, air, none, *d, none, none, *e, turn
-
-    out, left = (c, x[R] * s, *by(n)), (-s, x[R] * c, *by(t))
+    along, aside = n[0] * chord[0] + n[1] * chord[1], t[0] * chord[0] + t[1] * chord[1]
+    out = c, x[R] * s, n[0] * dt, n[1] * dt, along, none, n[0] * dt, n[1] * dt, none, none, n[0] * half, n[1] * half
+    left = -s, x[R] * c, t[0] * dt, t[1] * dt, aside, none, t[0] * dt, t[1] * dt, none, none, t[0] * half, t[1] * half
     return r, theta, (out, tuple(entry / r for entry in left))
 
 
 def kept(dt: Array) -> Array:
-    """What is left of each state but range and direction after dt (B,), (13, B)."""
-    fade, calm, turns = (np.exp(-dt / time) for time in (BIAS_TIME, GUST_TIME, TURN_TIME))
-    all_ = np.ones_like(dt)
+    """What is left of each state but range and direction after dt (B,), (12, B)."""
+    fade, calm, all_ = np.exp(-dt / BIAS_TIME), np.exp(-dt / GUST_TIME), np.ones_like(dt)
     still = np.where(dt > 0, 0.0, 1.0)
-    return np.array([all_, all_, all_, all_, all_, fade, calm, calm, all_, all_, still, still, turns])
+    return np.array([all_, all_, all_, all_, all_, fade, calm, calm, all_, all_, still, still])
 
 
-def steps(noise: Noise, x: Any, dt: Array, xp: Any = np) -> tuple[Array, Array]:
+def steps(drift_psd: Array, gust: Array, dt: Array, xp: Any = np) -> tuple[Array, Array]:
     """By how much the variances of d and g grow in dt, m^2/s^2."""
-    fade, time = xp.exp(-dt / TURN_TIME), dt / TURN_TIME
-    angle = xp.maximum(2 * time - 3 + 4 * fade - fade**2, 0.0) * (TURN_TIME * noise.turn) ** 2
-    by_turn = angle * (x[DX] ** 2 + x[DY] ** 2) / 2
-    return noise.drift_psd * dt + by_turn, (1 - xp.exp(-2 * dt / GUST_TIME)) * noise.gust**2
+    return drift_psd * dt, (1 - xp.exp(-2 * dt / GUST_TIME)) * gust**2
 
 
 def wandered(steady: Array, gusty: Array, dt: Array) -> Array:
@@ -302,7 +248,7 @@ def axes(theta: Array, xp: Any = np) -> tuple[tuple[Array, Array], tuple[Array, 
 
 
 def mixture(h: Hypotheses) -> tuple[Array, Array]:
-    """Mean (13, B) and covariance (13, 13, B) of the weighted hypotheses.
+    """Mean (12, B) and covariance (12, 12, B) of the weighted hypotheses.
 
     Directions are averaged about the heaviest."""
     w = h.weight
@@ -314,26 +260,8 @@ def mixture(h: Hypotheses) -> tuple[Array, Array]:
     return mean, (w * (h.P + apart[:, None] * apart[None, :])).sum(axis=2)
 
 
-def mixed(h: Hypotheses, noise: Noise, mean: Array, covariance: Array, changes: Array) -> Hypotheses:
-    """Each hypothesis as a mixture of itself and of those that it may have taken over from: with probability `changes`
-    (B,) another one has become true, whichever, and begins with what all knew (`mixture`).
-
-    Source: interacting multiple models, Blom and Bar-Shalom (1988), for one probability of all changes.
-    """
-    became = changes / len(h.log_weight)
-    weight = (1 - changes) * h.weight + became
-    share = became / weight
-    apart = mean[:, None] - h.x
-    apart[THETA] = wrap(apart[THETA])
-    x = h.x + share * apart
-    P = h.P + share * (covariance[:, :, None] - h.P + (1 - share) * apart[:, None] * apart[None, :])
-    for part in (x[TURN], P[TURN], P[:, TURN]):
-        part *= noise.turn > 0
-    return Hypotheses(x, P, np.log(weight))
-
-
 def polar(p: Array, P: Array) -> tuple[Array, Array]:
-    """State (p_x, p_y, ...) of shape (13, B) with covariance (13, 13, B) as (r, theta, ...)."""
+    """State (p_x, p_y, ...) of shape (12, B) with covariance (12, 12, B) as (r, theta, ...)."""
     r = np.maximum(np.hypot(p[0], p[1]), CLOSEST)
     n = p[:2] / r
     T = np.zeros_like(P)

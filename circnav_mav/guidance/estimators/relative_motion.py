@@ -12,7 +12,7 @@ from circnav_mav.guidance.estimators.interface import EstimatorSettings, Fused
 from circnav_mav.guidance.estimators.multiple_model import BankSettings, DriftBank, Stage
 from circnav_mav.guidance.estimators.prediction import Belief, Prediction, predict_belief
 from circnav_mav.guidance.estimators.range_rate import KalmanRangeRate
-from circnav_mav.guidance.estimators.relative_ekf import KAPPA, Array, Felt, Noise, drift
+from circnav_mav.guidance.estimators.relative_ekf import KAPPA, Array, Felt, drift
 from circnav_mav.guidance.types import OwnMotion, RangeEstimate, RangeSample, RelativeMotion
 
 GAP = 20.0
@@ -111,7 +111,7 @@ class DriftEstimator:
             trusted=self.ready and self._still_trusted(at),
             trial=None if tracks else int(self.bank.favourite[0]),
             drift_remembered=self.bank.remembers,
-            feels=belief.noise.feels if tracks and felt is not None else 0.0,
+            feels=belief.feels if tracks and felt is not None else 0.0,
         )
         return RangeEstimate(
             time, at.r, at.r_dot,
@@ -128,7 +128,9 @@ class DriftEstimator:
         """What the bank believes now, as plain numbers."""
         bank, noise = self.bank, self.bank.likely_noise
         mean, covariance = tuple(bank.mean[:, 0].tolist()), bank.covariance[:, :, 0]
-        self._belief = Belief(mean, covariance, Noise(*(float(part[0, 0]) for part in noise.parts)))
+        self._belief = Belief(
+            mean, covariance, float(noise.drift_psd[0, 0]), float(noise.gust[0, 0]), float(noise.feels[0, 0])
+        )
         self._ready, self._missed = bool(bank.trusted[0]), float(bank.missed[0])
 
     def _restart(self, now: float) -> None:
