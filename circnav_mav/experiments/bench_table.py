@@ -14,8 +14,8 @@ OWN = "auto"
 LOST = 300.0
 """RMS error, m, of the median flight from which on it is called lost."""
 HEADER = (
-    "situation", "kept", "RMS radius error, m: median / 95th percentile / worst; median peak", "asked for", "settled to +-10 %",
-    "to +-2 %", "turn command: sd deg/s / at the limit / rad/s per s", "limit cycles",
+    "situation", "kept", "RMS radius error, m: median / 95th percentile / worst; median peak", "asked for",
+    "settled to +-10 %", "to +-2 %", "turn command: sd deg/s / at the limit / rad/s per s", "limit cycles",
     "closest (1st pct., starts outside), m", "r' RMSE, m/s", "mean NEES / in 95 % band",
 )  # fmt: skip
 

@@ -1,7 +1,7 @@
 """The vehicle's own motion without position: attitude, heading rate, airspeed, height. Never a position or a velocity.
 
-Read from ATTITUDE or ATTITUDE_QUATERNION, VFR_HUD (of which the ground speed is not read) and the IMU messages (`accelerations`). A value that
-is missing or older than its bound is None; who needs it says so.
+Read from ATTITUDE or ATTITUDE_QUATERNION, VFR_HUD (of which the ground speed is not read) and the IMU messages
+(`accelerations`). A value that is missing or older than its bound is None; who needs it says so.
 """
 
 from dataclasses import dataclass, replace
