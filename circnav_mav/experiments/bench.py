@@ -39,7 +39,8 @@ class Cell:
 
     rms: of the radius error over the last 100 s, peak: its largest. settled10, settled2: last exit from +-10 % and
     +-2 % over the Dubins time to the tangent point, for starts outside 1.3 r_d. closest: 1st percentile of the closest
-    approach, for starts outside. wrong_way: flights that went round in the wrong sense, a quarter turn in the last 100 s at least. turn_*:
+    approach, for starts outside. wrong_way: flights that went round in the wrong sense, a quarter turn in the
+    last 100 s at least. turn_*:
     of the command over the last 100 s, medians; limit_cycles: flights in which it was in one (see `turn_command`).
     range_rmse, rate_rmse: of the estimates, m and m/s, over the last 100 s. nees_in_band: share of steps with the NEES
     of (r, theta) in its 95 % band.

@@ -55,7 +55,8 @@ def estimator(name: str, settings: EstimatorSettings, flights: int) -> Estimator
 
 
 def _no_aim(flights: int) -> Aim:
-    return Aim(*np.zeros((3, flights)), np.zeros(flights, bool))
+    zero = np.zeros(flights)
+    return Aim(zero, zero, zero, np.zeros(flights, bool))
 
 
 class Guidance:
