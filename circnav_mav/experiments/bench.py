@@ -36,9 +36,10 @@ KEPT_BELOW = 10.0
 class Cell:
     """One law in one situation. Lengths in m, times in s; p95: 95th percentile over the flights.
 
-    rms: of the radius error over the last 100 s. settled10, settled2: last exit from +-10 % and +-2 % over the Dubins
-    time to the tangent point, for starts outside 1.3 r_d. closest: 1st percentile of the closest approach, for starts
-    outside. wrong_way: flights that went round in the wrong sense, a quarter turn in the last 100 s at least. turn_*:
+    rms: of the radius error over the last 100 s, peak: its largest. settled10, settled2: last exit from +-10 % and
+    +-2 % over the Dubins time to the tangent point, for starts outside 1.3 r_d. closest: 1st percentile of the closest
+    approach, for starts outside. wrong_way: flights that went round in the wrong sense, a quarter turn in the
+    last 100 s at least. turn_*:
     of the command over the last 100 s, medians; limit_cycles: flights in which it was in one (see `turn_command`).
     range_rmse, rate_rmse: of the estimates, m and m/s, over the last 100 s. nees_in_band: share of steps with the NEES
     of (r, theta) in its 95 % band.
@@ -51,6 +52,7 @@ class Cell:
     rms_median: float
     rms_p95: float
     rms_max: float
+    peak_median: float
     mean_error: float
     settled10_median: float
     settled10_p95: float
@@ -148,6 +150,7 @@ def judged(situation: Situation, policy: str, tracks: Tracks, seconds: float) ->
         rms_median=float(np.median(rms)),
         rms_p95=_percentile(rms, 95),
         rms_max=float(rms.max()),
+        peak_median=float(np.median(np.abs(end(tracks.r) - r_d).max(axis=0))),
         mean_error=float((end(tracks.r) - r_d).mean(axis=0).mean()),
         settled10_median=_percentile(ten, 50),
         settled10_p95=_percentile(ten, 95),
@@ -177,7 +180,7 @@ def line(cell: Cell) -> str:
     cycles = f", limit cycles {cell.limit_cycles}" if cell.limit_cycles else ""
     return (
         f"{cell.situation:24s} {cell.policy:22s} kept {cell.kept:4d} of {cell.flights}  {wrong}"
-        f"RMS {cell.rms_median:7.3f} p95 {cell.rms_p95:8.3f}{wanted}  "
+        f"RMS {cell.rms_median:7.3f} p95 {cell.rms_p95:8.3f}{wanted}, peak {cell.peak_median:.2f}  "
         f"settled to 10 % in {cell.settled10_median:.2f}/{cell.settled10_p95:.2f} ideal times, "
         f"to 2 % in {cell.settled2_median:.2f}  "
         f"turn sd {cell.turn_std_deg_s:.1f} deg/s, at the limit {100 * cell.turn_at_limit:.0f} %, "

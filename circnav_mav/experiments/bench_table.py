@@ -14,8 +14,8 @@ OWN = "auto"
 LOST = 300.0
 """RMS error, m, of the median flight from which on it is called lost."""
 HEADER = (
-    "situation", "kept", "RMS radius error, m: median / 95th percentile / worst", "asked for", "settled to +-10 %",
-    "to +-2 %", "turn command: sd deg/s / at the limit / rad/s per s", "limit cycles",
+    "situation", "kept", "RMS radius error, m: median / 95th percentile / worst; median peak", "asked for",
+    "settled to +-10 %", "to +-2 %", "turn command: sd deg/s / at the limit / rad/s per s", "limit cycles",
     "closest (1st pct., starts outside), m", "r' RMSE, m/s", "mean NEES / in 95 % band",
 )  # fmt: skip
 
@@ -40,7 +40,7 @@ def _whole(cell: "Cell") -> tuple[str, ...]:
     return (
         cell.situation,
         f"{cell.kept} of {cell.flights}",
-        f"**{cell.rms_median:.3f}** / {cell.rms_p95:.3f} / {cell.rms_max:.2f}",
+        f"**{cell.rms_median:.3f}** / {cell.rms_p95:.3f} / {cell.rms_max:.2f}; {cell.peak_median:.2f}",
         "report" if need is None else f"{need:.2f}",
         f"{_times(cell.settled10_median)} / {_times(cell.settled10_p95)}",
         f"{_times(cell.settled2_median)} / {_times(cell.settled2_p95)}",

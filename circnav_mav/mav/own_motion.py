@@ -1,17 +1,24 @@
 """The vehicle's own motion without position: attitude, heading rate, airspeed, height. Never a position or a velocity.
 
-Read from ATTITUDE, VFR_HUD (of which the ground speed is not read) and the IMU messages (`accelerations`). A value that
-is missing or older than its bound is None; who needs it says so.
+Read from ATTITUDE or ATTITUDE_QUATERNION, VFR_HUD (of which the ground speed is not read) and the IMU messages
+(`accelerations`). A value that is missing or older than its bound is None; who needs it says so.
 """
 
 from dataclasses import dataclass, replace
-from math import inf, tan
+from math import hypot, inf, nan, tan
 
 from circnav_mav.guidance.types import OwnMotion
 from circnav_mav.mav.accelerations import Accelerations, Attitude
 from circnav_mav.mav.clocks import BOOT_WRAP, RemoteClock, Slower, nobody_tells
 from circnav_mav.mav.codec import Message
-from circnav_mav.mav.frames import GRAVITY, YawRate, course_from_yaw, push_from_tilt, turn_rate_from_yaw_rate
+from circnav_mav.mav.frames import (
+    GRAVITY,
+    YawRate,
+    course_from_yaw,
+    euler_from_quaternion,
+    push_from_tilt,
+    turn_rate_from_yaw_rate,
+)
 
 MOST_TILT = 1.2
 """Tilt, rad, beyond which no turn is coordinated and no thrust carries the weight any more."""
@@ -25,6 +32,8 @@ OVERTAKEN = 0.5
 have been set anew (its 32-bit milliseconds do so every 49.7 days), which the next one proves."""
 MOST_ANGLE, MOST_RATE, MOST_AIRSPEED, MOST_ALTITUDE = 6.3, 50.0, 200.0, 1e5
 """Magnitudes, rad, rad/s, m/s and m, beyond which a value is no measurement of a vehicle that we steer, but rubbish."""
+NO_ROTATION = 0.1
+"""A quaternion whose length differs by more from 1 is no attitude."""
 REPEATED = 0.2
 """The same stamp again within this time, s, is the same attitude again; later, it is a clock that stands still."""
 
@@ -66,7 +75,7 @@ class OwnMotionSensor:
         self._clock = RemoteClock(slower, wrap=BOOT_WRAP)
 
     def receive(self, message: Message, now: float) -> bool:
-        """Take one message of the pinned vehicle in; tells whether it was a usable ATTITUDE, newer than all before."""
+        """Take one message of the pinned vehicle in; tells whether it was a usable attitude, newer than all before."""
         if message.get_type() == "VFR_HUD":
             self._air = Motion(
                 airspeed=_real(message.airspeed, MOST_AIRSPEED, above=0.0),
@@ -75,12 +84,11 @@ class OwnMotionSensor:
             )
             self._air_at = now
             return False
-        if message.get_type() != "ATTITUDE":
+        angles = _angles(message)
+        if angles is None:
             self._accelerations.receive(message, self._body, now)
             return False
-        values = (
-            message.roll, message.pitch, message.yaw, message.rollspeed, message.pitchspeed, message.yawspeed
-        )  # fmt: skip
+        values = (*angles, message.rollspeed, message.pitchspeed, message.yawspeed)
         bounds = (MOST_ANGLE, MOST_ANGLE, MOST_ANGLE, MOST_RATE, MOST_RATE, MOST_RATE)
         if not all(abs(value) <= bound for value, bound in zip(values, bounds, strict=True)):  # NaN is not, either
             return False
@@ -136,6 +144,17 @@ class OwnMotionSensor:
         return Motion(
             attitude.roll, attitude.pitch, attitude.yaw, attitude.yaw_rate, air.airspeed, air.altitude, air.climb
         )
+
+
+def _angles(message: Message) -> tuple[float, float, float] | None:
+    """Roll, pitch and yaw of an attitude, of either message; None of any other. A vehicle may send both: one of a
+    stamp is enough. A quaternion that is none gives NaN."""
+    if message.get_type() == "ATTITUDE":
+        return message.roll, message.pitch, message.yaw
+    if message.get_type() != "ATTITUDE_QUATERNION":
+        return None
+    q = message.q1, message.q2, message.q3, message.q4
+    return euler_from_quaternion(q) if abs(hypot(*q) - 1) < NO_ROTATION else (nan, nan, nan)
 
 
 def _real(value: float, most: float, above: float = float("-inf")) -> float | None:

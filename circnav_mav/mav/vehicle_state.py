@@ -184,6 +184,7 @@ _HANDLERS = {
     "EXTENDED_SYS_STATE": VehicleState._on_landed,
     "SYSTEM_TIME": VehicleState._on_boot_time,
     "ATTITUDE": VehicleState._on_boot_time,
+    "ATTITUDE_QUATERNION": VehicleState._on_boot_time,
     "STATUSTEXT": VehicleState._on_text,
     "AUTOPILOT_VERSION": VehicleState._on_version,
 }

@@ -266,7 +266,7 @@ class Survey:
             self._reader.receive(message)
         if self._settled(now):
             self._counted[message.get_msgId()] += 1
-            if type_ in ("ATTITUDE", "SYSTEM_TIME") and session.boot_time is not None:
+            if type_ in ("ATTITUDE", "ATTITUDE_QUATERNION", "SYSTEM_TIME") and session.boot_time is not None:
                 self._take_boot_time((now, session.boot_time))
 
     def _take_boot_time(self, heard: Moment) -> None:

@@ -76,6 +76,19 @@ def test_a_vehicles_clock_that_is_set_anew_costs_two_attitudes_at_most(jump_ms):
     assert sensor.own(199 / 20, 15.0).time == pytest.approx(199 / 20, abs=0.06)
 
 
+def test_a_quaternion_is_an_attitude_where_no_other_comes_and_no_news_beside_it():
+    """By the definition of ATTITUDE_QUATERNION: w, x, y, z; a yaw of .6 rad is (cos .3, 0, 0, sin .3)."""
+    q = {"q1": cos(0.3), "q2": 0.0, "q3": 0.0, "q4": sin(0.3), "rollspeed": 0.0, "pitchspeed": 0.0, "yawspeed": RATE}
+    sensor = OwnMotionSensor()
+    assert sensor.receive(mavlink.MAVLink_attitude_quaternion_message(time_boot_ms=1000, **q), 1.0)
+    own = sensor.own(1.0, 15.0)
+    assert (own.heading, own.turn_rate) == pytest.approx((pi / 2 - 0.6, -RATE))
+    assert sensor.receive(attitude(1050, 0.61), 1.05)
+    assert not sensor.receive(mavlink.MAVLink_attitude_quaternion_message(time_boot_ms=1050, **q), 1.05)
+    for wrong in ({"q1": 0.0, "q4": 0.0}, {"q1": nan}):
+        assert not sensor.receive(mavlink.MAVLink_attitude_quaternion_message(time_boot_ms=1100, **q | wrong), 1.1)
+
+
 def test_turn_and_heading_are_the_papers_and_need_no_ground_speed():
     sensor = OwnMotionSensor()
     sensor.receive(attitude(0, yaw=pi / 2), 0.0)  # east

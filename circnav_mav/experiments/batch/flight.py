@@ -65,8 +65,8 @@ class Circle:
 class Situation:
     """Everything that makes one row of the benchmark. required: median RMS radius error, m, that is asked of `auto`;
     None where it is only reported. wind, gust (standard deviation), target (speed): m/s, from and to anywhere.
-    target_turn (rad/s), compass_bias (rad), compass_drift (rad/s), airspeed_error (measured over true minus 1): either
-    sign. target_walk: see `Surroundings`. start: range at first, m, uniform."""
+    target_turn (rad/s), veer (rad), compass_bias (rad), compass_drift (rad/s), airspeed_error (measured over true minus
+    1): either sign. veer, stands, target_walk: see `Surroundings`. start: range at first, m, uniform."""
 
     name: str
     required: float | None = None
@@ -75,6 +75,8 @@ class Situation:
     target: float = 0.0
     target_turn: float = 0.0
     target_walk: float = 0.0
+    veer: float = 0.0
+    stands: float = 0.0
     ranging: Ranging = GAUSSIAN
     rates: RateNoise | None = None
     compass_bias: float = 0.0
@@ -118,12 +120,13 @@ class Start:
 def begin(situation: Situation, flights: int, seed: int) -> Start:
     """The worlds of B flights at their start; of one seed always the same, however many there are."""
     s, cfg, seeds = situation, situation.circle, [(seed, flight) for flight in range(flights)]
-    draws = np.array([np.random.default_rng([*one, 3]).random(9) for one in seeds]).T
+    draws = np.array([np.random.default_rng([*one, 3]).random(10) for one in seeds]).T
     angle, psi, wind, course = 2 * np.pi * draws[:4]
     turns, bias, drift, speed = np.where(draws[4:8] < 0.5, -1.0, 1.0)
     around = Surroundings(
         wind=s.wind * np.stack([np.cos(wind), np.sin(wind)]), gust=s.gust, target_speed=s.target, target_course=course,
-        target_turn=turns * s.target_turn, target_walk=s.target_walk,
+        target_turn=turns * s.target_turn, target_walk=s.target_walk, veer=turns * s.veer, stands=s.stands,
+        phase=draws[9],
     )  # fmt: skip
     r = s.start[0] + (s.start[1] - s.start[0]) * draws[8]
     return Start(

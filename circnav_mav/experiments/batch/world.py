@@ -11,6 +11,8 @@ from circnav_mav.experiments.batch.draws import Draws
 Array = Any
 GAUSS_AT = np.array([0.5 - np.sqrt(15) / 10, 0.5, 0.5 + np.sqrt(15) / 10])
 GAUSS_WEIGHT = np.array([5.0, 8.0, 5.0]) / 18
+VEER_TIME, VEER_EVERY = 10.0, 50.0
+"""In what time a wind turns, and how often, s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,8 +21,10 @@ class Surroundings:
     horizontal component, m/s, a first-order Gauss-Markov process of correlation time gust_time, s (the longitudinal
     Dryden spectrum at constant airspeed).
 
-    target_speed (m/s), target_course (rad): at first. target_turn: of its course, rad/s. target_push: along its course,
-    m/s^2. target_walk: RMS of a random walk of its velocity, held within its first speed, m/s per sqrt(s).
+    veer: angle by which the wind turns within VEER_TIME, once in every VEER_EVERY, rad. target_speed (m/s),
+    target_course (rad): at first. target_turn: of its course, rad/s. target_push: along its course, m/s^2. target_walk:
+    RMS of a random walk of its velocity, held within its first speed, m/s per sqrt(s). stands: time for which the
+    target stands, and then goes on for as long, s; 0: it never stands. phase: share of these periods that is over.
     """
 
     wind: Array
@@ -31,6 +35,9 @@ class Surroundings:
     target_turn: Array = 0.0
     target_push: Array = 0.0
     target_walk: Array = 0.0
+    veer: Array = 0.0
+    stands: float = 0.0
+    phase: Array = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,16 +66,23 @@ class World:
         self._random = bool(np.any(surroundings.gust) or np.any(surroundings.target_walk))
         self._draws = Draws(seeds, 0, 4)
         self._gust = surroundings.gust * self._draws.next()[:2]
+        self._now, self._steady = 0.0, surroundings.wind
 
     @property
     def wind(self) -> Array:
         """Now, (2, B), m/s."""
-        return self._around.wind + self._gust
+        return self._steady + self._gust
 
     @property
     def target_velocity(self) -> Array:
         """Now, (2, B), m/s."""
-        return self._speed * _along(self._course)
+        return self._speed * self._goes * _along(self._course)
+
+    @property
+    def _goes(self) -> Array:
+        """1 where the target is under way, 0 where it stands."""
+        w = self._around
+        return np.where((self._now / (2 * w.stands) + w.phase) % 1 < 0.5, 1.0, 0.0) if w.stands else 1.0
 
     @property
     def drift(self) -> Array:
@@ -101,13 +115,25 @@ class World:
         self.psi = self.psi + turned
         if self._moves:
             self._move_targets(dt)
+        self._now += dt
+        if np.any(self._around.veer):
+            self._veer()
         if self._random:
             self._draw(dt)
 
     def _move_targets(self, dt: float) -> None:
         w = self._around
-        self.p = self.p - (self._speed + w.target_push * dt / 2) * dt * _along(self._course + w.target_turn * dt / 2)
+        way = (self._speed + w.target_push * dt / 2) * dt * _along(self._course + w.target_turn * dt / 2)
+        self.p = self.p - way * self._goes
         self._speed, self._course = self._speed + w.target_push * dt, self._course + w.target_turn * dt
+
+    def _veer(self) -> None:
+        """Turn the wind, by `veer` in the first VEER_TIME of every period."""
+        w = self._around
+        times, since = np.divmod(self._now + w.phase * VEER_EVERY, VEER_EVERY)
+        angle = w.veer * (times + np.minimum(since / VEER_TIME, 1.0))
+        c, s = np.cos(angle), np.sin(angle)
+        self._steady = np.stack([c * w.wind[0] - s * w.wind[1], s * w.wind[0] + c * w.wind[1]])
 
     def _draw(self, dt: float) -> None:
         """New gusts, by the exact transition of the process, and pushes of the targets."""
