@@ -69,14 +69,20 @@ def test_a_rate_that_lies_is_dropped_within_three_seconds(since, lie, words):
 
 def test_a_dropped_rate_is_tried_again_once_it_agrees_and_later_each_time():
     def said(t, true, measured):
-        return measured + (5.0 if t < 20.0 or 40.0 <= t < 50.0 else 0.0)
+        return measured + (12.0 if t < 20.0 or 40.0 <= t < 50.0 else 0.0)
 
     _, changes = judged(said, seconds=90.0)
     dropped, again, dropped_again, at_last = changes
     assert dropped <= 3.0
-    assert 29.0 <= again <= 34.0
+    assert 30.0 <= again <= 36.0
     assert 40.0 <= dropped_again <= 43.0
-    assert 69.0 <= at_last <= 74.0
+    assert 70.0 <= at_last <= 76.0
+
+
+def test_a_wrong_sign_is_not_tried_again_on_the_circle_where_no_sign_shows():
+    check, changes = judged(lambda t, true, measured: -measured * (t < 20), seconds=200.0, sigma=0.3)
+    assert len(changes) == 1
+    assert not check.trusted
 
 
 def test_a_small_offset_of_the_carrier_is_found_and_harms_nobody():
