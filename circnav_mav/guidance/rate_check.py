@@ -1,7 +1,7 @@
 """Whether a measured range rate goes with the ranges: z = r - (integral of the rate) must stay constant.
 
-A wrong sign, a wrong scale, a frozen number or a bias all make z run away, however the vehicle flies; where they do not,
-they do no harm yet. The slope of z over some seconds is the error of the rate: the median over pairs half the span
+A wrong sign, a wrong scale, a frozen number or a bias all make z run away, however the vehicle flies; where they do
+not, they do no harm yet. The slope of z over some seconds is the error of the rate: the median over pairs half the span
 apart (as the Theil-Sen estimator), which does not mind outliers.
 """
 
@@ -79,7 +79,8 @@ class RateCheck:
             self._agreed = 0.0
             if self.trusted:
                 self.trusted, self._retry = False, min(2 * self._retry, LONGEST_RETRY)
-                self.why, self._opposite = _words(wrong), wrong.opposite(0.75)
+                self.why = _words(wrong)
+            self._opposite = wrong.opposite(0.75)
             self.reset()
         elif slopes and not self.trusted:
             # while the range hardly changes, as on the circle, no sign shows

@@ -35,9 +35,7 @@ class RangeTracker:
         self._needs_altitude = settings.height.needs_altitude
         self.height = Height(settings.height)
         self.ranging = RangeReader(settings.ranging, self.noise, slower)
-        self.rates = RangeRateReader(
-            settings.ranging, self.ranging, NoiseCheck.of_rates(speed, max_turn_rate), speed
-        )
+        self.rates = RangeRateReader(settings.ranging, self.ranging, NoiseCheck.of_rates(speed, max_turn_rate), speed)
         self.estimator = ESTIMATORS[settings.estimator](settings.estimation)
         self.newest: RangeSample | None = None
         self.newest_rate: RateSample | None = None

@@ -9,7 +9,6 @@ from circnav_mav.pilot.mission_state import Ending, MissionState, Outcome, Overd
 from circnav_mav.pilot.range_tracker import FRESH, RangeTracker
 from circnav_mav.pilot.settings import OutputMode, PilotSettings
 
-
 _NEEDS = {"kalman": "", "measured": "; it needs the measured range rate (ranging.rate_name), too"}
 
 

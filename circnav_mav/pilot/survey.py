@@ -79,8 +79,8 @@ class Observations:
     """All that a survey has heard. links: each link's bytes, frames and systems in words. rivals: second senders at the
     end, in words. carriers: ranging messages by sender and marks. end, seconds: when the listening ended and how long
     it measured, s. signed, zero_key, refused: frames of the vehicle's link with a signature, with one of the all-zero
-    key where we have none, and those not believed, by reason. rates, rate_trouble: range rates heard (m/s), and why they
-    would not count, in words."""
+    key where we have none, and those not believed, by reason. rates, rate_trouble: range rates heard (m/s), and why
+    they would not count, in words."""
 
     vehicle: VehicleSeen | None
     links: Mapping[str, str]

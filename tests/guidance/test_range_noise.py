@@ -45,8 +45,10 @@ def test_a_sensor_that_says_too_little_is_found_out_within_seconds(told, sigma):
         assert np.median(sigmas[60:]) == pytest.approx(sigma, rel=0.35)
 
 
-def circling(told: float, sigma: float, *, drifting: float = 0.0, step: float = 0.0, seconds: float = 60.0, seed: int = 1):
-    """Ranges on a circle that wind blows in and out by half a metre; drifting: of a slow error, 2 s; step: resolution."""
+def circling(
+    told: float, sigma: float, *, drifting: float = 0.0, step: float = 0.0, seconds: float = 60.0, seed: int = 1
+):
+    """Ranges on a circle that wind blows in and out by half a metre. drifting: slow error, 2 s. step: resolution."""
     chance, slow = np.random.default_rng(seed), 0.0
     for n in range(round(seconds * 10)):
         slow = 0.951 * slow + drifting * 0.309 * chance.normal()
@@ -77,9 +79,7 @@ def test_no_sigma_is_lowered_below_what_the_message_can_say():
 def test_a_lowered_sigma_rises_again_with_the_noise():
     check = NoiseCheck.of_ranges(V, LIMIT)
     sigmas = [
-        check.corrected(t + s.stamp, s.r, 0.5)
-        for t, sigma in ((0.0, 0.1), (60.0, 0.5))
-        for s in circling(0.5, sigma)
+        check.corrected(t + s.stamp, s.r, 0.5) for t, sigma in ((0.0, 0.1), (60.0, 0.5)) for s in circling(0.5, sigma)
     ]
     assert np.median(sigmas[400:600]) < 0.3
     assert min(sigmas[660:]) == 0.5

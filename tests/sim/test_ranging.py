@@ -2,6 +2,7 @@
 
 import math
 import statistics
+from itertools import pairwise
 from typing import Any
 
 import pytest
@@ -156,7 +157,13 @@ def test_the_driver_stops_when_its_input_is_older_than_450_ms() -> None:
 
 def test_the_range_rate_is_how_fast_the_slant_range_grows_under_the_stamp_of_its_range() -> None:
     target = {"velocity_east_mps": 4.0, "turn_rate_deg_s": 5.0}
-    keys = {"message": "named_value_float", "noise_m": 0.0, "rate_name": "RR", "rate_noise_mps": 0.0, "rate_bias_mps": 0}
+    keys = {
+        "message": "named_value_float",
+        "noise_m": 0.0,
+        "rate_name": "RR",
+        "rate_noise_mps": 0.0,
+        "rate_bias_mps": 0,
+    }
     companion = Station(build(start={**STILL, "speed_mps": 0.0}, target=target, truth={"rate_hz": 0}, ranging=keys))
     companion.heartbeat()
     companion.vehicle.advance(9.95)
@@ -181,5 +188,5 @@ def test_a_rate_scatters_white_and_slowly_and_may_count_the_other_way() -> None:
     assert statistics.pstdev(white) == pytest.approx(0.3, rel=0.15)
     assert rates(rate_noise_mps=0.3, rate_bias_mps=0.0, rate_sign="closing") == pytest.approx([-v for v in white])
     slow = rates(rate_noise_mps=0.0, rate_bias_mps=0.3)
-    assert statistics.pstdev([b - a for a, b in zip(slow, slow[1:], strict=False)]) < 0.03
+    assert statistics.pstdev([b - a for a, b in pairwise(slow)]) < 0.03
     assert abs(slow[0]) > 0.0

@@ -10,7 +10,16 @@ import numpy as np
 from circnav_mav.experiments.batch.estimators import Truth
 from circnav_mav.experiments.batch.guidance import POLICIES, Guidance, estimator
 from circnav_mav.experiments.batch.loop import Always, fly
-from circnav_mav.experiments.batch.sensors import GAUSSIAN, ImuNoise, MotionNoise, OwnSenses, Radio, Ranging, RateNoise, Reading
+from circnav_mav.experiments.batch.sensors import (
+    GAUSSIAN,
+    ImuNoise,
+    MotionNoise,
+    OwnSenses,
+    Radio,
+    Ranging,
+    RateNoise,
+    Reading,
+)
 from circnav_mav.experiments.batch.world import Airframe, Surroundings, World
 from circnav_mav.guidance.air_path import wrap
 from circnav_mav.guidance.estimators.interface import EstimatorSettings

@@ -89,7 +89,7 @@ class World:
     def r_dot(self) -> Array:
         """Its rate, (B,), m/s, of those who fly."""
         v = self.velocity - self.target_velocity
-        return (self.p * v).sum(axis=0) / np.maximum(self.r, 1e-9)  # type: ignore[no-any-return]
+        return (self.p * v).sum(axis=0) / np.maximum(self.r, 1e-9)
 
     def step(self, dt: float, command: Array, flies: Array = 1.0) -> None:
         """Go on for dt under held commands, rad/s; who does not fly (0) hovers."""
