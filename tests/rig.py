@@ -65,6 +65,11 @@ def distance(cm: int, stamp_ms: int, **rest: Any) -> Any:
     return mavlink.MAVLink_distance_sensor_message(time_boot_ms=stamp_ms, current_distance=cm, **fields)
 
 
+def scattering(cm: int, stamp_ms: int, **rest: Any) -> Any:
+    """Of a radio that is not frozen: a centimetre to and fro."""
+    return distance(cm + stamp_ms // 100 % 2 if 0 < cm < 60000 else cm, stamp_ms, **rest)
+
+
 def beacon(mm: int, stamp_us: int, sequence: int, **rest: Any) -> Any:
     fields = {"target_system": 0, "target_component": 0, "beacon_id": 0, "lat": 2**31 - 1, "lon": 2**31 - 1}
     fields |= {"alt": float("nan"), "alt_type": 0, "hacc_est": 2**32 - 1, "vacc_est": 2**32 - 1, "carrier_freq": 0}
@@ -114,7 +119,7 @@ class Rig:
             self.hear(mavlink.MAVLink_timesync_message(round(self.now * 1e9), stamp))
 
     def range(self, cm: int | None = None) -> None:
-        self.hear(distance(cm or self.range_cm, 1_000_000 + round(self.now * 1000)))
+        self.hear(scattering(cm or self.range_cm, 1_000_000 + round(self.now * 1000)))
 
     def step(self) -> list[Any]:
         """One step of the pilot; what it sent."""
@@ -187,7 +192,7 @@ class Bench:
     """What the tests say in MAVLink, as one fixture."""
 
     heartbeat = staticmethod(heartbeat)
-    distance = staticmethod(distance)
+    distance = staticmethod(scattering)
     beacon = staticmethod(beacon)
     decode = staticmethod(decode)
     mission = MISSION

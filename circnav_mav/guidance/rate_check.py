@@ -2,7 +2,7 @@
 
 A wrong sign, a wrong scale, a frozen number or a bias all make z run away, however the vehicle flies; where they do
 not, they do no harm yet. The slope of z over some seconds is the error of the rate: the median over pairs half the span
-apart (Siegel and Theil-Sen estimators of a slope are of this kind), which does not mind outliers.
+apart (as the Theil-Sen estimator), which does not mind outliers.
 """
 
 from collections import deque
@@ -37,7 +37,8 @@ class RateCheck:
         """Whether the rates count."""
         self.why = ""
         """Why they were dropped the last time, for people."""
-        self._retry, self._disagreed = RETRY / 2, 0.0
+        self._retry, self._opposite = RETRY / 2, False
+        self._agreed = self._judged_at = 0.0
 
     def reset(self) -> None:
         """Another clock, or a gap: nothing before can be compared with what comes."""
@@ -73,14 +74,19 @@ class RateCheck:
     def _judge(self, now: float, sigma: float, rate_sigma: float) -> None:
         slopes = [slope for span in (QUICK, SLOW) if (slope := self._slope(now, span, sigma)) is not None]
         wrong = next((s for s in slopes if abs(s.off) > SURE * s.sigma + TOLERATED * rate_sigma), None)
+        step, self._judged_at = now - self._judged_at, now
         if wrong is not None:
-            self._disagreed = now
+            self._agreed = 0.0
             if self.trusted:
                 self.trusted, self._retry = False, min(2 * self._retry, LONGEST_RETRY)
                 self.why = _words(wrong)
+            self._opposite = wrong.opposite(0.75)
             self.reset()
-        elif slopes and now - self._disagreed > self._retry:
-            self.trusted = True
+        elif slopes and not self.trusted:
+            # while the range hardly changes, as on the circle, no sign shows
+            shows = not self._opposite or abs(slopes[0].change) > SURE * slopes[0].sigma
+            self._agreed += min(step, GAP) if shows else 0.0
+            self.trusted = self._agreed > self._retry
         if len(slopes) == 2 and wrong is None:  # as far as the ranges know it better than the rate's own sigma
             slow = slopes[1]
             self.bias = slow.off * rate_sigma**2 / (rate_sigma**2 + slow.sigma**2)
@@ -106,10 +112,17 @@ class _Slope(NamedTuple):
     sigma: float
     change: float
 
+    @property
+    def said(self) -> float:
+        """The rate as reported, m/s."""
+        return self.change + self.off
+
+    def opposite(self, within: float) -> bool:
+        """Whether the rate is that of the ranges with the other sign, within a share of it."""
+        return abs(self.said + self.change) < within * abs(self.change)
+
 
 def _words(wrong: _Slope) -> str:
     """For people."""
-    said = wrong.change + wrong.off
-    opposite = abs(said + wrong.change) < 0.25 * abs(wrong.change)
-    advice = ", the opposite: see ranging.rate_sign" if opposite else ""
-    return f"reported {said:+.1f} m/s, ranges change by {wrong.change:+.1f} m/s{advice}"
+    advice = ", the opposite: see ranging.rate_sign" if wrong.opposite(0.25) else ""
+    return f"reported {wrong.said:+.1f} m/s, ranges change by {wrong.change:+.1f} m/s{advice}"

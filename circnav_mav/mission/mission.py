@@ -68,14 +68,13 @@ class Mission:
 
     @property
     def steady_estimate(self) -> SteadyState:
-        """Noise and lag of the range rate on the circle."""
+        """Noise and lag of the range rate on the circle: of a filter by the ranges alone, for a measured rate may be
+        dropped in flight, and the gains stay."""
         ranging = self.file.ranging
-        period, rate_sigma = 1 / ranging.rate_hz, ranging.rate_sigma_mps if ranging.rate_name else None
-        if self.estimator == "measured" and rate_sigma is not None:
-            return SteadyState(rate_sigma, period / 2)
-        return steady_state(
-            self.estimation, r=self.orbit.radius, sigma=ranging.sigma_m, period=period, rate_sigma=rate_sigma
-        )
+        period = 1 / ranging.rate_hz
+        if self.estimator == "measured":
+            return SteadyState(ranging.rate_sigma_mps, period / 2)
+        return steady_state(self.estimation, r=self.orbit.radius, sigma=ranging.sigma_m, period=period)
 
     @property
     def estimation(self) -> EstimatorSettings:

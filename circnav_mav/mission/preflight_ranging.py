@@ -94,6 +94,10 @@ def _rates(mission: Mission, seen: Observations) -> Iterator[Check]:
     if len(values) < 10:
         yield Check(FAIL, "range rate", f"{len(values)} NAMED_VALUE_FLOAT {name} of the ranges' sender and clock")
         return
+    if len(set(values)) == 1:
+        words = f"all {len(values)} {name} are {values[0]:+.2f} m/s: frozen, or too coarse to show its noise"
+        yield Check(WARN, "range rate", f"{words}; move it and look again")
+        return
     rate = len(values) / seen.seconds
     noise = spread_of([(b - (a + c) / 2) / sqrt(1.5) for (a, b), (_, c) in pairwise(pairwise(values))])
     enough, quiet = rate >= FULL_RATE * wanted, noise <= NOISE_NEAR * assumed * (1 + 1 / sqrt(len(values)))

@@ -48,7 +48,7 @@ def test_a_sensor_that_says_too_little_is_found_out_within_seconds(told, sigma):
 def circling(
     told: float, sigma: float, *, drifting: float = 0.0, step: float = 0.0, seconds: float = 60.0, seed: int = 1
 ):
-    """Ranges on a circle that wind blows in and out by half a metre; drifting: of a slow error, 2 s; step: resolution."""
+    """Ranges on a circle that wind blows in and out by half a metre. drifting: slow error, 2 s. step: resolution."""
     chance, slow = np.random.default_rng(seed), 0.0
     for n in range(round(seconds * 10)):
         slow = 0.951 * slow + drifting * 0.309 * chance.normal()

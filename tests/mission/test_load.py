@@ -95,6 +95,30 @@ def test_the_height_is_given_in_one_way(mission, second):
         mission("orbit.height_above_target_m=30.0", f"orbit.{second}")
 
 
+@pytest.mark.parametrize(
+    ("keys", "line"),
+    [
+        (["ranging.rate_name=RR"], 'ranging.rate_name: goes with message = "named_value_float"'),
+        (["ranging.message=named_value_float", "ranging.rate_name=RANGE"], "give the rate a name of its own"),
+        (["guidance.estimator=measured"], "needs a radio that measures the range rate: ranging.rate_name"),
+    ],
+)
+def test_a_range_rate_goes_with_a_named_range_and_measured_with_a_range_rate(mission, keys, line):
+    with pytest.raises(MissionError, match=line):
+        mission(*keys)
+
+
+def test_gains_count_on_a_measured_rate_only_where_nothing_flies_without(mission):
+    """A rate that is dropped in flight leaves the filter's lag, for which the gain must do."""
+    keys = ["guidance.law=feedforward", "ranging.message=named_value_float"]
+    rate = ["ranging.rate_name=RR", "ranging.rate_sign=closing", "ranging.rate_sigma_mps=0.1"]
+    alone, beside = mission(*keys), mission(*keys, *rate)
+    assert beside.law.gain == alone.law.gain
+    assert mission(*keys, *rate, "guidance.estimator=measured").law.gain > alone.law.gain
+    ranging = beside.pilot_settings().ranging
+    assert (ranging.rate_name, ranging.rate_sign, ranging.rate_sigma) == ("RR", -1, 0.1)
+
+
 @pytest.mark.parametrize(("law", "default"), [("smooth", 1e-4), ("switching", 0.18)])
 def test_a_gain_left_out_is_the_laws_default(mission, law, default):
     """Twice 1/(2 r_d^2) at 100 m; 1.2 times V/r_d at 15 m/s."""

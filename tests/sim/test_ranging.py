@@ -2,6 +2,7 @@
 
 import math
 import statistics
+from itertools import pairwise
 from typing import Any
 
 import pytest
@@ -152,3 +153,40 @@ def test_the_driver_stops_when_its_input_is_older_than_450_ms() -> None:
     vehicle.advance(2.9)
     last = companion.listen("DISTANCE_SENSOR")[-1]
     assert last.time_boot_ms == 1450  # the slant range passes 130 m after 1.0 s, the last sample's time
+
+
+def test_the_range_rate_is_how_fast_the_slant_range_grows_under_the_stamp_of_its_range() -> None:
+    target = {"velocity_east_mps": 4.0, "turn_rate_deg_s": 5.0}
+    keys = {
+        "message": "named_value_float",
+        "noise_m": 0.0,
+        "rate_name": "RR",
+        "rate_noise_mps": 0.0,
+        "rate_bias_mps": 0,
+    }
+    companion = Station(build(start={**STILL, "speed_mps": 0.0}, target=target, truth={"rate_hz": 0}, ranging=keys))
+    companion.heartbeat()
+    companion.vehicle.advance(9.95)
+    heard = companion.listen("NAMED_VALUE_FLOAT", source=RADIO)
+    ranges = [m for m in heard if m.name == "RANGE"]
+    rates = [m for m in heard if m.name == "RR"]
+    assert [m.time_boot_ms for m in rates] == [m.time_boot_ms for m in ranges]
+    for before, rate, after in zip(ranges[:-2], rates[1:-1], ranges[2:], strict=True):
+        assert rate.value == pytest.approx((after.value - before.value) / 0.2, abs=2e-3)
+    assert min(m.value for m in rates) < -0.5
+
+
+def test_a_rate_scatters_white_and_slowly_and_may_count_the_other_way() -> None:
+    def rates(**keys: Any) -> list[float]:
+        vehicle = ranging(message="named_value_float", rate_name="RR", **keys)
+        companion = Station(vehicle)
+        companion.heartbeat()
+        vehicle.advance(40.0)
+        return [m.value for m in companion.listen("NAMED_VALUE_FLOAT", source=RADIO) if m.name == "RR"]
+
+    white = rates(rate_noise_mps=0.3, rate_bias_mps=0.0)
+    assert statistics.pstdev(white) == pytest.approx(0.3, rel=0.15)
+    assert rates(rate_noise_mps=0.3, rate_bias_mps=0.0, rate_sign="closing") == pytest.approx([-v for v in white])
+    slow = rates(rate_noise_mps=0.0, rate_bias_mps=0.3)
+    assert statistics.pstdev([b - a for a, b in pairwise(slow)]) < 0.03
+    assert abs(slow[0]) > 0.0

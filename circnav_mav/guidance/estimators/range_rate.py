@@ -249,25 +249,16 @@ class SteadyState:
 
 
 @lru_cache(maxsize=1024)
-def steady_state(
-    settings: EstimatorSettings, *, r: float, sigma: float, period: float, rate_sigma: float | None = None
-) -> SteadyState:
-    """What the filter settles to after many samples of noise sigma (m) every `period` (s) at range r. rate_sigma: noise
-    of range rates measured with them, m/s; None: there are none.
+def steady_state(settings: EstimatorSettings, *, r: float, sigma: float, period: float) -> SteadyState:
+    """What the filter settles to after many samples of noise sigma (m) every `period` (s) at range r.
 
-    The lag is that under constant acceleration: the error e of the state, once it stays the same from sample to sample,
-    e = (I - K H)(F e + G a). Of ranges alone it is that of an alpha-beta filter, T (2 alpha - beta)/(2 beta).
+    The lag is that of an alpha-beta filter under constant acceleration, T (2 alpha - beta)/(2 beta).
     """
     q = acceleration_variance(settings, r)
     P: Covariance = (sigma**2, 0.0, settings.speed**2 / 2)
-    measured = [(RANGE, sigma)] if rate_sigma is None else [(RANGE, sigma), (RATE, rate_sigma)]
-    keeps = np.eye(2)
+    alpha = beta = 0.0
     for _ in range(STEPS):
-        P, keeps = carried(P, period, q), np.eye(2)
-        for of, noise in measured:
-            gain = P[of] / (P[2 * of] + noise**2), P[1 + of] / (P[2 * of] + noise**2)
-            P = fused(P, *gain, of)
-            keeps = (np.eye(2) - np.outer(np.array(gain), np.eye(2)[of])) @ keeps
-    F, G = np.array([[1.0, period], [0.0, 1.0]]), np.array([period**2 / 2, period])
-    error = np.linalg.solve(np.eye(2) - keeps @ F, keeps @ G)
-    return SteadyState(float(np.sqrt(P[2])), float(error[1]))
+        rr, rv, _ = P = carried(P, period, q)
+        alpha, beta = float(rr / (rr + sigma**2)), float(rv / (rr + sigma**2))
+        P = fused(P, alpha, beta)
+    return SteadyState(float(np.sqrt(P[2])), period * (2 * alpha - beta * period) / (2 * beta * period))

@@ -50,8 +50,8 @@ OUTLIER_SHARE, OUTLIER_SPREAD = 0.05, 100.0
 RATE_SPREAD = 10.0
 """The same of a range rate, m/s."""
 NOSE = 0.1
-"""What a measured range rate tells of the drift is so uncertain, in V, where accelerations are not felt: noise of
-heading and airspeed is a fifth of it, the rest keeps the filter consistent in gusts (NEES 2.4; with it alone 10)."""
+"""So uncertain, in V, is what a measured range rate tells of the drift where accelerations are not felt: a fifth of it
+is noise of heading and airspeed, the rest keeps the filter consistent in gusts (mean NEES 2.4; without it 10)."""
 WEIGHT_MEMORY = 20.0
 """Time, s, after which the evidence for a hypothesis counts 1/e."""
 

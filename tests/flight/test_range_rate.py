@@ -1,0 +1,59 @@
+"""Whole flights with a radio that measures the range rate, and with one that lies or freezes, over real MAVLink."""
+
+import numpy as np
+import pytest
+
+from circnav_mav.pilot import Phase
+from circnav_mav.runtime.status import Watch
+from tests.flight.lockstep import Flight, clockwise_turns, flight, last_third, mean_radius, rms_error
+
+RADIO = (
+    "ranging.message=named_value_float", "ranging.rate_name=RRATE", "ranging.rate_sigma_mps=0.2",
+    "sim.ranging.message=named_value_float", "sim.ranging.rate_name=RRATE", "sim.ranging.outlier_fraction=0.0",
+)  # fmt: skip
+
+
+def flown(until, *overrides, law="smooth"):
+    """A quickstart flight with such a radio, and when each alarm came first, by its first words."""
+    under_way, alarms = flight("quickstart", *RADIO, *overrides, law=law), {}
+    watch = Watch(under_way.pilot)
+
+    def look(now: Flight) -> None:
+        if len(now.ticks) % 5 == 1:
+            for alarm in watch.status(now.ticks[-1], now.now).alarms:
+                alarms.setdefault(" ".join(word for word in alarm.partition(":")[0].split() if word.isupper()), now.now)
+
+    return under_way.fly(until, look), alarms
+
+
+@pytest.mark.parametrize("sign", ["opening", "closing"])
+def test_the_paper_flies_its_circle_on_what_the_radio_measures_with_no_filter(sign):
+    one, alarms = flown(
+        60.0, "guidance.estimator=measured", f"ranging.rate_sign={sign}", f"sim.ranging.rate_sign={sign}"
+    )
+    truths = last_third(one)
+    assert mean_radius(truths) == pytest.approx(100.0, abs=0.5)
+    assert rms_error(truths, 100.0) < 0.6
+    assert clockwise_turns(truths) > 0.4
+    assert not alarms
+    measured = np.array([tick.measured_rate for tick in one.ticks if tick.phase is Phase.ENGAGED])
+    assert np.mean(measured[-400:].astype(float)) == pytest.approx(0.0, abs=0.15)
+
+
+def test_a_rate_with_the_wrong_sign_is_dropped_and_the_ranges_fly_on():
+    one, alarms = flown(60.0, "sim.ranging.rate_sign=closing")
+    assert alarms["RANGE RATE DROPPED"] < 6.0
+    assert rms_error(last_third(one), 100.0) < 1.0
+    assert one.pilot.phase is Phase.ENGAGED
+
+
+def test_a_radio_that_freezes_in_flight_counts_as_lost_until_its_number_changes():
+    events = 'sim.events=[{at_s=30.0,action="freeze_ranging"},{at_s=44.0,action="unfreeze_ranging"}]'
+    one, alarms = flown(60.0, events)
+    assert 30.0 < alarms["RANGE RATE DROPPED"] <= 33.0
+    assert 39.5 <= alarms["RANGE FROZEN"] <= 41.0
+    held = [tick.time for tick in one.ticks if tick.phase is Phase.HOLDING]
+    assert 40.0 <= held[0] <= 41.5
+    assert held[-1] < 46.0
+    assert one.pilot.phase is Phase.ENGAGED
+    assert one.pilot.tracker.ranging.rejected["frozen"] > 30
