@@ -234,9 +234,7 @@ def _loop(
     gc.freeze()  # a full collection would look through all that was imported, for 0.1 s and more
     sys.setswitchinterval(LONGEST_TURN)
     try:
-        run(
-            pilot, links, clock, recorder, onlookers.show, stop, signing_time, ready=lambda: not loading.is_alive()
-        )
+        run(pilot, links, clock, recorder, onlookers.show, stop, signing_time, ready=lambda: not loading.is_alive())
     except Exception as error:
         links[VEHICLE].send(pilot.last_words(clock.now()), pilot.reply_to)  # first of all, whatever the disk does
         pilot.abandon(f"internal error: {error}")

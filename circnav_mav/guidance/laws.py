@@ -8,6 +8,7 @@ counter-clockwise (the paper's remark after its second theorem). A law knows not
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
+from types import ModuleType
 from typing import Protocol
 
 import numpy as np
@@ -28,28 +29,30 @@ class Kind(Enum):
 class LawFunction(Protocol):
     """The equation of a law: the paper's symbols in, turn rate (rad/s, counter-clockwise positive) out."""
 
-    def __call__(self, r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number) -> Number: ...
+    def __call__(
+        self, r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number, xp: ModuleType = np
+    ) -> Number: ...
 
 
-def smooth(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number) -> Number:
+def smooth(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number, xp: ModuleType = np) -> Number:
     """Law 1 of the paper, smooth and unsaturated (eq. `omega`).
 
     omega = k [2 r V cos(pi - asin(r_d/r)) - 2 r r_dot] where r >= r_d, else 0. k in 1/m^2.
     """
-    return np.where(r >= r_d, k * (2 * r * _tangent_rate(r, V, r_d) - 2 * r * r_dot), 0.0)
+    return xp.where(r >= r_d, k * (2 * r * _tangent_rate(r, V, r_d, xp) - 2 * r * r_dot), 0.0)
 
 
-def switching(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number) -> Number:
+def switching(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number, xp: ModuleType = np) -> Number:
     """Law 2 of the paper, switching and saturated (eq. `omega-sign-version`).
 
     omega = k sign(V cos(pi - asin(r_d/r)) - r_dot) where r >= r_d, else 0. k in rad/s; |omega| <= |k|.
     """
-    return np.where(r >= r_d, k * np.sign(_tangent_rate(r, V, r_d) - r_dot), 0.0)
+    return xp.where(r >= r_d, k * xp.sign(_tangent_rate(r, V, r_d, xp) - r_dot), 0.0)
 
 
-def _tangent_rate(r: Number, V: Number, r_d: Number) -> Number:
+def _tangent_rate(r: Number, V: Number, r_d: Number, xp: ModuleType) -> Number:
     """Range rate while flying at the tangent point of the circle, m/s; inside the circle it is not used."""
-    return V * np.cos(np.pi - np.arcsin(np.minimum(r_d / np.maximum(r, 1e-9), 1.0)))
+    return V * xp.cos(np.pi - xp.arcsin(xp.minimum(r_d / xp.maximum(r, 1e-9), 1.0)))
 
 
 def _as_asked(V: float, r_d: float, k: float) -> float:
@@ -81,50 +84,50 @@ class Law:
         return self.kind in (Kind.RELATIVE, Kind.AUTO)
 
 
-def bounded(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number) -> Number:
+def bounded(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number, xp: ModuleType = np) -> Number:
     """`range_laws.bounded` with the sense in the sign of k. |k| > 1/r_d."""
-    return -np.sign(k) * range_laws.bounded(r, r_dot, V=V, r_d=r_d, k=magnitude(k))
+    return -xp.sign(k) * range_laws.bounded(r, r_dot, V=V, r_d=r_d, k=magnitude(k), xp=xp)
 
 
 RELAY_LAG = 0.55
 """Lag of turn and filter, s, that the relay's boundary layer is made for."""
 
 
-def relay(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number) -> Number:
+def relay(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number, xp: ModuleType = np) -> Number:
     """`range_laws.relay` with w = |k|: approach at half the speed at most; the boundary layer makes the slope w/phi
     what the loop bears."""
-    return -np.sign(k) * range_laws.relay(
-        r, r_dot, V=V, r_d=r_d, w=magnitude(k), gamma=V / r_d, v_star=range_laws.closing_speed(V, 0.0, 0.5),
-        phi=magnitude(k) / theory.rate_gain(V, r_d, RELAY_LAG),
+    return -xp.sign(k) * range_laws.relay(
+        r, r_dot, V=V, r_d=r_d, w=magnitude(k), gamma=V / r_d, v_star=range_laws.closing_speed(V, 0.0, 0.5, xp),
+        phi=magnitude(k) / theory.rate_gain(V, r_d, RELAY_LAG, xp), xp=xp,
     )  # fmt: skip
 
 
-def pd(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number) -> Number:
+def pd(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number, xp: ModuleType = np) -> Number:
     """`range_laws.pd` with k_d = |k| and k_p for a damping of 1; e is cut where it asks for half the speed."""
     k_p = magnitude(k) ** 2 * V / 4
-    return -np.sign(k) * range_laws.pd(
-        r, r_dot, V=V, r_d=r_d, k_p=k_p, k_d=magnitude(k), e_max=magnitude(k) * 0.5 * V / k_p
+    return -xp.sign(k) * range_laws.pd(
+        r, r_dot, V=V, r_d=r_d, k_p=k_p, k_d=magnitude(k), e_max=magnitude(k) * 0.5 * V / k_p, xp=xp
     )
 
 
-def feedforward(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number) -> Number:
+def feedforward(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number, xp: ModuleType = np) -> Number:
     """`range_laws.feedforward` with gamma = |k| V/6 and an approach at 0.55 V, which a wind of 0.3 V leaves flyable."""
-    return -np.sign(k) * range_laws.feedforward(
+    return -xp.sign(k) * range_laws.feedforward(
         r, r_dot, V=V, r_d=r_d, k=magnitude(k), gamma=magnitude(k) * V / 6,
-        v_star=range_laws.closing_speed(V, 0.3 * V, 0.55), r_floor=0.43 * r_d,
+        v_star=range_laws.closing_speed(V, 0.3 * V, 0.55, xp), r_floor=0.43 * r_d, xp=xp,
     )  # fmt: skip
 
 
 def pi(
-    r: Number, r_dot: Number, memory: Number, dt: Number, *, V: Number, r_d: Number, k: Number
+    r: Number, r_dot: Number, memory: Number, dt: Number, *, V: Number, r_d: Number, k: Number, xp: ModuleType = np
 ) -> tuple[Number, Number]:
     """`range_laws.pi` with k_p = |k| and an integral ten times slower than the turn; memory in, memory out."""
     k_i = magnitude(k) * V / r_d
     turn, memory = range_laws.pi(
-        r, r_dot, memory, dt, r_d=r_d, k_p=magnitude(k), k_i=k_i, c=range_laws.closing_speed(V, 0.0, 0.5),
-        delta=0.5 * r_d, I_max=2 * V / (r_d * k_i),
+        r, r_dot, memory, dt, r_d=r_d, k_p=magnitude(k), k_i=k_i, c=range_laws.closing_speed(V, 0.0, 0.5, xp),
+        delta=0.5 * r_d, I_max=2 * V / (r_d * k_i), xp=xp,
     )  # fmt: skip
-    return -np.sign(k) * turn, memory
+    return -xp.sign(k) * turn, memory
 
 
 LAWS: dict[str, Law] = {

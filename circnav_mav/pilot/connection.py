@@ -18,8 +18,8 @@ HOME_RATE = 1.0
 
 
 class Heard(NamedTuple):
-    """One message. of_vehicle: of the pinned vehicle, on its link. of_ranging: it may be a range, for it is the mission's
-    message, on the link that ranging comes on."""
+    """One message. of_vehicle: of the pinned vehicle, on its link. of_ranging: it may be a range: the mission's message,
+    on the link that ranging comes on."""
 
     message: Message
     of_vehicle: bool

@@ -2,11 +2,12 @@
 
     python -m tests.bench.bench_loop [--seconds 120]
 
-1. Range datagram in to setpoint datagram out over UDP. `circnav fly` under `auto` and `smooth`, each in a process of its
-   own, and the least that pymavlink can do hear the quickstart's flight again in real time, in turn: attitudes,
-   accelerations, airspeed, heartbeats and ranges at the rates that circnav asks for; questions for the time are answered.
-2. What a range and a tick cost between the bytes and the setpoint, without sockets, and the processor's time of 600 s of
-   flight, in lockstep with the vehicle (which is counted, too) and without.
+1. Range datagram in to setpoint datagram out over UDP. `circnav fly` under `auto` and `smooth`, each in a process of
+   its own, and the least that pymavlink can do hear the quickstart's flight again in real time, in turn: attitudes,
+   accelerations, airspeed, heartbeats and ranges at the rates that circnav asks for. Questions for the time are
+   answered.
+2. What a range and a tick cost between the bytes and the setpoint, without sockets, and the processor's time of 600 s
+   of flight, in lockstep with the vehicle (which is counted, too) and without.
 """
 
 import argparse

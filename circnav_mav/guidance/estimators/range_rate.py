@@ -152,7 +152,11 @@ def observe(
 
 
 class KalmanRangeRate:
-    """The filter in flight. The time step is the difference of two sensor stamps: jitter on the way costs nothing."""
+    """The filter in flight. The time step is the difference of two sensor stamps: jitter on the way costs nothing.
+
+    filterpy's step costs as much as all the rest of a setpoint. So the setpoint is made from the same equations in
+    floats, which differ in the last bits, and what the filter goes on from is filterpy's, worked out behind it.
+    """
 
     def __init__(self, settings: EstimatorSettings) -> None:
         self._settings = settings
@@ -160,9 +164,11 @@ class KalmanRangeRate:
 
     def reset(self) -> None:
         """Forget everything."""
-        self._state, self._newest, self._fused = RangeRate(), None, Fused.ACCEPTED
+        self._state, self._newest, self._unsettled = RangeRate(), None, None
 
     _newest: RangeSample | None
+    _unsettled: tuple[RangeRate, float] | None
+    """The filter before the newest sample, and the time to it, s, until filterpy has taken that in."""
 
     @property
     def ready(self) -> bool:
@@ -178,16 +184,22 @@ class KalmanRangeRate:
 
     def observe(self, sample: RangeSample) -> Fused:
         """Take one sample in, or refuse it at the gate. Stamps must rise from call to call."""
+        self.settle()
         before, newest = self._state, self._newest
         h = 0.0 if newest is None else sample.stamp - newest.stamp
-        self._state = observe(before, self._settings, h=h, z=sample.r, sigma=sample.sigma, filtered=filtered_by_filterpy)
-        self._newest = sample
+        self._state = observe(before, self._settings, h=h, z=sample.r, sigma=sample.sigma)
+        self._newest, self._unsettled = sample, (before, h)
         if self._state.refused:
             return Fused.GATED
         return Fused.RESTARTED if before.samples and self._state.samples == 1 else Fused.ACCEPTED
 
     def settle(self) -> None:
-        """Nothing is left to do."""
+        """Let filterpy take the newest sample in."""
+        if self._unsettled is None or self._newest is None:
+            return
+        (before, h), self._unsettled = self._unsettled, None
+        z, sigma = self._newest.r, self._newest.sigma
+        self._state = observe(before, self._settings, h=h, z=z, sigma=sigma, filtered=filtered_by_filterpy)
 
     def restamp(self) -> None:
         """Start anew: the steps of this filter are those of the sensor's clock."""
