@@ -39,7 +39,8 @@ def smooth(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number, xp: M
 
     omega = k [2 r V cos(pi - asin(r_d/r)) - 2 r r_dot] where r >= r_d, else 0. k in 1/m^2.
     """
-    return xp.where(r >= r_d, k * (2 * r * _tangent_rate(r, V, r_d, xp) - 2 * r * r_dot), 0.0)
+    turn: Number = xp.where(r >= r_d, k * (2 * r * _tangent_rate(r, V, r_d, xp) - 2 * r * r_dot), 0.0)
+    return turn
 
 
 def switching(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number, xp: ModuleType = np) -> Number:
@@ -47,12 +48,14 @@ def switching(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number, xp
 
     omega = k sign(V cos(pi - asin(r_d/r)) - r_dot) where r >= r_d, else 0. k in rad/s; |omega| <= |k|.
     """
-    return xp.where(r >= r_d, k * xp.sign(_tangent_rate(r, V, r_d, xp) - r_dot), 0.0)
+    turn: Number = xp.where(r >= r_d, k * xp.sign(_tangent_rate(r, V, r_d, xp) - r_dot), 0.0)
+    return turn
 
 
 def _tangent_rate(r: Number, V: Number, r_d: Number, xp: ModuleType) -> Number:
     """Range rate while flying at the tangent point of the circle, m/s; inside the circle it is not used."""
-    return V * xp.cos(np.pi - xp.arcsin(xp.minimum(r_d / xp.maximum(r, 1e-9), 1.0)))
+    rate: Number = V * xp.cos(np.pi - xp.arcsin(xp.minimum(r_d / xp.maximum(r, 1e-9), 1.0)))
+    return rate
 
 
 def _as_asked(V: float, r_d: float, k: float) -> float:
@@ -86,7 +89,8 @@ class Law:
 
 def bounded(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number, xp: ModuleType = np) -> Number:
     """`range_laws.bounded` with the sense in the sign of k. |k| > 1/r_d."""
-    return -xp.sign(k) * range_laws.bounded(r, r_dot, V=V, r_d=r_d, k=magnitude(k), xp=xp)
+    turn: Number = -xp.sign(k) * range_laws.bounded(r, r_dot, V=V, r_d=r_d, k=magnitude(k), xp=xp)
+    return turn
 
 
 RELAY_LAG = 0.55
@@ -96,26 +100,29 @@ RELAY_LAG = 0.55
 def relay(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number, xp: ModuleType = np) -> Number:
     """`range_laws.relay` with w = |k|: approach at half the speed at most; the boundary layer makes the slope w/phi
     what the loop bears."""
-    return -xp.sign(k) * range_laws.relay(
+    turn: Number = -xp.sign(k) * range_laws.relay(
         r, r_dot, V=V, r_d=r_d, w=magnitude(k), gamma=V / r_d, v_star=range_laws.closing_speed(V, 0.0, 0.5, xp),
         phi=magnitude(k) / theory.rate_gain(V, r_d, RELAY_LAG, xp), xp=xp,
     )  # fmt: skip
+    return turn
 
 
 def pd(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number, xp: ModuleType = np) -> Number:
     """`range_laws.pd` with k_d = |k| and k_p for a damping of 1; e is cut where it asks for half the speed."""
     k_p = magnitude(k) ** 2 * V / 4
-    return -xp.sign(k) * range_laws.pd(
+    turn: Number = -xp.sign(k) * range_laws.pd(
         r, r_dot, V=V, r_d=r_d, k_p=k_p, k_d=magnitude(k), e_max=magnitude(k) * 0.5 * V / k_p, xp=xp
     )
+    return turn
 
 
 def feedforward(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number, xp: ModuleType = np) -> Number:
     """`range_laws.feedforward` with gamma = |k| V/6 and an approach at 0.55 V, which a wind of 0.3 V leaves flyable."""
-    return -xp.sign(k) * range_laws.feedforward(
+    turn: Number = -xp.sign(k) * range_laws.feedforward(
         r, r_dot, V=V, r_d=r_d, k=magnitude(k), gamma=magnitude(k) * V / 6,
         v_star=range_laws.closing_speed(V, 0.3 * V, 0.55, xp), r_floor=0.43 * r_d, xp=xp,
     )  # fmt: skip
+    return turn
 
 
 def pi(

@@ -32,7 +32,8 @@ def bounded(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number, xp: 
     r_s = xp.sqrt(xp.maximum(r_d**2 - 1 / k**2, 1e-12))  # not 0, by which the inside divides
     outside = V * xp.sqrt(xp.maximum(1 - (r_s / xp.maximum(r, 1e-6)) ** 2, 0.0))
     inside = V * xp.sqrt(xp.maximum(1 - (r / r_s) ** 2, 0.0))
-    return k * (r_dot + xp.where(r >= r_s, outside, -inside))
+    turn: Number = k * (r_dot + xp.where(r >= r_s, outside, -inside))
+    return turn
 
 
 def relay(
@@ -46,7 +47,8 @@ def relay(
     robots", Automatica 47 (2011).
     """
     chi = xp.clip(gamma * (r - r_d), -v_star, v_star)
-    return w * xp.clip((r_dot + chi) / phi, -1.0, 1.0) + V / r_d
+    turn: Number = w * xp.clip((r_dot + chi) / phi, -1.0, 1.0) + V / r_d
+    return turn
 
 
 def pd(
@@ -57,7 +59,8 @@ def pd(
     Source: Dong, You, Xie, Hu, coordinate-free circumnavigation with range-based PD control. Condition (closing speed
     asked for far out): k_p e_max/k_d + V/(r_d k_d) is what r' settles to, so e_max <= (k_d v* - V/r_d)/k_p.
     """
-    return V / r_d + k_p * xp.clip(r - r_d, -e_max, e_max) + k_d * r_dot
+    turn: Number = V / r_d + k_p * xp.clip(r - r_d, -e_max, e_max) + k_d * r_dot
+    return turn
 
 
 def pi(
@@ -85,4 +88,5 @@ def feedforward(
     gamma <= k V/4 (damping at least 1) and k V (course lag + filter lag) < about .5. Derived for this product.
     """
     chi = v_star * xp.tanh(gamma * (r - r_d) / v_star)
-    return xp.sqrt(xp.maximum(V**2 - r_dot**2, 0.0)) / xp.maximum(r, r_floor) + k * (r_dot + chi)
+    turn: Number = xp.sqrt(xp.maximum(V**2 - r_dot**2, 0.0)) / xp.maximum(r, r_floor) + k * (r_dot + chi)
+    return turn

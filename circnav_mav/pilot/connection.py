@@ -18,7 +18,7 @@ HOME_RATE = 1.0
 
 
 class Heard(NamedTuple):
-    """One message. of_vehicle: of the pinned vehicle, on its link. of_ranging: it may be a range: the mission's message,
+    """One message. of_vehicle: of the pinned vehicle, on its link. of_ranging: it is the message that carries ranges,
     on the link that ranging comes on."""
 
     message: Message
