@@ -187,8 +187,11 @@ def latency_table(seconds: float) -> None:
             time.sleep(0.2)
     print(f"range in -> setpoint out over UDP, {seconds:.0f} s of the quickstart's messages, microseconds")
     print(f"{'':<16}{'median':>8}{'90 %':>8}{'99 %':>8}{'worst':>8}   ratio of medians   of 99 %   ranges (no answer)")
-    bare = np.percentile(listeners[0].latencies, [50, 99])
+    bare = np.percentile(listeners[0].latencies or [np.nan], [50, 99])
     for one in listeners:
+        if not one.latencies:
+            print(f"{one.name:<16}does not steer: the computer is too busy for a flight in real time")
+            continue
         p50, p90, p99, worst = (1e6 * value for value in np.percentile(one.latencies, [50, 90, 99, 100]))
         print(
             f"{one.name:<16}{p50:8.0f}{p90:8.0f}{p99:8.0f}{worst:8.0f}{p50 / bare[0] / 1e6:19.2f}"
