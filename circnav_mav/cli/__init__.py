@@ -17,8 +17,8 @@ CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 SET_HELP = "Override a mission value, e.g. --set orbit.radius_m=80. May be repeated."
 
 SELDOM = 200_000
-"""Objects between two garbage collections. What a command loads stays; to look through it again and again took a seventh
-of the time that `check` takes."""
+"""Objects between two garbage collections. What a command loads stays; to look through it again and again took a
+seventh of the time that `check` takes."""
 WEB_HELP = "Show the flight in a browser on this computer, too, at http://127.0.0.1:PORT. [default port: 8080]"
 
 
