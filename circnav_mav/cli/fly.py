@@ -51,6 +51,8 @@ MOST_WATCHED = 10.0
 RECORDED = ("flight.tlog", "turns.csv", "ticks.csv", "summary.json", "manifest.json")
 """What shows that a folder holds a flight."""
 
+YOUNG = 700
+"""Objects between two garbage collections in flight, Python's own value: each is over in some microseconds."""
 LONGEST_TURN = 0.0005
 """Time, s, for which the loop waits for another thread of this process (recorder, display) that computes; Python's own
 value is ten times as long, more than a setpoint takes."""
@@ -236,6 +238,7 @@ def _loop(
     """Run to the end. An exception of ours still leaves a safe setpoint behind; returns where it is written down."""
     gc.collect()
     gc.freeze()  # a full collection would look through all that was imported, for 0.1 s and more
+    gc.set_threshold(YOUNG)
     sys.setswitchinterval(LONGEST_TURN)
     try:
         run(

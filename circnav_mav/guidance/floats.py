@@ -9,7 +9,7 @@ import operator
 from math import acos as arccos
 from math import asin as arcsin
 from math import atan2 as arctan2
-from math import cos, exp, hypot, isfinite, pi, sin, sqrt
+from math import cos, exp, hypot, isfinite, pi, sin, sqrt, tanh
 from typing import TypeVar
 
 import numpy as np
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 __all__ = [
     "all", "arccos", "arcsin", "arctan2", "clip", "cos", "exp", "hypot", "isfinite", "logical_not", "maximum",
-    "minimum", "pi", "rint", "sin", "sinc", "sqrt", "where",
+    "minimum", "pi", "rint", "sign", "sin", "sinc", "sqrt", "tanh", "where",
 ]  # fmt: skip
 
 Number = float | NDArray[np.float64]
@@ -38,6 +38,11 @@ def clip(value: float, low: float, high: float) -> float:
 def magnitude(x: Number) -> Number:
     """|x| of a float or an array: mypy knows no `abs` of either."""
     return abs(x)  # type: ignore[return-value]
+
+
+def sign(x: float) -> float:
+    """-1, 0 or 1."""
+    return (x > 0) - (x < 0)
 
 
 def sinc(x: float) -> float:

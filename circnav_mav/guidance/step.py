@@ -122,9 +122,9 @@ def step(
         return _with_relative_motion(before, settings, inputs, dt, xp)
     V, k, radius, memory = settings.V, settings.k, settings.fed + inputs.trim, before.memory
     if settings.law.kind is Kind.MEMORY:
-        demanded, memory = pi(inputs.r, inputs.r_dot, memory, dt, V=V, r_d=radius, k=k)
+        demanded, memory = pi(inputs.r, inputs.r_dot, memory, dt, V=V, r_d=radius, k=k, xp=xp)
     else:
-        demanded = settings.law.function(inputs.r, inputs.r_dot, V=V, r_d=radius, k=k)
+        demanded = settings.law.function(inputs.r, inputs.r_dot, V=V, r_d=radius, k=k, xp=xp)
     turn = xp.clip(demanded, -settings.limit, settings.limit)
     return replace(before, time=inputs.time, memory=memory), Wanted(turn, demanded, turn != demanded)
 
@@ -140,7 +140,7 @@ def _with_relative_motion(
     if by_drift is not None and xp.all(trusted):
         by_range = by_drift
     else:
-        by_range = s * settings.law.function(inputs.r, inputs.r_dot, V=V, r_d=radius, k=settings.k)
+        by_range = s * settings.law.function(inputs.r, inputs.r_dot, V=V, r_d=radius, k=settings.k, xp=xp)
     by_bank = by_range if by_drift is None else by_drift
     handover = hand_over(
         before.handover, dt, trusted=trusted, favourite=_tried(before.handover, settings, inputs, xp),

@@ -44,12 +44,12 @@ def max_range_acceleration(V: Number, max_turn_rate: Number, r: Number, xp: Modu
     return V**2 / nearest + V * max_turn_rate
 
 
-def rate_gain(V: Number, r_d: Number, lag: Number) -> Number:
+def rate_gain(V: Number, r_d: Number, lag: Number, xp: ModuleType = np) -> Number:
     """Gain k of the range rate, rad/m, that a loop with so much lag (course + filter, s) bears: k V lag = 0.5.
 
     Above about that value the laws limit-cycle, as flown on real autopilots. No more than 6/r_d, where nothing is won.
     """
-    gain: Number = np.minimum(0.5 / (V * lag), 6 / r_d)
+    gain: Number = xp.minimum(0.5 / (V * lag), 6 / r_d)
     return gain
 
 

@@ -267,7 +267,7 @@ class Pilot:
             self._say("drift", after.text)
 
     def _watch_engagement(self, now: float) -> None:
-        if self.phase is Phase.LEAVING or not self._authority.certain:
+        if self._mission.steering or self.phase is Phase.LEAVING or not self._authority.certain:
             return
         engages = self._authority.may_engage(now)
         if engages and self.phase is Phase.YIELDED:

@@ -74,11 +74,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.bench.bench_start", description=__doc__)
     parser.add_argument("--times", type=int, default=5)
     times = parser.parse_args(arguments).times
-    bare, check, spoke = ([], [], []) if times else ([0.0],) * 3
-    for _ in range(times):
-        bare.append(processor_time(IMPORTS))
-        check.append(processor_time(CHECK))
-        spoke.append(fly("auto", 0.0)[0])
+    measured = [(processor_time(IMPORTS), processor_time(CHECK), fly("auto", 0.0)[0]) for _ in range(times)]
+    bare, check, spoke = zip(*measured, strict=True)
     least = min(bare)
     print(f"numpy and pymavlink imported: {least:.2f} s of CPU")
     print(f"circnav check: {min(check):.2f} s of CPU, {min(check) / least:.1f} times as much")

@@ -294,6 +294,7 @@ def test_many_flights_are_filtered_as_filterpy_filters_one():
     kalman, many = KalmanRangeRate(SETTINGS), RangeRate()
     for before, now, measured in zip(np.r_[t[0], t], t, z, strict=False):
         kalman.observe(sample(now, measured, epoch=0.0))
+        kalman.settle()
         many = observe(many, SETTINGS, h=now - before, z=measured, sigma=0.5)
         for field in fields(many):
             one = getattr(kalman._state, field.name)

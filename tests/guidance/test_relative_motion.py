@@ -448,7 +448,7 @@ def in_gusts(imu: ImuNoise | None, lie: str = "") -> tuple[float, float]:
     gusts = Situation("gusts", wind=5.0, gust=1.5, imu=imu, start=(80, 150), duration=110.0)
     tracks = fly_situation(gusts, make, 8, 5)
     late = tracks.r[tracks.time > 60] - 100.0
-    return float(np.median(np.sqrt((late**2).mean(axis=0)))), float(banks[0]._banks[0].likely_noise.feels.mean())
+    return float(np.median(np.sqrt((late**2).mean(axis=0)))), float(banks[0]._banks[0].assumed[2].mean())
 
 
 def test_accelerations_show_a_gust_before_the_ranges_do():

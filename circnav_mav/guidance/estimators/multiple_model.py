@@ -95,6 +95,7 @@ class DriftBank:
         """known: of drift and airspeed scale, before the first range; forgotten with the first lost track."""
         self.settings = settings
         self.noise = settings.noise()
+        self._assumptions = np.hstack([self.noise.drift_psd, self.noise.gust, self.noise.feels]).T
         self.stage = np.full(flights, Stage.EMPTY)
         self.mean = np.zeros((STATES, flights))
         self.covariance = np.zeros((STATES, STATES, flights))
@@ -129,12 +130,12 @@ class DriftBank:
         return self._search.remembers
 
     @property
-    def likely_noise(self) -> Noise:
-        """What the tracking models assume on average, arrays (1, B); the middle of them for those that search."""
-        n = self.noise
-        weight = np.full((len(n.white), self.stage.size), 1 / len(n.white))
+    def assumed(self) -> Array:
+        """What the tracking models assume on average of drift_psd, gust and feels, (3, B); the middle of them for those
+        that search."""
+        weight = np.full((self._assumptions.shape[1], self.stage.size), 1 / self._assumptions.shape[1])
         weight[:, self._tracking] = self._tracks.weight
-        return Noise(*(part.T @ weight for part in (n.drift_psd, n.gust, n.white, n.drifting, n.nose, n.feels)))
+        return self._assumptions @ weight
 
     def step(
         self, dt: Array, chord: Array, z: Array, sigma: Array, valid: Array, felt: Felt | None = None,

@@ -171,7 +171,11 @@ def observe_rate(
 
 
 class KalmanRangeRate:
-    """The filter in flight. The time step is the difference of two sensor stamps: jitter on the way costs nothing."""
+    """The filter in flight. The time step is the difference of two sensor stamps: jitter on the way costs nothing.
+
+    filterpy's step costs as much as all the rest of a setpoint. So the setpoint is made from the same equations in
+    floats, which differ in the last bits, and what the filter goes on from is filterpy's, worked out behind it.
+    """
 
     def __init__(self, settings: EstimatorSettings) -> None:
         self._settings = settings
@@ -179,9 +183,11 @@ class KalmanRangeRate:
 
     def reset(self) -> None:
         """Forget everything."""
-        self._state, self._newest, self._fused = RangeRate(), None, Fused.ACCEPTED
+        self._state, self._newest, self._unsettled = RangeRate(), None, None
 
     _newest: RangeSample | RateSample | None
+    _unsettled: tuple[RangeRate, float, RangeSample] | None
+    """The filter before the newest range, the time to it, s, and the range, until filterpy has taken it in."""
 
     @property
     def ready(self) -> bool:
@@ -197,12 +203,11 @@ class KalmanRangeRate:
 
     def observe(self, sample: RangeSample) -> Fused:
         """Take one sample in, or refuse it at the gate. Stamps must rise from call to call."""
+        self.settle()
         before, newest = self._state, self._newest
         h = 0.0 if newest is None else max(sample.stamp - newest.stamp, 0.0)  # a rate may have come before its range
-        self._state = observe(
-            before, self._settings, h=h, z=sample.r, sigma=sample.sigma, filtered=filtered_by_filterpy
-        )
-        self._newest = sample
+        self._state = observe(before, self._settings, h=h, z=sample.r, sigma=sample.sigma)
+        self._newest, self._unsettled = sample, (before, h, sample)
         if sample.rate is not None:
             self.observe_rate(sample.rate)
         if self._state.refused:
@@ -210,10 +215,17 @@ class KalmanRangeRate:
         return Fused.RESTARTED if before.samples and self._state.samples == 1 else Fused.ACCEPTED
 
     def settle(self) -> None:
-        """Nothing is left to do."""
+        """Let filterpy take the newest range in."""
+        if self._unsettled is None:
+            return
+        (before, h, sample), self._unsettled = self._unsettled, None
+        self._state = observe(
+            before, self._settings, h=h, z=sample.r, sigma=sample.sigma, filtered=filtered_by_filterpy
+        )
 
     def observe_rate(self, sample: RateSample) -> None:
         """Take in a range rate, unless it is older than the newest sample."""
+        self.settle()
         if self._newest is None or sample.stamp < self._newest.stamp:
             return
         h = sample.stamp - self._newest.stamp

@@ -141,11 +141,9 @@ class DriftEstimator(Estimator):
 
     def _note_belief(self) -> None:
         """What the bank believes now, as plain numbers."""
-        bank, noise = self.bank, self.bank.likely_noise
+        bank = self.bank
         mean, covariance = tuple(bank.mean[:, 0].tolist()), bank.covariance[:, :, 0]
-        self._belief = Belief(
-            mean, covariance, float(noise.drift_psd[0, 0]), float(noise.gust[0, 0]), float(noise.feels[0, 0])
-        )
+        self._belief = Belief(mean, covariance, *bank.assumed[:, 0].tolist())
         self._ready, self._missed = bool(bank.trusted[0]), float(bank.missed[0])
 
     def _restart(self, now: float) -> None:
@@ -231,7 +229,7 @@ class AutoEstimator:
     def settle(self) -> None:
         """Let both take in all that they have not."""
         self.drift.settle()
-        _ = self.kalman
+        self.kalman.settle()
 
     def observe_rate(self, sample: RateSample) -> None:
         """Take in a range rate."""
