@@ -1,4 +1,4 @@
-"""A broken link between your own programs: python -m circnav_mav.emulator.faults --listen URL --forward URL [faults]."""
+"""A broken link between your own programs: python -m circnav_mav.emulator.faults --listen URL --forward URL ..."""
 
 import argparse
 import signal

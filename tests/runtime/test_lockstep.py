@@ -89,6 +89,14 @@ def test_a_paced_run_does_not_race_after_a_night_of_sleep(ticking):
     assert ahead < 1.0
 
 
+def test_beside_a_real_radio_time_keeps_up_with_it(ticking):
+    """Its ranges are of now, also after a pause."""
+    clock = Lockstep(Metronome(), speed=1.0, others=True)
+    ticking["now"] += 0.3
+    clock.advance(1.0)
+    assert clock.now() == pytest.approx(0.3, abs=2e-6)
+
+
 def test_every_tick_that_is_due_is_reached_in_whole_microseconds():
     """A product rounded down would be a time before the tick, and the loop would turn there for ever."""
     clock = Lockstep(Metronome())
