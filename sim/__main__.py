@@ -28,7 +28,7 @@ def main(arguments: list[str] | None = None) -> int:
             duration=options.duration,
             ready=lambda line: print(line, flush=True),
             stopped=lambda: bool(stop),
-            say=lambda line: print(line, file=sys.stderr, flush=True),
+            say=lambda line: print(line, flush=True),
         )
     except (ConfigError, EndpointError) as error:
         print(f"sim: {error}", file=sys.stderr)
