@@ -56,8 +56,9 @@ class Flight:
     def _step(self, moment: float) -> None:
         self.clock.advance(moment)
         self.now = self.clock.now()
+        before = len(self.sent)
         self._keep(turn(self.pilot, self.links, self.clock, self.now, self._signal()))
-        for data in through(self.up, [data for then, data in self.sent[-1:] if then == self.now], self.now):
+        for data in through(self.up, [data for _, data in self.sent[before:]], self.now):
             self.vehicle.receive(data)
         if self.now >= self.next_truth:
             self.truths.append(self.vehicle.truth)
@@ -69,6 +70,11 @@ class Flight:
 
     def _keep(self, step: LoopStep) -> None:
         self.ticks += self.pilot.take_records()
+
+    @property
+    def setpoint_times(self) -> list[float]:
+        """When setpoints were sent."""
+        return [time for time, data in self.sent if any(id in SETPOINT_IDS for id in message_ids(data))]
 
 
 @dataclass
@@ -87,11 +93,6 @@ class Wire:
     def send(self, data: bytes, to: Hashable) -> None:
         if self.name == VEHICLE:
             self.flight.sent.append((self.flight.now, data))
-
-    @property
-    def setpoint_times(self) -> list[float]:
-        """When setpoints were sent."""
-        return [time for time, data in self.sent if any(id in SETPOINT_IDS for id in message_ids(data))]
 
 
 def through(pipe: Pipe | None, data: list[bytes], now: float) -> list[bytes]:
