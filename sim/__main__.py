@@ -36,7 +36,7 @@ def main(
             config if seed is None else config.seeded(seed), endpoint, ranging_endpoint, speed=speed, duration=duration,
             ready=lambda line: print(line, flush=True),
             stopped=lambda: bool(stop),
-            say=lambda line: print(line, file=sys.stderr, flush=True),
+            say=lambda line: print(line, flush=True),
         )  # fmt: skip
     except (ConfigError, EndpointError) as error:
         click.echo(f"sim: {error}", err=True)

@@ -415,7 +415,7 @@ def main() -> None:
     warnings.filterwarnings("ignore", message="Glyph .* missing from")  # of names that no font of the pictures has
     mind_output()
     try:
-        result = circnav.main(standalone_mode=False)
+        result = circnav.main(prog_name="circnav", standalone_mode=False)
     except click.ClickException as error:
         error.show()
         result = Exit.USAGE

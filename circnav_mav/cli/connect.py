@@ -114,7 +114,8 @@ def start_clock(mission: Mission, session: Session, links: dict[str, Link], *, p
     """The clock that the mission asks for; it starts the run. With the bundled vehicle that is simulated time, and the
     vehicle's links join the others."""
     if mission.flies_sim and mission.file.sim is not None:
-        clock = Lockstep(Vehicle(parse_vehicle(mission.file.sim, "sim")), run_speed(mission, page=page))
+        vehicle = Vehicle(parse_vehicle(mission.file.sim, "sim"))
+        clock = Lockstep(vehicle, run_speed(mission, page=page), others=bool(links))
         links.update(clock.links(ranging_apart=mission.file.ranging.endpoint == SIM))
         return clock
     return AutopilotClock(lambda: session.boot_time) if mission.file.link.clock == "autopilot" else Clock()

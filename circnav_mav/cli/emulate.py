@@ -22,7 +22,7 @@ def run_emulator(vehicle: str | None, endpoint: str, ranging_endpoint: str | Non
         serve(
             config, endpoint, ranging_endpoint, speed=speed,
             ready=lambda line: click.echo(line + _how_to_fly(speed)), stopped=lambda: bool(stopped),
-            say=lambda line: click.echo(line, err=True),
+            say=click.echo,
         )  # fmt: skip
     except (ConfigError, EndpointError) as error:
         raise Refused(str(error)) from None

@@ -52,10 +52,11 @@ class Lockstep(Clock):
 
     longest_wait = inf
 
-    def __init__(self, vehicle: Vehicle, speed: float = inf) -> None:
-        """speed: simulated seconds per real second; infinite: as fast as the computer allows."""
+    def __init__(self, vehicle: Vehicle, speed: float = inf, *, others: bool = False) -> None:
+        """speed: simulated seconds per real second; infinite: as fast as the computer allows. others: whether something
+        else is heard too, such as a real radio: then time keeps up with it, and skips over what a pause held up."""
         super().__init__(speed)
-        self._vehicle = vehicle
+        self._vehicle, self._others = vehicle, others
         self._now = 0.0
 
     def links(self, *, ranging_apart: bool) -> dict[str, Link]:
@@ -79,7 +80,9 @@ class Lockstep(Clock):
         """On to the next thing that happens, at a moment at the latest; less far if the pace has not come there yet,
         as when a signal cut the wait short."""
         due = self._next(moment)
-        if isfinite(self.speed):
+        if self._others:
+            due = max(self._paced(), self._now)
+        elif isfinite(self.speed):
             early = due - self._paced()
             if early > ON_TIME:
                 due = max(due - early, self._now)

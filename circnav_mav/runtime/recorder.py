@@ -15,7 +15,6 @@ import queue
 import struct
 import threading
 from collections.abc import Hashable, Iterable
-from contextlib import suppress
 from dataclasses import dataclass, field, fields
 from enum import Enum
 from math import inf
@@ -82,8 +81,6 @@ class Recorder:
         try:
             folder.mkdir(parents=True, exist_ok=True)
             self._tlog = _claimed(folder / "flight.tlog")
-            self._made = ["flight.tlog", "ticks.csv", "turns.csv"]
-            self._made += [] if (folder / "mission.toml").exists() else ["mission.toml"]
             (folder / "mission.toml").write_text(mission_text, encoding="utf-8")
             self._ticks: IO[str] = (folder / "ticks.csv").open("w", newline="", encoding="utf-8")
             self._turns: IO[str] = (folder / "turns.csv").open("w", newline="", encoding="utf-8")
@@ -123,16 +120,6 @@ class Recorder:
             self._thread.join(CLOSE_PATIENCE)
             if self._thread.is_alive():
                 self._note(f"{self.folder}: the end is not recorded: the disk is too slow")
-
-    def discard(self) -> None:
-        """Take the files away again: nothing was recorded, for the flight never began."""
-        self.close()
-        for file in (self._tlog, self._ticks, self._turns):
-            file.close()
-        for name in self._made:
-            (self.folder / name).unlink(missing_ok=True)
-        with suppress(OSError):
-            self.folder.rmdir()
 
     def _put(self, item: LoopStep | TickRecord) -> None:
         if self._at_once:

@@ -17,6 +17,10 @@ from pathlib import Path
 
 import numpy as np
 
+from circnav_mav.emulator.airframes.unicycle import Unicycle
+from circnav_mav.emulator.demands import BodyVelocity
+from circnav_mav.emulator.sensor import RangeSensor
+from circnav_mav.emulator.starting import starting_body
 from circnav_mav.experiments.campaign.file import load_campaign
 from circnav_mav.experiments.campaign.fly import chunks, fly_chunk
 from circnav_mav.experiments.campaign.lockstep import fly_lockstep
@@ -25,10 +29,6 @@ from circnav_mav.guidance.estimators.range_rate import KalmanRangeRate
 from circnav_mav.guidance.slant import horizontal
 from circnav_mav.guidance.step import steering
 from circnav_mav.guidance.types import RangeSample
-from sim.airframes.unicycle import Unicycle
-from sim.demands import BodyVelocity
-from sim.sensor import RangeSensor
-from sim.starting import starting_body
 
 SAMPLE = 6
 TICK = 0.05

@@ -35,7 +35,7 @@ def test_a_port_in_use(circnav, busy_port):
 
 
 def test_at_another_speed_it_says_how_to_be_flown(circnav, busy_port, monkeypatch):
-    monkeypatch.setattr("sim.server._fly", lambda *_arguments: None)
+    monkeypatch.setattr("circnav_mav.emulator.server._fly", lambda *_arguments: None)
     ran = circnav("emulate", "--endpoint", f"udpout:127.0.0.1:{busy_port}", "--speed", "8")
     assert ran.out.splitlines()[1] == """8 times real time: fly it with --set 'link.clock="autopilot"'"""
     ran = circnav("emulate", "--endpoint", f"udpout:127.0.0.1:{busy_port}")

@@ -4,7 +4,6 @@ import json
 
 import pytest
 
-from circnav_mav.cli.exits import Refused
 from circnav_mav.runtime.recorder import Recorder, TakenError
 from tests.flight.recorded import recorded_flight
 
@@ -101,18 +100,6 @@ def test_of_two_flights_that_begin_at_once_one_has_the_folder(tmp_path):
     with pytest.raises(TakenError, match=r"holds flight\.tlog already"):
         Recorder(tmp_path / "run", "name = 'y'\n")
     assert (tmp_path / "run" / "mission.toml").read_text() == "name = 'x'\n"
-
-
-def test_a_flight_that_never_began_leaves_the_folder_free(circnav, mission, tmp_path, monkeypatch):
-    def refuses(*arguments):
-        raise Refused("no vehicle today")
-
-    monkeypatch.setattr("circnav_mav.cli.fly.start_vehicle", refuses)
-    assert circnav("fly", mission, "--out", tmp_path / "day").line == "circnav: no vehicle today"
-    assert not (tmp_path / "day").exists()
-    before = mission.read_bytes()
-    assert circnav("fly", mission, "--out", mission.parent).code == 2
-    assert contents(mission.parent) == {"mission.toml": before}
 
 
 def test_two_flights_of_one_second_have_folders_of_their_own(circnav, mission, tmp_path, monkeypatch):

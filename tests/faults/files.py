@@ -11,6 +11,8 @@ from random import Random
 
 from circnav_mav.cli.exits import Refused
 from circnav_mav.cli.replay import ReplayOptions, replay_log
+from circnav_mav.emulator.config import ConfigError, load_vehicle, parse_vehicle
+from circnav_mav.emulator.faults.intruders import tlog_frames
 from circnav_mav.experiments.campaign.batchable import obstacle
 from circnav_mav.experiments.campaign.file import CampaignError, load_campaign
 from circnav_mav.experiments.campaign.fly import fly_chunk
@@ -22,8 +24,6 @@ from circnav_mav.mission.load import MissionError, parse_mission
 from circnav_mav.runlog.events import events
 from circnav_mav.runlog.loop_steps import tlog_steps
 from circnav_mav.runlog.run_folder import RunError, open_run
-from sim.config import ConfigError, load_vehicle, parse_vehicle
-from sim.faults.intruders import tlog_frames
 from tests.flight.lockstep import CONFIG
 from tests.flight.recorded import recorded_flight
 

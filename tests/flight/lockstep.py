@@ -61,8 +61,9 @@ class Flight:
     def _step(self, moment: float) -> None:
         self.clock.advance(moment)
         self.now = self.clock.now()
+        before = len(self.sent)
         self._keep(turn(self.pilot, self.links, self.clock, self.now, self._signal()))
-        for data in through(self.up, [data for then, data in self.sent[-1:] if then == self.now], self.now):
+        for data in through(self.up, [data for _, data in self.sent[before:]], self.now):
             self.vehicle.receive(data)
         if self.now >= self.next_truth:
             self.truths.append(self.vehicle.truth)
@@ -74,6 +75,11 @@ class Flight:
 
     def _keep(self, step: LoopStep) -> None:
         self.ticks += self.pilot.take_records()
+
+    @property
+    def setpoint_times(self) -> list[float]:
+        """When setpoints were sent."""
+        return [time for time, data in self.sent if any(id in SETPOINT_IDS for id in message_ids(data))]
 
 
 @dataclass

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from circnav_mav.emulator.config import parse_vehicle
 from circnav_mav.experiments.batch.guidance import Guidance
 from circnav_mav.experiments.campaign.batchable import obstacle
 from circnav_mav.experiments.campaign.execute import ExecutionError, on_cores, on_scheduler
@@ -22,7 +23,6 @@ from circnav_mav.experiments.campaign.plan import START, hopeless, prepare
 from circnav_mav.experiments.campaign.store import Store, StoreError
 from circnav_mav.experiments.campaign.summary import summarise
 from circnav_mav.mission.load import load_mission
-from sim.config import parse_vehicle
 from tests.process import PATIENCE
 
 CONFIG = Path(__file__).parents[3] / "config"

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from circnav_mav.emulator.sensor import RangeSensor
+from circnav_mav.emulator.world import Air, TargetMotion
 from circnav_mav.experiments.campaign import emulated
 from circnav_mav.experiments.campaign.batchable import obstacle
 from circnav_mav.experiments.campaign.figures import row
@@ -10,8 +12,6 @@ from circnav_mav.experiments.campaign.file import load_campaign
 from circnav_mav.experiments.campaign.flights import fly_batch
 from circnav_mav.experiments.campaign.lockstep import fly_lockstep
 from circnav_mav.experiments.campaign.plan import prepare
-from sim.sensor import RangeSensor
-from sim.world import Air, TargetMotion
 
 FLIGHTS = 3
 SHORT = '"limits.duration_s" = [75.0]\n'
