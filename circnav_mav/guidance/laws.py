@@ -2,13 +2,15 @@
 
 Every law takes range r (m) and range rate r_dot (m/s), scalars or arrays of one shape, and returns the turn rate in
 rad/s, counter-clockwise positive. The sign of the gain k chooses the sense of rotation: k > 0 clockwise, k < 0
-counter-clockwise (the paper's remark after its second theorem). A law knows nothing of the vehicle's limits.
+counter-clockwise (the paper's remark after its second theorem). A law knows nothing of the vehicle's limits. xp: numpy,
+or `floats` for one flight.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 from functools import wraps
+from types import ModuleType
 from typing import Protocol
 
 import numpy as np
@@ -36,28 +38,33 @@ class Kind(Enum):
 class LawFunction(Protocol):
     """The equation of a law: the paper's symbols in, turn rate (rad/s, counter-clockwise positive) out."""
 
-    def __call__(self, r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number) -> Number: ...
+    def __call__(
+        self, r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number, xp: ModuleType = np
+    ) -> Number: ...
 
 
-def smooth(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number) -> Number:
+def smooth(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number, xp: ModuleType = np) -> Number:
     """Law 1 of the paper, smooth and unsaturated (eq. `omega`).
 
     omega = k [2 r V cos(pi - asin(r_d/r)) - 2 r r_dot] where r >= r_d, else 0. k in 1/m^2.
     """
-    return np.where(r >= r_d, k * (2 * r * _tangent_rate(r, V, r_d) - 2 * r * r_dot), 0.0)
+    turn: Number = xp.where(r >= r_d, k * (2 * r * _tangent_rate(r, V, r_d, xp) - 2 * r * r_dot), 0.0)
+    return turn
 
 
-def switching(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number) -> Number:
+def switching(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number, xp: ModuleType = np) -> Number:
     """Law 2 of the paper, switching and saturated (eq. `omega-sign-version`).
 
     omega = k sign(V cos(pi - asin(r_d/r)) - r_dot) where r >= r_d, else 0. k in rad/s; |omega| <= |k|.
     """
-    return np.where(r >= r_d, k * np.sign(_tangent_rate(r, V, r_d) - r_dot), 0.0)
+    turn: Number = xp.where(r >= r_d, k * xp.sign(_tangent_rate(r, V, r_d, xp) - r_dot), 0.0)
+    return turn
 
 
-def _tangent_rate(r: Number, V: Number, r_d: Number) -> Number:
+def _tangent_rate(r: Number, V: Number, r_d: Number, xp: ModuleType) -> Number:
     """Range rate while flying at the tangent point of the circle, m/s; inside the circle it is not used."""
-    return V * np.cos(np.pi - np.arcsin(np.minimum(r_d / np.maximum(r, 1e-9), 1.0)))
+    rate: Number = V * xp.cos(np.pi - xp.arcsin(xp.minimum(r_d / xp.maximum(r, 1e-9), 1.0)))
+    return rate
 
 
 def _as_asked(V: float, r_d: float, k: float) -> float:
@@ -101,41 +108,44 @@ def counterclockwise(law: LawFunction) -> LawFunction:
     range rate do not change under reflection."""
 
     @wraps(law)
-    def either(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number) -> Number:
-        return -np.sign(k) * law(r, r_dot, V=V, r_d=r_d, k=magnitude(k))
+    def either(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number, xp: ModuleType = np) -> Number:
+        turn: Number = -xp.sign(k) * law(r, r_dot, V=V, r_d=r_d, k=magnitude(k), xp=xp)
+        return turn
 
     return either
 
 
 @counterclockwise
-def bounded(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number) -> Number:
+def bounded(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number, xp: ModuleType = np) -> Number:
     """omega = k [r' + V sqrt(1 - (r_s/r)^2)] outside r_s = sqrt(r_d^2 - 1/k^2), k [r' - V sqrt(1 - (r/r_s)^2)] inside.
 
     k > 1/r_d, in 1/m; exact radius, |omega| <= 2 k V. Source: Cao, "UAV circumnavigating an unknown target under a
     GPS-denied environment with range-only measurements", Automatica 55 (2015); inside in its two-sided form.
     A smaller r_d, as a trim can make it, counts as 1/k, the smallest circle that this k flies (r_s = 0).
     """
-    r_s = np.sqrt(np.maximum(r_d**2 - 1 / k**2, 1e-12))  # not 0, by which the inside divides
-    outside = V * np.sqrt(np.maximum(1 - (r_s / np.maximum(r, 1e-6)) ** 2, 0.0))
-    inside = V * np.sqrt(np.maximum(1 - (r / r_s) ** 2, 0.0))
-    return k * (r_dot + np.where(r >= r_s, outside, -inside))
+    r_s = xp.sqrt(xp.maximum(r_d**2 - 1 / k**2, 1e-12))  # not 0, by which the inside divides
+    outside = V * xp.sqrt(xp.maximum(1 - (r_s / xp.maximum(r, 1e-6)) ** 2, 0.0))
+    inside = V * xp.sqrt(xp.maximum(1 - (r / r_s) ** 2, 0.0))
+    turn: Number = k * (r_dot + xp.where(r >= r_s, outside, -inside))
+    return turn
 
 
 @counterclockwise
-def relay(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number) -> Number:
+def relay(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number, xp: ModuleType = np) -> Number:
     """omega = k sat((r' + chi)/phi) + V/r_d with chi = clip(V e/r_d, -V/2, V/2): sliding on r' = -chi. e = r - r_d.
 
     k > V/r_d, rad/s. The boundary layer phi (m/s), without which it chatters, makes the slope k/phi what the loop
     bears. Copes with a moving target. Source: Matveev, Teimoori, Savkin, "Range-only measurements based target
     following for wheeled mobile robots", Automatica 47 (2011).
     """
-    chi = np.clip(V / r_d * (r - r_d), -0.5 * V, 0.5 * V)
+    chi = xp.clip(V / r_d * (r - r_d), -0.5 * V, 0.5 * V)
     phi = k / theory.rate_gain(V, r_d, LOOP_LAG)
-    return k * np.clip((r_dot + chi) / phi, -1.0, 1.0) + V / r_d
+    turn: Number = k * xp.clip((r_dot + chi) / phi, -1.0, 1.0) + V / r_d
+    return turn
 
 
 @counterclockwise
-def pd(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number) -> Number:
+def pd(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number, xp: ModuleType = np) -> Number:
     """omega = V/r_d + k_p sat(e) + k r'. k in rad/m; k_p = k^2 V/4, for a damping of 1.
 
     Source: Dong, You, Xie, Hu, coordinate-free circumnavigation with range-based PD control. Far out r' settles to
@@ -143,11 +153,12 @@ def pd(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number) -> Number
     """
     k_p = k**2 * V / 4
     e_max = k * 0.5 * V / k_p
-    return V / r_d + k_p * np.clip(r - r_d, -e_max, e_max) + k * r_dot
+    turn: Number = V / r_d + k_p * xp.clip(r - r_d, -e_max, e_max) + k * r_dot
+    return turn
 
 
 @counterclockwise
-def feedforward(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number) -> Number:
+def feedforward(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number, xp: ModuleType = np) -> Number:
     """omega = sqrt(V^2 - r'^2)/max(r, .43 r_d) + k (r' + chi), chi = v* tanh(gamma e/v*). k in rad/m.
 
     The first term is the turn of the circle through the present point, so the radius has no bias for any k. v* = .55 V,
@@ -155,12 +166,13 @@ def feedforward(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number) 
     k V (course lag + filter lag) < about .5. Derived for this product.
     """
     gamma, v_star = k * V / 6, 0.55 * V
-    chi = v_star * np.tanh(gamma * (r - r_d) / v_star)
-    return np.sqrt(np.maximum(V**2 - r_dot**2, 0.0)) / np.maximum(r, 0.43 * r_d) + k * (r_dot + chi)
+    chi = v_star * xp.tanh(gamma * (r - r_d) / v_star)
+    turn: Number = xp.sqrt(xp.maximum(V**2 - r_dot**2, 0.0)) / xp.maximum(r, 0.43 * r_d) + k * (r_dot + chi)
+    return turn
 
 
 def pi(
-    r: Number, r_dot: Number, memory: Number, dt: Number, *, V: Number, r_d: Number, k: Number
+    r: Number, r_dot: Number, memory: Number, dt: Number, *, V: Number, r_d: Number, k: Number, xp: ModuleType = np
 ) -> tuple[Number, Number]:
     """s = r' + c tanh(e/delta); omega = |k| s + k_i int s. Memory (the integral, m) in, turn rate and memory out.
 
@@ -169,9 +181,9 @@ def pi(
     Dong, You, Wang, isoline tracking with PI control: any field that falls with range will do.
     """
     k_i = magnitude(k) * V / r_d
-    s = r_dot + 0.5 * V * np.tanh((r - r_d) / (0.5 * r_d))
-    memory = np.clip(memory + s * dt, 0.0, 2 * V / (r_d * k_i))
-    return -np.sign(k) * (magnitude(k) * s + k_i * memory), memory
+    s = r_dot + 0.5 * V * xp.tanh((r - r_d) / (0.5 * r_d))
+    memory = xp.clip(memory + s * dt, 0.0, 2 * V / (r_d * k_i))
+    return -xp.sign(k) * (magnitude(k) * s + k_i * memory), memory
 
 
 def _smooth_gain(V: float, r_d: float, lag: float) -> float:
