@@ -2,7 +2,8 @@
 
 Every law takes range r (m) and range rate r_dot (m/s), scalars or arrays of one shape, and returns the turn rate in
 rad/s, counter-clockwise positive. The sign of the gain k chooses the sense of rotation: k > 0 clockwise, k < 0
-counter-clockwise (the paper's remark after its second theorem). A law knows nothing of the vehicle's limits.
+counter-clockwise (the paper's remark after its second theorem). A law knows nothing of the vehicle's limits. xp: numpy,
+or `floats` for one flight.
 """
 
 from collections.abc import Callable

@@ -39,7 +39,8 @@ def begun(write, tmp_path):
 
 
 def children(process):
-    return [int(child) for child in Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()]
+    tasks = Path(f"/proc/{process.pid}/task").glob("*/children")  # each thread has its own
+    return [int(child) for task in tasks for child in task.read_text().split()]
 
 
 def all_end(processes, patience=PATIENCE):
