@@ -139,13 +139,14 @@ def main() -> None:
     """The table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--flights", type=int, default=200)
+    parser.add_argument("--situation", action="append", metavar="NAME", help="only these")
     parser.add_argument("--processes", type=int, default=2)
     options = parser.parse_args()
     print("| situation | places | error, m | 95 % | beyond GPS, 95 % | stated sigma | NEES in band | heights claimed, "
           "95 % | velocities, 95 % |")  # fmt: skip
     print("|---|---|---|---|---|---|---|---|---|")
     with ProcessPoolExecutor(options.processes) as pool:
-        for situation in SITUATIONS:
+        for situation in (one for one in SITUATIONS if not options.situation or one.name in options.situation):
             results = list(pool.map(partial(fly, situation), range(1, 1 + options.flights)))
             print(row(situation, results), flush=True)
 

@@ -112,7 +112,7 @@ def test_a_clock_offset_between_positions_and_ranges_is_found(tmp_path: Path) ->
     assert off(found, target) < 3.0
 
 
-def test_a_tlog_of_anybodys_is_read_by_its_messages(tmp_path: Path) -> None:
+def test_a_tlog_of_anybodys_is_read_by_its_messages(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     track, ranges, target = circles(gps=0.3)
     speaker = mavlink.MAVLink(None, srcSystem=3, srcComponent=1)
     latitude, longitude = PLANE.to_degrees(track.east, track.north)
@@ -137,7 +137,7 @@ def test_a_tlog_of_anybodys_is_read_by_its_messages(tmp_path: Path) -> None:
             file.write(round(1.75e15 + time * 1e6).to_bytes(8, "big") + message.pack(speaker))
     assert run(str(log)) == Exit.DONE
     found = places(tmp_path / "flight.locate.geojson")
-    assert list(found) == ["sensor 5 of 3/1"]
+    assert list(found) == ["sensor 5 of 3/1"] and "sensor 6" not in capsys.readouterr().out, "a height sensor is no tag"
     assert off(found["sensor 5 of 3/1"], target) < 2.0
 
 
