@@ -68,9 +68,12 @@ def fly(situation: Situation, seed: int) -> Result | None:
     flown, *_ = laps[-1]
     # the laps one after the other, as if flown so; each has its own stretch of the GPS error
     track, ranges, errors, shift = [], [], [], 0.0
-    for _, lap_track, lap_ranges, error in laps:
+    for lap, lap_track, lap_ranges, error in laps:
         began = lap_track[0, 0]
-        track.append(lap_track - [began - shift, 0, 0, 0])
+        assert lap.locator is not None and lap.locator.plane is not None
+        assert flown.locator is not None and flown.locator.plane is not None
+        origin = flown.locator.plane.to_metres(lap.locator.plane.latitude, lap.locator.plane.longitude)
+        track.append(lap_track - [began - shift, -origin[0], -origin[1], 0])
         ranges.append(lap_ranges - [began - shift, 0, 0])
         errors.append(error)
         shift += lap_track[-1, 0] - began + 1.0
