@@ -7,7 +7,7 @@ import click
 import numpy as np
 
 from circnav_mav.cli.exits import Exit, Refused, cannot, check_named
-from circnav_mav.locate.estimator import Knowledge, NotYet, Ranges, Track, locate
+from circnav_mav.locate.estimator import Knowledge, NotYet, locate
 from circnav_mav.locate.export import geojson, kml
 from circnav_mav.locate.geodesy import Plane
 from circnav_mav.locate.place import NOT_OBSERVABLE, Place
@@ -16,11 +16,10 @@ from circnav_mav.runlog.atomic_write import write_text
 from circnav_mav.runlog.range_log import RangeLog, read_log
 from circnav_mav.runlog.run_folder import RunError, printable
 
-OFFSETS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
-"""Offsets, s, that are tried where the clocks of positions and ranges do not seem to agree."""
-BETTER, MIXED, POOR = 0.7, 0.25, 0.05
-"""Noise over that without an offset, below which an offset counts; share of outliers that are more than outliers; noise
-over range that no radio has."""
+MIXED, POOR = 0.25, 0.05
+"""Share of outliers that are more than outliers; noise over range that no radio has."""
+CLOCKS = 0.5
+"""Standard deviation, s, of the offset between the clocks of positions and ranges: nobody has set them together."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,35 +65,19 @@ def _one(options: LocateOptions, log: RangeLog, plane: Plane, tag: str) -> Place
     known = Knowledge(
         up=ground if options.altitude is None else options.altitude,
         up_sigma=50.0 if options.altitude is None else 1.0,
-        gps_sigma=options.gps_sigma, bias_sigma=options.bias, delay_sigma=0.5, sigma_known=said,
+        gps_sigma=options.gps_sigma, bias_sigma=options.bias, delay_sigma=CLOCKS, sigma_known=said,
     )  # fmt: skip
     if not said:  # how good the ranges are shows in the fit: once roughly, and then by what was found
         rough = locate(plane, track, replace(ranges, sigma=ranges.sigma * 10), known)
         if isinstance(rough, Place):
             ranges = replace(ranges, sigma=np.full(len(ranges.r), max(rough.noise, 0.01)))
-    place = _with_offset(plane, track, ranges, known)
+    place = locate(plane, track, ranges, known)
     click.echo(f"{tag}: {len(ranges.r)} ranges")
     if isinstance(place, NotYet):
         click.echo(f"  WARNING    not located: {place.why}")
         return None
     _say(place, known)
     return place
-
-
-def _with_offset(plane: Plane, track: Track, ranges: Ranges, known: Knowledge) -> Place | NotYet:
-    """The place; where it fits badly, with the offset between the two clocks that fits best."""
-    best = locate(plane, track, ranges, known)
-    if isinstance(best, Place) and best.noise < 1.5 * np.median(ranges.sigma) and best.outliers < MIXED * best.used:
-        return best
-    for offset in (sign * size for size in OFFSETS for sign in (-1, 1)):
-        shifted = locate(plane, replace(track, time=track.time - offset), ranges, known)
-        if isinstance(shifted, Place) and (isinstance(best, NotYet) or _misfit(shifted) < BETTER * _misfit(best)):
-            best = replace(shifted, delay=shifted.delay + offset)
-    return best
-
-
-def _misfit(place: Place) -> float:
-    return place.noise * (1 + 10 * place.outliers / (place.used + place.outliers))
 
 
 def _say(place: Place, known: Knowledge) -> None:

@@ -7,6 +7,7 @@ that moves the vehicle: `SAYS` is all there is.
 from collections import deque
 from collections.abc import Hashable, Iterable
 from dataclasses import dataclass
+from itertools import islice
 from math import cos, hypot, isfinite, sin
 
 import numpy as np
@@ -18,10 +19,12 @@ from circnav_mav.locate.handback import COMPASS_SIGMA, PLACE_SIGMA, DeadReckonin
 from circnav_mav.locate.messages import camera, named_values, orbit_status, own_beacon
 from circnav_mav.locate.place import Place
 from circnav_mav.locate.watch import Alarm, Culprit, GpsWatch, Look, angle_between
+from circnav_mav.mav.autopilots.interface import PLAUSIBLE_AIRSPEED
 from circnav_mav.mav.clocks import BOOT_WRAP, RemoteClock
 from circnav_mav.mav.codec import Decoder, Encoder, Message
 from circnav_mav.mav.commands import CommandSender
 from circnav_mav.mav.frames import course_from_yaw
+from circnav_mav.mav.framing import frame_at
 from circnav_mav.mav.signing import Signing
 from circnav_mav.mav.statustext import Announcer
 from circnav_mav.mav.streams import StreamRequests
@@ -41,6 +44,7 @@ REBOOTED = 5.0
 """Time, s, by which the vehicle's clock is off when it has started again."""
 WINDOW = 600.0
 """Newest time, s, that the place is made from."""
+MOST_KEPT = 2000
 FIX_3D, FIX_SILENT = 3, 3.0
 """GPS_RAW_INT.fix_type from which a position is one, and the silence, s, after which there is none."""
 GONE = 10.0
@@ -93,7 +97,6 @@ class Locator:
         self._fix, self._fix_at, self._gps_sigma = 0, float("-inf"), settings.gps_sigma
         self._home = 0.0
         self._clock = RemoteClock(pilot.session.timesync.slower, wrap=BOOT_WRAP)
-        self._offs: deque[float] = deque(maxlen=10)
         self._turned: complex = 0j
         self._turned_for, self._turned_at = 0.0, 0.0
         self._solve_at = self._tell_at = 0.0
@@ -112,7 +115,7 @@ class Locator:
         session = self._pilot.session
         peer = session.peer
         if link == VEHICLE and peer is not None and source == peer.source:
-            for frame in frames:
+            for frame in filter(_is_wanted, frames):
                 for message in self._decoder.decode(frame):
                     if (message.get_srcSystem(), message.get_srcComponent()) == session.vehicle_ids:
                         self._take(message, now)
@@ -183,14 +186,14 @@ class Locator:
             self._ranges.append((time, slant, max(sigma, 0.02)))
         while self._ranges and now - self._ranges[0][0] > WINDOW:
             self._ranges.popleft()
-        self._offs.append(slant)
+        if len(self._ranges) > MOST_KEPT:  # every second one: to hand over thousands would cost a tick
+            self._ranges = deque(islice(self._ranges, 0, None, 2))
 
     def _look(self, east: float, north: float, up: float, now: float) -> None:
         """Let the watch compare this position with the range and the bearing of now."""
         pilot, place = self._pilot, self.place
-        motion, adapter = pilot.session.motion.at(now), pilot.session.adapter
+        motion = pilot.session.motion.at(now)
         heading = None if motion.yaw is None else course_from_yaw(motion.yaw)
-        airspeed = adapter.airspeed(motion.airspeed if adapter.measures_airspeed else None)
         range_off = bearing_off = None
         tracker = pilot.tracker
         if place is not None and tracker.newest is not None and now - tracker.newest.time < 1.0:
@@ -207,7 +210,7 @@ class Locator:
                 sigma_bearing = (relative.sigma + sigma) / hypot(*way)
                 self._learn_compass(off, now)
                 bearing_off = off, sigma_bearing + 0.05
-        self.watch.see(Look(now, east, north, heading, airspeed, range_off, bearing_off))
+        self.watch.see(Look(now, east, north, heading, self._airspeed(now), range_off, bearing_off))
         alarm = self.watch.alarm
         if alarm is not None and alarm.culprit is Culprit.BEACON and self.place is not None:
             # the beacon has moved, or another one answers: what was surveyed is no longer so
@@ -358,9 +361,15 @@ class Locator:
             sigma = COMPASS_SIGMA if self._turned_for > 10.0 else 3 * COMPASS_SIGMA
             self._reckoning.ranged(now, place, relative, (self.compass_bias, sigma))
             return
-        adapter = session.adapter
-        airspeed = adapter.airspeed(session.motion.at(now).airspeed if adapter.measures_airspeed else None)
-        self._reckoning.flown(now, session.motion.own(now, airspeed), self.compass_bias)
+        self._reckoning.flown(now, session.motion.own(now, self._airspeed(now)), self.compass_bias)
+
+    def _airspeed(self, now: float) -> float:
+        """As measured where that can be, else as commanded. Not asked of the adapter: it remembers what it was asked,
+        and flies by that."""
+        session, commanded = self._pilot.session, self._pilot.settings.orbit.speed
+        measured = session.motion.at(now).airspeed if session.adapter.measures_airspeed else None
+        least, most = (share * commanded for share in PLAUSIBLE_AIRSPEED)
+        return measured if measured is not None and least <= measured <= most else commanded
 
     def _aim(self, place: Place) -> bool:
         """Whether the camera must be pointed anew."""
@@ -393,6 +402,12 @@ class Locator:
         if kind not in SAYS or (kind.startswith("COMMAND") and message.command not in COMMANDS):
             raise ValueError(f"{kind} must not leave the survey")
         return self._encoder.encode(message)
+
+
+def _is_wanted(frame: bytes) -> bool:
+    """Whether a whole frame is worth decoding, by its header."""
+    header = frame_at(frame, 0)
+    return header is not None and header.ident in WANTED
 
 
 def _short(alarm: Alarm) -> str:

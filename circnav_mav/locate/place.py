@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import atan2, degrees, hypot, sqrt
+from math import atan2, degrees, hypot
 from typing import Any
 
 import numpy as np
@@ -146,8 +146,3 @@ class Place:
 
 
 NOT_OBSERVABLE = "not observable: one circle cannot tell it from a range bias; fly a second radius or height"
-
-
-def distance(east: float, north: float, up: float) -> float:
-    """Length of a vector, m."""
-    return sqrt(east * east + north * north + up * up)

@@ -68,9 +68,12 @@ def fly(situation: Situation, seed: int) -> Result | None:
     flown, *_ = laps[-1]
     # the laps one after the other, as if flown so; each has its own stretch of the GPS error
     track, ranges, errors, shift = [], [], [], 0.0
-    for _, lap_track, lap_ranges, error in laps:
+    for lap, lap_track, lap_ranges, error in laps:
         began = lap_track[0, 0]
-        track.append(lap_track - [began - shift, 0, 0, 0])
+        assert lap.locator is not None and lap.locator.plane is not None
+        assert flown.locator is not None and flown.locator.plane is not None
+        origin = flown.locator.plane.to_metres(lap.locator.plane.latitude, lap.locator.plane.longitude)
+        track.append(lap_track - [began - shift, -origin[0], -origin[1], 0])
         ranges.append(lap_ranges - [began - shift, 0, 0])
         errors.append(error)
         shift += lap_track[-1, 0] - began + 1.0
@@ -139,13 +142,14 @@ def main() -> None:
     """The table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--flights", type=int, default=200)
+    parser.add_argument("--situation", action="append", metavar="NAME", help="only these")
     parser.add_argument("--processes", type=int, default=2)
     options = parser.parse_args()
     print("| situation | places | error, m | 95 % | beyond GPS, 95 % | stated sigma | NEES in band | heights claimed, "
           "95 % | velocities, 95 % |")  # fmt: skip
     print("|---|---|---|---|---|---|---|---|---|")
     with ProcessPoolExecutor(options.processes) as pool:
-        for situation in SITUATIONS:
+        for situation in (one for one in SITUATIONS if not options.situation or one.name in options.situation):
             results = list(pool.map(partial(fly, situation), range(1, 1 + options.flights)))
             print(row(situation, results), flush=True)
 

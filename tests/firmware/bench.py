@@ -47,6 +47,17 @@ class Truth:
     airspeed: float
 
 
+@dataclass(frozen=True)
+class Reported:
+    """Where the autopilot itself says that it is: m north and east as the truth counts, m/s."""
+
+    time: float
+    north: float
+    east: float
+    v_north: float
+    v_east: float
+
+
 class Firmware(Protocol):
     """What differs between ArduPilot and PX4."""
 
@@ -60,6 +71,7 @@ class Firmware(Protocol):
 
     def start(self, folder: Path) -> subprocess.Popen[bytes]: ...
     def truth(self, bench: "Bench", message: Any) -> Truth | None: ...
+    def metres(self, latitude: int, longitude: int) -> tuple[float, float]: ...
     def bring_up(self, bench: "Bench") -> None: ...
     def weather(self, bench: "Bench") -> None: ...
     def without_gps(self, bench: "Bench") -> None: ...
@@ -77,7 +89,7 @@ class Bench:
     """One vehicle, from power-up to the end of the process."""
 
     def __init__(self, flight: Flight, firmware: Firmware, folder: Path, app_port: int) -> None:
-        self.flight, self.firmware, self.app_port = flight, firmware, app_port
+        self.flight, self.firmware, self.app_port, self.folder = flight, firmware, app_port, folder
         self._shared, self._own, self._relay = firmware.shared, firmware.own, bound()
         self._shared_peer: tuple[str, int] | None = None
         self._own_peer = firmware.own_peer
@@ -95,6 +107,7 @@ class Bench:
         self.texts: list[tuple[float, str]] = []
         self.track: list[Truth] = []
         self.setpoints: list[Setpoint] = []
+        self.reported: list[Reported] = []
         self.hidden = 0
         self.on_truth: Callable[[Truth], None] | None = None
         self.app: subprocess.Popen[bytes] | None = None
@@ -166,7 +179,7 @@ class Bench:
         cut = list(frames(data))
         for shown in (mode for one in cut if (mode := mode_shown(*one)) is not None):
             self.shown_modes.append((self.now, shown))
-        if not self.flight.keep_position:
+        if not (self.flight.keep_position or self.flight.handback):
             kept = b"".join(frame for number, frame in cut if number not in POSITIONS)
             self.hidden += len(kept) != len(data)
             data = kept
@@ -190,6 +203,9 @@ class Bench:
         self.counts[kind] += 1
         if kind == "ATTITUDE":
             self.clock(message.time_boot_ms / 1000)
+        elif kind == "GLOBAL_POSITION_INT" and self.track:
+            place = self.firmware.metres(message.lat, message.lon)
+            self.reported.append(Reported(self.now, *place, message.vx / 100, message.vy / 100))
         elif kind == "COMMAND_ACK":
             self._acks.append((message.command, message.result))
         elif kind == "PARAM_VALUE":

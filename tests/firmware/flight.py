@@ -50,6 +50,8 @@ class Flight:
     seed: int = 1
     baseline: bool = False
     keep_position: bool = False
+    handback: bool = False
+    home_s: float = 0.0
     # weather and what goes wrong
     wind: float = 0.0
     wind_from: float = 270.0
@@ -147,6 +149,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add("--set", action="append", default=[], metavar="KEY=VALUE", help="of the mission")
     add("--param", action="append", default=[], metavar="NAME=VALUE", help="of the autopilot, before take-off")
     add("--keep-position", action="store_true", help="do not hide the autopilot's positions from circnav")
+    add("--handback", action="store_true", help="handback.enabled, and positions shown: with --gps-off")
+    add("--home-s", type=float, default=0.0, metavar="T", help="exit action rtl, and T s more on the way home")
     add("--speedup", type=float, default=1.0, help="simulated over real time; only 1 gives figures that count")
     add("--circnav", default=Flight.circnav, help="the installed command [beside this Python]")
     add("--config", default=Flight.config, help="folder of its mission files [config]")

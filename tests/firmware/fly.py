@@ -14,6 +14,8 @@ import signal
 import subprocess
 import sys
 import time
+from bisect import bisect
+from collections import Counter
 from dataclasses import asdict, astuple, fields
 from datetime import datetime
 from itertools import pairwise
@@ -88,6 +90,7 @@ def _flown(flown: Flight, bench: Bench, folder: Path) -> dict[str, Any]:
     return {
         **figures.plain(),
         "own": {} if flown.baseline else own_verdict(folder / "circnav", flown.window),
+        "own_position": own_position(flown, bench, began),
         "takeover": _after_takeover(flown, bench, began),
         "modes": [(round(at - engaged, 1), mode) for at, mode in bench.modes if at > began - 5],
         "texts": [(round(at - engaged, 1), text) for at, text in bench.texts if at > began - 5][:30],
@@ -134,6 +137,10 @@ def write_mission(flown: Flight, path: Path, port: int, target_altitude: float) 
     sigma = hypot(flown.noise, flown.drift)
     mission["ranging"] |= {"rate_hz": flown.rate, "sigma_m": sigma, "orientation": UP, "component_id": 192}
     mission["limits"]["duration_s"] = flown.duration
+    if flown.handback:
+        mission["handback"] = {"enabled": True}
+    if flown.home_s:
+        mission["exit"] = {"action": "rtl"}
     path.write_text(tomlkit.dumps(mission))
     return mission.unwrap()
 
@@ -142,7 +149,7 @@ def _loop(flown: Flight, bench: Bench, began: float) -> None:
     """Until circnav has ended, or has not in time."""
     taken = gps_gone = False
     sticks = 0.0
-    longest = flown.duration + (0.0 if flown.baseline else ENGAGE_PATIENCE + LEAVE_PATIENCE)
+    longest = flown.duration + flown.home_s + (0.0 if flown.baseline else ENGAGE_PATIENCE + LEAVE_PATIENCE)
     while bench.now - began < longest:
         bench.pump(0.002)
         since = bench.now - began
@@ -155,7 +162,8 @@ def _loop(flown: Flight, bench: Bench, began: float) -> None:
         if flown.baseline and time.monotonic() > sticks:
             sticks = time.monotonic() + 0.3 / max(1.0, flown.speedup)
             bench.firmware.circling(bench)
-        if bench.app and bench.app.poll() is not None:
+        on_the_way = flown.home_s and since < flown.duration + flown.home_s
+        if bench.app and bench.app.poll() is not None and not on_the_way:
             return
         if bench.app and since > ENGAGE_PATIENCE and not _in_guided(bench, began):
             raise NoFlightError("circnav did not engage, see circnav.log")
@@ -192,6 +200,37 @@ def _after_takeover(flown: Flight, bench: Bench, began: float) -> dict[str, Any]
         "last_after_command_s": round(max(late, default=asked) - asked, 2),
         "shown_s": None if shown is None else round(shown - asked, 2),
         "after_shown": None if shown is None else sum(at > shown for at in late),
+    }
+
+
+def own_position(flown: Flight, bench: Bench, began: float) -> dict[str, Any] | None:
+    """The autopilot's own position against the truth from 10 s after the loss of its GPS on, m; the largest step of its
+    velocity error, m/s; and how far from home (where it was first seen) it was nearest, and is in the end."""
+    if flown.gps_off is None:
+        return None
+    since = began + flown.gps_off + 10.0
+    times = [one.time for one in bench.track]
+    pairs = [(one, bench.track[min(bisect(times, one.time), len(times) - 1)]) for one in bench.reported
+             if one.time > since]  # fmt: skip
+    if not pairs:
+        return None
+    off = sorted(hypot(one.north - true.north, one.east - true.east) for one, true in pairs)
+    wrong = [(one.v_north - true.v_north, one.v_east - true.v_east) for one, true in pairs]
+    steps = [hypot(b[0] - a[0], b[1] - a[1]) for a, b in pairwise(wrong)]
+    home = [hypot(true.north, true.east) for _, true in pairs]
+    given = Counter[str]()
+    record = bench.folder / "circnav" / "handback.csv"
+    if record.is_file():
+        with record.open() as file:
+            given.update(row["answer"] for row in csv.DictReader(file))
+    return {
+        "median": round(off[len(off) // 2], 1),
+        "p95": round(off[int(0.95 * (len(off) - 1))], 1),
+        "largest": round(off[-1], 1),
+        "velocity_step": round(max(steps, default=0.0), 2),
+        "nearest_home": round(min(home), 1),
+        "from_home": round(home[-1], 1),
+        "given": dict(given),
     }
 
 
@@ -270,6 +309,11 @@ def line(result: dict[str, Any]) -> str:
         if own.get("drift"):
             x, y = own["drift"]
             words.append(f"drift {hypot(x, y):.1f} m/s towards {degrees(atan2(x, y)) % 360:.0f}")
+    if position := result.get("own_position"):
+        words.append(
+            f"own position off by {position['median']} / {position['p95']} / {position['largest']} m (median, 95 %, "
+            f"most), velocity step {position['velocity_step']} m/s, given {position['given'] or 'nothing'}"
+        )
     if result["takeover"]:
         words.append(f"{result['takeover']['after_shown']} setpoints after the takeover was shown")
     words.append(f"x{result['real_speedup']:.2f}")

@@ -94,13 +94,18 @@ class Px4:
         """From HIL_STATE_QUATERNION, which carries SIH's own state."""
         if message.get_type() != "HIL_STATE_QUATERNION" or not message.lat:
             return None
-        self._origin = origin = self._origin or (message.lat, message.lon)
-        north = radians((message.lat - origin[0]) * 1e-7) * EARTH
-        east = radians((message.lon - origin[1]) * 1e-7) * EARTH * cos(radians(origin[0] * 1e-7))
+        self._origin = self._origin or (message.lat, message.lon)
+        north, east = self.metres(message.lat, message.lon)
         roll, _, yaw = euler(message.attitude_quaternion)
         air = bench.latest.get("VFR_HUD")
         return Truth(bench.now, north, east, message.alt / 1000, message.vx / 100, message.vy / 100, message.vz / 100,
                      roll, yaw, air.airspeed if air else nan)  # fmt: skip
+
+    def metres(self, latitude: int, longitude: int) -> tuple[float, float]:
+        """North and east of where it was first seen, of degrees times 1e7."""
+        assert self._origin is not None
+        north = radians((latitude - self._origin[0]) * 1e-7) * EARTH
+        return north, radians((longitude - self._origin[1]) * 1e-7) * EARTH * cos(radians(self._origin[0] * 1e-7))
 
     def bring_up(self, bench: Bench) -> None:
         """Into the air, in LOITER."""

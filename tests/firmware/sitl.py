@@ -77,12 +77,17 @@ class ArduPilot:
         """From SIM_STATE."""
         if message.get_type() != "SIM_STATE":
             return None
-        self._origin = origin = self._origin or (message.lat_int, message.lon_int)
-        north = radians((message.lat_int - origin[0]) * 1e-7) * EARTH
-        east = radians((message.lon_int - origin[1]) * 1e-7) * EARTH * cos(radians(origin[0] * 1e-7))
+        self._origin = self._origin or (message.lat_int, message.lon_int)
+        north, east = self.metres(message.lat_int, message.lon_int)
         air = bench.latest.get("VFR_HUD")
         return Truth(bench.now, north, east, message.alt, message.vn, message.ve, message.vd, message.roll, message.yaw,
                      air.airspeed if air else float("nan"))  # fmt: skip
+
+    def metres(self, latitude: int, longitude: int) -> tuple[float, float]:
+        """North and east of where it was first seen, of degrees times 1e7."""
+        assert self._origin is not None
+        north = radians((latitude - self._origin[0]) * 1e-7) * EARTH
+        return north, radians((longitude - self._origin[1]) * 1e-7) * EARTH * cos(radians(self._origin[0] * 1e-7))
 
     def bring_up(self, bench: Bench) -> None:
         """Into the air, holding."""

@@ -3,11 +3,14 @@
 import csv
 import json
 import signal
+from math import hypot
 from pathlib import Path
 
 import pytest
 from pymavlink import mavutil
 
+from circnav_mav.locate.geodesy import Plane
+from sim.world import HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG
 from tests.process import PATIENCE, QUICKSTART, circnav
 
 
@@ -43,6 +46,20 @@ def test_run_folder_holds_everything(run: tuple[Path, str]) -> None:
     names = {path.name for path in run[0].iterdir()}
     assert names >= {"summary.json", "ticks.csv", "flight.tlog", "mission.toml", "flight.png"}
     assert "duration_s = 72" in (run[0] / "mission.toml").read_text()
+
+
+def test_the_target_was_surveyed_beside_the_flight(run: tuple[Path, str]) -> None:
+    """The emulator's target is where its home is, unless its file says otherwise."""
+    summary = json.loads((run[0] / "summary.json").read_text())
+    place = Plane(HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG).to_metres(
+        summary["place"]["latitude_deg"], summary["place"]["longitude_deg"]
+    )
+    assert hypot(*place) < 4 * summary["place"]["sigma_m"] and summary["place"]["sigma_m"] < 5
+    assert summary["gps_watch"] == [] and "  target  " in run[1]
+    assert {"target.geojson", "target.kml", "target.png"} <= {path.name for path in run[0].iterdir()}
+    log = mavutil.mavlink_connection(str(run[0] / "flight.tlog"))
+    circle = log.recv_match(type="ORBIT_EXECUTION_STATUS")
+    assert circle.get_srcComponent() == 194 and circle.radius == 100.0
 
 
 def test_tlog_opens_in_the_standard_reader_with_both_directions(run: tuple[Path, str]) -> None:

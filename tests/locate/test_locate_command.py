@@ -98,21 +98,21 @@ def test_several_tags_are_told_apart_by_their_ids_and_mixed_ones_get_a_warning(
 
 
 def test_a_clock_offset_between_positions_and_ranges_is_found(tmp_path: Path) -> None:
-    """On the way to the circle and off its centre: 15 m/s and 4 s are 60 m."""
+    """On the way to the circle and off its centre: 15 m/s and 16 s are 240 m."""
     t = np.arange(0, 80, 0.1)
     east, north = 15.0 * np.minimum(t, 40) - 300, np.where(t > 40, 15.0 * (t - 40), 0.0)
     rng, target = np.random.default_rng(2), np.array([100.0, 150.0])
     r = np.sqrt((east - 100.0) ** 2 + (north - 150.0) ** 2 + 30.0**2) + rng.normal(0, 0.5, len(t))
     log = write_csv(
-        tmp_path / "late.csv", Track(t + 4.0, east, north, 0 * t + 30.0), Ranges(t, r, 0 * t + 0.5)
+        tmp_path / "late.csv", Track(t + 16.0, east, north, 0 * t + 30.0), Ranges(t, r, 0 * t + 0.5)
     )  # fmt: skip
     assert run(str(log), "--gps-sigma", "0.5") == Exit.DONE
     found = places(tmp_path / "late.locate.geojson")["target"]
-    assert found["position_delay_s"] == pytest.approx(4.0, abs=0.2)
+    assert found["position_delay_s"] == pytest.approx(16.0, abs=0.2)
     assert off(found, target) < 3.0
 
 
-def test_a_tlog_of_anybodys_is_read_by_its_messages(tmp_path: Path) -> None:
+def test_a_tlog_of_anybodys_is_read_by_its_messages(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     track, ranges, target = circles(gps=0.3)
     speaker = mavlink.MAVLink(None, srcSystem=3, srcComponent=1)
     latitude, longitude = PLANE.to_degrees(track.east, track.north)
@@ -137,7 +137,7 @@ def test_a_tlog_of_anybodys_is_read_by_its_messages(tmp_path: Path) -> None:
             file.write(round(1.75e15 + time * 1e6).to_bytes(8, "big") + message.pack(speaker))
     assert run(str(log)) == Exit.DONE
     found = places(tmp_path / "flight.locate.geojson")
-    assert list(found) == ["sensor 5 of 3/1"]
+    assert list(found) == ["sensor 5 of 3/1"] and "sensor 6" not in capsys.readouterr().out, "a height sensor is no tag"
     assert off(found["sensor 5 of 3/1"], target) < 2.0
 
 
