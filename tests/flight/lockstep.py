@@ -76,11 +76,6 @@ class Flight:
     def _keep(self, step: LoopStep) -> None:
         self.ticks += self.pilot.take_records()
 
-    @property
-    def setpoint_times(self) -> list[float]:
-        """When setpoints were sent."""
-        return [time for time, data in self.sent if any(id in SETPOINT_IDS for id in message_ids(data))]
-
 
 @dataclass
 class Wire:
