@@ -76,9 +76,9 @@ def main(arguments: list[str] | None = None) -> int:
     times = parser.parse_args(arguments).times
     measured = [(processor_time(IMPORTS), processor_time(CHECK), fly("auto", 0.0)[0]) for _ in range(times)]
     bare, check, spoke = zip(*measured, strict=True)
-    least = min(bare)
-    print(f"numpy and pymavlink imported: {least:.2f} s of CPU")
-    print(f"circnav check: {min(check):.2f} s of CPU, {min(check) / least:.1f} times as much")
+    imports, checks = statistics.median(bare), statistics.median(check)
+    print(f"numpy and pymavlink imported: {imports:.2f} s of CPU")
+    print(f"circnav check: {checks:.2f} s of CPU, {checks / imports:.1f} times as much")
     print(f"circnav fly, first heartbeat after: median {statistics.median(spoke):.2f} s, worst {max(spoke):.2f} s")
     for law in ("smooth", "auto"):
         print(f"memory in flight, {law}: {fly(law, STEERED)[1]:.0f} MB")
