@@ -34,10 +34,6 @@ class Vehicle(Protocol):
         """Fly to a simulated time, s."""
         ...
 
-    def tell_time(self, unix: float) -> None:
-        """What its GPS says of the time, s since 1970."""
-        ...
-
     def receive(self, data: bytes, link: str) -> None:
         """Take in what was sent to it on one of its links."""
         ...
@@ -90,7 +86,6 @@ class Lockstep(Clock):
         micros = ceil(due * 1e6)
         micros += micros / 1e6 < due  # a product rounded down would be a time before the tick that is due, for ever
         self._now = micros / 1e6
-        self._vehicle.tell_time(self.epoch_us / 1e6 + self._now)
         self._vehicle.advance(self._now)
 
     def _next(self, moment: float) -> float:

@@ -40,7 +40,6 @@ class Flight:
 
     def __post_init__(self) -> None:
         self.clock = Lockstep(self.vehicle)
-        self.clock.epoch_us = 0  # no GPS time, which would sign
         links = self.clock.links(ranging_apart=self.pilot.settings.ranging_apart)
         self.links = {name: Wire(self, link, name) for name, link in links.items()}
 

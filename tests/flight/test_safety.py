@@ -48,7 +48,7 @@ def test_range_outage_coasts_then_holds_then_regains_the_circle() -> None:
     flown.fly(160, lambda f: phases.append((f.now, f.pilot.phase)))
     holding = [now for now, phase in phases if phase is Phase.HOLDING]
     assert 60.3 < holding[0] < 60.8
-    assert 66.0 < holding[-1] < 67.0
+    assert 65.9 < holding[-1] < 67.0  # the first range after it is at 66.0
     steady = [tick.turn_rate for tick in flown.ticks if tick.phase is Phase.HOLDING]
     assert steady == pytest.approx([-15.0 / 100.0] * len(steady), rel=0.01)  # by the learnt turn-rate gain
     assert rms_error(last_third(flown), 100.0) < 2.0

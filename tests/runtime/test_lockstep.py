@@ -22,9 +22,6 @@ class Metronome:
     def advance(self, until):
         self.time = until
 
-    def tell_time(self, unix):
-        pass
-
     def receive(self, data, link):
         self.heard.append((link, data))
 
