@@ -79,7 +79,9 @@ def open_locating(mission: Mission, pilot: Pilot, signing: Signing | None, open_
     cot = mission.file.locate.cot
     host, _, port = (cot or "").rpartition(":")
     name = f"{mission.file.name}.target"
-    locating = Locating(Locator(settings, pilot, signing), name, (host, int(port)) if cot else None)
+    locating = Locating(
+        Locator(settings, pilot, signing), name, (host, int(port)) if cot else None, waits=mission.flies_sim
+    )
     open_things.callback(locating.close)
     return locating
 

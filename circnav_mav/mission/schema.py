@@ -179,7 +179,7 @@ class BoundsTable(Table):
 class LocateTable(Table):
     """[locate]: where the target is on the map. Nothing of it steers."""
 
-    enabled: bool = True
+    enabled: bool = False
     gps_sigma_m: Annotated[float, Field(ge=0.01, le=1000)] = 1.5
     range_bias_m: Annotated[float, Field(ge=0.01, le=1000)] = 2.0
     cot: Annotated[str, Field(pattern=r"^[^:]+:[0-9]{1,5}$")] | None = None

@@ -16,9 +16,10 @@ class Locating:
     """Runs a locator. The estimate is made in a process of its own: it takes longer than a tick may, and a thread would
     hold the interpreter's lock while a range waits for its answer."""
 
-    def __init__(self, locator: Locator, name: str, cot: tuple[str, int] | None = None) -> None:
-        """name: of the target for others. cot: where Cursor on Target goes."""
-        self.locator, self._name, self._cot = locator, name, cot
+    def __init__(self, locator: Locator, name: str, cot: tuple[str, int] | None = None, *, waits: bool) -> None:
+        """name: of the target for others. cot: where Cursor on Target goes. waits: for every estimate, so that a flight in
+        simulated time is the same on every computer."""
+        self.locator, self._name, self._cot, self._waits = locator, name, cot, waits
         self.epoch_us = 0
         self.problem: str | None = None
         """Why nothing more is surveyed."""
@@ -46,7 +47,7 @@ class Locating:
         if self.problem is not None:
             return []
         try:
-            if self._under_way is not None and self._under_way.done():
+            if self._under_way is not None and (self._waits or self._under_way.done()):
                 self.locator.found(self._under_way.result())
                 self._under_way = None
             if self._under_way is None and (job := self.locator.job(now)) is not None:
