@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from circnav_mav.cli.bundled import bundled
 from circnav_mav.emulator.config import parse_vehicle
 from circnav_mav.experiments.batch.guidance import Guidance
 from circnav_mav.experiments.campaign.batchable import obstacle
@@ -314,7 +315,7 @@ def test_the_documented_way_to_fly_a_row_alone_gives_the_rows_mission():
     values = dict(override.split("=") for override in overrides)
     assert set(values) == {"sim.seed", "guidance.law", "sim.wind.speed_mps", "orbit.radius_m",
                            "sim.start.random.range_m", "sim.start.random.bearing_deg"}  # fmt: skip
-    mission = load_mission(CONFIG.parent / command[2], overrides)
+    mission = load_mission(bundled("mission", command[2]), overrides)
     low, high = mission.file.sim["start"]["random"]["range_m"]
     assert low == high == 153.25
     assert parse_vehicle(mission.file.sim, "sim").seed == int(values["sim.seed"])
