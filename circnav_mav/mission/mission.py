@@ -96,7 +96,7 @@ class Mission:
     def locate_settings(self) -> LocateSettings | None:
         """The survey of the target; None: none. It speaks as the companion after ours."""
         locate, back = self.file.locate, self.file.handback
-        if not locate.enabled:
+        if not (locate.enabled or back.enabled):
             return None
         place = None
         if back.latitude_deg is not None and back.longitude_deg is not None:

@@ -17,8 +17,8 @@ class Locating:
     hold the interpreter's lock while a range waits for its answer."""
 
     def __init__(self, locator: Locator, name: str, cot: tuple[str, int] | None = None, *, waits: bool) -> None:
-        """name: of the target for others. cot: where Cursor on Target goes. waits: for every estimate, so that a flight in
-        simulated time is the same on every computer."""
+        """name: of the target for others. cot: where Cursor on Target goes. waits: for every estimate, so that a flight
+        in simulated time is the same on every computer."""
         self.locator, self._name, self._cot, self._waits = locator, name, cot, waits
         self.epoch_us = 0
         self.problem: str | None = None

@@ -18,7 +18,7 @@ from tests.process import PATIENCE, QUICKSTART, circnav
 def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     """A quickstart flight of 72 s: its run folder and what it printed."""
     folder = tmp_path_factory.mktemp("run") / "out"
-    process = circnav("fly", QUICKSTART, "--duration", "72", "--out", str(folder))
+    process = circnav("fly", QUICKSTART, "--duration", "72", "--out", str(folder), "--set", "locate.enabled=true")
     printed, errors = process.communicate(timeout=PATIENCE)
     assert (process.returncode, errors) == (0, "")
     return folder, printed
