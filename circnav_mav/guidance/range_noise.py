@@ -75,7 +75,7 @@ class NoiseCheck:
         if len(self._bends) >= ENOUGH and (measured := _spread(self._bends)) > TOO_MUCH * sigma:
             self.found = self.found or (sigma, measured)
             return measured
-        if len(self._wide) < KEPT_WIDE:
+        if len(self._wide) < KEPT_WIDE or len(self._raw) < ENOUGH:  # unevenly spaced values have no bends
             return sigma
         measured = max(_spread(self._raw), _spread(self._wide))
         if self.lowered is None and sigma <= TOO_LITTLE * measured:

@@ -12,7 +12,7 @@ from circnav_mav.guidance.law_selector import ONE_AT_START, Flies, Handover, han
 from circnav_mav.guidance.laws import LAWS, Kind, Law, pi
 from circnav_mav.guidance.turn_response import Pending
 from circnav_mav.guidance.types import SAME_TIME, Orbit, RangeEstimate, RelativeMotion, TurnCommand, TurnRate
-from circnav_mav.guidance.vector_field import NO_AIM, Aim, drift, drift_gains, mirrored, orbit_turn_rate
+from circnav_mav.guidance.vector_field import drift, drift_gains, mirrored, orbit_turn_rate
 
 LONGEST_STEP = 0.5
 """A longer time between two commands counts as this, s: nothing may build up over a gap."""
@@ -100,7 +100,6 @@ class StepState:
     time: Number = -inf
     memory: Number = 0.0
     handover: Handover = ONE_AT_START
-    aim: Aim = NO_AIM
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,7 +135,7 @@ def _with_relative_motion(
     that the orbit is counter-clockwise; only what leaves has its sense again."""
     s, found, V, radius = settings.sense, inputs.found, settings.V, settings.fed + inputs.trim
     trusted = False if found is None else found.trusted
-    by_drift, aim = (None, NO_AIM) if found is None else _by_drift(before.aim, dt, settings, found, inputs, xp)
+    by_drift = None if found is None else _by_drift(settings, found, inputs, xp)
     if by_drift is not None and xp.all(trusted):
         by_range = by_drift
     else:
@@ -148,7 +147,7 @@ def _with_relative_motion(
     )  # fmt: skip
     demanded = xp.where(handover.flies == Flies.FEEDFORWARD, by_range, by_bank)
     cut = magnitude(handover.command) >= AT_LIMIT * settings.limit
-    return StepState(inputs.time, before.memory, handover, aim), Wanted(s * handover.command, s * demanded, cut)
+    return StepState(inputs.time, before.memory, handover), Wanted(s * handover.command, s * demanded, cut)
 
 
 def _tried(before: Handover, settings: StepSettings, inputs: Inputs, xp: ModuleType) -> Number:
@@ -164,21 +163,14 @@ def _tried(before: Handover, settings: StepSettings, inputs: Inputs, xp: ModuleT
     return xp.where(waits, -1, found.trial)  # type: ignore[no-any-return]
 
 
-def _by_drift(
-    before: Aim, dt: Number, settings: StepSettings, found: Found, inputs: Inputs, xp: ModuleType
-) -> tuple[Number, Aim]:
+def _by_drift(settings: StepSettings, found: Found, inputs: Inputs, xp: ModuleType) -> Number:
     """The drift law, seen so that the orbit is counter-clockwise."""
     p, d, sense = (found.x, found.y), (found.drift_x, found.drift_y), settings.sense
     here = mirrored(p, d, found.heading, inputs.pending, sense)
     V, r_d = xp.maximum(found.airspeed, 0.1 * settings.V), settings.r_d + inputs.trim
     gains = drift_gains(V, inputs.pending.ahead, inputs.pending.settles, inputs.share, xp)
-    # after a gap, in which the circle was held, all of its turn would be a surprise
-    follows = before.known & (dt < LONGEST_STEP)
-    aim = replace(before, known=follows).follow(
-        dt, *here, found.trusted, V=V, r_d=r_d, max_turn_rate=settings.limit, gains=gains, xp=xp
-    )
-    turn = drift(*here, V=V, r_d=r_d, max_turn_rate=settings.limit, gains=gains, lead=aim.lead, xp=xp)
-    return turn, aim
+    turn: Number = drift(*here, V=V, r_d=r_d, max_turn_rate=settings.limit, gains=gains, xp=xp)
+    return turn
 
 
 def hold(settings: StepSettings, found: Found | None, pending: Pending, xp: ModuleType = floats) -> Wanted:

@@ -8,7 +8,6 @@ All of this is for a counter-clockwise orbit, omega > 0 to the left; `mirrored` 
 `floats` for one flight.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -80,72 +79,27 @@ def field_heading(p: Pair, d: Pair, *, V: Array, r_d: Array, k: Array, max_turn_
     return course - xp.arcsin(xp.clip(across / V, -REACHABLE, REACHABLE))
 
 
-def _field_ahead(
-    p: Pair, d: Pair, psi: Array, pending: Pending, options: dict[str, Array], xp: Any
-) -> Callable[[Array], Array]:
-    """The field's heading (rad) where the vehicle will be after a time (s), with what is pending turned meanwhile."""
-    rate = pending.turn / xp.maximum(pending.ahead, STEP)
-
-    def wanted(time: Array) -> Array:
-        x, y = chord_parts(options["V"], psi, rate * time, time, xp)
-        return field_heading((p[0] + d[0] * time + x, p[1] + d[1] * time + y), d, **options, xp=xp)
-
-    return wanted
-
-
 def drift(
     p: Pair, d: Pair, psi: Array, pending: Pending, *, V: Array, r_d: Array, max_turn_rate: Array, gains: DriftGains,
-    lead: Array = 0.0, xp: Any = np,
+    xp: Any = np,
 ) -> Array:  # fmt: skip
     """Turn rate (rad/s): the field's rotation, seen as far ahead as the vehicle's answer takes, plus the heading error
     times its gain, of which what is already under way is taken off.
 
     p = vehicle - target (2, ...), m. d = wind - target velocity (2, ...), m/s. psi: heading, rad. pending: what is
-    commanded but not turned yet. lead: `Aim.lead`, rad/s. V: true airspeed, m/s. Condition:
-    r_d >= (V + W)^2/(V max_turn_rate) and W < V.
+    commanded but not turned yet. V: true airspeed, m/s. Condition: r_d >= (V + W)^2/(V max_turn_rate) and W < V.
     """
-    ahead, options = pending.ahead, {"V": V, "r_d": r_d, "k": gains.radial, "max_turn_rate": max_turn_rate}
-    wanted = _field_ahead(p, d, psi, pending, options, xp)
-    rotation = wrap(wanted(ahead + STEP) - wanted(ahead - STEP)) / (2 * STEP) + lead
+    ahead, rate = pending.ahead, pending.turn / xp.maximum(pending.ahead, STEP)
+
+    def wanted(time: Array) -> Array:
+        x, y = chord_parts(V, psi, rate * time, time, xp)
+        there = p[0] + d[0] * time + x, p[1] + d[1] * time + y
+        return field_heading(there, d, V=V, r_d=r_d, k=gains.radial, max_turn_rate=max_turn_rate, xp=xp)
+
+    rotation = wrap(wanted(ahead + STEP) - wanted(ahead - STEP)) / (2 * STEP)
     # under way is what was commanded beyond the rotation: so a delay that is not quite known leaves no lasting error
     under_way = pending.turn - rotation * ahead
     return rotation + gains.heading * (wrap(wanted(0.0 * ahead) - psi) - under_way)
-
-
-LEAD_TIME = 0.7
-"""Time constant, s, of what the field turns beyond what was foreseen: with .4 noise leads too often."""
-
-
-@dataclass(frozen=True, slots=True)
-class Aim:
-    """heading: of the field where the vehicle is, rad. rate: at which that is foreseen to turn, rad/s. lead: at which
-    it turns besides, because the drift changes or was wrong, rad/s. known: whether there is one.
-
-    The lead follows from the estimate alone, not from the heading: the margins of the heading loop stay as they are.
-    """
-
-    heading: Array = 0.0
-    rate: Array = 0.0
-    lead: Array = 0.0
-    known: Array = False
-
-    def follow(
-        self, dt: Array, p: Pair, d: Pair, psi: Array, pending: Pending, known: Array, *, V: Array, r_d: Array,
-        max_turn_rate: Array, gains: DriftGains, xp: Any = np,
-    ) -> "Aim":  # fmt: skip
-        """The aim dt (s) later; the rest as for `drift`. known: whether the estimate may be trusted."""
-        options = {"V": V, "r_d": r_d, "k": gains.radial, "max_turn_rate": max_turn_rate}
-        wanted = _field_ahead(p, d, psi, pending, options, xp)
-        heading = wanted(0.0 * pending.ahead)
-        rate = wrap(wanted(STEP + 0.0 * pending.ahead) - heading) / STEP
-        surprise = wrap(heading - self.heading - (self.rate + rate) / 2 * dt)
-        share = 1 - xp.exp(-dt / LEAD_TIME)
-        lead = self.lead * (1 - share) + surprise / xp.maximum(dt, 1e-3) * share
-        return Aim(heading, rate, xp.where(self.known & known, lead, 0.0), known)
-
-
-NO_AIM = Aim()
-"""Before the first command."""
 
 
 def orbit_turn_rate(d: Pair, psi: Array, *, V: Array, r_d: Array, xp: Any = np) -> Array:

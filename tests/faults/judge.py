@@ -65,7 +65,8 @@ def _demands(message: Any, allowed: Allowed) -> dict[str, tuple[float, float]]:
             "forward": (message.vx, allowed.speed),
             "sideways": (message.vy, 0.0),
             "climb": (message.vz, allowed.climb),
-            "acceleration": (message.afy, allowed.speed * allowed.yaw_rate),
+            "across": (message.afy, 1.25 * allowed.speed * allowed.yaw_rate),  # PX4 damps a fifth of it
+            "ahead": (message.afx - 2.5, 2.5),  # half of g against drag
         }
     if message.get_msgId() == 82:
         w, x, y, z = message.q

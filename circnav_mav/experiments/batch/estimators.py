@@ -1,11 +1,11 @@
 """The estimators of the flight for B flights that are stepped together."""
 
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
-from circnav_mav.guidance.air_path import chord, steadied, wrap
+from circnav_mav.guidance.air_path import chord, wrap
 from circnav_mav.guidance.estimators.acquisition import SearchSettings
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
 from circnav_mav.guidance.estimators.multiple_model import BankSettings, DriftBank, Stage
@@ -132,21 +132,18 @@ class Auto(Estimator):
         self._banks = [DriftBank(cfg, part.stop - part.start) for part in self._parts]
         self._speed, self._before = speed, None
 
-    _before: tuple[Array, Array, Array] | None
+    _before: tuple[Array, Array] | None
 
     def observe(self, seen: Seen, true: Truth) -> None:
         self._kalman.observe(seen, true)
-        if self._before is not None:
-            psi, _, rate = self._before
-            seen = replace(seen, psi=steadied(psi, rate, seen.psi, seen.turn_rate, seen.dt))
-        psi, V, _ = self._before or (seen.psi, seen.airspeed, None)
+        psi, V = self._before or (seen.psi, seen.airspeed)
         dt = np.where(seen.flies, 0.0 if self._before is None else seen.dt, 0.0)
         path = chord((V + seen.airspeed) / 2, psi, wrap(seen.psi - psi), dt)
         felt = None
         if seen.felt is not None:
             air, nose = seen.airspeed * _nose(seen.psi) - V * _nose(psi), (_nose(seen.psi) + _nose(psi)) / 2
             felt = Felt(seen.felt, air, dt * nose, seen.airspeed * seen.turn_rate)
-        self._before, valid = (seen.psi, seen.airspeed, seen.turn_rate), seen.arrived & seen.flies
+        self._before, valid = (seen.psi, seen.airspeed), seen.arrived & seen.flies
         rates = None
         if seen.rate is not None:
             sigma = np.full(valid.shape, seen.rate[1])

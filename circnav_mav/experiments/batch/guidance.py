@@ -23,7 +23,6 @@ from circnav_mav.guidance.step import Inputs, StepSettings, StepState, compensat
 from circnav_mav.guidance.turn_gain import TurnGain, TurnGainSettings, learn
 from circnav_mav.guidance.turn_response import Pending, PendingTurn, Response
 from circnav_mav.guidance.types import SAME_TIME
-from circnav_mav.guidance.vector_field import Aim
 
 Array = Any
 POLICIES: dict[str, tuple[str, str]] = {law: (law, default_estimator(law)) for law in reversed(LAWS)} | {
@@ -47,11 +46,6 @@ def estimator(name: str, settings: EstimatorSettings, flights: int) -> Estimator
     return Auto(settings, flights, float(np.max(settings.speed)))
 
 
-def _no_aim(flights: int) -> Aim:
-    zero = np.zeros(flights)
-    return Aim(zero, zero, zero, np.zeros(flights, bool))
-
-
 class Guidance:
     """Estimator and law of B flights. lag: of the vehicles' turn as the missions have it, s. stale: oldest range that
     may steer, s. answers: the vehicles' true lag, s, which a flight learns within some turns and a batch knows.
@@ -62,7 +56,7 @@ class Guidance:
         answers: float = 0.4, turn_gain: Array = 1.0, learns: Array = False,
     ) -> None:  # fmt: skip
         self.settings, self.estimator, self._stale = settings, estimator, stale
-        self._state = StepState(np.full(flights, -np.inf), np.zeros(flights), at_start(flights), _no_aim(flights))
+        self._state = StepState(np.full(flights, -np.inf), np.zeros(flights), at_start(flights))
         self._at_rest, self._pending_turn = Pending(0.0, lag), PendingTurn()
         self._lag, self._learns = lag, learns + np.zeros(flights, bool)
         self._response = Response(0.0, answers, 1 / max(answers, SHORTEST), learnt=True)

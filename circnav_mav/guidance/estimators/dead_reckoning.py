@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from circnav_mav.guidance import floats
-from circnav_mav.guidance.air_path import chord_parts, steadied, wrap
+from circnav_mav.guidance.air_path import chord_parts, wrap
 from circnav_mav.guidance.types import FeltVelocity, OwnMotion
 
 KEPT = 64
@@ -72,9 +72,6 @@ class OwnPath:
         if step > HOLE:
             self._knots.append(Knot(motion, last.x, last.y, last.piece + 1))
             return
-        old = last.motion
-        heading = steadied(old.heading, old.turn_rate, motion.heading, motion.turn_rate, step, floats)
-        motion = replace(motion, heading=wrap(heading))
         turned = float(wrap(motion.heading - last.motion.heading))
         x, y = _arc(last, (last.motion.airspeed + motion.airspeed) / 2, turned, step)
         self._knots.append(Knot(motion, x, y, last.piece, *_nose(last, turned, step)))

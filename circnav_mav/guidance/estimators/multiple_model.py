@@ -62,7 +62,7 @@ class BankSettings:
     recent: float = 3.0
     drift_most: float = 0.85
     winds: tuple[tuple[float, float, float, float], ...] = (
-        (3e-4, 0, 0, 0), (5e-2, 0, 0, 0), (1e-2, 0.1, 0, 0), (3e-4, 0.1, 0.03, 1), (5e-1, 0, 0, 0),
+        (3e-4, 0, 0, 0), (5e-2, 0, 0, 0), (1e-2, 0.1, 0, 0), (3e-4, 0.1, 0.03, 1),
     )  # fmt: skip
     noises: tuple[tuple[float, float], ...] = ((1.0, 0.0), (0.4, 0.9))
     search: SearchSettings | None = None
