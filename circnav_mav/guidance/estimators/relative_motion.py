@@ -19,7 +19,7 @@ GAP = 20.0
 """After a longer time without ranges, s, the bank starts anew."""
 MEMORY = 10.0
 """After such a gap the drift counts that was known so long (s) before it: what came later may be the trouble."""
-REMEMBERED, FORGOTTEN = 0.03, 1e-2
+REMEMBERED, FORGOTTEN = 0.03, 1e-3
 """Standard deviation of that drift, in V, and how its variance grows, m^2/s^3: winds and targets change meanwhile, by
 some .8 m/s in a minute, as the search takes it."""
 
