@@ -7,6 +7,7 @@ import socket
 import subprocess
 import sys
 import threading
+from contextlib import ExitStack
 
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
@@ -131,9 +132,13 @@ def test_no_heartbeat_at_all(circnav, mission, tmp_path):
 
 @pytest.mark.parametrize(("command", "said"), [("fly", "WARNING    "), ("preflight", "WARN  endpoint    ")])
 def test_what_goes_wrong_on_an_endpoint_is_told(circnav, mission, command, said):
-    """A server that hangs up."""
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        hangs_up = threading.Thread(target=lambda: server.accept()[0].close())
+    """A server that hangs up. (A close with our heartbeat unread would be a reset.)"""
+    with socket.create_server(("127.0.0.1", 0)) as server, ExitStack() as kept:
+
+        def hang_up() -> None:
+            kept.enter_context(server.accept()[0]).shutdown(socket.SHUT_WR)
+
+        hangs_up = threading.Thread(target=hang_up)
         hangs_up.start()
         endpoint = f"tcp:127.0.0.1:{server.getsockname()[1]}"
         ran = circnav(command, mission, "--endpoint", endpoint, "--set", "link.wait_s=2")
