@@ -169,7 +169,8 @@ class RemoteClock:
         if arrival - raised.since < STEADY or len(raised.samples) < STEADY_SAMPLES or not self._steady(raised):
             return
         step, by_link = raised.least - self._offset, self._slower(raised.since, arrival)
-        raised.by_link = SPREAD * step < by_link < inf
+        if by_link < inf:  # else what was measured last still counts
+            raised.by_link = SPREAD * step < by_link
         if by_link <= SPREAD * step:
             self.followed = step - by_link
             self._offset += self.followed
