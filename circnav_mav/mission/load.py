@@ -119,8 +119,6 @@ def _clashes(file: MissionFile) -> Iterator[str]:
         yield f"vehicle.max_bank_deg: missing, a {vehicle.kind} turns by banking: add its limit"
     elif vehicle.max_bank_deg is None and vehicle.max_turn_rate_deg_s is None:
         yield "vehicle.max_turn_rate_deg_s: missing, add it"
-    if file.handback.enabled and not file.locate.enabled:
-        yield "handback.enabled: needs locate.enabled = true"
     if (file.handback.latitude_deg is None) != (file.handback.longitude_deg is None):
         yield "handback.latitude_deg and handback.longitude_deg: one is missing, give both or neither"
     ways = ("height_above_target_m", "target_altitude_m", "target_above_home_m")
