@@ -56,6 +56,7 @@ class Flight:
     wind: float = 0.0
     wind_from: float = 270.0
     turbulence: float = 0.0
+    wind_change: tuple[float, float, float] | None = None
     gps_off: float | None = None
     airspeed_off: float = 1.0
     roll_limit: float | None = None
@@ -109,9 +110,8 @@ class Flight:
 def _told(name: str, value: object) -> str:
     if value is True:
         return name
-    return (
-        f"{name} {' '.join(value) if isinstance(value, tuple) else value if isinstance(value, str) else f'{value:g}'}"
-    )
+    values = value if isinstance(value, tuple | list) else (value,)
+    return " ".join([name, *(one if isinstance(one, str) else f"{one:g}" for one in values)])
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -122,6 +122,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add("--wind", type=float, default=0.0, help="m/s")
     add("--wind-from", type=float, default=270.0, help="degrees")
     add("--turbulence", type=float, default=0.0, help="m/s, standard deviation (ArduPilot)")
+    add("--wind-change", type=float, nargs=3, metavar=("T", "SPEED", "FROM"), help="another wind from then on")
     add("--target-speed", type=float, default=0.0, help="m/s")
     add("--target-course", type=float, default=0.0, help="degrees")
     add("--target-height", type=float, default=0.0, help="m above home")

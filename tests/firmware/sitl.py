@@ -156,9 +156,13 @@ class ArduPilot:
         """From now on."""
         flight = self._flight
         if flight.wind or flight.turbulence:
-            bench.set_parameter("SIM_WIND_DIR", flight.wind_from)
-            bench.set_parameter("SIM_WIND_SPD", flight.wind)
-            bench.set_parameter("SIM_WIND_TURB", flight.turbulence)
+            self.wind(bench, flight.wind, flight.wind_from)
+            bench.send_parameter("SIM_WIND_TURB", flight.turbulence)
+
+    def wind(self, bench: Bench, speed: float, from_: float) -> None:
+        """In m/s, from so many degrees."""
+        bench.send_parameter("SIM_WIND_DIR", from_)
+        bench.send_parameter("SIM_WIND_SPD", speed)
 
     def without_gps(self, bench: Bench) -> None:
         """No reception from now on."""
