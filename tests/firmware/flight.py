@@ -52,6 +52,7 @@ class Flight:
     keep_position: bool = False
     handback: bool = False
     home_s: float = 0.0
+    home_away: float = 0.0
     # weather and what goes wrong
     wind: float = 0.0
     wind_from: float = 270.0
@@ -152,6 +153,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add("--keep-position", action="store_true", help="do not hide the autopilot's positions from circnav")
     add("--handback", action="store_true", help="handback.enabled, and positions shown: with --gps-off")
     add("--home-s", type=float, default=0.0, metavar="T", help="exit action rtl, and T s more on the way home")
+    add("--home-away", type=float, default=0.0, metavar="M", help="home is so far north of the take-off (ArduPilot)")
     add("--speedup", type=float, default=1.0, help="simulated over real time; only 1 gives figures that count")
     add("--circnav", default=Flight.circnav, help="the installed command [beside this Python]")
     add("--config", default=Flight.config, help="folder of its mission files [config]")

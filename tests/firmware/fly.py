@@ -222,7 +222,7 @@ def own_position(flown: Flight, bench: Bench, began: float) -> dict[str, Any] | 
     off = sorted(hypot(one.north - true.north, one.east - true.east) for one, true in pairs)
     wrong = [(one.v_north - true.v_north, one.v_east - true.v_east) for one, true in pairs]
     steps = [hypot(b[0] - a[0], b[1] - a[1]) for a, b in pairwise(wrong)]
-    home = [hypot(true.north, true.east) for _, true in pairs]
+    home = [hypot(true.north - flown.home_away, true.east) for _, true in pairs]
     given = Counter[str]()
     record = bench.folder / "circnav" / "handback.csv"
     if record.is_file():
@@ -234,18 +234,18 @@ def own_position(flown: Flight, bench: Bench, began: float) -> dict[str, Any] | 
         "largest": round(off[-1], 1),
         "velocity_step": round(max(steps, default=0.0), 2),
         "nearest_home": round(min(home), 1),
-        "circles_off_home": round(_centre_off(pairs), 1),
+        "circles_off_home": round(_off_home(pairs, flown.home_away), 1),
         "given": dict(given),
     }
 
 
-def _centre_off(pairs: list[tuple[Any, Truth]]) -> float:
-    """Distance from home of the circle that fits the true track of the last 40 s, m."""
+def _off_home(pairs: list[tuple[Any, Truth]], away: float) -> float:
+    """Distance from home, `away` north, of the circle that fits the true track of the last 40 s, m."""
     last = np.array([(true.north, true.east) for _, true in pairs if true.time > pairs[-1][1].time - 40.0])
     middle = last.mean(axis=0)
     at = last - middle
     north, east, _ = np.linalg.lstsq(np.c_[2 * at, np.ones(len(at))], (at**2).sum(axis=1), rcond=None)[0]
-    return float(hypot(middle[0] + north, middle[1] + east))
+    return float(hypot(middle[0] + north - away, middle[1] + east))
 
 
 def own_verdict(run: Path, window: float) -> dict[str, Any]:
