@@ -53,6 +53,9 @@ AFTER = {dialect.MAVLINK_MSG_ID_ATTITUDE: 10.0, dialect.MAVLINK_MSG_ID_VFR_HUD: 
 """Streams that dead reckoning needs when the pilot has given its own back, message id -> Hz."""
 RECKON_EVERY = 0.1
 SOLVE_EVERY, TELL_EVERY, TEXT_EVERY = 1.0, 1.0, 30.0
+SOLVE_SHARE = 0.03
+"""Of the time that the positions span, between two estimates: one takes up to half a second, and the more there is to
+go by, the less a new second tells."""
 HEIGHT_SIGMA = 5.0
 """Standard deviation, m, of a height that the mission gives: a barometer's drift and an operator's guess."""
 HOME_SIGMA = 50.0
@@ -100,6 +103,7 @@ class Locator:
         self._turned: complex = 0j
         self._turned_for, self._turned_at = 0.0, 0.0
         self._solve_at = self._tell_at = 0.0
+        self._solved_to = float("-inf")
         self._said_at = float("-inf")
         self._said: Place | None = None
         self._alarm: Alarm | None = None
@@ -238,9 +242,11 @@ class Locator:
         """What to call `locate` with, when that is due: it takes some hundredths of a second, so somebody else does."""
         if now < self._solve_at or self.plane is None or len(self._track) < 2 or not self._ranges:
             return None
-        self._solve_at = now + SOLVE_EVERY
-        if not self.watch.trusts_positions:
+        newest = self._track[-1][0]
+        self._solve_at = now + max(SOLVE_EVERY, SOLVE_SHARE * (newest - self._track[0][0]))
+        if not self.watch.trusts_positions or newest == self._solved_to:
             return None
+        self._solved_to = newest
         track = Track(*np.array(self._track).T)
         ranges = Ranges(*np.array(self._ranges).T)
         height = self._pilot.tracker.height.at(now)
