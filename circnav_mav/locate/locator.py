@@ -171,13 +171,13 @@ class Locator:
             self.handback.reported(east, north, self._reckoning.where, now)
         if not self.has_fix(now):
             return  # a position without GPS is the autopilot's own dead reckoning
-        self._look(east, north, up, now)
         # by the vehicle's own clock: on the way it may have waited, and V times that is metres
         stamp = self._clock.unwrapped(message.time_boot_ms / 1000)
         if self._clock.newest is not None and abs(stamp - self._clock.newest) > now - self._clock.newest_at + REBOOTED:
             self._clock.reset()  # the vehicle has started again
         time = self._clock.local(stamp, now)
         self._clock.take(stamp, now)
+        self._look(east, north, up, time, now)
         if self.watch.trusts_positions and not (self._track and time <= self._track[-1][0]):
             self._track.append((time, east, north, up))
             while now - self._track[0][0] > WINDOW:
@@ -193,21 +193,20 @@ class Locator:
         if len(self._ranges) > MOST_KEPT:  # every second one: to hand over thousands would cost a tick
             self._ranges = deque(islice(self._ranges, 0, None, 2))
 
-    def _look(self, east: float, north: float, up: float, now: float) -> None:
-        """Let the watch compare this position with the range and the bearing of now."""
+    def _look(self, east: float, north: float, up: float, time: float, now: float) -> None:
+        """Let the watch compare the position of a time with the range and the bearing of then."""
         pilot, place = self._pilot, self.place
         motion = pilot.session.motion.at(now)
         heading = None if motion.yaw is None else course_from_yaw(motion.yaw)
         range_off = bearing_off = None
         tracker = pilot.tracker
         if place is not None and tracker.newest is not None and now - tracker.newest.time < 1.0:
-            there = place.at(now)
+            there, estimate = place.at(time), tracker.at(time)
             way = there.east - east, there.north - north
             sigma = hypot(there.sigma, self._gps_sigma, tracker.newest.sigma)
             height = tracker.height.at(now)
             flat = hypot(*way) if height is not None else hypot(*way, there.up - up)
             range_off = tracker.newest.r - flat - place.bias, sigma
-            estimate = tracker.at(now)
             relative = estimate.relative if estimate else None
             if relative is not None and relative.trusted and hypot(*way) > 10:
                 off = angle_between((-relative.x, -relative.y), way)
