@@ -84,7 +84,10 @@ def _page(run: Run, mission: Mission) -> None:
 def report_facts(run: Run, mission: Mission, summary: dict[str, Any]) -> ReportFacts:
     """What the mission and the summary add to a run's own files."""
     return ReportFacts(
-        mission.orbit, _circles(mission), mission.file.guidance.gate_sigma, verdict(summary, run.folder),
+        mission.orbit,
+        _circles(mission),
+        mission.file.guidance.gate_sigma,
+        verdict(summary, run.folder),
         _settings(mission),
     )
 

@@ -46,7 +46,9 @@ def _radii(given: Any) -> float | list[float]:
     """A radius, or a list of them."""
     if given == []:
         raise PydanticCustomError("radii", "must be a radius, or the radii of the circles in their order")
-    return [_RADIUS.validate_python(one) for one in given] if isinstance(given, list) else _RADIUS.validate_python(given)
+    if isinstance(given, list):
+        return [_RADIUS.validate_python(one) for one in given]
+    return _RADIUS.validate_python(given)
 
 
 Radii = Annotated[Positive | list[Positive], BeforeValidator(_radii)]

@@ -27,7 +27,8 @@ class TickRecord:
     of the gains once the command was found swinging. law, x .. airspeed_scale: which law flies, and the relative motion
     where an estimator tells it (vehicle minus target, m; wind minus target velocity, m/s; paper's frame). felt: how far
     that goes by measured accelerations, 0 .. 1. height: above the target, m, by which slant ranges are made horizontal.
-    measured_rate: newest range rate of the radio that counts, m/s. desired: radius of the circle flown now, m. None stands for "not known" or "not sent"."""
+    measured_rate: newest range rate of the radio that counts, m/s. desired: radius of the circle flown
+    now, m. None stands for "not known" or "not sent"."""
 
     time: float
     phase: Phase

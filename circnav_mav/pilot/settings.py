@@ -34,8 +34,9 @@ class PilotSettings:
     integral, 1/s. request_mode: ask for the guided mode (else wait for the operator to enter it). end_on_takeover:
     whether the operator's leaving the mode ends the mission (else it waits to be given the vehicle again). exit: name
     of the exit action, None for the autopilot's default. ranging_apart: ranging comes on a link of its own.
-    later_circles: those after the first, orbit and law. stream_links: links that are byte streams (TCP, serial), not datagrams. unsigned_links: those on which unsigned
-    frames are believed even where there is a signing key. height: what is said of it, above the target.
+    stream_links: links that are byte streams (TCP, serial), not datagrams. unsigned_links: those on which unsigned
+    frames are believed even where there is a signing key. height: what is said of it, above the target. later_circles:
+    those after the first, orbit and law.
     """
 
     orbit: Orbit

@@ -34,8 +34,8 @@ def chart_data(ticks: Ticks, truth: Truth | None, orbit: Orbit, names: dict[str,
         **_plain_track(track.time, track.east, track.north),
     }  # fmt: skip
     return {
-        "flight": flight | {"radii": ticks.radii(orbit.radius), "radius": orbit.radius, "tolerance": TOLERANCE * orbit.radius, "limit": orbit.max_turn_rate,
-                            "steady": orbit.steady_turn_rate},
+        "flight": flight | {"radius": orbit.radius, "tolerance": TOLERANCE * orbit.radius, "limit": orbit.max_turn_rate,
+                            "steady": orbit.steady_turn_rate, "radii": ticks.radii(orbit.radius)},
         "span": span,
         "columns": {name: _plain(*column) for name, column in _columns(ticks, truth, span).items()},
         "bands": {name: stretches(ticks.time, said) for name, said in words.items() if set(said) - {""}},

@@ -25,8 +25,8 @@ PAGE = Path(__file__).with_name("report.template.html")
 
 @dataclass(frozen=True, slots=True)
 class ReportFacts:
-    """What the report cannot read from the run's files. circles: in words. gate: of the innovations, standard deviations. verdict: the
-    outcome in its first line. settings: the mission's values as used, by their keys."""
+    """What the report cannot read from the run's files. circles: in words. gate: of the innovations, standard
+    deviations. verdict: the outcome in its first line. settings: the mission's values as used, by their keys."""
 
     orbit: Orbit
     circles: str

@@ -93,9 +93,10 @@ def _per_second(time: Column, counted: Column) -> tuple[Column, Column]:
 def _track(axis: Any, track: Track, radii: list[float]) -> None:
     angle = np.linspace(0, 2 * np.pi, 361)
     colour, label = (TRUE, "flown (truth)") if track.true else (ESTIMATE, "flown (estimate)")
-    for radius in radii:  # on the track, not under it
-        label_once = "desired" if radius == radii[0] else None
-        axis.plot(radius * np.cos(angle), radius * np.sin(angle), "--", color=DESIRED, lw=1.5, label=label_once, zorder=3)
+    for at, radius in enumerate(radii):
+        circle = radius * np.cos(angle), radius * np.sin(angle)
+        label_once = None if at else "desired"
+        axis.plot(*circle, "--", color=DESIRED, lw=1.5, label=label_once, zorder=3)  # on the track, not under it
     axis.plot(track.east, track.north, color=colour, lw=1.0, label=label)
     east, north = track.east[track.known], track.north[track.known]
     begins = {"mfc": "red", "label": "start"} if track.true else {"mfc": "none", "label": "first believed"}

@@ -27,8 +27,8 @@ UNRECORDED = 1.0
 @dataclass(frozen=True, slots=True)
 class FlightFacts:
     """What the flight itself knows at its end. engaged_s, until_s: run time of the engagement and of the last tick,
-    recorded or not; None: as the recorded ticks say. clock_speed: of the autopilot's time, where it was not ours. orbit:
-    the first circle; later_radii: of those after it, m, flown or not."""
+    recorded or not; None: as the recorded ticks say. clock_speed: of the autopilot's time, where it was not ours.
+    orbit: the first circle; later_radii: of those after it, m, flown or not."""
 
     mission: str
     outcome: str

@@ -33,7 +33,9 @@ def test_the_orbit_status_is_what_a_c_decoder_reads_from_the_wire() -> None:
     frame = orbit_status(PLACE, orbit, 12.0).pack(mavlink.MAVLink(None, srcSystem=1, srcComponent=194))
     length, payload = frame[1], frame[10 : 10 + frame[1]]
     assert (frame[0], *frame[5:7]) == (0xFD, 1, 194) and int.from_bytes(frame[7:10], "little") == ORBIT_STATUS
-    assert x25(frame[1 : 10 + length] + bytes([CRC_EXTRA])) == int.from_bytes(frame[10 + length : 12 + length], "little")
+    assert x25(frame[1 : 10 + length] + bytes([CRC_EXTRA])) == int.from_bytes(
+        frame[10 + length : 12 + length], "little"
+    )
     time, radius, x, y, z, what = struct.unpack(LAYOUT, payload.ljust(struct.calcsize(LAYOUT), b"\0"))
     assert (time, radius, z, what) == (12_000_000, -60.0, 584.0, 0)
     # 40 m north and 30 m east of 35 S 149 E: a degree is 110 941 m of the meridian, 91 288 m of the parallel there

@@ -60,7 +60,8 @@ def test_the_second_circle_begins_after_a_lap_of_the_first_and_all_that_is_said_
 ) -> None:
     flown = recorded_flight(tmp_path, "quickstart", BOTH, *ON_CIRCLE, 'guidance.law="feedforward"').fly(120.0)
     flown.recorder.close()
-    changed = next(tick.time for tick in flown.ticks if tick.desired == 60.0)
+    run = open_run(tmp_path)
+    changed = float(run.ticks.time[run.ticks.numbers["desired"] == 60.0][0])
     before = [one for one in flown.truths if one.time < changed]
     assert 1.2 < laps(before) < 1.4
     assert true_radius(before[-1]) == pytest.approx(100.0, abs=5.0)
@@ -68,7 +69,6 @@ def test_the_second_circle_begins_after_a_lap_of_the_first_and_all_that_is_said_
     settings = flown.pilot.settings
     assert replay(Pilot(settings), recorded_steps(tmp_path)).identical
     facts = FlightFacts("m", "completed", "", settings.orbit, 1, {}, 1, None, "", EPOCH_US, None, later_radii=(60.0,))
-    run = open_run(tmp_path)
     summary = summarise(facts, run.ticks, run.truth)
     assert [circle["desired_radius_m"] for circle in summary["circles"]] == [100.0, 60.0]
     assert [circle["radius_mean_m"] for circle in summary["circles"]] == pytest.approx([100.0, 60.0], abs=2.0)

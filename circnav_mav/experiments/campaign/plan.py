@@ -82,7 +82,7 @@ def prepare(campaign: Campaign, number: int) -> Run:
     if mission.file.sim is None or not mission.flies_sim:
         raise MissionError(f'{where}: link.endpoint: must stay "sim"')
     if len(mission.radii) > 1:
-        raise MissionError(f"{where}: orbit.radius_m: a run of a campaign flies one circle: vary.orbit.radius_m has many")
+        raise MissionError(f"{where}: orbit.radius_m: give one radius: a run of a campaign flies one circle")
     return Run(number, values, mission, parse_vehicle(mission.file.sim, f"{where}: sim"))
 
 
