@@ -30,8 +30,8 @@ DRIFT_LAWS = frozenset({"auto", "drift"})
 
 def check_mission(mission: Mission) -> list[Check]:
     """All the lines for a mission."""
-    parts = (_keys, _vehicle, _estimator, _gain, _trim, _radius, _turn_rate, check_ranging, _drift, _signing, _laps)
-    return [line for part in parts for line in _of_circles(mission, part)]
+    parts = (_keys, _vehicle, _estimator, _gain, _trim, _radius, _turn_rate, check_ranging, _drift, _signing)
+    return [*(line for part in parts for line in _of_circles(mission, part)), *_laps(mission)]
 
 
 def _of_circles(mission: Mission, part: Callable[[Mission], Iterable[Check]]) -> Iterator[Check]:
