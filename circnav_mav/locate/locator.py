@@ -291,7 +291,7 @@ class Locator:
         messages = named_values(place, now)
         if mode is OutputMode.SHADOW or self._pilot.done:
             return messages
-        messages.append(orbit_status(place, self._pilot.settings.orbit, now))
+        messages.append(orbit_status(place, self._pilot.controller.orbit, now))
         newest = self._pilot.tracker.newest
         if self._settings.beacon and newest is not None:
             height = self._pilot.tracker.height.at(now) or 0.0
