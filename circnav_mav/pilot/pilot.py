@@ -127,13 +127,15 @@ class Pilot:
         own = motion.own(now, self._airspeed(now), banks=adapter.measures_airspeed)
         if own is None:
             return
-        if adapter.velocity_loop is not None:
+        flies = self.settings.output_mode is OutputMode.FLY
+        if adapter.velocity_loop is not None and self._mission.steering:
             self._copter_motion, own = self._copter_motion.follow(own, adapter.velocity_loop)
             self.controller.drag = self._copter_motion.drag
+        else:
+            self._copter_motion = self._copter_motion.stand()
         self.controller.on_motion(own)
         # a vehicle whose airspeed nobody measures has the commanded one while it flies as commanded; whose setpoints
         # are another's (a dry run) is taken to do so while it turns as we would command
-        flies = self.settings.output_mode is OutputMode.FLY
         follows = self.controller.at_speed if flies else self.controller.followed
         if adapter.measures_airspeed or (self._mission.steering and follows):
             self.tracker.move(own)
