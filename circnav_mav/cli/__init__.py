@@ -16,9 +16,14 @@ from circnav_mav.cli.exits import Exit, Refused
 from circnav_mav.cli.terminal import mind_output
 
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
-SET_HELP = "Override a mission value, e.g. --set orbit.radius_m=80. May be repeated."
 
 MISSION, CAMPAIGN = FileOrName("mission"), FileOrName("campaign")
+SET = click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True,
+                   help="Override a mission value, e.g. --set orbit.radius_m=80. May be repeated.")  # fmt: skip
+ENDPOINT = click.option(
+    "--endpoint", metavar="URL", help="The vehicle: udpin:, udpout:, tcp:HOST:PORT or serial:PATH:BAUD."
+)
+ABOVE_ZERO = click.FloatRange(0, min_open=True)
 SPEED_HELP = "Bundled vehicle: N times real time, to watch it. [default: as fast as possible; with --web 6]"
 SELDOM = 200_000
 """Objects between two garbage collections. What a command loads stays; to look through it again and again took a
@@ -54,8 +59,8 @@ def circnav() -> None:
 
 @circnav.command(short_help="Fly a mission, show it live, record it.")
 @click.argument("mission", type=MISSION)
-@click.option("--endpoint", metavar="URL", help="The vehicle: udpin:, udpout:, tcp:HOST:PORT or serial:PATH:BAUD.")
-@click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True, help=SET_HELP)
+@ENDPOINT
+@SET
 @click.option("--speed", type=float, metavar="N", help=SPEED_HELP)
 @click.option("--duration", type=float, metavar="S", help="Seconds to fly after engaging.")
 @click.option("--out", type=click.Path(), metavar="DIR", help="Run folder. [default: runs/<time>-<name>]")
@@ -104,7 +109,7 @@ def emulate(vehicle: str | None, endpoint: str, ranging_endpoint: str | None, sp
 
 @circnav.command(short_help="Check a mission without flying it.")
 @click.argument("mission", type=MISSION)
-@click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True, help=SET_HELP)
+@SET
 def check(mission: str, overrides: tuple[str, ...]) -> int:
     """Check MISSION without flying it. Prints PASS, WARN or FAIL for each point, with the number and its limit.
 
@@ -119,8 +124,8 @@ def check(mission: str, overrides: tuple[str, ...]) -> int:
 
 @circnav.command(short_help="Listen to vehicle and ranging; command nothing.")
 @click.argument("mission", type=MISSION)
-@click.option("--endpoint", metavar="URL", help="The vehicle: udpin:, udpout:, tcp:HOST:PORT or serial:PATH:BAUD.")
-@click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True, help=SET_HELP)
+@ENDPOINT
+@SET
 @click.option("--seconds", type=float, default=10.0, show_default=True, metavar="N", help="How long to listen.")
 def preflight(mission: str, endpoint: str | None, overrides: tuple[str, ...], seconds: float) -> int:
     """Listen to vehicle and ranging of MISSION; command nothing. Prints PASS, WARN or FAIL for each point.
@@ -170,7 +175,7 @@ def watch(radio: str, seconds: float | None) -> int:
 @circnav.command(short_help="Run a recorded flight through the pilot again.")
 @click.argument("log", type=click.Path(), metavar="RUN_OR_TLOG")
 @click.option("--mission", type=MISSION, metavar="FILE", help="Another mission; a plain tlog needs one.")
-@click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True, help=SET_HELP)
+@SET
 @click.option("--estimator", metavar="NAME", help="Another estimator: guidance.estimator.")
 @click.option("--law", metavar="NAME", help="Another law: guidance.law.")
 @click.option("--out", type=click.Path(), metavar="DIR", help="Write the replay's ticks.csv and replay.png there.")
@@ -196,23 +201,17 @@ def replay(**options: Any) -> int:
 @click.argument("log", type=click.Path(), metavar="RUN|TLOG|CSV")
 @click.option("--tag", "tags", multiple=True, metavar="ID", help="Only this tag. May be repeated. [default: all]")
 @click.option(
-    "--sigma", type=float, metavar="M", help="Noise of the ranges, where the log says none. [default: as it shows]"
+    "--sigma", type=ABOVE_ZERO, metavar="M", help="Noise of the ranges, where the log says none. [default: as it shows]"
 )
-@click.option("--gps-sigma", type=float, default=1.5, show_default=True, metavar="M", help="Error of the positions.")
 @click.option(
-    "--bias", type=float, default=2.0, show_default=True, metavar="M", help="How far ranges may be off together."
+    "--gps-sigma", type=ABOVE_ZERO, default=1.5, show_default="1.5", metavar="M", help="Error of the positions."
+)
+@click.option(
+    "--bias", type=ABOVE_ZERO, default=2.0, show_default="2.0", metavar="M", help="How far ranges may be off together."
 )
 @click.option("--altitude", type=float, metavar="M", help="Of the target, where it is known; as the log counts it.")
 @click.option("--out", type=click.Path(), metavar="DIR", help="Where to write. [default: beside the log]")
-def locate(
-    log: str,
-    tags: tuple[str, ...],
-    sigma: float | None,
-    gps_sigma: float,
-    bias: float,
-    altitude: float | None,
-    out: str | None,
-) -> int:
+def locate(**options: Any) -> int:
     """Tell where the targets of a log are. Writes GeoJSON, KML and a picture.
 
     A log is a run folder, a tlog with positions and ranges, or a CSV whose first line names time (s), latitude,
@@ -226,9 +225,7 @@ def locate(
     """
     from circnav_mav.cli.locate import LocateOptions, locate_log
 
-    if min(gps_sigma, bias, 1.0 if sigma is None else sigma) <= 0:
-        raise Refused("locate: --sigma, --gps-sigma and --bias must be above 0")
-    return locate_log(LocateOptions(log, out, tags, sigma, gps_sigma, bias, altitude))
+    return locate_log(LocateOptions(**options))
 
 
 @circnav.command(short_help="Convert a run for Foxglove or PlotJuggler.")
@@ -270,10 +267,7 @@ def paper(out: str, starts: int, seed: int) -> int:
 @click.option("--situation", "situations", multiple=True, metavar="NAME", help="Only this situation. May be repeated.")
 @click.option("--seed", type=int, default=1, show_default=True, metavar="N", help="Of all worlds.")
 @click.option("--out", type=click.Path(), metavar="DIR", help="Write table.csv, table.md and table.png there.")
-@click.option("--cost", is_flag=True, help="Only measure how long a step of each estimator takes on this computer.")
-def bench(
-    flights: int, laws: tuple[str, ...], situations: tuple[str, ...], seed: int, out: str | None, cost: bool
-) -> int:
+def bench(flights: int, laws: tuple[str, ...], situations: tuple[str, ...], seed: int, out: str | None) -> int:
     """Compare the laws over many flights. Wind, gusts, moving targets, bad sensors; the result is one table.
 
     \b
@@ -283,7 +277,7 @@ def bench(
     """
     from circnav_mav.cli.bench import fly_bench
 
-    return fly_bench(flights, laws, situations, seed, out, cost)
+    return fly_bench(flights, laws, situations, seed, out)
 
 
 @circnav.command(short_help="Fly a mission many times with varied values.")
@@ -313,10 +307,8 @@ def campaign(**options: Any) -> int:
     "--after-flight", is_flag=True, hidden=True, help="As fly ends: what it makes, and a line for what fails."
 )
 def report(run: str, after_flight: bool) -> int:
-    """Draw the report of RUN, a run folder. Writes report.html (one page, opens offline, prints), flight.png and
-    estimates.png.
-
-    `fly` makes report.html and flight.png by itself.
+    """Draw the report of RUN, a run folder, again. Writes report.html (one page, opens offline, prints) and flight.png, as
+    `fly` does by itself.
 
     \b
     Example:
