@@ -307,8 +307,8 @@ def campaign(**options: Any) -> int:
     "--after-flight", is_flag=True, hidden=True, help="As fly ends: what it makes, and a line for what fails."
 )
 def report(run: str, after_flight: bool) -> int:
-    """Draw the report of RUN, a run folder, again. Writes report.html (one page, opens offline, prints) and flight.png, as
-    `fly` does by itself.
+    """Draw the report of RUN, a run folder, again: report.html (one page, opens offline, prints) and flight.png. `fly`
+    draws both by itself.
 
     \b
     Example:

@@ -25,9 +25,10 @@ PAGE = Path(__file__).with_name("report.template.html")
 
 
 def write_report(run: Run, orbit: Orbit, gate: float, verdict: str, settings: dict[str, str]) -> Path:
-    """Write report.html into the folder of a run with at least two ticks, whole or not at all. gate: of the innovations,
-    standard deviations. verdict: the outcome in its first line. settings: the mission's values by their keys. Raises
-    RunError, OSError."""
+    """Write report.html of a run with at least two ticks into its folder, whole or not at all. Raises RunError, OSError.
+
+    gate: of the innovations, standard deviations. verdict: the outcome in its first line. settings: by their keys.
+    """
     names, happened = _phase_names(run), events(run)
     commanded = "commanded" if run.voice == OutputMode.FLY.value else "would command"
     data = chart_data(run.ticks, run.truth, orbit, names, gate=gate, commanded=commanded)

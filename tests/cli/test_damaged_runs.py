@@ -177,7 +177,7 @@ def test_a_folder_named_like_a_part_of_the_page_is_only_named(circnav, run, tmp_
     odd = tmp_path / "@EVENTS@"
     run.rename(odd)
     assert circnav("report", odd).code == 0
-    assert "run folder " + str(odd) in (odd / "report.html").read_text()
+    assert f"<dt>run folder</dt><dd><span>{odd}</span>" in (odd / "report.html").read_text()
 
 
 # --- a log that is damaged: read as far as it goes, and said so ---
