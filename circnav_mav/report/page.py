@@ -25,7 +25,7 @@ PAGE = Path(__file__).with_name("report.template.html")
 
 
 def write_report(run: Run, orbit: Orbit, gate: float, verdict: str, settings: dict[str, str]) -> Path:
-    """Write report.html of a run with at least two ticks into its folder, whole or not at all. Raises RunError, OSError.
+    """Write report.html of a run with two ticks at least into its folder, all or nothing. Raises RunError, OSError.
 
     gate: of the innovations, standard deviations. verdict: the outcome in its first line. settings: by their keys.
     """

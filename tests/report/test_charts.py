@@ -152,6 +152,14 @@ def test_a_track_breaks_where_it_is_not_known_and_its_circle_lies_on_it():
     assert track([None], [None]) is None
 
 
+def test_the_drift_is_an_arrow_that_points_where_it_goes():
+    """3 m/s to the east and 4 to the north: 5 m/s towards atan2(3, 4) = 36.9 deg from north."""
+    drawn = track([0, 100], [100, 0], drift=[3.0, 4.0])
+    assert 'rotate(36.9)" class="axis drift"' in drawn
+    assert "drift 5.0 m/s" in drawn
+    assert "drift" not in track([0, 100], [100, 0])
+
+
 # --- the data ---
 
 

@@ -156,7 +156,7 @@ const Charts = (() => {
     const parts = [`<rect width="${side}" height="${side}" class="plot"/>`,
       `<path d="M12,${side - 14}h${px(length * scale)}" class="axis"/><text x="12" y="${side - 20}">${length} m</text>`,
       `<path d="M${side - 18},34v-22l-5,9m5,-9l5,9" class="axis"/><text x="${side - 22}" y="48">N</text>`,
-      drift ? driftArrow(drift) : "",
+      drift ? driftArrow(drift, side) : "",
       ...here.map(way => `<path d="${way.known.map((i, n) => (way.known[n - 1] === i - 1 ? "L" : "M") + point(way, i)).join("")}" class="line ${way.colour}"/>`),
       `<circle cx="${half}" cy="${half}" r="${px(scale * radius)}" class="level desired"/>`, // on the track, not under it
       ...[.08, .25, .45, .65, .85, .99].map(share => arrow(main, Math.floor(share * (main.known.length - 1)), place)),
@@ -180,10 +180,11 @@ const Charts = (() => {
   }
 
   // What drifts the vehicle past the target, [east, north] in m/s: an arrow in the corner, for it belongs to no place.
-  function driftArrow([east, north]) {
+  function driftArrow([east, north], side) {
     const speed = Math.hypot(east, north), turn = Math.atan2(east, north) * DEGREES;
-    const sign = speed < .05 ? "" : `<path d="M0,14V-14l-5,9m5,-9l5,9" transform="translate(26,28) rotate(${px(turn)})" class="axis drift"/>`;
-    return `<g><title>estimated drift: wind less target motion</title>${sign}<text x="48" y="32">drift ${speed.toFixed(1)} m/s</text></g>`;
+    const sign = speed < .05 ? "" : `<path d="M0,14V-14l-5,9m5,-9l5,9" transform="rotate(${px(turn)})" class="axis drift"/>`;
+    return `<g transform="translate(${side - 112},${side - 26})"><title>estimated drift: wind less target motion</title>${sign}`
+      + `<text x="20" y="4">drift ${speed.toFixed(1)} m/s</text></g>`;
   }
 
   function arrow(way, n, place) {
