@@ -169,7 +169,7 @@ const Charts = (() => {
       parts.push(`<g class="place ${kind}"><title>${escaped(words)}, ${round(from)} s</title><circle cx="${px(x)}" cy="${px(y)}" r="7.5"/>`
         + `<text x="${px(x)}" y="${px(y + 4)}" text-anchor="middle">${LETTERS[kind]}</text></g>`);
     }
-    for (const way of at == null ? [] : here) {
+    for (const way of at == null ? [] : [...here].reverse()) { // the first one, with its heading, on top
       const i = find(way.times, at);
       if (i < 0 || way.east[i] == null) continue;
       const [x, y] = place(way, i);
