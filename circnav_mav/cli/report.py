@@ -59,10 +59,12 @@ def _mission(run: Run) -> Mission:
 
 
 def _picture(run: Run, mission: Mission) -> None:
-    orbit = mission.orbit
-    circle = f"{orbit.radius:g} m {orbit.direction.value} at {orbit.speed:g} m/s"
-    title = f"{run.name}: {circle}, law {mission.law.name}"
-    plot_flight(run.folder / "flight.png", run.ticks, run.truth, orbit, title)
+    title = f"{run.name}: {_circles(mission)}, law {mission.law.name}"
+    plot_flight(run.folder / "flight.png", run.ticks, run.truth, mission.orbit, title)
+
+
+def _circles(mission: Mission) -> str:
+    return mission.orbit.words(*mission.radii[1:])
 
 
 def _page(run: Run, mission: Mission) -> None:
@@ -74,7 +76,7 @@ def _page(run: Run, mission: Mission) -> None:
     if run.damage_text is not None:
         summary["recording_problem"] = "; ".join(filter(None, (summary["recording_problem"], run.damage_text)))
     gate = mission.file.guidance.gate_sigma
-    write_report(run, mission.orbit, gate, verdict(summary, run.folder), _settings(mission))
+    write_report(run, mission.orbit, _circles(mission), gate, verdict(summary, run.folder), _settings(mission))
 
 
 def _settings(mission: Mission) -> dict[str, str]:
@@ -109,6 +111,7 @@ def _unfinished(run: Run, mission: Mission) -> dict[str, Any]:
             version=str(manifest.get("versions", {}).get("circnav", __version__)),
             epoch_us=run.epoch_us,
             recording_problem="no whole summary.json: the figures are of what was recorded",
+            later_radii=mission.radii[1:],
         ),
         run.ticks,
         run.truth,

@@ -24,10 +24,11 @@ OUTCOMES = {"COMPLETED": "good", "INTERRUPTED": "warn"}
 PAGE = Path(__file__).with_name("report.template.html")
 
 
-def write_report(run: Run, orbit: Orbit, gate: float, verdict: str, settings: dict[str, str]) -> Path:
+def write_report(run: Run, orbit: Orbit, circles: str, gate: float, verdict: str, settings: dict[str, str]) -> Path:
     """Write report.html of a run with two ticks at least into its folder, all or nothing. Raises RunError, OSError.
 
-    gate: of the innovations, standard deviations. verdict: the outcome in its first line. settings: by their keys.
+    circles: in words. gate: of the innovations, standard deviations. verdict: its first line is the outcome. settings: by
+    their keys.
     """
     names, happened = _phase_names(run), events(run)
     commanded = "commanded" if run.voice == OutputMode.FLY.value else "would command"
@@ -35,7 +36,7 @@ def write_report(run: Run, orbit: Orbit, gate: float, verdict: str, settings: di
     outcome, _, figures = verdict.partition("\n")
     parts = {
         "TITLE": escape(run.name),
-        "SUBTITLE": escape(f"{_circle(orbit)}. {_vehicle(run)}"),
+        "SUBTITLE": escape(f"{circles}. {_vehicle(run)}"),
         "OUTCOME": escape(outcome),
         "COLOUR": OUTCOMES.get(outcome.partition(":")[0], "bad"),
         "VERDICT": "".join(map(_figure, figures.splitlines())),
@@ -133,7 +134,3 @@ def _versions(run: Run) -> dict[str, str]:
 
 def _rows(values: dict[str, str]) -> str:
     return "".join(f"<tr><td>{escape(name)}</td><td>{escape(value)}</td></tr>" for name, value in values.items())
-
-
-def _circle(orbit: Orbit) -> str:
-    return f"{orbit.radius:g} m {orbit.direction.value} at {orbit.speed:g} m/s"

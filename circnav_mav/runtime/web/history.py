@@ -9,7 +9,7 @@ MOST_POINTS = 3000
 NEWEST = 100
 """Ticks kept whole; a browser that is farther behind gets everything anew."""
 COLUMNS = ("time", "measured", "r", "r_dot", "turn_rate", "x", "y", "drift_x", "drift_y", "east", "north", "heading",
-           "state", "mode", "law")  # fmt: skip
+           "state", "mode", "law", "desired")  # fmt: skip
 """What a point holds of a tick."""
 
 
