@@ -305,7 +305,7 @@ def test_at_the_end_the_vehicle_gets_its_stream_rates_back(rig):
 def test_a_law_that_fails_is_held_back_and_ends_the_flight_safely(rig, monkeypatch):
     rig.engage()
     nonsense = TurnCommand(TurnRate(nan), TurnRate(nan), saturated=False)
-    monkeypatch.setattr(rig.pilot.controller, "_steer", lambda *arguments: nonsense)
+    monkeypatch.setattr(rig.pilot.controller._circles, "steer", lambda *arguments: nonsense)
     since = rig.now
     rig.run(1.0)
     assert rig.pilot.outcome.ending is Ending.ABORTED
