@@ -1,6 +1,6 @@
 """The laws on range and range rate: what they hold, what they never ask for, and their mirror images."""
 
-from math import isfinite, pi, sqrt
+from math import isfinite, sqrt
 
 import numpy as np
 import pytest
@@ -127,7 +127,3 @@ def test_the_drift_that_a_circle_tolerates_is_that_in_which_it_is_the_smallest()
     assert theory.tolerated_drift(15.0, 100.0, 0.35) == pytest.approx(sqrt(525) - 15, abs=1e-9)
     W = theory.tolerated_drift(22.0, 150.0, 0.3, turn_gain=0.72)
     assert pytest.approx(150.0) == (22.0 + W) ** 2 / (22.0 * 0.3 * 0.72)
-
-
-def test_settling_prediction_is_half_a_turn_and_the_tangent():
-    assert theory.settling_time(R_D * sqrt(2), V, R_D, 0.35) == pytest.approx(pi / 0.35 + R_D / V)

@@ -66,11 +66,6 @@ def test_a_takeover_is_an_alarm_and_says_how_to_hand_over_again(statuses):
     assert waiting[-1].waits == "the operator has the vehicle: enter GUIDED again to hand it back"
 
 
-def test_a_flight_that_was_ended_says_why(statuses):
-    ended = statuses(12.0, events=TAKEOVER)[-1]
-    assert ended.alarms == ("ABORTED: GUIDED left for LOITER: operator or failsafe",)
-
-
 def test_ranges_that_are_refused_are_counted_by_reason_and_become_an_alarm(statuses):
     refused = statuses(8.0, "ranging.max_range_m=50.0")[-1]
     assert list(refused.rejected) == ["above_max"]

@@ -39,10 +39,19 @@ class Station:
     def heartbeat(self, kind: int = 18) -> None:
         self.send(mavlink.MAVLink_heartbeat_message(kind, 8, 0, 0, 4, 3))
 
-    def velocity(self, vx: float, yaw_rate: float, *, mask: int = 0x5C7, frame: int = 8, vy: float = 0.0) -> None:
+    def velocity(
+        self,
+        vx: float,
+        yaw_rate: float,
+        *,
+        mask: int = 0x5C7,
+        frame: int = 8,
+        vz: float = 0.0,
+        target: tuple[int, int] = (1, 1),
+    ) -> None:
         self.send(
             mavlink.MAVLink_set_position_target_local_ned_message(
-                0, 1, 1, frame, mask, 0, 0, 0, vx, vy, 0, 0, 0, 0, 0, yaw_rate
+                0, *target, frame, mask, 0, 0, 0, vx, 0, vz, 0, 0, 0, 0, yaw_rate
             )
         )
 

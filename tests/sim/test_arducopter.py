@@ -123,9 +123,7 @@ def test_setpoints_count_only_in_guided_and_armed() -> None:
 @pytest.mark.parametrize(("target", "obeyed"), [((1, 1), True), ((1, 0), True), ((0, 0), True), ((2, 1), False)])
 def test_only_setpoints_addressed_to_this_system_count(target: tuple[int, int], obeyed: bool) -> None:
     companion = guided()
-    companion.send(
-        mavlink.MAVLink_set_position_target_local_ned_message(0, *target, 8, 0x5C7, 0, 0, 0, 5, 0, 0, 0, 0, 0, 0, 0.1)
-    )
+    companion.velocity(5.0, 0.1, target=target)
     assert bool(companion.vehicle.setpoint_log) == obeyed
 
 

@@ -7,7 +7,7 @@ import statistics
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from sim.config import Target, parse_vehicle
+from sim.config import Target
 from sim.world import TargetMotion
 from tests.sim.station import Station, build
 
@@ -162,15 +162,6 @@ def test_radios_have_their_character(preset: str, slow: float, loss: float) -> N
     assert len(heard) == pytest.approx(10_000 * (1 - loss), rel=0.02)
     means = [statistics.fmean(heard[i : i + 10]) for i in range(0, len(heard) - 10, 10)]  # over a second
     assert statistics.pstdev(means) == pytest.approx(slow, abs=0.25 * slow + 0.2)
-
-
-def test_an_unknown_action_or_mode_is_refused() -> None:
-    from sim.config import ConfigError
-
-    with pytest.raises(ConfigError, match=r'x: events\[0\].action: "explode" is not one of'):
-        parse_vehicle({"events": [{"action": "explode"}]}, "x")
-    with pytest.raises(ConfigError, match=r"x: events\[0\].mode: is missing"):
-        parse_vehicle({"events": [{"action": "mode"}]}, "x")
 
 
 @pytest.mark.parametrize(("profile", "guided"), [("arducopter", 4), ("ardurover", 15)])

@@ -86,12 +86,7 @@ def test_no_vertical_speed_does_not_hold_the_height_but_a_loop_on_it_does() -> N
     assert 2.0 < sunk < 8.0
 
     def hold() -> None:
-        climb = 0.5 * (-50.0 - companion.vehicle.truth.down)
-        companion.send(
-            mavlink.MAVLink_set_position_target_local_ned_message(
-                0, 1, 1, 8, 0x5C7, 0, 0, 0, 3, 0, climb, 0, 0, 0, 0, 0.1
-            )
-        )
+        companion.velocity(3.0, 0.1, vz=0.5 * (-50.0 - companion.vehicle.truth.down))
 
     companion.repeat(30.0, hold)
     assert companion.vehicle.truth.down == pytest.approx(-50.0, abs=0.3)
@@ -183,9 +178,7 @@ def test_too_much_is_limited() -> None:
 )
 def test_addresses(target: tuple[int, int], obeyed: bool) -> None:
     companion = px4()
-    companion.send(
-        mavlink.MAVLink_set_position_target_local_ned_message(0, *target, 8, 0x5C7, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0)
-    )
+    companion.velocity(1.0, 0.0, target=target)
     assert bool(companion.vehicle.setpoint_log) == obeyed
     if target != (0, 1):
         assert bool(companion.command(400, 1, target=target)) == obeyed

@@ -34,6 +34,8 @@ def test_an_empty_file_flies() -> None:
         ({"start": 5}, "f.toml: start: must be a table of keys and values, not 5"),
         ({"start": {"mode": "GUIDE"}}, 'f.toml: start.mode: "GUIDE" is no mode of arducopter, did you mean "GUIDED"?'),
         ({"start": {"armed": False, "altitude_m": 10}}, "f.toml: start.armed: false needs altitude_m = 0"),
+        ({"events": [{"action": "explode"}]}, 'f.toml: events[0].action: "explode" is not one of'),
+        ({"events": [{"action": "mode"}]}, "f.toml: events[0].mode: is missing"),
     ],
 )
 def test_a_mistake_is_named_in_one_line(table: dict[str, Any], complaint: str) -> None:
