@@ -10,15 +10,13 @@ from circnav_mav.mav.accelerations import UNITS
 from circnav_mav.mav.autopilots.interface import Autopilot
 from circnav_mav.mav.codec import Encoder, Message
 from circnav_mav.mav.commands import Command, CommandResult, CommandSender, once
-from circnav_mav.mav.identity import OUR_NAME, Identity, LinkSettings, Peer, describe_vehicle, sender
+from circnav_mav.mav.identity import OUR_NAME, Identity, LinkSettings, Peer, sender
 from circnav_mav.mav.own_motion import OwnMotionSensor
 from circnav_mav.mav.signing import Signing
 from circnav_mav.mav.statustext import Announcer
 from circnav_mav.mav.streams import StreamRequests
 from circnav_mav.mav.timesync import Timesync
 from circnav_mav.mav.vehicle_state import TELLING, VehicleState
-
-__all__ = ["HANDLED", "HEARTBEAT_PERIOD", "LOST_AFTER", "LinkSettings", "Session", "describe_vehicle"]
 
 HEARTBEAT_PERIOD = 1.0
 LOST_AFTER = 3.0
