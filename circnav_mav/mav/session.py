@@ -91,36 +91,6 @@ class Session:
         """Where our bytes go, None for nowhere yet."""
         return self.identity.reply_to
 
-    @property
-    def in_our_mode(self) -> bool:
-        """Whether the vehicle obeys setpoints: armed, and its own heartbeat names the guided mode."""
-        return self.vehicle.in_our_mode
-
-    @property
-    def mode(self) -> int | None:
-        """The vehicle's mode."""
-        return self.vehicle.mode
-
-    @property
-    def mode_name(self) -> str:
-        """The vehicle's mode for people."""
-        return self.vehicle.mode_name
-
-    @property
-    def boot_time(self) -> float | None:
-        """The vehicle's newest time since boot, s, None before it was reported."""
-        return self.vehicle.boot_time
-
-    @property
-    def reboots(self) -> int:
-        """Times that the vehicle has started again."""
-        return self.vehicle.reboots
-
-    @property
-    def firmware(self) -> str | None:
-        """Version of the vehicle's firmware, None before it was reported."""
-        return self.vehicle.firmware
-
     def heartbeat_age(self, now: float) -> float:
         """Seconds since the vehicle last reported its mode."""
         return now - self.vehicle.heard_at

@@ -234,8 +234,8 @@ class Pilot:
 
     def _watch_takeover(self, now: float) -> None:
         """The operator's word ends the stream in this very step."""
-        if self.session.reboots > self._reboots:
-            self._reboots = self.session.reboots
+        if self.session.vehicle.reboots > self._reboots:
+            self._reboots = self.session.vehicle.reboots
             self.tracker.estimator.reset()
         takeover = self._authority.watch_takeover()
         if takeover is None:

@@ -205,9 +205,9 @@ class Survey:
             *session.vehicle_ids,
             kind=self._kind,
             adapter=session.adapter,
-            firmware=session.firmware,
-            mode=session.mode,
-            mode_name=session.mode_name,
+            firmware=session.vehicle.firmware,
+            mode=session.vehicle.mode,
+            mode_name=session.vehicle.mode_name,
             armed=session.vehicle.armed,
             heartbeat_age=session.heartbeat_age(self._end),
             streams={id: (rate, self._counted[id] / max(self._measured_for, TICK)) for id, rate in wanted.items()},
@@ -217,7 +217,7 @@ class Survey:
             height_unknown=self._height.why_unknown(self._end),
             battery=session.vehicle.battery,
             boot=quick_span(self._boots),
-            reboots=session.reboots,
+            reboots=session.vehicle.reboots,
             round_trip=session.timesync.typical,
             parameters=dict(self._reader.values) if self._reader else {},
             texts=tuple(self._texts),
@@ -265,12 +265,12 @@ class Survey:
             self._reader.receive(message)
         if self._settled(now):
             self._counted[message.get_msgId()] += 1
-            if type_ in ("ATTITUDE", "ATTITUDE_QUATERNION", "SYSTEM_TIME") and session.boot_time is not None:
-                self._take_boot_time((now, session.boot_time))
+            if type_ in ("ATTITUDE", "ATTITUDE_QUATERNION", "SYSTEM_TIME") and session.vehicle.boot_time is not None:
+                self._take_boot_time((now, session.vehicle.boot_time))
 
     def _take_boot_time(self, heard: Moment) -> None:
         """All since the vehicle last booted."""
-        rebooted, self._reboots = self.session.reboots > self._reboots, self.session.reboots
+        rebooted, self._reboots = self.session.vehicle.reboots > self._reboots, self.session.vehicle.reboots
         if rebooted:
             self._boots.clear()
         self._boots.append(heard)
