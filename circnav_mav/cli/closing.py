@@ -93,6 +93,7 @@ def _summary(pilot: Pilot, recorder: Recorder, mission: Mission, clock: Clock) -
         clock_speed=pilot.session.clock_speed.noticed,
         engaged_s=pilot.engaged_at,
         until_s=recorder.until,
+        later_radii=mission.radii[1:],
     )
     return _summarised(facts, ticks, truth)
 

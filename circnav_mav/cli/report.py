@@ -34,7 +34,7 @@ def report_run(folder: str) -> int:
         if run.damage_text is not None:
             click.echo(f"  WARNING    {run.damage_text}")
             summary["recording_problem"] = "; ".join(filter(None, (summary["recording_problem"], run.damage_text)))
-        title = f"{run.name}: {mission.orbit.radius:g} m {mission.orbit.direction.value}"
+        title = f"{run.name}: {_circles(mission)}"
         plot_flight(run.folder / "flight.png", run.ticks, run.truth, mission.orbit, title)
         plot_estimates(run.folder / "estimates.png", run.ticks, mission.file.guidance.gate_sigma, title)
         _map(run)
@@ -61,10 +61,12 @@ def report_flight(folder: str) -> int:
 
 
 def _picture(run: Run, mission: Mission) -> None:
-    orbit = mission.orbit
-    circle = f"{orbit.radius:g} m {orbit.direction.value} at {orbit.speed:g} m/s"
-    title = f"{mission.file.name}: {circle}, law {mission.law.name}"
-    plot_flight(run.folder / "flight.png", run.ticks, run.truth, orbit, title)
+    title = f"{mission.file.name}: {_circles(mission)}, law {mission.law.name}"
+    plot_flight(run.folder / "flight.png", run.ticks, run.truth, mission.orbit, title)
+
+
+def _circles(mission: Mission) -> str:
+    return mission.orbit.words(*mission.radii[1:])
 
 
 def _map(run: Run) -> None:
@@ -82,7 +84,11 @@ def _page(run: Run, mission: Mission) -> None:
 def report_facts(run: Run, mission: Mission, summary: dict[str, Any]) -> ReportFacts:
     """What the mission and the summary add to a run's own files."""
     return ReportFacts(
-        mission.orbit, mission.file.guidance.gate_sigma, verdict(summary, run.folder), _settings(mission)
+        mission.orbit,
+        _circles(mission),
+        mission.file.guidance.gate_sigma,
+        verdict(summary, run.folder),
+        _settings(mission),
     )
 
 
@@ -118,6 +124,7 @@ def _unfinished(run: Run, mission: Mission) -> dict[str, Any]:
             version=str(manifest.get("versions", {}).get("circnav", __version__)),
             epoch_us=run.epoch_us,
             recording_problem="no whole summary.json: the figures are of what was recorded",
+            later_radii=mission.radii[1:],
         ),
         run.ticks,
         run.truth,

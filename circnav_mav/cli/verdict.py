@@ -70,7 +70,16 @@ def _circle(summary: dict[str, Any]) -> list[str]:
     desired = summary["desired_radius_m"]
     flown, steered = summary["flown_s"], _steered(summary)
     of_these = f" ({steered:.0f} s steered)" if flown - steered > NOTABLE else ""
-    lines = [f"  desired    {desired:g} m {summary['direction']}, flown {flown:.0f} s{of_these}; last third:"]
+    circles, wanted = summary.get("circles") or [], summary.get("circles_wanted_m") or []
+    lines = [
+        f"  before     {circle['desired_radius_m']:g} m, {circle['begun_s']:.0f} s on: "
+        f"{_figures(circle, circle['desired_radius_m'])}"
+        for circle in circles[:-1]
+    ]
+    if len(circles) < len(wanted):
+        left = ", ".join(f"{radius:g} m" for radius in wanted[len(circles) :])
+        lines.append(f"  WARNING    circle of {left} not begun: the one before was not flown to its end")
+    lines.append(f"  desired    {desired:g} m {summary['direction']}, flown {flown:.0f} s{of_these}; last third:")
     lines.append(f"  estimated  {_figures(summary, desired)}")
     truth = summary["truth"]
     if truth is not None:

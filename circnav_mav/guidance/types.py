@@ -160,6 +160,11 @@ class Orbit:
     speed: float
     max_turn_rate: float
 
+    def words(self, *then: float) -> str:
+        """For people. then: radii of the circles flown after it, m."""
+        radii = " then ".join(f"{radius:g} m" for radius in (self.radius, *then))
+        return f"{radii} {self.direction.value} at {self.speed:g} m/s"
+
     @property
     def steady_turn_rate(self) -> TurnRate:
         """Turn rate that stays on the circle, V/r_d in the mission's sense of rotation, rad/s."""

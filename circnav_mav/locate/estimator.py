@@ -39,7 +39,7 @@ MOVING_WINDOW = 120.0
 """Newest time, s, by which a moving target is judged: it does not keep its velocity for longer."""
 EXPLAINED = 1.3
 """Residuals over what the ranges say of themselves, up to which rest explains them."""
-UP_KNOWN = 3.0
+UP_KNOWN = 2.0
 """Standard deviation of the height, m, above which it counts as not observed."""
 ROUGH = 0.25
 """Standard deviation of a place, in units of the range, above which it is none."""
@@ -93,10 +93,10 @@ class NotYet:
 
 def locate(plane: Plane, track: Track, ranges: Ranges, known: Knowledge, near: Place | None = None) -> Place | NotYet:
     """The place at the end of the ranges. near: one found before, from which to start. Needs scipy."""
-    track = _rising(track)
-    ranges = _covered(track, ranges)
+    track, heard = _rising(track), ranges
+    ranges = _covered(track, heard)
     if len(ranges.r) < LEAST:
-        return NotYet(f"{len(ranges.r)} ranges with positions round them, {LEAST} are needed")
+        return NotYet(f"{len(ranges.r)} ranges with positions round them, {LEAST} are needed{_apart(track, heard)}")
     still = _best(plane, track, ranges, known, near)
     if isinstance(still, Place) and known.sigma_known and _explains(still, ranges):
         return still
@@ -115,6 +115,15 @@ def locate(plane: Plane, track: Track, ranges: Ranges, known: Knowledge, near: P
         return still
     place = _Problem(track, newest, known, moves=True).finish(fit, plane)
     return place if place is not None and _moves(place) else still
+
+
+def _apart(track: Track, ranges: Ranges) -> str:
+    """Where enough ranges came, and positions too, why they do not go together: clocks, or the unit of time."""
+    if len(ranges.r) < LEAST or len(track.time) < 2:
+        return ""
+    spans = [f"{time[0]:.6g} .. {time[-1]:.6g} s" for time in (ranges.time, track.time)]
+    gap = float(np.median(np.diff(track.time)))
+    return f"; ranges of {spans[0]}, positions of {spans[1]}, one every {gap:.3g} s: one clock, in seconds?"
 
 
 def _explains(place: Place, ranges: Ranges) -> bool:

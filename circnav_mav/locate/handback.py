@@ -159,7 +159,7 @@ class HandBack:
         by = "ranges" if where.by_ranges else "dead reckoning"
         self.given.append(Given(now, float(latitude), float(longitude), sigma, by))
         self.ended = "going on"
-        return position_estimate(float(latitude), float(longitude), sigma, target, now)
+        return position_estimate(float(latitude), float(longitude), sigma, target, now, now - where.time)
 
     def answered(self, message: Message, us: tuple[int, int], now: float) -> None:
         """A COMMAND_ACK of the vehicle."""

@@ -53,6 +53,9 @@ AFTER = {dialect.MAVLINK_MSG_ID_ATTITUDE: 10.0, dialect.MAVLINK_MSG_ID_VFR_HUD: 
 """Streams that dead reckoning needs when the pilot has given its own back, message id -> Hz."""
 RECKON_EVERY = 0.1
 SOLVE_EVERY, TELL_EVERY, TEXT_EVERY = 1.0, 1.0, 30.0
+SOLVE_SHARE = 0.03
+"""Of the time that the positions span, between two estimates: one takes up to half a second, and the more there is to
+go by, the less a new second tells."""
 HEIGHT_SIGMA = 5.0
 """Standard deviation, m, of a height that the mission gives: a barometer's drift and an operator's guess."""
 HOME_SIGMA = 50.0
@@ -100,6 +103,7 @@ class Locator:
         self._turned: complex = 0j
         self._turned_for, self._turned_at = 0.0, 0.0
         self._solve_at = self._tell_at = 0.0
+        self._solved_to = float("-inf")
         self._said_at = float("-inf")
         self._said: Place | None = None
         self._alarm: Alarm | None = None
@@ -167,13 +171,13 @@ class Locator:
             self.handback.reported(east, north, self._reckoning.where, now)
         if not self.has_fix(now):
             return  # a position without GPS is the autopilot's own dead reckoning
-        self._look(east, north, up, now)
         # by the vehicle's own clock: on the way it may have waited, and V times that is metres
         stamp = self._clock.unwrapped(message.time_boot_ms / 1000)
         if self._clock.newest is not None and abs(stamp - self._clock.newest) > now - self._clock.newest_at + REBOOTED:
             self._clock.reset()  # the vehicle has started again
         time = self._clock.local(stamp, now)
         self._clock.take(stamp, now)
+        self._look(east, north, up, time, now)
         if self.watch.trusts_positions and not (self._track and time <= self._track[-1][0]):
             self._track.append((time, east, north, up))
             while now - self._track[0][0] > WINDOW:
@@ -189,21 +193,20 @@ class Locator:
         if len(self._ranges) > MOST_KEPT:  # every second one: to hand over thousands would cost a tick
             self._ranges = deque(islice(self._ranges, 0, None, 2))
 
-    def _look(self, east: float, north: float, up: float, now: float) -> None:
-        """Let the watch compare this position with the range and the bearing of now."""
+    def _look(self, east: float, north: float, up: float, time: float, now: float) -> None:
+        """Let the watch compare the position of a time with the range and the bearing of then."""
         pilot, place = self._pilot, self.place
         motion = pilot.session.motion.at(now)
         heading = None if motion.yaw is None else course_from_yaw(motion.yaw)
         range_off = bearing_off = None
         tracker = pilot.tracker
         if place is not None and tracker.newest is not None and now - tracker.newest.time < 1.0:
-            there = place.at(now)
+            there, estimate = place.at(time), tracker.at(time)
             way = there.east - east, there.north - north
             sigma = hypot(there.sigma, self._gps_sigma, tracker.newest.sigma)
             height = tracker.height.at(now)
             flat = hypot(*way) if height is not None else hypot(*way, there.up - up)
             range_off = tracker.newest.r - flat - place.bias, sigma
-            estimate = tracker.at(now)
             relative = estimate.relative if estimate else None
             if relative is not None and relative.trusted and hypot(*way) > 10:
                 off = angle_between((-relative.x, -relative.y), way)
@@ -238,9 +241,11 @@ class Locator:
         """What to call `locate` with, when that is due: it takes some hundredths of a second, so somebody else does."""
         if now < self._solve_at or self.plane is None or len(self._track) < 2 or not self._ranges:
             return None
-        self._solve_at = now + SOLVE_EVERY
-        if not self.watch.trusts_positions:
+        newest = self._track[-1][0]
+        self._solve_at = now + max(SOLVE_EVERY, SOLVE_SHARE * (newest - self._track[0][0]))
+        if not self.watch.trusts_positions or newest == self._solved_to:
             return None
+        self._solved_to = newest
         track = Track(*np.array(self._track).T)
         ranges = Ranges(*np.array(self._ranges).T)
         height = self._pilot.tracker.height.at(now)
@@ -286,7 +291,7 @@ class Locator:
         messages = named_values(place, now)
         if mode is OutputMode.SHADOW or self._pilot.done:
             return messages
-        messages.append(orbit_status(place, self._pilot.settings.orbit, now))
+        messages.append(orbit_status(place, self._pilot.controller.orbit, now))
         newest = self._pilot.tracker.newest
         if self._settings.beacon and newest is not None:
             height = self._pilot.tracker.height.at(now) or 0.0

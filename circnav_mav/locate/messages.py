@@ -59,10 +59,12 @@ def camera(place: Place, target: tuple[int, int]) -> Message:
     )
 
 
-def position_estimate(latitude: float, longitude: float, sigma: float, target: tuple[int, int], now: float) -> Message:
-    """MAV_CMD_EXTERNAL_POSITION_ESTIMATE. param1: time of sending, s; param2: age of the estimate, none; param3: one
+def position_estimate(
+    latitude: float, longitude: float, sigma: float, target: tuple[int, int], now: float, age: float
+) -> Message:
+    """MAV_CMD_EXTERNAL_POSITION_ESTIMATE. param1: time of sending, s; param2: age of the estimate, s; param3: one
     standard deviation, m. ArduPilot wants z to be NaN and the frame to be GLOBAL."""
     return dialect.MAVLink_command_int_message(
         *target, dialect.MAV_FRAME_GLOBAL, dialect.MAV_CMD_EXTERNAL_POSITION_ESTIMATE, 0, 0,
-        now % 10_000.0, 0.0, sigma, 0.0, round(latitude * 1e7), round(longitude * 1e7), float("nan"),
+        now % 10_000.0, age, sigma, 0.0, round(latitude * 1e7), round(longitude * 1e7), float("nan"),
     )  # fmt: skip

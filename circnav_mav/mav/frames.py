@@ -45,6 +45,13 @@ def level_from_body(force: tuple[float, float, float], roll: float, pitch: float
     return cos(pitch) * x + sin(pitch) * (sin(roll) * y + cos(roll) * z), cos(roll) * y - sin(roll) * z
 
 
+def body_from_level(forward: float, right: float, roll: float, pitch: float) -> tuple[float, float, float]:
+    """A horizontal vector (forward, right of the nose) in the body frame (forward, right, down) of a vehicle at that
+    roll and pitch, rad: rotated back by the whole attitude, it is level again."""
+    x, z = forward * cos(pitch), forward * sin(pitch)
+    return x, right * cos(roll) + z * sin(roll), z * cos(roll) - right * sin(roll)
+
+
 def vector_from_level(forward: float, right: float, psi: float) -> tuple[float, float]:
     """A horizontal vector (forward, right of the nose) in the paper's frame, the nose at psi in it."""
     return forward * cos(psi) + right * sin(psi), forward * sin(psi) - right * cos(psi)

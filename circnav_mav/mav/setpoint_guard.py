@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from math import isfinite
+from math import hypot, isfinite
 from typing import NamedTuple
 
 from pymavlink.dialects.v20 import all as dialect
@@ -98,11 +98,11 @@ def _within(message: Message, limits: Limits) -> bool:
 
 def _velocity_within(message: Message, limits: Limits) -> bool:
     forward = abs(message.vx) <= limits.max_speed * SLACK and message.vy == 0 and message.coordinate_frame == BODY_NED
-    across = abs(message.afy) <= MOST_DAMPED * limits.max_speed * limits.max_yaw_rate
-    ahead = 0 <= message.afx <= MOST_FED and message.afz == 0
+    across = MOST_DAMPED * limits.max_speed * limits.max_yaw_rate
+    fed = hypot(message.afx, message.afy, message.afz) <= hypot(MOST_FED, across) * SLACK and message.afx >= 0
     level = abs(message.vz) <= limits.max_climb
     turning = abs(message.yaw_rate) <= limits.max_yaw_rate * SLACK
-    return bool(forward and across and ahead and level and turning)
+    return bool(forward and fed and level and turning)
 
 
 def _attitude_within(message: Message, limits: Limits) -> bool:

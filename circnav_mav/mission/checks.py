@@ -1,8 +1,10 @@
 """What can be said of a mission before anything flies: one line per fact, with the number and its bound."""
 
-from collections.abc import Iterator
-from math import degrees
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
+from math import degrees, pi
 
+from circnav_mav.guidance.circles import LAPS
 from circnav_mav.guidance.laws import LAWS
 from circnav_mav.guidance.radius_trim import MOST
 from circnav_mav.guidance.theory import settling_time, tolerated_drift
@@ -29,7 +31,18 @@ DRIFT_LAWS = frozenset({"auto", "drift"})
 def check_mission(mission: Mission) -> list[Check]:
     """All the lines for a mission."""
     parts = (_keys, _vehicle, _estimator, _gain, _trim, _radius, _turn_rate, check_ranging, _drift, _signing)
-    return [line for part in parts for line in part(mission)]
+    return [*(line for part in parts for line in _of_circles(mission, part)), *_laps(mission)]
+
+
+def _of_circles(mission: Mission, part: Callable[[Mission], Iterable[Check]]) -> Iterator[Check]:
+    """The lines of a part for each circle; what differs between them names its radius."""
+    circles = [list(part(circle)) for circle in mission.circles]
+    for radius, lines in zip(mission.radii, circles, strict=True):
+        for line in lines:
+            if not all(line in others for others in circles):
+                yield replace(line, says=f"{radius:g} m: {line.says}")
+            elif lines is circles[0]:
+                yield line
 
 
 def _keys(mission: Mission) -> Iterator[Check]:
@@ -158,7 +171,7 @@ def _expected_gain(mission: Mission) -> float:
 def drift_allowed(mission: Mission) -> float:
     """Wind less target motion, m/s, in which the circle can be held; not positive if not even in still air."""
     orbit = mission.orbit
-    return tolerated_drift(orbit.speed, orbit.radius, orbit.max_turn_rate, _expected_gain(mission))
+    return tolerated_drift(orbit.speed, min(mission.radii), orbit.max_turn_rate, _expected_gain(mission))
 
 
 def _drift(mission: Mission) -> Iterator[Check]:
@@ -179,6 +192,19 @@ def _drift(mission: Mission) -> Iterator[Check]:
         "settling",
         f"about {seconds:.0f} s by the shortest tangent (Dubins) from {far:.0f} m in still air, flying away from it at "
         "first; laws on range alone may take twice as long",
+    )
+
+
+def _laps(mission: Mission) -> Iterator[Check]:
+    """Whether there is time for a lap on each of several circles, the way from one to the next not counted."""
+    if len(mission.radii) == 1:
+        return
+    needed = sum(LAPS * 2 * pi * radius / mission.orbit.speed for radius in mission.radii)
+    given = mission.file.limits.duration_s
+    yield Check(
+        graded(needed / given, warn_above=0.6, fail_above=1.0),
+        "laps",
+        f"{LAPS:g} laps of each circle take {needed:.0f} s of limits.duration_s = {given:g}, and so do the ways there",
     )
 
 

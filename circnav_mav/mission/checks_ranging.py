@@ -166,7 +166,7 @@ def _slant(mission: Mission) -> Iterator[Check]:
 
 def height_cost(mission: Mission, height: float) -> Check:
     """What a wrong height costs on the circle: with rho^2 = slant^2 - h^2, d rho = h/rho dh."""
-    cost = abs(height) / mission.orbit.radius
+    cost = abs(height) / min(mission.radii)
     return Check(
         Grade.WARN if cost > HEIGHT_COST else Grade.PASS,
         "height cost",

@@ -39,10 +39,22 @@ class Mission:
     text: str
 
     @property
+    def radii(self) -> tuple[float, ...]:
+        """Of the circles in their order, m."""
+        given = self.file.orbit.radius_m
+        return tuple(given) if isinstance(given, list) else (given,)
+
+    @property
+    def circles(self) -> tuple["Mission", ...]:
+        """The mission once for each circle, as if it flew no other."""
+        orbits = [self.file.orbit.model_copy(update={"radius_m": radius}) for radius in self.radii]
+        return tuple(replace(self, file=self.file.model_copy(update={"orbit": orbit})) for orbit in orbits)
+
+    @property
     def orbit(self) -> Orbit:
-        """The circle, in SI units and radians."""
-        vehicle, orbit = self.file.vehicle, self.file.orbit
-        return Orbit(orbit.radius_m, Direction(orbit.direction), vehicle.speed_mps, self._max_turn_rate())
+        """The first circle, in SI units and radians."""
+        direction, speed = Direction(self.file.orbit.direction), self.file.vehicle.speed_mps
+        return Orbit(self.radii[0], direction, speed, self._max_turn_rate())
 
     @property
     def law(self) -> LawChoice:
@@ -179,6 +191,7 @@ class Mission:
             ),
             unsigned_links=self._unsigned_links(),
             height=self.height,
+            later_circles=tuple((circle.orbit, circle.law) for circle in self.circles[1:]),
         )
 
     def _unsigned_links(self) -> frozenset[str]:
@@ -208,7 +221,7 @@ class Mission:
             rate_name=table.rate_name,
             rate_sign=1 if table.rate_sign == "opening" else -1,
             rate_sigma=table.rate_sigma_mps,
-            max_sigma=max(MOST_NOISE * self.file.orbit.radius_m, 3 * table.sigma_m),
+            max_sigma=max(MOST_NOISE * min(self.radii), 3 * table.sigma_m),
         )
 
     def _max_turn_rate(self) -> float:

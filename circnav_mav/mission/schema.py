@@ -6,7 +6,7 @@ Bounds keep out what cannot be meant (a tick of 1 kHz, a bank of 80 deg); what i
 from ipaddress import ip_network
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, TypeAdapter
 from pydantic_core import PydanticCustomError
 
 from circnav_mav.guidance.estimators.table import ESTIMATORS
@@ -39,6 +39,19 @@ def _addresses(given: Any) -> list[str]:
 
 
 Addresses = Annotated[list[str], BeforeValidator(_addresses)]
+_RADIUS = TypeAdapter(Positive, config=ConfigDict(strict=True, allow_inf_nan=False))
+
+
+def _radii(given: Any) -> float | list[float]:
+    """A radius, or a list of them."""
+    if given == []:
+        raise PydanticCustomError("radii", "must be a radius, or the radii of the circles in their order")
+    if isinstance(given, list):
+        return [_RADIUS.validate_python(one) for one in given]
+    return _RADIUS.validate_python(given)
+
+
+Radii = Annotated[Positive | list[Positive], BeforeValidator(_radii)]
 
 
 class Table(BaseModel):
@@ -82,7 +95,7 @@ class VehicleTable(Table):
 class OrbitTable(Table):
     """[orbit]"""
 
-    radius_m: Positive
+    radius_m: Radii
     direction: Literal["clockwise", "counterclockwise"]
     height_above_target_m: NotNegative | None = None
     target_altitude_m: Height | None = None

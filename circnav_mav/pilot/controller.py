@@ -2,13 +2,14 @@
 
 from math import ceil, pi, remainder
 
+from circnav_mav.guidance.circles import Circles
 from circnav_mav.guidance.law_selector import Flies
 from circnav_mav.guidance.limit_cycle import CommandWatch
 from circnav_mav.guidance.radius_trim import next_trim
-from circnav_mav.guidance.step import compensate_turn_gain, holding, steering
+from circnav_mav.guidance.step import compensate_turn_gain, holding
 from circnav_mav.guidance.turn_gain import TurnGain, TurnGainSettings, learn
 from circnav_mav.guidance.turn_response import PendingTurn, Response, ResponseLearner
-from circnav_mav.guidance.types import SAME_TIME, OwnMotion, RangeEstimate, TurnCommand, TurnRate
+from circnav_mav.guidance.types import SAME_TIME, Orbit, OwnMotion, RangeEstimate, TurnCommand, TurnRate
 from circnav_mav.mav.autopilots.table import allowed
 from circnav_mav.mav.autopilots.targets import Addressee
 from circnav_mav.mav.codec import Message
@@ -46,7 +47,7 @@ class Controller:
     def __init__(self, settings: PilotSettings) -> None:
         orbit, facts = settings.orbit, settings.facts
         self._settings = settings
-        self._steer = steering(orbit, settings.law)
+        self._circles = Circles((orbit, settings.law), *settings.later_circles)
         self._gate = SetpointGuard(
             Limits(
                 max_yaw_rate=orbit.max_turn_rate,
@@ -74,6 +75,11 @@ class Controller:
         """Of a copter, 1/s, as learnt in flight."""
         self._trim = 0.0
         self._steered_at: float | None = None
+
+    @property
+    def orbit(self) -> Orbit:
+        """The circle that is flown now."""
+        return self._circles.orbit
 
     @property
     def turn_gain(self) -> float:
@@ -138,13 +144,15 @@ class Controller:
         self, phase: Phase, estimate: RangeEstimate | None, round_trip: float | None, now: float
     ) -> TurnCommand | None:
         """The turn now: the law's while engaged, the circle's own while holding. round_trip: of the link, s."""
-        orbit = self._settings.orbit
+        orbit = self.orbit
         self._link = min(self._settings.timing.tick if round_trip is None else round_trip, LONGEST_DELAY)
         motion = estimate.relative if estimate is not None else None
         pending = self._pending.at(now, self.response, 0.0 if motion is None else motion.turn_rate)
         if phase is Phase.ENGAGED and estimate is not None:
-            command = self._steer(estimate, self._trim, pending, self._watch.share)
+            command = self._circles.steer(estimate, self._trim, pending, self._watch.share)
             self._trim_radius(estimate, command)
+            if self._circles.turned(estimate, command.turn_rate):
+                self._trim = 0.0  # it was learnt on the circle before
         elif phase is Phase.HOLDING:
             command = holding(orbit, motion, pending)
         else:
@@ -184,7 +192,7 @@ class Controller:
                 self._trim,
                 rate=self._settings.radius_trim,
                 r=estimate.r,
-                r_d=self._settings.orbit.radius,
+                r_d=self.orbit.radius,
                 step=min(estimate.time - before, LONGEST_TRIM_STEP),
                 saturated=command.saturated or self._short_of_bank,
             )

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 from circnav_mav.guidance.bounds import breach
 from circnav_mav.guidance.drift_alarm import DriftAlarm, watch_drift
-from circnav_mav.guidance.types import RangeEstimate, TurnCommand
+from circnav_mav.guidance.types import Orbit, RangeEstimate, TurnCommand
 from circnav_mav.guidance.velocity_loop import CopterMotion
 from circnav_mav.mav.clocks import nobody_tells
 from circnav_mav.mav.codec import LinkCounts, Message
@@ -67,7 +67,7 @@ class Pilot:
         self._frames: list[bytes] = []
         self._copter_motion = CopterMotion()
         self._reboots = self._limit_cycles = 0
-        self._law = ""
+        self._law, self._orbit = "", settings.orbit
 
     # --- in: every message that arrives -----------------------------------------------------------------------------
 
@@ -127,13 +127,15 @@ class Pilot:
         own = motion.own(now, self._airspeed(now), banks=adapter.measures_airspeed)
         if own is None:
             return
-        if adapter.velocity_loop is not None:
+        flies = self.settings.output_mode is OutputMode.FLY
+        if adapter.velocity_loop is not None and self._mission.steering:
             self._copter_motion, own = self._copter_motion.follow(own, adapter.velocity_loop)
             self.controller.drag = self._copter_motion.drag
+        else:
+            self._copter_motion = self._copter_motion.stand()
         self.controller.on_motion(own)
         # a vehicle whose airspeed nobody measures has the commanded one while it flies as commanded; whose setpoints
         # are another's (a dry run) is taken to do so while it turns as we would command
-        flies = self.settings.output_mode is OutputMode.FLY
         follows = self.controller.at_speed if flies else self.controller.followed
         if adapter.measures_airspeed or (self._mission.steering and follows):
             self.tracker.move(own)
@@ -172,10 +174,11 @@ class Pilot:
         self._watch_ranging(estimate, now)
         self._watch_drift(estimate)
         self._watch_engagement(now)
+        desired = self.controller.orbit.radius
         command = self.controller.command(self.phase, estimate, self.session.timesync.worst, now)
         self._say_how_it_flies(command)
         messages, sent = self._setpoint(command, now)
-        self._unsettled = StepTaken(now, self.phase, estimate, command, sent)
+        self._unsettled = StepTaken(now, self.phase, estimate, command, sent, desired)
         messages += self._housekeeping(estimate, command, now)
         return b"".join(map(self.session.encode, messages))
 
@@ -262,7 +265,7 @@ class Pilot:
     def _watch_drift(self, estimate: RangeEstimate | None) -> None:
         """Say once that the drift is more than the circle allows, and once that it no longer is."""
         before = self.drift_alarm
-        self.drift_alarm = after = watch_drift(before, estimate, self.settings.orbit, self.controller.turn_gain)
+        self.drift_alarm = after = watch_drift(before, estimate, self.controller.orbit, self.controller.turn_gain)
         if after.on != before.on:
             self._say("drift", after.text)
 
@@ -278,13 +281,13 @@ class Pilot:
             self._finish(Outcome(Ending.ABORTED, failure), now)
 
     def _engage(self, now: float) -> None:
-        flies, orbit = self.settings.output_mode is OutputMode.FLY, self.settings.orbit
+        flies = self.settings.output_mode is OutputMode.FLY
         self._mission.engage(now)
         self.tracker.ranging.sender_stays = flies
         if flies:  # a dry run may begin on the ground, far from the height that is told
             self.tracker.height.engage()
         self.session.drop_mode_requests()
-        self._say("engage", f"{'engaged' if flies else 'dry run'}, {orbit.radius:g} m {orbit.direction.value}")
+        self._say("engage", f"{'engaged' if flies else 'dry run'}, {_circle(self.controller.orbit)}")
 
     def _finish(self, outcome: Outcome, now: float) -> None:
         if self._mission.finish(outcome, now, in_our_hands=self._authority.in_our_hands):
@@ -352,7 +355,7 @@ class Pilot:
         """Heartbeat, commands, streams, texts and plot values; the farewell at the end."""
         announcer, plots = self.session.announcer, []
         if announcer.plots_due(now):
-            plots = announcer.plots(plot_values(self.settings.orbit, estimate, command), now)
+            plots = announcer.plots(plot_values(self.controller.orbit, estimate, command), now)
         if self.settings.output_mode is OutputMode.SHADOW:
             return self.session.heartbeats_due(now) + plots
         if self.done:
@@ -364,7 +367,11 @@ class Pilot:
         return b"" if self.done else self._connection.hello(now)
 
     def _say_how_it_flies(self, command: TurnCommand | None) -> None:
-        """Say when another law takes over, and why; and that the gains were lowered, for the command swings."""
+        """Say when another law takes over, and why; when the next circle begins; and that the gains were lowered, for
+        the command swings."""
+        if self.controller.orbit is not self._orbit:
+            self._orbit = self.controller.orbit
+            self._say("circle", f"next circle, {_circle(self._orbit)}")
         if command is not None and command.flies and command.flies != self._law:
             self._law, self.why = command.flies, command.why
             if self.settings.output_mode is OutputMode.FLY:
@@ -443,3 +450,8 @@ class Pilot:
         """The whole frames that came in since the last call, on any link."""
         frames, self._frames = self._frames, []
         return frames
+
+
+def _circle(orbit: Orbit) -> str:
+    """Short enough for a STATUSTEXT."""
+    return f"{orbit.radius:g} m {orbit.direction.value}"

@@ -27,7 +27,8 @@ class TickRecord:
     of the gains once the command was found swinging. law, x .. airspeed_scale: which law flies, and the relative motion
     where an estimator tells it (vehicle minus target, m; wind minus target velocity, m/s; paper's frame). felt: how far
     that goes by measured accelerations, 0 .. 1. height: above the target, m, by which slant ranges are made horizontal.
-    measured_rate: newest range rate of the radio that counts, m/s. None stands for "not known" or "not sent"."""
+    measured_rate: newest range rate of the radio that counts, m/s. desired: radius of the circle flown
+    now, m. None stands for "not known" or "not sent"."""
 
     time: float
     phase: Phase
@@ -61,6 +62,7 @@ class TickRecord:
     accepted: int
     rejected: int
     measured_rate: float | None = None
+    desired: float | None = None
 
 
 def plot_values(orbit: Orbit, estimate: RangeEstimate | None, command: TurnCommand | None) -> dict[str, float]:
@@ -74,20 +76,21 @@ def plot_values(orbit: Orbit, estimate: RangeEstimate | None, command: TurnComma
 
 
 class StepTaken(NamedTuple):
-    """A step of the pilot. sent: the yaw rate that left in the setpoint, None for none."""
+    """A step of the pilot. sent: the yaw rate that left in the setpoint, None for none. desired: radius, m."""
 
     now: float
     phase: Phase
     estimate: RangeEstimate | None
     command: TurnCommand | None
     sent: YawRate | None
+    desired: float
 
 
 def tick_record(
     step: StepTaken, session: Session, tracker: RangeTracker, controller: Controller, law: str
 ) -> TickRecord:
     """A step in numbers. law: of the mission."""
-    now, phase, estimate, command, sent = step
+    now, phase, estimate, command, sent, _ = step
     link_age, motion, newest = session.heartbeat_age(now), session.motion.at(now), tracker.newest
     where = estimate.relative if estimate and estimate.relative and estimate.relative.trusted else None
     return TickRecord(
@@ -123,4 +126,5 @@ def tick_record(
         accepted=tracker.accepted,
         rejected=tracker.ranging.refused,
         measured_rate=tracker.measured_rate(now),
+        desired=step.desired,
     )

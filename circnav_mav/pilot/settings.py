@@ -35,7 +35,8 @@ class PilotSettings:
     whether the operator's leaving the mode ends the mission (else it waits to be given the vehicle again). exit: name
     of the exit action, None for the autopilot's default. ranging_apart: ranging comes on a link of its own.
     stream_links: links that are byte streams (TCP, serial), not datagrams. unsigned_links: those on which unsigned
-    frames are believed even where there is a signing key. height: what is said of it, above the target.
+    frames are believed even where there is a signing key. height: what is said of it, above the target. later_circles:
+    those after the first, orbit and law.
     """
 
     orbit: Orbit
@@ -61,3 +62,9 @@ class PilotSettings:
     stream_links: frozenset[str] = frozenset()
     unsigned_links: frozenset[str] = frozenset()
     height: HeightSettings = field(default_factory=HeightSettings)
+    later_circles: tuple[tuple[Orbit, LawChoice], ...] = ()
+
+    @property
+    def circles(self) -> str:
+        """All circles, for people."""
+        return self.orbit.words(*(orbit.radius for orbit, _ in self.later_circles))

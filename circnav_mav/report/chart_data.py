@@ -3,6 +3,7 @@ them. Which charts there are, and how they look, is in runtime/web/charts.js, fo
 
 import json
 from itertools import pairwise
+from math import nan
 from typing import Any
 
 import numpy as np
@@ -34,7 +35,7 @@ def chart_data(ticks: Ticks, truth: Truth | None, orbit: Orbit, names: dict[str,
     }  # fmt: skip
     return {
         "flight": flight | {"radius": orbit.radius, "tolerance": TOLERANCE * orbit.radius, "limit": orbit.max_turn_rate,
-                            "steady": orbit.steady_turn_rate},
+                            "steady": orbit.steady_turn_rate, "radii": ticks.radii(orbit.radius)},
         "span": span,
         "columns": {name: _plain(*column) for name, column in _columns(ticks, truth, span).items()},
         "bands": {name: stretches(ticks.time, said) for name, said in words.items() if set(said) - {""}},
@@ -67,6 +68,7 @@ def _columns(ticks: Ticks, truth: Truth | None, span: tuple[float, float]) -> di
     """Time and values of each column that there is something to draw of."""
     numbers, time, new = ticks.numbers, ticks.time, fresh(ticks)
     found = {name: _line(time, numbers[name]) for name in ("r", "r_dot", "turn_rate", "heading")}
+    found["desired"] = _steps(time, ticks.desired(nan))
     found["measured"] = _dots(time[new], numbers["measured"][new])
     found["innovation"] = _dots(time[new], np.sqrt(numbers["nis"][new]))
     found |= {
@@ -82,6 +84,12 @@ def _columns(ticks: Ticks, truth: Truth | None, span: tuple[float, float]) -> di
         "true_r": _line(truth.time, truth.radius),
         "true_turn": _line(truth.time, -truth.turn_rate),
     }
+
+
+def _steps(time: Column, values: Column) -> tuple[Column, Column]:
+    """The first of each of equal values."""
+    new = values != np.append(nan, values[:-1])
+    return time[new], values[new]
 
 
 def _differenced(time: Column, measured: Column) -> tuple[Column, Column]:

@@ -25,10 +25,11 @@ PAGE = Path(__file__).with_name("report.template.html")
 
 @dataclass(frozen=True, slots=True)
 class ReportFacts:
-    """What the report cannot read from the run's files. gate: of the innovations, standard deviations. verdict: the
-    outcome in its first line. settings: the mission's values as used, by their keys."""
+    """What the report cannot read from the run's files. circles: in words. gate: of the innovations, standard
+    deviations. verdict: the outcome in its first line. settings: the mission's values as used, by their keys."""
 
     orbit: Orbit
+    circles: str
     gate: float
     verdict: str
     settings: dict[str, str]
@@ -42,7 +43,7 @@ def report(run: Run, facts: ReportFacts) -> str:
     outcome, _, figures = facts.verdict.partition("\n")
     parts = {
         "TITLE": escape(run.name),
-        "SUBTITLE": escape(f"{_circle(facts.orbit)}. {_vehicle(run)}"),
+        "SUBTITLE": escape(f"{facts.circles}. {_vehicle(run)}"),
         "OUTCOME": escape(outcome),
         "COLOUR": OUTCOMES.get(outcome.partition(":")[0], "bad"),
         "VERDICT": "".join(f"<div>{escape(line)}</div>" for line in figures.splitlines()),
@@ -138,7 +139,3 @@ def _versions(run: Run) -> dict[str, str]:
 
 def _rows(values: dict[str, str]) -> str:
     return "".join(f"<tr><td>{escape(name)}</td><td>{escape(value)}</td></tr>" for name, value in values.items())
-
-
-def _circle(orbit: Orbit) -> str:
-    return f"{orbit.radius:g} m {orbit.direction.value} at {orbit.speed:g} m/s"

@@ -25,7 +25,7 @@ def plot_flight(path: Path, ticks: Ticks, truth: Truth | None, orbit: Orbit, tit
         track = known_track(ticks, truth)
         grid = figure.add_gridspec(3, 2, width_ratios=[1.1, 1] if track else [0.001, 1])
         if track is not None:
-            _track(figure.add_subplot(grid[:, 0]), track, orbit)
+            _track(figure.add_subplot(grid[:, 0]), track, ticks.radii(orbit.radius))
         axes = [figure.add_subplot(grid[row, 1]) for row in range(3)]
         _range(axes[0], ticks, truth, orbit)
         _error(axes[1], ticks, truth, orbit)
@@ -53,7 +53,7 @@ def plot_replay(path: Path, was: Ticks | None, would: Ticks, orbit: Orbit, title
                 axis.plot(*broken(was.time, scale * was.numbers[column]), color=MEASURED, lw=2.5, label="as flown")
             axis.plot(*broken(would.time, scale * would.numbers[column]), color=ESTIMATE, lw=1, label="replayed")
             axis.set_ylabel(label)
-        figure.axes[0].axhline(orbit.radius, ls="--", color=DESIRED, lw=1, label="desired")
+        _desired(figure.axes[0], would, orbit)
         _legend_above(figure.axes[0])
         figure.axes[-1].set_xlabel("time, s")
         save(figure, path)
@@ -90,11 +90,13 @@ def _per_second(time: Column, counted: Column) -> tuple[Column, Column]:
     return np.diff(counted[before]), edges
 
 
-def _track(axis: Any, track: Track, orbit: Orbit) -> None:
+def _track(axis: Any, track: Track, radii: list[float]) -> None:
     angle = np.linspace(0, 2 * np.pi, 361)
-    circle = orbit.radius * np.cos(angle), orbit.radius * np.sin(angle)
     colour, label = (TRUE, "flown (truth)") if track.true else (ESTIMATE, "flown (estimate)")
-    axis.plot(*circle, "--", color=DESIRED, lw=1.5, label="desired", zorder=3)  # on the track, not under it
+    for at, radius in enumerate(radii):
+        circle = radius * np.cos(angle), radius * np.sin(angle)
+        label_once = None if at else "desired"
+        axis.plot(*circle, "--", color=DESIRED, lw=1.5, label=label_once, zorder=3)  # on the track, not under it
     axis.plot(track.east, track.north, color=colour, lw=1.0, label=label)
     east, north = track.east[track.known], track.north[track.known]
     begins = {"mfc": "red", "label": "start"} if track.true else {"mfc": "none", "label": "first believed"}
@@ -131,30 +133,39 @@ def _legend_above(axis: Any) -> None:
 def _range(axis: Any, ticks: Ticks, truth: Truth | None, orbit: Orbit) -> None:
     new = fresh(ticks)
     axis.plot(ticks.time[new], ticks.numbers["measured"][new], ".", ms=2, color=MEASURED, label="measured")
-    _estimated_and_true(axis, ticks, truth, less=0.0)
-    axis.axhline(orbit.radius, ls="--", color=DESIRED, lw=1, label="desired")
+    _estimated_and_true(axis, ticks, truth)
+    _desired(axis, ticks, orbit)
     axis.set_ylabel("range, m")
 
 
 def _error(axis: Any, ticks: Ticks, truth: Truth | None, orbit: Orbit) -> None:
-    band = TOLERANCE * orbit.radius
-    axis.axhspan(-band, band, color=DESIRED, alpha=0.12, label=f"+-{100 * TOLERANCE:.0f} %")
-    _estimated_and_true(axis, ticks, truth, less=orbit.radius)
-    axis.set_ylim(-3 * band, 3 * band)
+    desired = ticks.desired(orbit.radius)
+    band = TOLERANCE * desired
+    axis.fill_between(ticks.time, -band, band, color=DESIRED, alpha=0.12, lw=0, label=f"+-{100 * TOLERANCE:.0f} %")
+    _estimated_and_true(axis, ticks, truth, less=desired)
+    axis.set_ylim(-3 * band.max(), 3 * band.max())
     axis.set_ylabel("range - radius, m")
 
 
-def _estimated_and_true(axis: Any, ticks: Ticks, truth: Truth | None, less: float) -> None:
-    """The range, less so many metres."""
+def _desired(axis: Any, ticks: Ticks, orbit: Orbit) -> None:
+    desired = ticks.desired(orbit.radius)
+    axis.plot(ticks.time, desired, ls="--", color=DESIRED, lw=1, label="desired", drawstyle="steps-post")
+
+
+def _estimated_and_true(axis: Any, ticks: Ticks, truth: Truth | None, less: Column | None = None) -> None:
+    """The range, less the metres of each tick."""
+    less = np.zeros(len(ticks.time)) if less is None else less
     axis.plot(*broken(ticks.time, ticks.numbers["r"] - less), color=ESTIMATE, lw=1, label="estimated")
     if truth is not None:
-        axis.plot(*broken(truth.time, truth.radius - less), color=TRUE, lw=0.8, label="true")
+        then = less[np.maximum(np.searchsorted(ticks.time, truth.time, side="right") - 1, 0)]
+        axis.plot(*broken(truth.time, truth.radius - then), color=TRUE, lw=0.8, label="true")
 
 
 def _turn_rate(axis: Any, ticks: Ticks, orbit: Orbit) -> None:
     name = "commanded" if np.isfinite(ticks.numbers["yaw_rate_sent"]).any() else "would command"
     axis.plot(*broken(ticks.time, np.degrees(ticks.numbers["turn_rate"])), color=ESTIMATE, lw=0.8, label=name)
-    axis.axhline(np.degrees(orbit.steady_turn_rate), ls="--", color=DESIRED, lw=1, label="steady circle")
+    steady = np.degrees(orbit.steady_turn_rate) * orbit.radius / ticks.desired(orbit.radius)
+    axis.plot(ticks.time, steady, ls="--", color=DESIRED, lw=1, label="steady circle", drawstyle="steps-post")
     limit = np.degrees(orbit.max_turn_rate)
     for sign in (-1, 1):
         axis.axhline(sign * limit, ls=":", color=LIMIT, lw=1, label="limit" if sign > 0 else None)

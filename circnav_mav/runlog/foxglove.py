@@ -112,16 +112,15 @@ def _transforms(run: Run) -> Iterator[Said]:
 def _scene(run: Run, times: Column, places: Column) -> Iterator[Said]:
     """Beacon and desired circle once; then, piece by piece, the track so far and the range as a ring."""
     ticks, begins = run.ticks, float(run.ticks.time[0])
-    radius, height = _desired_radius(run), np.nan_to_num(ticks.numbers["height"])
+    height = np.nan_to_num(ticks.numbers["height"])
     entities = [
         SceneEntity(
             id="beacon",
             spheres=[SpherePrimitive(pose=_here(), size=Vector3(x=5.0, y=5.0, z=5.0), color=_color(ORANGE))],
         )
     ]
-    if radius is not None:
-        above = float(np.median(height))
-        entities.append(SceneEntity(id="desired circle", lines=[_ring(radius, above, GREEN)]))
+    if rings := [_ring(radius, float(np.median(height)), GREEN) for radius in _desired_radii(run)]:
+        entities.append(SceneEntity(id="desired circle", lines=rings))
     yield _update(run, begins, entities)
     at = _every_piece(times)
     for number, (first, last) in enumerate(zip(at, [*at[1:], len(times) - 1], strict=True)):
@@ -134,12 +133,13 @@ def _scene(run: Run, times: Column, places: Column) -> Iterator[Said]:
             yield _update(run, float(ticks.time[tick]), [ring])
 
 
-def _desired_radius(run: Run) -> float | None:
-    """As the mission has it; a run that did not live to write its summary has one, too."""
+def _desired_radii(run: Run) -> list[float]:
+    """As the mission has them; a run that did not live to write its summary has some, too."""
     try:
-        return float(tomllib.loads(run.mission_text)["orbit"]["radius_m"])
+        given = tomllib.loads(run.mission_text)["orbit"]["radius_m"]
+        return [float(radius) for radius in (given if isinstance(given, list) else [given])]
     except (ValueError, KeyError, TypeError):
-        return None
+        return []
 
 
 def _log(run: Run) -> Iterator[Said]:

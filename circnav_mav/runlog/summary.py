@@ -1,6 +1,6 @@
 """summary.json of a run: stable keys that later work and users' scripts read."""
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ NOT_OURS = frozenset(
     phase.value for phase in (Phase.WAIT_LINK, Phase.WAIT_RANGING, Phase.READY, Phase.YIELDED, Phase.ENDED)
 )
 """The phases in which somebody else has the vehicle, or nobody."""
+FIGURES = ("settled_s", "radius_mean_m", "radius_rms_error_m")
 UNRECORDED = 1.0
 """Time, s, at the end of a flight from which on it is worth telling that nothing was recorded."""
 
@@ -26,7 +27,8 @@ UNRECORDED = 1.0
 @dataclass(frozen=True, slots=True)
 class FlightFacts:
     """What the flight itself knows at its end. engaged_s, until_s: run time of the engagement and of the last tick,
-    recorded or not; None: as the recorded ticks say. clock_speed: of the autopilot's time, where it was not ours."""
+    recorded or not; None: as the recorded ticks say. clock_speed: of the autopilot's time, where it was not ours.
+    orbit: the first circle; later_radii: of those after it, m, flown or not."""
 
     mission: str
     outcome: str
@@ -44,18 +46,21 @@ class FlightFacts:
     clock_speed: float | None = None
     engaged_s: float | None = None
     until_s: float | None = None
+    later_radii: tuple[float, ...] = ()
 
 
 def summarise(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str, Any]:
     """The summary as plain values. Without an engagement the figures of the circle are null; else they are of what was
     recorded, and `recording_problem` tells where that is not all; and of the ticks that steered by a fresh range, for a
-    prediction that goes on through an outage is no measurement."""
-    orbit = facts.orbit
+    prediction that goes on through an outage is no measurement. Of several circles they are of the last one begun."""
     start = ticks.engaged_at if facts.engaged_s is None else facts.engaged_s
     end = float(ticks.time[-1]) if facts.until_s is None and len(ticks.time) else facts.until_s or 0.0
     flown = ticks.time >= (np.inf if start is None else start)
     steered = np.array([phase == Phase.ENGAGED.value for phase in ticks.phases], bool)
     known = flown & steered & ~np.isnan(ticks.numbers["r"])
+    circles = _circles(ticks, known, facts.orbit.radius, start or 0.0)
+    orbit, begun = replace(facts.orbit, radius=circles[-1]["desired_radius_m"]), circles[-1]["begun_s"]
+    known &= ticks.time >= begun
     turned = np.nansum(metrics.last_part(ticks.time[flown & steered], ticks.numbers["turn_rate"][flown & steered]))
     return {
         "mission": facts.mission,
@@ -68,7 +73,9 @@ def summarise(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str
         "engaged_s": start,
         "flown_s": end - start if start is not None else 0.0,
         "steered_s": 0.0 if start is None else max(end - start - _time_without_us(ticks, flown), 0.0),
-        **_circle(ticks.time[known], ticks.numbers["r"][known], orbit.radius),
+        **{name: circles[-1][name] for name in FIGURES},
+        "circles": circles,
+        "circles_wanted_m": [facts.orbit.radius, *facts.later_radii],
         **_height(ticks.numbers["height"][flown & steered]),
         **_turn(ticks, known, orbit),
         **_vehicle(ticks, flown & steered),
@@ -76,7 +83,7 @@ def summarise(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str
         "samples_rejected": facts.samples_rejected,
         "frames_refused": facts.frames_refused,
         "setpoints_sent": facts.setpoints_sent,
-        "truth": None if truth is None or start is None else _truth(truth, start, end, orbit),
+        "truth": None if truth is None or start is None else _truth(truth, max(start, begun), end, orbit),
         "firmware": facts.firmware,
         "version": facts.version,
         "epoch_us": facts.epoch_us,
@@ -108,13 +115,24 @@ def _time_without_us(ticks: Ticks, flown: NDArray[np.bool_]) -> float:
     return float(np.diff(ticks.time)[flown[:-1] & without].sum())
 
 
+def _circles(ticks: Ticks, known: NDArray[np.bool_], first: float, start: float) -> list[dict[str, Any]]:
+    """Each circle that was begun, in its order, judged from its beginning to that of the next one."""
+    desired, at = ticks.desired(first), np.flatnonzero(known)
+    circles: list[dict[str, Any]] = []
+    for part in np.split(at, np.flatnonzero(np.diff(desired[at])) + 1):
+        radius = float(desired[part[0]]) if len(part) else first
+        begun = float(ticks.time[part[0]]) if circles else start
+        figures = _circle(ticks.time[part], ticks.numbers["r"][part], radius)
+        circles.append({"desired_radius_m": radius, "begun_s": begun, **figures})
+    return circles
+
+
 def _circle(time: metrics.Column, radius: metrics.Column, desired: float) -> dict[str, float | None]:
     last = metrics.last_part(time, radius)
-    return {
-        "settled_s": metrics.settled(time, radius, desired),
-        "radius_mean_m": metrics.mean(last),
-        "radius_rms_error_m": metrics.rms_error(last, desired),
-    }
+    figures = (
+        metrics.settled(time, radius, desired), metrics.mean(last), metrics.rms_error(last, desired)
+    )  # fmt: skip
+    return dict(zip(FIGURES, figures, strict=True))
 
 
 def _height(height: metrics.Column) -> dict[str, float | None]:

@@ -62,7 +62,8 @@ SUMMARY = _table({
                    "turn_delay_s gain_share clock_speed",
     Flag | None: "turn_limit_cycle",
     dict[Text, Any] | None: "place handback",
-    list[dict[Text, Any]]: "gps_watch",
+    list[dict[Text, Any]]: "gps_watch circles",
+    list[Number]: "circles_wanted_m",
 })  # fmt: skip
 MANIFEST = _table({
     Text: "mission voice",

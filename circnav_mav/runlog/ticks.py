@@ -47,6 +47,16 @@ class Ticks:
         """Run time of each tick, s."""
         return self.numbers["time"]
 
+    def desired(self, otherwise: float) -> Column:
+        """Radius of the circle of each tick, m; otherwise: of a run whose ticks do not hold it."""
+        known = self.numbers.get("desired", np.full(len(self.time), nan))
+        return np.where(np.isnan(known), otherwise, known)
+
+    def radii(self, otherwise: float) -> list[float]:
+        """Of the circles that were flown, in their order, m."""
+        desired = self.desired(otherwise)
+        return [otherwise] if not len(desired) else [float(r) for r in desired[np.diff(desired, prepend=nan) != 0]]
+
     @property
     def engaged_at(self) -> float | None:
         """Run time of the first engaged tick, s."""

@@ -39,14 +39,14 @@ class PlainScreen:
     """One line each time, one for each alarm that is new, one for what is waited for at two times in a row, and
     one for who is believed once it is flown."""
 
-    def __init__(self, console: Console, radius: float) -> None:
-        self._console, self._radius = console, radius
+    def __init__(self, console: Console) -> None:
+        self._console = console
         self._alarms: set[str] = set()
         self._waits, self._waits_told, self._believed, self._place = "", "", "", ""
 
     def draw(self, status: Status) -> None:
         """Print the lines."""
-        self._print(one_line(status, self._radius))
+        self._print(one_line(status))
         if status.flown is not None and status.believed not in ("", self._believed):
             self._print(f"  BELIEVED {status.believed}")
             self._believed = status.believed
@@ -147,14 +147,14 @@ def display_for(console: Console, pilot: Pilot, title: str, speed: float, locato
     if console.is_terminal and not console.is_dumb_terminal:
         screen: Screen = LiveScreen(console, Picture(pilot.settings, title, ascii_only=console.options.ascii_only))
         return Display(screen, pilot, speed / PICTURES_A_SECOND, last=True, locator=locator)
-    return Display(PlainScreen(console, pilot.settings.orbit.radius), pilot, speed, last=False, locator=locator)
+    return Display(PlainScreen(console), pilot, speed, last=False, locator=locator)
 
 
-def one_line(status: Status, radius: float) -> str:
+def one_line(status: Status) -> str:
     """A status as a line of text."""
     tick = status.tick
     rate = "-" if tick.r_dot is None else f"{tick.r_dot:+6.2f} m/s"
-    error = "-" if tick.r is None else f"{tick.r - radius:+.2f} m"
+    error = "-" if tick.r is None or tick.desired is None else f"{tick.r - tick.desired:+.2f} m"
     turn = "-" if tick.turn_rate is None else f"{degrees(tick.turn_rate):+.1f} deg/s"
     return (
         f"{tick.time:7.1f} s  {status.phase:<20}  range {_told(tick.r, 'm'):>9}  error {error:>9}  "

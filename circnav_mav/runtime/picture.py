@@ -49,9 +49,8 @@ class Picture:
     """Draws the statuses of one flight; remembers the error for its sparkline."""
 
     def __init__(self, settings: PilotSettings, name: str, *, ascii_only: bool) -> None:
-        orbit = settings.orbit
         self._settings, self._signs = settings, ASCII if ascii_only else FINE
-        self._title = f"{name}: {orbit.radius:g} m {orbit.direction.value} at {orbit.speed:g} m/s"
+        self._title = f"{name}: {settings.circles}"
         self._errors: deque[tuple[int, float]] = deque(maxlen=CELLS)
 
     def draw(self, status: Status) -> Panel:
@@ -80,20 +79,20 @@ class Picture:
 
     def _circle(self, tick: TickRecord, target: str) -> list[Row]:
         """Range, error, rate and turn."""
-        orbit, signs = self._settings.orbit, self._signs
-        limit, turn = orbit.max_turn_rate, tick.turn_rate
+        desired, signs = tick.desired or self._settings.orbit.radius, self._signs
+        limit, turn = self._settings.orbit.max_turn_rate, tick.turn_rate
         at_limit = "   AT ITS LIMIT" if tick.saturated else ""
-        share = None if tick.r is None else tick.r / orbit.radius - 1
+        share = None if tick.r is None else tick.r / desired - 1
         to_right = None if turn is None else yaw_rate_from_turn_rate(TurnRate(turn)) / limit
-        wanted = f" horizontal   desired {orbit.radius:.1f} m"
+        wanted = f" horizontal   desired {desired:.1f} m"
         rate = _with_sigma(tick.r_dot, tick.r_dot_sigma, "+.2f", "m/s", signs)
         if tick.measured_rate is not None:
             rate += f"   measured {tick.measured_rate:+.2f} m/s"
         answer = f"gain {tick.turn_gain:.2f}, delay {tick.turn_delay:.2f} s"
         return [
             ("range", _with_sigma(tick.r, tick.r_sigma, ".2f", "m", signs) + wanted),
-            ("", f"0 {self._bar(share)} {2 * orbit.radius:.0f} m"),
-            ("error", self._error(tick)),
+            ("", f"0 {self._bar(share)} {2 * desired:.0f} m"),
+            ("error", self._error(tick, desired)),
             ("range rate", rate),
             ("turn rate", f"commanded {_turn(turn)} deg/s (limit {degrees(limit):.1f}), {answer}{at_limit}"),
             ("", f"left {self._bar(to_right)} right"),
@@ -110,11 +109,11 @@ class Picture:
             cells[at] = signs.mark if abs(share) <= 1 else "<" if share < 0 else ">"
         return "".join(cells)
 
-    def _error(self, tick: TickRecord) -> str:
+    def _error(self, tick: TickRecord, desired: float) -> str:
         """The error, and its size over the last minute: the largest of each cell."""
         if tick.r is None:
             return "-"
-        error = tick.r - self._settings.orbit.radius
+        error = tick.r - desired
         cell = int(tick.time / CELL)
         if self._errors and self._errors[-1][0] == cell:
             self._errors[-1] = (cell, max(abs(error), self._errors[-1][1]))

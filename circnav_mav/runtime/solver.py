@@ -18,5 +18,7 @@ def start_solver() -> ProcessPoolExecutor:
 def _begin() -> None:
     """Quiet, and ready. The operator's Ctrl-C is for the flight."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if hasattr(os, "sched_setscheduler"):  # real-time priority, where the flight has it, is for the flight alone
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     os.nice(NICE)
     import scipy.optimize  # noqa: F401  takes some tenths of a second

@@ -56,7 +56,7 @@ def read_local_target(message: Message, body: Body) -> Trajectory | Rejected:
     elif frame == BODY_NED:
         position = NOTHING
         velocity = _rotated(_axes(mask, 3, message.vx, message.vy, message.vz), body.heading)
-        acceleration = _rotated(_axes(mask, 6, message.afx, message.afy, message.afz), body.heading)
+        acceleration = _by_attitude(_axes(mask, 6, message.afx, message.afy, message.afz), body)
         along_nose = (message.vx, message.vy) if velocity[0] is not None else None
     else:
         return Rejected(f"SET_POSITION_TARGET_LOCAL_NED coordinate frame {frame} unsupported")
@@ -86,6 +86,16 @@ def _rotated(vector: tuple[Axis, Axis, Axis], heading: float) -> tuple[Axis, Axi
     if forward is None or right is None or down is None:
         return NOTHING
     return *to_earth(forward, right, heading), down
+
+
+def _by_attitude(vector: tuple[Axis, Axis, Axis], body: Body) -> tuple[Axis, Axis, Axis]:
+    """Accelerations turn with the whole attitude, unlike velocities."""
+    x, y, z = vector
+    if x is None or y is None or z is None:
+        return NOTHING
+    across, below = y * math.cos(body.roll) - z * math.sin(body.roll), y * math.sin(body.roll) + z * math.cos(body.roll)
+    ahead = x * math.cos(body.pitch) + below * math.sin(body.pitch)
+    return _rotated((ahead, across, below * math.cos(body.pitch) - x * math.sin(body.pitch)), body.heading)
 
 
 def _finite(value: float) -> Axis:

@@ -10,20 +10,22 @@ of 1 m/s.
 
 import argparse
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
-from math import hypot, pi
+from math import atan2, hypot, pi
 
 import numpy as np
 
-from circnav_mav.locate.estimator import Knowledge, Ranges, Track, locate
+from circnav_mav.locate.estimator import locate
+from circnav_mav.locate.locator import Locator
 from circnav_mav.locate.place import Place
 from sim.world import HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG
 from tests.locate.flown import Surveyed, nees, surveyed
 
 BAND = (0.0506, 7.378)
 """95 % of chi-squared with two degrees of freedom."""
-SPEED = 15.0
+SETTLED, LONGEST = 40.0, 400.0
+"""Time, s, from which the vehicle is on its circle, and for which a flight lasts at most."""
 WORLD = (
     'sim.vehicle.dynamics="airborne"', "sim.wind.speed_mps=5", "sim.wind.gust_rms_mps=1", "sim.sensors.gps_error_m=1.5",
     "sim.start.random.range_m=[120, 200]", "sim.start.random.bearing_deg=[0, 360]", "limits.duration_s=1000",
@@ -32,20 +34,23 @@ WORLD = (
 
 @dataclass(frozen=True)
 class Situation:
-    """laps: that count, with the radius of each. bound: what the geometry allows, m, from ../shared/survey.md."""
+    """laps: whole ones round the true target, counted on the last circle."""
 
     name: str
-    radii: tuple[float, ...]
     changes: tuple[str, ...] = ()
+    laps: float = 1.0
     speed: float = 0.0
+    gps: float = 1.5
 
 
+TWO_CIRCLES = ("orbit.radius_m=[100, 60]", "vehicle.max_turn_rate_deg_s=35")
 SITUATIONS = (
-    Situation("one lap, .5 m", (100.0,)),
-    Situation("one lap, LoRa", (100.0,), ('sim.ranging.preset="lora"', "ranging.sigma_m=2")),
-    Situation("one lap, 10 % outliers", (100.0,), ("sim.ranging.outlier_fraction=0.1",)),
-    Situation("two radii, .5 m", (100.0, 60.0)),
-    Situation("target at 3 m/s, two laps", (100.0,), ("sim.target.velocity_east_mps=3",), speed=3.0),
+    Situation("one lap, .5 m"),
+    Situation("one lap, LoRa", ('sim.ranging.preset="lora"', "ranging.sigma_m=3")),
+    Situation("one lap, 10 % outliers", ("sim.ranging.outlier_fraction=0.1",)),
+    Situation("two circles, .5 m", TWO_CIRCLES),
+    Situation("two circles, RTK (.02 m)", (*TWO_CIRCLES, "sim.sensors.gps_error_m=0.02"), gps=0.02),
+    Situation("target at 3 m/s, two laps", ("sim.target.velocity_east_mps=3",), laps=2.0, speed=3.0),
 )
 
 
@@ -63,33 +68,32 @@ class Result:
 
 
 def fly(situation: Situation, seed: int) -> Result | None:
-    """One flight; None where no place was found."""
-    laps = [_lap(situation, radius, seed) for radius in situation.radii]
-    flown, *_ = laps[-1]
-    # the laps one after the other, as if flown so; each has its own stretch of the GPS error
-    track, ranges, errors, shift = [], [], [], 0.0
-    for lap, lap_track, lap_ranges, error in laps:
-        began = lap_track[0, 0]
-        assert lap.locator is not None and lap.locator.plane is not None
-        assert flown.locator is not None and flown.locator.plane is not None
-        origin = flown.locator.plane.to_metres(lap.locator.plane.latitude, lap.locator.plane.longitude)
-        track.append(lap_track - [began - shift, -origin[0], -origin[1], 0])
-        ranges.append(lap_ranges - [began - shift, 0, 0])
-        errors.append(error)
-        shift += lap_track[-1, 0] - began + 1.0
-    locator = flown.locator
-    assert locator is not None and locator.plane is not None
-    known = Knowledge(up=locator._home, gps_sigma=1.5, bias_sigma=2.0)
-    place = locate(locator.plane, Track(*np.vstack(track).T), Ranges(*np.vstack(ranges).T), known)
+    """One flight; None where no place was found. What counts begins on the first circle."""
+    flown = surveyed("quickstart", *WORLD, *situation.changes, f"sim.seed={seed}", law="auto", gps_sigma=situation.gps)
+    locator, later = flown.locator, len(flown.pilot.settings.later_circles)
+    assert locator is not None
+    flown.solve_from = 1e9
+    flown.fly(SETTLED)
+    begun = flown.now
+    while flown.now < LONGEST and (later and flown.pilot.controller.orbit is flown.pilot.settings.orbit):
+        flown.fly(flown.now + 1.0)
+    counted = flown.now
+    while flown.now < LONGEST and _laps(flown, counted) < situation.laps:
+        flown.fly(flown.now + 0.5)
+    for heard in (locator._track, locator._ranges):
+        while heard[0][0] < begun:
+            heard.popleft()
+    locator._solve_at = 0.0
+    job = locator.job(flown.now)
+    assert job is not None
+    place = locate(*job)
     if not isinstance(place, Place):
         return None
-    place = replace(place, time=place.time - shift + 1.0 + laps[-1][1][-1, 0])
     truth = flown.vehicle.truth
-    error = flown.error(place)
     velocity = np.array(place.velocity) - [situation.speed, 0.0]
     return Result(
-        error=hypot(*error),
-        gps=hypot(*np.mean(errors, axis=0)),
+        error=hypot(*flown.error(place)),
+        gps=hypot(*_gps_error(flown, locator)),
         sigma=place.sigma,
         nees=nees(flown, place),
         up=place.up - (584.0 - truth.target_down) if place.up_known else None,
@@ -97,27 +101,19 @@ def fly(situation: Situation, seed: int) -> Result | None:
     )
 
 
-def _lap(situation: Situation, radius: float, seed: int) -> tuple[Surveyed, np.ndarray, np.ndarray, np.ndarray]:
-    """A flight up to a lap on its circle, its positions and ranges of that lap, and their mean GPS error."""
-    flown = surveyed(
-        "quickstart", *WORLD, *situation.changes, f"orbit.radius_m={radius}", f"sim.seed={seed + round(radius)}",
-        law="feedforward",
-    )  # fmt: skip
-    flown.solve_from = 1e9
-    lap = 2 * pi * radius / SPEED * (2 if situation.speed else 1)
-    flown.fly(45.0 + lap)
-    locator = flown.locator
-    assert locator is not None
-    since = flown.now - lap
-    track = np.array([one for one in locator._track if one[0] >= since])
-    ranges = np.array([one for one in locator._ranges if one[0] >= since])
-    times = np.array([one.time for one in flown.truths])
-    plane = locator.plane
-    assert plane is not None
-    home = plane.to_metres(HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG)
+def _laps(flown: Surveyed, since: float) -> float:
+    """Flown round the true target."""
+    angles = [atan2(o.north - o.target_north, o.east - o.target_east) for o in flown.truths if o.time >= since]
+    return abs(float(np.unwrap(angles)[-1]) - angles[0]) / (2 * pi) if angles else 0.0
+
+
+def _gps_error(flown: Surveyed, locator: Locator) -> np.ndarray:
+    """Mean error of the reported positions that count, east and north, m."""
+    assert locator.plane is not None
+    track, times = np.array(locator._track), [one.time for one in flown.truths]
+    home = locator.plane.to_metres(HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG)
     true = [np.interp(track[:, 0], times, [getattr(one, way) for one in flown.truths]) for way in ("east", "north")]
-    off = np.array([np.mean(track[:, 1 + at] - home[at] - true[at]) for at in (0, 1)])
-    return flown, track, ranges, off
+    return np.array([np.mean(track[:, 1 + at] - home[at] - true[at]) for at in (0, 1)])
 
 
 def row(situation: Situation, results: list[Result | None]) -> str:

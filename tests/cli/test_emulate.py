@@ -16,22 +16,15 @@ def test_a_speed_out_of_its_bounds(circnav, speed):
     assert ran.line == f"circnav: --speed: must be above 0 and at most 100, not {float(speed):g}"
 
 
-def test_a_vehicle_file_that_is_missing(circnav):
-    ran = circnav("emulate", "nowhere.toml")
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [(["nowhere.toml"], "nowhere.toml"), (["--endpoint", "ftp:here:21"], "ftp"), (["--endpoint", "BUSY"], "in use")],
+    ids=["no file", "no endpoint", "port in use"],
+)
+def test_what_cannot_be_started_is_one_line(circnav, busy_port, arguments, named):
+    ran = circnav("emulate", *(word.replace("BUSY", f"udpin:127.0.0.1:{busy_port}") for word in arguments))
     assert ran.code == 2
-    assert "nowhere.toml" in ran.line
-
-
-def test_an_endpoint_that_is_none(circnav):
-    ran = circnav("emulate", "--endpoint", "ftp:here:21")
-    assert ran.code == 2
-    assert "ftp" in ran.line
-
-
-def test_a_port_in_use(circnav, busy_port):
-    ran = circnav("emulate", "--endpoint", f"udpin:127.0.0.1:{busy_port}")
-    assert ran.code == 2
-    assert str(busy_port) in ran.line
+    assert named in ran.line
 
 
 def test_at_another_speed_it_says_how_to_be_flown(circnav, busy_port, monkeypatch):

@@ -15,11 +15,6 @@ from tests.process import PATIENCE
 ROOT = Path(__file__).parents[2]
 
 
-def test_the_help_says_where_the_page_is(circnav):
-    assert "--web" in circnav("fly", "--help").out
-    assert "127.0.0.1:PORT" in circnav("fly", "--help").out
-
-
 @pytest.mark.parametrize("port", ["eighty", "99999"])
 def test_a_port_that_is_none_is_refused_before_anything_is_written(circnav, mission, tmp_path, port):
     ran = circnav("fly", mission, f"--web={port}", "--out", tmp_path / "out")

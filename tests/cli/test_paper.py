@@ -16,12 +16,6 @@ def test_what_cannot_be_done_is_one_line(circnav, tmp_path):
     assert circnav("paper", "--starts", "1", "--out", "").line == "circnav: --out: is empty, give it a name"
 
 
-def test_a_single_start_is_enough(circnav, tmp_path):
-    ran = circnav("paper", "--out", tmp_path / "paper", "--starts", "1")
-    assert (ran.code, ran.err) == (0, "")
-    assert "1 of 1" in ran.out
-
-
 def test_a_seed_below_0_is_one_line(circnav):
     ran = circnav("paper", "--starts", "3", "--seed", "-1")
     assert (ran.code, ran.line) == (2, "circnav: --seed: must be at least 0, not -1")

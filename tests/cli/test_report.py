@@ -211,12 +211,6 @@ def cut(path, lines):
     path.write_text("\n".join(path.read_text().splitlines()[:lines]) + "\n")
 
 
-def test_a_truncated_log_is_reported_as_far_as_it_goes(circnav, flown, tmp_path):
-    folder = copy_of(flown, tmp_path / "run")
-    (folder / "flight.tlog").write_bytes((folder / "flight.tlog").read_bytes()[:5000])
-    assert circnav("report", folder).code == 0
-
-
 @pytest.mark.parametrize(
     ("maker", "lost", "left"),
     [("write_report", "report.html", "flight.png"), ("plot_flight", "flight.png", "report.html")],

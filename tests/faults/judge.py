@@ -1,7 +1,7 @@
 """Reads the setpoints that leave, from their bytes alone, and says which limit one of them breaks."""
 
 from dataclasses import dataclass
-from math import asin, atan2, isfinite
+from math import asin, atan2, hypot, isfinite
 from typing import Any
 
 from circnav_mav.pilot import PilotSettings
@@ -65,8 +65,8 @@ def _demands(message: Any, allowed: Allowed) -> dict[str, tuple[float, float]]:
             "forward": (message.vx, allowed.speed),
             "sideways": (message.vy, 0.0),
             "climb": (message.vz, allowed.climb),
-            "across": (message.afy, 1.25 * allowed.speed * allowed.yaw_rate),  # PX4 damps a fifth of it
-            "ahead": (message.afx - 2.5, 2.5),  # half of g against drag
+            # half of g against drag, and a turn of which PX4 damps a fifth
+            "fed": (hypot(message.afx, message.afy, message.afz), hypot(5.0, 1.25 * allowed.speed * allowed.yaw_rate)),
         }
     if message.get_msgId() == 82:
         w, x, y, z = message.q

@@ -52,10 +52,12 @@ class Flight:
     keep_position: bool = False
     handback: bool = False
     home_s: float = 0.0
+    home_away: float = 0.0
     # weather and what goes wrong
     wind: float = 0.0
     wind_from: float = 270.0
     turbulence: float = 0.0
+    wind_change: tuple[float, float, float] | None = None
     gps_off: float | None = None
     airspeed_off: float = 1.0
     roll_limit: float | None = None
@@ -109,9 +111,8 @@ class Flight:
 def _told(name: str, value: object) -> str:
     if value is True:
         return name
-    return (
-        f"{name} {' '.join(value) if isinstance(value, tuple) else value if isinstance(value, str) else f'{value:g}'}"
-    )
+    values = value if isinstance(value, tuple | list) else (value,)
+    return " ".join([name, *(one if isinstance(one, str) else f"{one:g}" for one in values)])
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -122,6 +123,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add("--wind", type=float, default=0.0, help="m/s")
     add("--wind-from", type=float, default=270.0, help="degrees")
     add("--turbulence", type=float, default=0.0, help="m/s, standard deviation (ArduPilot)")
+    add("--wind-change", type=float, nargs=3, metavar=("T", "SPEED", "FROM"), help="another wind from then on")
     add("--target-speed", type=float, default=0.0, help="m/s")
     add("--target-course", type=float, default=0.0, help="degrees")
     add("--target-height", type=float, default=0.0, help="m above home")
@@ -151,6 +153,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add("--keep-position", action="store_true", help="do not hide the autopilot's positions from circnav")
     add("--handback", action="store_true", help="handback.enabled, and positions shown: with --gps-off")
     add("--home-s", type=float, default=0.0, metavar="T", help="exit action rtl, and T s more on the way home")
+    add("--home-away", type=float, default=0.0, metavar="M", help="home is so far north of the take-off (ArduPilot)")
     add("--speedup", type=float, default=1.0, help="simulated over real time; only 1 gives figures that count")
     add("--circnav", default=Flight.circnav, help="the installed command [beside this Python]")
     add("--config", default=Flight.config, help="folder of its mission files [config]")

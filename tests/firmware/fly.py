@@ -23,6 +23,7 @@ from math import atan2, degrees, hypot, radians, tan
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import tomlkit
 
 from tests.firmware import px4, sitl
@@ -147,7 +148,7 @@ def write_mission(flown: Flight, path: Path, port: int, target_altitude: float) 
 
 def _loop(flown: Flight, bench: Bench, began: float) -> None:
     """Until circnav has ended, or has not in time."""
-    taken = gps_gone = False
+    taken = gps_gone = changed = False
     sticks = 0.0
     longest = flown.duration + flown.home_s + (0.0 if flown.baseline else ENGAGE_PATIENCE + LEAVE_PATIENCE)
     while bench.now - began < longest:
@@ -159,6 +160,9 @@ def _loop(flown: Flight, bench: Bench, began: float) -> None:
         if flown.gps_off is not None and not gps_gone and since > flown.gps_off:
             gps_gone = True
             bench.firmware.without_gps(bench)
+        if flown.wind_change is not None and not changed and since > flown.wind_change[0]:
+            changed = True
+            bench.firmware.wind(bench, *flown.wind_change[1:])
         if flown.baseline and time.monotonic() > sticks:
             sticks = time.monotonic() + 0.3 / max(1.0, flown.speedup)
             bench.firmware.circling(bench)
@@ -205,7 +209,8 @@ def _after_takeover(flown: Flight, bench: Bench, began: float) -> dict[str, Any]
 
 def own_position(flown: Flight, bench: Bench, began: float) -> dict[str, Any] | None:
     """The autopilot's own position against the truth from 10 s after the loss of its GPS on, m; the largest step of its
-    velocity error, m/s; and how far from home (where it was first seen) it was nearest, and is in the end."""
+    velocity error, m/s; and how far from home (where it was first seen) it was nearest, and the centre of the circle is
+    that it flies in the end."""
     if flown.gps_off is None:
         return None
     since = began + flown.gps_off + 10.0
@@ -217,7 +222,7 @@ def own_position(flown: Flight, bench: Bench, began: float) -> dict[str, Any] | 
     off = sorted(hypot(one.north - true.north, one.east - true.east) for one, true in pairs)
     wrong = [(one.v_north - true.v_north, one.v_east - true.v_east) for one, true in pairs]
     steps = [hypot(b[0] - a[0], b[1] - a[1]) for a, b in pairwise(wrong)]
-    home = [hypot(true.north, true.east) for _, true in pairs]
+    home = [hypot(true.north - flown.home_away, true.east) for _, true in pairs]
     given = Counter[str]()
     record = bench.folder / "circnav" / "handback.csv"
     if record.is_file():
@@ -229,9 +234,18 @@ def own_position(flown: Flight, bench: Bench, began: float) -> dict[str, Any] | 
         "largest": round(off[-1], 1),
         "velocity_step": round(max(steps, default=0.0), 2),
         "nearest_home": round(min(home), 1),
-        "from_home": round(home[-1], 1),
+        "circles_off_home": round(_off_home(pairs, flown.home_away), 1),
         "given": dict(given),
     }
+
+
+def _off_home(pairs: list[tuple[Any, Truth]], away: float) -> float:
+    """Distance from home, `away` north, of the circle that fits the true track of the last 40 s, m."""
+    last = np.array([(true.north, true.east) for _, true in pairs if true.time > pairs[-1][1].time - 40.0])
+    middle = last.mean(axis=0)
+    at = last - middle
+    north, east, _ = np.linalg.lstsq(np.c_[2 * at, np.ones(len(at))], (at**2).sum(axis=1), rcond=None)[0]
+    return float(hypot(middle[0] + north - away, middle[1] + east))
 
 
 def own_verdict(run: Path, window: float) -> dict[str, Any]:
@@ -312,7 +326,8 @@ def line(result: dict[str, Any]) -> str:
     if position := result.get("own_position"):
         words.append(
             f"own position off by {position['median']} / {position['p95']} / {position['largest']} m (median, 95 %, "
-            f"most), velocity step {position['velocity_step']} m/s, given {position['given'] or 'nothing'}"
+            f"most), velocity step {position['velocity_step']} m/s, given {position['given'] or 'nothing'}, in the end "
+            f"it circles {position['circles_off_home']} m off home"
         )
     if result["takeover"]:
         words.append(f"{result['takeover']['after_shown']} setpoints after the takeover was shown")

@@ -141,8 +141,12 @@ class Px4:
         if self._flight.turbulence:
             note("  SIH has no turbulence")
         if self._flight.wind:
-            bench.set_parameter("SIH_WIND_N", self._flight.wind * cos(radians(self._flight.wind_from)))
-            bench.set_parameter("SIH_WIND_E", self._flight.wind * sin(radians(self._flight.wind_from)))
+            self.wind(bench, self._flight.wind, self._flight.wind_from)
+
+    def wind(self, bench: Bench, speed: float, from_: float) -> None:
+        """In m/s, from so many degrees."""
+        bench.send_parameter("SIH_WIND_N", speed * cos(radians(from_)))
+        bench.send_parameter("SIH_WIND_E", speed * sin(radians(from_)))
 
     def without_gps(self, bench: Bench) -> None:
         """No satellite from now on. An integer travels as its bytes."""

@@ -89,6 +89,13 @@ class ArduPilot:
         north = radians((latitude - self._origin[0]) * 1e-7) * EARTH
         return north, radians((longitude - self._origin[1]) * 1e-7) * EARTH * cos(radians(self._origin[0] * 1e-7))
 
+    def _degrees_e7(self, north: float, east: float) -> tuple[int, int]:
+        """The inverse of `metres`."""
+        assert self._origin is not None
+        latitude, longitude = self._origin[0] * 1e-7, self._origin[1] * 1e-7
+        at = latitude + degrees(north / EARTH), longitude + degrees(east / (EARTH * cos(radians(latitude))))
+        return round(at[0] * 1e7), round(at[1] * 1e7)
+
     def bring_up(self, bench: Bench) -> None:
         """Into the air, holding."""
         flight = self._flight
@@ -109,9 +116,17 @@ class ArduPilot:
         elif self._kind == "plane":
             bench.until(lambda: self._height(bench) > flight.altitude - 5, 90, "it did not take off")
             bench.set_mode(self.holding)
+        if flight.home_away:
+            self._move_home(bench)
         self.weather(bench)
         bench.rest(15 if self._kind == "plane" else 5)
         bench.set_mode(self.holding)
+
+    def _move_home(self, bench: Bench) -> None:
+        x, y = self._degrees_e7(self._flight.home_away, 0.0)
+        frame, values = mavlink.MAV_FRAME_GLOBAL, (0.0, 0.0, 0.0, 0.0)
+        if bench.command_at(mavlink.MAV_CMD_DO_SET_HOME, frame, values, x, y, bench.track[0].altitude) != ACCEPTED:
+            raise NoFlightError("home was not moved")
 
     def _chosen(self) -> list[str]:
         flight, chosen = self._flight, []
@@ -156,9 +171,13 @@ class ArduPilot:
         """From now on."""
         flight = self._flight
         if flight.wind or flight.turbulence:
-            bench.set_parameter("SIM_WIND_DIR", flight.wind_from)
-            bench.set_parameter("SIM_WIND_SPD", flight.wind)
-            bench.set_parameter("SIM_WIND_TURB", flight.turbulence)
+            self.wind(bench, flight.wind, flight.wind_from)
+            bench.send_parameter("SIM_WIND_TURB", flight.turbulence)
+
+    def wind(self, bench: Bench, speed: float, from_: float) -> None:
+        """In m/s, from so many degrees."""
+        bench.send_parameter("SIM_WIND_DIR", from_)
+        bench.send_parameter("SIM_WIND_SPD", speed)
 
     def without_gps(self, bench: Bench) -> None:
         """No reception from now on."""
@@ -172,13 +191,10 @@ class ArduPilot:
         """Its own GPS circle: a plane's round that place, of others round where they stand. Returns the centre."""
         flight, sign = self._flight, 1 if self._flight.clockwise else -1
         if self._kind == "plane":
-            assert self._origin is not None
-            latitude, longitude = self._origin[0] * 1e-7, self._origin[1] * 1e-7
-            at = (latitude + degrees(north / EARTH), longitude + degrees(east / (EARTH * cos(radians(latitude)))))
+            x, y = self._degrees_e7(north, east)
             bench.set_parameter("WP_LOITER_RAD", sign * flight.radius)
             values = (-1.0, 1.0, flight.radius, 0.0 if flight.clockwise else 1.0)
             frame = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT
-            x, y = round(at[0] * 1e7), round(at[1] * 1e7)
             result = bench.command_at(mavlink.MAV_CMD_DO_REPOSITION, frame, values, x, y, flight.altitude)
             note(f"  DO_REPOSITION: result {result}")
             return north, east

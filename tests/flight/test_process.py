@@ -37,11 +37,6 @@ def test_flight_of_the_command_settles_clockwise_and_says_so(run: tuple[Path, st
     assert "rotation clockwise (as desired)" in printed
 
 
-def test_plain_output_has_a_line_every_ten_seconds_of_the_flight(run: tuple[Path, str]) -> None:
-    lines = [line for line in run[1].splitlines() if "link age" in line]
-    assert [round(float(line.split()[0])) for line in lines] == list(range(0, 80, 10))
-
-
 def test_run_folder_holds_everything(run: tuple[Path, str]) -> None:
     names = {path.name for path in run[0].iterdir()}
     assert names >= {"summary.json", "ticks.csv", "flight.tlog", "mission.toml", "flight.png"}
@@ -72,14 +67,6 @@ def test_tlog_opens_in_the_standard_reader_with_both_directions(run: tuple[Path,
     assert kinds.get("BAD_DATA", 0) == 0
 
 
-def test_every_tick_is_in_the_csv(run: tuple[Path, str]) -> None:
-    with (run[0] / "ticks.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    times = [float(row["time"]) for row in rows]
-    assert times == sorted(times)
-    assert len([row for row in rows if row["yaw_rate_sent"]]) > 1000
-
-
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_signal_leaves_a_safe_setpoint_closes_the_files_and_exits_130(number: signal.Signals, tmp_path: Path) -> None:
     folder = tmp_path / "run"
@@ -102,27 +89,3 @@ def test_signal_leaves_a_safe_setpoint_closes_the_files_and_exits_130(number: si
         setpoints.append((message.vx, message.yaw_rate))
     assert setpoints[-3:] == [(0.0, 0.0)] * 3
     assert setpoints[-4][0] == 15.0
-
-
-def test_vehicle_on_an_endpoint_is_flown_like_a_real_one(port: int, tmp_path: Path) -> None:
-    """The emulator as a separate program on its own port, found by --endpoint udpout."""
-    vehicle = circnav("emulate", QUICKSTART, "--endpoint", f"udpin:127.0.0.1:{port}")
-    try:
-        assert vehicle.stdout is not None
-        assert "udpin" in vehicle.stdout.readline()
-        flight = circnav(
-            "fly",
-            QUICKSTART,
-            "--endpoint",
-            f"udpout:127.0.0.1:{port}",
-            "--duration",
-            "4",
-            "--out",
-            str(tmp_path / "run"),
-        )
-        flight.communicate(timeout=PATIENCE)
-        assert flight.returncode == 0
-    finally:
-        vehicle.terminate()
-        vehicle.communicate(timeout=PATIENCE)
-    assert vehicle.returncode == 0

@@ -51,11 +51,6 @@ def test_law_1_is_the_equation_of_the_paper(outside, r_dot, k):
     assert float(smooth(r, r_dot, **EXAMPLE, k=k)) == pytest.approx(by_hand, rel=1e-12, abs=1e-12)
 
 
-def test_law_1_on_the_circle_turns_against_the_range_rate_alone():
-    """At r = r_d the cosine is that of pi/2: omega = -2 k r r'."""
-    assert float(smooth(10.0, 0.25, **EXAMPLE, k=0.01)) == pytest.approx(-2 * 0.01 * 10 * 0.25, abs=1e-12)
-
-
 def test_law_1_settles_where_its_turn_rate_is_that_of_the_circle():
     """At r_a = 10.98684113 (the paper's example 1) with r' = 0: |omega| = V/r_a, and clockwise, for k > 0."""
     assert float(smooth(10.98684113, 0.0, **EXAMPLE, k=0.01)) == pytest.approx(-1 / 10.98684113, rel=1e-8)

@@ -51,12 +51,6 @@ def swept(tracks):
     return angle[-1] - angle[0]
 
 
-def settling(tracks, goal, step=0.01):
-    """Seconds to the last entry into the band of 5 % of r_d."""
-    outside = np.abs(radius(tracks) - goal) > 0.05 * R_D
-    return (outside.shape[0] - np.argmax(outside[::-1], axis=0)) * step * outside.any(axis=0)
-
-
 def exact_polar(r, theta, *, k, r_d, seconds=300.0, step=0.05):
     """Law 1 in (r, theta_b) by fourth-order Runge-Kutta; the last r."""
 
@@ -111,33 +105,10 @@ def test_example_3_settles_on_the_radius_asked_for(example_3):
     assert np.abs(radius(example_3)[-2000:] - 10.0).max() < 1e-3
 
 
-@pytest.mark.parametrize(
-    ("flight", "goal", "median", "late"),
-    [("example_1", 10.98684113, 28, None), ("example_2", 10.0, 30, 42), ("example_3", 10.0, 42, 65)],
-)
-def test_each_example_settles_about_when_the_reference_did(flight, goal, median, late, request):
-    """Medians of 2000 starts: 28, 30, 42 s; 95th percentiles of examples 2 and 3: 42, 65 s. 120 starts of our own
-    scatter some seconds round them."""
-    seconds = settling(request.getfixturevalue(flight), goal)
-    assert np.median(seconds) == pytest.approx(median, abs=5)
-    if late is not None:
-        assert np.percentile(seconds, 95) == pytest.approx(late, abs=3)
-
-
 @pytest.mark.parametrize("flight", ["example_1", "example_2", "example_3"])
 def test_each_example_circles_clockwise_by_its_track(flight, request):
     tracks = request.getfixturevalue(flight)
     assert swept(tracks[:, tracks.shape[1] // 2 :]).max() < -np.pi
-
-
-@pytest.mark.parametrize(("law", "k"), [(smooth, LAW_1), (switching, LAW_2)])
-def test_a_negative_gain_flies_the_mirror_image(law, k):
-    """Reflection at the y axis, on which the target lies: x -> -x, psi -> pi - psi."""
-    x, y, psi = starts(5, 8)
-    right = fly(law, x, y, psi, k=k, seconds=40)
-    left = fly(law, -x, y, np.pi - psi, k=-k, seconds=40)
-    np.testing.assert_allclose(radius(left), radius(right), atol=1e-6)
-    np.testing.assert_allclose(swept(left), -swept(right), atol=1e-6)
 
 
 @pytest.mark.parametrize(("law", "k"), [(smooth, LAW_1), (switching, LAW_2)])

@@ -93,18 +93,6 @@ def test_late_and_repeated_samples_are_refused():
     assert np.array_equal(before, estimator.bank.mean)
 
 
-def test_late_and_repeated_own_motion_changes_nothing():
-    world, estimator, other = Circling(), DriftEstimator(SETTINGS), DriftEstimator(SETTINGS)
-    listen(estimator, world, 0.0, 10.0)
-    other_world = Circling()
-    for t in np.arange(0, 10.0, 0.05):
-        other.move(other_world.motion(t))
-        other.move(other_world.motion(t))
-        other.move(other_world.motion(t - 0.2))
-        other.observe(other_world.range(t))
-    assert np.array_equal(estimator.bank.mean, other.bank.mean)
-
-
 def test_an_outage_is_flown_on_dead_reckoning_and_trust_fades():
     world, estimator = Circling(), DriftEstimator(SETTINGS)
     listen(estimator, world, 0.0, 30.0)
@@ -288,19 +276,6 @@ def test_unicycle_lives_on_a_slow_radio_while_the_vehicle_turns_slowly():
     assert estimator.ready
 
 
-def test_doppler_sharpens_the_unicycles_range_rate():
-    def sigma(with_doppler):
-        world, estimator = Circling(wind=(0.0, 0.0)), UnicycleEstimator(SETTINGS)
-        for t in np.arange(0, 3, 0.05):
-            estimator.move(world.motion(t))
-            s, (x, y) = world.range(t), world.offset(t)
-            rate = V * (x * cos(OMEGA * t) + y * sin(OMEGA * t)) / hypot(x, y)
-            estimator.observe(RangeSample(t, t, s.r, s.sigma, r_dot=rate if with_doppler else None, r_dot_sigma=0.1))
-        return estimator.at(2.95).r_dot_sigma
-
-    assert sigma(True) < 0.7 * sigma(False)
-
-
 def test_a_bank_in_the_mirror_believes_the_mirror_image():
     rng = np.random.default_rng(5)
     banks = DriftBank(BankSettings(V)), DriftBank(BankSettings(V))
@@ -352,17 +327,6 @@ def test_a_reset_forgets_that_the_bank_was_trusted():
     assert estimator.drift.ready
     estimator.reset()
     assert (estimator.ready, estimator.at(60.0), estimator.nis) == (False, None, None)
-
-
-def test_a_trusted_bank_answers_though_the_range_filter_has_just_started_anew():
-    """After a jump of the sensor's clock: `kalman` goes by it, the bank does not."""
-    estimator, world = AutoEstimator(SETTINGS), Circling()
-    listen(estimator, world, 0.0, 60.0)
-    estimator.restamp()
-    assert estimator.kalman.at(60.0) is None
-    assert estimator.ready
-    assert estimator.at(60.0).relative.trusted
-    assert error(estimator, world, 60.0) < 2.0
 
 
 def test_the_spread_is_that_of_the_place_over_the_range_from_the_first_step_of_a_track_on():

@@ -70,22 +70,6 @@ def test_far_inside_the_course_leads_out_no_steeper_than_the_tightest_turn_can_f
     assert inward_angle(r, r_d=R_D, k=1e4, sharpest=sharpest) == pytest.approx(-outward, rel=1e-4)
 
 
-@pytest.mark.parametrize(
-    ("delay", "settles", "share", "crossover"),
-    [
-        (1.7, 9.0, 1.0, 0.5),  # .85/delay
-        (0.1, 9.0, 1.0, 1.8),  # a quick vehicle: the ranges are the limit
-        (0.1, 0.9, 1.0, 0.855),  # .95 of how fast a ringing inner loop settles
-        (1.7, 9.0, 0.7, 0.35),
-    ],
-)
-def test_gains_by_their_rule(delay, settles, share, crossover):
-    """By hand: crossover/(1 + 1.5 .4), and two fifths of that for the radius."""
-    gains = drift_gains(V, delay, settles, share)
-    assert gains.heading == pytest.approx(crossover / 1.6)
-    assert gains.radial == pytest.approx(0.4 * crossover / 1.6 / V)
-
-
 def test_far_outside_the_course_touches_the_circle():
     assert inward_angle(400.0, r_d=R_D, k=1.0, sharpest=0.02) == pytest.approx(np.arccos(0.25), abs=1e-3)
 
@@ -125,33 +109,6 @@ def step(before, trusted=False, favourite=-1, by_range=0.1, by_bank=-0.3, dt=0.0
         before, dt, trusted=np.array([trusted]), favourite=np.array([favourite]), by_range=np.array([by_range]),
         by_bank=np.array([by_bank]), limit=LIMIT, r=np.array([r]), r_d=R_D,
     )  # fmt: skip
-
-
-def test_feedforward_flies_at_once_and_drift_takes_over_without_a_jump():
-    state = step(at_start())
-    assert state.flies[0] == Flies.FEEDFORWARD and state.command[0] == pytest.approx(0.1)
-    first = step(state, trusted=True)
-    assert first.flies[0] == Flies.DRIFT and first.command[0] == pytest.approx(0.1)
-    for _ in range(60):
-        first = step(first, trusted=True)
-    assert first.command[0] == pytest.approx(-0.3, abs=1e-3)
-
-
-def test_control_goes_back_without_a_jump_when_trust_is_lost():
-    state = step(at_start(), trusted=True)
-    after = step(state)
-    assert after.flies[0] == Flies.FEEDFORWARD and after.command[0] == pytest.approx(state.command[0])
-
-
-def test_a_guess_is_tried_after_a_while_and_a_new_one_without_a_jump():
-    state = step(at_start(), favourite=3)
-    while state.flies[0] != Flies.TRIAL:
-        state = step(state, favourite=3)
-    assert state.untrusted[0] == pytest.approx(1.0, abs=0.06)
-    for _ in range(40):
-        state = step(state, favourite=3)
-    other = step(state, favourite=7, by_bank=0.3)
-    assert other.command[0] == pytest.approx(state.command[0])
 
 
 def test_a_trial_that_leads_away_ends_and_the_next_one_waits_until_the_way_is_made_good():

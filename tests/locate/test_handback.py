@@ -45,6 +45,8 @@ def test_an_autopilot_without_gps_is_kept_where_it_is_also_after_guidance_has_en
     assert late[len(late) // 2] < 10.0 and late[-1] < 25.0
     (_, first), back = given[0], flown.locator.handback  # type: ignore[union-attr]
     assert first.frame == mavlink.MAV_FRAME_GLOBAL and first.z != first.z and first.param3 >= 1.0
+    assert all(0 <= one.param2 < 0.15 for _, one in given), "the estimate is not as old as it is told"
+    assert flown.locator.job(END + 100.0) is None, "the place is estimated again without a new position"
     assert back is not None and back.plain() == {"sent": len(given), "accepted": len(given), "ended": "going on"}
     assert given[-1][0] > flown.sent[-1][0] + 5.0, "it ended with guidance"
 

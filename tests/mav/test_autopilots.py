@@ -5,6 +5,7 @@ import struct
 from dataclasses import replace
 from math import atan, cos, nan, sin
 
+import numpy as np
 import pytest
 
 from circnav_mav.guidance.types import Direction, TurnRate
@@ -105,9 +106,19 @@ def test_px4_copter_is_commanded_speed_yaw_rate_their_acceleration_and_the_climb
     """1 m too high: down at 0.5 /s times 1 m. 1.2 V w = 2.4 m/s^2 to the right; 0.3/s of drag at 10 m/s: 3 m/s^2
     ahead."""
     turn_rate, sense = SIDES[side]
-    rate, right = (0.2 * sense, 1.2 * 10.0 * 0.2 * sense) if sense else (-0.0, -0.0)
+    rate, right = (0.2 * sense, 1.2 * 10.0 * 0.2 * sense) if sense else (-0.0, 0.0)
     expected = velocity_frame(0x407, forward=10.0, down=0.5, yaw_rate=rate, ahead=3.0, right=right)
     assert sent(("px4", "copter"), turn_rate, replace(STATE, drag=0.3)) == expected
+
+
+def test_a_leaning_px4_copter_is_fed_an_acceleration_that_is_level_when_its_attitude_has_turned_it() -> None:
+    """PX4 multiplies it by the rotation matrix of roll and pitch, and then of the yaw."""
+    roll, pitch = 0.2, -0.45
+    leaning = replace(STATE, drag=0.3, motion=replace(STATE.motion, roll=roll, pitch=pitch))
+    fed = struct.unpack_from("<3f", sent(("px4", "copter"), -0.2, leaning), 10 + 4 + 6 * 4)
+    by_roll = np.array([[1, 0, 0], [0, cos(roll), -sin(roll)], [0, sin(roll), cos(roll)]])
+    by_pitch = np.array([[cos(pitch), 0, sin(pitch)], [0, 1, 0], [-sin(pitch), 0, cos(pitch)]])
+    assert by_pitch @ by_roll @ fed == pytest.approx([3.0, 2.4, 0.0], abs=1e-6)
 
 
 @pytest.mark.parametrize("side", SIDES)

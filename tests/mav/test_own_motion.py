@@ -43,16 +43,6 @@ def test_an_attitude_counts_from_when_it_was_measured_not_from_when_it_came(boot
     assert max(late) < 0.03 and min(late) > -1e-6
 
 
-def test_a_vehicles_clock_that_stood_still_is_followed_within_a_second():
-    """A simulator's, for 0.3 s: its headings count from when they were measured again."""
-    sensor = OwnMotionSensor()
-    for i in range(200):
-        now = i / 20 + (0.3 if i >= 100 else 0.0)
-        sensor.receive(attitude(50 * i), now)
-        if i >= 112:
-            assert sensor.own(now, 15.0).time == pytest.approx(now, abs=0.001)
-
-
 def test_motion_never_goes_back_in_time():
     chance = random.Random(2)
     times = [own.time for own, _ in heard(lambda: chance.uniform(0.0, 0.5))]

@@ -139,12 +139,6 @@ def test_a_flood_of_misfits_is_remembered_in_part(line, voice):
     assert len(here.session.misfits) == 16
 
 
-def test_our_own_ids_from_outside_are_a_twin_and_counted(here, voice):
-    here.hear(mavlink.MAVLink_heartbeat_message(COMPANION, INVALID, 0, 0, 4, 3), voice=voice(1, 191))
-    assert here.session.ignored["twin"] == 1
-    assert here.session.peer.ids == (1, 1)
-
-
 def test_messages_of_strangers_move_nothing(here, voice):
     stranger = voice(1, 154)
     here.hear(mavlink.MAVLink_statustext_message(6, b"not the autopilot"), voice=stranger)
@@ -309,10 +303,3 @@ def test_answers_to_the_sessions_own_commands_are_not_the_pilots_business(here):
     answer_all(here, 0.0)
     here.poll(0.1)
     assert here.session.take_mode_results() == []
-
-
-def test_a_refused_stream_is_not_asked_for_again(here):
-    while commands := here.poll(0.0, "COMMAND_LONG"):
-        for command in commands:
-            here.hear(mavlink.MAVLink_command_ack_message(command.command, 2))  # MAV_RESULT_DENIED
-    assert here.poll(3.1, "COMMAND_LONG") == []

@@ -137,11 +137,11 @@ def test_the_messages_of_every_vehicle_are_judged_here():
 BOUNDS = (
     (VELOCITY, "vx", [15.0, -15.0, 0.0], [15.001, -15.001]),
     (VELOCITY, "vy", [0.0, -0.0], [0.001, -0.001]),
-    (VELOCITY, "afx", [0.0, 5.0], [5.001, -0.001]),
+    (VELOCITY, "afx", [0.0, 5.0], [8.26, -0.001]),  # half of g, and 1.25 V w across: together 8.25
     (VELOCITY, "vz", [1.0, -1.0, 0.0], [1.001, -1.001]),
     (VELOCITY, "yaw_rate", [0.35, -0.35, 0.0], [0.3501, -0.3501]),
-    (VELOCITY, "afy", [6.56, -6.56, 0.0], [6.57, -6.57]),  # 1.25 V w
-    (VELOCITY, "afz", [0.0, -0.0], [0.001, -0.001]),
+    (VELOCITY, "afy", [6.0, -6.0, 0.0], [8.26, -8.26]),
+    (VELOCITY, "afz", [6.0, -6.0, 0.0], [8.26, -8.26]),
     (VELOCITY, "coordinate_frame", [8], [1, 7, 9, 12]),  # in LOCAL_NED the same numbers fly straight on
     (VELOCITY + ATTITUDE, "target_system", [1], [0]),  # 0 is every vehicle behind the endpoint
     (ATTITUDE, "thrust", [0.0, 1.0], [-0.001, 1.001]),

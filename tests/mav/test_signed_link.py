@@ -1,15 +1,13 @@
 """Signed frames through the decoder and the pilot: what is believed, counted, logged and told."""
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.mav.codec import Decoder
 from circnav_mav.mav.framing import split_frames
 from circnav_mav.mav.signing import MINUTE, Signing, is_signed, without_signature
 from circnav_mav.pilot import RANGING, Pilot
-from tests.mav.test_codec import cut, decoded
+from tests.mav.test_codec import decoded
 from tests.mav.test_signing import KEY, NOW, OTHER, peer, said
 from tests.rig import MISSION, heartbeat
 
@@ -69,13 +67,6 @@ def test_somebodys_key_does_not_get_into_a_log():
     for decoder, frame in ((Decoder(), setup.pack(peer(None))), (believing(), setup.pack(peer()))):
         decoder.decode(bytes(frame))
         assert (decoder.counts.frames, decoder.frames) == (1, [])
-
-
-@given(places=st.lists(st.integers(0, 10_000), max_size=40))
-def test_any_chunking_of_a_signed_stream_gives_the_same_messages(places):
-    theirs = peer()
-    good = [said(theirs, number) for number in range(8)]
-    assert decoded(believing(stream=True), cut(b"".join(good), places)) == good
 
 
 def test_all_that_a_pilot_says_is_signed_with_one_running_timestamp():

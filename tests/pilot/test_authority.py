@@ -8,8 +8,7 @@ from pymavlink.dialects.v20 import all as mavlink
 from circnav_mav.guidance.bounds import Bounds
 from circnav_mav.pilot import Ending, OutputMode, Phase
 
-GUIDED, LOITER, LAND, RTL = 4, 5, 9, 6
-ON_GROUND, IN_AIR = 1, 2
+GUIDED, LOITER = 4, 5
 SET_MODE, SET_INTERVAL = 176, 511
 
 
@@ -38,9 +37,11 @@ def test_a_vehicle_that_does_not_fly_yet_is_neither_steered_nor_asked(make_rig, 
     assert rig.commands(SET_MODE) if request_mode else rig.setpoints()
 
 
-def test_a_vehicle_that_never_tells_whether_it_flies_is_given_a_moment_and_then_believed(make_rig):
+@pytest.mark.parametrize("landed_state", [None, 0], ids=["never tells", "does not know yet"])
+def test_a_vehicle_that_does_not_tell_whether_it_flies_is_given_a_moment_and_then_believed(make_rig, landed_state):
+    """MAV_LANDED_STATE_UNDEFINED, which PX4 says until its land detector runs, is as good as nothing."""
     rig = make_rig()
-    rig.landed_state = None
+    rig.landed_state = landed_state
     rig.run(1.5)
     assert rig.setpoints() == []
     rig.run(0.5)

@@ -7,9 +7,16 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.pilot import Ending, Phase
 
-GUIDED, LOITER, LAND, RTL = 4, 5, 9, 6
-ON_GROUND, IN_AIR = 1, 2
-SET_MODE, SET_INTERVAL = 176, 511
+GUIDED, LOITER, RTL = 4, 5, 6
+SET_MODE = 176
+
+
+def ask(rig):
+    """Up to the first request."""
+    rig.mode = LOITER
+    while not rig.commands(SET_MODE):
+        rig.run(0.05)
+    return rig
 
 
 # --- the guided mode ---
@@ -60,27 +67,9 @@ def test_a_mode_request_that_nobody_answers_ends_the_mission(make_rig):
     assert [message.confirmation for message in rig.commands(SET_MODE)] == [0, 1, 2, 3]
 
 
-def test_a_request_still_under_way_is_not_repeated_after_a_stall_before_a_heartbeat_tells_the_mode(make_rig):
-    """The operator may have chosen another meanwhile."""
-    rig = make_rig(request_mode=True)
-    rig.mode = LOITER
-    while not rig.commands(SET_MODE):
-        rig.run(0.05)
-    rig.speaks, since = False, rig.now
-    rig.pass_time(1.0)
-    rig.run(2.0)
-    assert rig.commands(SET_MODE, since) == []
-    rig.speaks = True
-    rig.run(1.0)
-    assert rig.commands(SET_MODE, since) != []
-
-
 def test_a_mode_that_was_reached_and_left_before_the_engagement_is_not_asked_for_again(make_rig):
     """The ranges had gone when it was reached."""
-    rig = make_rig(request_mode=True)
-    rig.mode = LOITER
-    while not rig.commands(SET_MODE):
-        rig.run(0.05)
+    rig = ask(make_rig(request_mode=True))
     rig.ranges = False
     rig.run(1.0)
     assert rig.pilot.phase is Phase.WAIT_RANGING
@@ -283,3 +272,65 @@ def test_the_last_words_are_said_also_where_the_mission_waits_to_go_on(make_rig,
     rig.run(1.0)
     assert rig.pilot.phase is Phase.WAIT_RANGING
     assert [message.get_type() for message in say.decode(rig.pilot.last_words(rig.now))][1:] == ["COMMAND_LONG"]
+
+
+# --- after a stall, and on the ground ---
+
+
+def test_a_request_that_nobody_has_answered_is_not_repeated_when_what_it_needs_is_gone(make_rig):
+    rig = ask(make_rig(request_mode=True))
+    rig.ranges = False
+    rig.run(0.6)
+    since = rig.now
+    rig.run(5.0)
+    assert rig.commands(SET_MODE, since) == []
+
+
+def test_after_a_stall_no_mode_is_asked_for_until_a_heartbeat_shows_the_present_one(make_rig):
+    rig = ask(make_rig(request_mode=True))
+    rig.pass_time(0.7)
+    since = rig.now - 1e-9
+    rig.speaks = False  # the heartbeats of PX4 are a second apart
+    rig.heartbeat()
+    rig.range()
+    rig.step()
+    rig.run(0.95)
+    assert rig.commands(SET_MODE, since) == []
+
+
+def test_after_a_stall_the_exit_action_is_not_repeated_until_a_heartbeat_shows_the_mode(make_rig):
+    rig = make_rig(exit="rtl").engage()
+    rig.pilot.interrupt(rig.now, "SIGTERM")
+    rig.run(0.2)
+    assert rig.commands(SET_MODE)
+    rig.pass_time(0.7)
+    since = rig.now - 1e-9
+    rig.speaks = False
+    rig.heartbeat()
+    rig.step()
+    rig.run(0.95)
+    assert rig.commands(SET_MODE, since) == []
+    rig.speaks = True
+    rig.run(4.0)
+    assert rig.commands(SET_MODE, since), "but then it is"
+
+
+@pytest.mark.parametrize("landed_state", [None, 0])
+def test_a_disarmed_aircraft_is_on_the_ground_whatever_it_does_not_say(make_rig, landed_state):
+    rig = make_rig(request_mode=True)
+    rig.mode, rig.armed, rig.landed_state = LOITER, False, landed_state
+    rig.run(6.0)
+    assert rig.commands(SET_MODE) == []
+    assert rig.pilot.waits_for(rig.now) == "the vehicle is not armed"
+
+
+def test_an_exit_action_that_a_stall_cut_off_is_asked_for_again_as_soon_as_the_mode_is_known(make_rig):
+    """What was dropped before its answer was no try."""
+    rig = make_rig(exit="brake").engage()
+    rig.pilot.interrupt(rig.now, "SIGTERM")
+    rig.run(0.1)
+    first = rig.now
+    assert rig.commands(SET_MODE)
+    rig.pass_time(0.6)
+    rig.run(1.0)
+    assert rig.commands(SET_MODE, first)

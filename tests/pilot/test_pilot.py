@@ -1,6 +1,5 @@
 """When a pilot steers and what it sends: fresh ranges, holding, outages, the end. No I/O, no clock."""
 
-import random
 from dataclasses import replace
 from itertools import pairwise
 from math import nan
@@ -11,9 +10,6 @@ from pymavlink.dialects.v20 import all as mavlink
 from circnav_mav.guidance.types import Direction, TurnCommand, TurnRate
 from circnav_mav.pilot import Ending, Phase
 
-GUIDED, LOITER, LAND, RTL = 4, 5, 9, 6
-ON_GROUND, IN_AIR = 1, 2
-SET_MODE, SET_INTERVAL = 176, 511
 STEADY = 15.0 / 100.0
 """V/r_d of the bench's mission, rad/s."""
 
@@ -62,27 +58,6 @@ def test_every_step_that_acted_leaves_one_record(rig):
     assert records[-1].measured == 150.0
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_whatever_arrives_nothing_raises_and_every_setpoint_is_within_limits(make_rig, voice, seed):
-    """Random bytes, flipped bits, random fields of every message that we read, random sources, while flying."""
-    draw = random.Random(seed)
-    rig = make_rig(end_on_takeover=False).engage()
-    read = [mavlink.mavlink_map[ident] for ident in (0, 2, 22, 30, 74, 77, 111, 132, 148, 251, 253, 513)]
-    for _ in range(600):
-        rig.run(0.05)
-        kind = draw.choice(read)
-        payload = draw.randbytes(kind.unpacker.size)
-        source = draw.choice([(1, 1), (1, 190), (255, 190), (draw.randrange(256), draw.randrange(256))])
-        body = bytes((len(payload), 0, 0, draw.randrange(256), *source)) + kind.id.to_bytes(3, "little") + payload
-        frame = bytearray(b"\xfd" + body + mavlink.x25crc(body + bytes((kind.crc_extra,))).crc.to_bytes(2, "little"))
-        if draw.random() < 0.3:
-            frame[draw.randrange(len(frame))] ^= 1 << draw.randrange(8)
-        rig.pilot.receive(bytes(frame), rig.now, draw.choice([rig.source, "elsewhere"]))
-        rig.pilot.receive(draw.randbytes(draw.randrange(60)), rig.now, rig.source)
-    assert all(abs(m.yaw_rate) <= 0.35 * (1 + 1e-6) and 0 <= m.vx <= 15 for m in rig.setpoints())
-    assert all(m.type_mask == 0x407 and m.coordinate_frame == 8 for m in rig.setpoints())
-
-
 def test_a_vehicle_that_does_not_turn_as_told_teaches_the_estimator_no_motion(make_rig):
     """A copter that no longer hears us stands still: at the speed it was told, it would be somewhere else."""
     rig = make_rig().engage()
@@ -111,13 +86,6 @@ def test_a_mission_waits_for_link_ranging_and_mode_in_this_order(rig):
     rig.mode = 4
     assert rig.run(1.0).pilot.phase is Phase.ENGAGED
     assert rig.setpoints()
-
-
-def test_ranging_alone_never_starts_a_flight(rig):
-    rig.speaks = False
-    rig.run(5.0)
-    assert rig.pilot.phase is Phase.WAIT_LINK
-    assert rig.setpoints() == []
 
 
 def test_the_first_setpoint_waits_for_five_ranges(rig):
@@ -237,17 +205,6 @@ def test_holding_is_given_up_with_the_safe_setpoint_three_times_and_then_silence
     assert len(rig.sent) == quiet
 
 
-def test_a_range_that_comes_back_is_flown_again_and_told(rig):
-    rig.engage()
-    rig.ranges = False
-    rig.run(3.0)
-    rig.ranges = True
-    before = rig.now
-    rig.run(3.0)
-    assert rig.pilot.phase is Phase.ENGAGED
-    assert "circnav: range regained" in rig.texts(before)
-
-
 def test_a_lost_link_is_silence_and_a_found_one_resumes(rig):
     """Three seconds without a heartbeat; the ranges go on."""
     rig.engage()
@@ -348,7 +305,7 @@ def test_at_the_end_the_vehicle_gets_its_stream_rates_back(rig):
 def test_a_law_that_fails_is_held_back_and_ends_the_flight_safely(rig, monkeypatch):
     rig.engage()
     nonsense = TurnCommand(TurnRate(nan), TurnRate(nan), saturated=False)
-    monkeypatch.setattr(rig.pilot.controller, "_steer", lambda *arguments: nonsense)
+    monkeypatch.setattr(rig.pilot.controller._circles, "steer", lambda *arguments: nonsense)
     since = rig.now
     rig.run(1.0)
     assert rig.pilot.outcome.ending is Ending.ABORTED
@@ -384,11 +341,3 @@ def test_a_vehicle_that_does_not_fit_is_the_reason_given(make_rig, say):
     rig.hear(say.heartbeat(autopilot=12))
     rig.run(3.0)
     assert rig.pilot.outcome.reason == ("no vehicle: system 1 is px4 quadrotor, the mission is for ardupilot copter")
-
-
-@pytest.mark.parametrize(("direction", "sign"), [(Direction.CLOCKWISE, 1), (Direction.COUNTERCLOCKWISE, -1)])
-def test_holding_turns_in_the_missions_sense(make_rig, say, direction, sign):
-    rig = make_rig(orbit=replace(say.orbit, direction=direction)).engage()
-    rig.ranges = False
-    rig.run(1.0)
-    assert rig.setpoints()[-1].yaw_rate == pytest.approx(sign * STEADY)

@@ -131,7 +131,7 @@ def test_text_is_escaped():
 
 def track(east, north, **options):
     way = {"name": "true", "colour": "true", "times": list(range(len(east))), "east": east, "north": north}
-    return script("Charts.track([way], 100, 520, options)", way=way, options=options)
+    return script("Charts.track([way], [100], 520, options)", way=way, options=options)
 
 
 def test_north_is_up_and_east_is_right_and_arrows_point_ahead():

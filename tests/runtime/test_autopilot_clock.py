@@ -131,14 +131,6 @@ def test_a_reboot_before_the_speed_is_known_moves_nothing_either(bench: Bench) -
     assert bench.run(1.0) == pytest.approx(1.0, rel=0.02)
 
 
-def test_a_reboot_after_which_it_is_slower_is_followed(bench: Bench) -> None:
-    bench.speed = 5.0
-    bench.run(5.0)
-    bench.boot, bench.speed = 0.0, 1.0
-    bench.run(3.0)
-    assert bench.run(5.0) == pytest.approx(5.0, rel=0.02)
-
-
 def test_the_wrap_of_32_bits_of_milliseconds_is_no_jump(bench: Bench) -> None:
     bench.boot, bench.speed = WRAP - 20.0, 5.0
     bench.run(3.0)

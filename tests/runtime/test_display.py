@@ -217,7 +217,7 @@ def test_a_status_that_comes_late_does_not_delay_the_next_drawing():
 
 def test_plain_output_tells_each_new_alarm_once(statuses):
     console = Console(width=80, file=io.StringIO(), color_system=None)
-    screen = PlainScreen(console, 100.0)
+    screen = PlainScreen(console)
     for status in statuses(9.0, events=[{"at_s": 6.0, "action": "mute_ranging"}]):
         screen.draw(status)
     assert console.file.getvalue().count("  ALARM    RANGE STALE ") == 1
@@ -225,7 +225,7 @@ def test_plain_output_tells_each_new_alarm_once(statuses):
 
 def test_plain_output_tells_once_what_is_waited_for(statuses):
     console = Console(width=80, file=io.StringIO(), color_system=None)
-    screen = PlainScreen(console, 100.0)
+    screen = PlainScreen(console)
     for status in statuses(4.0, "engage.request_mode=false"):
         screen.draw(status)
     waiting = [line for line in console.file.getvalue().splitlines() if line.startswith("  WAITING")]

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from circnav_mav.mav.signing import EPOCH, MINUTE, SECOND, Signing
-from circnav_mav.runtime.keys import RESERVE, KeyFileError, SigningTime, read_key, timestamp_path
+from circnav_mav.runtime.keys import RESERVE, KeyFileError, SigningTime, read_key
 
 KEY = bytes(range(200, 232))
 UNIX = EPOCH + 370_000_000.0
@@ -168,10 +168,6 @@ def test_a_disk_that_fails_in_flight_is_noted_and_stops_nothing(path: Path) -> N
     assert kept.problem is not None
     assert "cannot be written" in kept.problem
     assert signing.timestamp == 370_000_060 * SECOND
-
-
-def test_the_timestamp_lies_beside_the_key(path: Path) -> None:
-    assert timestamp_path(path).name == "drone.key.timestamp"
 
 
 def wait_for_the_writer(kept: SigningTime, path: Path) -> None:

@@ -59,15 +59,6 @@ def test_slow_setpoints_slip_more_because_they_are_rotated_once() -> None:
     assert slips[1] - slips[0] == pytest.approx(4.5, abs=2.0)  # flown: 10 and 16 deg
 
 
-def test_it_brakes_within_two_and_a_half_seconds_of_the_timeout() -> None:
-    companion = flying(5.0)
-    companion.fly(5.0, 5.0, 0.0)
-    companion.wait(2.9)
-    assert companion.vehicle.truth.ground_speed > 4.8
-    companion.wait(3.0)
-    assert companion.vehicle.truth.ground_speed < 0.05 and companion.vehicle.truth.mode == 4
-
-
 def test_attitude_setpoints_turn_the_course_only_if_the_yaw_is_led_round() -> None:
     for leads, course_turns in ((True, True), (False, False)):
         companion = flying(5.0)

@@ -97,15 +97,6 @@ def test_a_reboot_is_silence_then_a_clock_at_zero_and_nobody_remembered() -> Non
     assert companion.listen("SYSTEM_TIME")[-1].time_boot_ms == 2100
 
 
-def test_a_muted_radio_is_silent_and_comes_back() -> None:
-    events = [{"at_s": 1.0, "action": "mute_ranging"}, {"at_s": 2.0, "action": "unmute_ranging"}]
-    companion = Station(build(events=events))
-    companion.heartbeat()
-    companion.wait(3.0)
-    stamps = [m.time_boot_ms for m in companion.listen("DISTANCE_SENSOR")]
-    assert not [s for s in stamps if 1000 <= s < 2000] and [s for s in stamps if s >= 2000]
-
-
 def test_a_muted_autopilot_says_nothing_but_flies_on() -> None:
     events = [{"at_s": 1.0, "action": "mute_autopilot"}, {"at_s": 3.0, "action": "unmute_autopilot"}]
     companion = Station(build(start={"mode": "GUIDED"}, events=events))
@@ -129,13 +120,6 @@ def test_the_battery_drains_and_can_be_set() -> None:
     assert companion.listen("BATTERY_STATUS")[-1].battery_remaining == 74
     companion.wait(45.0)
     assert companion.listen("BATTERY_STATUS")[-1].battery_remaining in (14, 15)
-
-
-def test_the_wind_can_change_in_flight() -> None:
-    vehicle = build(wind={"speed_mps": 2.0, "from_deg": 0.0}, events=[{"at_s": 1.0, "action": "wind", "value": 7.0}])
-    assert vehicle.truth.wind_north == pytest.approx(-2.0)
-    vehicle.advance(1.5)
-    assert vehicle.truth.wind_north == pytest.approx(-7.0)
 
 
 def test_gusts_have_their_strength_and_memory() -> None:

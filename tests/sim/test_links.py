@@ -157,17 +157,6 @@ def test_directed_messages_go_to_whom_they_are_directed() -> None:
         assert bool(companion.listen("TUNNEL")) == arrives, target
 
 
-def test_an_operator_on_another_link_takes_the_mode_away() -> None:
-    vehicle = build(**QUIET, start={"mode": "GUIDED"})
-    companion, operator = Station(vehicle), Station(vehicle, 255, 190, link="gcs")
-    companion.heartbeat()
-    assert operator.command(176, 1, 5) == [0]
-    companion.velocity(5.0, 0.1)
-    vehicle.advance(2.1)
-    assert companion.listen("HEARTBEAT", source=(1, 1))[-1].custom_mode == 5
-    assert vehicle.setpoint_log == [] and companion.listen("COMMAND_ACK") == []
-
-
 def test_a_mavlink_1_autopilot_neither_hears_nor_speaks_mavlink_2() -> None:
     vehicle = build(vehicle={"mavlink_version": 1}, ranging={"rate_hz": 0.0})
     companion = Station(vehicle)

@@ -86,13 +86,6 @@ def test_px4_is_seen_flown_in_offboard_and_taken_away(connect: Callable[[str], A
     until(lambda: telemetry.flight_mode() == FlightMode.HOLD)
 
 
-def test_offboard_without_a_setpoint_is_refused(connect: Callable[[str], Any]) -> None:
-    from mavsdk.plugins.offboard import OffboardError
-
-    with pytest.raises(OffboardError):
-        Offboard(connect("px4_plane")).start()
-
-
 def test_ardupilot_is_seen_and_its_streams_come_when_asked(connect: Callable[[str], Any]) -> None:
     system = connect("arducopter")
     assert int(system.autopilot_type()) == ARDUPILOT

@@ -182,24 +182,6 @@ def test_no_throttle_is_no_thrust() -> None:
     assert path == pytest.approx(27.0, abs=3.0)  # flown: -27 deg
 
 
-def test_a_loss_of_setpoints_returns_and_resumes() -> None:
-    companion = plane()
-    companion.attitude(7, thrust=0.63)
-    companion.command(176, 1, 6)
-    companion.wait(1.1)
-    assert companion.vehicle.truth.mode == PX4["RTL"]
-    companion.attitude(7, thrust=0.63)
-    assert companion.vehicle.truth.mode == PX4["OFFBOARD"]
-
-
-def test_attitude_goes_on_without_gps() -> None:
-    companion = plane(events=[{"at_s": 1.0, "action": "gps_off"}])
-    companion.attitude(7, thrust=0.63)
-    companion.command(176, 1, 6)
-    companion.repeat(30.0, lambda: loops(companion, 0.3))
-    assert companion.vehicle.truth.mode == PX4["OFFBOARD"]
-
-
 def test_a_reposition_is_circled_at_its_height_and_the_speed_asked_for() -> None:
     """200 m east of home and 120 m above it; the radius is NAV_LOITER_RAD."""
     companion = plane()

@@ -68,12 +68,6 @@ def test_it_obeys_the_holder_of_its_key_alone(key_file: Path) -> None:
     assert vehicle.refused == 2
 
 
-def test_without_a_key_it_obeys_anybody() -> None:
-    vehicle = Vehicle(parse_vehicle({"start": {"mode": "GUIDED"}}, "test"))
-    assert accepted(vehicle, station(vehicle, None))
-    assert accepted(vehicle, station(vehicle, OTHER, component=192))
-
-
 def test_the_usb_port_takes_unsigned_commands(key_file: Path) -> None:
     vehicle = vehicle_with(key_file, accept_unsigned=True)
     assert accepted(vehicle, station(vehicle, None))

@@ -55,8 +55,8 @@ class ArduCopter(Autopilot):
 
     def setpoint(self, steer: Steer, to: Addressee, now: float) -> Message:
         """Forward speed, yaw rate, and the acceleration to the right that the two imply."""
-        right = steer.speed * steer.yaw_rate
-        return body_velocity(self.MASK, to, now, forward=steer.speed, yaw_rate=steer.yaw_rate, right=right)
+        fed = 0.0, steer.speed * steer.yaw_rate, 0.0
+        return body_velocity(self.MASK, to, now, forward=steer.speed, yaw_rate=steer.yaw_rate, fed=fed)
 
     def safe_setpoint(self, to: Addressee, now: float) -> Message:
         """Brake and hover at this height."""

@@ -5,6 +5,7 @@ from circnav_mav.mav.autopilots.parameters import at_least, rule, velocity_limit
 from circnav_mav.mav.autopilots.px4 import OFFBOARD_RULES, PX4Vehicle
 from circnav_mav.mav.autopilots.targets import COPTER_TYPES, Addressee, body_velocity
 from circnav_mav.mav.codec import Message
+from circnav_mav.mav.frames import body_from_level
 from circnav_mav.mav.setpoint_guard import Steer
 
 _yaw_rate_limit = at_least(
@@ -48,9 +49,9 @@ class PX4Copter(PX4Vehicle):
 
     def _target(self, forward: float, yaw_rate: float, to: Addressee, now: float) -> Message:
         push, right = self.velocity_loop.fed(forward, yaw_rate, to.drag)
-        return body_velocity(
-            self.MASK, to, now, forward=forward, down=self._down(to), yaw_rate=yaw_rate, push=push, right=right
-        )
+        # PX4 turns velocities by the yaw alone, accelerations by the whole attitude: 10 % would be missing at 26 deg
+        fed = body_from_level(push, right, to.motion.roll or 0.0, to.motion.pitch or 0.0)
+        return body_velocity(self.MASK, to, now, forward=forward, down=self._down(to), yaw_rate=yaw_rate, fed=fed)
 
     def _down(self, to: Addressee) -> float:
         """Descent rate that returns to the height to hold, m/s; 0 when one of the two heights is not known."""

@@ -51,11 +51,10 @@ def body_velocity(
     forward: float,
     down: float = 0.0,
     yaw_rate: float,
-    push: float = 0.0,
-    right: float = 0.0,
+    fed: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> Message:
     """SET_POSITION_TARGET_LOCAL_NED in BODY_NED: forward and down speed (m/s), yaw rate (rad/s, clockwise positive),
-    acceleration forward (push) and to the right (m/s^2)."""
+    fed acceleration forward, right and down in the body frame (m/s^2)."""
     return dialect.MAVLink_set_position_target_local_ned_message(
         our_boot_ms(now),
         to.target_system,
@@ -64,7 +63,7 @@ def body_velocity(
         mask,
         *(0.0, 0.0, 0.0),
         *(forward, 0.0, down),
-        *(push, right, 0.0),
+        *fed,
         0.0,
         yaw_rate,
     )

@@ -6,16 +6,17 @@ const Charts = (() => {
 
   // A line: name, column, colour, and how it is drawn. What has no samples is left out.
   function definitions(f) {
-    const turn = { scale: DEGREES }, error = { less: f.radius }, near = f.tolerance;
+    const turn = { scale: DEGREES }, error = { error: true }, near = f.tolerance, radii = f.radii ?? [f.radius];
+    const circles = (name, value) => radii.map((radius, i) => [i ? "" : name, value(radius), "desired"]);
     return [
-      { title: "range", unit: "m", band: [f.radius - near, f.radius + near], levels: [["desired", f.radius, "desired"]],
+      { title: "range", unit: "m", band: radii.length === 1 && [f.radius - near, f.radius + near], levels: circles("desired", radius => radius),
         lines: [["measured", "measured", "measured", { dots: true }], ["estimated", "r", "estimate"], ["true", "true_r", "true"]] },
       { title: "error, range - radius", unit: `m, band ±${round(near)} m`, band: [-near, near], shown: [-3 * near, 3 * near],
         lines: [["estimated", "r", "estimate", error], ["true", "true_r", "true", error]] },
       { title: "range rate", unit: "m/s", lines: [["differenced over 1 s", "differenced", "measured"],
         ["true", "true_r_dot", "true"], ["estimated", "r_dot", "estimate"]] },
       { title: "turn rate, left positive", unit: "deg/s", levels: [["limit", f.limit * DEGREES, "limit"],
-        ["", -f.limit * DEGREES, "limit"], ["steady circle", f.steady * DEGREES, "desired"]],
+        ["", -f.limit * DEGREES, "limit"], ...circles("steady circle", radius => f.steady * DEGREES * f.radius / radius)],
         lines: [["true", "true_turn", "true", turn], [f.commanded ?? "commanded", "turn_rate", "estimate", turn]] },
       { title: "innovation", unit: "standard deviations", height: 130, shown: [0, 1.6 * f.gate],
         levels: [["gate", f.gate, "rejected"]], lines: [["of each new range", "innovation", "estimate", { dots: true }]] },
@@ -25,10 +26,11 @@ const Charts = (() => {
   }
 
   function resolve(flight, columns) {
-    const known = line => columns[line[1]]?.[1].some(value => value != null);
+    const known = line => columns[line[1]]?.[1].some(value => value != null), wanted = columns.desired;
+    const desired = time => wanted?.[1][find(wanted[0], time)] ?? flight.radius;
     return definitions(flight).map(chart => ({ ...chart, lines: chart.lines.filter(known).map(([name, column, colour, how = {}]) => {
-      const [times, values] = columns[column], { scale = 1, less = 0 } = how;
-      return { name, colour, times, values: values.map(v => v == null ? null : v * scale - less), ...how };
+      const [times, values] = columns[column], { scale = 1, error } = how;
+      return { name, colour, times, values: values.map((v, i) => v == null ? null : v * scale - (error ? desired(times[i]) : 0)), ...how };
     }) })).filter(chart => chart.lines.length);
   }
 
@@ -143,11 +145,11 @@ const Charts = (() => {
   const colour = (word, words = []) => KNOWN.get(word) ?? `other${[...new Set(words)].filter(one => one && !KNOWN.has(one)).indexOf(word) % 4}`;
 
   // --- the track: ways = [{ name, colour, times, east, north }], relative to the target, north up ---
-  function track(ways, radius, side, { view = [-Infinity, Infinity], marked = [], at = null, heading = null } = {}) {
+  function track(ways, radii, side, { view = [-Infinity, Infinity], marked = [], at = null, heading = null } = {}) {
     const here = ways.map(way => ({ ...way, known: way.times.flatMap((t, i) => way.east[i] != null && t >= view[0] && t <= view[1] ? [i] : []) }))
       .filter(way => way.known.length);
     if (!here.length) return null;
-    const reach = 1.08 * here.reduce((most, way) => way.known.reduce((m, i) => Math.max(m, Math.abs(way.east[i]), Math.abs(way.north[i])), most), radius);
+    const reach = 1.08 * here.reduce((most, way) => way.known.reduce((m, i) => Math.max(m, Math.abs(way.east[i]), Math.abs(way.north[i])), most), Math.max(...radii));
     const half = side / 2, scale = half / reach, length = nice(reach / 2), [main] = here;
     const place = (way, i) => [half + scale * way.east[i], half - scale * way.north[i]], point = (way, i) => place(way, i).map(px).join(",");
     const whole = main.known[0] === 0 ? "" : " hollow"; // begins where the flight did, else where it was first known
@@ -155,7 +157,7 @@ const Charts = (() => {
       `<path d="M12,${side - 14}h${px(length * scale)}" class="axis"/><text x="12" y="${side - 20}">${length} m</text>`,
       `<path d="M${side - 18},34v-22l-5,9m5,-9l5,9" class="axis"/><text x="${side - 22}" y="48">N</text>`,
       ...here.map(way => `<path d="${way.known.map((i, n) => (way.known[n - 1] === i - 1 ? "L" : "M") + point(way, i)).join("")}" class="line ${way.colour}"/>`),
-      `<circle cx="${half}" cy="${half}" r="${px(scale * radius)}" class="level desired"/>`, // on the track, not under it
+      ...radii.map(radius => `<circle cx="${half}" cy="${half}" r="${px(scale * radius)}" class="level desired"/>`), // on the track, not under it
       ...[.08, .25, .45, .65, .85, .99].map(share => arrow(main, Math.floor(share * (main.known.length - 1)), place)),
       `<path d="M${half - 8},${half}h16M${half},${half - 8}v16" class="target"/>`,
       `<path d="M${point(main, main.known[0])}m0,-8l7,13h-14z" class="start${whole}"/>`];
@@ -229,7 +231,7 @@ const Charts = (() => {
       clock.textContent = time === null ? "" : `${time.toFixed(2)} s`;
       const at = time ?? model.now ?? null, i = at !== null && model.columns.heading ? find(model.columns.heading[0], at) : -1;
       const side = Math.max(Math.min(map.clientWidth, 520), 240), marked = marks(model.bands, model.alarms);
-      const drawn = track(model.ways, model.flight.radius, side, { view: view ?? undefined, marked, at, heading: i < 0 ? null : model.columns.heading[1][i] });
+      const drawn = track(model.ways, model.flight.radii ?? [model.flight.radius], side, { view: view ?? undefined, marked, at, heading: i < 0 ? null : model.columns.heading[1][i] });
       const keys = drawn && [...model.ways.map(way => key(way.name, way.colour)), key("desired", "desired")].join("");
       map.innerHTML = drawn ? `<figcaption><b>track</b> <span class="unit">relative to the target</span>${keys}</figcaption>`
         + `<svg viewBox="0 0 ${side} ${side}" class="track" role="img" aria-label="track">${drawn}</svg>`

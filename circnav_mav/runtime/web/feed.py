@@ -151,7 +151,8 @@ def _facts(pilot: Pilot, name: str, tolerance: float) -> dict[str, Any]:
     orbit, timing = pilot.settings.orbit, pilot.settings.timing
     return {
         "name": name,
-        "circle": f"{orbit.radius:g} m {orbit.direction.value} at {orbit.speed:g} m/s",
+        "circle": pilot.settings.circles,
+        "radii": [orbit.radius, *(later.radius for later, _ in pilot.settings.later_circles)],
         "radius": orbit.radius,
         "tolerance": tolerance,
         "limit": orbit.max_turn_rate,

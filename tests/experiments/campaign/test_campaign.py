@@ -20,7 +20,7 @@ from circnav_mav.experiments.campaign.batchable import obstacle
 from circnav_mav.experiments.campaign.execute import ExecutionError, on_cores, on_scheduler
 from circnav_mav.experiments.campaign.file import CampaignError, load_campaign
 from circnav_mav.experiments.campaign.fly import chunks, fly_chunk
-from circnav_mav.experiments.campaign.plan import START, hopeless, prepare
+from circnav_mav.experiments.campaign.plan import START, prepare
 from circnav_mav.experiments.campaign.store import Store, StoreError
 from circnav_mav.experiments.campaign.summary import summarise
 from circnav_mav.mission.load import load_mission
@@ -187,12 +187,6 @@ def test_a_campaign_file_that_is_wrong_is_one_line_with_the_remedy(write, tmp_pa
     assert str(told.value).startswith(str(path))
     assert says in str(told.value)
     assert "\n" not in str(told.value)
-
-
-def test_a_key_that_the_mission_does_not_know_is_refused_before_the_first_flight(write):
-    reason = hopeless(load_campaign(write('"orbit.raduis_m" = [80.0]')))
-    assert "orbit.raduis_m: unknown key, did you mean radius_m?" in reason
-    assert hopeless(load_campaign(write('"orbit.radius_m" = {uniform = [-100.0, 80.0]}'))) is None
 
 
 def test_a_folder_is_neither_overwritten_nor_resumed_with_another_campaign(write, tmp_path):
