@@ -35,8 +35,8 @@ SLIP = 0.2
 LONGEST_DELAY = 2.0
 """Most delay of the link, s, that the gains are made for."""
 SHORT = 0.95
-"""Share of the commanded turn, both smoothed over a second, below which a bank counts as cut: tan 35 deg is .94 of what
-the circle of docs/firmware.md asks for, and an unlimited bank is within two hundredths."""
+"""Share of the commanded turn, both smoothed over a second, below which a bank counts as cut: a limit that leaves more
+costs less than the lag between the two."""
 LONGEST_TRIM_STEP = 0.2
 """Most time, s, that the radius integral counts between two steps: a gap is not an error that lasted."""
 
