@@ -13,8 +13,9 @@ from circnav_mav.guidance.step import LawChoice
 from circnav_mav.guidance.types import Direction, Orbit
 from circnav_mav.mav.autopilots.interface import VehicleFacts
 from circnav_mav.mav.autopilots.table import AUTOPILOTS
+from circnav_mav.mav.identity import LinkSettings
 from circnav_mav.mav.ranging.interface import RangingSettings
-from circnav_mav.mav.session import LinkSettings, Session
+from circnav_mav.mav.session import Session
 from circnav_mav.pilot import VEHICLE, Pilot, PilotSettings, Timing
 
 GUIDED, LOITER = 4, 5

@@ -16,9 +16,16 @@ from circnav_mav.cli.exits import Exit, Refused
 from circnav_mav.cli.terminal import mind_output
 
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
-SET_HELP = "Override a mission value, e.g. --set orbit.radius_m=80. May be repeated."
 
 MISSION, CAMPAIGN = FileOrName("mission"), FileOrName("campaign")
+SET = click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True,
+                   help="Override a mission value, e.g. --set orbit.radius_m=80. May be repeated.")  # fmt: skip
+ENDPOINT = click.option(
+    "--endpoint",
+    metavar="URL",
+    help="The vehicle: udpin:, udpout: or tcp:HOST:PORT, serial:PATH:BAUD. [default: as the mission says]",
+)
+ABOVE_ZERO = click.FloatRange(0, min_open=True)
 SPEED_HELP = "Bundled vehicle: N times real time, to watch it. [default: as fast as possible; with --web 6]"
 SELDOM = 200_000
 """Objects between two garbage collections. What a command loads stays; to look through it again and again took a
@@ -26,19 +33,33 @@ seventh of the time that `check` takes."""
 WEB_HELP = "Show the flight in a browser on this computer, too, at http://127.0.0.1:PORT. [default port: 8080]"
 
 
-@click.group(context_settings=CONTEXT)
+class InOrder(click.Group):
+    """Lists its commands in the order in which a newcomer needs them: that of this file."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(self.commands)
+
+
+@click.group(cls=InOrder, context_settings=CONTEXT)
 @click.version_option(__version__, prog_name="circnav")
 def circnav() -> None:
-    """Circle an unknown target with nothing but a range, over MAVLink.
+    """Circle a radio beacon with nothing but the distance to it, over MAVLink.
 
     \b
     First flight, no hardware needed:
         circnav fly quickstart
 
     \b
-    A mission of your own:
+    A mission of your own, on the bundled vehicle:
         circnav init copter          (or plane, rover, px4-copter, px4-plane, ...)
         circnav fly copter.toml
+
+    \b
+    The same on your vehicle:
+        circnav preflight copter.toml --endpoint udpin:0.0.0.0:14550
+        circnav fly copter.toml --endpoint udpin:0.0.0.0:14550
+
+    To stop: switch to any other flight mode, or Ctrl-C.
 
     \b
     Exit codes:
@@ -54,8 +75,8 @@ def circnav() -> None:
 
 @circnav.command(short_help="Fly a mission, show it live, record it.")
 @click.argument("mission", type=MISSION)
-@click.option("--endpoint", metavar="URL", help="The vehicle: udpin:, udpout:, tcp:HOST:PORT or serial:PATH:BAUD.")
-@click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True, help=SET_HELP)
+@ENDPOINT
+@SET
 @click.option("--speed", type=float, metavar="N", help=SPEED_HELP)
 @click.option("--duration", type=float, metavar="S", help="Seconds to fly after engaging.")
 @click.option("--out", type=click.Path(), metavar="DIR", help="Run folder. [default: runs/<time>-<name>]")
@@ -65,7 +86,7 @@ def circnav() -> None:
 def fly(**options: Any) -> int:
     """Fly MISSION, show it live, and record it in a run folder.
 
-    MISSION is a file, or the name of a bundled mission: quickstart, arducopter, px4-plane.
+    MISSION is a file, or the name of a bundled mission: quickstart, copter, plane, px4-copter.
 
     Switch to any other flight mode and circnav stops sending immediately. Ctrl-C ends the flight safely.
 
@@ -80,31 +101,28 @@ def fly(**options: Any) -> int:
     return fly_mission(FlyOptions(**options))
 
 
-@circnav.command(short_help="Run the bundled vehicle alone, for any client.")
-@click.argument("vehicle", required=False, type=MISSION, metavar="[VEHICLE]")
-@click.option(
-    "--endpoint", default="udpout:127.0.0.1:14550", show_default=True, metavar="URL", help="Where it sends to."
-)
-@click.option("--ranging-endpoint", metavar="URL", help='Where its radio sends to, for ranging that goes "direct".')
-@click.option("--speed", type=float, default=1.0, show_default=True, metavar="N", help="Times real time.")
-def emulate(vehicle: str | None, endpoint: str, ranging_endpoint: str | None, speed: float) -> int:
-    """Run the bundled simulated vehicle alone, in real time. Any ground station or client may connect; Ctrl-C ends it.
+@circnav.command(short_help="Write a commented mission file of your own.")
+@click.argument("vehicle")
+@click.argument("file", required=False, type=click.Path())
+def init(vehicle: str, file: str | None) -> int:
+    """Write a commented mission for VEHICLE to FILE. [default: VEHICLE.toml] It flies on the bundled emulator at once;
+    nothing is ever overwritten.
 
-    VEHICLE is a vehicle file, or a mission (file or name) with a [sim] table; without it, a copter hovers.
+    VEHICLE is copter, plane or rover (ArduPilot), px4-copter, px4-plane, px4-plane-attitude, or any bundled mission.
+    mission.schema.json beside it lets an editor complete and check the keys.
 
     \b
-    Example, in two terminals (at --speed 8 the flight needs --set 'link.clock="autopilot"', too):
-        circnav emulate quickstart --endpoint udpout:127.0.0.1:14550
-        circnav fly quickstart --endpoint udpin:0.0.0.0:14550
+    Example:
+        circnav init plane survey.toml
     """
-    from circnav_mav.cli.emulate import run_emulator
+    from circnav_mav.cli.init import write_mission
 
-    return run_emulator(vehicle, endpoint, ranging_endpoint, speed)
+    return write_mission(vehicle, file)
 
 
 @circnav.command(short_help="Check a mission without flying it.")
 @click.argument("mission", type=MISSION)
-@click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True, help=SET_HELP)
+@SET
 def check(mission: str, overrides: tuple[str, ...]) -> int:
     """Check MISSION without flying it. Prints PASS, WARN or FAIL for each point, with the number and its limit.
 
@@ -119,8 +137,8 @@ def check(mission: str, overrides: tuple[str, ...]) -> int:
 
 @circnav.command(short_help="Listen to vehicle and ranging; command nothing.")
 @click.argument("mission", type=MISSION)
-@click.option("--endpoint", metavar="URL", help="The vehicle: udpin:, udpout:, tcp:HOST:PORT or serial:PATH:BAUD.")
-@click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True, help=SET_HELP)
+@ENDPOINT
+@SET
 @click.option("--seconds", type=float, default=10.0, show_default=True, metavar="N", help="How long to listen.")
 def preflight(mission: str, endpoint: str | None, overrides: tuple[str, ...], seconds: float) -> int:
     """Listen to vehicle and ranging of MISSION; command nothing. Prints PASS, WARN or FAIL for each point.
@@ -135,6 +153,97 @@ def preflight(mission: str, endpoint: str | None, overrides: tuple[str, ...], se
     from circnav_mav.cli.preflight import preflight_file
 
     return preflight_file(mission, endpoint, overrides, seconds)
+
+
+@circnav.command(short_help="Draw the report of a run again.")
+@click.argument("run", type=click.Path())
+@click.option(
+    "--after-flight", is_flag=True, hidden=True, help="As fly ends: what it makes, and a line for what fails."
+)
+def report(run: str, after_flight: bool) -> int:
+    """Draw the report of RUN, a run folder, again: report.html (one page, opens offline, prints) and flight.png. `fly`
+    draws both by itself.
+
+    \b
+    Example:
+        circnav report runs/20260101-120000-quickstart
+    """
+    from circnav_mav.cli.report import report_flight, report_run
+
+    return report_flight(run) if after_flight else report_run(run)
+
+
+@circnav.command(short_help="Run a recorded flight through the pilot again.")
+@click.argument("log", type=click.Path(), metavar="RUN_OR_TLOG")
+@click.option("--mission", type=MISSION, metavar="FILE", help="Another mission; a plain tlog needs one.")
+@SET
+@click.option("--estimator", metavar="NAME", help="Another estimator: guidance.estimator.")
+@click.option("--law", metavar="NAME", help="Another law: guidance.law.")
+@click.option("--out", type=click.Path(), metavar="DIR", help="Write the replay's ticks.csv and replay.png there.")
+def replay(**options: Any) -> int:
+    """Run a recorded flight through the pilot again, and compare. Estimates and commands are set against those of the
+    flight.
+
+    RUN_OR_TLOG is a run folder, or a tlog of Mission Planner or MAVProxy with ranging telemetry in it (which needs
+    --mission, and is replayed as a dry run). The vehicle's path stays as flown. Exit codes: 0 replayed, 2 bad
+    usage, 3 nothing in the log to steer by.
+
+    \b
+    Examples:
+        circnav replay runs/20260101-120000-quickstart --law switching
+        circnav replay yesterday.tlog --mission my.toml --out what-if
+    """
+    from circnav_mav.cli.replay import ReplayOptions, replay_log
+
+    return replay_log(ReplayOptions(**options))
+
+
+@circnav.command(short_help="Convert a run for Foxglove or PlotJuggler.")
+@click.argument("run", type=click.Path())
+@click.option("--mcap", "mcap", is_flag=False, flag_value="", metavar="[FILE]", help="MCAP. [default: RUN/flight.mcap]")
+def export(run: str, mcap: str | None) -> int:
+    """Convert RUN, a run folder, for Foxglove or PlotJuggler. The file holds ticks, truth and events.
+
+    \b
+    Example:
+        circnav export runs/20260101-120000-quickstart --mcap
+    """
+    if mcap is None:
+        raise Refused("export: say what to write: --mcap")
+    from circnav_mav.cli.export import export_run
+
+    return export_run(run, mcap or None)
+
+
+@circnav.command(short_help="Tell where the targets of a log are.")
+@click.argument("log", type=click.Path(), metavar="RUN|TLOG|CSV")
+@click.option("--tag", "tags", multiple=True, metavar="ID", help="Only this tag. May be repeated. [default: all]")
+@click.option(
+    "--sigma", type=ABOVE_ZERO, metavar="M", help="Noise of the ranges, where the log says none. [default: as it shows]"
+)
+@click.option(
+    "--gps-sigma", type=ABOVE_ZERO, default=1.5, show_default=True, metavar="M", help="Error of the positions."
+)
+@click.option(
+    "--bias", type=ABOVE_ZERO, default=2.0, show_default=True, metavar="M", help="How far ranges may be off together."
+)
+@click.option("--altitude", type=float, metavar="M", help="Of the target, where it is known; as the log counts it.")
+@click.option("--out", type=click.Path(), metavar="DIR", help="Where to write. [default: beside the log]")
+def locate(**options: Any) -> int:
+    """Tell where the targets of a log are. Writes GeoJSON, KML and a picture.
+
+    A log is a run folder, a tlog with positions and ranges, or a CSV whose first line names time (s), latitude,
+    longitude, range (m), and maybe altitude (m), sigma (m), tag. Exit codes: 0 located, 2 bad usage, 3 nothing to
+    locate.
+
+    \b
+    Examples:
+        circnav locate runs/20260101-120000-quickstart
+        circnav locate collar.csv --tag 17 --out map
+    """
+    from circnav_mav.cli.locate import LocateOptions, locate_log
+
+    return locate_log(LocateOptions(**options))
 
 
 @circnav.group(short_help="Try a ranging radio and its driver.")
@@ -167,113 +276,35 @@ def watch(radio: str, seconds: float | None) -> int:
     return watch_radio(radio, seconds)
 
 
-@circnav.command(short_help="Run a recorded flight through the pilot again.")
-@click.argument("log", type=click.Path(), metavar="RUN_OR_TLOG")
-@click.option("--mission", type=MISSION, metavar="FILE", help="Another mission; a plain tlog needs one.")
-@click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True, help=SET_HELP)
-@click.option("--estimator", metavar="NAME", help="Another estimator: guidance.estimator.")
-@click.option("--law", metavar="NAME", help="Another law: guidance.law.")
-@click.option("--out", type=click.Path(), metavar="DIR", help="Write the replay's ticks.csv and replay.png there.")
-def replay(**options: Any) -> int:
-    """Run a recorded flight through the pilot again, and compare. Estimates and commands are set against those of the
-    flight.
-
-    RUN_OR_TLOG is a run folder, or a tlog of Mission Planner or MAVProxy with ranging telemetry in it (which needs
-    --mission, and is replayed as a dry run). The vehicle's path stays as flown. Exit codes: 0 replayed, 2 bad
-    usage, 3 nothing in the log to steer by.
-
-    \b
-    Examples:
-        circnav replay runs/20260101-120000-quickstart --law switching
-        circnav replay yesterday.tlog --mission my.toml --out what-if
-    """
-    from circnav_mav.cli.replay import ReplayOptions, replay_log
-
-    return replay_log(ReplayOptions(**options))
-
-
-@circnav.command(short_help="Tell where the targets of a log are.")
-@click.argument("log", type=click.Path(), metavar="RUN|TLOG|CSV")
-@click.option("--tag", "tags", multiple=True, metavar="ID", help="Only this tag. May be repeated. [default: all]")
+@circnav.command(short_help="Run the bundled vehicle alone, for any client.")
+@click.argument("vehicle", required=False, type=MISSION, metavar="[VEHICLE]")
 @click.option(
-    "--sigma", type=float, metavar="M", help="Noise of the ranges, where the log says none. [default: as it shows]"
+    "--endpoint", default="udpout:127.0.0.1:14550", show_default=True, metavar="URL", help="Where it sends to."
 )
-@click.option("--gps-sigma", type=float, default=1.5, show_default=True, metavar="M", help="Error of the positions.")
-@click.option(
-    "--bias", type=float, default=2.0, show_default=True, metavar="M", help="How far ranges may be off together."
-)
-@click.option("--altitude", type=float, metavar="M", help="Of the target, where it is known; as the log counts it.")
-@click.option("--out", type=click.Path(), metavar="DIR", help="Where to write. [default: beside the log]")
-def locate(
-    log: str,
-    tags: tuple[str, ...],
-    sigma: float | None,
-    gps_sigma: float,
-    bias: float,
-    altitude: float | None,
-    out: str | None,
-) -> int:
-    """Tell where the targets of a log are. Writes GeoJSON, KML and a picture.
+@click.option("--ranging-endpoint", metavar="URL", help='Where its radio sends to, for ranging that goes "direct".')
+@click.option("--speed", type=float, default=1.0, show_default=True, metavar="N", help="Times real time.")
+def emulate(vehicle: str | None, endpoint: str, ranging_endpoint: str | None, speed: float) -> int:
+    """Run the bundled simulated vehicle alone, in real time. Any ground station or client may connect; Ctrl-C ends it.
 
-    A log is a run folder, a tlog with positions and ranges, or a CSV whose first line names time (s), latitude,
-    longitude, range (m), and maybe altitude (m), sigma (m), tag. Exit codes: 0 located, 2 bad usage, 3 nothing to
-    locate.
+    VEHICLE is a vehicle file, or a mission (file or name) with a [sim] table; without it, a copter hovers.
 
     \b
-    Examples:
-        circnav locate runs/20260101-120000-quickstart
-        circnav locate collar.csv --tag 17 --out map
+    Example, in two terminals (at --speed 8 the flight needs --set 'link.clock="autopilot"', too):
+        circnav emulate quickstart --endpoint udpout:127.0.0.1:14550
+        circnav fly quickstart --endpoint udpin:0.0.0.0:14550
     """
-    from circnav_mav.cli.locate import LocateOptions, locate_log
+    from circnav_mav.cli.emulate import run_emulator
 
-    if min(gps_sigma, bias, 1.0 if sigma is None else sigma) <= 0:
-        raise Refused("locate: --sigma, --gps-sigma and --bias must be above 0")
-    return locate_log(LocateOptions(log, out, tags, sigma, gps_sigma, bias, altitude))
-
-
-@circnav.command(short_help="Convert a run for Foxglove or PlotJuggler.")
-@click.argument("run", type=click.Path())
-@click.option("--mcap", "mcap", is_flag=False, flag_value="", metavar="[FILE]", help="MCAP. [default: RUN/flight.mcap]")
-def export(run: str, mcap: str | None) -> int:
-    """Convert RUN, a run folder, for Foxglove or PlotJuggler. The file holds ticks, truth and events.
-
-    \b
-    Example:
-        circnav export runs/20260101-120000-quickstart --mcap
-    """
-    if mcap is None:
-        raise Refused("export: say what to write: --mcap")
-    from circnav_mav.cli.export import export_run
-
-    return export_run(run, mcap or None)
-
-
-@circnav.command(short_help="Reproduce the paper's three examples.")
-@click.option("--out", type=click.Path(), default="paper", show_default=True, metavar="DIR", help="Where to write.")
-@click.option("--starts", type=int, default=200, show_default=True, metavar="N", help="Random starts of each example.")
-@click.option("--seed", type=int, default=1, show_default=True, metavar="N", help="Of the random starts.")
-def paper(out: str, starts: int, seed: int) -> int:
-    """Reproduce the three examples of the paper. Draws six figures, and prints a table of predicted and reached radius.
-
-    \b
-    Example:
-        circnav paper --out paper --starts 500
-    """
-    from circnav_mav.cli.paper import reproduce
-
-    return reproduce(out, starts, seed)
+    return run_emulator(vehicle, endpoint, ranging_endpoint, speed)
 
 
 @circnav.command(short_help="Compare the laws over many flights.")
 @click.option("--flights", type=int, default=1000, show_default=True, metavar="N", help="Flights of each cell.")
 @click.option("--law", "laws", multiple=True, metavar="NAME", help="Only this law (law+estimator). May be repeated.")
 @click.option("--situation", "situations", multiple=True, metavar="NAME", help="Only this situation. May be repeated.")
-@click.option("--seed", type=int, default=1, show_default=True, metavar="N", help="Of all worlds.")
+@click.option("--seed", type=int, default=1, show_default=True, metavar="N", help="Of all random numbers.")
 @click.option("--out", type=click.Path(), metavar="DIR", help="Write table.csv, table.md and table.png there.")
-@click.option("--cost", is_flag=True, help="Only measure how long a step of each estimator takes on this computer.")
-def bench(
-    flights: int, laws: tuple[str, ...], situations: tuple[str, ...], seed: int, out: str | None, cost: bool
-) -> int:
+def bench(flights: int, laws: tuple[str, ...], situations: tuple[str, ...], seed: int, out: str | None) -> int:
     """Compare the laws over many flights. Wind, gusts, moving targets, bad sensors; the result is one table.
 
     \b
@@ -283,7 +314,7 @@ def bench(
     """
     from circnav_mav.cli.bench import fly_bench
 
-    return fly_bench(flights, laws, situations, seed, out, cost)
+    return fly_bench(flights, laws, situations, seed, out)
 
 
 @circnav.command(short_help="Fly a mission many times with varied values.")
@@ -307,43 +338,48 @@ def campaign(**options: Any) -> int:
     return fly_campaign(CampaignOptions(**options))
 
 
-@circnav.command(short_help="Draw the report of a run: one page, and pictures.")
-@click.argument("run", type=click.Path())
-@click.option(
-    "--after-flight", is_flag=True, hidden=True, help="As fly ends: what it makes, and a line for what fails."
-)
-def report(run: str, after_flight: bool) -> int:
-    """Draw the report of RUN, a run folder. Writes report.html (one page, opens offline, prints), flight.png and
-    estimates.png.
-
-    `fly` makes report.html and flight.png by itself.
+@circnav.command(short_help="Reproduce the paper's three examples.")
+@click.option("--out", type=click.Path(), default="paper", show_default=True, metavar="DIR", help="Where to write.")
+@click.option("--starts", type=int, default=200, show_default=True, metavar="N", help="Random starts of each example.")
+@click.option("--seed", type=int, default=1, show_default=True, metavar="N", help="Of the random starts.")
+def paper(out: str, starts: int, seed: int) -> int:
+    """Reproduce the three examples of the paper. Draws six figures, and prints a table of predicted and reached radius.
 
     \b
     Example:
-        circnav report runs/20260101-120000-quickstart
+        circnav paper --out paper --starts 500
     """
-    from circnav_mav.cli.report import report_flight, report_run
+    from circnav_mav.cli.paper import reproduce
 
-    return report_flight(run) if after_flight else report_run(run)
+    return reproduce(out, starts, seed)
 
 
-@circnav.command(short_help="Write a commented mission file of your own.")
-@click.argument("vehicle")
-@click.argument("file", required=False, type=click.Path())
-def init(vehicle: str, file: str | None) -> int:
-    """Write a commented mission for VEHICLE to FILE. [default: VEHICLE.toml] It flies on the bundled emulator at once;
-    nothing is ever overwritten.
-
-    VEHICLE is copter, plane or rover (ArduPilot), px4-copter, px4-plane, px4-plane-attitude, or any bundled mission.
-    mission.schema.json beside it lets an editor complete and check the keys.
+@circnav.group(short_help="Delete old run folders.")
+def runs() -> None:
+    """Look after run folders.
 
     \b
     Example:
-        circnav init plane survey.toml
+        circnav runs clean --older-than 30d --keep 5
     """
-    from circnav_mav.cli.init import write_mission
 
-    return write_mission(vehicle, file)
+
+@runs.command(short_help="Delete old run folders; asks first.")
+@click.argument("folder", type=click.Path(exists=True, file_okay=False), default="runs")
+@click.option("--older-than", default="30d", show_default=True, metavar="AGE", help="Such as 12h, 30d or 4w.")
+@click.option("--keep", type=click.IntRange(0), default=5, show_default=True, metavar="N", help="The newest N stay.")
+@click.option("--yes", is_flag=True, help="Delete without asking.")
+def clean(folder: str, older_than: str, keep: int, yes: bool) -> int:
+    """Show the old runs of FOLDER [default: runs], and delete them if you say so. Only folders that circnav recorded a
+    flight in, and that hold nothing else.
+
+    \b
+    Example:
+        circnav runs clean --older-than 30d --keep 5
+    """
+    from circnav_mav.cli.runs import clean_runs
+
+    return clean_runs(folder, older_than, keep, yes)
 
 
 @circnav.command(short_help="Print the JSON schema of a file, for editors.")
@@ -379,34 +415,6 @@ def completion(shell: str) -> int:
     assert kind is not None
     click.echo(kind(circnav, {}, "circnav", "_CIRCNAV_COMPLETE").source())
     return Exit.DONE
-
-
-@circnav.group(short_help="Delete old run folders.")
-def runs() -> None:
-    """Look after run folders.
-
-    \b
-    Example:
-        circnav runs clean --older-than 30d --keep 5
-    """
-
-
-@runs.command(short_help="Delete old run folders; asks first.")
-@click.argument("folder", type=click.Path(exists=True, file_okay=False), default="runs")
-@click.option("--older-than", default="30d", show_default=True, metavar="AGE", help="Such as 12h, 30d or 4w.")
-@click.option("--keep", type=click.IntRange(0), default=5, show_default=True, metavar="N", help="The newest N stay.")
-@click.option("--yes", is_flag=True, help="Delete without asking.")
-def clean(folder: str, older_than: str, keep: int, yes: bool) -> int:
-    """Show the old runs of FOLDER [default: runs], and delete them if you say so. Only folders that circnav recorded a
-    flight in, and that hold nothing else.
-
-    \b
-    Example:
-        circnav runs clean --older-than 30d --keep 5
-    """
-    from circnav_mav.cli.runs import clean_runs
-
-    return clean_runs(folder, older_than, keep, yes)
 
 
 def main() -> None:

@@ -10,13 +10,10 @@ from circnav_mav.cli.exits import Exit, Refused, cannot, check_named
 from circnav_mav.experiments.batch.guidance import POLICIES
 from circnav_mav.experiments.batch.situations import SITUATIONS
 from circnav_mav.experiments.bench import run
-from circnav_mav.experiments.bench_cost import tell_costs
 from circnav_mav.experiments.worker_pool import WorkerDiedError
 
 
-def fly_bench(
-    flights: int, laws: tuple[str, ...], situations: tuple[str, ...], seed: int, out: str | None, cost: bool
-) -> int:
+def fly_bench(flights: int, laws: tuple[str, ...], situations: tuple[str, ...], seed: int, out: str | None) -> int:
     """Fly the cells asked for, all by default, and print a line for each. Raises Refused."""
     if flights < 1:
         raise Refused(f"--flights: must be at least 1, not {flights}")
@@ -30,10 +27,6 @@ def fly_bench(
         if folder is not None:
             folder.mkdir(parents=True, exist_ok=True)
             (folder / "table.csv").open("ab").close()  # better now than after hours of flight
-        if cost or not (laws or situations):
-            click.echo(tell_costs())
-        if cost:
-            return Exit.DONE
         cells = [(situation, law) for situation in situations or SITUATIONS for law in laws or POLICIES]
         run(cells, flights, seed, folder, tell=click.echo, cores=os.cpu_count() or 1)
     except WorkerDiedError:

@@ -22,8 +22,9 @@ from circnav_mav.experiments.campaign.fly import Row, chunks
 from circnav_mav.experiments.campaign.plan import Campaign, hopeless, prepare
 from circnav_mav.experiments.campaign.plots import plot_campaign
 from circnav_mav.experiments.campaign.store import TABLE, Store, StoreError
-from circnav_mav.experiments.campaign.summary import SUMMARY, summarise, write_summary
+from circnav_mav.experiments.campaign.summary import SUMMARY, summarise
 from circnav_mav.mission.load import MissionError
+from circnav_mav.runlog.atomic_write import write_json
 from circnav_mav.runlog.run_folder import printable
 from circnav_mav.runtime.clock import local_time_name
 
@@ -151,7 +152,7 @@ def _finish(campaign: Campaign, store: Store, name: str, interrupted: bool) -> i
     rows = store.read()
     summary = summarise(rows, campaign.swept)
     try:
-        write_summary(store.folder, summary)
+        write_json(store.folder / SUMMARY, summary)
     except OSError as error:
         raise Refused(f"{store.folder}: cannot be written: {error.strerror or error}; {TABLE} is complete") from None
     pictures, problems = plot_campaign(store.folder, rows, list(campaign.specs), list(campaign.swept), name)

@@ -85,7 +85,7 @@ def _summary(pilot: Pilot, recorder: Recorder, mission: Mission, clock: Clock) -
         samples_rejected=dict(pilot.tracker.ranging.rejected),
         frames_refused=dict(pilot.frames_refused()),
         setpoints_sent=pilot.setpoints_sent,
-        firmware=pilot.session.firmware,
+        firmware=pilot.session.vehicle.firmware,
         version=__version__,
         epoch_us=clock.epoch_us,
         recording_problem=recorder.problem,
@@ -112,7 +112,7 @@ def _complete(manifest: Manifest, pilot: Pilot, summary: dict[str, Any], code: E
     """Write the rest of manifest.json; tells whether it could not be."""
     system, component = pilot.session.vehicle_ids
     known = {"system": system, "component": component, "name": pilot.session.adapter.name}
-    autopilot = known | {"firmware": pilot.session.firmware} if pilot.session.up else None
+    autopilot = known | {"firmware": pilot.session.vehicle.firmware} if pilot.session.up else None
     try:
         manifest.complete(autopilot=autopilot, outcome=summary["outcome"], reason=summary["reason"], exit=int(code))
     except OSError as error:

@@ -14,32 +14,27 @@ from circnav_mav.cli.verdict import verdict
 from circnav_mav.mission.load import MissionError, parse_mission
 from circnav_mav.mission.mission import Mission
 from circnav_mav.report.map import plot_map
-from circnav_mav.report.page import ReportFacts, write_report
-from circnav_mav.report.plots import plot_estimates, plot_flight
+from circnav_mav.report.page import write_report
+from circnav_mav.report.plots import plot_flight
 from circnav_mav.runlog.run_folder import Run, RunError, open_run
 from circnav_mav.runlog.summary import FlightFacts, summarise
 from circnav_mav.runlog.ticks import Column
 
 
 def report_run(folder: str) -> int:
-    """Write report.html and the pictures into a run folder. Raises Refused."""
+    """Write report.html and flight.png into a run folder. Raises Refused."""
     try:
         run = open_run(Path(folder))
         if not len(run.ticks.time):
             raise Refused(f"{folder}: an empty run, nothing was recorded", Exit.NOTHING_HEARD)
         if len(run.ticks.time) == 1:
             raise Refused(f"{folder}: a single tick was recorded, too little for a report", Exit.NOTHING_HEARD)
-        mission = parse_mission(run.mission_text, str(run.folder / "mission.toml"))
-        summary = _unfinished(run, mission) | run.summary
+        mission = _mission(run)
         if run.damage_text is not None:
             click.echo(f"  WARNING    {run.damage_text}")
-            summary["recording_problem"] = "; ".join(filter(None, (summary["recording_problem"], run.damage_text)))
-        title = f"{run.name}: {_circles(mission)}"
-        plot_flight(run.folder / "flight.png", run.ticks, run.truth, mission.orbit, title)
-        plot_estimates(run.folder / "estimates.png", run.ticks, mission.file.guidance.gate_sigma, title)
-        _map(run)
-        click.echo(write_report(run, report_facts(run, mission, summary)))  # it holds the picture
-        click.echo(f"{run.folder / 'flight.png'}\n{run.folder / 'estimates.png'}")
+        _picture(run, mission)
+        _page(run, mission)  # it holds the picture
+        click.echo(f"{run.folder / 'report.html'}\n{run.folder / 'flight.png'}")
     except (RunError, MissionError) as error:
         raise Refused(str(error)) from None
     except OSError as error:
@@ -48,20 +43,23 @@ def report_run(folder: str) -> int:
 
 
 def report_flight(folder: str) -> int:
-    """flight.png and report.html at the end of a flight. Whatever goes wrong with one of them is a line, and changes
-    nothing else."""
+    """The same at the end of a flight. Whatever goes wrong with one of them is a line, and changes nothing else."""
     for name, make in (("flight.png", _picture), ("report.html", _page)):
         try:
             run = open_run(Path(folder))
             if len(run.ticks.time) > 1:
-                make(run, parse_mission(run.mission_text, str(run.folder / "mission.toml")))
+                make(run, _mission(run))
         except Exception as error:
             click.echo(f"{Path(folder) / name}: could not be made: {error}")
     return Exit.DONE
 
 
+def _mission(run: Run) -> Mission:
+    return parse_mission(run.mission_text, str(run.folder / "mission.toml"))
+
+
 def _picture(run: Run, mission: Mission) -> None:
-    title = f"{mission.file.name}: {_circles(mission)}, law {mission.law.name}"
+    title = f"{run.name}: {_circles(mission)}, law {mission.law.name}"
     plot_flight(run.folder / "flight.png", run.ticks, run.truth, mission.orbit, title)
 
 
@@ -69,27 +67,16 @@ def _circles(mission: Mission) -> str:
     return mission.orbit.words(*mission.radii[1:])
 
 
-def _map(run: Run) -> None:
-    """target.png, where a place was surveyed."""
+def _page(run: Run, mission: Mission) -> None:
+    """report.html; and target.png, which it holds, where a place was surveyed."""
     table = run.folder / "target.geojson"
     if table.is_file():
         plot_map(run.folder / "target.png", table.read_text(encoding="utf-8"), f"{run.name}: the target")
-
-
-def _page(run: Run, mission: Mission) -> None:
-    _map(run)
-    write_report(run, report_facts(run, mission, _unfinished(run, mission) | run.summary))
-
-
-def report_facts(run: Run, mission: Mission, summary: dict[str, Any]) -> ReportFacts:
-    """What the mission and the summary add to a run's own files."""
-    return ReportFacts(
-        mission.orbit,
-        _circles(mission),
-        mission.file.guidance.gate_sigma,
-        verdict(summary, run.folder),
-        _settings(mission),
-    )
+    summary = _unfinished(run, mission) | run.summary
+    if run.damage_text is not None:
+        summary["recording_problem"] = "; ".join(filter(None, (summary["recording_problem"], run.damage_text)))
+    gate = mission.file.guidance.gate_sigma
+    write_report(run, mission.orbit, _circles(mission), gate, verdict(summary, run.folder), _settings(mission))
 
 
 def _settings(mission: Mission) -> dict[str, str]:

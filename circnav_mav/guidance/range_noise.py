@@ -5,8 +5,9 @@ sigma, and the motion at most a dt^2. The lower quartile of many does not mind o
 bends. The same of measured range rates.
 """
 
+from bisect import bisect_left, insort
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from math import inf, sqrt
 
 from circnav_mav.guidance.theory import max_range_acceleration
@@ -45,9 +46,7 @@ class NoiseCheck:
         before the sensor counts as frozen."""
         self._bend_of, self._patience = bend, patience
         self._newest: deque[tuple[float, float]] = deque(maxlen=256)
-        self._bends: deque[float] = deque(maxlen=KEPT)
-        self._raw: deque[float] = deque(maxlen=KEPT)
-        self._wide: deque[float] = deque(maxlen=KEPT_WIDE)
+        self._bends, self._raw, self._wide = _Bends(KEPT), _Bends(KEPT), _Bends(KEPT_WIDE)
         self._step, self._same_since, self._same, self._noise = inf, 0.0, 0, inf
         self.repeated = 0.0
         """How long, s, a frozen sensor has said the same number; 0 for one that is not frozen."""
@@ -72,12 +71,12 @@ class NoiseCheck:
         that a sensor cannot go on saying the same."""
         self._repeat(stamp, value, sigma, moving)
         self._bend(stamp, value)
-        if len(self._bends) >= ENOUGH and (measured := _spread(self._bends)) > TOO_MUCH * sigma:
+        if len(self._bends) >= ENOUGH and (measured := self._bends.spread) > TOO_MUCH * sigma:
             self.found = self.found or (sigma, measured)
             return measured
         if len(self._wide) < KEPT_WIDE or len(self._raw) < ENOUGH:  # unevenly spaced values have no bends
             return sigma
-        measured = max(_spread(self._raw), _spread(self._wide))
+        measured = max(self._raw.spread, self._wide.spread)
         if self.lowered is None and sigma <= TOO_LITTLE * measured:
             return sigma
         least = max(RESOLUTION, 0.0 if self._step == inf else UNIFORM * self._step)
@@ -95,8 +94,8 @@ class NoiseCheck:
             if abs(last - first) < EVEN * first:
                 bend = abs(value - 2 * between + before)
                 self._resolve(bend)
-                self._raw.append(bend)
-                self._bends.append(max(bend - self._bend_of(between) * last * first, 0.0))
+                self._raw.add(bend)
+                self._bends.add(max(bend - self._bend_of(between) * last * first, 0.0))
         newest.append((stamp, value))
         while newest[0][0] < stamp - 4 * WIDE and len(newest) > 2:
             newest.popleft()
@@ -107,7 +106,7 @@ class NoiseCheck:
             oldest, before = there
             # a sensor that froze has not become quiet
             if self._same < FEW and abs((stamp - middle) - (middle - oldest)) < EVEN * (stamp - middle):
-                self._wide.append(abs(value - 2 * between + before))
+                self._wide.add(abs(value - 2 * between + before))
 
     def _resolve(self, difference: float) -> None:
         """Of a sensor that counts in steps every difference is some of them, and so is every bend."""
@@ -126,7 +125,7 @@ class NoiseCheck:
             if before is not None:
                 self._resolve(abs(value - before))
             self._same = 0
-            self._noise = _spread(self._raw) if len(self._raw) >= ENOUGH else sigma
+            self._noise = self._raw.spread if len(self._raw) >= ENOUGH else sigma
         if value != before or not moving:
             self._same_since = stamp
         self._same += 1
@@ -136,7 +135,25 @@ class NoiseCheck:
         self.repeated = same if frozen else 0.0
 
 
-def _spread(bends: Iterable[float]) -> float:
-    """Standard deviation that makes such bends."""
-    known = sorted(bends)
-    return known[len(known) // 4] / (QUARTILE_OF_NORMAL * sqrt(6))
+class _Bends:
+    """The newest bends, kept in the order of their size too: to sort them for each range cost more than the filter."""
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._newest: deque[float] = deque()
+        self._by_size: list[float] = []
+
+    def __len__(self) -> int:
+        return len(self._newest)
+
+    def add(self, bend: float) -> None:
+        """Take in one, and forget the oldest."""
+        if len(self._newest) == self._most:
+            del self._by_size[bisect_left(self._by_size, self._newest.popleft())]
+        self._newest.append(bend)
+        insort(self._by_size, bend)
+
+    @property
+    def spread(self) -> float:
+        """Standard deviation that makes such bends."""
+        return self._by_size[len(self) // 4] / (QUARTILE_OF_NORMAL * sqrt(6))

@@ -1,7 +1,7 @@
 """From an estimate to a turn rate: the law, then the vehicle's limit. One definition for the flight in the air, in
 plain floats, and for B flights of an experiment, in arrays."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import inf, isfinite
 from types import ModuleType
 from typing import Protocol
@@ -125,7 +125,7 @@ def step(
     else:
         demanded = settings.law.function(inputs.r, inputs.r_dot, V=V, r_d=radius, k=k, xp=xp)
     turn = xp.clip(demanded, -settings.limit, settings.limit)
-    return replace(before, time=inputs.time, memory=memory), Wanted(turn, demanded, turn != demanded)
+    return StepState(inputs.time, memory, before.handover), Wanted(turn, demanded, turn != demanded)
 
 
 def _with_relative_motion(
@@ -264,4 +264,4 @@ def compensate_turn_gain(command: TurnCommand, max_turn_rate: float, gain: float
     """`compensated` of one command."""
     wanted = Wanted(command.turn_rate, command.demanded, command.saturated)
     told = compensated(wanted, max_turn_rate, gain)
-    return replace(command, turn_rate=TurnRate(float(told.turn)), saturated=bool(told.cut))
+    return TurnCommand(TurnRate(float(told.turn)), command.demanded, bool(told.cut), command.flies, command.why)

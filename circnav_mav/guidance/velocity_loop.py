@@ -63,7 +63,9 @@ class CopterMotion:
     def follow(self, own: OwnMotion, loop: VelocityLoop) -> tuple["CopterMotion", OwnMotion]:
         """Take in a report; answers with the motion that the vehicle really has: course, course rate and speed in the
         place of heading, turn rate and the speed that it is told."""
-        step = LONGEST_STEP + 1 if self.time is None else own.time - self.time
+        if self.time is None:  # from rest: a copter is handed over hovering, and how it gets to speed tells its drag
+            return replace(self, time=own.time), self._as_motion(own, 0.0)
+        step = own.time - self.time
         if step <= 0:
             return self, self._as_motion(own, 0.0)
         ux, uy = own.airspeed * cos(own.heading), own.airspeed * sin(own.heading)
@@ -89,6 +91,10 @@ class CopterMotion:
         learnt = moved._learn(own, (vx - self.vx) / step, (vy - self.vy) / step, step)
         turned = remainder(atan2(vy, vx) - atan2(self.vy, self.vx), 2 * pi)
         return learnt, learnt._as_motion(own, turned / step)
+
+    def stand(self) -> "CopterMotion":
+        """Not ours to fly: only what was learnt stays."""
+        return CopterMotion(drag=self.drag, sums=self.sums)
 
     def _learn(self, own: OwnMotion, ax: float, ay: float, step: float) -> "CopterMotion":
         """Least squares of what the tilt pushes beyond the acceleration on the velocity, with the wind as intercept."""

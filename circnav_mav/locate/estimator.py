@@ -39,7 +39,7 @@ MOVING_WINDOW = 120.0
 """Newest time, s, by which a moving target is judged: it does not keep its velocity for longer."""
 EXPLAINED = 1.3
 """Residuals over what the ranges say of themselves, up to which rest explains them."""
-UP_KNOWN = 3.0
+UP_KNOWN = 2.0
 """Standard deviation of the height, m, above which it counts as not observed."""
 ROUGH = 0.25
 """Standard deviation of a place, in units of the range, above which it is none."""

@@ -10,15 +10,13 @@ from circnav_mav.mav.accelerations import UNITS
 from circnav_mav.mav.autopilots.interface import Autopilot
 from circnav_mav.mav.codec import Encoder, Message
 from circnav_mav.mav.commands import Command, CommandResult, CommandSender, once
-from circnav_mav.mav.identity import OUR_NAME, Identity, LinkSettings, Peer, describe_vehicle, sender
+from circnav_mav.mav.identity import OUR_NAME, Identity, LinkSettings, Peer, sender
 from circnav_mav.mav.own_motion import OwnMotionSensor
 from circnav_mav.mav.signing import Signing
 from circnav_mav.mav.statustext import Announcer
 from circnav_mav.mav.streams import StreamRequests
 from circnav_mav.mav.timesync import Timesync
 from circnav_mav.mav.vehicle_state import TELLING, VehicleState
-
-__all__ = ["HANDLED", "HEARTBEAT_PERIOD", "LOST_AFTER", "LinkSettings", "Session", "describe_vehicle"]
 
 HEARTBEAT_PERIOD = 1.0
 LOST_AFTER = 3.0
@@ -92,36 +90,6 @@ class Session:
     def reply_to(self) -> Hashable:
         """Where our bytes go, None for nowhere yet."""
         return self.identity.reply_to
-
-    @property
-    def in_our_mode(self) -> bool:
-        """Whether the vehicle obeys setpoints: armed, and its own heartbeat names the guided mode."""
-        return self.vehicle.in_our_mode
-
-    @property
-    def mode(self) -> int | None:
-        """The vehicle's mode."""
-        return self.vehicle.mode
-
-    @property
-    def mode_name(self) -> str:
-        """The vehicle's mode for people."""
-        return self.vehicle.mode_name
-
-    @property
-    def boot_time(self) -> float | None:
-        """The vehicle's newest time since boot, s, None before it was reported."""
-        return self.vehicle.boot_time
-
-    @property
-    def reboots(self) -> int:
-        """Times that the vehicle has started again."""
-        return self.vehicle.reboots
-
-    @property
-    def firmware(self) -> str | None:
-        """Version of the vehicle's firmware, None before it was reported."""
-        return self.vehicle.firmware
 
     def heartbeat_age(self, now: float) -> float:
         """Seconds since the vehicle last reported its mode."""

@@ -123,7 +123,7 @@ class Authority:
     @property
     def in_our_hands(self) -> bool:
         """Whether the vehicle obeys us, and may."""
-        return self._flies and self.holder is Holder.US and self._session.in_our_mode
+        return self._flies and self.holder is Holder.US and self._session.vehicle.in_our_mode
 
     def may_say_last_words(self) -> bool:
         """Whether the safe setpoint may be sent by a shell whose pilot has failed."""
@@ -152,11 +152,11 @@ class Authority:
         """Whether setpoints go out before the engagement: PX4 enters our mode only while they flow, and does not fly
         them until then. Never after a takeover, on the ground or blind; over a slow link, it shall refuse the mode."""
         session = self._session
-        if self._mission.phase is not Phase.READY or not session.adapter.wants_setpoints_in(session.mode):
+        if self._mission.phase is not Phase.READY or not session.adapter.wants_setpoints_in(session.vehicle.mode):
             return False
         if self.holder is not Holder.US or self.may_be_on_ground(now) or session.missing(now) or self.disputed(now):
             return False
-        return self.link_quick(now) or session.in_our_mode
+        return self.link_quick(now) or session.vehicle.in_our_mode
 
     def may_be_on_ground(self, now: float) -> bool:
         """An aircraft is not steered before it flies, for the first time or again; one that does not say whether it
@@ -212,10 +212,10 @@ class Authority:
         # a vehicle that we held is ours also where it was lost, or was given back and cannot be steered yet
         ours = self.holder is Holder.US or self._mission.phase not in (Phase.WAIT_LINK, Phase.YIELDED)
         departed, self._departures = told.departures > self._departures, told.departures
-        rebooted, self._reboots = session.reboots > self._reboots, session.reboots
-        outside = session.up and session.mode is not None and session.mode != session.adapter.guided_mode
-        left_for = session.mode_name if outside else told.left_for if departed else None
-        in_mode = session.in_our_mode and not departed
+        rebooted, self._reboots = told.reboots > self._reboots, told.reboots
+        outside = session.up and told.mode is not None and told.mode != session.adapter.guided_mode
+        left_for = told.mode_name if outside else told.left_for if departed else None
+        in_mode = told.in_our_mode and not departed
         self._saw(Sight.LEFT if left_for is not None else Sight.IN_MODE if in_mode else Sight.GONE)
         if self.holder is Holder.RETURNING and told.heard_at - self._back_since >= GIVEN_AFTER:
             self._saw(Sight.BACK)

@@ -158,10 +158,13 @@ class Controller:
         steer = self._gate.admit(wanted, now)
         state = self._state(session, now, engaged=True)
         message = self._gate.check_message(session.adapter.setpoint(steer, state, now), session.adapter.shapes)
+        return message, steer.yaw_rate
+
+    def commanded(self, command: TurnCommand, now: float) -> None:
+        """A command has gone out in a setpoint: the vehicle's answer to it is expected from now on."""
         self._told = command.turn_rate
         self._response.command(now, command.turn_rate)
         self._pending.command(now, command.turn_rate * self.turn_gain)
-        return message, steer.yaw_rate
 
     def safe_setpoint(self, session: Session, now: float, *, engaged: bool = True) -> Message:
         """The vehicle's safe setpoint. `engaged` holds the height of the engagement. Raises UnsafeSetpointError."""

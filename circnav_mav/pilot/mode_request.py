@@ -32,10 +32,10 @@ class ModeRequest:
         if session.mode_requests_dropped > self._dropped and self._due > now:
             self._tries, self._due = self._tries - 1, now  # dropped before its answer: that was no try
         self._dropped = session.mode_requests_dropped
-        if now < self._due or session.mode == mode:
+        if now < self._due or session.vehicle.mode == mode:
             return None
         if self._tries == TRIES:
-            return f"acknowledged, but the vehicle stays in {session.mode_name}{said}"
+            return f"acknowledged, but the vehicle stays in {session.vehicle.mode_name}{said}"
         self._tries, self._due = self._tries + 1, now + PROOF
         session.commands.send(session.adapter.request_mode(mode))
         return None

@@ -63,7 +63,8 @@ class Pilot:
         self.setpoints_sent = 0
         self._setpoints_before = 0
         self._records: list[TickRecord] = []
-        self._unsettled: StepTaken | None = None
+        self._taken: StepTaken | None = None
+        """The newest step, until it is recorded."""
         self._frames: list[bytes] = []
         self._copter_motion = CopterMotion()
         self._reboots = self._limit_cycles = 0
@@ -73,7 +74,7 @@ class Pilot:
 
     def receive(self, data: bytes, now: float, source: Hashable = None, link: str = VEHICLE) -> None:
         """Take in one datagram (or chunk of a stream) that arrived at `now` from `source` on a link."""
-        self.settle()
+        self._note_step()
         if not self._worth_reading(source, len(data), now, link):
             return
         for message, of_vehicle, of_ranging in self._connection.receive(data, now, source, link):
@@ -127,13 +128,15 @@ class Pilot:
         own = motion.own(now, self._airspeed(now), banks=adapter.measures_airspeed)
         if own is None:
             return
-        if adapter.velocity_loop is not None:
+        flies = self.settings.output_mode is OutputMode.FLY
+        if adapter.velocity_loop is not None and self._mission.steering:
             self._copter_motion, own = self._copter_motion.follow(own, adapter.velocity_loop)
             self.controller.drag = self._copter_motion.drag
+        else:
+            self._copter_motion = self._copter_motion.stand()
         self.controller.on_motion(own)
         # a vehicle whose airspeed nobody measures has the commanded one while it flies as commanded; whose setpoints
         # are another's (a dry run) is taken to do so while it turns as we would command
-        flies = self.settings.output_mode is OutputMode.FLY
         follows = self.controller.at_speed if flies else self.controller.followed
         if adapter.measures_airspeed or (self._mission.steering and follows):
             self.tracker.move(own)
@@ -151,8 +154,13 @@ class Pilot:
     # --- out: one step ----------------------------------------------------------------------------------------------
 
     def step(self, now: float) -> bytes:
-        """Decide and answer. Acts when a fresh range is waiting or a tick is due; else returns nothing at once."""
-        self.settle()
+        """Decide and speak: `answer` and `follow_up` in one."""
+        return self.answer(now) + self.follow_up(now)
+
+    def answer(self, now: float) -> bytes:
+        """The setpoint of this step, if any. Acts when a fresh range is waiting or a tick is due; else returns nothing
+        at once."""
+        self._note_step()
         self._setpoints_before = self.setpoints_sent
         self._authority.stepped(now)
         if self._authority.view is View.BACKLOG:
@@ -160,32 +168,43 @@ class Pilot:
         if not self._due(now):
             return b""
         self.tracker.fresh = False
-        self._scheduler.stepped(now)
         self._mission.step(now)
         self._watch_link(now)
         self._watch_takeover(now)
         if (overdue := self._mission.overdue(now)) is not None:
             self._finish(self._status.outcome(overdue, now), now)
-        self._say_rivals(now)
         estimate = self.tracker.at(now)
         self._watch_bounds(estimate, now)
         self._watch_ranging(estimate, now)
-        self._watch_drift(estimate)
         self._watch_engagement(now)
         desired = self.controller.orbit.radius
         command = self.controller.command(self.phase, estimate, self.session.timesync.worst, now)
+        message, sent = self._setpoint(command, now)
+        self._taken = StepTaken(now, self.phase, estimate, command, sent, desired)
+        return b"" if message is None else self.session.encode(message)
+
+    def follow_up(self, now: float) -> bytes:
+        """All else that the step of `answer` has to say, once its setpoint is on its way; nothing if it did not act."""
+        if self._taken is None:
+            return b""
+        estimate, command = self._taken.estimate, self._taken.command
+        self._scheduler.stepped(now)
+        if self._taken.sent is not None and command is not None:
+            self.controller.commanded(command, now)
+        self._say_rivals(now)
+        self._watch_drift(estimate)
         self._say_how_it_flies(command)
-        messages, sent = self._setpoint(command, now)
-        self._unsettled = StepTaken(now, self.phase, estimate, command, sent, desired)
-        messages += self._housekeeping(estimate, command, now)
-        return b"".join(map(self.session.encode, messages))
+        return b"".join(map(self.session.encode, self._housekeeping(estimate, command, now)))
 
     def settle(self) -> None:
-        """Do what the newest step has left for after its setpoint: the estimator's preparations and the tick's record.
-        Done before anything else happens, if nobody has called it until then."""
+        """Do what the newest step has left for after all that it says: its record, and the estimator's preparations."""
+        self._note_step()
         self.tracker.estimator.settle()
-        if self._unsettled is not None:
-            step, self._unsettled = self._unsettled, None
+
+    def _note_step(self) -> None:
+        """Record the newest step, before anything changes."""
+        if self._taken is not None:
+            step, self._taken = self._taken, None
             law = self.settings.law.name
             self._records.append(tick_record(step, self.session, self.tracker, self.controller, law))
 
@@ -218,8 +237,8 @@ class Pilot:
 
     def _watch_takeover(self, now: float) -> None:
         """The operator's word ends the stream in this very step."""
-        if self.session.reboots > self._reboots:
-            self._reboots = self.session.reboots
+        if self.session.vehicle.reboots > self._reboots:
+            self._reboots = self.session.vehicle.reboots
             self.tracker.estimator.reset()
         takeover = self._authority.watch_takeover()
         if takeover is None:
@@ -293,8 +312,8 @@ class Pilot:
 
     # --- the setpoint
 
-    def _setpoint(self, command: TurnCommand | None, now: float) -> tuple[list[Message], YawRate | None]:
-        """The setpoint message of this step, if any, and the yaw rate in it."""
+    def _setpoint(self, command: TurnCommand | None, now: float) -> tuple[Message | None, YawRate | None]:
+        """The setpoint message of this step, if any, and the yaw rate in it where it steers."""
         allowed = self._authority.allowed(now)
         yaw_rate = None
         try:
@@ -309,11 +328,9 @@ class Pilot:
         except UnsafeSetpointError as error:
             reason = f"internal error, unsafe setpoint held back: {error}"
             self._finish(Outcome(Ending.ABORTED, reason), now)
-            return [], None
-        if message is None:
-            return [], None
-        self.setpoints_sent += 1
-        return [message], yaw_rate
+            return None, None
+        self.setpoints_sent += message is not None
+        return message, yaw_rate
 
     def _leave(self, allowed: Allowed, now: float) -> Message | None:
         """The safe setpoint until the exit action shows in the vehicle's mode, or some times over; then silence."""
@@ -331,11 +348,10 @@ class Pilot:
         return None if allowed is Allowed.NOTHING else self.controller.safe_setpoint(self.session, now)
 
     def hold_back(self) -> None:
-        """What the newest step gave out was not sent: the shell had stood still in it for too long."""
-        self.settle()
+        """The newest setpoint was not sent: the shell had stood still for too long."""
         if self.setpoints_sent > self._setpoints_before:
             self.setpoints_sent = self._setpoints_before
-            self._records[-1] = replace(self._records[-1], yaw_rate_sent=None)
+            self._taken = self._taken and self._taken._replace(sent=None)
 
     def last_words(self, now: float) -> bytes:
         """The safe setpoint, and the exit action asked for once, for the shell to send when the pilot itself has

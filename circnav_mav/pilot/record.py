@@ -122,7 +122,7 @@ def tick_record(
         height=tracker.height.at(now),
         range_age=None if newest is None else now - newest.time,
         link_age=link_age if isfinite(link_age) else None,
-        mode=session.mode_name,
+        mode=session.vehicle.mode_name,
         accepted=tracker.accepted,
         rejected=tracker.ranging.refused,
         measured_rate=tracker.measured_rate(now),

@@ -9,8 +9,8 @@ from circnav_mav.guidance.step import LawChoice
 from circnav_mav.guidance.types import Orbit
 from circnav_mav.mav.autopilots.interface import VehicleFacts
 from circnav_mav.mav.height import HeightSettings
+from circnav_mav.mav.identity import LinkSettings
 from circnav_mav.mav.ranging.interface import RangingSettings
-from circnav_mav.mav.session import LinkSettings
 from circnav_mav.pilot.mission_state import Timing
 
 VEHICLE, RANGING = LINKS = ("vehicle", "ranging")

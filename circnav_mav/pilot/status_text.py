@@ -131,7 +131,7 @@ class StatusText:
         tracker, waited, age = self._tracker, now - self._mission.since, self._tracker.age(now)
         if tracker.estimator.ready and age is not None and FRESH * self._settings.timing.stale < age < waited:
             return f"no fresh range for {waited:.1f} s, the newest is {age:.2f} s old"
-        if tracker.ranging.clock_doubted:
+        if tracker.ranging.clock.doubted:
             return f"no range for {waited:.1f} s: all rejected, the sensor clock stepped"
         return f"no range for {waited:.1f} s"
 

@@ -16,12 +16,11 @@ from circnav_mav.mav.autopilots.interface import Autopilot
 from circnav_mav.mav.clocks import Moment, Span, quick_span
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.height import Height
-from circnav_mav.mav.identity import RADIO_NAME
+from circnav_mav.mav.identity import RADIO_NAME, describe_vehicle
 from circnav_mav.mav.own_motion import Motion
 from circnav_mav.mav.params import ParameterReader
 from circnav_mav.mav.ranging.range_rate import RangeRateReader
 from circnav_mav.mav.ranging.reader import RangeReader
-from circnav_mav.mav.session import describe_vehicle
 from circnav_mav.mav.signing import Signing
 from circnav_mav.mav.statustext import TextReader, plain_text
 from circnav_mav.pilot.connection import Connection
@@ -206,9 +205,9 @@ class Survey:
             *session.vehicle_ids,
             kind=self._kind,
             adapter=session.adapter,
-            firmware=session.firmware,
-            mode=session.mode,
-            mode_name=session.mode_name,
+            firmware=session.vehicle.firmware,
+            mode=session.vehicle.mode,
+            mode_name=session.vehicle.mode_name,
             armed=session.vehicle.armed,
             heartbeat_age=session.heartbeat_age(self._end),
             streams={id: (rate, self._counted[id] / max(self._measured_for, TICK)) for id, rate in wanted.items()},
@@ -218,7 +217,7 @@ class Survey:
             height_unknown=self._height.why_unknown(self._end),
             battery=session.vehicle.battery,
             boot=quick_span(self._boots),
-            reboots=session.reboots,
+            reboots=session.vehicle.reboots,
             round_trip=session.timesync.typical,
             parameters=dict(self._reader.values) if self._reader else {},
             texts=tuple(self._texts),
@@ -266,12 +265,12 @@ class Survey:
             self._reader.receive(message)
         if self._settled(now):
             self._counted[message.get_msgId()] += 1
-            if type_ in ("ATTITUDE", "ATTITUDE_QUATERNION", "SYSTEM_TIME") and session.boot_time is not None:
-                self._take_boot_time((now, session.boot_time))
+            if type_ in ("ATTITUDE", "ATTITUDE_QUATERNION", "SYSTEM_TIME") and session.vehicle.boot_time is not None:
+                self._take_boot_time((now, session.vehicle.boot_time))
 
     def _take_boot_time(self, heard: Moment) -> None:
         """All since the vehicle last booted."""
-        rebooted, self._reboots = self.session.reboots > self._reboots, self.session.reboots
+        rebooted, self._reboots = self.session.vehicle.reboots > self._reboots, self.session.vehicle.reboots
         if rebooted:
             self._boots.clear()
         self._boots.append(heard)

@@ -67,13 +67,11 @@ def stretches(time: Column, words: list[str]) -> list[tuple[float, float, str]]:
 def _columns(ticks: Ticks, truth: Truth | None, span: tuple[float, float]) -> dict[str, tuple[Column, Column]]:
     """Time and values of each column that there is something to draw of."""
     numbers, time, new = ticks.numbers, ticks.time, fresh(ticks)
-    found = {name: _line(time, numbers[name]) for name in ("r", "r_dot", "turn_rate", "heading")}
+    found = {name: _line(time, numbers[name]) for name in ("r", "r_dot", "turn_rate", "heading", "drift_x", "drift_y")}
     found["desired"] = _steps(time, ticks.desired(nan))
     found["measured"] = _dots(time[new], numbers["measured"][new])
     found["innovation"] = _dots(time[new], np.sqrt(numbers["nis"][new]))
-    found |= {
-        name: _rate(time, numbers[column], span) for name, column in (("taken", "accepted"), ("rejected", "rejected"))
-    }
+    found |= {name: _rate(time, numbers[name], span) for name in ("accepted", "rejected")}
     if truth is None:
         return found | {"differenced": _line(*_differenced(time[new], numbers["measured"][new]))}
     rising = np.diff(truth.sim_time, prepend=-np.inf) > 0

@@ -2,7 +2,6 @@
 
 import base64
 import re
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from html import escape
 from pathlib import Path
@@ -18,52 +17,48 @@ from circnav_mav.runlog.run_folder import Run
 from circnav_mav.runtime import web
 
 MOST_EVENTS = 60
+LABEL = 13
+"""Width of the labels of a verdict, characters."""
 OUTCOMES = {"COMPLETED": "good", "INTERRUPTED": "warn"}
 """The colour of an outcome; every other one is bad."""
 PAGE = Path(__file__).with_name("report.template.html")
 
 
-@dataclass(frozen=True, slots=True)
-class ReportFacts:
-    """What the report cannot read from the run's files. circles: in words. gate: of the innovations, standard
-    deviations. verdict: the outcome in its first line. settings: the mission's values as used, by their keys."""
+def write_report(run: Run, orbit: Orbit, circles: str, gate: float, verdict: str, settings: dict[str, str]) -> Path:
+    """Write report.html of a run with two ticks at least into its folder, all or nothing. Raises RunError, OSError.
 
-    orbit: Orbit
-    circles: str
-    gate: float
-    verdict: str
-    settings: dict[str, str]
-
-
-def report(run: Run, facts: ReportFacts) -> str:
-    """The page of a run with at least two ticks. Raises RunError, OSError."""
+    circles: in words. gate: of the innovations, standard deviations. verdict: its first line is the outcome. settings: by
+    their keys.
+    """
     names, happened = _phase_names(run), events(run)
     commanded = "commanded" if run.voice == OutputMode.FLY.value else "would command"
-    data = chart_data(run.ticks, run.truth, facts.orbit, names, gate=facts.gate, commanded=commanded)
-    outcome, _, figures = facts.verdict.partition("\n")
+    data = chart_data(run.ticks, run.truth, orbit, names, gate=gate, commanded=commanded)
+    outcome, _, figures = verdict.partition("\n")
     parts = {
         "TITLE": escape(run.name),
-        "SUBTITLE": escape(f"{facts.circles}. {_vehicle(run)}"),
+        "SUBTITLE": escape(f"{circles}. {_vehicle(run)}"),
         "OUTCOME": escape(outcome),
         "COLOUR": OUTCOMES.get(outcome.partition(":")[0], "bad"),
-        "VERDICT": "".join(f"<div>{escape(line)}</div>" for line in figures.splitlines()),
+        "VERDICT": "".join(map(_figure, figures.splitlines())),
         "TRACK": escape(_track_words(run), quote=False),
         "PICTURE": _picture(run.folder / "flight.png"),
         "DATA": as_script(data | {"alarms": alarms(run.ticks, happened)}),
         "PLACE": _place(run),
         "EVENTS": _events(happened, names),
-        "SETTINGS": _rows(facts.settings),
+        "SETTINGS": _rows(settings),
         "VERSIONS": _rows(_versions(run)),
     }
     page = web.with_charts(PAGE)
-    return re.sub(f"@({'|'.join(parts)})@", lambda place: parts[place[1]], page)  # at once: parts may look like places
-
-
-def write_report(run: Run, facts: ReportFacts) -> Path:
-    """Write report.html into the run folder, whole or not at all. Raises RunError, OSError."""
+    page = re.sub(f"@({'|'.join(parts)})@", lambda place: parts[place[1]], page)  # at once: parts may look like places
     path = run.folder / "report.html"
-    write_text(path, report(run, facts))
+    write_text(path, page)
     return path
+
+
+def _figure(line: str) -> str:
+    """A line of the verdict: its label, and what stands between its commas, each in one piece where there is room."""
+    parts = "".join(f"<span>{escape(part)}</span> " for part in re.split(r"(?<=,) ", line[LABEL:]))
+    return f"<dt>{escape(line[:LABEL].strip())}</dt><dd>{parts}</dd>"
 
 
 def _vehicle(run: Run) -> str:

@@ -59,37 +59,6 @@ def plot_replay(path: Path, was: Ticks | None, would: Ticks, orbit: Orbit, title
         save(figure, path)
 
 
-def plot_estimates(path: Path, ticks: Ticks, gate: float, title: str) -> None:
-    """Draw range rate with its sigma, innovations with their gate, and ranges taken and refused. Raises OSError."""
-    numbers, time = ticks.numbers, ticks.time
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(11, 8), layout="constrained")
-        figure.suptitle(literal(title))
-        rate, innovation, samples = figure.subplots(3, 1, sharex=True)
-        when, r_dot, sigma = broken(time, numbers["r_dot"], numbers["r_dot_sigma"])
-        rate.fill_between(when, r_dot - sigma, r_dot + sigma, color=MEASURED, alpha=0.6, lw=0, label="+-1 sigma")
-        rate.plot(when, r_dot, color=ESTIMATE, lw=0.8, label="estimated")
-        rate.set_ylabel("range rate, m/s")
-        new = fresh(ticks)
-        innovation.plot(time[new], np.sqrt(numbers["nis"][new]), ".", ms=2, color=ESTIMATE, label="innovation")
-        innovation.axhline(gate, ls="--", color=TRUE, lw=1, label="gate")
-        innovation.set_ylabel("standard deviations")
-        samples.stairs(*_per_second(time, numbers["accepted"]), fill=True, color=MEASURED, label="taken")
-        samples.stairs(*_per_second(time, numbers["rejected"]), fill=True, color=TRUE, label="rejected")
-        samples.set_ylabel("ranges, 1/s")
-        samples.set_xlabel("time, s")
-        for axis in (rate, innovation, samples):
-            _legend_above(axis)
-        save(figure, path)
-
-
-def _per_second(time: Column, counted: Column) -> tuple[Column, Column]:
-    """How much a count grew in each second, and the edges of these seconds."""
-    edges = np.arange(time[0], time[-1] + 1.0)
-    before = np.searchsorted(time, edges, side="right") - 1
-    return np.diff(counted[before]), edges
-
-
 def _track(axis: Any, track: Track, radii: list[float]) -> None:
     angle = np.linspace(0, 2 * np.pi, 361)
     colour, label = (TRUE, "flown (truth)") if track.true else (ESTIMATE, "flown (estimate)")

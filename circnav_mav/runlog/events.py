@@ -60,6 +60,7 @@ def _texts(path: Path, epoch_us: int) -> list[Event]:
                 continue  # a damaged frame with a whole one inside
             who = "circnav says" if message.get_srcComponent() in OUR_COMPONENTS else "vehicle says"
             text, before = reader.read(message)
+            text = text.removeprefix("circnav: ")  # as ours begin
             sender = message.get_srcSystem() << 8 | message.get_srcComponent()
             if before is None:
                 newest[sender] = len(found)

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mav.codec import Decoder, Message
+from circnav_mav.mav.identity import describe_vehicle
 from circnav_mav.mav.ranging.interface import RangingSettings, Reject
 from circnav_mav.mav.ranging.reader import RangeReader
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
-from circnav_mav.mav.session import describe_vehicle
 from circnav_mav.mav.statustext import plain_text
 from circnav_mav.pilot import Pilot
 from circnav_mav.runlog.loop_steps import LoopStep

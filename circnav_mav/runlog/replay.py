@@ -87,10 +87,11 @@ def _take(pilot: Pilot, step: LoopStep, done: Replayed) -> None:
 
 
 def _step(pilot: Pilot, now: float, done: Replayed, *, held_back: bool = False) -> None:
-    out = pilot.step(now)
+    out = pilot.answer(now)
     if held_back:
-        out = b""
         pilot.hold_back()
+    more = pilot.follow_up(now)
+    out = b"" if held_back else out + more
     if pilot.settings.ranging_apart:
         out += pilot.hello(now)
     done.sent += [(now, frame) for frame in split_frames(out)]

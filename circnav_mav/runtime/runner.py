@@ -128,13 +128,18 @@ def turn(
     if signal_name and pilot.outcome is None:
         step.interrupt = signal_name
         pilot.interrupt(now, signal_name)
-    out = pilot.step(now)
+    out = pilot.answer(now)
     if clock.real() - began > LONGEST_STEP:
         out, step.held_back = b"", True
         pilot.hold_back()
-    hello = _send(pilot, out, links, now)
-    # the setpoint is on its way: the pilot's other work, and all that is recorded and shown, comes behind it
-    step.said, step.hello = split_frames(out), split_frames(hello)
+    elif out:
+        links[VEHICLE].send(out, pilot.reply_to)
+    # the setpoint is on its way: all else that the pilot has to say, to record and to show comes behind it
+    more = pilot.follow_up(now)
+    if more and clock.real() - began <= LONGEST_STEP:
+        links[VEHICLE].send(more, pilot.reply_to)
+        out += more
+    step.said, step.hello = split_frames(out), split_frames(_greet(pilot, links, now))
     return step
 
 
@@ -155,13 +160,13 @@ def listen(
         for name, link in links.items():
             for data, source in link.receive(now):
                 survey.receive(data, now, source, name)
-        _send(survey, survey.step(now), links, now)
+        if out := survey.step(now):
+            links[VEHICLE].send(out, survey.reply_to)
+        _greet(survey, links, now)
 
 
-def _send(speaker: Pilot | Survey, out: bytes, links: Mapping[str, Link], now: float) -> bytes:
-    """Send to the vehicle, and greet a ranging link that is apart; answers with the greeting."""
-    if out:
-        links[VEHICLE].send(out, speaker.reply_to)
+def _greet(speaker: Pilot | Survey, links: Mapping[str, Link], now: float) -> bytes:
+    """Greet a ranging link that is apart; answers with the greeting."""
     hello = speaker.hello(now) if RANGING in links else b""
     if hello:
         links[RANGING].send(hello, None)

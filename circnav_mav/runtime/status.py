@@ -130,7 +130,7 @@ def _alarms(pilot: Pilot, tick: TickRecord, now: float, rates: Rates | None, pro
             found.append(f"DRIFT TOO STRONG: {pilot.drift_alarm.text}")
         if rates is not None and rates.refused > MOST_REJECTED * (rates.taken + rates.refused):
             found.append(f"MOST RANGES REJECTED: {rates.refused:.1f} of {rates.taken + rates.refused:.1f} per second")
-        if pilot.tracker.ranging.clock_doubted:
+        if pilot.tracker.ranging.clock.doubted:
             found.append("SENSOR CLOCK stepped: ranges are rejected until it runs steadily again")
         if (speed := pilot.session.clock_speed.found) is not None:
             cure = 'for a simulator set link.clock = "autopilot"'

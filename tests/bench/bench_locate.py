@@ -46,7 +46,7 @@ class Situation:
 TWO_CIRCLES = ("orbit.radius_m=[100, 60]", "vehicle.max_turn_rate_deg_s=35")
 SITUATIONS = (
     Situation("one lap, .5 m"),
-    Situation("one lap, LoRa (3 m)", ('sim.ranging.preset="lora"', "sim.ranging.noise_m=3", "ranging.sigma_m=3")),
+    Situation("one lap, LoRa", ('sim.ranging.preset="lora"', "ranging.sigma_m=3")),
     Situation("one lap, 10 % outliers", ("sim.ranging.outlier_fraction=0.1",)),
     Situation("two circles, .5 m", TWO_CIRCLES),
     Situation("two circles, RTK (.02 m)", (*TWO_CIRCLES, "sim.sensors.gps_error_m=0.02"), gps=0.02),

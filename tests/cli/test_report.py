@@ -21,8 +21,8 @@ from tests.process import PATIENCE
 from tests.runlog.conftest import rewrite_ticks
 
 cli_report = importlib.import_module("circnav_mav.cli.report")  # the package's `report` is the command
-CHARTS = ("phase", "range", "error, range - radius", "range rate", "turn rate, left positive", "innovation", "ranges",
-          "vehicle mode", "law")  # fmt: skip
+CHARTS = ("phase", "range", "error, range - radius", "range rate", "turn rate, left positive",
+          "drift: wind less target motion", "innovation", "ranges", "vehicle mode", "law")  # fmt: skip
 
 
 def data_of(page: str) -> dict:
@@ -47,7 +47,7 @@ def test_the_page_holds_every_part_and_needs_nobody(circnav, flown):
     ran = circnav("report", flown)
     assert (ran.code, ran.err) == (0, "")
     page = (flown / "report.html").read_text()
-    columns = "measured r true_r r_dot true_r_dot turn_rate true_turn innovation taken rejected"
+    columns = "measured r true_r r_dot true_r_dot turn_rate true_turn innovation accepted rejected drift_x"
     assert set(columns.split()) <= set(data_of(page)["columns"])
     assert '<div class="outcome bad">UNFINISHED: ' in page, "the outcome in words and colour, first"
     assert "2026-09-21 14:13 UTC, vehicle not known" in page
@@ -56,7 +56,7 @@ def test_the_page_holds_every_part_and_needs_nobody(circnav, flown):
         assert part in page
     assert not re.search(r"""(src|href)=["'](?!data:)|https?://|@import|url\((?!#)""", page)
     assert not re.search(r"@[A-Z.]+@|\bnan\b", page)
-    assert {path.name for path in flown.glob("*.png")} == {"flight.png", "estimates.png"}
+    assert {path.name for path in flown.glob("*.png")} == {"flight.png"}
 
 
 def test_a_run_without_truth_tells_ranges_and_no_track(circnav, tmp_path):

@@ -156,7 +156,7 @@ class Course:
     def interrupt(self) -> None:
         """A signal ends the flight: the very next words are the safe setpoint, where the vehicle is ours to steer."""
         pilot = self.pilot
-        steering = pilot.phase in STEERING and pilot.session.in_our_mode and not self.witness.unproved
+        steering = pilot.phase in STEERING and pilot.session.vehicle.in_our_mode and not self.witness.unproved
         pilot.interrupt(self.clock(self.now), "SIGTERM")
         out = self._answer()
         if steering and not any(is_safe(frame) for frame in frames(out) if is_setpoint(frame)):
@@ -230,9 +230,10 @@ class Course:
 
     def _judge_time(self) -> None:
         pilot = self.pilot
-        before = pilot.phase is Phase.READY and pilot.session.adapter.wants_setpoints_in(pilot.session.mode)
-        if not pilot.session.in_our_mode and not before:
-            self.broken.append(f"{self.now:.2f} s: setpoint while {pilot.session.mode_name}, {pilot.phase.value}")
+        before = pilot.phase is Phase.READY and pilot.session.adapter.wants_setpoints_in(pilot.session.vehicle.mode)
+        if not pilot.session.vehicle.in_our_mode and not before:
+            mode = pilot.session.vehicle.mode_name
+            self.broken.append(f"{self.now:.2f} s: setpoint while {mode}, {pilot.phase.value}")
         if self.witness.taken or self.witness.unproved:
             seen = "the operator's mode was seen" if self.witness.taken else "standing still, no heartbeat since"
             self.broken.append(f"{self.now:.2f} s: setpoint after {seen}")

@@ -1,16 +1,17 @@
 """python -m tests.faults.matrix [--quick] [--profile P] [--fault F] [--level TEXT] [--seed N]: the fault matrix.
 
-Every fault at every level over the emulated vehicles, in lockstep; prints one line a cell and writes the table as
-Markdown. The seed of a cell is printed: a cell flown alone with it flies the same flight.
+Every fault at every level over the emulated vehicles, in lockstep; prints a line for each cell, and last (--out: into
+a file) the table of docs/faults.md, a line for each fault. A cell flown alone with its seed flies the same flight.
 """
 
 import argparse
 import sys
 import time
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from tests.faults.cell import LAW, Scenario, Verdict, fly
+from tests.faults.cell import LAW, Scenario, Verdict, Want, fly
 from tests.faults.scenarios.attacks import ATTACKS
 from tests.faults.scenarios.line import LINE
 from tests.faults.scenarios.pauses import STANDSTILLS
@@ -25,6 +26,34 @@ FIRST = PROFILES[:2]
 HEAD = (
     "| fault | level | vehicle | seed | result | RMS % | worst age s | to safe s | recovery s | rejects |\n"
     "|---|---|---|---|---|---|---|---|---|---|"
+)
+FAULTS = {
+    "F1": "frames are lost",
+    "F2": "the link is down, one way or both",
+    "F3": "frames come late",
+    "F4": "frames come late by turns (jitter)",
+    "F5": "frames come in another order",
+    "F6": "frames come twice",
+    "F7": "bytes are damaged, cut off, split, joined",
+    "F9": "strange frames flood the link",
+    "F10": "ranges that are none",
+    "F11": "outliers, noise, offsets, coarse steps",
+    "F12": "ranges stop, freeze, come seldom or in bursts",
+    "F13": "the sensor's clock",
+    "F14": "our clock",
+    "F15": "the autopilot reboots",
+    "F16": "the operator takes over, or disarms",
+    "F17": "the vehicle speaks from another address",
+    "F18": "another vehicle, radio or companion speaks",
+    "F19": "commands are refused, ignored or answered late",
+    "F20": "our process stands still",
+    "F22": "MAVLink 1, replays, and signed links",
+    "F23": "attackers on the link",
+    "F24": "vehicle, radio or computer stand still",
+}
+BY_FAULT = (
+    "| | fault | levels | circnav | held to, RMS % of the radius | back within, s | silent or safe within, s "
+    "| passed on |\n|---|---|---|---|---|---|---|---|"
 )
 
 
@@ -49,6 +78,34 @@ def row(verdict: Verdict) -> str:
     )
 
 
+def by_fault(verdicts: Iterable[Verdict]) -> str:
+    """A line for each fault: what the vehicles did about it, the worst figures of all its cells, and who passed."""
+    flown: dict[str, list[Verdict]] = {}
+    for verdict in verdicts:
+        flown.setdefault(verdict.scenario.fault, []).append(verdict)
+    return "\n".join([BY_FAULT, *(_fault_row(fault, found) for fault, found in flown.items())])
+
+
+def _fault_row(fault: str, found: list[Verdict]) -> str:
+    def wanted(verdict: Verdict) -> Want:
+        return verdict.scenario.on.get(verdict.profile, verdict.scenario.want)
+
+    def worst(values: Iterable[float | None]) -> str:
+        return _number(max((value for value in values if value is not None), default=None))
+
+    answers = Counter(wanted(verdict).value for verdict in found if wanted(verdict) is not Want.SAFE)
+    held = worst(100 * one.rms for one in found if wanted(one) is Want.HOLD and not one.outcome)
+    back = worst(one.recovery for one in found if wanted(one) in (Want.HOLD, Want.REGAIN) and not one.outcome)
+    safe = worst(one.to_safe for one in found if one.outcome)
+    flew = dict.fromkeys(one.profile for one in found)
+    failing = {one.profile for one in found if not one.passed}
+    passed = ", ".join(name for name in flew if name not in failing) or "none"
+    levels = len({one.scenario.level for one in found})
+    answer = "; ".join(answers) or "breaks no rule"
+    everyone = f"all {len(flew)}" if not failing and len(flew) == len(PROFILES) else passed
+    return f"| {fault} | {FAULTS[fault]} | {levels} | {answer} | {held} | {back} | {safe} | {everyone} |"
+
+
 def _number(value: float | None) -> str:
     return "-" if value is None else f"{value:.1f}"
 
@@ -57,20 +114,20 @@ def main(arguments: list[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     started = time.monotonic()
     chosen = list(cells(quick=options.quick, profile=options.profile, fault=options.fault, level=options.level))
-    rows, failed = [], 0
+    flown: list[Verdict] = []
     print(HEAD)
     for scenario, profile in chosen:
-        verdict = fly(scenario, profile, options.seed, options.law)
-        rows.append(row(verdict))
-        failed += not verdict.passed
-        print(rows[-1], flush=True)
+        flown.append(fly(scenario, profile, options.seed, options.law))
+        print(row(flown[-1]), flush=True)
+    failed = sum(not verdict.passed for verdict in flown)
     summary = (
         f"{len(chosen)} cells, {len(chosen) - failed} passed, {failed} failed, law {options.law}, seed {options.seed}, "
         f"{time.monotonic() - started:.0f} s"
     )
-    print(summary)
+    table = by_fault(flown)
+    print(f"{summary}\n\n{table}")
     if options.out:
-        options.out.write_text(f"{summary}\n\n{HEAD}\n" + "\n".join(rows) + "\n", encoding="utf-8")
+        options.out.write_text(f"{summary}\n\n{table}\n", encoding="utf-8")
     return 1 if failed else 0
 
 
@@ -82,7 +139,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--level", help="part of the level's name")
     parser.add_argument("--law", default=LAW, help="guidance.law of the missions")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--out", type=Path, metavar="TABLE.md", help="write the table as Markdown")
+    parser.add_argument("--out", type=Path, metavar="TABLE.md", help="write the table by fault there")
     return parser
 
 

@@ -103,7 +103,7 @@ def soak(folder: Path, profile: str, law: str, hours: float, lines_every: float 
     outcome = f"ended: {pilot.outcome.reason}" if pilot.outcome else f"still {pilot.phase.value}"
     yield (
         f"{outcome}; ranges taken {pilot.tracker.accepted}, rejected {dict(pilot.tracker.ranging.rejected)}; "
-        f"reboots seen {pilot.session.reboots}; recording: {flight.recorder.problem or 'whole'}"
+        f"reboots seen {pilot.session.vehicle.reboots}; recording: {flight.recorder.problem or 'whole'}"
     )
     late = [(at, mb) for at, mb in memory if at > hours / 5] if len(memory) > 4 else memory
     if len(late) > 1:

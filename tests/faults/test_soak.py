@@ -31,7 +31,7 @@ def test_circle_is_held_through_the_wrap_of_the_49_days_counters(tmp_path: Path,
     flight.recorder.close()
     assert phases == {Phase.ENGAGED}
     assert rms_error(truths, 30.0) < 0.05 * 30.0 / 2
-    assert flight.pilot.session.reboots == 0
+    assert flight.pilot.session.vehicle.reboots == 0
     assert flight.pilot.tracker.ranging.rejected.total() <= 1
     stamps = {ATTITUDE: [], RANGE: []}
     for at, frame in read_tlog(tmp_path / "flight.tlog"):

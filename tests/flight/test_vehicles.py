@@ -66,7 +66,7 @@ def test_no_setpoint_after_the_tick_that_saw_the_operator_take_over_at_random_ti
         take_over(flown, mission)
         count = len(flown.sent)
         guided = flown.pilot.session.adapter.guided_mode
-        while flown.pilot.session.mode == guided:
+        while flown.pilot.session.vehicle.mode == guided:
             flown.fly(flown.now + 0.02)
             assert flown.now < 12
         seen_at = flown.now
@@ -100,7 +100,7 @@ def test_exit_action_gives_the_vehicle_to_the_mode_that_the_mission_names(missio
     flown = flight(mission, "limits.duration_s=20.0", 'exit.action="rtl"').fly(60)
     adapter = flown.pilot.session.adapter
     assert flown.pilot.done
-    assert flown.pilot.session.mode == adapter.exits["rtl"] == flown.vehicle.truth.mode
+    assert flown.pilot.session.vehicle.mode == adapter.exits["rtl"] == flown.vehicle.truth.mode
     assert flown.pilot.outcome is not None
     assert flown.pilot.outcome.reason == "flown to its end"
 

@@ -56,6 +56,18 @@ def test_without_a_tilt_the_drag_stays_a_bare_quadrotors():
     assert flown(0.1, 1.0, tilts=False)[0].drag == FIRST_DRAG
 
 
+def test_a_copter_handed_over_hovering_is_known_to_fly_slower_than_told_until_it_has_got_to_speed():
+    """Straight on without drag and feeding, the loop 1.8 + .4/s brings v to .8 V in 1/1.8 ln 5 = .9 s and more."""
+    motion, speeds = CopterMotion(drag=0.0), []
+    for i in range(100):
+        motion, _ = motion.follow(OwnMotion(i * STEP, 0.5, 0.0, V), LOOP)
+        speeds.append(hypot(motion.vx, motion.vy))
+    assert speeds[0] == 0.0 and speeds[round(0.5 / STEP)] < 0.5 * V
+    reached = STEP * next(i for i, speed in enumerate(speeds) if speed > 0.8 * V)
+    assert 0.9 < reached < 1.8
+    assert motion.stand().follow(OwnMotion(9.0, 0.5, 0.0, V), LOOP)[0].vx == 0.0
+
+
 def test_after_a_gap_the_velocity_begins_along_the_nose():
     motion, _, _ = flown(0.3, 1.0)
     after, own = motion.follow(OwnMotion(motion.time + 3.0, 1.0, 0.3, V), LOOP)

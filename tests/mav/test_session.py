@@ -48,7 +48,7 @@ def test_the_first_vehicle_that_fits_is_pinned_and_answered_where_it_spoke(line)
     assert session.up
     assert session.peer.ids == (1, 1)
     assert session.reply_to == ("10.0.0.1", 14550)
-    assert (session.mode, session.mode_name, session.vehicle.armed) == (5, "LOITER", True)
+    assert (session.vehicle.mode, session.vehicle.mode_name, session.vehicle.armed) == (5, "LOITER", True)
     assert session.heartbeat_age(2.5) == 1.5
 
 
@@ -67,7 +67,7 @@ def test_a_second_vehicle_is_ignored_and_counted(line, voice):
         here.beat(now=0.1 * i, voice=other, mode=4, source="elsewhere")
     here.beat(now=0.6, mode=4, source="elsewhere")  # of the same ids on another address
     assert here.session.peer.ids == (1, 1)
-    assert here.session.mode == 5
+    assert here.session.vehicle.mode == 5
     assert here.session.ignored["other_vehicle"] == 6
 
 
@@ -78,7 +78,7 @@ def test_our_vehicle_may_come_back_from_another_address_once_it_was_silent(line)
     assert here.session.reply_to == "port 1"
     here.beat(now=1.6, source="port 2", mode=5)
     assert here.session.reply_to == "port 2"
-    assert here.session.mode == 5
+    assert here.session.vehicle.mode == 5
 
 
 @pytest.mark.parametrize(
@@ -95,7 +95,7 @@ def test_heartbeats_that_are_no_vehicles_pin_nothing_and_move_nothing(line, voic
     assert not here.session.up
     here.beat(now=0.1, mode=4)
     here.beat(now=0.2, voice=voice(1, 100), mode=5, **fields)
-    assert here.session.mode == 4
+    assert here.session.vehicle.mode == 4
     assert here.session.ignored["other_vehicle"] == (not movable)
     assert here.session.misfits == {}
 
@@ -146,17 +146,17 @@ def test_messages_of_strangers_move_nothing(here, voice):
     here.hear(mavlink.MAVLink_system_time_message(0, 10_000_000), voice=stranger)
     here.hear(mavlink.MAVLink_system_time_message(0, 1_000), voice=stranger)
     assert list(here.session.texts) == []
-    assert here.session.reboots == 0
+    assert here.session.vehicle.reboots == 0
 
 
 def test_a_vehicle_that_is_let_go_is_no_longer_ours(line):
     here = line()
     here.beat(mode=4)
-    assert here.session.in_our_mode
+    assert here.session.vehicle.in_our_mode
     here.session.lose()
     assert not here.session.up
-    assert not here.session.in_our_mode
-    assert here.session.mode is None
+    assert not here.session.vehicle.in_our_mode
+    assert here.session.vehicle.mode is None
 
 
 # --- its mode ---
@@ -174,9 +174,9 @@ def test_a_vehicle_that_is_let_go_is_no_longer_ours(line):
 )
 def test_the_vehicle_is_ours_when_armed_in_guided_by_its_own_heartbeat(line, mode, armed, ours, name):
     here = line()
-    assert here.session.mode_name == "unknown"
+    assert here.session.vehicle.mode_name == "unknown"
     here.beat(mode=mode, armed=armed)
-    assert (here.session.in_our_mode, here.session.mode_name) == (ours, name)
+    assert (here.session.vehicle.in_our_mode, here.session.vehicle.mode_name) == (ours, name)
 
 
 # --- reboots ---
@@ -191,15 +191,15 @@ def test_a_boot_time_that_steps_back_is_a_reboot(here, carrier):
 
     for ms in (500_000, 500_100, 499_200, 499_300, 500_200):
         here.hear(boot(ms))
-    assert here.session.reboots == 0, "0.9 s back are messages that came late"
+    assert here.session.vehicle.reboots == 0, "0.9 s back are messages that came late"
     for ms in (3_000, 500_300, 3_000, 3_000, 500_400):
         here.hear(boot(ms))
-    assert here.session.reboots == 0, "single frames that came late by another way, one of them twice"
+    assert here.session.vehicle.reboots == 0, "single frames that came late by another way, one of them twice"
     here.hear(boot(3_000))
     here.hear(boot(3_100))
-    assert here.session.reboots == 1
+    assert here.session.vehicle.reboots == 1
     here.hear(boot(3_200))
-    assert here.session.reboots == 1
+    assert here.session.vehicle.reboots == 1
 
 
 def test_the_vehicle_heard_first_is_the_only_one_that_may_come_back(here, voice):
@@ -214,7 +214,7 @@ def test_the_vehicle_heard_first_is_the_only_one_that_may_come_back(here, voice)
 def test_the_wrap_of_the_boot_time_is_no_reboot(here):
     for ms in (2**32 - 200, 2**32 - 100, 0, 100):
         here.hear(mavlink.MAVLink_system_time_message(0, ms))
-    assert here.session.reboots == 0
+    assert here.session.vehicle.reboots == 0
 
 
 def test_a_rebooted_vehicle_is_asked_for_its_streams_again(here):
@@ -290,7 +290,7 @@ def test_the_vehicles_own_texts_are_kept_the_newest_eight(here):
 def test_the_firmware_is_read_from_the_version(here):
     version = 4 << 24 | 6 << 16 | 3 << 8
     here.hear(mavlink.MAVLink_autopilot_version_message(0, version, 0, 0, 0, *([bytes(8)] * 3), 0, 0, 0))
-    assert here.session.firmware == "4.6.3"
+    assert here.session.vehicle.firmware == "4.6.3"
 
 
 def test_farewell_gives_every_stream_back_in_one_go(here):

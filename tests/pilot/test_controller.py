@@ -24,7 +24,9 @@ class Vehicle:
         session = Session(settings.link, adapters(settings.autopilot, settings.kind, settings.facts))
         session.identity.peer = Peer("here", 1, 1)
         self.controller, self.now, self.heading = Controller(settings), 0.0, 0.0
-        self.controller.setpoint(TurnCommand(TOLD, TOLD, saturated=False), session, 0.0)
+        command = TurnCommand(TOLD, TOLD, saturated=False)
+        self.controller.setpoint(command, session, 0.0)
+        self.controller.commanded(command, 0.0)
 
     def turns(self, seconds: float, rate: float) -> list[bool]:
         """Report the heading while it turns at a rate (rad/s); whether it was at speed at each report."""

@@ -81,7 +81,7 @@ def test_a_vehicle_disarmed_by_its_operator_is_sent_nothing_when_it_comes_back_a
     rig.run(4.0)
     rig.speaks = rig.armed = True
     rig.run(3.0)
-    assert (rig.pilot.phase, rig.pilot.session.in_our_mode) == (Phase.READY, True)
+    assert (rig.pilot.phase, rig.pilot.session.vehicle.in_our_mode) == (Phase.READY, True)
     assert rig.setpoints(since) == []
 
 

@@ -290,7 +290,7 @@ def test_a_current_mode_of_zero_is_no_mode(rig):
     for _ in range(10):
         rig.hear(mavlink.MAVLink_current_mode_message(0, 0, 0))
         rig.run(0.05)
-    assert (rig.pilot.phase, rig.pilot.session.mode) == (Phase.ENGAGED, GUIDED)
+    assert (rig.pilot.phase, rig.pilot.session.vehicle.mode) == (Phase.ENGAGED, GUIDED)
     rig.speaks = False
     for _ in range(80):
         rig.hear(mavlink.MAVLink_current_mode_message(0, 0, 0))

@@ -152,6 +152,14 @@ def test_a_track_breaks_where_it_is_not_known_and_its_circle_lies_on_it():
     assert track([None], [None]) is None
 
 
+def test_the_drift_is_an_arrow_that_points_where_it_goes():
+    """3 m/s to the east and 4 to the north: 5 m/s towards atan2(3, 4) = 36.9 deg from north."""
+    drawn = track([0, 100], [100, 0], drift=[3.0, 4.0])
+    assert 'rotate(36.9)" class="axis drift"' in drawn
+    assert "drift 5.0 m/s" in drawn
+    assert "drift" not in track([0, 100], [100, 0])
+
+
 # --- the data ---
 
 
@@ -175,7 +183,7 @@ def test_the_columns_are_those_of_the_run_on_its_own_time(run_folder):
     assert (columns["r"][50.0], columns["r"][200.0]) == (120.0, 101.0)
     assert columns["true_r"][200.0] == pytest.approx(101.0, abs=1e-3)
     assert columns["true_turn"][200.0] == columns["turn_rate"][200.0] == -0.15
-    assert set(list(columns["taken"].values())[1:-2]) <= {0.8, 1.6, 2.4}, "1 a second in bins of 1.25 s"
+    assert set(list(columns["accepted"].values())[1:-2]) <= {0.8, 1.6, 2.4}, "1 a second in bins of 1.25 s"
     assert data["bands"]["phase"] == [(0.0, 10.0, "ready"), (10.0, 300.0, "engaged")]
     assert data["ways"][0]["name"] == "true"
     assert len(json.loads(as_script(data))["columns"]) == len(columns)

@@ -1,11 +1,11 @@
-"""flight.png, estimates.png and replay.png: drawn for every kind of run, with nothing covered."""
+"""flight.png and replay.png: drawn for every kind of run, with nothing covered."""
 
 import numpy as np
 import pytest
 
 from circnav_mav.guidance.types import Direction, Orbit
 from circnav_mav.report import plots
-from circnav_mav.report.plots import plot_estimates, plot_flight, plot_replay
+from circnav_mav.report.plots import plot_flight, plot_replay
 from circnav_mav.runlog.ticks import read_ticks, read_truth
 from tests.runlog.conftest import EPOCH_US, rewrite_ticks
 
@@ -49,7 +49,7 @@ def legend(axis):
 
 def test_no_legend_covers_a_line(run_folder, ticks, drawn):
     figure = drawn(plot_flight, ticks, read_truth(run_folder(), EPOCH_US), ORBIT)
-    for axis in [*figure.axes, *drawn(plot_estimates, ticks, 5.0).axes]:
+    for axis in figure.axes:
         around, inside = axis.get_legend().get_window_extent(), axis.get_window_extent()
         assert around.y0 >= inside.y1 - 1 or around.y1 <= inside.y0
 
@@ -90,14 +90,6 @@ def test_without_truth_the_track_is_the_estimated_one_from_where_it_was_first_be
     assert len(track.texts) > 1, "arrows"
 
 
-def test_ranges_are_counted_by_the_second(ticks, drawn):
-    """By hand: one is taken each second, none is rejected."""
-    *_, samples = drawn(plot_estimates, ticks, 5.0).axes
-    taken, rejected = (np.asarray(steps.get_data().values) for steps in samples.patches)
-    assert set(taken[:-1]) == {1.0}
-    assert set(rejected) == {0.0}
-
-
 def test_lines_of_the_pictures_break_where_no_tick_was_made(run_folder, drawn):
     ticks = read_ticks(rewrite_ticks(run_folder(), lambda time, row: not 100 <= time < 105))
     for axis in (drawn(plot_flight, ticks, None, ORBIT).axes[1], *drawn(plot_replay, None, ticks, ORBIT).axes[:2]):
@@ -107,7 +99,7 @@ def test_lines_of_the_pictures_break_where_no_tick_was_made(run_folder, drawn):
 
 @pytest.mark.parametrize("title", ["a $_{ b$ c", "one $", r"\$ and $_{$"])
 def test_a_title_with_dollars_is_drawn_as_it_is(ticks, drawn, title):
-    pictures = (plot_flight, ticks, None, ORBIT), (plot_estimates, ticks, 5.0), (plot_replay, None, ticks, ORBIT)
+    pictures = (plot_flight, ticks, None, ORBIT), (plot_replay, None, ticks, ORBIT)
     for plot, *arguments in pictures:
         figure = drawn(plot, *arguments, title=title)
         shown, is_formula = figure._suptitle._preprocess_math(figure._suptitle.get_text())

@@ -75,9 +75,15 @@ class FakePilot:
     def receive(self, data, now, source, link):
         self.heard.append((data, source, link))
 
-    def step(self, now):
+    def answer(self, now):
+        return frame(self.left - 1)
+
+    def follow_up(self, now):
         self.left -= 1
-        return frame(self.left) + frame(100 + self.left)
+        return frame(100 + self.left)
+
+    def step(self, now):
+        return self.answer(now) + self.follow_up(now)
 
     def hold_back(self):
         self.held_back += 1
@@ -127,7 +133,8 @@ def test_what_comes_in_is_given_to_the_pilot_with_its_source_and_link(stop):
 def test_what_the_pilot_says_goes_to_the_vehicle_and_whole_frames_to_the_recorder(stop):
     pilot, recorder, vehicle = FakePilot(2), FakeRecorder(), FakeLink()
     run(pilot, {"vehicle": vehicle}, FakeClock(), recorder, lambda *_: None, stop)
-    assert vehicle.sent == [(frame(1) + frame(101), "the vehicle"), (frame(0) + frame(100), "the vehicle")]
+    said = [frame(1), frame(101), frame(0), frame(100)]  # the setpoint on its own, at once
+    assert vehicle.sent == [(one, "the vehicle") for one in said]
     assert recorder.kept == [frame(1), frame(101), frame(0), frame(100)]
     assert recorder.ticked == [1, 0]
 
@@ -145,7 +152,7 @@ def test_a_signal_interrupts_the_pilot_once_and_lets_it_say_goodbye(stop, number
     signal.raise_signal(number)
     run(pilot, {"vehicle": vehicle}, FakeClock(), FakeRecorder(), lambda *_: None, stop)
     assert pilot.interrupts == [signal.Signals(number).name]
-    assert len(vehicle.sent) == 2
+    assert len(vehicle.sent) == 4
 
 
 def test_the_newest_tick_is_shown_after_every_step(stop):
@@ -178,13 +185,14 @@ class StoppedAt(FakeClock):
         self.stood += self.seconds
 
 
-@pytest.mark.parametrize(("seconds", "said"), [(0.4, 3), (5.0, 2)])
-@pytest.mark.parametrize("moment", ["reading", "decoding", "deciding"])
-def test_what_was_to_be_said_before_the_process_stood_still_is_not_said_after_it(stop, seconds, said, moment):
+@pytest.mark.parametrize(("seconds", "stands"), [(0.4, False), (5.0, True)])
+@pytest.mark.parametrize("moment", ["reading", "decoding", "deciding", "following up"])
+def test_what_was_to_be_said_before_the_process_stood_still_is_not_said_after_it(stop, seconds, stands, moment):
     """The vehicle may be in other hands by then; a setpoint or a mode would be of before."""
     pilot, recorder, clock = FakePilot(3), FakeRecorder(), StoppedAt(seconds)
     vehicle = FakeLink([(b"a", "x")] * 3)
-    where, name = {"reading": (vehicle, "receive"), "decoding": (pilot, "receive"), "deciding": (pilot, "step")}[moment]
+    places = {"reading": (vehicle, "receive"), "decoding": (pilot, "receive"), "deciding": (pilot, "answer")}
+    where, name = places.get(moment, (pilot, "follow_up"))
     does, calls = getattr(where, name), []
 
     def stops(*arguments):
@@ -195,9 +203,10 @@ def test_what_was_to_be_said_before_the_process_stood_still_is_not_said_after_it
 
     setattr(where, name, stops)
     run(pilot, {"vehicle": vehicle}, clock, recorder, lambda *_: None, stop)
-    assert len(vehicle.sent) == said
-    assert pilot.held_back == 3 - said == sum(step.held_back for step in recorder.steps)
-    assert len(recorder.kept) == 2 * said, "the log tells what was sent"
+    held_back = stands and moment != "following up"  # the setpoint was sent before
+    assert len(vehicle.sent) == 6 - stands - held_back
+    assert pilot.held_back == held_back == sum(step.held_back for step in recorder.steps)
+    assert recorder.kept == [words for words, _ in vehicle.sent], "the log tells what was sent"
     assert len(recorder.steps) == 3, "and all that was heard"
 
 
@@ -256,14 +265,14 @@ def test_what_comes_in_before_all_is_loaded_is_thrown_away(stop):
     vehicle = FakeLink([(b"a", "x"), (b"b", "x"), (b"c", "x"), (b"d", "x")])
     run(pilot, {"vehicle": vehicle}, FakeClock(), FakeRecorder(), lambda *_: None, stop, ready=lambda: next(loaded))
     assert [data for data, _, _ in pilot.heard] == [b"c", b"d"]
-    assert len(vehicle.sent) == 5, "it speaks all the while"
+    assert len(vehicle.sent) == 10, "it speaks all the while"
 
 
 def test_a_setpoint_leaves_before_anything_is_recorded_or_shown(stop, monkeypatch):
     order = []
     pilot, vehicle, recorder = FakePilot(1), FakeLink(), FakeRecorder()
-    monkeypatch.setattr(vehicle, "send", lambda *_: order.append("sent"))
+    monkeypatch.setattr(vehicle, "send", lambda words, _: order.append("setpoint" if words == frame(0) else "the rest"))
     monkeypatch.setattr(pilot, "take_records", lambda: order.append("records worked out") or [0])
     monkeypatch.setattr(recorder, "step", lambda _: order.append("recorded"))
     run(pilot, {"vehicle": vehicle}, FakeClock(), recorder, lambda *_: order.append("shown"), stop)
-    assert order == ["sent", "records worked out", "recorded", "shown"]
+    assert order == ["setpoint", "the rest", "records worked out", "recorded", "shown"]

@@ -3,12 +3,9 @@
 from collections.abc import Mapping, Sequence, Sized
 from dataclasses import asdict, dataclass
 from math import ceil, floor, isfinite, prod, sqrt
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-
-from circnav_mav.runlog.atomic_write import write_json
 
 SUMMARY = "summary.json"
 Z = 1.959964
@@ -87,11 +84,6 @@ def summarise(rows: Sequence[dict[str, str]], swept: Mapping[str, Sized]) -> dic
         values = dict.fromkeys(row[key] for row in rows)
         by[key] = {value: asdict(figures([row for row in rows if row[key] == value], points)) for value in values}
     return {"all": asdict(figures(rows, points)), "by": by}
-
-
-def write_summary(folder: Path, summary: dict[str, Any]) -> None:
-    """Write summary.json, whole or not at all. Raises OSError."""
-    write_json(folder / SUMMARY, summary)
 
 
 def wilson(share: float, worlds: int) -> Interval:

@@ -112,13 +112,19 @@ class RangingMessage:
 
     def mark_values(self, message: Message) -> dict[str, int | str]:
         """The marks of one message, by field."""
-        values = {mark: getattr(message, mark) for mark in self.marks}
-        return {m: v.decode("ascii", "replace") if isinstance(v, bytes) else v for m, v in values.items()}
+        return {mark: _text(getattr(message, mark)) for mark in self.marks}
 
     def picked(self, message: Message, settings: RangingSettings) -> bool:
         """Whether a message is of the sensor that the mission picks."""
-        wanted = {mark: getattr(settings, key) for mark, key in self.marks.items()}
-        return all(wanted[mark] in (None, value) for mark, value in self.mark_values(message).items())
+        for mark, key in self.marks.items():
+            wanted = getattr(settings, key)
+            if wanted is not None and wanted != _text(getattr(message, mark)):
+                return False
+        return True
+
+
+def _text(value: bytes | int | str) -> int | str:
+    return value.decode("ascii", "replace") if isinstance(value, bytes) else value
 
 
 def boot_stamp(message: Message) -> float | None:

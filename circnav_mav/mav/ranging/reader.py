@@ -69,11 +69,6 @@ class RangeReader:
         """Ranges of our sensor that did not become samples; those of others do no harm."""
         return self.rejected.total() - sum(self.rejected[reason] for reason in OTHERS)
 
-    @property
-    def clock_doubted(self) -> bool:
-        """Whether the newest ranges are rejected because the sensor's clock has stepped, as it seems."""
-        return self.clock.doubted
-
     def read(
         self,
         message: Message,

@@ -18,10 +18,12 @@ const Charts = (() => {
       { title: "turn rate, left positive", unit: "deg/s", levels: [["limit", f.limit * DEGREES, "limit"],
         ["", -f.limit * DEGREES, "limit"], ...circles("steady circle", radius => f.steady * DEGREES * f.radius / radius)],
         lines: [["true", "true_turn", "true", turn], [f.commanded ?? "commanded", "turn_rate", "estimate", turn]] },
+      { title: "drift: wind less target motion", unit: "m/s, towards", height: 130,
+        lines: [["east", "drift_x", "estimate"], ["north", "drift_y", "north"]] },
       { title: "innovation", unit: "standard deviations", height: 130, shown: [0, 1.6 * f.gate],
         levels: [["gate", f.gate, "rejected"]], lines: [["of each new range", "innovation", "estimate", { dots: true }]] },
       { title: "ranges", unit: "1/s", height: 120, from: 0,
-        lines: [["taken", "taken", "measured", { bars: true }], ["rejected", "rejected", "rejected", { bars: true }]] },
+        lines: [["accepted", "accepted", "measured", { bars: true }], ["rejected", "rejected", "rejected", { bars: true }]] },
     ];
   }
 
@@ -145,7 +147,7 @@ const Charts = (() => {
   const colour = (word, words = []) => KNOWN.get(word) ?? `other${[...new Set(words)].filter(one => one && !KNOWN.has(one)).indexOf(word) % 4}`;
 
   // --- the track: ways = [{ name, colour, times, east, north }], relative to the target, north up ---
-  function track(ways, radii, side, { view = [-Infinity, Infinity], marked = [], at = null, heading = null } = {}) {
+  function track(ways, radii, side, { view = [-Infinity, Infinity], marked = [], at = null, heading = null, drift = null } = {}) {
     const here = ways.map(way => ({ ...way, known: way.times.flatMap((t, i) => way.east[i] != null && t >= view[0] && t <= view[1] ? [i] : []) }))
       .filter(way => way.known.length);
     if (!here.length) return null;
@@ -156,6 +158,7 @@ const Charts = (() => {
     const parts = [`<rect width="${side}" height="${side}" class="plot"/>`,
       `<path d="M12,${side - 14}h${px(length * scale)}" class="axis"/><text x="12" y="${side - 20}">${length} m</text>`,
       `<path d="M${side - 18},34v-22l-5,9m5,-9l5,9" class="axis"/><text x="${side - 22}" y="48">N</text>`,
+      drift ? driftArrow(drift, side) : "",
       ...here.map(way => `<path d="${way.known.map((i, n) => (way.known[n - 1] === i - 1 ? "L" : "M") + point(way, i)).join("")}" class="line ${way.colour}"/>`),
       ...radii.map(radius => `<circle cx="${half}" cy="${half}" r="${px(scale * radius)}" class="level desired"/>`), // on the track, not under it
       ...[.08, .25, .45, .65, .85, .99].map(share => arrow(main, Math.floor(share * (main.known.length - 1)), place)),
@@ -168,7 +171,7 @@ const Charts = (() => {
       parts.push(`<g class="place ${kind}"><title>${escaped(words)}, ${round(from)} s</title><circle cx="${px(x)}" cy="${px(y)}" r="7.5"/>`
         + `<text x="${px(x)}" y="${px(y + 4)}" text-anchor="middle">${LETTERS[kind]}</text></g>`);
     }
-    for (const way of at == null ? [] : here) {
+    for (const way of at == null ? [] : [...here].reverse()) { // the first one, with its heading, on top
       const i = find(way.times, at);
       if (i < 0 || way.east[i] == null) continue;
       const [x, y] = place(way, i);
@@ -176,6 +179,14 @@ const Charts = (() => {
         : `<path d="M0,-11L7,8L0,4L-7,8Z" transform="translate(${px(x)},${px(y)}) rotate(${px(heading * DEGREES)})" class="now ${way.colour}"/>`);
     }
     return parts.join("");
+  }
+
+  // What drifts the vehicle past the target, [east, north] in m/s: an arrow in the corner, for it belongs to no place.
+  function driftArrow([east, north], side) {
+    const speed = Math.hypot(east, north), turn = Math.atan2(east, north) * DEGREES;
+    const sign = speed < .05 ? "" : `<path d="M0,14V-14l-5,9m5,-9l5,9" transform="rotate(${px(turn)})" class="axis drift"/>`;
+    return `<g transform="translate(${side - 112},${side - 26})"><title>estimated drift: wind less target motion</title>${sign}`
+      + `<text x="20" y="4">drift ${speed.toFixed(1)} m/s</text></g>`;
   }
 
   function arrow(way, n, place) {
@@ -229,13 +240,21 @@ const Charts = (() => {
         for (const node of figure.querySelectorAll("[data-line]")) node.textContent = time === null ? "" : ` ${charts[i].value(node.dataset.line, time)}`;
       });
       clock.textContent = time === null ? "" : `${time.toFixed(2)} s`;
-      const at = time ?? model.now ?? null, i = at !== null && model.columns.heading ? find(model.columns.heading[0], at) : -1;
+      const at = time ?? model.now ?? null, heading = newest("heading", at);
+      const drift = [newest("drift_x", at ?? Infinity), newest("drift_y", at ?? Infinity)];
       const side = Math.max(Math.min(map.clientWidth, 520), 240), marked = marks(model.bands, model.alarms);
-      const drawn = track(model.ways, model.flight.radii ?? [model.flight.radius], side, { view: view ?? undefined, marked, at, heading: i < 0 ? null : model.columns.heading[1][i] });
+      const drawn = track(model.ways, model.flight.radii ?? [model.flight.radius], side, { view: view ?? undefined, marked, at, heading,
+        drift: drift.includes(null) ? null : drift });
       const keys = drawn && [...model.ways.map(way => key(way.name, way.colour)), key("desired", "desired")].join("");
       map.innerHTML = drawn ? `<figcaption><b>track</b> <span class="unit">relative to the target</span>${keys}</figcaption>`
         + `<svg viewBox="0 0 ${side} ${side}" class="track" role="img" aria-label="track">${drawn}</svg>`
         : '<p class="none">No track: range alone does not tell where it flies.</p>';
+    }
+
+    // The newest value of a column at a time, null where none is known.
+    function newest(name, time) {
+      const [times, values] = model.columns[name] ?? [[], []], i = time === null ? -1 : find(times, time);
+      return i < 0 ? null : values[i];
     }
 
     function zoom(from, to) {

@@ -8,8 +8,8 @@ MOST_POINTS = 3000
 """Points of a chart; beyond that every second one is dropped, and from then on half as many are kept."""
 NEWEST = 100
 """Ticks kept whole; a browser that is farther behind gets everything anew."""
-COLUMNS = ("time", "measured", "r", "r_dot", "turn_rate", "x", "y", "east", "north", "heading", "state", "mode", "law",
-           "desired")  # fmt: skip
+COLUMNS = ("time", "measured", "r", "r_dot", "turn_rate", "x", "y", "drift_x", "drift_y", "east", "north", "heading",
+           "state", "mode", "law", "desired")  # fmt: skip
 """What a point holds of a tick."""
 
 

@@ -1,4 +1,4 @@
-"""What one step of the estimators costs on this machine."""
+"""python -m tests.bench.bench_estimators: what one step of the estimators costs on this machine."""
 
 import time
 from collections.abc import Callable
@@ -77,3 +77,7 @@ def _in_flight(steps: int) -> list[float]:
         estimator.at(t)
         times.append(time.perf_counter() - began)
     return times
+
+
+if __name__ == "__main__":
+    print(tell_costs())
