@@ -34,6 +34,9 @@ SLIP = 0.2
 """How much later than its bank a plane's nose turns, s: side-slip, as seen on ArduPlane 4.6.3."""
 LONGEST_DELAY = 2.0
 """Most delay of the link, s, that the gains are made for."""
+SHORT = 0.95
+"""Share of the commanded turn, both smoothed over a second, below which a bank counts as cut: tan 35 deg is .94 of what
+the circle of docs/firmware.md asks for, and an unlimited bank is within two hundredths."""
 LONGEST_TRIM_STEP = 0.2
 """Most time, s, that the radius integral counts between two steps: a gap is not an error that lasted."""
 
@@ -102,6 +105,12 @@ class Controller:
     def followed(self) -> bool:
         """Whether the vehicle turns as it is told."""
         return bool(self._learnt.followed)
+
+    @property
+    def _short_of_bank(self) -> bool:
+        """Whether the vehicle banks less than it is told: its autopilot's limit is below the mission's."""
+        told, banked = float(self._learnt.smooth_command), self._banked
+        return banked is not None and abs(float(banked.smooth_command)) < SHORT * abs(told)
 
     @property
     def at_speed(self) -> bool:
@@ -188,7 +197,7 @@ class Controller:
                 r=estimate.r,
                 r_d=self.orbit.radius,
                 step=min(estimate.time - before, LONGEST_TRIM_STEP),
-                saturated=command.saturated,
+                saturated=command.saturated or self._short_of_bank,
             )
 
     def _state(self, session: Session, now: float, *, engaged: bool) -> Addressee:
