@@ -303,3 +303,10 @@ def test_answers_to_the_sessions_own_commands_are_not_the_pilots_business(here):
     answer_all(here, 0.0)
     here.poll(0.1)
     assert here.session.take_mode_results() == []
+
+
+def test_a_refused_stream_is_not_asked_for_again(here):
+    while commands := here.poll(0.0, "COMMAND_LONG"):
+        for command in commands:
+            here.hear(mavlink.MAVLink_command_ack_message(command.command, 2))  # MAV_RESULT_DENIED
+    assert here.poll(3.1, "COMMAND_LONG") == []
