@@ -27,8 +27,8 @@ PAGE = Path(__file__).with_name("report.template.html")
 def write_report(run: Run, orbit: Orbit, circles: str, gate: float, verdict: str, settings: dict[str, str]) -> Path:
     """Write report.html of a run with two ticks at least into its folder, all or nothing. Raises RunError, OSError.
 
-    circles: in words. gate: of the innovations, standard deviations. verdict: its first line is the outcome. settings: by
-    their keys.
+    circles: in words. gate: of the innovations, standard deviations. verdict: its first line is the outcome.
+    settings: by their keys.
     """
     names, happened = _phase_names(run), events(run)
     commanded = "commanded" if run.voice == OutputMode.FLY.value else "would command"

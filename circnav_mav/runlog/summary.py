@@ -117,7 +117,8 @@ def _time_without_us(ticks: Ticks, flown: NDArray[np.bool_]) -> float:
 
 def _circles(ticks: Ticks, known: NDArray[np.bool_], first: float, start: float) -> list[dict[str, Any]]:
     """Each circle that was begun, in its order, judged from its beginning to that of the next one."""
-    desired, at, circles = ticks.desired(first), np.flatnonzero(known), []
+    desired, at = ticks.desired(first), np.flatnonzero(known)
+    circles: list[dict[str, Any]] = []
     for part in np.split(at, np.flatnonzero(np.diff(desired[at])) + 1):
         radius = float(desired[part[0]]) if len(part) else first
         begun = float(ticks.time[part[0]]) if circles else start
