@@ -37,6 +37,8 @@ from tests.ports import reserved_port
 ENGAGE_PATIENCE = 90.0
 """Time, s, in which circnav must have engaged."""
 LEAVE_PATIENCE = 30.0
+SLOWEST = 2.0
+"""Real over simulated time at which a flight is given up, whatever its clock says."""
 
 
 def missing(flown: Flight) -> str:
@@ -151,8 +153,11 @@ def _loop(flown: Flight, bench: Bench, began: float) -> None:
     taken = gps_gone = changed = False
     sticks = 0.0
     longest = flown.duration + flown.home_s + (0.0 if flown.baseline else ENGAGE_PATIENCE + LEAVE_PATIENCE)
+    hopeless = time.monotonic() + SLOWEST * longest / flown.speedup
     while bench.now - began < longest:
         bench.pump(0.002)
+        if time.monotonic() > hopeless:
+            raise NoFlightError("the simulation hardly runs")
         since = bench.now - began
         if flown.takeover is not None and not taken and since > flown.takeover:
             taken = True
