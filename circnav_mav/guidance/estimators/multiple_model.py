@@ -2,8 +2,7 @@
 
 SEARCH: hypotheses in all directions of the newest range, fitted to a window of the last seconds. When one explains
 them and no other does, the flight is in TRACK: one Kalman filter per noise model (drift steady .. gusty, range error
-white .. drifting), as an interacting multiple model: the evidence decides which model counts, and what the bank
-believes flows into those that do not, so that none is far off when its time comes.
+white .. drifting); the evidence decides which model counts, and a model that lost is started again from the mixture.
 A flight whose samples keep falling outside the gate searches again, at once and with the window that it has.
 
 Every array has a last axis B over flights; in the air B = 1.
@@ -79,8 +78,8 @@ class BankSettings:
 LEAST_SIGMA, MOST_SIGMA = 1e-3, 1e3
 """What the standard deviation of a range counts as at least and at most, m: none is known better than the motion in
 between, worse ones tell nothing, and variances that are farther apart cancel to nothing in a covariance."""
-SWITCHING = 0.002
-"""How often the world changes from one model to another, 1/s: a wind that gets up, a target that drives off."""
+FORGOTTEN, REVIVED = -12.0, -6.0
+"""A model whose log weight falls below the first starts again from the mixture with the second."""
 
 
 class DriftBank:
@@ -205,10 +204,10 @@ class DriftBank:
             heaviest = (h.log_weight.argmax(axis=0), np.arange(at.size))
             self._count(at, said.nis[heaviest], said.taken[heaviest], valid[at])
         if rates is not None and rates.valid[at].any():
-            h = relative_ekf.update_rate(h, self.noise, rates.of(at), self.settings.gate)
+            h = relative_ekf.update_rate(h, rates.of(at), self.settings.gate)
         mean, covariance = relative_ekf.mixture(h)
         self._believe(at, mean, covariance)
-        self._tracks = relative_ekf.interact(h, self.noise, mean, covariance, SWITCHING * dt[at])
+        self._tracks = _revive(h, mean, covariance)
 
     def _believe(self, at: Array, mean: Array, covariance: Array) -> None:
         self.mean[:, at], self.covariance[:, :, at] = mean, covariance
@@ -277,4 +276,16 @@ def _copies(mean: Array, covariance: Array, count: int) -> Hypotheses:
         np.repeat(mean[:, None], count, axis=1),
         np.repeat(covariance[:, :, None], count, axis=2),
         np.zeros((count, mean.shape[-1])),
+    )
+
+
+def _revive(h: Hypotheses, mean: Array, covariance: Array) -> Hypotheses:
+    """Start models again that lost; what they hold is no use to anybody."""
+    dead = h.log_weight < FORGOTTEN
+    if not dead.any():
+        return h
+    return Hypotheses(
+        np.where(dead, mean[:, None], h.x),
+        np.where(dead, covariance[:, :, None], h.P),
+        np.where(dead, REVIVED, h.log_weight),
     )

@@ -52,6 +52,8 @@ RATE_SPREAD = 10.0
 NOSE = 0.1
 """So uncertain, in V, is what a measured range rate tells of the drift where accelerations are not felt: a fifth of it
 is noise of heading and airspeed, the rest keeps the filter consistent in gusts (mean NEES 2.4; without it 10)."""
+WEIGHT_MEMORY = 20.0
+"""Time, s, after which the evidence for a hypothesis counts 1/e."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,7 +173,7 @@ def predict(h: Hypotheses, noise: Noise, dt: Array, chord: Array, sigma: Array, 
         felt_noise = all_ + FELT_PSD * dt
         expected = felt.air[:, None] * h.x[KAPPA] + (rows[2:, GX:] * h.x[GX:]).sum(axis=1)
         _correct(x, P, noise.feels, moved[2:], near[2:, 2:], felt_noise, felt.change[:, None] - expected)
-    return Hypotheses(x, P, h.log_weight)
+    return Hypotheses(x, P, h.log_weight * np.exp(-dt / WEIGHT_MEMORY))
 
 
 def _felt_rows(felt: Felt, keep: Array) -> Array:
@@ -260,7 +262,7 @@ def update(
     return _fused(h, PH, z - h.x[R] - h.x[B], S, valid, gate, OUTLIER_SPREAD)
 
 
-def update_rate(h: Hypotheses, noise: Noise, rates: Rates, gate: float) -> Hypotheses:
+def update_rate(h: Hypotheses, rates: Rates, gate: float) -> Hypotheses:
     """Take in a range rate per flight: z = n.(kappa V u(psi) + d + g + e) + white noise, n the unit vector of p."""
     n, t = axes(h.x[THETA])
     vx, vy = (h.x[KAPPA] * air + d for air, d in zip(rates.air, drift(h.x), strict=True))
@@ -269,7 +271,7 @@ def update_rate(h: Hypotheses, noise: Noise, rates: Rates, gate: float) -> Hypot
     H = ((THETA, across), (KAPPA, ahead), *((x, n[0]) for x in (DX, GX, EX)), *((y, n[1]) for y in (DY, GY, EY)))
     PH = sum(of * h.P[:, state] for state, of in H)
     # where accelerations are felt, noise of the nose is a state, e
-    nose = np.where(noise.feels * h.P[EX, EX] > 0, 0.0, NOSE * np.hypot(*rates.air)) ** 2
+    nose = np.where(h.P[EX, EX] > 0, 0.0, NOSE * np.hypot(*rates.air)) ** 2
     S = np.maximum(sum(of * PH[state] for state, of in H), 0.0) + rates.sigma**2 + nose
     return _fused(h, PH, rates.r_dot - along, S, rates.valid, gate, RATE_SPREAD)[0]
 
@@ -308,34 +310,6 @@ def mixture(h: Hypotheses) -> tuple[Array, Array]:
     mean = np.einsum("mb,imb->ib", w, x)
     apart = (x - mean[:, None]) * np.sqrt(w)
     return mean, np.einsum("mb,ijmb->ijb", w, h.P) + np.einsum("imb,jmb->ijb", apart, apart)
-
-
-def interact(h: Hypotheses, noise: Noise, mean: Array, covariance: Array, switched: Array) -> Hypotheses:
-    """The hypotheses after a share of all worlds, `switched` (B,), has changed to a model drawn anew; mean, covariance:
-    of the mixture. What comes over to a model is the mixture: much to one that has lost, next to nothing to one that
-    counts. Source: interacting multiple model, Blom and Bar-Shalom (1988), with a uniform transition matrix."""
-    stays = h.weight * (1 - switched)
-    weight = stays + switched / len(stays)
-    own, log_weight = stays / weight, np.log(weight)
-    lasting = _all_lasting(mean, covariance)
-    x, P = np.empty_like(h.x), np.empty_like(h.P)
-    for gusty, (m, C) in ((True, (mean, covariance)), (False, lasting)):
-        of = np.flatnonzero((noise.gust[:, 0] > 0) == gusty)
-        a, apart = own[of], h.x[:, of] - m[:, None]
-        apart[THETA] = wrap(apart[THETA])
-        x[:, of] = m[:, None] + a * apart
-        P[:, :, of] = a * h.P[:, :, of] + (1 - a) * C[:, :, None] + (a * (1 - a)) * (apart[:, None] * apart[None, :])
-    return Hypotheses(x, P, log_weight - log_weight.max(axis=0))
-
-
-def _all_lasting(mean: Array, covariance: Array) -> tuple[Array, Array]:
-    """The same drift for a model that knows no gusts: what is g becomes part of d."""
-    x, P = mean.copy(), covariance.copy()
-    x[DX : DY + 1] += x[GX : GY + 1]
-    P[DX : DY + 1] += P[GX : GY + 1]
-    P[:, DX : DY + 1] += P[:, GX : GY + 1]
-    x[GX : GY + 1], P[GX : GY + 1], P[:, GX : GY + 1] = 0.0, 0.0, 0.0
-    return x, (P + np.swapaxes(P, 0, 1)) / 2  # rounding
 
 
 def polar(p: Array, P: Array) -> tuple[Array, Array]:
