@@ -204,7 +204,7 @@ class HandBackTable(Table):
     """[handback]: telling an autopilot that has lost its position where it is."""
 
     enabled: bool = False
-    every_s: Annotated[float, Field(ge=1, le=60)] = 5.0
+    every_s: Annotated[float, Field(ge=1, le=60)] = 1.0
     latitude_deg: Annotated[float, Field(ge=-90, le=90)] | None = None
     longitude_deg: Annotated[float, Field(ge=-180, le=180)] | None = None
 

@@ -60,7 +60,7 @@ def test_off_by_default_nothing_is_given_and_the_same_autopilot_drifts_away() ->
 
 
 def test_nothing_is_given_while_the_gps_has_a_fix_or_nobody_says_so_and_no_more_once_it_is_back() -> None:
-    back = HandBack(HandBackSettings())
+    back = HandBack(HandBackSettings(every=5.0))
     said = [True] * 50 + [False] * 200 + [None] * 100 + [True] * 100
     times = []
     for tick, fix in enumerate(said):
