@@ -1,7 +1,7 @@
 """From an estimate to a turn rate: the law, then the vehicle's limit. One definition for the flight in the air, in
 plain floats, and for B flights of an experiment, in arrays."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf, isfinite
 from types import ModuleType
 from typing import Protocol
@@ -21,6 +21,9 @@ AT_LIMIT = 0.99
 """Share of the limit from which a command counts as cut: while laws hand over, the limit is only approached."""
 NEAR, ALONG = 0.3, 0.4
 """Radius error in units of the radius, and range rate in V, below which the vehicle is on its circle already."""
+DRIFT_TIME = 0.5
+"""Time constant, s, with which the law follows the estimated drift: a few unlucky ranges in a row move it by 1 m/s for
+a moment, which threw the turn about by 20 deg/s; and felt at once, it contains how the course lags the nose."""
 CIRCLING_PATIENCE = 10.0
 """Time, s, for which a search on the circle tries no guess."""
 
@@ -95,11 +98,13 @@ class Inputs:
 
 @dataclass(frozen=True, slots=True)
 class StepState:
-    """What a step remembers: time: of the command before, s, at first -inf; memory: the integral of `pi`, m."""
+    """What a step remembers: time: of the command before, s, at first -inf; memory: the integral of `pi`, m. drift: as
+    the law follows it, m/s."""
 
     time: Number = -inf
     memory: Number = 0.0
     handover: Handover = ONE_AT_START
+    drift: tuple[Number, Number] = (0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,6 +140,10 @@ def _with_relative_motion(
     that the orbit is counter-clockwise; only what leaves has its sense again."""
     s, found, V, radius = settings.sense, inputs.found, settings.V, settings.fed + inputs.trim
     trusted = False if found is None else found.trusted
+    followed = before.drift
+    if found is not None:
+        followed = _followed(before, found, dt, xp)
+        found = replace(found, drift_x=followed[0], drift_y=followed[1])
     by_drift = None if found is None else _by_drift(settings, found, inputs, xp)
     if by_drift is not None and xp.all(trusted):
         by_range = by_drift
@@ -147,7 +156,18 @@ def _with_relative_motion(
     )  # fmt: skip
     demanded = xp.where(handover.flies == Flies.FEEDFORWARD, by_range, by_bank)
     cut = magnitude(handover.command) >= AT_LIMIT * settings.limit
-    return StepState(inputs.time, before.memory, handover), Wanted(s * handover.command, s * demanded, cut)
+    after = StepState(inputs.time, before.memory, handover, followed)
+    return after, Wanted(s * handover.command, s * demanded, cut)
+
+
+def _followed(before: StepState, found: Found, dt: Number, xp: ModuleType) -> tuple[Number, Number]:
+    """The drift that the law follows: smoothed while the relative motion is trusted, at once where it steers first."""
+    goes_on, share = before.handover.flies == Flies.DRIFT, dt / (DRIFT_TIME + dt)
+    (x, y), now_x, now_y = before.drift, found.drift_x, found.drift_y
+    return (
+        xp.where(goes_on, x + share * (now_x - x), now_x),
+        xp.where(goes_on, y + share * (now_y - y), now_y),
+    )
 
 
 def _tried(before: Handover, settings: StepSettings, inputs: Inputs, xp: ModuleType) -> Number:

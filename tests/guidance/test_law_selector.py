@@ -1,11 +1,13 @@
 """Who steers in `auto`, when, and that nothing jumps as it changes."""
 
-from math import exp, pi, sin
+from math import cos, exp, pi, sin
 
 import pytest
 
 from circnav_mav.guidance import floats
 from circnav_mav.guidance.law_selector import FADE, FIRST_GUESS, ONE_AT_START, PATIENCE, Flies, Handover, hand_over
+from circnav_mav.guidance.step import LawChoice, steering
+from circnav_mav.guidance.types import Direction, Orbit, RangeEstimate, RelativeMotion
 
 STEP, LIMIT = 0.05, 0.35
 BY_RANGE, BY_BANK = 0.1, -0.05
@@ -68,3 +70,21 @@ def test_nothing_goes_beyond_the_limit():
     before = go_on(ONE_AT_START, 5.0, trusted=True, by_bank=-9.0)[-1]
     assert before.command == -LIMIT
     assert {abs(step.command) <= LIMIT for step in go_on(before, 3.0, favourite=1, by_bank=9.0)} == {True}
+
+
+def test_a_drift_that_swings_once_a_second_moves_the_turn_far_less_than_one_that_swings_once_a_minute():
+    """A first-order lag of .5 s lets 1/sqrt(1 + pi^2) = .30 of the quick one through. A few unlucky ranges move the
+    estimated drift by 1 m/s for a moment; felt at once, it contains how the course lags the nose, too."""
+    V, R = 22.0, 150.0
+    orbit = Orbit(radius=R, direction=Direction.COUNTERCLOCKWISE, speed=V, max_turn_rate=0.44)
+
+    def swing(frequency: float) -> float:
+        steer, turns = steering(orbit, LawChoice("auto", 0.01)), []
+        for tick in range(round(3 / frequency / 0.05)):
+            drift = cos(2 * pi * frequency * tick * 0.05)
+            here = RelativeMotion(R, 0.0, 1.0, drift, 0.0, pi / 2, V / R, V, 1.0, trusted=True)
+            turns.append(steer(RangeEstimate(tick * 0.05, R, 0.0, 0.5, 0.5, relative=here)).turn_rate)
+        late = turns[len(turns) // 2 :]
+        return max(late) - min(late)
+
+    assert swing(1.0) < 0.35 * swing(1 / 60)
