@@ -98,13 +98,14 @@ class Inputs:
 
 @dataclass(frozen=True, slots=True)
 class StepState:
-    """What a step remembers: time: of the command before, s, at first -inf; memory: the integral of `pi`, m. drift: as
-    the law follows it, m/s."""
+    """What a step remembers: time: of the command before, s, at first -inf; memory: the integral of `pi`, m. drift_x,
+    drift_y: as the law follows it, m/s."""
 
     time: Number = -inf
     memory: Number = 0.0
     handover: Handover = ONE_AT_START
-    drift: tuple[Number, Number] = (0.0, 0.0)
+    drift_x: Number = 0.0
+    drift_y: Number = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,10 +141,10 @@ def _with_relative_motion(
     that the orbit is counter-clockwise; only what leaves has its sense again."""
     s, found, V, radius = settings.sense, inputs.found, settings.V, settings.fed + inputs.trim
     trusted = False if found is None else found.trusted
-    followed = before.drift
+    drift_x, drift_y = before.drift_x, before.drift_y
     if found is not None:
-        followed = _followed(before, found, dt, xp)
-        found = replace(found, drift_x=followed[0], drift_y=followed[1])
+        drift_x, drift_y = _followed(before, found, dt, xp)
+        found = replace(found, drift_x=drift_x, drift_y=drift_y)
     by_drift = None if found is None else _by_drift(settings, found, inputs, xp)
     if by_drift is not None and xp.all(trusted):
         by_range = by_drift
@@ -156,14 +157,14 @@ def _with_relative_motion(
     )  # fmt: skip
     demanded = xp.where(handover.flies == Flies.FEEDFORWARD, by_range, by_bank)
     cut = magnitude(handover.command) >= AT_LIMIT * settings.limit
-    after = StepState(inputs.time, before.memory, handover, followed)
+    after = StepState(inputs.time, before.memory, handover, drift_x, drift_y)
     return after, Wanted(s * handover.command, s * demanded, cut)
 
 
 def _followed(before: StepState, found: Found, dt: Number, xp: ModuleType) -> tuple[Number, Number]:
     """The drift that the law follows: smoothed while the relative motion is trusted, at once where it steers first."""
     goes_on, share = before.handover.flies == Flies.DRIFT, dt / (DRIFT_TIME + dt)
-    (x, y), now_x, now_y = before.drift, found.drift_x, found.drift_y
+    x, y, now_x, now_y = before.drift_x, before.drift_y, found.drift_x, found.drift_y
     return (
         xp.where(goes_on, x + share * (now_x - x), now_x),
         xp.where(goes_on, y + share * (now_y - y), now_y),

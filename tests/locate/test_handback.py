@@ -11,7 +11,7 @@ from circnav_mav.locate.handback import DeadReckoning, HandBack, HandBackSetting
 from tests.locate.flown import Surveyed, surveyed
 
 POSITION = mavlink.MAV_CMD_EXTERNAL_POSITION_ESTIMATE
-LOST_AT, END = 60.0, 105.0
+LOST_AT, END = 60.0, 105.5  # not a whole second: each position is answered
 PLANE = (
     'sim.events=[{at_s=60.0, action="gps_off"}]', "sim.sensors.dead_reckoning_mps=1", "sim.sensors.gps_error_m=1",
     "sim.sensors.gps_error_time_s=600", "sim.wind.speed_mps=5", "sim.start.north_m=150", "sim.start.east_m=-100",
