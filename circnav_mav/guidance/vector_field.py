@@ -37,6 +37,9 @@ FASTEST = 1.8
 RADIAL_SHARE = 0.4
 """Radius loop over heading loop: of all shares at these margins, two fifths hold slow errors down most: wind and
 turbulence push the radius below .4 rad/s, as flown on ArduPlane 4.6.3."""
+OUTWARD, FINISHED = 0.5 * np.pi, 1.0
+"""Outside the circle, angle by which a turn may be longer for leading away from the target instead of past it, rad; and
+angle by which a turn at the limit may be longer for being under way."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +102,19 @@ def drift(
     rotation = wrap(wanted(ahead + STEP) - wanted(ahead - STEP)) / (2 * STEP)
     # under way is what was commanded beyond the rotation: so a delay that is not quite known leaves no lasting error
     under_way = pending.turn - rotation * ahead
-    return rotation + gains.heading * (wrap(wanted(0.0 * ahead) - psi) - under_way)
+    favoured = _outward(xp.hypot(p[0], p[1]), V / max_turn_rate, r_d, xp) + FINISHED * xp.clip(
+        rate / max_turn_rate, -1.0, 1.0
+    )
+    error = wrap(wanted(0.0 * ahead) - psi - favoured) + favoured
+    return rotation + gains.heading * (error - under_way)
+
+
+def _outward(r: Array, turn_radius: Array, r_d: Array, xp: Any) -> Array:
+    """By how much a turn to the left, away from the target, is favoured, rad: where half a turn to the right would end
+    inside the circle. Fades out within a turn radius, and towards the circle, on which both directions are small."""
+    beyond = xp.clip((r_d + 3 * turn_radius - r) / turn_radius, 0.0, 1.0)
+    outside = xp.clip((r - 0.9 * r_d) / (0.1 * r_d), 0.0, 1.0)
+    return OUTWARD * beyond * outside
 
 
 def orbit_turn_rate(d: Pair, psi: Array, *, V: Array, r_d: Array, xp: Any = np) -> Array:

@@ -74,8 +74,8 @@ def test_far_outside_the_course_touches_the_circle():
     assert inward_angle(400.0, r_d=R_D, k=1.0, sharpest=0.02) == pytest.approx(np.arccos(0.25), abs=1e-3)
 
 
-def flown(sense, start, psi, d, seconds=200.0, dt=0.05, lag=LAG):
-    """A point mass with a turn lag under the law with full information."""
+def flown(sense, start, psi, d, seconds=200.0, dt=0.05, lag=LAG, ranges=None):
+    """A point mass with a turn lag under the law with full information. ranges: all, for who wants them."""
     p, omega, d, under_way = np.array(start, float), 0.0, np.array(d, float), PendingTurn()
     for i in range(round(seconds / dt)):
         pending = under_way.at(i * dt, Response(0.0, lag, 1 / lag), omega)
@@ -86,7 +86,21 @@ def flown(sense, start, psi, d, seconds=200.0, dt=0.05, lag=LAG):
         turned = command * dt + (omega - command) * lag * (1 - np.exp(-dt / lag))
         p = p + chord(V, psi, turned, dt) + d * dt
         psi, omega = psi + turned, after
+        if ranges is not None:
+            ranges.append(np.hypot(*p))
     return p, psi
+
+
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+@pytest.mark.parametrize("d", [(0.0, 0.0), (-3.0, 2.0)])
+@pytest.mark.parametrize("r", [115.0, 130.0, 160.0, 190.0, 230.0])
+@pytest.mark.parametrize("heading", [-1.7, -1.3, -0.6])
+def test_outside_and_going_the_wrong_way_round_it_turns_away_from_the_target_and_not_past_it(r, heading, d, sense):
+    """The half turn to the inside is the shorter one, and leads within .3 .. .7 r_d of the target."""
+    ranges = []
+    flown(sense, (r, 0.0), sense * heading, d, seconds=60.0, ranges=ranges)
+    assert min(ranges) > 0.9 * R_D and max(ranges) < r + R_D
+    assert ranges[-1] == pytest.approx(R_D, abs=2.0)
 
 
 @pytest.mark.parametrize("sense", [1.0, -1.0])
