@@ -14,6 +14,7 @@ import shutil
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -28,6 +29,8 @@ PAGE = ROOT / "docs" / "firmware.md"
 MARKS = "<!-- flights -->\n", "<!-- end of flights -->\n"
 STARTS = ((70, True), (-70, False), (140, True), (-10, False), (-110, True))
 """Bearing of the target from the nose, deg, and whether clockwise; by seed."""
+APART = 7.0
+"""Least time between two starts, s."""
 LONGEST_PAUSE, SLOWEST = 0.5, 0.98
 """A flight with a longer pause, s, or slower than real time says more about the computer than about circnav."""
 
@@ -99,7 +102,7 @@ def told(path: Path) -> dict[tuple[str, int], dict[str, Any]]:
 def fly_all(rows: list[Row], seeds: int, jobs: int, out: Path, extra: list[str], say: Callable[[str], None]) -> None:
     """What is not kept yet, seed by seed, so that a broken-off table has every row."""
     out.mkdir(parents=True, exist_ok=True)
-    kept, lock = told(out / "results.jsonl"), threading.Lock()
+    kept, lock, starting = told(out / "results.jsonl"), threading.Lock(), threading.Lock()
     wanted = [(row, seed) for seed in range(1, seeds + 1) for row in rows]
     todo = [(row, seed) for row, seed in wanted if "failed" in kept.get((row.name, seed), {"failed": ""})]
 
@@ -108,6 +111,8 @@ def fly_all(rows: list[Row], seeds: int, jobs: int, out: Path, extra: list[str],
         folder = out / f"{re.sub('[^a-z0-9]+', '-', row.options.replace('.', 'p'))}-{seed}"
         command = [sys.executable, "-m", "tests.firmware.fly", *words(row, seed, extra), "--out", str(folder)]
         shutil.rmtree(folder, ignore_errors=True)
+        with starting:  # simulators that start together starve each other, and their vehicles engage late
+            time.sleep(APART)
         with (out / f"{folder.name}.log").open("w") as log:
             subprocess.run(command, cwd=ROOT, stdout=log, stderr=subprocess.STDOUT, check=False)
         with lock:
