@@ -112,6 +112,22 @@ def test_a_clock_offset_between_positions_and_ranges_is_found(tmp_path: Path) ->
     assert off(found, target) < 3.0
 
 
+def test_a_ranging_antenna_off_the_gps_antenna_reads_as_delay_and_bias_and_leaves_the_place(tmp_path: Path) -> None:
+    """3 m ahead, and 1.5 m to the outside of the circle, of which a slant of 108 m shows 100/108."""
+    track, _, target = circles(gps=0.0, laps=2)
+    here = np.column_stack([track.east, track.north])
+    ahead = np.gradient(here, axis=0)
+    ahead /= np.hypot(*ahead.T)[:, None]
+    antenna = here + 3.0 * ahead + 1.5 * np.column_stack([ahead[:, 1], -ahead[:, 0]])
+    noise = np.random.default_rng(8).normal(0, 0.3, len(here))
+    r = np.sqrt(((antenna - target) ** 2).sum(axis=1) + 40.0**2) + noise
+    log = write_csv(tmp_path / "lever.csv", track, Ranges(track.time, r, 0 * r + 0.3))
+    assert run(str(log), "--gps-sigma", "0.05", "--altitude", "400") == Exit.DONE
+    found = places(tmp_path / "lever.locate.geojson")["target"]
+    assert found["range_bias_m"] == pytest.approx(1.39, abs=0.1)
+    assert off(found, target) < 0.1
+
+
 def test_a_tlog_of_anybodys_is_read_by_its_messages(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     track, ranges, target = circles(gps=0.3)
     speaker = mavlink.MAVLink(None, srcSystem=3, srcComponent=1)
