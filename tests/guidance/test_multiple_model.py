@@ -126,3 +126,24 @@ def test_a_variance_that_rounding_has_made_negative_is_none():
     assert np.isfinite(after.P).all() and np.isfinite(after.log_weight).all()
     assert said.nis[0, 0] >= 0.0
     assert after.x[R, 0, 0] >= CLOSEST
+
+
+def test_what_steers_steers_on_until_it_is_much_worse_and_again_only_when_it_is_good(tracking):
+    """Or law changes would follow the rounding: PX4's copter round a moving target changed 29 times in a flight."""
+    flown = deepcopy(tracking)
+    bank, none = flown.bank, np.zeros(1)
+    worst = 0.0
+    while worst < 0.55:
+        path = chord(V, TURN * flown.t, TURN * STEP, STEP)
+        flown.t, flown.p = flown.t + STEP, flown.p + path + STEP * np.array(WIND)
+        bank.step(none + STEP, path[:, None], none, none + 0.5, none > 0)
+        worst = max(worst, bank.spread[0])
+        assert bank.trusted[0] == (worst < 0.5)
+    between = False
+    for _ in range(200):
+        flown.hear(STEP, 0.5)
+        between |= 0.25 < bank.spread[0] < 0.5
+        assert bank.stage[0] == Stage.TRACK and bank.trusted[0] == (bank.spread[0] < 0.25)
+        if bank.trusted[0]:
+            break
+    assert between and bank.trusted[0]

@@ -47,8 +47,8 @@ class Stage(IntEnum):
 class BankSettings:
     """speed: V, m/s. gate: in standard deviations.
 
-    trusted, lost: bounds of the position's standard deviation over the range: above the first the estimate must not
-    steer, above the second the track is given up. missed: share of recent samples outside the gate that ends the
+    trusted, kept, lost: bounds of the position's standard deviation over the range: an estimate steers from the first
+    up to the second, and is given up at the third. missed: share of recent samples outside the gate that ends the
     track; recent: memory of it, s. drift_most: largest drift that makes sense, in V. winds, noises: the models, all
     pairs of (m^2/s^3 of d, gust in V, noise of the nose in V, whether accelerations count) and (white, drifting) parts
     of sigma. search: how to search, None for the defaults.
@@ -57,6 +57,7 @@ class BankSettings:
     speed: float
     gate: float = 5.0
     trusted: float = 0.25
+    kept: float = 0.5
     lost: float = 0.6
     missed: float = 0.6
     recent: float = 3.0
@@ -86,9 +87,9 @@ class DriftBank:
     """The banks of B flights that are stepped together. `step` is the only way in, or
     its two parts; the attributes are what is believed.
 
-    mean (12, B), covariance (12, 12, B), stage, nis, missed, refused, spread (B,): nis of the heaviest hypothesis,
-    share of recent misses, whether the last sample was refused, standard deviation of the position over the range
-    (infinite before it is known where the target is).
+    mean (12, B), covariance (12, 12, B), stage, nis, missed, refused, spread, trusted (B,): nis of the heaviest
+    hypothesis, share of recent misses, whether the last sample was refused, standard deviation of the position over the
+    range (infinite before it is known where the target is), whether the estimate may steer.
     """
 
     def __init__(self, settings: BankSettings, flights: int = 1, known: Prior | None = None) -> None:
@@ -103,6 +104,7 @@ class DriftBank:
         self.missed = np.zeros(flights)
         self.refused = np.zeros(flights, bool)
         self.spread = np.full(flights, np.inf)
+        self.trusted = np.zeros(flights, bool)
         self._since = np.zeros(flights)
         self._unheard: tuple[Array, Array, Array, Array, Array] | None = None
         """The newest range (dt, chord, z, sigma, valid) that the search has not taken in."""
@@ -111,11 +113,6 @@ class DriftBank:
         self._search = RingSearch(settings.search or SearchSettings(settings.speed), flights, known)
         self._tracking = np.zeros(0, int)
         self._tracks = _copies(self.mean[:, :0], self.covariance[..., :0], len(self.noise.white))
-
-    @property
-    def trusted(self) -> Array:
-        """Whether the estimate may steer, (B,)."""
-        return self.spread < self.settings.trusted
 
     @property
     def favourite(self) -> Array:
@@ -213,6 +210,9 @@ class DriftBank:
         self.mean[:, at], self.covariance[:, :, at] = mean, covariance
         variance = covariance[R, R] / np.maximum(mean[R], 1.0) ** 2 + covariance[THETA, THETA]
         self.spread[at] = np.sqrt(np.maximum(variance, 0.0))
+        # it steers on until it is much worse: a law on range alone holds the circle worse than a direction 20 deg off
+        bound = np.where(self.trusted[at], self.settings.kept, self.settings.trusted)
+        self.trusted[at] = self.spread[at] < bound
 
     def _count(self, at: Array, nis: Array, taken: Array, valid: Array) -> None:
         """Keep the share of recent samples that were refused."""
@@ -237,7 +237,7 @@ class DriftBank:
         h = self._tracks
         self._tracks = Hypotheses(h.x[..., stay], h.P[..., stay], h.log_weight[..., stay])
         self._tracking = self._tracking[stay]
-        self.stage[lost], self.spread[lost] = Stage.EMPTY, np.inf
+        self.stage[lost], self.spread[lost], self.trusted[lost] = Stage.EMPTY, np.inf, False
         self.mean[:, ~sound], self.covariance[:, :, ~sound] = 0.0, 0.0
         self._search.forget()
         return True

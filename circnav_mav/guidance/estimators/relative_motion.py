@@ -19,6 +19,8 @@ GAP = 20.0
 """After a longer time without ranges, s, the bank starts anew."""
 MEMORY = 10.0
 """After such a gap the drift counts that was known so long (s) before it: what came later may be the trouble."""
+GROWN = 1.1
+"""By how much the uncertainty of a prediction may have grown since the newest range where it is large already."""
 REMEMBERED, FORGOTTEN = 0.03, 1e-3
 """Standard deviation of that drift, in V, and how its variance grows, m^2/s^3: winds and targets change meanwhile, by
 some .8 m/s in a minute, as the search takes it."""
@@ -138,7 +140,8 @@ class DriftEstimator(Estimator):
 
     def _still_trusted(self, at: Prediction) -> bool:
         """Whether the prediction may steer, for without ranges it gets worse."""
-        return bool(at.r_variance / at.r**2 + at.direction_variance < self.bank.settings.trusted**2)
+        bound = max(self.bank.settings.trusted, GROWN * float(self.bank.spread[0]))
+        return bool(at.r_variance / at.r**2 + at.direction_variance < bound**2)
 
     def _note_belief(self) -> None:
         """What the bank believes now, as plain numbers."""
