@@ -204,8 +204,8 @@ class Stopwatch:
 
     def __init__(self, flown: Flight) -> None:
         self._pilot = pilot = flown.pilot
-        self._receive, self._step = pilot.receive, pilot.step
-        pilot.receive, pilot.step = self.receive, self.step  # type: ignore[method-assign]
+        self._receive, self._answer = pilot.receive, pilot.answer
+        pilot.receive, pilot.answer = self.receive, self.answer  # type: ignore[method-assign]
         self.ranges: list[float] = []
         self.ticks: list[float] = []
         self.all = self._heard = 0.0
@@ -216,9 +216,9 @@ class Stopwatch:
         self._heard = time.perf_counter() - began
         self.all += self._heard
 
-    def step(self, now: float) -> bytes:
+    def answer(self, now: float) -> bytes:
         fresh, sent, began = self._pilot.tracker.fresh, self._pilot.setpoints_sent, time.perf_counter()
-        out = self._step(now)
+        out = self._answer(now)
         took = time.perf_counter() - began
         self.all += took
         if self._pilot.setpoints_sent > sent and now > SETTLING:
