@@ -38,8 +38,8 @@ RADIAL_SHARE = 0.4
 """Radius loop over heading loop: of all shares at these margins, two fifths hold slow errors down most: wind and
 turbulence push the radius below .4 rad/s, as flown on ArduPlane 4.6.3."""
 OUTWARD, FINISHED = 0.5 * np.pi, 1.0
-"""Outside the circle, angle by which a turn may be longer for leading away from the target instead of past it, rad; and
-angle by which a turn at the limit may be longer for being under way."""
+"""How much longer, rad, a turn may be than one the other way: because it leads away from the target instead of past it;
+because it is under way at the limit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +87,8 @@ def drift(
     xp: Any = np,
 ) -> Array:  # fmt: skip
     """Turn rate (rad/s): the field's rotation, seen as far ahead as the vehicle's answer takes, plus the heading error
-    times its gain, of which what is already under way is taken off.
+    times its gain, of which what is already under way is taken off. Outside the circle it turns away from the target
+    rather than past it.
 
     p = vehicle - target (2, ...), m. d = wind - target velocity (2, ...), m/s. psi: heading, rad. pending: what is
     commanded but not turned yet. V: true airspeed, m/s. Condition: r_d >= (V + W)^2/(V max_turn_rate) and W < V.
@@ -102,16 +103,15 @@ def drift(
     rotation = wrap(wanted(ahead + STEP) - wanted(ahead - STEP)) / (2 * STEP)
     # under way is what was commanded beyond the rotation: so a delay that is not quite known leaves no lasting error
     under_way = pending.turn - rotation * ahead
-    favoured = _outward(xp.hypot(p[0], p[1]), V / max_turn_rate, r_d, xp) + FINISHED * xp.clip(
-        rate / max_turn_rate, -1.0, 1.0
-    )
+    turning = xp.clip(rate / max_turn_rate, -1.0, 1.0)
+    favoured = _outward(xp.hypot(p[0], p[1]), V / max_turn_rate, r_d, xp) + FINISHED * turning
     error = wrap(wanted(0.0 * ahead) - psi - favoured) + favoured
     return rotation + gains.heading * (error - under_way)
 
 
 def _outward(r: Array, turn_radius: Array, r_d: Array, xp: Any) -> Array:
-    """By how much a turn to the left, away from the target, is favoured, rad: where half a turn to the right would end
-    inside the circle. Fades out within a turn radius, and towards the circle, on which both directions are small."""
+    """By how much a left turn, away from the target, is favoured over a right turn, rad. In full where half a turn to
+    the right ends inside the circle; none one turn radius farther out, and none inside .9 r_d."""
     beyond = xp.clip((r_d + 3 * turn_radius - r) / turn_radius, 0.0, 1.0)
     outside = xp.clip((r - 0.9 * r_d) / (0.1 * r_d), 0.0, 1.0)
     return OUTWARD * beyond * outside

@@ -210,7 +210,8 @@ class DriftBank:
         self.mean[:, at], self.covariance[:, :, at] = mean, covariance
         variance = covariance[R, R] / np.maximum(mean[R], 1.0) ** 2 + covariance[THETA, THETA]
         self.spread[at] = np.sqrt(np.maximum(variance, 0.0))
-        # it steers on until it is much worse: a law on range alone holds the circle worse than a direction 20 deg off
+        # an estimate that steers goes on until it is much worse: a law on range alone holds the circle worse still,
+        # and one bound for both would change the law at every wobble
         bound = np.where(self.trusted[at], self.settings.kept, self.settings.trusted)
         self.trusted[at] = self.spread[at] < bound
 

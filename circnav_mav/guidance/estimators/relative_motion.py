@@ -20,7 +20,7 @@ GAP = 20.0
 MEMORY = 10.0
 """After such a gap the drift counts that was known so long (s) before it: what came later may be the trouble."""
 GROWN = 1.1
-"""By how much the uncertainty of a prediction may have grown since the newest range where it is large already."""
+"""A prediction may steer while it is at most so many times as uncertain as the estimate at the newest range."""
 REMEMBERED, FORGOTTEN = 0.03, 1e-3
 """Standard deviation of that drift, in V, and how its variance grows, m^2/s^3: winds and targets change meanwhile, by
 some .8 m/s in a minute, as the search takes it."""
