@@ -22,8 +22,8 @@ AT_LIMIT = 0.99
 NEAR, ALONG = 0.3, 0.4
 """Radius error in units of the radius, and range rate in V, below which the vehicle is on its circle already."""
 DRIFT_TIME = 0.5
-"""Time constant, s, with which the law follows the estimated drift. A few bad ranges in a row move the estimate by 1 m/s
-for a moment; followed at once, that moved the turn command by 20 deg/s."""
+"""Time constant, s, with which the law follows the estimated drift. A few bad ranges in a row move the estimate by 1
+m/s for a moment; followed at once, that moved the turn command by 20 deg/s."""
 CIRCLING_PATIENCE = 10.0
 """Time, s, for which a search on the circle tries no guess."""
 
