@@ -2,7 +2,7 @@
 
 SEARCH: hypotheses in all directions of the newest range, fitted to a window of the last seconds. When one explains
 them and no other does, the flight is in TRACK: one Kalman filter per noise model (drift steady .. gusty, range error
-white .. drifting); the evidence decides which model counts, and a model that lost is started again from the mixture.
+white .. drifting); the evidence decides which model counts, and a model that lost is started again from the mixture of its kind.
 A flight whose samples keep falling outside the gate searches again, at once and with the window that it has.
 
 Every array has a last axis B over flights; in the air B = 1.
@@ -32,6 +32,7 @@ from circnav_mav.guidance.estimators.relative_ekf import (
     Noise,
     R,
     Rates,
+    mixture,
 )
 
 
@@ -96,6 +97,7 @@ class DriftBank:
         """known: of drift and airspeed scale, before the first range; forgotten with the first lost track."""
         self.settings = settings
         self.noise = settings.noise()
+        self._feels = self.noise.feels[:, 0] > 0
         self._assumptions = np.hstack([self.noise.drift_psd, self.noise.gust, self.noise.feels]).T
         self.stage = np.full(flights, Stage.EMPTY)
         self.mean = np.zeros((STATES, flights))
@@ -202,9 +204,9 @@ class DriftBank:
             self._count(at, said.nis[heaviest], said.taken[heaviest], valid[at])
         if rates is not None and rates.valid[at].any():
             h = relative_ekf.update_rate(h, rates.of(at), self.settings.gate)
-        mean, covariance = relative_ekf.mixture(h)
+        mean, covariance = mixture(h)
         self._believe(at, mean, covariance)
-        self._tracks = _revive(h, mean, covariance)
+        self._tracks = _revive(h, self._feels, mean, covariance)
 
     def _believe(self, at: Array, mean: Array, covariance: Array) -> None:
         self.mean[:, at], self.covariance[:, :, at] = mean, covariance
@@ -280,13 +282,21 @@ def _copies(mean: Array, covariance: Array, count: int) -> Hypotheses:
     )
 
 
-def _revive(h: Hypotheses, mean: Array, covariance: Array) -> Hypotheses:
-    """Start models again that lost; what they hold is no use to anybody."""
+def _revive(h: Hypotheses, feels: Array, mean: Array, covariance: Array) -> Hypotheses:
+    """Start models again that lost: from the mixture of those that go by accelerations as they do or do not (`feels`,
+    (M,)), or of all where none of these is left.
+
+    The models that feel can take a wrong airspeed for a gust that turns with the nose. Those that do not feel would
+    show it, were they not started from the same mistake again and again.
+    """
     dead = h.log_weight < FORGOTTEN
-    if not dead.any():
-        return h
-    return Hypotheses(
-        np.where(dead, mean[:, None], h.x),
-        np.where(dead, covariance[:, :, None], h.P),
-        np.where(dead, REVIVED, h.log_weight),
-    )
+    x, P = h.x, h.P
+    for kind in (feels, ~feels):
+        again = dead & kind[:, None]
+        if again.any():
+            best = h.log_weight[kind].max(axis=0)
+            own = mixture(Hypotheses(h.x[:, kind], h.P[:, :, kind], h.log_weight[kind] - best))
+            left = best >= FORGOTTEN
+            x = np.where(again, np.where(left, own[0], mean)[:, None], x)
+            P = np.where(again, np.where(left, own[1], covariance)[:, :, None], P)
+    return Hypotheses(x, P, np.where(dead, REVIVED, h.log_weight)) if dead.any() else h
