@@ -3,7 +3,9 @@
 import math
 from typing import NamedTuple
 
-GRAVITY = 9.80665
+from .estimate import GRAVITY as GRAVITY
+from .estimate import EstimateError
+
 Vector = tuple[float, float, float]
 
 
@@ -32,7 +34,7 @@ class Body(NamedTuple):
     slip: float = 0.0  # of a fixed wing: from the nose to the direction of flight through the air, rad
     gust_slip: float = 0.0  # the part of it that a gust made
     trimmed_wind: tuple[float, float] = (0.0, 0.0)  # what the vehicle has settled in; what differs is a gust
-    velocity_error: tuple[float, float] = (0.0, 0.0)  # of the estimate: it is reported, and PX4's copter flies by it
+    error: EstimateError = EstimateError()  # of the estimate: it is reported, and flown by
     on_the_way: tuple[tuple[float, float], ...] = ()  # commands within the dead time (airframes/following.py)
 
     @property

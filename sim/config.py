@@ -1,5 +1,6 @@
 """The vehicle file: which autopilot, where it starts, what it circles, how it measures. Units are in the names."""
 
+import math
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -16,6 +17,7 @@ MESSAGES = ("distance_sensor", "ranging_beacon", "named_value_float")
 VIAS = ("forwarded", "direct", "autopilot")
 PRESETS = ("gaussian", "uwb", "lora")
 IMU_STATES = ("good", "frozen", "clipped", "rotated")
+ATTITUDE_ERROR_DEG = {"px4_copter": 1.0, "px4_plane": 1.0, "arduplane": 0.15}
 ACTIONS = (
     "mode",
     "arm",
@@ -160,9 +162,11 @@ class TruthStream:
 class Sensors:
     """[sensors]: how what is reported differs from the truth.
 
-    accel_noise_mps2: rms of each reading. accel_bias_mps2: constant, signs drawn by the seed; None draws .05 .. 0.1.
+    accel_noise_mps2, gyro_noise_deg_s: rms of each reading; None: 0.2 and 0, what PX4's SIH shows on a realistic px4_*.
+    accel_bias_mps2: constant, signs drawn by the seed; None draws .05 .. 0.1.
     imu: "frozen" repeats its last reading, "clipped" ends at 8 m/s^2, "rotated" is mounted 90 deg to the right.
-    velocity_error_mps: rms of the velocity estimate's slow error, horizontal; None: 0.3 of a realistic px4_copter.
+    attitude_error_deg: rms of the estimated roll, with the errors of velocity and heading that come with it
+    (estimate.py); None: 1.0 of a realistic px4_*, 0.15 of arduplane, else 0.
     gps_error_m: standard deviation of the reported position in each axis, first order with gps_error_time_s.
     dead_reckoning_mps: speed in each axis, drawn, at which the reported position drifts away without GPS.
     """
@@ -171,12 +175,12 @@ class Sensors:
     heading_drift_deg_s: float = key(0.0, low=-10.0, high=10.0)
     gyro_scale: float = key(1.0, low=0.5, high=1.5)
     airspeed_noise_mps: float = key(0.0, low=0.0, high=10.0)
-    accel_noise_mps2: float = key(0.2, low=0.0, high=50.0)
+    accel_noise_mps2: float | None = key(None, low=0.0, high=50.0)
+    gyro_noise_deg_s: float | None = key(None, low=0.0, high=50.0)
     accel_bias_mps2: float | None = key(None, low=0.0, high=10.0)
     accel_vibration_mps2: float = key(0.0, low=0.0, high=100.0)
     imu: str = key("good", choices=IMU_STATES)
-    velocity_error_mps: float | None = key(None, low=0.0, high=10.0)
-    velocity_error_time_s: float = key(4.0, low=0.1, high=600.0)
+    attitude_error_deg: float | None = key(None, low=0.0, high=20.0)
     gps_error_m: float = key(0.0, low=0.0, high=1000.0)
     gps_error_time_s: float = key(60.0, low=0.1, high=10_000.0)
     dead_reckoning_mps: float = key(0.3, low=0.0, high=20.0)
@@ -226,6 +230,18 @@ class VehicleConfig:
     battery: Battery = Battery()
     signing: Signing = Signing()
     events: tuple[Event, ...] = ()
+
+    @property
+    def sih(self) -> bool:
+        """Whether it is flown as PX4 in its own simulator, whose sensors are noisy."""
+        return self.vehicle.profile.startswith("px4") and self.vehicle.dynamics != "unicycle"
+
+    @property
+    def attitude_error(self) -> float:
+        """Rms of the estimated roll, rad."""
+        given, ideal = self.sensors.attitude_error_deg, self.vehicle.dynamics == "unicycle"
+        default = 0.0 if ideal else ATTITUDE_ERROR_DEG.get(self.vehicle.profile, 0.0)
+        return math.radians(default if given is None else given)
 
     def rebooted(self) -> "VehicleConfig":
         """As the autopilot finds itself after a reset: disarmed, in its first mode."""

@@ -68,7 +68,7 @@ class Flight:
         self.air = Air(config.wind, config.seed)
         self.target = TargetMotion(config.target)
         self.rangefinder = Rangefinder()
-        self.instruments = Instruments(config.sensors, config.seed)
+        self.instruments = Instruments(config.sensors, config.seed, config.sih)
         self.battery = config.battery.percent
         self._battery_at = 0
         self.body = starting_body(config, self.air.velocity)
@@ -117,20 +117,11 @@ class Flight:
     def imu(self) -> tuple[Vector, Vector]:
         return self.instruments.imu(self.body, self.specific_force(), self.seconds)
 
-    @property
-    def velocity_error_rms(self) -> float:
-        """Of the estimated horizontal velocity, m/s. PX4's copter under SIH: 0.3, forgotten within 4 s."""
-        given, vehicle = self.config.sensors.velocity_error_mps, self.config.vehicle
-        if given is not None:
-            return given
-        return 0.3 if vehicle.profile == "px4_copter" and vehicle.dynamics != "unicycle" else 0.0
-
     def drift_estimate(self) -> None:
-        """One step of 0.1 s of the velocity estimate's error."""
-        kept = math.exp(-DRIFT_STEP_US * 1e-6 / self.config.sensors.velocity_error_time_s)
-        fresh = self.velocity_error_rms * math.sqrt((1 - kept * kept) / 2)  # of each axis
-        north, east = (kept * error + self._estimator_rng.gauss(0.0, fresh) for error in self.body.velocity_error)
-        self.body = self.body._replace(velocity_error=(north, east))
+        """One step of 0.1 s of the estimate's error."""
+        body, rng = self.body, self._estimator_rng
+        error = body.error.after(DRIFT_STEP_US * 1e-6, self.config.attitude_error, body.heading, rng)
+        self.body = body._replace(error=error)
 
     def wander(self) -> None:
         """One step of 0.1 s of the error of the reported position: of the GPS, or of dead reckoning without it."""

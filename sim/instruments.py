@@ -8,14 +8,20 @@ from .config import Sensors
 
 CLIP_MPS2 = 8.0  # below 1 g, so that the vertical axis shows it in level flight
 VIBRATION_HZ = 73.0  # of a motor; a stream of 50 Hz sees its alias
+ACCEL_OF_SIH, GYRO_OF_SIH = (0.36, 1.15, 0.99), (0.084, 0.042, 0.0185)  # rms as sent, m/s^2 and rad/s
 PHASES = (0.0, 2.1, 4.2)  # rad, of the vibration in the three axes
 
 
 class Instruments:
     """Compass bias and drift, gyro scale, airspeed noise, accelerometer errors. Only what is reported is bent."""
 
-    def __init__(self, config: Sensors, seed: int) -> None:
+    def __init__(self, config: Sensors, seed: int, sih: bool) -> None:
+        """sih: as noisy as PX4's SIH where the file does not say."""
         self._config = config
+        accel, gyro = config.accel_noise_mps2, config.gyro_noise_deg_s
+        self._accel_noise = (ACCEL_OF_SIH if sih else (0.2,) * 3) if accel is None else (accel,) * 3
+        self._gyro_noise = (GYRO_OF_SIH if sih else (0.0,) * 3) if gyro is None else (math.radians(gyro),) * 3
+        self._gyro_rng = Random(f"{seed}:gyro")
         self._rng = Random(f"{seed}:instruments")
         self._imu_rng = Random(f"{seed}:imu")
         drawn = [self._imu_rng.uniform(0.05, 0.1) * self._imu_rng.choice((-1, 1)) for _ in range(3)]
@@ -27,11 +33,14 @@ class Instruments:
     def body(self, true: Body, time: float) -> Body:
         """The body as the estimate of attitude and velocity shows it."""
         c = self._config
-        north, east = true.velocity_error
-        if not (c.heading_bias_deg or c.heading_drift_deg_s or north or east):
+        north, east = true.error.velocity
+        if not (c.heading_bias_deg or c.heading_drift_deg_s or true.error.heading):
             return true
-        error = math.radians(c.heading_bias_deg + c.heading_drift_deg_s * time)
+        roll, pitch = true.error.tilt(true.heading)
+        error = math.radians(c.heading_bias_deg + c.heading_drift_deg_s * time) + true.error.heading
         return true._replace(
+            roll=true.roll + roll,
+            pitch=true.pitch + pitch,
             heading=math.remainder(true.heading + error, math.tau),
             velocity_north=true.velocity_north + north,
             velocity_east=true.velocity_east + east,
@@ -39,8 +48,11 @@ class Instruments:
 
     def rates(self, true: Body) -> Vector:
         """p, q, r as the gyros read them."""
-        p, q, r = true.body_rates()
-        return p * self._config.gyro_scale, q * self._config.gyro_scale, r * self._config.gyro_scale
+        rolling, pitching, turning = (
+            rate * self._config.gyro_scale + (self._gyro_rng.gauss(0.0, noise) if noise > 0 else 0.0)
+            for rate, noise in zip(true.body_rates(), self._gyro_noise, strict=True)
+        )
+        return rolling, pitching, turning
 
     def airspeed(self, shown: float) -> float:
         noise = self._config.airspeed_noise_mps
@@ -50,14 +62,10 @@ class Instruments:
         """Accelerometers in m/s^2 and gyros in rad/s, forward, right, down."""
         if self.imu_state == "frozen" and self._last_imu is not None:
             return self._last_imu
-        c, (p, q, r) = self._config, self.rates(true)
-        shaken = c.accel_vibration_mps2
+        (p, q, r), shaken = self.rates(true), self._config.accel_vibration_mps2
         x, y, z = (
-            value
-            + bias
-            + self._imu_rng.gauss(0.0, c.accel_noise_mps2)
-            + shaken * math.sin(math.tau * VIBRATION_HZ * time + phase)
-            for value, bias, phase in zip(specific_force, self._bias, PHASES, strict=True)
+            value + bias + self._imu_rng.gauss(0.0, noise) + shaken * math.sin(math.tau * VIBRATION_HZ * time + phase)
+            for value, bias, noise, phase in zip(specific_force, self._bias, self._accel_noise, PHASES, strict=True)
         )
         if self.imu_state == "rotated":
             x, y, p, q = y, -x, q, -p

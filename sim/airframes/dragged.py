@@ -41,7 +41,7 @@ class DraggedCopter:
 
     def _small_step(self, body: Body, wanted: EarthVelocity, h: float, wind: tuple[float, float]) -> Body:
         # The loop closes round the estimate: what it holds is off by the estimate's error.
-        error_north, error_east = body.velocity_error
+        (error_north, error_east), (lean_north, lean_east) = body.error.velocity, body.error.lean
         missing_north = wanted.north - body.velocity_north - error_north
         missing_east = wanted.east - body.velocity_east - error_east
         north, east = at_most(
@@ -50,6 +50,7 @@ class DraggedCopter:
             MOST_ACCELERATION,
         )
         limited = math.hypot(north, east) >= MOST_ACCELERATION * 0.999
+        north, east = north - GRAVITY * lean_north, east - GRAVITY * lean_east
         drag_north, drag_east = (
             self.drag * (body.velocity_north - wind[0]),
             self.drag * (body.velocity_east - wind[1]),

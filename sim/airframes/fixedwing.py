@@ -12,6 +12,7 @@ SPEED_LAG, HEIGHT_LAG, CLIMB_LAG = 3.0, 2.0, 1.0  # s
 MOST_CLIMB = 3.0  # m/s
 MOST_ROLL_RATE = math.radians(100)
 NOSE_DAMPING = 0.7  # of the tail fin, which turns the nose into the air
+HELD_BY_RUDDER = 0.7  # of a wrong bank: the autopilot holds the turn, and the rest slips (PX4: 0.6 .. 0.85)
 SIDE_FORCE = 3.0  # 1/s: how fast side-slip bends the path (ArduPilot's SITL plane at 22 m/s: 65 m/s^2 per rad)
 
 # PX4's built-in plane: drag at trim is that of a 27 deg glide, trim thrust 0.63; a fifth of the drag comes from lift.
@@ -68,7 +69,7 @@ class FixedWing:
 
     def _roll(self, body: Body, commanded: float, h: float) -> Body:
         line = through_line(body.on_the_way, commanded, self.dead_time, h)
-        error = line[0][1] - body.roll
+        error = line[0][1] - body.error.tilt(body.heading)[0] - body.roll
         if self.roll_frequency > 0:
             rate = second_order(error, body.roll_rate, self.roll_frequency, self.roll_damping, h)
             rate = max(-MOST_ROLL_RATE, min(MOST_ROLL_RATE, rate))
@@ -94,7 +95,8 @@ class FixedWing:
 
     def _fly(self, shaped: Body, before: Body, h: float, wind: tuple[float, float]) -> Body:
         flat = shaped.air_speed * math.cos(shaped.climb_angle)
-        bend = self.effectiveness * GRAVITY * math.tan(shaped.roll) / max(3.0, shaped.air_speed)
+        turning = shaped.roll + HELD_BY_RUDDER * shaped.error.tilt(shaped.heading)[0]
+        bend = self.effectiveness * GRAVITY * math.tan(turning) / max(3.0, shaped.air_speed)
         bend -= SIDE_FORCE * before.gust_slip
         course = before.heading + before.slip  # through the air
         after = course + bend * h

@@ -30,7 +30,9 @@ class TiltingCopter:
 
     def _tilt(self, body: Body, demand: Tilt, h: float) -> Body:
         share = 1 - math.exp(-h / TILT_LAG)
-        roll, pitch = body.roll + (demand.roll - body.roll) * share, body.pitch + (demand.pitch - body.pitch) * share
+        wrong_roll, wrong_pitch = body.error.tilt(body.heading)
+        roll = body.roll + (demand.roll - wrong_roll - body.roll) * share
+        pitch = body.pitch + (demand.pitch - wrong_pitch - body.pitch) * share
         error = 0.0 if demand.heading is None else math.remainder(demand.heading - body.heading, math.tau)
         command = demand.yaw_rate + YAW_GAIN * error
         command = max(-self.max_turn_rate, min(self.max_turn_rate, command))

@@ -46,7 +46,7 @@ def test_auto_is_on_its_circle_again_within_30_s_of_an_outage(level: str, profil
     ("fault", "level", "most", "profile"),
     [
         ("F3", "500 ms, stale_s 1.5", 0.06, "arducopter"),
-        ("F3", "1000 ms, stale_s 1.5", 0.2, "arduplane"),
+        ("F3", "1000 ms, stale_s 1.5", 0.25, "arduplane"),
         ("F4", "200 ms", 0.06, "arduplane"),
     ],
 )

@@ -29,6 +29,8 @@ PAGE = ROOT / "docs" / "firmware.md"
 MARKS = "<!-- flights -->\n", "<!-- end of flights -->\n"
 STARTS = ((70, True), (-70, False), (140, True), (-10, False), (-110, True))
 """Bearing of the target from the nose, deg, and whether clockwise; by seed."""
+LASTS, LASTS_PX4_COPTER = 170, 270
+"""How long a flight lasts before the operator takes it over, s."""
 APART = 7.0
 """Least time between two starts, s."""
 LONGEST_PAUSE, SLOWEST = 0.5, 0.98
@@ -81,7 +83,7 @@ ROWS = (
 HEAD = (
     "| flight | as shipped: RMS m | turn sd deg/s, at limit | now: RMS m, median (least .. most) | aim "
     "| turn sd deg/s (aim) | at limit | kept, right way round | settled s, own verdict | closest / R | led away m "
-    "| own GPS circle: RMS (sd) m |\n|---|---|---|---|---|---|---|---|---|---|---|---|"
+    "| setpoints after the takeover was shown, flights | own GPS circle: RMS (sd) m |\n" + 13 * "|---" + "|"
 )
 
 
@@ -90,7 +92,9 @@ def words(row: Row, seed: int, extra: list[str]) -> list[str]:
     bearing, clockwise = STARTS[(seed - 1) % len(STARTS)]
     direction = "clockwise" if clockwise else "counterclockwise"
     start = ["--seed", str(seed), f"--start-bearing={bearing}", "--direction", direction]
-    return [*shlex.split(row.options), *start, *extra]
+    lasts = LASTS_PX4_COPTER if row.options.startswith("px4_copter") else LASTS
+    end = [f"--takeover={lasts}", f"--duration={lasts + 30}"]
+    return [*shlex.split(row.options), *start, *end, *extra]
 
 
 def told(path: Path) -> dict[tuple[str, int], dict[str, Any]]:
@@ -133,7 +137,7 @@ def table(rows: list[Row], flights: dict[tuple[str, int], dict[str, Any]]) -> It
     yield HEAD
     for row in rows:
         flown = [one for (name, _), one in flights.items() if name == row.name and "failed" not in one]
-        cells = _cells(row, flown) if flown else ["not flown", f"{row.aim:g}", *["-"] * 6]
+        cells = _cells(row, flown) if flown else ["not flown", f"{row.aim:g}", *["-"] * 7]
         yield f"| {' | '.join([row.name, row.shipped, row.shipped_turn, *cells, row.own])} |"
     pauses = [one for one in flights.values() if _disturbed(one)]
     paused = f"the computer paused for more than {LONGEST_PAUSE} s, or was slow"
@@ -162,7 +166,14 @@ def _cells(row: Row, flown: list[dict[str, Any]]) -> list[str]:
         + ("" if agree == count else f"; truth disagrees in {count - agree}"),
         f"{min(one['closest'] for one in flown) / radius:.2f}",
         f"{max(one['led_away'] for one in flown):.0f}",
+        _late([one["takeover"] for one in flown if one.get("takeover")]),
     ]
+
+
+def _late(takeovers: list[dict[str, Any]]) -> str:
+    """The most that came, of so many flights."""
+    late = [one["after_shown"] for one in takeovers if one["after_shown"] is not None]
+    return f"{max(late)} in {len(late)}" if late else "-"
 
 
 def write(lines: Iterator[str], page: Path = PAGE) -> None:

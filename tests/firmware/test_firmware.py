@@ -103,6 +103,7 @@ def test_the_table_flies_only_what_is_missing_and_tells_the_median(
         (folder / "result.json").write_text(json.dumps(result))
 
     monkeypatch.setattr(subprocess, "run", fly_one)
+    monkeypatch.setattr(table, "APART", 0.0)
     row = table.ROWS[1]
     for seeds, flights in ((1, 1), (3, 3), (3, 3)):
         table.fly_all([row], seeds, 2, tmp_path, ["--altitude", "60"], lambda _: None)

@@ -14,7 +14,8 @@ ROLL_ONLY = 0xC6
 def plane(**tables: Any) -> Any:
     tables["vehicle"] = {"profile": "arduplane", **tables.get("vehicle", {})}
     tables["start"] = {"mode": "GUIDED", **tables.get("start", {})}
-    return Station(build(**{"truth": {"rate_hz": 0}, "ranging": {"rate_hz": 0.0}, **tables}))
+    exact = {"attitude_error_deg": 0.0}
+    return Station(build(**{"truth": {"rate_hz": 0}, "ranging": {"rate_hz": 0.0}, "sensors": exact, **tables}))
 
 
 @pytest.mark.parametrize(("rate", "flown"), [(0.1, 0.0692), (0.2, 0.1385), (-0.3, -0.208)])

@@ -15,7 +15,7 @@ OFFBOARD = (1, 6, 0)
 
 def px4(gcs: bool = False, **tables: Any) -> Any:
     tables["vehicle"] = {"profile": "px4_copter", "default_streams": False, **tables.get("vehicle", {})}
-    tables["sensors"] = {"velocity_error_mps": 0.0}
+    tables["sensors"] = {"attitude_error_deg": 0.0, "gyro_noise_deg_s": 0.0}
     companion = Station(build(**{"truth": {"rate_hz": 0}, "ranging": {"rate_hz": 0.0}, **tables}))
     companion.heartbeat(6 if gcs else 18)
     return companion

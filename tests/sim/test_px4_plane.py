@@ -13,7 +13,8 @@ G = 9.80665
 
 def plane(**tables: Any) -> Any:
     vehicle = {"profile": "px4_plane", "default_streams": False}
-    return Station(build(vehicle=vehicle, truth={"rate_hz": 0}, ranging={"rate_hz": 0.0}, **tables))
+    exact = {"attitude_error_deg": 0.0, "gyro_noise_deg_s": 0.0}
+    return Station(build(vehicle=vehicle, sensors=exact, truth={"rate_hz": 0}, ranging={"rate_hz": 0.0}, **tables))
 
 
 @pytest.mark.parametrize("mode", ["ALTCTL", "ALT_CRUISE"])

@@ -14,7 +14,8 @@ import pytest
 from sim.vehicle import Truth
 from tests.sim.station import Station, build
 
-QUIET = {"truth": {"rate_hz": 0}, "ranging": {"rate_hz": 0.0}}
+EXACT = {"attitude_error_deg": 0.0, "gyro_noise_deg_s": 0.0}
+QUIET = {"truth": {"rate_hz": 0}, "ranging": {"rate_hz": 0.0}, "sensors": EXACT}
 TICK = 0.01
 
 
@@ -119,8 +120,11 @@ def turned(before: float, after: float) -> list[Truth]:
 
 
 def test_a_px4_copters_yaw_rate_is_two_thirds_there_after_half_a_second() -> None:
-    vehicle, exact = {"profile": "px4_copter", "default_streams": False}, {"velocity_error_mps": 0.0}
-    companion = Station(build(vehicle=vehicle, sensors=exact, **QUIET))
+    vehicle, _exact = (
+        {"profile": "px4_copter", "default_streams": False},
+        {"attitude_error_deg": 0.0, "gyro_noise_deg_s": 0.0},
+    )
+    companion = Station(build(vehicle=vehicle, **QUIET))
     companion.fly(0.5, 0.0, 0.0)
     companion.command(176, 1, 6)
     companion.fly(10.0, 5.0, 0.0)

@@ -2,8 +2,9 @@
 
 SEARCH: hypotheses in all directions of the newest range, fitted to a window of the last seconds. When one explains
 them and no other does, the flight is in TRACK: one Kalman filter per noise model (drift steady .. gusty, range error
-white .. drifting); the evidence decides which model counts, and a model that lost is started again from the mixture of its kind.
-A flight whose samples keep falling outside the gate searches again, at once and with the window that it has.
+white .. drifting); the evidence decides which model counts, and a model that lost is started again from the mixture
+of its kind. A flight whose samples keep falling outside the gate searches again, at once and with the window that
+it has.
 
 Every array has a last axis B over flights; in the air B = 1.
 """
@@ -64,7 +65,7 @@ class BankSettings:
     recent: float = 3.0
     drift_most: float = 0.85
     winds: tuple[tuple[float, float, float, float], ...] = (
-        (3e-4, 0, 0, 0), (5e-2, 0, 0, 0), (1e-2, 0.1, 0, 0), (3e-4, 0.1, 0.03, 1),
+        (3e-4, 0, 0, 0), (5e-2, 0, 0, 0), (1e-2, 0.1, 0, 0), (3e-4, 0.05, 0.03, 1),
     )  # fmt: skip
     noises: tuple[tuple[float, float], ...] = ((1.0, 0.0), (0.4, 0.9))
     search: SearchSettings | None = None
@@ -289,14 +290,16 @@ def _revive(h: Hypotheses, feels: Array, mean: Array, covariance: Array) -> Hypo
     The models that feel can take a wrong airspeed for a gust that turns with the nose. Those that do not feel would
     show it, were they not started from the same mistake again and again.
     """
-    dead = h.log_weight < FORGOTTEN
+    dead: Array = h.log_weight < FORGOTTEN
+    if not dead.any():
+        return h
     x, P = h.x, h.P
     for kind in (feels, ~feels):
         again = dead & kind[:, None]
         if again.any():
             best = h.log_weight[kind].max(axis=0)
-            own = mixture(Hypotheses(h.x[:, kind], h.P[:, :, kind], h.log_weight[kind] - best))
-            left = best >= FORGOTTEN
-            x = np.where(again, np.where(left, own[0], mean)[:, None], x)
-            P = np.where(again, np.where(left, own[1], covariance)[:, :, None], P)
-    return Hypotheses(x, P, np.where(dead, REVIVED, h.log_weight)) if dead.any() else h
+            theirs, spread = mixture(Hypotheses(h.x[:, kind], h.P[:, :, kind], h.log_weight[kind] - best))
+            left: Array = best >= FORGOTTEN
+            fresh: tuple[Array, Array] = np.where(left, theirs, mean), np.where(left, spread, covariance)
+            x, P = np.where(again, fresh[0][:, None], x), np.where(again, fresh[1][:, :, None], P)
+    return Hypotheses(x, P, np.where(dead, REVIVED, h.log_weight))
