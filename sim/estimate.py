@@ -2,8 +2,8 @@
 
 Noisy gyros tilt the estimate; gravity then looks like an acceleration, and the GPS takes both back within seconds:
 PX4's EKF under SIH, whose gyros are far noisier than real ones, shows 1 deg of roll that comes and goes like an
-oscillator of 0.32 rad/s, with 0.2 m/s of velocity along the nose, 0.35 across, and 1.1 deg of heading. ArduPilot's
-plane shows 0.17 deg of heading in wind.
+oscillator of 0.32 rad/s, with 0.2 m/s of velocity along the nose and 1.1 deg of heading. ArduPilot's plane shows 0.17
+deg of heading in wind.
 """
 
 import math

@@ -83,7 +83,9 @@ ROWS = (
 HEAD = (
     "| flight | as shipped: RMS m | turn sd deg/s, at limit | now: RMS m, median (least .. most) | aim "
     "| turn sd deg/s (aim) | at limit | kept, right way round | settled s, own verdict | closest / R | led away m "
-    "| setpoints after the takeover was shown, flights | own GPS circle: RMS (sd) m |\n" + 13 * "|---" + "|"
+    "| most setpoints after the operator's mode was shown, in flights | own GPS circle: RMS (sd) m |\n"
+    + 13 * "|---"
+    + "|"
 )
 
 

@@ -362,7 +362,7 @@ def test_flights_that_hear_at_their_own_times_are_what_each_is_alone():
             alone[n].step(dt[[n]], path[:, [n]], z[[n]], sigma[[n]], valid[[n]])
         assert together.stage == pytest.approx([bank.stage[0] for bank in alone])
         for n, bank in enumerate(alone):
-            assert together.mean[:, n] == pytest.approx(bank.mean[:, 0], rel=1e-3, abs=1e-3)
+            assert together.mean[:, n] == pytest.approx(bank.mean[:, 0], rel=1e-4, abs=1e-4)
             assert together.spread[n] == pytest.approx(bank.spread[0], rel=1e-3)
         stages.append(tuple(together.stage))
     assert stages[-1] == (Stage.TRACK,) * 3

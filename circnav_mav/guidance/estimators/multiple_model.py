@@ -284,11 +284,11 @@ def _copies(mean: Array, covariance: Array, count: int) -> Hypotheses:
 
 
 def _revive(h: Hypotheses, feels: Array, mean: Array, covariance: Array) -> Hypotheses:
-    """Start models again that lost: from the mixture of those that go by accelerations as they do or do not (`feels`,
-    (M,)), or of all where none of these is left.
+    """Start models again that lost, each from the mixture of its own kind: feels (M,), which go by accelerations. Where
+    no model of a kind is left, from the mixture of all, mean (12, B) and covariance (12, 12, B).
 
-    The models that feel can take a wrong airspeed for a gust that turns with the nose. Those that do not feel would
-    show it, were they not started from the same mistake again and again.
+    The models that feel can take a wrong airspeed for a gust that turns with the nose. The others show the mistake only
+    if they are not started from it.
     """
     dead: Array = h.log_weight < FORGOTTEN
     if not dead.any():
@@ -300,6 +300,7 @@ def _revive(h: Hypotheses, feels: Array, mean: Array, covariance: Array) -> Hypo
             best = h.log_weight[kind].max(axis=0)
             theirs, spread = mixture(Hypotheses(h.x[:, kind], h.P[:, :, kind], h.log_weight[kind] - best))
             left: Array = best >= FORGOTTEN
-            fresh: tuple[Array, Array] = np.where(left, theirs, mean), np.where(left, spread, covariance)
-            x, P = np.where(again, fresh[0][:, None], x), np.where(again, fresh[1][:, :, None], P)
+            start: Array = np.where(left, theirs, mean)
+            of_start: Array = np.where(left, spread, covariance)
+            x, P = np.where(again, start[:, None], x), np.where(again, of_start[:, :, None], P)
     return Hypotheses(x, P, np.where(dead, REVIVED, h.log_weight))
