@@ -1,6 +1,7 @@
 """What holds for every test: property tests draw the same examples on every machine, a slow machine is no failure, and
 no two tests share a port."""
 
+import os
 from collections.abc import Iterator
 
 import pytest
@@ -10,6 +11,11 @@ from tests.ports import reserved_port
 
 settings.register_profile("seeded", derandomize=True, deadline=None, database=None)
 settings.load_profile("seeded")
+
+
+def pytest_xdist_auto_num_workers() -> int:
+    """One worker more than there are processors: while one waits for a process or a socket, another computes."""
+    return (os.cpu_count() or 1) + 1
 
 
 @pytest.fixture

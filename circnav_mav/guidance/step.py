@@ -21,9 +21,9 @@ AT_LIMIT = 0.99
 """Share of the limit from which a command counts as cut: while laws hand over, the limit is only approached."""
 NEAR, ALONG = 0.3, 0.4
 """Radius error in units of the radius, and range rate in V, below which the vehicle is on its circle already."""
-DRIFT_TIME = 0.5
-"""Time constant, s, with which the law follows the estimated drift. A few bad ranges in a row move the estimate by 1
-m/s for a moment; followed at once, that moved the turn command by 20 deg/s."""
+DRIFT_TIME = 0.3
+"""Time constant, s, of two lags in a row with which the law follows the estimated drift; how it changes is fed forward.
+A few bad ranges move the estimate by 1 m/s for a moment: followed at once, that moved the turn command by 20 deg/s."""
 CIRCLING_PATIENCE = 10.0
 """Time, s, for which a search on the circle tries no guess."""
 
@@ -67,8 +67,8 @@ class StepSettings:
 class Found:
     """Position relative to the target x, y (m), drift (m/s), heading (rad), true airspeed (m/s): in the paper's frame.
 
-    trusted: whether it may steer. trial: number of the guess where it is one, else -1. remembered: whether the drift
-    was known before the search.
+    change_x, change_y: of the drift, m/s^2. trusted: whether it may steer. trial: number of the guess where it is one,
+    else -1. remembered: whether the drift was known before the search.
     """
 
     x: Number
@@ -80,6 +80,8 @@ class Found:
     trusted: Flag
     trial: Number = -1
     remembered: Flag = False
+    change_x: Number = 0.0
+    change_y: Number = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,13 +101,15 @@ class Inputs:
 @dataclass(frozen=True, slots=True)
 class StepState:
     """What a step remembers: time: of the command before, s, at first -inf; memory: the integral of `pi`, m. drift_x,
-    drift_y: as the law follows it, m/s."""
+    drift_y: as the law follows it, m/s; change_x, change_y: of it, m/s^2."""
 
     time: Number = -inf
     memory: Number = 0.0
     handover: Handover = ONE_AT_START
     drift_x: Number = 0.0
     drift_y: Number = 0.0
+    change_x: Number = 0.0
+    change_y: Number = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,10 +145,10 @@ def _with_relative_motion(
     that the orbit is counter-clockwise; only what leaves has its sense again."""
     s, found, V, radius = settings.sense, inputs.found, settings.V, settings.fed + inputs.trim
     trusted = False if found is None else found.trusted
-    drift_x, drift_y = before.drift_x, before.drift_y
+    lately = before.drift_x, before.drift_y, before.change_x, before.change_y
     if found is not None:
-        drift_x, drift_y = _followed(before, found, dt, xp)
-        found = replace(found, drift_x=drift_x, drift_y=drift_y)
+        found = _followed(before, found, dt, xp)
+        lately = found.drift_x, found.drift_y, found.change_x, found.change_y
     by_drift = None if found is None else _by_drift(settings, found, inputs, xp)
     if by_drift is not None and xp.all(trusted):
         by_range = by_drift
@@ -157,18 +161,22 @@ def _with_relative_motion(
     )  # fmt: skip
     demanded = xp.where(handover.flies == Flies.FEEDFORWARD, by_range, by_bank)
     cut = magnitude(handover.command) >= AT_LIMIT * settings.limit
-    after = StepState(inputs.time, before.memory, handover, drift_x, drift_y)
+    after = StepState(inputs.time, before.memory, handover, *lately)
     return after, Wanted(s * handover.command, s * demanded, cut)
 
 
-def _followed(before: StepState, found: Found, dt: Number, xp: ModuleType) -> tuple[Number, Number]:
-    """The drift that the law follows: smoothed while the relative motion is trusted, at once where it steers first."""
-    goes_on, share = before.handover.flies == Flies.DRIFT, dt / (DRIFT_TIME + dt)
-    x, y, now_x, now_y = before.drift_x, before.drift_y, found.drift_x, found.drift_y
-    return (
-        xp.where(goes_on, x + share * (now_x - x), now_x),
-        xp.where(goes_on, y + share * (now_y - y), now_y),
-    )
+def _followed(before: StepState, found: Found, dt: Number, xp: ModuleType) -> Found:
+    """With the drift that the law follows: smoothed while the relative motion is trusted, at once where it steers
+    first. Two lags of DRIFT_TIME one behind the other, stepped backwards in time: stable however long a step is."""
+    goes_on, step = before.handover.flies == Flies.DRIFT, dt / DRIFT_TIME
+
+    def followed(now: Number, drift: Number, change: Number) -> tuple[Number, Number]:
+        later = (change + (now - drift) * step / DRIFT_TIME) / (1 + step) ** 2
+        return xp.where(goes_on, drift + later * dt, now), xp.where(goes_on, later, 0.0)
+
+    drift_x, change_x = followed(found.drift_x, before.drift_x, before.change_x)
+    drift_y, change_y = followed(found.drift_y, before.drift_y, before.change_y)
+    return replace(found, drift_x=drift_x, drift_y=drift_y, change_x=change_x, change_y=change_y)
 
 
 def _tried(before: Handover, settings: StepSettings, inputs: Inputs, xp: ModuleType) -> Number:
@@ -190,7 +198,8 @@ def _by_drift(settings: StepSettings, found: Found, inputs: Inputs, xp: ModuleTy
     here = mirrored(p, d, found.heading, inputs.pending, sense)
     V, r_d = xp.maximum(found.airspeed, 0.1 * settings.V), settings.r_d + inputs.trim
     gains = drift_gains(V, inputs.pending.ahead, inputs.pending.settles, inputs.share, xp)
-    turn: Number = drift(*here, V=V, r_d=r_d, max_turn_rate=settings.limit, gains=gains, xp=xp)
+    change = found.change_x, sense * found.change_y
+    turn: Number = drift(*here, V=V, r_d=r_d, max_turn_rate=settings.limit, gains=gains, change=change, xp=xp)
     return turn
 
 

@@ -50,7 +50,7 @@ DESIRED_ON_TOP = """
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here")
 def test_a_browser_follows_a_flight_to_its_verdict_and_logs_no_error(tmp_path):
     command = [sys.executable, "-u", "-m", "circnav_mav", "fly", str(ROOT / "config" / "quickstart.toml"), "--web", "0",
-               "--speed", "2", "--duration", "20", "--out", str(tmp_path / "run")]  # fmt: skip
+               "--speed", "2", "--duration", "12", "--out", str(tmp_path / "run")]  # fmt: skip
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     browser = Browser(tmp_path / "profile")  # first: it may take longer to start than the flight does
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as flight:
