@@ -21,9 +21,9 @@ AT_LIMIT = 0.99
 """Share of the limit from which a command counts as cut: while laws hand over, the limit is only approached."""
 NEAR, ALONG = 0.3, 0.4
 """Radius error in units of the radius, and range rate in V, below which the vehicle is on its circle already."""
-DRIFT_TIME = 0.3
-"""Time constant, s, of two lags in a row with which the law follows the estimated drift; how it changes is fed forward.
-A few bad ranges move the estimate by 1 m/s for a moment: followed at once, that moved the turn command by 20 deg/s."""
+DRIFT_TIME = 0.8
+"""Time constant, s, with which the law follows the estimated drift; the change that follows is fed forward. A few bad
+ranges in a row move the estimate by 1 m/s for a moment: followed at once, that moved the turn command by 20 deg/s."""
 CIRCLING_PATIENCE = 10.0
 """Time, s, for which a search on the circle tries no guess."""
 
@@ -101,15 +101,13 @@ class Inputs:
 @dataclass(frozen=True, slots=True)
 class StepState:
     """What a step remembers: time: of the command before, s, at first -inf; memory: the integral of `pi`, m. drift_x,
-    drift_y: as the law follows it, m/s; change_x, change_y: of it, m/s^2."""
+    drift_y: as the law follows it, m/s."""
 
     time: Number = -inf
     memory: Number = 0.0
     handover: Handover = ONE_AT_START
     drift_x: Number = 0.0
     drift_y: Number = 0.0
-    change_x: Number = 0.0
-    change_y: Number = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,10 +143,10 @@ def _with_relative_motion(
     that the orbit is counter-clockwise; only what leaves has its sense again."""
     s, found, V, radius = settings.sense, inputs.found, settings.V, settings.fed + inputs.trim
     trusted = False if found is None else found.trusted
-    lately = before.drift_x, before.drift_y, before.change_x, before.change_y
+    lately = before.drift_x, before.drift_y
     if found is not None:
         found = _followed(before, found, dt, xp)
-        lately = found.drift_x, found.drift_y, found.change_x, found.change_y
+        lately = found.drift_x, found.drift_y
     by_drift = None if found is None else _by_drift(settings, found, inputs, xp)
     if by_drift is not None and xp.all(trusted):
         by_range = by_drift
@@ -167,15 +165,12 @@ def _with_relative_motion(
 
 def _followed(before: StepState, found: Found, dt: Number, xp: ModuleType) -> Found:
     """With the drift that the law follows: smoothed while the relative motion is trusted, at once where it steers
-    first. Two lags of DRIFT_TIME one behind the other, stepped backwards in time: stable however long a step is."""
-    goes_on, step = before.handover.flies == Flies.DRIFT, dt / DRIFT_TIME
-
-    def followed(now: Number, drift: Number, change: Number) -> tuple[Number, Number]:
-        later = (change + (now - drift) * step / DRIFT_TIME) / (1 + step) ** 2
-        return xp.where(goes_on, drift + later * dt, now), xp.where(goes_on, later, 0.0)
-
-    drift_x, change_x = followed(found.drift_x, before.drift_x, before.change_x)
-    drift_y, change_y = followed(found.drift_y, before.drift_y, before.change_y)
+    first."""
+    goes_on = before.handover.flies == Flies.DRIFT
+    change_x = xp.where(goes_on, (found.drift_x - before.drift_x) / (DRIFT_TIME + dt), 0.0)
+    change_y = xp.where(goes_on, (found.drift_y - before.drift_y) / (DRIFT_TIME + dt), 0.0)
+    drift_x = xp.where(goes_on, before.drift_x + dt * change_x, found.drift_x)
+    drift_y = xp.where(goes_on, before.drift_y + dt * change_y, found.drift_y)
     return replace(found, drift_x=drift_x, drift_y=drift_y, change_x=change_x, change_y=change_y)
 
 

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import statistics
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -140,6 +141,12 @@ def mean_radius(truths: list[Truth]) -> float:
 def rms_error(truths: list[Truth], desired: float) -> float:
     """Root mean square of the radius error, m."""
     return math.sqrt(sum((true_radius(truth) - desired) ** 2 for truth in truths) / len(truths))
+
+
+def unrest(flown: Flight) -> float:
+    """Standard deviation of the commanded turn rate over the last third, deg/s."""
+    turns = [tick.turn_rate for tick in flown.ticks if tick.time > flown.now * 2 / 3 and tick.turn_rate is not None]
+    return math.degrees(statistics.pstdev(turns))
 
 
 def clockwise_turns(truths: list[Truth]) -> float:

@@ -9,7 +9,7 @@ import pytest
 
 from circnav_mav.pilot import Ending
 from tests.flight.ground_station import Operator
-from tests.flight.lockstep import Flight, clockwise_turns, flight, last_third, mean_radius, rms_error, true_radius
+from tests.flight.lockstep import Flight, clockwise_turns, flight, last_third, mean_radius, rms_error, true_radius, unrest
 
 copyreg.pickle(struct.Struct, lambda unpacker: (struct.Struct, (unpacker.format,)))  # lets a flight be copied
 
@@ -26,29 +26,37 @@ def take_over(flown: Flight, mission: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("mission", "law", "seconds", "direction"),
+    ("mission", "law", "seconds", "direction", "most"),
     [
-        *((name, "auto", 130, "counterclockwise") for name in VEHICLES),
-        ("ardurover", "smooth", 200, "clockwise"),
+        ("arducopter", "auto", 130, "counterclockwise", 1.5),
+        ("arduplane", "auto", 130, "counterclockwise", 1.5),
+        ("ardurover", "auto", 130, "counterclockwise", 4.0),
+        ("ardurover", "smooth", 200, "clockwise", 4.0),
+        ("px4_copter", "auto", 130, "counterclockwise", 4.5),
+        ("px4_plane", "auto", 130, "counterclockwise", 2.5),
+        ("px4_plane_attitude", "auto", 130, "counterclockwise", 2.5),
+        ("px4_plane_attitude", "auto", 130, "clockwise", 2.5),
     ],
 )
-def test_vehicle_holds_the_circle_to_two_percent_in_the_sense_asked_for(
-    mission: str, law: str, seconds: int, direction: str
+def test_vehicle_holds_the_circle_to_two_percent_in_the_sense_asked_for_with_a_quiet_turn(
+    mission: str, law: str, seconds: int, direction: str, most: float
 ) -> None:
-    """`auto` clockwise: test_quiet.py, test_ringing.py."""
+    """most: standard deviation of the turn command, deg/s; the turn itself is 5 .. 13. `auto` clockwise on the other
+    vehicles: test_ringing.py, tests/firmware/test_emulated.py."""
     overrides = (f'orbit.direction="{direction}"', f"limits.duration_s={seconds}.0")
     flown = flight(mission, *overrides, law=law).fly(seconds + 100)
     radius = flown.pilot.settings.orbit.radius
     assert flown.pilot.outcome is not None
     assert flown.pilot.outcome.ending is Ending.COMPLETED
     assert rms_error(last_third(flown), radius) < 0.02 * radius
+    assert unrest(flown) < most
     assert DIRECTIONS[direction] * clockwise_turns(last_third(flown)) > 0.4
 
 
 def test_plane_flies_the_same_mission_although_it_turns_less_than_it_is_told() -> None:
     """22.0 m/s indicated is 23.4 true on the emulated plane: the coordinated rate it knows is 6 % too high. The mean
     radius is true all the same."""
-    flown = flight("arduplane", "sim.vehicle.turn_effectiveness=0.73", 'orbit.direction="counterclockwise"').fly(400)
+    flown = flight("arduplane", "sim.vehicle.turn_effectiveness=0.73", 'orbit.direction="counterclockwise"').fly(220)
     assert rms_error(last_third(flown), 150.0) < 1.0
     assert clockwise_turns(last_third(flown)) < -0.8
     assert mean_radius(last_third(flown)) == pytest.approx(150.0, abs=0.2)
@@ -154,15 +162,15 @@ def test_plane_without_airspeed_is_not_flown() -> None:
 
 
 def test_plane_circles_on_when_gps_is_lost() -> None:
-    lost = 'sim.events=[{at_s=100.0, action="gps_off"}]'
-    flown = flight("arduplane", lost).fly(400)
+    lost = 'sim.events=[{at_s=60.0, action="gps_off"}]'
+    flown = flight("arduplane", lost, "limits.duration_s=150.0").fly(400)
     assert flown.pilot.outcome is not None
     assert flown.pilot.outcome.ending is Ending.COMPLETED
     assert rms_error(last_third(flown), 150.0) < 1.5
 
 
 def test_px4_copter_holds_its_height_although_zero_climb_rate_does_not() -> None:
-    flown = flight("px4_copter", "limits.duration_s=150.0").fly(170)
+    flown = flight("px4_copter", "limits.duration_s=80.0").fly(100)
     heights = [-truth.down for truth in flown.truths if truth.time > 10]
     assert max(heights) - min(heights) < 1.0
 

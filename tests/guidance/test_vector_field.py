@@ -100,14 +100,13 @@ def flown(sense, start, psi, d, seconds=200.0, dt=0.05, lag=LAG, ranges=None):
     return p, psi
 
 
-@pytest.mark.parametrize("sense", [1.0, -1.0])
 @pytest.mark.parametrize("d", [(0.0, 0.0), (-3.0, 2.0)])
 @pytest.mark.parametrize("r", [115.0, 130.0, 160.0, 190.0, 230.0])
 @pytest.mark.parametrize("heading", [-1.7, -1.3, -0.6])
-def test_outside_and_going_the_wrong_way_round_it_turns_away_from_the_target_and_not_past_it(r, heading, d, sense):
+def test_outside_and_going_the_wrong_way_round_it_turns_away_from_the_target_and_not_past_it(r, heading, d):
     """The half turn to the inside is the shorter one, and leads within .3 .. .7 r_d of the target."""
     ranges = []
-    flown(sense, (r, 0.0), sense * heading, d, seconds=60.0, ranges=ranges)
+    flown(1.0, (r, 0.0), heading, d, seconds=60.0, ranges=ranges)
     assert min(ranges) > 0.9 * R_D and max(ranges) < r + R_D
     assert ranges[-1] == pytest.approx(R_D, abs=2.0)
 
