@@ -68,7 +68,7 @@ class Found:
     """Position relative to the target x, y (m), drift (m/s), heading (rad), true airspeed (m/s): in the paper's frame.
 
     trusted: whether it may steer. trial: number of the guess where it is one, else -1. remembered: whether the drift
-    was known before the search. felt: how far accelerations tell it, 0 .. 1. change_x, change_y: of it, m/s^2.
+    was known before the search.
     """
 
     x: Number
@@ -80,9 +80,6 @@ class Found:
     trusted: Flag
     trial: Number = -1
     remembered: Flag = False
-    felt: Number = 0.0
-    change_x: Number = 0.0
-    change_y: Number = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,10 +141,10 @@ def _with_relative_motion(
     that the orbit is counter-clockwise; only what leaves has its sense again."""
     s, found, V, radius = settings.sense, inputs.found, settings.V, settings.fed + inputs.trim
     trusted = False if found is None else found.trusted
-    lately = before.drift_x, before.drift_y
+    drift_x, drift_y = before.drift_x, before.drift_y
     if found is not None:
-        found = _followed(before, found, dt, xp)
-        lately = found.drift_x, found.drift_y
+        drift_x, drift_y = _followed(before, found, dt, xp)
+        found = replace(found, drift_x=drift_x, drift_y=drift_y)
     by_drift = None if found is None else _by_drift(settings, found, inputs, xp)
     if by_drift is not None and xp.all(trusted):
         by_range = by_drift
@@ -160,23 +157,18 @@ def _with_relative_motion(
     )  # fmt: skip
     demanded = xp.where(handover.flies == Flies.FEEDFORWARD, by_range, by_bank)
     cut = magnitude(handover.command) >= AT_LIMIT * settings.limit
-    after = StepState(inputs.time, before.memory, handover, *lately)
+    after = StepState(inputs.time, before.memory, handover, drift_x, drift_y)
     return after, Wanted(s * handover.command, s * demanded, cut)
 
 
-def _followed(before: StepState, found: Found, dt: Number, xp: ModuleType) -> Found:
-    """With the drift that the law follows: smoothed while the relative motion is trusted, at once where it steers
-    first."""
-    goes_on = before.handover.flies == Flies.DRIFT
-
-    def followed(before: Number, now: Number) -> tuple[Number, Number]:
-        change = xp.where(goes_on, (now - before) / (DRIFT_TIME + dt), 0.0)
-        # a change that only ranges tell is mostly their noise: fed forward, it cost .1 m in calm air on firmware
-        return xp.where(goes_on, before + dt * change, now), found.felt * change
-
-    drift_x, change_x = followed(before.drift_x, found.drift_x)
-    drift_y, change_y = followed(before.drift_y, found.drift_y)
-    return replace(found, drift_x=drift_x, drift_y=drift_y, change_x=change_x, change_y=change_y)
+def _followed(before: StepState, found: Found, dt: Number, xp: ModuleType) -> tuple[Number, Number]:
+    """The drift that the law follows: smoothed while the relative motion is trusted, at once where it steers first."""
+    goes_on, share = before.handover.flies == Flies.DRIFT, dt / (DRIFT_TIME + dt)
+    x, y, now_x, now_y = before.drift_x, before.drift_y, found.drift_x, found.drift_y
+    return (
+        xp.where(goes_on, x + share * (now_x - x), now_x),
+        xp.where(goes_on, y + share * (now_y - y), now_y),
+    )
 
 
 def _tried(before: Handover, settings: StepSettings, inputs: Inputs, xp: ModuleType) -> Number:
@@ -198,8 +190,7 @@ def _by_drift(settings: StepSettings, found: Found, inputs: Inputs, xp: ModuleTy
     here = mirrored(p, d, found.heading, inputs.pending, sense)
     V, r_d = xp.maximum(found.airspeed, 0.1 * settings.V), settings.r_d + inputs.trim
     gains = drift_gains(V, inputs.pending.ahead, inputs.pending.settles, inputs.share, xp)
-    change = found.change_x, sense * found.change_y
-    turn: Number = drift(*here, V=V, r_d=r_d, max_turn_rate=settings.limit, gains=gains, change=change, xp=xp)
+    turn: Number = drift(*here, V=V, r_d=r_d, max_turn_rate=settings.limit, gains=gains, xp=xp)
     return turn
 
 
@@ -269,7 +260,7 @@ def holding(orbit: Orbit, motion: RelativeMotion | None, pending: Pending) -> Tu
 def _found(motion: RelativeMotion) -> Found:
     return Found(
         motion.x, motion.y, motion.drift_x, motion.drift_y, motion.heading, motion.airspeed, motion.trusted,
-        -1 if motion.trial is None else motion.trial, motion.drift_remembered, motion.feels,
+        -1 if motion.trial is None else motion.trial, motion.drift_remembered,
     )  # fmt: skip
 
 

@@ -20,18 +20,18 @@ APPROACH = 90.0
 """Time before the laps that are judged, s."""
 WIND = "sim.wind.speed_mps={}".format
 GUST = "sim.wind.gust_rms_mps={}".format
-"""ArduPilot's turbulence is nearly white: it moves a plane like gusts of 3 s and .85 of its strength."""
+"""ArduPilot's turbulence is nearly white: it moves a plane like gusts of 3 s and .8 of its strength."""
 TARGET = "sim.target.velocity_north_mps={}".format
 GPS_OFF = 'sim.events=[{at_s=60.0, action="gps_off"}]'
 UWB = 'sim.ranging.preset="uwb"', "sim.ranging.rate_hz=20", "ranging.rate_hz=20", "ranging.sigma_m=0.15"
 LORA = 'sim.ranging.preset="lora"', "ranging.sigma_m=2.24"
 ROWS: dict[str, tuple[str, ...]] = {
     "Plane R 150 V 22, calm": ("arduplane",),
-    "Plane, wind 5 + turbulence 1": ("arduplane", WIND(5), GUST(0.85)),
+    "Plane, wind 5 + turbulence 1": ("arduplane", WIND(5), GUST(0.8)),
     "Plane, wind 8": ("arduplane", WIND(8)),
-    "Plane, wind 6 + turbulence 3": ("arduplane", WIND(6), GUST(2.55)),
+    "Plane, wind 6 + turbulence 3": ("arduplane", WIND(6), GUST(2.4)),
     "Plane, target at 4 m/s": ("arduplane", TARGET(4)),
-    "Plane, GPS off after 60 s, wind 5 + turbulence 1": ("arduplane", WIND(5), GUST(0.85), GPS_OFF),
+    "Plane, GPS off after 60 s, wind 5 + turbulence 1": ("arduplane", WIND(5), GUST(0.8), GPS_OFF),
     "Plane, 10 % outliers of 30 m + 30 % loss, wind 5": (
         "arduplane", WIND(5), "sim.ranging.outlier_fraction=0.1", "sim.ranging.dropout_fraction=0.3"),
     "Plane, ranges .3 s late, wind 5": ("arduplane", WIND(5), "sim.ranging.latency_s=0.3"),
@@ -39,7 +39,7 @@ ROWS: dict[str, tuple[str, ...]] = {
     "Plane, airspeed 15 % above the mission's": ("arduplane", "sim.vehicle.cruise_speed_mps=25.3"),
     "Plane, ROLL_LIMIT_DEG 35, wind 5": ("arduplane", WIND(5), "sim.vehicle.max_bank_deg=35"),
     "Copter R 30 V 5, calm": ("arducopter",),
-    "Copter, wind 5 + turbulence 1": ("arducopter", WIND(5), GUST(0.85)),
+    "Copter, wind 5 + turbulence 1": ("arducopter", WIND(5), GUST(0.8)),
     "Copter, target at 1 m/s": ("arducopter", TARGET(1)),
     "Copter, UWB ranges, wind 5": ("arducopter", WIND(5), *UWB),
     "Rover R 20 V 3": ("ardurover",),

@@ -9,7 +9,16 @@ import pytest
 
 from circnav_mav.pilot import Ending
 from tests.flight.ground_station import Operator
-from tests.flight.lockstep import Flight, clockwise_turns, flight, last_third, mean_radius, rms_error, true_radius, unrest
+from tests.flight.lockstep import (
+    Flight,
+    clockwise_turns,
+    flight,
+    last_third,
+    mean_radius,
+    rms_error,
+    true_radius,
+    unrest,
+)
 
 copyreg.pickle(struct.Struct, lambda unpacker: (struct.Struct, (unpacker.format,)))  # lets a flight be copied
 

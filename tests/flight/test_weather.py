@@ -28,9 +28,9 @@ def radio(preset: str, sigma: float) -> tuple[str, ...]:
 SILENT = 'sim.events=[{at_s=75.0, action="mute_ranging"}, {at_s=85.0, action="unmute_ranging"}]'
 SPARSE = ("sim.ranging.rate_hz=5.0", "ranging.rate_hz=5.0", "sim.ranging.dropout_fraction=0.5")
 SITUATIONS: dict[str, tuple[tuple[str, ...], float]] = {  # overrides, largest RMS radius error in m
-    "plane, wind .53 V": ((wind(0.53), "orbit.radius_m=200.0"), 0.6),
+    "plane, wind .53 V": ((wind(0.53), "orbit.radius_m=200.0"), 0.4),
     "plane, target .2 V, wind .2 V": ((moving("arduplane"), wind(0.2)), 0.3),
-    "plane, gusts": ((wind(0.33), "sim.wind.gust_rms_mps=1.5", "sim.wind.gust_time_s=10.0"), 1.0),
+    "plane, gusts": ((wind(0.33), "sim.wind.gust_rms_mps=1.5", "sim.wind.gust_time_s=10.0"), 3.0),
     "plane, lora": ((wind(0.2), *radio("lora", 2.2)), 3.0),
     "plane, outage": ((wind(0.2), SILENT), 1.0),
     "plane, compass bias": ((wind(0.2), "sim.sensors.heading_bias_deg=10.0"), 0.3),

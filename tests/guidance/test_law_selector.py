@@ -78,15 +78,13 @@ def test_a_drift_that_swings_once_a_second_moves_the_turn_far_less_than_one_that
     V, R = 22.0, 150.0
     orbit = Orbit(radius=R, direction=Direction.COUNTERCLOCKWISE, speed=V, max_turn_rate=0.44)
 
-    def swing(frequency: float, felt: float = 0.0) -> float:
+    def swing(frequency: float) -> float:
         steer, turns = steering(orbit, LawChoice("auto", 0.01)), []
         for tick in range(round(3 / frequency / 0.05)):
             drift = cos(2 * pi * frequency * tick * 0.05)
-            here = RelativeMotion(R, 0.0, 1.0, drift, 0.0, pi / 2, V / R, V, 1.0, trusted=True, feels=felt)
+            here = RelativeMotion(R, 0.0, 1.0, drift, 0.0, pi / 2, V / R, V, 1.0, trusted=True)
             turns.append(steer(RangeEstimate(tick * 0.05, R, 0.0, 0.5, 0.5, relative=here)).turn_rate)
         late = turns[len(turns) // 2 :]
         return max(late) - min(late)
 
     assert swing(1.0) < 0.35 * swing(1 / 60)
-    # felt by accelerations, its change is known: the nose goes before the drift, 2 pi beside .7 1/s for the drift itself
-    assert swing(1.0, felt=1.0) > 3 * swing(1.0)

@@ -155,8 +155,7 @@ class Auto(Estimator):
         x, P, trusted, stage = (self._all(name) for name in ("mean", "covariance", "trusted", "stage"))
         p, d = position(x), drift(x)
         V = np.where(stage == Stage.EMPTY, self._speed, x[KAPPA] * seen.airspeed)
-        feels = 0.0 if felt is None else self._all("assumed")[2]
-        self.found = Found(p[0], p[1], d[0], d[1], seen.psi, V, trusted, self._all("favourite"), felt=feels)
+        self.found = Found(p[0], p[1], d[0], d[1], seen.psi, V, trusted, self._all("favourite"))
         v = V * np.stack([np.cos(seen.psi), np.sin(seen.psi)]) + d
         r_dot = (p * v).sum(axis=0) / np.maximum(x[R], 1.0)
         self.r, self.r_dot = np.where(trusted, x[R], self._kalman.r), np.where(trusted, r_dot, self._kalman.r_dot)
@@ -183,4 +182,4 @@ class FullInformation(Estimator):
         self.r, self.taken = np.hypot(true.p[0], true.p[1]), self.ready
         v = self._speed * np.stack([np.cos(true.psi), np.sin(true.psi)]) + true.d
         self.r_dot = (true.p * v).sum(axis=0) / np.maximum(self.r, 1.0)
-        self.found = Found(true.p[0], true.p[1], true.d[0], true.d[1], true.psi, self._speed, self.ready, felt=1.0)
+        self.found = Found(true.p[0], true.p[1], true.d[0], true.d[1], true.psi, self._speed, self.ready)
