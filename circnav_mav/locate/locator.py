@@ -366,8 +366,7 @@ class Locator:
             sigma = COMPASS_SIGMA if self._turned_for > 10.0 else 3 * COMPASS_SIGMA
             self._reckoning.ranged(now, place, relative, (self.compass_bias, sigma))
             return
-        own = session.motion.own(now, self._airspeed(now), banks=session.adapter.measures_airspeed)
-        self._reckoning.flown(now, own, self.compass_bias)
+        self._reckoning.flown(now, session.motion.own(now, self._airspeed(now)), self.compass_bias)
 
     def _airspeed(self, now: float) -> float:
         """As measured where that can be, else as commanded. Not asked of the adapter: it remembers what it was asked,

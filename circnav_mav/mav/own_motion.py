@@ -34,8 +34,6 @@ MOST_ANGLE, MOST_RATE, MOST_AIRSPEED, MOST_ALTITUDE = 6.3, 50.0, 200.0, 1e5
 """Magnitudes, rad, rad/s, m/s and m, beyond which a value is no measurement of a vehicle that we steer, but rubbish."""
 NO_ROTATION = 0.1
 """A quaternion whose length differs by more from 1 is no attitude."""
-TROPOPAUSE = 11_000.0
-"""Altitude, m, up to which the standard atmosphere gets colder."""
 REPEATED = 0.2
 """The same stamp again within this time, s, is the same attitude again; later, it is a clock that stands still."""
 
@@ -52,13 +50,6 @@ class Motion:
     airspeed: float | None = None
     altitude: float | None = None
     climb: float | None = None
-
-
-def true_airspeed(indicated: float, altitude: float) -> float:
-    """Of an indicated one, m/s, in the standard atmosphere at an altitude above sea level, m: times the square root of
-    the density at sea level over that there (ISO 2533, troposphere)."""
-    root_of_density: float = (1 - 2.25577e-5 * min(max(altitude, -500.0), TROPOPAUSE)) ** 2.12794
-    return indicated / root_of_density
 
 
 def coordinated_yaw_rate(roll: float, airspeed: float) -> YawRate:
@@ -130,12 +121,10 @@ class OwnMotionSensor:
 
     def own(self, now: float, airspeed: float, *, banks: bool = False) -> OwnMotion | None:
         """The motion as guidance sees it, at an airspeed (m/s) that the caller stands for; None without attitude.
-        banks: whether the vehicle banks to turn, and its airspeed is an indicated one; else it flies by its tilt."""
+        banks: whether the vehicle banks to turn; else it flies by its tilt."""
         motion = self.at(now)
         if motion.yaw is None or motion.yaw_rate is None:
             return None
-        if banks and motion.altitude is not None:
-            airspeed = true_airspeed(airspeed, motion.altitude)
         psi = course_from_yaw(motion.yaw)
         turn_rate = turn_rate_from_yaw_rate(motion.yaw_rate)
         own = OwnMotion(self._attitude_at, psi, turn_rate, airspeed, felt=self._accelerations.felt)
