@@ -91,7 +91,7 @@ def flown(sense, start, psi, d, seconds=200.0, dt=0.05, lag=LAG, ranges=None):
     return p, psi
 
 
-@pytest.mark.parametrize("d", [(0.0, 0.0), (-3.0, 2.0)])
+@pytest.mark.parametrize("d", [(0.0, 0.0), (-3.0, 2.0), (-3.0, -2.0)])
 @pytest.mark.parametrize("r", [115.0, 130.0, 160.0, 190.0, 230.0])
 @pytest.mark.parametrize("heading", [-1.7, -1.3, -0.6])
 def test_outside_and_going_the_wrong_way_round_it_turns_away_from_the_target_and_not_past_it(r, heading, d):
