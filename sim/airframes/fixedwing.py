@@ -12,9 +12,7 @@ SPEED_LAG, HEIGHT_LAG, CLIMB_LAG = 3.0, 2.0, 1.0  # s
 MOST_CLIMB = 3.0  # m/s
 MOST_ROLL_RATE = math.radians(100)
 NOSE_DAMPING = 0.7  # of the tail fin, which turns the nose into the air
-HELD_BY_RUDDER = (
-    0.7  # share of a wrong bank that ends as side-slip, for the autopilot holds the turn; fitted to PX4's SIH
-)
+HELD_BY_RUDDER = 0.7  # share of a wrong bank that ends as side-slip, not as turn; fitted to PX4's SIH
 SIDE_FORCE = 3.0  # 1/s: how fast side-slip bends the path (ArduPilot's SITL plane at 22 m/s: 65 m/s^2 per rad)
 
 # PX4's built-in plane: drag at trim is that of a 27 deg glide, trim thrust 0.63; a fifth of the drag comes from lift.
