@@ -8,7 +8,8 @@ from .config import VehicleConfig
 
 ALTITUDE_M = {"arduplane": 100.0, "px4_plane": 100.0, "ardurover": 0.0}
 CRUISE_MPS = {"arduplane": 22.0, "px4_plane": 10.0}
-AIRSPEED_SCALE = {"arduplane": 1.065}
+AIRSPEED_SCALE = {"arduplane": 1.065, "px4_plane": 1.033}
+"""True over indicated airspeed 684 m above the sea; ArduPilot's simulator takes the thin air off twice."""
 Interval = tuple[float, float] | None
 
 

@@ -369,12 +369,15 @@ class Locator:
         self._reckoning.flown(now, session.motion.own(now, self._airspeed(now)), self.compass_bias)
 
     def _airspeed(self, now: float) -> float:
-        """As measured where that can be, else as commanded. Not asked of the adapter: it remembers what it was asked,
-        and flies by that."""
+        """True; as measured where that can be, else as commanded. Not asked of the adapter: it remembers what it was
+        asked, and flies by that."""
         session, commanded = self._pilot.session, self._pilot.settings.orbit.speed
-        measured = session.motion.at(now).airspeed if session.adapter.measures_airspeed else None
+        if not session.adapter.measures_airspeed:
+            return commanded
+        motion = session.motion.at(now)
         least, most = (share * commanded for share in PLAUSIBLE_AIRSPEED)
-        return measured if measured is not None and least <= measured <= most else commanded
+        measured = motion.airspeed
+        return motion.true_airspeed(measured if measured is not None and least <= measured <= most else commanded)
 
     def _aim(self, place: Place) -> bool:
         """Whether the camera must be pointed anew."""

@@ -34,6 +34,8 @@ MOST_ANGLE, MOST_RATE, MOST_AIRSPEED, MOST_ALTITUDE = 6.3, 50.0, 200.0, 1e5
 """Magnitudes, rad, rad/s, m/s and m, beyond which a value is no measurement of a vehicle that we steer, but rubbish."""
 NO_ROTATION = 0.1
 """A quaternion whose length differs by more from 1 is no attitude."""
+FLOWN_ALTITUDES = -500.0, 6_000.0
+"""Altitudes, m, whose thin air is believed."""
 REPEATED = 0.2
 """The same stamp again within this time, s, is the same attitude again; later, it is a clock that stands still."""
 
@@ -50,6 +52,15 @@ class Motion:
     airspeed: float | None = None
     altitude: float | None = None
     climb: float | None = None
+
+    def true_airspeed(self, indicated: float) -> float:
+        """Of an indicated one, m/s: by the density of the standard atmosphere (ISO 2533) at this altitude; the
+        indicated one where the altitude is not known."""
+        if self.altitude is None:
+            return indicated
+        lowest, highest = FLOWN_ALTITUDES
+        root_of_density: float = (1 - 2.25577e-5 * min(max(self.altitude, lowest), highest)) ** 2.12794
+        return indicated / root_of_density
 
 
 def coordinated_yaw_rate(roll: float, airspeed: float) -> YawRate:
@@ -120,7 +131,7 @@ class OwnMotionSensor:
         return measured
 
     def own(self, now: float, airspeed: float, *, banks: bool = False) -> OwnMotion | None:
-        """The motion as guidance sees it, at an airspeed (m/s) that the caller stands for; None without attitude.
+        """The motion as guidance sees it, at a true airspeed (m/s) that the caller stands for; None without attitude.
         banks: whether the vehicle banks to turn; else it flies by its tilt."""
         motion = self.at(now)
         if motion.yaw is None or motion.yaw_rate is None:

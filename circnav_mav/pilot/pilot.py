@@ -142,14 +142,14 @@ class Pilot:
             self.tracker.move(own)
 
     def _airspeed(self, now: float) -> float:
-        """As measured, where that can be; else the commanded speed, which the vehicle has while it is ours."""
-        adapter = self.session.adapter
-        measured = self.session.motion.at(now).airspeed if adapter.measures_airspeed else None
+        """True; as measured, where that can be; else the commanded speed, which the vehicle has while it is ours."""
+        adapter, motion = self.session.adapter, self.session.motion.at(now)
+        measured = motion.airspeed if adapter.measures_airspeed else None
         believed = adapter.airspeed(measured)
         # on the ground it is no wonder
         if measured is not None and measured != believed and self._mission.steering:
             self._say_once("airspeed", f"airspeed {measured:.1f} m/s implausible, ignored")
-        return believed
+        return motion.true_airspeed(believed) if adapter.measures_airspeed else believed
 
     # --- out: one step ----------------------------------------------------------------------------------------------
 

@@ -8,6 +8,7 @@ from ..airframes.fixedwing import FixedWing, falling
 from ..body import GRAVITY, Body, euler
 from ..config import VehicleConfig
 from ..demands import Bank
+from ..starting import AIRSPEED_SCALE
 from ..wire import Message
 from ..world import from_degrees
 from .ardupilot import ArduPilot
@@ -49,7 +50,7 @@ class ArduPlane(ArduPilot):
             dead_time=0.0 if ideal else DEAD_TIME,
             nose_frequency=0.0 if ideal else NOSE_FREQUENCY,
         )
-        self._scale = vehicle.airspeed_scale or 1.065
+        self._scale = vehicle.airspeed_scale or AIRSPEED_SCALE[vehicle.profile]
         self._speed = self.params["AIRSPEED_CRUISE"]  # indicated
         self._height = start.down
         self._loiter = Loiter(start.north, start.east, self.params["WP_LOITER_RAD"])

@@ -9,6 +9,7 @@ from ..body import GRAVITY, Body
 from ..config import VehicleConfig
 from ..demands import Bank, Glide, Tilt
 from ..params import Parameter
+from ..starting import AIRSPEED_SCALE
 from .circling import Loiter, bank_on_loiter
 from .contract import Command, Say
 from .modes import PX4 as MODES
@@ -38,7 +39,7 @@ class Px4Plane(Px4):
             Parameter("NAV_LOITER_RAD", 80.0),
         )
         super().__init__(IDENTITY, px4_parameters(config, *own), config, say)
-        self._scale = vehicle.airspeed_scale or 1.0
+        self._scale = vehicle.airspeed_scale or AIRSPEED_SCALE[vehicle.profile]
         ideal = vehicle.dynamics == "unicycle"
         self._by_attitude = FixedWing(
             effectiveness=vehicle.turn_effectiveness or 1.0,

@@ -4,8 +4,8 @@ import pytest
 
 from tests.flight.lockstep import flight, rms_error
 
-EFFECTIVENESS, AIRSPEED_SCALE = 0.73, 1.065
-"""Of the emulated plane: realised over coordinated turn rate, and true over indicated airspeed."""
+EFFECTIVENESS, AIRSPEED_SCALE = 0.73, 1.065 / 1.033
+"""Of the emulated plane: realised over coordinated turn rate, and true airspeed over the standard atmosphere's."""
 
 
 def test_a_bank_limit_below_the_missions_is_not_learnt_as_a_lower_turn_gain():

@@ -3,7 +3,7 @@ definitions: wire order by field size, trailing zeros cut, CRC-16/MCRF4XX with t
 
 import struct
 from dataclasses import replace
-from math import atan, cos, nan, sin
+from math import atan, cos, nan, sin, sqrt
 
 import numpy as np
 import pytest
@@ -22,8 +22,8 @@ US, VEHICLE_IDS = (7, 191), (7, 1)
 SPEED, TURN = 10.0, 0.2  # m/s; rad/s, left positive
 FACTS = VehicleFacts(speed=SPEED, max_bank=0.7, stick_bank=0.8)
 AT = 12.345
-LEVEL = Motion(roll=0.0, pitch=0.0, yaw=1.0, airspeed=SPEED, altitude=104.0, climb=0.5)
-STATE = Addressee(*VEHICLE_IDS, motion=LEVEL, height=103.0)
+LEVEL = Motion(roll=0.0, pitch=0.0, yaw=1.0, airspeed=SPEED, altitude=0.0, climb=0.5)
+STATE = Addressee(*VEHICLE_IDS, motion=LEVEL, height=-1.0)
 BANK = atan(0.2 * 10.0 / 9.80665)  # of the coordinated turn
 SIDES = {"left": (TURN, -1), "right": (-TURN, 1), "straight": (0.0, 0)}  # turn rate, sense in MAVLink
 
@@ -251,6 +251,13 @@ def test_an_airspeed_that_can_be_makes_the_bank_of_its_own_coordinated_turn(airs
     thrust = 0.63 + 0.25 * (1 / cos(bank) - 1) + 0.08 * (SPEED - airspeed)
     attitude = floats_of(attitude_frame(0x07, roll=-bank, pitch=-0.04, thrust=min(thrust, 1.0)))
     assert floats_of(sent(("px4", "plane attitude"), TURN, state)) == pytest.approx(attitude, abs=1e-6)
+
+
+def test_thin_air_makes_the_bank_steeper() -> None:
+    """3000 m above the sea, where the density is .909 kg/m^3: by the true airspeed, which nobody shows."""
+    thin = replace(STATE, motion=replace(LEVEL, altitude=3000.0))
+    bank = atan(TURN * SPEED * sqrt(1.225 / 0.90925) / 9.80665)
+    assert sent(("px4", "plane"), TURN, thin) == stick_frame(-round(1000 * bank / 0.8))
 
 
 def thrust_at(adapter: Autopilot, airspeed: float | None) -> float:

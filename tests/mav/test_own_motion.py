@@ -1,7 +1,7 @@
 """Own motion from ATTITUDE and VFR_HUD: when it was measured, what is stale, what is missing."""
 
 import random
-from math import atan2, cos, nan, pi, sin
+from math import atan2, cos, nan, pi, sin, sqrt
 
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
@@ -86,6 +86,14 @@ def test_turn_and_heading_are_the_papers_and_need_no_ground_speed():
     assert own.heading == pytest.approx(0.0)  # the paper's x axis
     assert own.turn_rate == pytest.approx(-RATE)  # counter-clockwise positive
     assert own.airspeed == 15.0
+
+
+@pytest.mark.parametrize(("altitude", "density"), [(0.0, 1.225), (1000.0, 1.1117), (3000.0, 0.90925)])
+def test_a_plane_flies_faster_in_thin_air_than_its_airspeed_tells(altitude, density):
+    """Densities of the standard atmosphere, kg/m^3, from its tables."""
+    sensor = OwnMotionSensor()
+    sensor.receive(hud(alt=altitude), 0.0)
+    assert sensor.at(0.0).true_airspeed(22.0) == pytest.approx(22.0 * sqrt(1.225 / density), rel=1e-4)
 
 
 def test_what_is_stale_or_not_a_number_is_not_known():

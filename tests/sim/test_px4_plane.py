@@ -12,7 +12,7 @@ G = 9.80665
 
 
 def plane(**tables: Any) -> Any:
-    vehicle = {"profile": "px4_plane", "default_streams": False}
+    vehicle = {"profile": "px4_plane", "default_streams": False, "airspeed_scale": 1.0}
     exact = {"attitude_error_deg": 0.0, "gyro_noise_deg_s": 0.0}
     return Station(build(vehicle=vehicle, sensors=exact, truth={"rate_hz": 0}, ranging={"rate_hz": 0.0}, **tables))
 

@@ -154,8 +154,8 @@ class Autopilot(ABC):
         """The message to leave behind before falling silent."""
 
     def airspeed(self, measured: float | None) -> float:
-        """The airspeed to reckon with, m/s: the measured one, or the commanded one where that is missing or cannot be.
-        Asked again with the same number, it says the same."""
+        """The indicated airspeed to reckon with, m/s: the measured one, or the commanded one where that is missing or
+        cannot be. Asked again with the same number, it says the same."""
         commanded = self._facts.speed
         if measured is None:
             return commanded
@@ -165,4 +165,5 @@ class Autopilot(ABC):
 
     def bank(self, steer: Steer, to: Addressee) -> float:
         """The bank of the coordinated turn within the mission's limit, rad, right positive."""
-        return coordinated_bank(steer.yaw_rate, self.airspeed(to.motion.airspeed), self._facts.max_bank)
+        airspeed = to.motion.true_airspeed(self.airspeed(to.motion.airspeed))
+        return coordinated_bank(steer.yaw_rate, airspeed, self._facts.max_bank)
