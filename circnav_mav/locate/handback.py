@@ -120,7 +120,7 @@ class HandBack:
     """Decides when a position is given, and to whom never again."""
 
     def __init__(self, settings: HandBackSettings) -> None:
-        self._settings = settings
+        self.settings = settings
         self.given: list[Given] = []
         self.ended = "the position was not lost"
         """Why nothing is given now, for people."""
@@ -136,11 +136,6 @@ class HandBack:
     def begun(self) -> bool:
         """Whether the position is lost, and somebody is there who takes ours."""
         return self._lost_since is not None and not self.over
-
-    @property
-    def place(self) -> tuple[float, float] | None:
-        """Of the target, as the mission gives it."""
-        return self._settings.place
 
     @property
     def words(self) -> str:
@@ -168,7 +163,7 @@ class HandBack:
         if self.over or self._waits or not usable or now - self._lost_since < LOST_FOR or now < self._due:
             return None
         assert where is not None
-        self._due, self._waits, self._look_at = now + self._settings.every, True, None
+        self._due, self._waits, self._look_at = now + self.settings.every, True, None
         latitude, longitude = plane.to_degrees(where.east, where.north)
         sigma = max(where.sigma, LEAST_SIGMA)
         by = "ranges" if where.by_ranges else "dead reckoning"

@@ -44,13 +44,13 @@ class Place:
     covariance: Array
     up_sigma: float
     up_known: bool
-    bias: float
-    bias_sigma: float
-    delay: float
-    delay_sigma: float
-    noise: float
-    used: int
-    outliers: int
+    bias: float = 0.0
+    bias_sigma: float = 0.0
+    delay: float = 0.0
+    delay_sigma: float = 0.0
+    noise: float = 0.0
+    used: int = 0
+    outliers: int = 0
     velocity: tuple[float, float] = (0.0, 0.0)
     velocity_sigma: float | None = None
     range_scale: float = 100.0

@@ -1,7 +1,7 @@
 """What every way of running a campaign runs: run numbers in, rows out."""
 
 import traceback
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from typing import Any
 
 from circnav_mav.emulator.config import ConfigError
@@ -52,13 +52,17 @@ def fly_chunk(campaign: Campaign, numbers: Iterable[int]) -> list[Row]:
     return sorted(rows + [_fly_alone(run) for run in alone], key=lambda done: int(done["run"]))
 
 
-def fly_part(campaign: Campaign, numbers: Sequence[int]) -> tuple[list[Row], list[int]]:
-    """The rows of the runs that can be flown together, and the numbers of those that are left and take a flight each:
-    their rows need not wait for one another. A single run is always flown."""
-    if len(numbers) == 1:
-        return fly_chunk(campaign, numbers), []
-    rows, alone = _fly_batches(campaign, numbers)
-    return rows, [run.number for run in alone]
+def fly_part(campaign: Campaign, chunk: Sequence[int], wanted: Collection[int]) -> tuple[list[Row], list[int]]:
+    """The rows of those wanted runs of a chunk that fly together, and the numbers of those that take a flight each:
+    their rows need not wait for one another. A single run is always flown.
+
+    The whole batch is flown: how numpy sums up depends on how many fly together, and a row must not depend on where a
+    campaign was interrupted.
+    """
+    if len(chunk) == 1:
+        return fly_chunk(campaign, chunk), []
+    rows, alone = _fly_batches(campaign, chunk)
+    return [row for row in rows if row["run"] in wanted], [run.number for run in alone if run.number in wanted]
 
 
 def _fly_batches(campaign: Campaign, numbers: Iterable[int]) -> tuple[list[Row], list[Run]]:
