@@ -11,10 +11,10 @@ from circnav_mav.experiments import bench_picture
 from circnav_mav.experiments.batch import metrics
 from circnav_mav.experiments.batch.estimators import Auto
 from circnav_mav.experiments.batch.flight import STALE, Circle, Situation, Tracks, begin, fly_situation, policy
-from circnav_mav.experiments.batch.guidance import POLICIES, Guidance
+from circnav_mav.experiments.batch.guidance import POLICIES
 from circnav_mav.experiments.batch.sensors import LORA, NO_NOISE, UWB, MotionNoise, OwnSenses, Radio, Ranging, Reading
-from circnav_mav.experiments.batch.world import Airframe, Surroundings, Truth, World, flown, turn_step
 from circnav_mav.experiments.batch.situations import SITUATIONS
+from circnav_mav.experiments.batch.world import Airframe, Surroundings, Truth, World, flown, turn_step
 from circnav_mav.experiments.bench import judged, run
 from circnav_mav.experiments.bench_table import line, markdown
 from circnav_mav.guidance.estimators.interface import Fused
@@ -24,7 +24,6 @@ from circnav_mav.guidance.turn_response import PendingTurn, Response
 from circnav_mav.guidance.types import Direction, Orbit, OwnMotion, RangeSample
 from circnav_mav.mission.checks import check_mission
 from circnav_mav.mission.load import load_mission
-from tests.experiments.bound import AlongsideBound
 
 WINDY = Situation("windy", wind=5.0, duration=30.0)
 OUTAGE = Situation("outage", wind=5.0, ranging=Ranging(outage=10.0), duration=60.0)
@@ -75,7 +74,7 @@ class InTheAir:
 
 
 def test_the_stack_in_the_air_flies_the_same_numbers_as_the_batch():
-    """But for the last bits, as sines in the air are the C library's; and to a decimetre through an outage, which begins
+    """But for the last bits, as sines in the air are the C library's; and to a decimetre through an outage that begins
     after 20 s: in the air the bank takes one long step to the next range, in the batch many short ones."""
     air, batch = (fly_situation(OUTAGE, make, 2, seed=3) for make in (InTheAir, policy("auto")))
     before = air.time < 20.0
@@ -200,18 +199,11 @@ def test_the_filter_is_consistent_in_gusts():
 
 
 def test_range_rate_reaches_the_cramer_rao_bound_of_its_model():
-    """The model knows its own heading: the estimate takes the newest one as it is reported, noise and all."""
-    made = []
-
-    def alongside(circle, sense):
-        auto = Auto(circle.estimation, sense.size, circle.speed)
-        made.append(AlongsideBound(auto, circle.speed, sense.size, 3e-4, 0.0))
-        return Guidance(circle.settings("auto", sense), made[0], sense.size, lag=circle.lag, stale=STALE)
-
-    tracks = fly_situation(Situation("calm", noise=NO_NOISE, duration=100.0), alongside, 24, seed=8)
+    """.057 m/s along these tracks, by the information recursion of Tichavsky, Muravchik and Nehorai (1998) for a drift
+    of 3e-4 m^2/s^3. The model knows its own heading, and lets the drift wander, which stands still here."""
+    tracks = fly_situation(Situation("calm", noise=NO_NOISE, duration=100.0), policy("auto"), 24, seed=8)
     late = tracks.time > 70
-    rmse = np.sqrt(np.mean((tracks.r_dot_hat - tracks.r_dot)[late] ** 2))
-    assert rmse < 1.1 * np.mean(np.array(made[0].rate_bound)[late])
+    assert metrics.rms((tracks.r_dot_hat - tracks.r_dot)[late].ravel()) < 0.057
 
 
 def test_starts_lie_all_round_the_target_within_the_ranges_asked_for():
@@ -238,7 +230,7 @@ def test_the_benchmark_tells_a_law_that_holds_from_one_that_does_not(tmp_path, m
 
 @pytest.fixture(scope="module")
 def cell():
-    """Of five flights that nobody flew, all counter-clockwise, from 200 m to their circle within 40 s: with 0, 1 and 20 m
+    """Of five flights that nobody flew, all counter-clockwise, from 200 m to their circle in 40 s: with 0, 1 and 20 m
     of error, one the wrong way round, and one that is blown away."""
     time = np.arange(0.0, 400.0, 0.5)
     e = np.broadcast_to([0.0, 1.0, 20.0, 0.0, 300.0], (800, 5))

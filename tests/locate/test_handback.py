@@ -60,7 +60,9 @@ def test_off_by_default_nothing_is_given_and_the_same_autopilot_drifts_away() ->
     assert own_error(flown) > 30.0
 
 
-def give(fixes: Sequence[bool | None], result: int, every: float = 1.0, off: float = 0.0) -> tuple[HandBack, list[float]]:
+def give(
+    fixes: Sequence[bool | None], result: int, every: float = 1.0, off: float = 0.0
+) -> tuple[HandBack, list[float]]:
     """When, s, positions were given to an autopilot that answers each with a result, and reports to be so far off, m.
     fixes: what its GPS says, every .1 s."""
     back, times = HandBack(HandBackSettings(every=every)), []

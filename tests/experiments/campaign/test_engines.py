@@ -111,7 +111,9 @@ def test_the_wind_blows_to_where_the_emulators_does_and_carries_what_flies_throu
     runs = [prepare(load_campaign(write(vary)), n) for n in range(4)]
     world, airborne = emulated.world(runs), np.array([1.0, 0.0, 1.0, 0.0])
     blows = np.array([Air(run.vehicle.wind, 0).velocity[::-1] for run in runs]).T
-    nose = np.array([(np.sin(h), np.cos(h)) for h in np.radians([run.vehicle.start.random.heading_deg[0] for run in runs])]).T
+    nose = np.array(
+        [(np.sin(h), np.cos(h)) for h in np.radians([run.vehicle.start.random.heading_deg[0] for run in runs])]
+    ).T
     before = world.p
     for _ in range(40):
         world.step(0.05, np.zeros(4), np.ones(4))
