@@ -22,7 +22,7 @@ from circnav_mav.locate.watch import Culprit, GpsWatch, Look, angle_between
 from circnav_mav.mav.autopilots.interface import PLAUSIBLE_AIRSPEED
 from circnav_mav.mav.clocks import BOOT_WRAP, RemoteClock
 from circnav_mav.mav.codec import Decoder, Encoder, Message
-from circnav_mav.mav.commands import CommandSender
+from circnav_mav.mav.commands import Command, CommandSender
 from circnav_mav.mav.frames import course_from_yaw
 from circnav_mav.mav.framing import frame_at
 from circnav_mav.mav.signing import Signing
@@ -300,17 +300,16 @@ class Locator:
         peer = self._pilot.session.peer
         assert peer is not None
         messages: list[Message] = []
-        if self._pilot.done and not self.busy:
-            if not self._ended:
-                self._ended = True
-                for command in (*self._streams.give_back(), *(self._after.give_back() if self.handback else ())):
-                    self._commands.send(command)
-        else:
-            for request in self._streams.poll(now):
-                self._commands.send(request)
-        if self._pilot.done and self.busy:
-            for request in self._after.poll(now):
-                self._commands.send(request)
+        requests: list[Command] = []
+        if not self._pilot.done:
+            requests = self._streams.poll(now)
+        elif self.busy:
+            requests = [*self._streams.poll(now), *self._after.poll(now)]
+        elif not self._ended:
+            self._ended = True
+            requests = [*self._streams.give_back(), *(self._after.give_back() if self.handback else ())]
+        for request in requests:
+            self._commands.send(request)
         messages += self._commands.poll(peer.ids, now)
         for result in self._commands.take_results():
             if result.refused and result.command.number == dialect.MAV_CMD_SET_MESSAGE_INTERVAL:

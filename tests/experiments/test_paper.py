@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from circnav_mav.experiments import ideal
-from circnav_mav.experiments.paper import EXAMPLES, R_D, TARGET, Example, draw, entries, study, table
+from circnav_mav.experiments.paper import EXAMPLES, R_D, Example, draw, entries, study, table
 
 STARTS = ideal.random_starts(60, 3)
 

@@ -23,9 +23,7 @@ ON_PLANE = Plane(-35.0, 149.0)
 
 
 def commands(flown: Surveyed) -> list[tuple[float, mavlink.MAVLink_message]]:
-    parser = mavlink.MAVLink(None)
-    read = [(time, message) for time, frame in flown.said for message in parser.parse_buffer(frame) or ()]
-    return [(time, one) for time, one in read if one.get_type() == "COMMAND_INT" and one.command == POSITION]
+    return [(time, one) for time, one in flown.messages if one.get_type() == "COMMAND_INT" and one.command == POSITION]
 
 
 def own_error(flown: Surveyed) -> float:
