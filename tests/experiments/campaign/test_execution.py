@@ -8,8 +8,6 @@ import signal
 import socket
 import subprocess
 import sys
-import time
-from pathlib import Path
 from unittest.mock import MagicMock
 
 import pytest
@@ -42,44 +40,14 @@ def begun(write, tmp_path):
     process.communicate()
 
 
-def children(process):
-    tasks = Path(f"/proc/{process.pid}/task").glob("*/children")  # each thread has its own
-    return [int(child) for task in tasks for child in task.read_text().split()]
-
-
-def all_end(processes):
-    end = time.monotonic() + PATIENCE
-    while running := [pid for pid in processes if status(pid) != "Z"]:
-        assert time.monotonic() < end, running
-        select.select([], [], [], 0.05)
-    return True
-
-
-def status(pid):
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
-    except OSError:
-        return "Z"
-
-
-@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs /proc")
-def test_the_workers_of_a_campaign_that_was_killed_end_with_it(begun):
-    workers = children(begun)
-    assert len(workers) >= 2
-    begun.kill()
-    assert all_end(workers)
-
-
 @pytest.mark.parametrize(("send", "number"), [(os.kill, signal.SIGTERM), (os.killpg, signal.SIGINT)])
 def test_a_signal_keeps_what_was_flown_and_says_how_to_go_on(begun, tmp_path, send, number):
     """A Ctrl-C on a terminal is heard by everybody."""
-    workers = children(begun)
     send(begun.pid, number)
     said, complaint = begun.communicate(timeout=PATIENCE)
     assert begun.returncode == 130, complaint
     assert f"go on with --out {tmp_path / 'out'} --resume" in said
     assert "Traceback" not in complaint
-    assert all_end(workers)
     Store(tmp_path / "out", load_campaign(tmp_path / "campaign.toml"), resume=True).close()  # whole lines only
 
 
