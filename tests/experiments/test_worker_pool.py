@@ -42,6 +42,9 @@ if __name__ == "__main__":
     with workers(2) as submit:
         for job in [submit(math.sqrt, 4.0) for _ in range(8)]:
             job.result()
+        for _ in range(2):
+            submit(time.sleep, 600)
+        time.sleep(0.2)
         print("at work", flush=True)
         time.sleep(600)
 """
@@ -81,6 +84,7 @@ def is_running(process):
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs /proc")
 def test_the_processes_end_with_one_that_was_killed(tmp_path):
+    """In the middle of their jobs, which would take ten minutes."""
     script = tmp_path / "holds.py"
     script.write_text(HOLDS)
     parent = python(script)

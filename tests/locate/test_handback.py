@@ -18,7 +18,7 @@ PLANE = (
     "sim.sensors.gps_error_time_s=600", "sim.wind.speed_mps=5", "sim.start.north_m=150", "sim.start.east_m=-100",
     "limits.duration_s=85",
 )  # fmt: skip
-HERE = Where(0.0, 15.0, 0.0, 3.0, (0.0, 0.0), 1.0, True)
+HERE = Where(0.0, 15.0, 0.0, 3.0, 0j, 1.0, True)
 ON_PLANE = Plane(-35.0, 149.0)
 
 
@@ -81,7 +81,7 @@ def test_nothing_is_given_while_the_gps_has_a_fix_or_nobody_says_so_and_no_more_
 def test_dead_reckoning_goes_on_through_the_air_with_the_wind_learnt_before() -> None:
     """Due north at 20 m/s through the air, 5 m/s of wind to the east, for 60 s from 100 m east of the target."""
     reckoning = DeadReckoning()
-    reckoning.where = Where(0.0, 100.0, 0.0, 3.0, (5.0, 0.0), 1.0, True)
+    reckoning.where = Where(0.0, 100.0, 0.0, 3.0, 5 + 0j, 1.0, True)
     for tick in range(1, 601):
         reckoning.flown(tick / 10, OwnMotion(tick / 10, pi / 2, 0.0, 20.0), 0.0)
     here = reckoning.where
