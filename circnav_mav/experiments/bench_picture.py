@@ -2,33 +2,25 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-import matplotlib
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
 
-from circnav_mav.experiments.bench_table import LOST
+from circnav_mav.experiments.bench_table import LOST, Cell
 from circnav_mav.report.pictures import save
-
-if TYPE_CHECKING:
-    from circnav_mav.experiments.bench import Cell
-
 
 TITLE = 5.5
 """Width, inches, that the title needs."""
 
 
-def draw(cells: Sequence["Cell"], path: Path) -> None:
+def draw(cells: Sequence[Cell], path: Path) -> None:
     """Situations down, laws across."""
     rows, columns = list(dict.fromkeys(c.situation for c in cells)), list(dict.fromkeys(c.policy for c in cells))
     values = np.full((len(rows), len(columns)), np.nan)
-    figure, axes = plt.subplots(
-        figsize=(max(TITLE, 2 + 1.1 * len(columns)), 1.5 + 0.42 * len(rows)), layout="constrained"
-    )
+    size = max(TITLE, 2 + 1.1 * len(columns)), 1.5 + 0.42 * len(rows)
+    figure = Figure(figsize=size, layout="constrained")
+    axes = figure.subplots()
     for cell in cells:
         i, j = rows.index(cell.situation), columns.index(cell.policy)
         values[i, j] = max(cell.rms_median, 1e-3)
@@ -40,6 +32,4 @@ def draw(cells: Sequence["Cell"], path: Path) -> None:
     axes.set_yticks(range(len(rows)), rows, fontsize=8)
     axes.set_title(f"Median RMS radius error, m, last 100 of 400 s, {cells[0].flights} flights a cell", fontsize=9)
     figure.colorbar(image, ax=axes, label="m")
-    path.parent.mkdir(parents=True, exist_ok=True)
     save(figure, path, dpi=130)
-    plt.close(figure)

@@ -1,13 +1,13 @@
-"""The benchmark as the two tables of BENCHMARK.md."""
+"""What a cell of the benchmark tells: its figures, its line, and the two tables of BENCHMARK.md."""
 
+import csv
 from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from math import isfinite
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from circnav_mav.experiments.batch.situations import SITUATIONS
-
-if TYPE_CHECKING:
-    from circnav_mav.experiments.bench import Cell
+from circnav_mav.runlog.atomic_write import atomic_write
 
 OWN = "auto"
 """The policy that has a table of its own, with all figures."""
@@ -20,7 +20,74 @@ HEADER = (
 )  # fmt: skip
 
 
-def markdown(cells: Sequence["Cell"]) -> str:
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """One law in one situation. Lengths in m, times in s; p95: 95th percentile over the flights.
+
+    rms: of the radius error over the last 100 s, peak: its largest. settled10, settled2: last exit from +-10 % and
+    +-2 % over the Dubins time to the tangent point, for starts outside 1.3 r_d. closest: 1st percentile of the closest
+    approach, for starts outside. wrong_way: flights that went round in the wrong sense, a quarter turn in the
+    last 100 s at least. turn_*:
+    of the command over the last 100 s, medians; limit_cycles: flights in which it was in one (see `turn_command`).
+    range_rmse, rate_rmse: of the estimates, m and m/s, over the last 100 s. nees_in_band: share of steps with the NEES
+    of (r, theta) in its 95 % band.
+    """
+
+    situation: str
+    policy: str
+    flights: int
+    kept: int
+    rms_median: float
+    rms_p95: float
+    rms_max: float
+    peak_median: float
+    mean_error: float
+    settled10_median: float
+    settled10_p95: float
+    settled2_median: float
+    settled2_p95: float
+    closest_outside: float
+    overshoot_inside: float
+    wrong_way: int
+    turn_std_deg_s: float
+    turn_at_limit: float
+    turn_variation_rad_s2: float
+    limit_cycles: int
+    range_rmse: float
+    rate_rmse: float
+    rate_p99: float
+    nees_mean: float
+    nees_in_band: float
+    seconds: float
+
+
+def line(cell: Cell) -> str:
+    """A row of the printed table. Settling is told in times of the shortest way there, median and 95th percentile."""
+    need = SITUATIONS[cell.situation].required
+    wanted = "" if need is None or cell.policy != "auto" else f" (<= {need:.2f})"
+    wrong = f"wrong way {cell.wrong_way}  " if cell.wrong_way else ""
+    cycles = f", limit cycles {cell.limit_cycles}" if cell.limit_cycles else ""
+    return (
+        f"{cell.situation:24s} {cell.policy:22s} kept {cell.kept:4d} of {cell.flights}  {wrong}"
+        f"RMS {cell.rms_median:7.3f} p95 {cell.rms_p95:8.3f}{wanted}, peak {cell.peak_median:.2f}  "
+        f"settled to 10 % in {cell.settled10_median:.2f}/{cell.settled10_p95:.2f} ideal times, "
+        f"to 2 % in {cell.settled2_median:.2f}  "
+        f"turn sd {cell.turn_std_deg_s:.1f} deg/s, at the limit {100 * cell.turn_at_limit:.0f} %, "
+        f"varies {cell.turn_variation_rad_s2:.2f} rad/s per s{cycles}  "
+        f"r' {cell.rate_rmse:.3f}  {cell.seconds:.0f} s"
+    )
+
+
+def write_csv(cells: list[Cell], path: Path) -> None:
+    """All numbers of all cells."""
+    with atomic_write(path) as fresh, fresh.open("w", newline="", encoding="utf-8") as file:
+        rows = [asdict(cell) for cell in cells]
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows({k: f"{v:.5g}" if isinstance(v, float) else v for k, v in row.items()} for row in rows)
+
+
+def markdown(cells: Sequence[Cell]) -> str:
     """The table of `auto`, then that of the other laws: median RMS radius error, in brackets the flights kept where it
     is not all, after it the standard deviation of the turn command; whichever was flown."""
     own, others = ([cell for cell in cells if (cell.policy == OWN) is mine] for mine in (True, False))
@@ -35,7 +102,7 @@ def markdown(cells: Sequence["Cell"]) -> str:
     return "\n".join(tables)
 
 
-def _whole(cell: "Cell") -> tuple[str, ...]:
+def _whole(cell: Cell) -> tuple[str, ...]:
     need = SITUATIONS[cell.situation].required
     return (
         cell.situation,
@@ -52,7 +119,7 @@ def _whole(cell: "Cell") -> tuple[str, ...]:
     )
 
 
-def _short(cell: "Cell") -> str:
+def _short(cell: Cell) -> str:
     error = f"{cell.rms_median:.2f}" if cell.rms_median < LOST else "lost"
     kept = "" if cell.kept == cell.flights else f" ({cell.kept})"
     return f"{error}{kept}, sd {cell.turn_std_deg_s:.1f}"

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from circnav_mav.guidance.air_path import chord
+
 Array = NDArray[np.float64]
 Law = Callable[[Array, Array], Array]
 """Range and range rate to turn rate."""
@@ -67,10 +69,9 @@ def polar(x: Array, y: Array, heading: Array, target: tuple[float, float]) -> tu
 
 
 def arc(x: Array, y: Array, heading: Array, V: float, omega: Array, step: float) -> tuple[Array, Array, Array]:
-    """Where a turn at constant rate leads: the chord V step sinc(half the turn) along the mean heading."""
-    half = omega * step / 2
-    chord = V * step * np.sinc(half / np.pi)
-    return x + chord * np.cos(heading + half), y + chord * np.sin(heading + half), heading + 2 * half
+    """Where a turn at constant rate leads."""
+    east, north = chord(V, heading, omega * step, step)
+    return x + east, y + north, heading + omega * step
 
 
 def lyapunov(r: Array, theta_b: Array, *, r_d: float, r_a: float, k: float) -> Array:

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from circnav_mav.experiments import ideal
+from circnav_mav.experiments.batch import metrics
 from circnav_mav.experiments.ideal import Array, Starts, Tracks
 from circnav_mav.guidance import theory
 from circnav_mav.guidance.laws import LAWS
@@ -82,7 +83,7 @@ def study(example: Example, starts: Starts, seconds: float = SECONDS) -> tuple[F
         example,
         len(starts.x),
         (float(last.min()), float(last.max())),
-        settling(tracks, example.predicted),
+        metrics.last_exit(tracks.time, tracks.r, example.predicted, TOLERANCE * R_D),
         clockwise=int((turning(tracks) < 0).sum()),
         most_entries=int(entries(tracks.r, example.fed).max()),
         bearings=(float(tracks.theta_b[-1].min()), float(tracks.theta_b[-1].max())),
@@ -93,19 +94,10 @@ def study(example: Example, starts: Starts, seconds: float = SECONDS) -> tuple[F
     return findings, tracks
 
 
-def settling(tracks: Tracks, radius: float) -> Array:
-    """Time of each start's last entry into the band round a radius; inf if it ends outside."""
-    outside = np.abs(tracks.r - radius) > TOLERANCE * R_D
-    steps = len(tracks.time)
-    last = np.where(outside.any(axis=0), steps - np.argmax(outside[::-1], axis=0), 0)
-    return np.where(last < steps, tracks.time[np.minimum(last, steps - 1)], np.inf)
-
-
 def turning(tracks: Tracks) -> Array:
     """Angle swept round the target over the last tenth, by the positions alone; counter-clockwise positive."""
     tail = slice(-len(tracks.time) // 10, None)
-    angles = np.unwrap(np.arctan2(tracks.y[tail] - TARGET[1], tracks.x[tail] - TARGET[0]), axis=0)
-    return np.asarray(angles[-1] - angles[0])
+    return np.asarray(metrics.swept(np.arctan2(tracks.y[tail] - TARGET[1], tracks.x[tail] - TARGET[0])))
 
 
 def entries(r: Array, r_d: float) -> Array:

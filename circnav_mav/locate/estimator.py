@@ -44,6 +44,8 @@ UP_KNOWN = 2.0
 ROUGH = 0.25
 """Standard deviation of a place, in units of the range, above which it is none."""
 E, N, U, BIAS, DELAY, VE, VN = range(7)
+Fit = Any
+"""A result of scipy's `least_squares`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,17 +105,16 @@ def locate(plane: Plane, track: Track, ranges: Ranges, known: Knowledge, near: P
     newest = ranges.take(ranges.time >= ranges.time[-1] - MOVING_WINDOW)
     if len(newest.r) < LEAST:
         return still
-    fits = [
-        _Problem(track, newest, known, moves=True).fit(start) for start in _moving_starts(track, newest, still, near)
-    ]
+    moving = _Problem(track, newest, known, moves=True)
+    fits = [moving.fit(start) for start in _moving_starts(track, newest, still, near)]
     fit = min(filter(None, fits), key=lambda one: one.cost, default=None)
     # motion contains rest: it must fit better by far, and the velocity be more than the wander of the positions
-    rest = (
-        None if isinstance(still, NotYet) else _Problem(track, newest, known).fit(np.array([still.east, still.north]))
-    )
-    if fit is None or (rest is not None and rest.cost - fit.cost < MOVING):
+    rest = None
+    if isinstance(still, Place):
+        rest = _Problem(track, newest, known).fit(np.array([still.east, still.north]))
+    if fit is None or (rest is not None and 2 * (rest.cost - fit.cost) < MOVING):
         return still
-    place = _Problem(track, newest, known, moves=True).finish(fit, plane)
+    place = moving.finish(fit, plane)
     return place if place is not None and _moves(place) else still
 
 
@@ -173,7 +174,7 @@ def _best(plane: Plane, track: Track, ranges: Ranges, known: Knowledge, near: Pl
         return NotYet("the track does not tell where the target is yet: fly a turn")
     for other in found[1:]:
         apart = np.hypot(*(other.x[:2] - found[0].x[:2]))
-        if apart > SAME * place.sigma + 1.0 and other.cost - found[0].cost < AMBIGUOUS:
+        if apart > SAME * place.sigma + 1.0 and 2 * (other.cost - found[0].cost) < AMBIGUOUS:
             return NotYet(f"two places {apart:.0f} m apart fit: the track is too straight, fly a turn")
     return place
 
@@ -203,14 +204,6 @@ def _covered(track: Track, ranges: Ranges) -> Ranges:
     return ranges.take(kept[:: max(1, -(-len(kept) // MOST))])
 
 
-@dataclass(frozen=True, slots=True)
-class _Fit:
-    x: Array
-    cost: float
-    residuals: Array
-    jacobian: Array
-
-
 class _Problem:
     """Residuals of ranges and of what is known beforehand, both in standard deviations."""
 
@@ -220,6 +213,9 @@ class _Problem:
         self.track, self.ranges, self.known, self.moves = track, ranges, known, moves
         self.end = float(ranges.time[-1])
         self._own = VN + 1 if moves else DELAY + 1
+        sigmas = known.up_sigma, known.bias_sigma, known.delay_sigma, known.speed_sigma, known.speed_sigma
+        self._expected_sigma = np.array(sigmas[: self._own - U])
+        self._expected = np.array([known.up, 0.0, 0.0, 0.0, 0.0][: self._own - U])  # of all that is not the place
         span = self.end - float(ranges.time[0])
         count = int(min(nodes, 1 + np.ceil(NODES * span / known.gps_time)))
         places = np.linspace(ranges.time[0], self.end, count)
@@ -229,7 +225,7 @@ class _Problem:
         # slopes of the track, by which a delay moves the position
         self._rates = [np.gradient(way, track.time) for way in (track.east, track.north, track.up)]
 
-    def fit(self, start: Array) -> _Fit | None:
+    def fit(self, start: Array) -> Fit | None:
         """The robust fit from a start (east, north, maybe velocity)."""
         from scipy.optimize import least_squares
 
@@ -252,7 +248,7 @@ class _Problem:
             ftol=1e-5,
             xtol=1e-5,
         )
-        return _Fit(found.x, 2 * found.cost, found.fun, found.jac) if np.isfinite(found.cost) else None
+        return found if np.isfinite(found.cost) else None
 
     def _loss(self, z: Array) -> Array:
         """Huber for ranges; quadratic for what is known beforehand, which is no outlier. z: squares, as scipy wants."""
@@ -266,10 +262,10 @@ class _Problem:
         fit = self.fit(start)
         return None if fit is None else self.finish(fit, plane)
 
-    def finish(self, fit: _Fit, plane: Plane) -> Place | None:
+    def finish(self, fit: Fit, plane: Plane) -> Place | None:
         """The place by a robust fit: again without its outliers, and with the noise that the ranges show."""
         count = len(self.ranges.r)
-        off = fit.residuals[:count]
+        off = fit.fun[:count]
         scale = 1.4826 * float(np.median(np.abs(off)))
         keep = np.abs(off) <= OUTLIER * max(scale, 1.0 if self.known.sigma_known else 1e-6)
         if keep.sum() < LEAST:
@@ -277,11 +273,12 @@ class _Problem:
         spread = float(np.sqrt(np.mean(off[keep] ** 2))) if keep.any() else scale
         worse = max(spread, 1.0) if self.known.sigma_known else max(spread, 1e-6)
         worse *= np.sqrt(_correlation(off[keep]))
-        again = _weighed(self, keep, worse)
+        kept = self.ranges.take(keep)
+        again = _Problem(self.track, replace(kept, sigma=kept.sigma * worse), self.known, moves=self.moves)
         last = again.fit(fit.x[[E, N, VE, VN]] if self.moves else fit.x[:2])
         if last is None:
             return None
-        information = last.jacobian.T @ last.jacobian
+        information = last.jac.T @ last.jac
         try:
             covariance: Array = np.linalg.inv(information).astype(float)
         except np.linalg.LinAlgError:
@@ -313,16 +310,15 @@ class _Problem:
 
     def _residuals(self, x: Array) -> Array:
         far, _, _ = self._line_of_sight(x)
-        known, nodes = self.known, x[self._own :].reshape(2, -1)
-        before = [(x[U] - known.up) / known.up_sigma, x[BIAS] / known.bias_sigma, x[DELAY] / known.delay_sigma]
-        before += [x[VE] / known.speed_sigma, x[VN] / known.speed_sigma] if self.moves else []
+        nodes = x[self._own :].reshape(2, -1)
+        before = (x[U : self._own] - self._expected) / self._expected_sigma
         off = (far + x[BIAS] - self.ranges.r) / self.ranges.sigma
         return np.concatenate([off, before, self._whiten @ nodes[0], self._whiten @ nodes[1]])
 
     def _jacobian(self, x: Array) -> Array:
         far, (east, north, up), time = self._line_of_sight(x)
         count, own, nodes = len(far), self._own, self._between.shape[1]
-        known, priors = self.known, self._own - 2
+        priors = self._own - U
         table = np.zeros((count + priors + 2 * nodes, own + 2 * nodes))
         table[:count, E], table[:count, N], table[:count, U], table[:count, BIAS] = east, north, up, 1.0
         slopes = [np.interp(time, self.track.time, rate) for rate in self._rates]
@@ -333,18 +329,10 @@ class _Problem:
         table[:count, own : own + nodes] = east[:, None] * self._between
         table[:count, own + nodes :] = north[:, None] * self._between
         table[:count] /= self.ranges.sigma[:, None]
-        sigmas = [known.up_sigma, known.bias_sigma, known.delay_sigma, known.speed_sigma, known.speed_sigma]
-        for at in range(priors):
-            table[count + at, 2 + at] = 1 / sigmas[at]
+        table[count : count + priors, U:own] = np.diag(1 / self._expected_sigma)
         table[count + priors : count + priors + nodes, own : own + nodes] = self._whiten
         table[count + priors + nodes :, own + nodes :] = self._whiten
         return table
-
-
-def _weighed(problem: _Problem, keep: NDArray[Any], worse: float) -> _Problem:
-    """The problem with some of its ranges, whose standard deviations are so many times as large."""
-    ranges = problem.ranges.take(keep)
-    return _Problem(problem.track, replace(ranges, sigma=ranges.sigma * worse), problem.known, moves=problem.moves)
 
 
 def _correlation(residuals: Array) -> float:

@@ -4,8 +4,9 @@ Never while the GPS has a fix, or when nobody says whether it has; never again t
 command, answers what nobody understands, or accepts and does nothing. Facts: ../shared/survey.md, section 4.
 """
 
+from cmath import rect
 from dataclasses import dataclass, replace
-from math import cos, hypot, sin
+from math import hypot
 from typing import Any
 
 from pymavlink.dialects.v20 import all as dialect
@@ -62,13 +63,13 @@ class Given:
 
 @dataclass(frozen=True, slots=True)
 class Where:
-    """Our own idea of where the vehicle is: m on the plane, wind (m/s), true over measured airspeed."""
+    """Our own idea of where the vehicle is: m on the plane, wind (m/s, east + j north), true over measured airspeed."""
 
     time: float
     east: float
     north: float
     sigma: float
-    wind: tuple[float, float]
+    wind: complex
     scale: float
     by_ranges: bool
 
@@ -82,22 +83,20 @@ class DeadReckoning:
 
     def ranged(self, now: float, target: Place, relative: RelativeMotion, compass: tuple[float, float]) -> None:
         """Take the filter's word. compass: bias, rad, counter-clockwise positive, and its standard deviation."""
-        (x, y), (wind_x, wind_y) = (_turned(way, -compass[0]) for way in
-                                    ((relative.x, relative.y), (relative.drift_x, relative.drift_y)))  # fmt: skip
-        sigma = hypot(target.sigma, relative.sigma, compass[1] * hypot(x, y))
-        wind = self._averaged((wind_x + target.velocity[0], wind_y + target.velocity[1]), now)
-        self.where = Where(now, target.east + x, target.north + y, sigma, wind, relative.scale, True)
+        turn = rect(1.0, -compass[0])
+        way, drift = turn * complex(relative.x, relative.y), turn * complex(relative.drift_x, relative.drift_y)
+        sigma = hypot(target.sigma, relative.sigma, compass[1] * abs(way))
+        wind = self._averaged(drift + complex(*target.velocity), now)
+        self.where = Where(now, target.east + way.real, target.north + way.imag, sigma, wind, relative.scale, True)
 
-    def _averaged(self, wind: tuple[float, float], now: float) -> tuple[float, float]:
+    def _averaged(self, wind: complex, now: float) -> complex:
         before = self.where
         if before is None or now - before.time > WIND_MEMORY:
             self._wind_for = 0.0
             return wind
         dt = max(now - before.time, 0.0)
         self._wind_for = min(self._wind_for + dt, WIND_MEMORY)
-        share = dt / max(self._wind_for, 1e-3)
-        x, y = before.wind
-        return x + share * (wind[0] - x), y + share * (wind[1] - y)
+        return before.wind + dt / max(self._wind_for, 1e-3) * (wind - before.wind)
 
     def flown(self, now: float, own: OwnMotion | None, bias: float) -> None:
         """Carry the place on through the air."""
@@ -108,11 +107,10 @@ class DeadReckoning:
         if not 0 < dt <= LONGEST_STEP:
             self.where = None if dt > LONGEST_STEP else before  # where it went meanwhile is not known
             return
-        speed, heading = own.airspeed * before.scale, own.heading - bias
+        v = rect(own.airspeed * before.scale, own.heading - bias) + before.wind
         self.where = replace(
             before, time=now, by_ranges=False, sigma=before.sigma + WIND_SIGMA * dt,
-            east=before.east + (speed * cos(heading) + before.wind[0]) * dt,
-            north=before.north + (speed * sin(heading) + before.wind[1]) * dt,
+            east=before.east + v.real * dt, north=before.north + v.imag * dt,
         )  # fmt: skip
 
 
@@ -120,7 +118,7 @@ class HandBack:
     """Decides when a position is given, and to whom never again."""
 
     def __init__(self, settings: HandBackSettings) -> None:
-        self._settings = settings
+        self.settings = settings
         self.given: list[Given] = []
         self.ended = "the position was not lost"
         """Why nothing is given now, for people."""
@@ -136,11 +134,6 @@ class HandBack:
     def begun(self) -> bool:
         """Whether the position is lost, and somebody is there who takes ours."""
         return self._lost_since is not None and not self.over
-
-    @property
-    def place(self) -> tuple[float, float] | None:
-        """Of the target, as the mission gives it."""
-        return self._settings.place
 
     @property
     def words(self) -> str:
@@ -168,7 +161,7 @@ class HandBack:
         if self.over or self._waits or not usable or now - self._lost_since < LOST_FOR or now < self._due:
             return None
         assert where is not None
-        self._due, self._waits, self._look_at = now + self._settings.every, True, None
+        self._due, self._waits, self._look_at = now + self.settings.every, True, None
         latitude, longitude = plane.to_degrees(where.east, where.north)
         sigma = max(where.sigma, LEAST_SIGMA)
         by = "ranges" if where.by_ranges else "dead reckoning"
@@ -211,8 +204,3 @@ class HandBack:
 
     def _end(self, why: str) -> None:
         self.over, self.ended = True, why
-
-
-def _turned(way: tuple[float, float], angle: float) -> tuple[float, float]:
-    """A vector turned counter-clockwise by an angle, rad."""
-    return way[0] * cos(angle) - way[1] * sin(angle), way[0] * sin(angle) + way[1] * cos(angle)

@@ -18,11 +18,11 @@ from circnav_mav.locate.geodesy import Plane
 from circnav_mav.locate.handback import COMPASS_SIGMA, PLACE_SIGMA, DeadReckoning, HandBack, HandBackSettings
 from circnav_mav.locate.messages import camera, named_values, orbit_status, own_beacon
 from circnav_mav.locate.place import Place
-from circnav_mav.locate.watch import Alarm, Culprit, GpsWatch, Look, angle_between
+from circnav_mav.locate.watch import Culprit, GpsWatch, Look, angle_between
 from circnav_mav.mav.autopilots.interface import PLAUSIBLE_AIRSPEED
 from circnav_mav.mav.clocks import BOOT_WRAP, RemoteClock
 from circnav_mav.mav.codec import Decoder, Encoder, Message
-from circnav_mav.mav.commands import CommandSender
+from circnav_mav.mav.commands import Command, CommandSender
 from circnav_mav.mav.frames import course_from_yaw
 from circnav_mav.mav.framing import frame_at
 from circnav_mav.mav.signing import Signing
@@ -106,7 +106,7 @@ class Locator:
         self._solved_to = float("-inf")
         self._said_at = float("-inf")
         self._said: Place | None = None
-        self._alarm: Alarm | None = None
+        self._culprit: Culprit | None = None
         self._aimed: Place | None = None
         self._ended = False
         self._now = 0.0
@@ -150,14 +150,9 @@ class Locator:
             return []
         return [self.plane.to_degrees(east, north) for _, east, north, _ in self._track]
 
-    @property
-    def fixed(self) -> bool:
-        """Whether the newest word of the GPS is a fix."""
-        return self._fix >= FIX_3D
-
     def has_fix(self, now: float) -> bool:
-        """Whether the GPS says so now."""
-        return self.fixed and now - self._fix_at <= FIX_SILENT
+        """Whether the newest word of the GPS is a fix, and not old."""
+        return self._fix >= FIX_3D and now - self._fix_at <= FIX_SILENT
 
     def _position(self, message: Message, now: float) -> None:
         latitude, longitude, up = message.lat / 1e7, message.lon / 1e7, message.alt / 1000
@@ -305,55 +300,42 @@ class Locator:
         peer = self._pilot.session.peer
         assert peer is not None
         messages: list[Message] = []
-        if self._pilot.done and not self.busy:
-            if not self._ended:
-                self._ended = True
-                for command in (*self._streams.give_back(), *(self._after.give_back() if self.handback else ())):
-                    self._commands.send(command)
-        else:
-            for request in self._streams.poll(now):
-                self._commands.send(request)
-        if self._pilot.done and self.busy:
-            for request in self._after.poll(now):
-                self._commands.send(request)
+        requests: list[Command] = []
+        if not self._pilot.done:
+            requests = self._streams.poll(now)
+        elif self.busy:
+            requests = [*self._streams.poll(now), *self._after.poll(now)]
+        elif not self._ended:
+            self._ended = True
+            requests = [*self._streams.give_back(), *(self._after.give_back() if self.handback else ())]
+        for request in requests:
+            self._commands.send(request)
         messages += self._commands.poll(peer.ids, now)
         for result in self._commands.take_results():
             if result.refused and result.command.number == dialect.MAV_CMD_SET_MESSAGE_INTERVAL:
                 self._streams.denied(result.command)
         flies = self._pilot.settings.output_mode is OutputMode.FLY
-        if flies and self.handback is not None and (given := self._give_back(place, now)) is not None:
-            messages.append(given)
+        if flies and self.handback is not None:
+            messages += self._give_back(self.handback, place, peer.ids, now)
         if flies and self._settings.camera and place is not None and not self._pilot.done and self._aim(place):
             self._aimed = place
             messages.append(camera(place, peer.ids))
         return messages
 
-    def _give_back(self, place: Place | None, now: float) -> Message | None:
+    def _give_back(self, back: HandBack, place: Place | None, target: tuple[int, int], now: float) -> list[Message]:
         """The position for an autopilot that has lost its own, when it is due."""
-        back, session = self.handback, self._pilot.session
-        assert back is not None
-        if back.place is not None and self.plane is None:
-            self.plane = Plane(*back.place)
-        if self.plane is None or session.peer is None:
-            return None
+        given = back.settings.place
+        if given is not None and self.plane is None:
+            self.plane = Plane(*given)
+        if self.plane is None:
+            return []
         if now - self._reckoned_at >= RECKON_EVERY:
             self._reckoned_at = now
-            self._reckon(self._given_place(now) or place, now)
-        heard = now - self._fix_at <= FIX_SILENT and session.vehicle.armed
-        fix = self.fixed if heard else None
-        return back.step(now, fix=fix, where=self._reckoning.where, plane=self.plane, target=session.peer.ids)
-
-    def _given_place(self, now: float) -> Place | None:
-        """The target's place as the mission gives it, None where it does not."""
-        back = self.handback
-        if back is None or back.place is None or self.plane is None:
-            return None
-        east, north = self.plane.to_metres(*back.place)
-        return Place(
-            time=now, plane=self.plane, east=float(east), north=float(north), up=0.0, covariance=np.eye(2),
-            up_sigma=HOME_SIGMA, up_known=False, bias=0.0, bias_sigma=0.0, delay=0.0, delay_sigma=0.0, noise=0.0,
-            used=0, outliers=0,
-        )  # fmt: skip
+            self._reckon(place if given is None else _given_place(given, self.plane, now), now)
+        heard = now - self._fix_at <= FIX_SILENT and self._pilot.session.vehicle.armed
+        fix = self._fix >= FIX_3D if heard else None
+        message = back.step(now, fix=fix, where=self._reckoning.where, plane=self.plane, target=target)
+        return [] if message is None else [message]
 
     def _reckon(self, place: Place | None, now: float) -> None:
         """Where the vehicle is by ranges and compass, or by its way through the air since."""
@@ -389,13 +371,12 @@ class Locator:
 
     def _say(self, place: Place | None, now: float) -> None:
         """STATUSTEXT: the place when it is first known and when it has moved; alarms as they begin and end."""
-        alarm = self.watch.alarm
-        if (alarm is None) != (self._alarm is None) or (alarm and self._alarm and alarm.culprit != self._alarm.culprit):
-            severity = dialect.MAV_SEVERITY_WARNING if alarm else dialect.MAV_SEVERITY_NOTICE
-            self._announcer.say(
-                "watch", "GPS, ranges agree again" if alarm is None else _short(alarm), severity=severity
-            )
-        self._alarm = alarm
+        culprit = self.watch.alarm.culprit if self.watch.alarm else None
+        if culprit is not self._culprit:
+            self._culprit = culprit
+            severity = dialect.MAV_SEVERITY_WARNING if culprit else dialect.MAV_SEVERITY_NOTICE
+            text = f"GPS WATCH: {culprit.value} likeliest wrong" if culprit else "GPS, ranges agree again"
+            self._announcer.say("watch", text, severity=severity)
         if place is None or now - self._said_at < TEXT_EVERY:
             return
         before = self._said
@@ -418,5 +399,7 @@ def _is_wanted(frame: bytes) -> bool:
     return header is not None and header.ident in WANTED
 
 
-def _short(alarm: Alarm) -> str:
-    return f"GPS WATCH: {alarm.culprit.value} likeliest wrong"
+def _given_place(given: tuple[float, float], plane: Plane, now: float) -> Place:
+    """The target's place as the mission gives it."""
+    east, north = plane.to_metres(*given)
+    return Place(now, plane, east, north, up=0.0, covariance=np.eye(2), up_sigma=HOME_SIGMA, up_known=False)

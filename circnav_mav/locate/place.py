@@ -1,7 +1,6 @@
 """The place of the target as the estimator tells it, in metres on a plane and in degrees."""
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 from math import atan2, degrees, hypot
 from typing import Any
 
@@ -24,7 +23,7 @@ class Ellipse:
     azimuth: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Place:
     """Where the target is at a time (s). East, north, up: m on the plane, up above sea level as the vehicle counts it.
 
@@ -32,8 +31,8 @@ class Place:
     the height is observed (or was given); else it is no more than the prior. velocity: m/s east and north, zero of a
     target that does not move as far as anybody can tell; velocity_sigma: None then. bias: m, range measured too long;
     delay: s by which positions are older than ranges of the same stamp. noise: standard deviation of the ranges about
-    the model, m. used, outliers: ranges. range_scale: their median, m. bias_prior:
-    standard deviation of the bias as it was expected, m.
+    the model, m. used, outliers: ranges. range_scale: their median, m. bias_prior: standard
+    deviation of the bias as it was expected, m.
     """
 
     time: float
@@ -44,32 +43,27 @@ class Place:
     covariance: Array
     up_sigma: float
     up_known: bool
-    bias: float
-    bias_sigma: float
-    delay: float
-    delay_sigma: float
-    noise: float
-    used: int
-    outliers: int
+    bias: float = 0.0
+    bias_sigma: float = 0.0
+    delay: float = 0.0
+    delay_sigma: float = 0.0
+    noise: float = 0.0
+    used: int = 0
+    outliers: int = 0
     velocity: tuple[float, float] = (0.0, 0.0)
     velocity_sigma: float | None = None
     range_scale: float = 100.0
     bias_prior: float = 2.0
 
-    @cached_property
-    def _degrees(self) -> tuple[float, float]:
-        latitude, longitude = self.plane.to_degrees(self.east, self.north)
-        return float(latitude), float(longitude)
-
     @property
     def latitude(self) -> float:
         """Degrees."""
-        return self._degrees[0]
+        return float(self.plane.to_degrees(self.east, self.north)[0])
 
     @property
     def longitude(self) -> float:
         """Degrees."""
-        return self._degrees[1]
+        return float(self.plane.to_degrees(self.east, self.north)[1])
 
     @property
     def ellipse(self) -> Ellipse:

@@ -5,10 +5,11 @@ reported positions make against the way through the air and the wind learnt befo
 position against that by ranges and compass. What fails together names the culprit. It never steers.
 """
 
+from cmath import rect
 from collections import deque
 from dataclasses import dataclass
 from enum import Enum
-from math import atan2, cos, hypot, pi, sin
+from math import atan2, pi
 
 SPAN = 3.0
 """Time, s, over which ways are compared: longer than the jitter of the streams, much shorter than a lap."""
@@ -63,7 +64,8 @@ class GpsWatch:
     def __init__(self) -> None:
         self.alarm: Alarm | None = None
         self._looks: deque[Look] = deque()
-        self._wind: tuple[float, float] | None = None
+        self._wind: complex | None = None
+        """m/s, east + j north."""
         self._gusts = 1.0
         self._learnt = 0.0
         self._failing: dict[str, float] = {}
@@ -84,15 +86,12 @@ class GpsWatch:
         while self._looks[-1].time - self._looks[0].time > SPAN:
             self._looks.popleft()
         self._compare_ways()
-        for name, off, floor in (
-            ("range", look.range_off, RANGE_FLOOR),
-            ("bearing", look.bearing_off, BEARING_FLOOR),
-        ):
-            fails = off is not None and abs(off[0]) > max(FACTOR * off[1], floor)
-            if not fails:
-                self._failing.pop(name, None)
-            else:
+        comparisons = ("range", look.range_off, RANGE_FLOOR), ("bearing", look.bearing_off, BEARING_FLOOR)
+        for name, off, floor in comparisons:
+            if off is not None and abs(off[0]) > max(FACTOR * off[1], floor):
                 self._failing.setdefault(name, look.time)
+            else:
+                self._failing.pop(name, None)
         self._judge(look)
 
     def forget_ranges(self) -> None:
@@ -104,18 +103,17 @@ class GpsWatch:
         first, last = self._looks[0], self._looks[-1]
         span = last.time - first.time
         air = [
-            (look.airspeed * cos(look.heading), look.airspeed * sin(look.heading))
+            rect(look.airspeed, look.heading)
             for look in self._looks
             if look.heading is not None and look.airspeed is not None
         ]
         if span < SPAN / 2 or len(air) < len(self._looks):
             return
-        east, north = (sum(way) / len(air) for way in zip(*air, strict=True))
-        wind = (last.east - first.east) / span - east, (last.north - first.north) / span - north
+        wind = complex(last.east - first.east, last.north - first.north) / span - sum(air) / len(air)
         if self._wind is None:
             self._wind, self._learnt = wind, last.time
             return
-        off = hypot(wind[0] - self._wind[0], wind[1] - self._wind[1])
+        off = abs(wind - self._wind)
         settled = last.time - self._learnt > WIND_MEMORY
         if settled and off > max(FACTOR * self._gusts, SPEED_FLOOR):
             self._way_failed_at = last.time
@@ -123,7 +121,7 @@ class GpsWatch:
         dt = min(last.time - self._looks[-2].time, 1.0) if len(self._looks) > 1 else 0.0
         share = dt / WIND_MEMORY
         self._gusts += share * (off - self._gusts)
-        self._wind = tuple(w + share * (n - w) for w, n in zip(self._wind, wind, strict=True))
+        self._wind += share * (wind - self._wind)
 
     def _judge(self, look: Look) -> None:
         lasting = {name for name, since in self._failing.items() if look.time - since >= PATIENCE}

@@ -9,7 +9,6 @@ import csv
 import os
 import subprocess
 import sys
-import tempfile
 import time
 from math import sqrt
 from pathlib import Path
@@ -19,7 +18,7 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.pilot.tick_scheduler import TickScheduler
 from sim.faults.frames import frames, message_id, write
-from tests.bench.on_port import ROOT, SETPOINT, VehicleOnPort
+from tests.bench.on_port import ROOT, SETPOINT, VehicleOnPort, flown, resident_mb
 from tests.flight.lockstep import true_radius
 
 MISSION = ROOT / "config" / "arducopter.toml"
@@ -28,62 +27,39 @@ GCS, RANGE = (255, 190), 132
 EXTRA = {31: 50, 32: 50, 33: 50, 24: 10, 85: 10}
 """Message id -> Hz of what is sent besides the streams that the application asks for (31 a second)."""
 SETTLING = 90.0
-PAGE_MB = 4096 / 1e6
 
 
 class Bench:
-    """The vehicle, and what is heard of the application, with the moments of this process."""
+    """What is heard of the application, with the moments of this process."""
 
     def __init__(self) -> None:
-        self._link = VehicleOnPort(MISSION)
-        self._range_at: float | None = None
-        self.port = self._link.port
         self.sent = 0
         self.setpoints: list[float] = []
         self.latencies: list[float] = []
         self.errors: list[float] = []
+        self.memory: list[tuple[float, float]] = []
+        """Once a second: time and what the application keeps, MB."""
 
-    def run(self, seconds: float, process: subprocess.Popen[bytes]) -> list[tuple[float, float]]:
-        """Fly for a time; the (time, resident MB) of the application, once a second."""
-        started = time.monotonic()
-        memory: list[tuple[float, float]] = []
-        while (now := time.monotonic() - started) < seconds and process.poll() is None:
-            self._speak(now)
-            self._hear(now)
-            if now >= len(memory):
-                memory.append((now, _resident_mb(process.pid)))
-                self.errors.append(true_radius(self._link.vehicle.truth) - RADIUS)
-        return memory
-
-    def _speak(self, now: float) -> None:
-        for frame in self._link.fly(now):
-            self.sent += 1
-            if message_id(frame) == RANGE:
-                self._range_at = time.perf_counter()
-
-    def _hear(self, now: float) -> None:
-        first = not self._link.heard
-        data = self._link.listen(now)
-        if data is None:
-            return
-        if any(message_id(frame) == SETPOINT for frame in frames(data)):
-            self.setpoints.append(now)
-            if self._range_at is not None:
-                self.latencies.append(time.perf_counter() - self._range_at)
-                self._range_at = None
-        self._link.vehicle.receive(data)
-        if first:
-            for number, rate in EXTRA.items():
-                ask = mavlink.MAVLink_command_long_message(1, 1, 511, 0, number, 1e6 / rate, 0, 0, 0, 0, 0)
-                self._link.vehicle.receive(write(ask, *GCS))
-
-    def close(self) -> None:
-        self._link.close()
-
-
-def _resident_mb(pid: int) -> float:
-    with open(f"/proc/{pid}/statm") as file:
-        return int(file.read().split()[1]) * PAGE_MB
+    def fly(self, vehicle: VehicleOnPort, process: "subprocess.Popen[bytes]", seconds: float) -> None:
+        range_at: float | None = None
+        while (now := vehicle.now) < seconds and process.poll() is None:
+            for frame in vehicle.speak():
+                self.sent += 1
+                if message_id(frame) == RANGE:
+                    range_at = time.perf_counter()
+            first = not vehicle.heard
+            if any(message_id(frame) == SETPOINT for frame in frames(vehicle.hear())):
+                self.setpoints.append(now)
+                if range_at is not None:
+                    self.latencies.append(time.perf_counter() - range_at)
+                    range_at = None
+            if first and vehicle.heard:
+                for number, rate in EXTRA.items():
+                    ask = mavlink.MAVLink_command_long_message(1, 1, 511, 0, number, 1e6 / rate, 0, 0, 0, 0, 0)
+                    vehicle.vehicle.receive(write(ask, *GCS))
+            if now >= len(self.memory):
+                self.memory.append((now, resident_mb(process)))
+                self.errors.append(true_radius(vehicle.vehicle.truth) - RADIUS)
 
 
 def lateness(ticks: Path) -> list[float]:
@@ -114,32 +90,23 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     bench = Bench()
     hogs = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(options.hogs)]
-    with tempfile.TemporaryDirectory() as name:
-        run = Path(name) / "run"
-        command = [sys.executable, "-m", "circnav_mav", "fly", str(MISSION), "--out", str(run), "--set"]
-        command += [
-            f'guidance.law="{options.law}"',
-            "--endpoint",
-            f"udpout:127.0.0.1:{bench.port}",
-            "--duration",
-            "1e6",
-        ]
-        process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL)
-        try:
-            memory = bench.run(options.seconds, process)
+    law = f'guidance.law="{options.law}"'
+    try:
+        with flown(MISSION, "--set", law, "--duration", "1e6") as (vehicle, process, run):
+            bench.fly(vehicle, process, options.seconds)
             process.terminate()
-            bench.run(3.0, process)
-        finally:
-            for hog in hogs:
-                hog.kill()
-                hog.wait()
+            Bench().fly(vehicle, process, options.seconds + 3.0)
             process.wait(timeout=120)
-            bench.close()
-        report(options, bench, memory, run)
+            report(options, bench, run)
+    finally:
+        for hog in hogs:
+            hog.kill()
+            hog.wait()
     return 0
 
 
-def report(options: argparse.Namespace, bench: Bench, memory: list[tuple[float, float]], run: Path) -> None:
+def report(options: argparse.Namespace, bench: Bench, run: Path) -> None:
+    memory = bench.memory
     print(
         f"{memory[-1][0]:.0f} s of arducopter, law {options.law}, {options.hogs} hogs on {os.cpu_count()} cores (load "
         f"{os.getloadavg()[0]:.1f}), {bench.sent / memory[-1][0]:.0f} messages a second to the application"

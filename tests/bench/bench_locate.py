@@ -12,15 +12,14 @@ import argparse
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
-from math import atan2, hypot, pi
+from math import hypot
 
 import numpy as np
 
-from circnav_mav.locate.estimator import locate
 from circnav_mav.locate.locator import Locator
 from circnav_mav.locate.place import Place
 from sim.world import HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG
-from tests.locate.flown import Surveyed, nees, surveyed
+from tests.locate.flown import Surveyed, laps, nees, surveyed
 
 BAND = (0.0506, 7.378)
 """95 % of chi-squared with two degrees of freedom."""
@@ -78,15 +77,12 @@ def fly(situation: Situation, seed: int) -> Result | None:
     while flown.now < LONGEST and (later and flown.pilot.controller.orbit is flown.pilot.settings.orbit):
         flown.fly(flown.now + 1.0)
     counted = flown.now
-    while flown.now < LONGEST and _laps(flown, counted) < situation.laps:
+    while flown.now < LONGEST and laps([one for one in flown.truths if one.time >= counted]) < situation.laps:
         flown.fly(flown.now + 0.5)
     for heard in (locator._track, locator._ranges):
         while heard[0][0] < begun:
             heard.popleft()
-    locator._solve_at = 0.0
-    job = locator.job(flown.now)
-    assert job is not None
-    place = locate(*job)
+    place = flown.solve()
     if not isinstance(place, Place):
         return None
     truth = flown.vehicle.truth
@@ -99,12 +95,6 @@ def fly(situation: Situation, seed: int) -> Result | None:
         up=place.up - (584.0 - truth.target_down) if place.up_known else None,
         speed=hypot(*velocity) if place.moves else None,
     )
-
-
-def _laps(flown: Surveyed, since: float) -> float:
-    """Flown round the true target."""
-    angles = [atan2(o.north - o.target_north, o.east - o.target_east) for o in flown.truths if o.time >= since]
-    return abs(float(np.unwrap(angles)[-1]) - angles[0]) / (2 * pi) if angles else 0.0
 
 
 def _gps_error(flown: Surveyed, locator: Locator) -> np.ndarray:

@@ -5,17 +5,13 @@ quickstart's in real time; its memory is what is resident once it steers, thread
 """
 
 import argparse
-import os
 import resource
-import select
 import statistics
 import subprocess
 import sys
-import tempfile
-import time
 
 from sim.faults.frames import frames, message_id
-from tests.bench.on_port import ROOT, SETPOINT, VehicleOnPort
+from tests.bench.on_port import ROOT, SETPOINT, flown, resident_mb
 
 MISSION = ROOT / "config" / "quickstart.toml"
 IMPORTS = ["-c", "import numpy; from pymavlink.dialects.v20 import all"]
@@ -33,40 +29,17 @@ def processor_time(arguments: list[str]) -> float:
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
-def memory(pid: int) -> float:
-    """Resident memory of a process, MB."""
-    with open(f"/proc/{pid}/statm") as file:
-        return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
-
-
 def fly(law: str, steered: float) -> tuple[float, float]:
     """Start `circnav fly`: s until its first heartbeat, and MB once it has steered for a time (s; 0: at once)."""
-    vehicle = VehicleOnPort(MISSION)
-    with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, "-m", "circnav_mav", "fly", str(MISSION), "--out", f"{folder}/run", "--endpoint"]
-        command += [f"udpout:127.0.0.1:{vehicle.port}", "--set", f'guidance.law="{law}"']
-        began = time.monotonic()
-        process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL)
-        try:
-            while not vehicle.heard and time.monotonic() - began < PATIENCE:
-                select.select([], [], [], 0.001)
-                vehicle.listen(float("inf"))
-            spoke = time.monotonic() - began
-            until = began + PATIENCE if steered else 0.0
-            steering = False
-            while (now := time.monotonic()) < until:
-                for _ in vehicle.fly(now - began):
-                    pass
-                data = vehicle.listen(now - began)
-                if data is not None:
-                    vehicle.vehicle.receive(data)
-                    if not steering and any(message_id(frame) == SETPOINT for frame in frames(data)):
-                        steering, until = True, now + steered
-            return spoke, memory(process.pid)
-        finally:
-            process.kill()
-            process.wait()
-            vehicle.close()
+    with flown(MISSION, "--set", f'guidance.law="{law}"') as (vehicle, process, _):
+        while not vehicle.heard and vehicle.now < PATIENCE:
+            vehicle.turn()
+        spoke, until, steering = vehicle.now, PATIENCE if steered else 0.0, False
+        while vehicle.now < until:
+            data = vehicle.turn()
+            if not steering and any(message_id(frame) == SETPOINT for frame in frames(data)):
+                steering, until = True, vehicle.now + steered
+        return spoke, resident_mb(process)
 
 
 def main(arguments: list[str] | None = None) -> int:

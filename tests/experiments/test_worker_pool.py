@@ -5,13 +5,14 @@ import os
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
 from circnav_mav.experiments import bench
 from circnav_mav.experiments.batch.situations import SITUATIONS
 from circnav_mav.experiments.worker_pool import WorkerDiedError, workers
-from tests.process import PATIENCE, ROOT
+from tests.process import PATIENCE, ROOT, python
 
 FOREVER = 600.0
 JOBS = """
@@ -32,6 +33,20 @@ if __name__ == "__main__":
         except KeyboardInterrupt:
             heard = True
         sys.exit(7 if heard and job.result() == 2.0 else 1)
+"""
+HOLDS = """
+import math, time
+from circnav_mav.experiments.worker_pool import workers
+
+if __name__ == "__main__":
+    with workers(2) as submit:
+        for job in [submit(math.sqrt, 4.0) for _ in range(8)]:
+            job.result()
+        for _ in range(2):
+            submit(time.sleep, 600)
+        time.sleep(0.2)
+        print("at work", flush=True)
+        time.sleep(600)
 """
 
 
@@ -58,6 +73,31 @@ def test_a_ctrl_c_is_not_heard_by_the_processes_whenever_it_comes(tmp_path):
             env=os.environ | {"PYTHONPATH": str(ROOT)},
         )  # fmt: skip
         assert (process.communicate(timeout=PATIENCE)[1], process.returncode) == ("", 7), seconds
+
+
+def is_running(process):
+    try:
+        return (process / "stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs /proc")
+def test_the_processes_end_with_one_that_was_killed(tmp_path):
+    """In the middle of their jobs, which would take ten minutes."""
+    script = tmp_path / "holds.py"
+    script.write_text(HOLDS)
+    parent = python(script)
+    assert parent.stdout.readline() == "at work\n"
+    tasks = Path(f"/proc/{parent.pid}/task").glob("*/children")  # each thread has its own
+    children = [Path(f"/proc/{child}") for task in tasks for child in task.read_text().split()]
+    assert len(children) >= 2
+    parent.kill()
+    parent.communicate(timeout=PATIENCE)
+    end = time.monotonic() + PATIENCE
+    while running := [child for child in children if is_running(child)]:
+        assert time.monotonic() < end, running
+        time.sleep(0.05)
 
 
 def test_a_process_that_dies_in_its_job_is_no_endless_wait():

@@ -1,14 +1,17 @@
 """Flights of the bundled vehicle in lockstep, with the survey beside the pilot, as the loop of a flight runs them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from math import hypot
+from math import atan2, pi
 
 import numpy as np
+from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.locate.estimator import locate
+from circnav_mav.locate.estimator import NotYet, locate
 from circnav_mav.locate.locator import LocateSettings, Locator
 from circnav_mav.locate.place import Place
 from circnav_mav.runtime.recorder import LoopStep
+from sim.vehicle import Truth
 from sim.world import to_degrees
 from tests.flight.lockstep import Flight, flight
 
@@ -46,6 +49,20 @@ class Surveyed(Flight):
                 watch(self)
         return self
 
+    def solve(self) -> Place | NotYet:
+        """What the survey makes of all that it has heard."""
+        assert self.locator is not None
+        self.locator._solve_at = 0.0
+        job = self.locator.job(self.now)
+        assert job is not None
+        return locate(*job)
+
+    @property
+    def messages(self) -> list[tuple[float, mavlink.MAVLink_message]]:
+        """What the survey has said, and when, by pymavlink."""
+        parser = mavlink.MAVLink(None)
+        return [(time, message) for time, frame in self.said for message in parser.parse_buffer(frame) or ()]
+
     def error(self, place: Place) -> np.ndarray:
         """East and north of the true place, m."""
         truth = self.vehicle.truth
@@ -62,11 +79,13 @@ def surveyed(mission: str, *overrides: str, law: str | None = None, **settings: 
     return Surveyed(flown.pilot, flown.vehicle, locator=locator)
 
 
+def laps(truths: Sequence[Truth]) -> float:
+    """Flown round the true target."""
+    angles = [atan2(one.north - one.target_north, one.east - one.target_east) for one in truths]
+    return abs(float(np.unwrap(angles)[-1]) - angles[0]) / (2 * pi) if angles else 0.0
+
+
 def nees(flown: Surveyed, place: Place) -> float:
     """Squared error in units of the place's own covariance."""
     error = flown.error(place)
     return float(error @ np.linalg.solve(place.at(flown.now).covariance, error))
-
-
-def far(error: np.ndarray) -> float:
-    return hypot(*error)

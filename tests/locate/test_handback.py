@@ -1,5 +1,6 @@
 """Positions given back to an autopilot that has lost its own: whole flights of the emulated plane."""
 
+from collections.abc import Sequence
 from math import hypot, pi
 
 import pytest
@@ -17,14 +18,12 @@ PLANE = (
     "sim.sensors.gps_error_time_s=600", "sim.wind.speed_mps=5", "sim.start.north_m=150", "sim.start.east_m=-100",
     "limits.duration_s=85",
 )  # fmt: skip
-HERE = Where(0.0, 15.0, 0.0, 3.0, (0.0, 0.0), 1.0, True)
+HERE = Where(0.0, 15.0, 0.0, 3.0, 0j, 1.0, True)
 ON_PLANE = Plane(-35.0, 149.0)
 
 
 def commands(flown: Surveyed) -> list[tuple[float, mavlink.MAVLink_message]]:
-    parser = mavlink.MAVLink(None)
-    read = [(time, message) for time, frame in flown.said for message in parser.parse_buffer(frame) or ()]
-    return [(time, one) for time, one in read if one.get_type() == "COMMAND_INT" and one.command == POSITION]
+    return [(time, one) for time, one in flown.messages if one.get_type() == "COMMAND_INT" and one.command == POSITION]
 
 
 def own_error(flown: Surveyed) -> float:
@@ -59,14 +58,22 @@ def test_off_by_default_nothing_is_given_and_the_same_autopilot_drifts_away() ->
     assert own_error(flown) > 30.0
 
 
-def test_nothing_is_given_while_the_gps_has_a_fix_or_nobody_says_so_and_no_more_once_it_is_back() -> None:
-    back = HandBack(HandBackSettings(every=5.0))
-    said = [True] * 50 + [False] * 200 + [None] * 100 + [True] * 100
-    times = []
-    for tick, fix in enumerate(said):
+def give(
+    fixes: Sequence[bool | None], result: int, every: float = 1.0, off: float = 0.0
+) -> tuple[HandBack, list[float]]:
+    """When, s, positions were given to an autopilot that answers each with a result, and reports to be so far off, m.
+    fixes: what its GPS says, every .1 s."""
+    back, times = HandBack(HandBackSettings(every=every)), []
+    for tick, fix in enumerate(fixes):
         if back.step(tick / 10, fix=fix, where=HERE, plane=ON_PLANE, target=(1, 1)) is not None:
             times.append(tick / 10)
-            back.answered(mavlink.MAVLink_command_ack_message(POSITION, 0, 0, 0, 1, 194), (1, 194), tick / 10)
+            back.answered(mavlink.MAVLink_command_ack_message(POSITION, result, 0, 0, 1, 194), (1, 194), tick / 10)
+        back.reported(HERE.east + off, HERE.north, HERE, tick / 10)
+    return back, times
+
+
+def test_nothing_is_given_while_the_gps_has_a_fix_or_nobody_says_so_and_no_more_once_it_is_back() -> None:
+    back, times = give([True] * 50 + [False] * 200 + [None] * 100 + [True] * 100, mavlink.MAV_RESULT_ACCEPTED, 5.0)
     assert times == [7.0, 12.0, 17.0, 22.0]  # the fix is gone at 5 s, and has been for 2
     assert back.ended == "GPS is back"
 
@@ -74,7 +81,7 @@ def test_nothing_is_given_while_the_gps_has_a_fix_or_nobody_says_so_and_no_more_
 def test_dead_reckoning_goes_on_through_the_air_with_the_wind_learnt_before() -> None:
     """Due north at 20 m/s through the air, 5 m/s of wind to the east, for 60 s from 100 m east of the target."""
     reckoning = DeadReckoning()
-    reckoning.where = Where(0.0, 100.0, 0.0, 3.0, (5.0, 0.0), 1.0, True)
+    reckoning.where = Where(0.0, 100.0, 0.0, 3.0, 5 + 0j, 1.0, True)
     for tick in range(1, 601):
         reckoning.flown(tick / 10, OwnMotion(tick / 10, pi / 2, 0.0, 20.0), 0.0)
     here = reckoning.where
@@ -84,20 +91,11 @@ def test_dead_reckoning_goes_on_through_the_air_with_the_wind_learnt_before() ->
 
 @pytest.mark.parametrize("result", [mavlink.MAV_RESULT_UNSUPPORTED, mavlink.MAV_RESULT_DENIED, 77])
 def test_an_autopilot_whose_answer_is_no_or_not_understood_is_asked_once(result: int) -> None:
-    back, sent = HandBack(HandBackSettings()), 0
-    for tick in range(600):
-        if back.step(tick / 10, fix=False, where=HERE, plane=ON_PLANE, target=(1, 1)) is not None:
-            sent += 1
-            back.answered(mavlink.MAVLink_command_ack_message(POSITION, result, 0, 0, 1, 194), (1, 194), tick / 10)
-    assert sent == 1 and back.over
+    back, times = give([False] * 600, result)
+    assert len(times) == 1 and back.over
 
 
 def test_an_autopilot_that_accepts_and_does_nothing_is_left_alone() -> None:
     """Where DCM flies, the command is accepted without effect."""
-    back, sent = HandBack(HandBackSettings()), 0
-    for tick in range(600):
-        if back.step(tick / 10, fix=False, where=HERE, plane=ON_PLANE, target=(1, 1)) is not None:
-            sent += 1
-            back.answered(mavlink.MAVLink_command_ack_message(POSITION, 0, 0, 0, 1, 194), (1, 194), tick / 10)
-        back.reported(HERE.east + 400.0, HERE.north, HERE, tick / 10)
-    assert sent == 3 and back.ended == "positions are accepted, and have no effect"
+    back, times = give([False] * 600, mavlink.MAV_RESULT_ACCEPTED, off=400.0)
+    assert len(times) == 3 and back.ended == "positions are accepted, and have no effect"

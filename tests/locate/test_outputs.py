@@ -1,17 +1,16 @@
-"""What leaves the survey, read by others: pymavlink, an XML parser, the definitions of GeoJSON and Cursor on Target."""
+"""What leaves the survey, read by others that share nothing with what wrote it: the wire layout of MAVLink by hand,
+pymavlink, the package `geojson`, an XML parser, a TAK library."""
 
-import json
-from datetime import datetime
-from math import hypot
+import struct
 from xml.etree import ElementTree as Xml
 
+import geojson
 import numpy as np
 import pytest
-from lxml import etree
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.guidance.types import Direction, Orbit
-from circnav_mav.locate.export import cursor_on_target, geojson, kml, ring
+from circnav_mav.locate import export
 from circnav_mav.locate.geodesy import Plane
 from circnav_mav.locate.messages import orbit_status, own_beacon
 from circnav_mav.locate.place import Place
@@ -19,31 +18,12 @@ from sim.world import HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG, to_degrees
 
 PLACE = Place(
     time=12.0, plane=Plane(-35.0, 149.0), east=30.0, north=40.0, up=584.0, covariance=np.diag([9.0, 1.0]),
-    up_sigma=0.5, up_known=True, bias=0.0, bias_sigma=1.0, delay=0.0, delay_sigma=0.1, noise=0.5, used=100, outliers=2,
-    velocity=(1.0, -1.0), velocity_sigma=0.2,
+    up_sigma=0.5, up_known=True, velocity=(1.0, -1.0), velocity_sigma=0.2,
 )  # fmt: skip
-
-# MITRE's Event.xsd, as far as our events use it
-COT_SCHEMA = """<xs:schema xmlns:xs="http://www.w3.org/2001/XMLSchema"><xs:element name="event"><xs:complexType><xs:all>
-<xs:element name="detail" minOccurs="0"><xs:complexType><xs:sequence>
-<xs:any processContents="skip" minOccurs="0" maxOccurs="unbounded"/></xs:sequence></xs:complexType></xs:element>
-<xs:element name="point"><xs:complexType>
-<xs:attribute name="lat" use="required"><xs:simpleType><xs:restriction base="xs:decimal">
-<xs:minInclusive value="-90"/><xs:maxInclusive value="90"/></xs:restriction></xs:simpleType></xs:attribute>
-<xs:attribute name="lon" use="required"><xs:simpleType><xs:restriction base="xs:decimal">
-<xs:minInclusive value="-180"/><xs:maxInclusive value="180"/></xs:restriction></xs:simpleType></xs:attribute>
-<xs:attribute name="hae" type="xs:decimal" use="required"/><xs:attribute name="ce" type="xs:decimal" use="required"/>
-<xs:attribute name="le" type="xs:decimal" use="required"/></xs:complexType></xs:element></xs:all>
-<xs:attribute name="version" use="required"><xs:simpleType><xs:restriction base="xs:decimal">
-<xs:minInclusive value="2"/></xs:restriction></xs:simpleType></xs:attribute>
-<xs:attribute name="type" use="required"><xs:simpleType><xs:restriction base="xs:string">
-<xs:pattern value="\\w+(-\\w+)*(;[^;]*)?"/></xs:restriction></xs:simpleType></xs:attribute>
-<xs:attribute name="uid" type="xs:string" use="required"/><xs:attribute name="time" type="xs:dateTime" use="required"/>
-<xs:attribute name="start" type="xs:dateTime" use="required"/>
-<xs:attribute name="stale" type="xs:dateTime" use="required"/>
-<xs:attribute name="how" use="required"><xs:simpleType><xs:restriction base="xs:string">
-<xs:pattern value="\\w(-\\w+)*"/></xs:restriction></xs:simpleType></xs:attribute>
-</xs:complexType></xs:element></xs:schema>"""
+HERE = pytest.approx((-35 + 40 / 110_941, 149 + 30 / 91_288), abs=5e-7)
+"""Its latitude and longitude: a degree is 110 941 m of the meridian, 91 288 m of the parallel there."""
+ORBIT_STATUS, CRC_EXTRA, LAYOUT = 360, 11, "<QfiifB"
+"""Its id, the byte that seeds its checksum, and its fields by size: time_usec, radius, x, y, z, frame."""
 
 
 def test_the_plane_agrees_with_the_emulators_own_geodesy_within_centimetres() -> None:
@@ -60,57 +40,79 @@ def test_a_plane_beside_the_date_line_goes_on_across_it() -> None:
     assert plane.to_metres(0.0, longitude)[0] == pytest.approx(100.0)
 
 
+def x25(data: bytes) -> int:
+    """The checksum of MAVLink: CRC-16/MCRF4XX, bit by bit."""
+    crc = 0xFFFF
+    for byte in data:
+        crc ^= byte
+        for _ in range(8):
+            crc = crc >> 1 ^ (0x8408 if crc & 1 else 0)
+    return crc
+
+
 @pytest.mark.parametrize(("direction", "sign"), [(Direction.CLOCKWISE, 1), (Direction.COUNTERCLOCKWISE, -1)])
-def test_the_circle_is_as_qgroundcontrol_reads_it(direction: Direction, sign: int) -> None:
-    """Its Vehicle.cc: centre x, y degrees times 1e7, clockwise where the radius is positive."""
-    orbit = Orbit(100.0, direction, 15.0, 0.35)
-    packed = orbit_status(PLACE, orbit, 12.0).pack(mavlink.MAVLink(None, srcSystem=1, srcComponent=194))
-    (message,) = mavlink.MAVLink(None).parse_buffer(packed)
-    assert message.get_type() == "ORBIT_EXECUTION_STATUS" and message.radius == sign * 100.0
-    assert (message.x / 1e7, message.y / 1e7) == pytest.approx((PLACE.latitude, PLACE.longitude), abs=1e-7)
-    assert message.frame == mavlink.MAV_FRAME_GLOBAL and message.z == 584.0
+def test_the_orbit_status_is_what_a_c_decoder_reads_from_the_wire(direction: Direction, sign: int) -> None:
+    """As QGroundControl's Vehicle.cc does: radius positive clockwise, x, y degrees * 1e7 as int32, z metres, frame
+    MAV_FRAME_GLOBAL (0), whose byte MAVLink 2 leaves out at the end of a payload."""
+    orbit = Orbit(60.0, direction, 15.0, 0.35)
+    frame = orbit_status(PLACE, orbit, 12.0).pack(mavlink.MAVLink(None, srcSystem=1, srcComponent=194))
+    end = 10 + frame[1]
+    assert (frame[0], *frame[5:7]) == (0xFD, 1, 194) and int.from_bytes(frame[7:10], "little") == ORBIT_STATUS
+    assert x25(frame[1:end] + bytes([CRC_EXTRA])) == int.from_bytes(frame[end : end + 2], "little")
+    time, radius, x, y, z, what = struct.unpack(LAYOUT, frame[10:end].ljust(struct.calcsize(LAYOUT), b"\0"))
+    assert (time, radius, z, what) == (12_000_000, sign * 60.0, 584.0, 0)
+    assert (x / 1e7, y / 1e7) == HERE
 
 
 def test_ranging_beacon_carries_range_place_and_their_accuracy_in_millimetres() -> None:
     packed = own_beacon(PLACE, 107.7, 0.5, (1, 1), 12.0).pack(mavlink.MAVLink(None))
     (message,) = mavlink.MAVLink(None).parse_buffer(packed)
     assert (message.range, message.range_accuracy, message.hacc_est) == (107700, 500, 3000)
-    assert message.lat == round(PLACE.latitude * 1e7)
+    assert (message.lat / 1e7, message.lon / 1e7) == HERE
 
 
 def test_the_ellipse_has_its_long_axis_along_the_larger_error() -> None:
     """Covariance diag(9, 1) of east and north: 2.4477 times 3 and 1 m, the long axis due east."""
     ellipse = PLACE.ellipse
     assert (ellipse.major, ellipse.minor, ellipse.azimuth) == pytest.approx((7.343, 2.448, 90.0), abs=1e-3)
-    corners = np.array([PLACE.plane.to_metres(lat, lon) for lon, lat in ring(PLACE)]) - [30.0, 40.0]
+    corners = np.array([PLACE.plane.to_metres(lat, lon) for lon, lat in export.ring(PLACE)]) - [30.0, 40.0]
     assert np.abs(corners).max(axis=0) == pytest.approx([7.343, 2.448], abs=0.01)
 
 
-def test_geojson_is_a_feature_collection_with_longitude_first_and_a_closed_ring_that_runs_left_round() -> None:
+def test_geojson_is_valid_with_longitude_first_and_a_closed_ring_that_runs_left_round() -> None:
     """RFC 7946, sections 3.1.1, 3.1.6."""
-    table = json.loads(geojson({"target": PLACE}, [(-35.0, 149.0), (-35.001, 149.001)]))
-    point, area, track = (feature["geometry"] for feature in table["features"])
-    assert table["type"] == "FeatureCollection" and all(one["type"] == "Feature" for one in table["features"])
-    assert point["coordinates"] == pytest.approx([PLACE.longitude, PLACE.latitude])
-    (outer,) = area["coordinates"]
-    x, y = np.array(outer).T
-    assert outer[0] == outer[-1] and np.sum(x[:-1] * y[1:] - x[1:] * y[:-1]) > 0
+    table = geojson.loads(export.geojson({"target": PLACE}, [(-35.0, 149.0), (-35.001, 149.001)]))
+    assert isinstance(table, geojson.FeatureCollection) and table.is_valid, table.errors()
+    point, area, track = (feature.geometry for feature in table.features)
+    assert tuple(point.coordinates[::-1]) == HERE
+    x, y = np.array(area.coordinates[0]).T
+    assert (x[0], y[0]) == (x[-1], y[-1]) and np.sum(x[:-1] * y[1:] - x[1:] * y[:-1]) > 0
     assert track == {"type": "LineString", "coordinates": [[149.0, -35.0], [149.001, -35.001]]}
 
 
 def test_kml_is_xml_with_longitude_first() -> None:
     names = {"k": "http://www.opengis.net/kml/2.2"}
-    text = Xml.fromstring(kml({"a <b>": PLACE})).find(".//k:Point/k:coordinates", names).text  # type: ignore[union-attr]
-    assert [float(part) for part in (text or "").split(",")] == pytest.approx([PLACE.longitude, PLACE.latitude])
+    text = Xml.fromstring(export.kml({"a <b>": PLACE})).findtext(".//k:Point/k:coordinates", "", names)
+    assert tuple(float(part) for part in text.split(","))[::-1] == HERE
 
 
-def test_cursor_on_target_fits_its_schema_and_tells_one_sigma_and_the_motion() -> None:
-    data = cursor_on_target(PLACE, 'tag "<1>', 1_750_000_000_000_000, 12.0)
-    etree.XMLSchema(etree.fromstring(COT_SCHEMA)).assertValid(etree.fromstring(data))
-    event = Xml.fromstring(data)
-    assert event.find("point").get("ce") == "3.0"  # type: ignore[union-attr]
-    track = event.find("detail/track")
-    assert track is not None and float(track.get("course", "")) == 135.0
-    assert float(track.get("speed", "")) == pytest.approx(hypot(1, 1), abs=0.01)
-    stale = datetime.fromisoformat(event.get("stale", "")) - datetime.fromisoformat(event.get("time", ""))
-    assert stale.total_seconds() == 30.0
+def test_cursor_on_target_is_an_event_of_its_standard_with_one_sigma_and_the_motion() -> None:
+    """MITRE's Event.xsd. South-east at 1.41 m/s; 1 750 000 012 s is 15 June 2025, 15:06:52 UTC."""
+    event = Xml.fromstring(export.cursor_on_target(PLACE, 'tag "<1>', 1_750_000_000_000_000, 12.0))
+    begins, ends = "2025-06-15T15:06:52.000Z", "2025-06-15T15:07:22.000Z"
+    assert event.attrib == {"version": "2.0", "uid": 'circnav.tag "<1>', "type": "a-u-G", "how": "m-f",
+                            "time": begins, "start": begins, "stale": ends}  # fmt: skip
+    point, contact, track = (event.find(name).attrib for name in ("point", "detail/contact", "detail/track"))  # type: ignore[union-attr]
+    assert (float(point.pop("lat")), float(point.pop("lon"))) == HERE
+    assert point == {"hae": "9999999.0", "ce": "3.0", "le": "9999999.0"}
+    assert (contact, track) == ({"callsign": 'tag "<1>'}, {"course": "135.0", "speed": "1.41"})
+
+
+def test_a_tak_library_reads_place_error_and_motion() -> None:
+    """takproto turns the XML into TAK's own protocol buffers, and refuses what it cannot."""
+    takproto = pytest.importorskip("takproto")
+    data = export.cursor_on_target(PLACE, "tag 17", 1_750_000_000_000_000, 12.0)
+    event = takproto.parse_proto(takproto.xml2proto(data.decode())).cotEvent
+    assert (event.lat, event.lon) == HERE
+    assert (event.type, event.how, event.ce, event.detail.contact.callsign) == ("a-u-G", "m-f", 3.0, "tag 17")
+    assert (event.sendTime, event.staleTime - event.sendTime) == (1_750_000_012_000, 30_000)

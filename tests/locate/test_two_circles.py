@@ -1,13 +1,11 @@
 """`orbit.radius_m = [100, 60]`: the first circle, then the second; and what is said of each."""
 
-from math import atan2, pi
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from circnav_mav.cli.verdict import verdict
-from circnav_mav.locate.estimator import locate
 from circnav_mav.locate.place import Place
 from circnav_mav.mav.check_result import Grade
 from circnav_mav.mission.checks import check_mission
@@ -17,30 +15,13 @@ from circnav_mav.runlog.loop_steps import recorded_steps
 from circnav_mav.runlog.replay import replay
 from circnav_mav.runlog.run_folder import open_run
 from circnav_mav.runlog.summary import FlightFacts, summarise
-from sim.vehicle import Truth
 from tests.flight.lockstep import CONFIG, true_radius
 from tests.flight.recorded import EPOCH_US, recorded_flight
-from tests.locate.flown import Surveyed, surveyed
+from tests.locate.flown import laps, surveyed
 
 BOTH = "orbit.radius_m=[100, 60]"
 ON_CIRCLE = ("sim.start.north_m=100", "sim.start.east_m=0", "sim.start.heading_deg=90")
 SURVEYED = (BOTH, *ON_CIRCLE, "sim.sensors.gps_error_m=0.02", "sim.ranging.bias_m=1.5")
-
-
-def laps(truths: list[Truth]) -> float:
-    """Round the target."""
-    angles = [atan2(one.north - one.target_north, one.east - one.target_east) for one in truths]
-    return abs(float(np.unwrap(angles)[-1]) - angles[0]) / (2 * pi)
-
-
-def place(flown: Surveyed) -> Place:
-    assert flown.locator is not None
-    flown.locator._solve_at = 0.0
-    job = flown.locator.job(flown.now)
-    assert job is not None
-    found = locate(*job)
-    assert isinstance(found, Place)
-    return found
 
 
 def test_height_and_bias_are_known_after_the_second_circle_and_not_after_the_first() -> None:
@@ -48,10 +29,11 @@ def test_height_and_bias_are_known_after_the_second_circle_and_not_after_the_fir
     flown = surveyed(*("quickstart", *SURVEYED), law="feedforward", gps_sigma=0.02)
     flown.solve_from = 1e9
     flown.fly(56.0)
-    assert not place(flown).up_known
+    one = flown.solve()
+    assert isinstance(one, Place) and not one.up_known
     flown.fly(120.0)
-    known = place(flown)
-    assert known.up_known and abs(known.up - 584.0) < 0.5
+    known = flown.solve()
+    assert isinstance(known, Place) and known.up_known and abs(known.up - 584.0) < 0.5
     assert known.bias == pytest.approx(1.5, abs=0.3) and known.bias_sigma < 0.3
 
 

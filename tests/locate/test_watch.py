@@ -64,6 +64,8 @@ def test_a_spoof_of_the_emulated_vehicle_is_told_within_ten_seconds_and_leaves_f
     flown.fly(86.0)
     watch = flown.locator.watch  # type: ignore[union-attr]
     assert watch.told and 75.0 < watch.told[0][0] <= 85.0 and "GPS likeliest" in watch.told[0][1]
+    texts = [message.text for _, message in flown.messages if message.get_type() == "STATUSTEXT"]
+    assert "circnav: GPS WATCH: GPS likeliest wrong" in texts
     place = flown.locator.place  # type: ignore[union-attr]
     assert place is not None and hypot(*flown.error(place)) < 5.0
     alone = flight("quickstart", *changes, law="smooth").fly(86.0)

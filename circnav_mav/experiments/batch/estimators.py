@@ -5,6 +5,7 @@ from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
+from circnav_mav.experiments.batch.world import Truth, along
 from circnav_mav.guidance.air_path import chord, wrap
 from circnav_mav.guidance.estimators.acquisition import SearchSettings
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
@@ -36,16 +37,6 @@ class Seen:
     flies: Array
     felt: Array | None = None
     rate: tuple[Array, float] | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Truth:
-    """What is true: p = vehicle - target (2, B), d = wind - target velocity (2, B), psi, turn_rate (B,)."""
-
-    p: Array
-    d: Array
-    psi: Array
-    turn_rate: Array
 
 
 class Estimator(Protocol):
@@ -141,13 +132,13 @@ class Auto(Estimator):
         path = chord((V + seen.airspeed) / 2, psi, wrap(seen.psi - psi), dt)
         felt = None
         if seen.felt is not None:
-            air, nose = seen.airspeed * _nose(seen.psi) - V * _nose(psi), (_nose(seen.psi) + _nose(psi)) / 2
+            air, nose = seen.airspeed * along(seen.psi) - V * along(psi), (along(seen.psi) + along(psi)) / 2
             felt = Felt(seen.felt, air, dt * nose, seen.airspeed * seen.turn_rate)
         self._before, valid = (seen.psi, seen.airspeed), seen.arrived & seen.flies
         rates = None
         if seen.rate is not None:
             sigma = np.full(valid.shape, seen.rate[1])
-            rates = Rates(seen.rate[0], sigma, valid, seen.airspeed * _nose(seen.psi))
+            rates = Rates(seen.rate[0], sigma, valid, seen.airspeed * along(seen.psi))
         for part, bank in zip(self._parts, self._banks, strict=True):
             theirs = None if felt is None else felt.of(part)
             measured = None if rates is None else rates.of(part)
@@ -156,7 +147,7 @@ class Auto(Estimator):
         p, d = position(x), drift(x)
         V = np.where(stage == Stage.EMPTY, self._speed, x[KAPPA] * seen.airspeed)
         self.found = Found(p[0], p[1], d[0], d[1], seen.psi, V, trusted, self._all("favourite"))
-        v = V * np.stack([np.cos(seen.psi), np.sin(seen.psi)]) + d
+        v = V * along(seen.psi) + d
         r_dot = (p * v).sum(axis=0) / np.maximum(x[R], 1.0)
         self.r, self.r_dot = np.where(trusted, x[R], self._kalman.r), np.where(trusted, r_dot, self._kalman.r_dot)
         self.ready = self._kalman.ready | trusted
@@ -167,11 +158,6 @@ class Auto(Estimator):
         return np.concatenate([getattr(bank, name) for bank in self._banks], axis=-1)
 
 
-def _nose(psi: Array) -> Array:
-    """Unit vectors of headings, (2, B)."""
-    return np.stack([np.cos(psi), np.sin(psi)])
-
-
 class FullInformation(Estimator):
     """The reference: the truth in place of an estimate."""
 
@@ -180,6 +166,6 @@ class FullInformation(Estimator):
 
     def observe(self, seen: Seen, true: Truth) -> None:
         self.r, self.taken = np.hypot(true.p[0], true.p[1]), self.ready
-        v = self._speed * np.stack([np.cos(true.psi), np.sin(true.psi)]) + true.d
+        v = self._speed * along(true.psi) + true.d
         self.r_dot = (true.p * v).sum(axis=0) / np.maximum(self.r, 1.0)
         self.found = Found(true.p[0], true.p[1], true.d[0], true.d[1], true.psi, self._speed, self.ready)

@@ -7,20 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from circnav_mav.experiments.batch.estimators import Truth
 from circnav_mav.experiments.batch.guidance import POLICIES, Guidance, estimator
 from circnav_mav.experiments.batch.loop import Always, fly
-from circnav_mav.experiments.batch.sensors import (
-    GAUSSIAN,
-    ImuNoise,
-    MotionNoise,
-    OwnSenses,
-    Radio,
-    Ranging,
-    RateNoise,
-    Reading,
-)
-from circnav_mav.experiments.batch.world import Airframe, Surroundings, World
+from circnav_mav.experiments.batch.sensors import ImuNoise, MotionNoise, OwnSenses, Radio, Ranging, RateNoise, Reading
+from circnav_mav.experiments.batch.world import Airframe, Surroundings, Truth, World, along
 from circnav_mav.guidance.air_path import wrap
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
 from circnav_mav.guidance.laws import LAWS
@@ -77,7 +67,7 @@ class Situation:
     target_walk: float = 0.0
     veer: float = 0.0
     stands: float = 0.0
-    ranging: Ranging = GAUSSIAN
+    ranging: Ranging = field(default_factory=Ranging)
     rates: RateNoise | None = None
     compass_bias: float = 0.0
     compass_drift: float = 0.0
@@ -98,7 +88,6 @@ class Tracks:
     r: Array
     r_dot: Array
     angle: Array
-    turn_rate: Array
     command: Array
     r_hat: Array
     r_dot_hat: Array
@@ -107,36 +96,22 @@ class Tracks:
     start: Truth
 
 
-@dataclass(frozen=True, slots=True)
-class Start:
-    """The beginning of B flights. sense (B,): +1 counter-clockwise."""
-
-    world: World
-    radio: Radio
-    senses: OwnSenses
-    sense: Array
-
-
-def begin(situation: Situation, flights: int, seed: int) -> Start:
-    """The worlds of B flights at their start; of one seed always the same, however many there are."""
+def begin(situation: Situation, flights: int, seed: int) -> tuple[World, Radio, OwnSenses, Array]:
+    """B flights at their start, and their senses of rotation (B,), +1 counter-clockwise; of one seed always the same,
+    however many there are."""
     s, cfg, seeds = situation, situation.circle, [(seed, flight) for flight in range(flights)]
     draws = np.array([np.random.default_rng([*one, 3]).random(10) for one in seeds]).T
     angle, psi, wind, course = 2 * np.pi * draws[:4]
     turns, bias, drift, speed = np.where(draws[4:8] < 0.5, -1.0, 1.0)
     around = Surroundings(
-        wind=s.wind * np.stack([np.cos(wind), np.sin(wind)]), gust=s.gust, target_speed=s.target, target_course=course,
+        wind=s.wind * along(wind), gust=s.gust, target_speed=s.target, target_course=course,
         target_turn=turns * s.target_turn, target_walk=s.target_walk, veer=turns * s.veer, stands=s.stands,
         phase=draws[9],
     )  # fmt: skip
     r = s.start[0] + (s.start[1] - s.start[0]) * draws[8]
-    return Start(
-        World(
-            around,
-            Airframe(cfg.speed, cfg.max_turn_rate, cfg.lag),
-            r * np.stack([np.cos(angle), np.sin(angle)]),
-            psi,
-            seeds,
-        ),
+    airframe = Airframe(cfg.speed, cfg.max_turn_rate, cfg.lag)
+    return (
+        World(around, airframe, r * along(angle), psi, seeds),
         Radio(s.ranging, Reading(s.ranging.sigma), seeds, rates=s.rates),
         OwnSenses(s.noise, seeds, bias * s.compass_bias, drift * s.compass_drift, 1 + speed * s.airspeed_error, s.imu),
         np.where(np.arange(flights) % 2 == 0, 1.0, -1.0),
@@ -162,29 +137,24 @@ def policy(name: str) -> Make:
 
 def fly_situation(situation: Situation, make: Make, flights: int, seed: int) -> Tracks:
     """Fly B flights of a situation."""
-    return fly_from(begin(situation, flights, seed), situation, make)
-
-
-def fly_from(start: Start, situation: Situation, make: Make) -> Tracks:
-    """Fly a situation from a start; its world goes along."""
-    flights, steps = start.sense.size, round(situation.duration / situation.dt)
-    guidance = make(situation.circle, start.sense)
+    world, radio, senses, sense = begin(situation, flights, seed)
+    steps, first = round(situation.duration / situation.dt), world.truth
+    guidance = make(situation.circle, sense)
     kept = {name: np.zeros((steps, flights), np.float32) for name in ROWS}
-    first = Truth(start.world.p, start.world.drift, start.world.psi, start.world.turn_rate)
 
     def record(step: int, true: Truth, command: Array, cut: Array) -> None:
-        v = situation.circle.speed * np.stack([np.cos(true.psi), np.sin(true.psi)]) + true.d
+        v = situation.circle.speed * along(true.psi) + true.d
         r, e = np.hypot(true.p[0], true.p[1]), guidance.estimator
-        row = (r, (true.p * v).sum(axis=0) / np.maximum(r, 1e-9), np.arctan2(true.p[1], true.p[0]), true.turn_rate,
-               command, e.r, e.r_dot, _nees(e.belief, true.p))  # fmt: skip
+        row = (r, (true.p * v).sum(axis=0) / np.maximum(r, 1e-9), np.arctan2(true.p[1], true.p[0]), command,
+               e.r, e.r_dot, _nees(e.belief, true.p))  # fmt: skip
         for name, value in zip(ROWS, row, strict=True):
             kept[name][step] = value
 
-    fly(start.world, start.radio, start.senses, guidance, Always(flights, steps), situation.dt, record)
-    return Tracks(time=np.arange(steps) * situation.dt, sense=start.sense, start=first, **kept)
+    fly(world, radio, senses, guidance, Always(flights, steps), situation.dt, record)
+    return Tracks(time=np.arange(steps) * situation.dt, sense=sense, start=first, **kept)
 
 
-ROWS = ("r", "r_dot", "angle", "turn_rate", "command", "r_hat", "r_dot_hat", "nees")
+ROWS = ("r", "r_dot", "angle", "command", "r_hat", "r_dot_hat", "nees")
 
 
 def _nees(belief: tuple[Array, Array] | None, p: Array) -> Array:

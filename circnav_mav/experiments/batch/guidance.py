@@ -5,16 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from circnav_mav.experiments.batch.estimators import (
-    Auto,
-    Estimator,
-    FullInformation,
-    Kalman,
-    Seen,
-    Truth,
-    Unicycle,
-    merged,
-)
+from circnav_mav.experiments.batch.estimators import Auto, Estimator, FullInformation, Kalman, Seen, Unicycle, merged
+from circnav_mav.experiments.batch.world import Truth
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
 from circnav_mav.guidance.estimators.table import default_estimator
 from circnav_mav.guidance.law_selector import at_start
@@ -57,7 +49,7 @@ class Guidance:
     ) -> None:  # fmt: skip
         self.settings, self.estimator, self._stale = settings, estimator, stale
         self._state = StepState(np.full(flights, -np.inf), np.zeros(flights), at_start(flights))
-        self._at_rest, self._pending_turn = Pending(0.0, lag), PendingTurn()
+        self._pending, self._pending_turn = Pending(0.0, lag), PendingTurn()
         self._lag, self._learns = lag, learns + np.zeros(flights, bool)
         self._response = Response(0.0, answers, 1 / max(answers, SHORTEST), learnt=True)
         gain = TurnGain(gain=turn_gain)
@@ -75,7 +67,8 @@ class Guidance:
         self._now = now
         self.estimator.observe(seen, true)
         self._sure_at = np.where(self.estimator.taken, now, self._sure_at)
-        self._pending = self._pend(seen)
+        if self.settings.law.flies_relative_motion:
+            self._pending = self._pending_turn.at(now, self._response, seen.turn_rate)
 
     def feel(self, now: float, heading: Array, flies: Array) -> None:
         """Learn the turn gain from a heading (B,)."""
@@ -97,9 +90,3 @@ class Guidance:
         if cfg.law.flies_relative_motion:
             self._pending_turn.command(self._now, told.turn * self._gain.gain)
         return told.turn, told.cut
-
-    def _pend(self, seen: Seen) -> Pending:
-        """What is commanded but not turned yet."""
-        if not self.settings.law.flies_relative_motion:
-            return self._at_rest
-        return self._pending_turn.at(self._now, self._response, seen.turn_rate)

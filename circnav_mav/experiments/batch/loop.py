@@ -5,10 +5,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from circnav_mav.experiments.batch.estimators import Seen, Truth
+from circnav_mav.experiments.batch.estimators import Seen
 from circnav_mav.experiments.batch.guidance import Guidance
 from circnav_mav.experiments.batch.sensors import OwnSenses, Radio
-from circnav_mav.experiments.batch.world import World
+from circnav_mav.experiments.batch.world import Truth, World
 
 Array = Any
 ATTITUDE_EVERY = 0.05
@@ -31,22 +31,19 @@ class Authority(Protocol):
         ...
 
 
-class Always:
+class Always(Authority):
     """From the first step to the last."""
 
     def __init__(self, flights: int, steps: int) -> None:
         self._all, self._steps = np.ones(flights, bool), steps
 
     def hears(self, step: int) -> Array:
-        """All."""
         return self._all
 
     def flies(self, step: int, good: Array) -> Array:
-        """All."""
         return self._all
 
     def over(self, step: int) -> bool:
-        """After so many steps."""
         return step >= self._steps
 
 
@@ -62,7 +59,7 @@ def fly(
     flies = authority.flies(0, np.zeros(world.psi.shape, bool))
     while not authority.over(step):
         now = step * dt
-        true = Truth(world.p, world.drift, world.psi, world.turn_rate)
+        true = world.truth
         z, sigma, arrived = radio.measure(world.r, step, dt)
         rate = radio.measure_rate(world.r_dot, step, dt)
         psi, turn_rate, airspeed = senses.report(world.psi, world.turn_rate, world.airframe.speed, now)

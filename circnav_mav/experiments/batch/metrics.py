@@ -10,28 +10,18 @@ import numpy as np
 Array = Any
 
 
-def last(time: Array, values: Array, seconds: float) -> Array:
-    """The rows of the last so many seconds."""
-    return values[time >= time[-1] - seconds]
-
-
 def rms(values: Array) -> Array:
     """Root mean square over time, (B,)."""
     return np.sqrt(np.mean(np.asarray(values, float) ** 2, axis=0))
 
 
-def last_exit(time: Array, r: Array, r_d: float, tolerance: float) -> Array:
-    """Time (B,) after which |r - r_d| stays within tolerance * r_d; infinite if the flight ends outside."""
-    outside = np.abs(r - r_d) > tolerance * r_d
+def last_exit(time: Array, r: Array, r_d: float, within: float) -> Array:
+    """Time (B,) after which |r - r_d| stays within so many m; infinite if the flight ends outside."""
+    outside = np.abs(r - r_d) > within
     step = time[1] - time[0]
     newest = len(time) - 1 - outside[::-1].argmax(axis=0)
     settled = np.where(outside.any(axis=0), time[newest] + step, 0.0)
     return np.where(outside[-1], np.inf, settled)
-
-
-def closest(r: Array) -> Array:
-    """Smallest range, m, (B,)."""
-    return r.min(axis=0)
 
 
 def overshoot(r: Array, r_d: float) -> Array:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from circnav_mav.experiments.batch.draws import Draws
+from circnav_mav.experiments.batch.world import turned
 from circnav_mav.guidance.slant import MAX_SIGMA_GROWTH
 
 Array = Any
@@ -41,7 +42,6 @@ class Ranging:
         return np.hypot(self.white, self.drifting)
 
 
-GAUSSIAN = Ranging()
 UWB = Ranging(white=0.02, drifting=0.15)
 LORA = Ranging(white=1.0, drifting=2.0, every=2, loss=0.1, near_bias=3.0)
 
@@ -187,10 +187,4 @@ class OwnSenses:
         dt = now - before[2]
         wrong = (self._imu_bias + self._imu.white * self._shakes.next()) * dt
         nose = (psi + before[0]) / 2
-        return _turned(velocity - before[1] + _turned(wrong, nose), self._bias + self._drift * now)
-
-
-def _turned(vector: Array, angle: Array) -> Array:
-    """Vectors (2, B) turned to the left by angles (B,), rad."""
-    c, s = np.cos(angle), np.sin(angle)
-    return np.stack([c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]])
+        return turned(velocity - before[1] + turned(wrong, nose), self._bias + self._drift * now)

@@ -49,6 +49,16 @@ class Airframe:
     lag: Array
 
 
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """What is true: p = vehicle - target (2, B), d = wind - target velocity (2, B), psi, turn_rate (B,)."""
+
+    p: Array
+    d: Array
+    psi: Array
+    turn_rate: Array
+
+
 class World:
     """B vehicles under way. p: vehicle - target (2, B), m. psi, turn_rate: of the vehicle (B,). carried (B,): 1 where
     the wind carries a vehicle."""
@@ -76,7 +86,7 @@ class World:
     @property
     def target_velocity(self) -> Array:
         """Now, (2, B), m/s."""
-        return self._speed * self._goes * _along(self._course)
+        return self._speed * self._goes * along(self._course)
 
     @property
     def _goes(self) -> Array:
@@ -85,14 +95,14 @@ class World:
         return np.where((self._now / (2 * w.stands) + w.phase) % 1 < 0.5, 1.0, 0.0) if w.stands else 1.0
 
     @property
-    def drift(self) -> Array:
-        """Wind less target velocity, (2, B), m/s."""
-        return self.wind - self.target_velocity
+    def truth(self) -> Truth:
+        """Now."""
+        return Truth(self.p, self.wind - self.target_velocity, self.psi, self.turn_rate)
 
     @property
     def velocity(self) -> Array:
         """Over ground, (2, B), m/s, of those who fly."""
-        return self.airframe.speed * _along(self.psi) + self.wind * self.carried
+        return self.airframe.speed * along(self.psi) + self.wind * self.carried
 
     @property
     def r(self) -> Array:
@@ -123,7 +133,7 @@ class World:
 
     def _move_targets(self, dt: float) -> None:
         w = self._around
-        way = (self._speed + w.target_push * dt / 2) * dt * _along(self._course + w.target_turn * dt / 2)
+        way = (self._speed + w.target_push * dt / 2) * dt * along(self._course + w.target_turn * dt / 2)
         self.p = self.p - way * self._goes
         self._speed, self._course = self._speed + w.target_push * dt, self._course + w.target_turn * dt
 
@@ -132,8 +142,7 @@ class World:
         w = self._around
         times, since = np.divmod(self._now + w.phase * VEER_EVERY, VEER_EVERY)
         angle = w.veer * (times + np.minimum(since / VEER_TIME, 1.0))
-        c, s = np.cos(angle), np.sin(angle)
-        self._steady = np.stack([c * w.wind[0] - s * w.wind[1], s * w.wind[0] + c * w.wind[1]])
+        self._steady = turned(w.wind, angle)
 
     def _draw(self, dt: float) -> None:
         """New gusts, by the exact transition of the process, and pushes of the targets."""
@@ -145,9 +154,15 @@ class World:
             self._speed, self._course = np.minimum(np.hypot(x, y), w.target_speed), np.arctan2(y, x)
 
 
-def _along(angle: Array) -> Array:
-    """Unit vectors (2, B)."""
+def along(angle: Array) -> Array:
+    """Unit vectors (2, B) at angles (B,), rad."""
     return np.stack([np.cos(angle), np.sin(angle)])
+
+
+def turned(vector: Array, angle: Array) -> Array:
+    """Vectors (2, B) turned to the left by angles (B,), rad."""
+    c, s = along(angle)
+    return np.stack([c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]])
 
 
 def turn_step(omega: Array, command: Array, lag: Array, dt: float) -> tuple[Array, Array]:
@@ -160,4 +175,4 @@ def turn_step(omega: Array, command: Array, lag: Array, dt: float) -> tuple[Arra
 def flown(V: Array, psi: Array, omega: Array, command: Array, lag: Array, dt: float) -> Array:
     """Displacement through the air (2, B) during that step, by three-point Gauss quadrature of the exact heading."""
     headings = (psi + turn_step(omega, command, lag, at * dt)[1] for at in GAUSS_AT)
-    return V * dt * sum(weight * _along(heading) for weight, heading in zip(GAUSS_WEIGHT, headings, strict=True))
+    return V * dt * sum(weight * along(heading) for weight, heading in zip(GAUSS_WEIGHT, headings, strict=True))

@@ -1,12 +1,11 @@
 """Which flights may be flown in a batch, and which of them together. Whatever else is varied flies in lockstep."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import asdict
-from typing import Any
 
-from circnav_mav.emulator.config import Ranging
-from circnav_mav.emulator.sensor import CHARACTERS
+from circnav_mav.experiments.campaign.emulated import white_noise
 from circnav_mav.experiments.campaign.plan import Run
+from circnav_mav.experiments.campaign.spec import flat
 
 OWN = frozenset({
     "name", "vehicle.max_turn_rate_deg_s", "vehicle.max_bank_deg", "orbit.radius_m", "orbit.direction",
@@ -34,7 +33,7 @@ def obstacle(run: Run) -> str | None:
 def group(run: Run) -> tuple[tuple[str, str], ...]:
     """What must be the same in all flights of a batch."""
     own = OWN_OF_KALMAN if run.mission.estimator == "kalman" else OWN
-    values = _flat(run.mission.file.model_dump(exclude={"sim"})) | _flat(asdict(run.vehicle), "sim.")
+    values = dict(flat(run.mission.file.model_dump(exclude={"sim"}) | {"sim": asdict(run.vehicle)}))
     shared = (key for key in values if key not in own and not key.startswith(OWN_TABLES))
     return tuple((key, repr(values[key])) for key in sorted(shared))
 
@@ -52,7 +51,7 @@ def _obstacles(run: Run) -> Iterator[tuple[bool, str]]:
     yield ranging.rate_hz <= 0, "sim.ranging.rate_hz is 0"
     yield ranging.latency_s > 0, "sim.ranging.latency_s is not 0"
     yield ranging.via == "autopilot", 'sim.ranging.via = "autopilot" repeats ranges'
-    yield _white(ranging) > MOST_SCATTER * file.ranging.sigma_m, "ranges scatter more than ranging.sigma_m says"
+    yield white_noise(ranging) > MOST_SCATTER * file.ranging.sigma_m, "ranges scatter more than ranging.sigma_m says"
     wild = ranging.outlier_fraction > MOST_OUTLIERS and ranging.outlier_m > 2 * file.ranging.sigma_m
     yield wild, "sim.ranging.outlier_fraction is so large that the pilot takes outliers for noise"
     yield file.ranging.resent or file.ranging.stamp == "arrival", "[ranging] resent or stamp is not the default"
@@ -61,19 +60,3 @@ def _obstacles(run: Run) -> Iterator[tuple[bool, str]]:
     yield file.guidance.radius_trim_per_s > 0, "guidance.radius_trim_per_s is not 0"
     yield file.bounds != type(file.bounds)(), "[bounds] are set"
     yield file.engage.on_takeover != "end", "engage.on_takeover is not the default"
-
-
-def _white(ranging: Ranging) -> float:
-    """Standard deviation of the white noise of the emulator's ranges, m."""
-    white = CHARACTERS[ranging.preset].white
-    return ranging.noise_m if white is None else white
-
-
-def _flat(table: Mapping[str, Any], before: str = "") -> dict[str, Any]:
-    flat: dict[str, Any] = {}
-    for key, value in table.items():
-        if isinstance(value, Mapping):
-            flat |= _flat(value, f"{before}{key}.")
-        else:
-            flat[before + key] = value
-    return flat

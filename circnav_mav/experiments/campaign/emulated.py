@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from circnav_mav.emulator.config import Ranging as RangingConfig
 from circnav_mav.emulator.sensor import CHARACTERS
 from circnav_mav.emulator.starting import starting_body
 from circnav_mav.experiments.batch.guidance import Guidance, estimator
@@ -58,7 +59,7 @@ def radio(runs: Sequence[Run], every: int) -> Radio:
     kinds = [CHARACTERS[config.preset] for config in configs]
     pairs = list(zip(configs, kinds, strict=True))
     ranging = Ranging(
-        white=_array(c.noise_m if k.white is None else k.white for c, k in pairs),
+        white=_array(map(white_noise, configs)),
         drifting=_array(k.drift for k in kinds),
         drift_time=_array(k.drift_time for k in kinds),
         bias=_array(c.bias_m for c in configs),
@@ -82,13 +83,18 @@ def radio(runs: Sequence[Run], every: int) -> Radio:
     return Radio(ranging, reading, _seeds(runs), _array(heights))
 
 
+def white_noise(config: RangingConfig) -> float:
+    """Standard deviation of the white noise of the emulator's ranges, m."""
+    white = CHARACTERS[config.preset].white
+    return config.noise_m if white is None else white
+
+
 def _said(run: Run) -> float:
     """The standard deviation that a range comes with, m: its message's, else the mission's."""
     least, most = SAID[run.mission.file.ranging.message]
     noise = run.vehicle.ranging.noise_m
-    return (
-        max(noise, least) if run.vehicle.ranging.report_accuracy and noise <= most else run.mission.file.ranging.sigma_m
-    )
+    told = run.vehicle.ranging.report_accuracy and noise <= most
+    return max(noise, least) if told else run.mission.file.ranging.sigma_m
 
 
 def guidance(runs: Sequence[Run]) -> Guidance:

@@ -4,7 +4,7 @@ import logging
 import os
 import socket
 from collections import deque
-from collections.abc import Collection, Generator, Sequence
+from collections.abc import Callable, Collection, Generator, Sequence
 from concurrent.futures import Future
 from queue import SimpleQueue
 from typing import Any
@@ -13,8 +13,7 @@ from circnav_mav.experiments.campaign.fly import Row, fly_part
 from circnav_mav.experiments.campaign.plan import Campaign
 from circnav_mav.experiments.worker_pool import Submit, WorkerDiedError, workers
 
-Runs = Sequence[int]
-Chunks = Sequence[Runs]
+Chunks = Sequence[Sequence[int]]
 Done = Collection[int]
 Rows = Generator[list[Row], None, None]
 Part = tuple[list[Row], list[int]]
@@ -40,53 +39,37 @@ def cores() -> int:
 
 def on_cores(campaign: Campaign, chunks: Chunks, processes: int, done: Done = frozenset()) -> Rows:
     """The rows of the chunks but of the runs that are done, as they finish, in any order. Raises ExecutionError."""
-    parts = _parts(chunks, done)
     if processes == 1:
-        yield from _in_turn(campaign, parts)
+        yield from _gathered(_here, campaign, chunks, done, ahead=1)
         return
     try:
         with workers(processes) as submit:
-            yield from _gathered(submit, campaign, parts)
+            yield from _gathered(submit, campaign, chunks, done)
     except WorkerDiedError:
         raise ExecutionError("a worker process died (out of memory?): --resume flies what is missing") from None
 
 
-def _in_turn(campaign: Campaign, parts: Sequence[tuple[Runs, Runs]]) -> Rows:
-    """The same one after the other, in this process."""
-    waiting = deque(parts)
-    while waiting:
-        rows, alone = fly_wanted(campaign, *waiting.popleft())
-        waiting.extendleft(([number], [number]) for number in reversed(alone))
-        yield rows
+def _here(function: Callable[..., Part], *arguments: Any) -> Future[Part]:
+    """Submit that works in this process, at once."""
+    done: Future[Part] = Future()
+    done.set_result(function(*arguments))
+    return done
 
 
-def _gathered(submit: Submit, campaign: Campaign, parts: Sequence[tuple[Runs, Runs]]) -> Rows:
-    """The rows of the parts, flown by whoever takes what is submitted; what must be flown alone is a job each."""
+def _gathered(submit: Submit, campaign: Campaign, chunks: Chunks, done: Done, ahead: int = AHEAD) -> Rows:
+    """The rows that are missing, flown by whoever takes what is submitted; what must be flown alone is a job each."""
     ready: SimpleQueue[Future[Part]] = SimpleQueue()
-    jobs = deque((fly_wanted, campaign, *part) for part in parts)
+    missing = ((chunk, set(chunk).difference(done)) for chunk in chunks)
+    jobs = deque[tuple[Sequence[int], set[int]]]((chunk, wanted) for chunk, wanted in missing if wanted)
     under_way = 0
     while jobs or under_way:
-        while jobs and under_way < AHEAD:
-            submit(*jobs.popleft()).add_done_callback(ready.put)
+        while jobs and under_way < ahead:
+            submit(fly_part, campaign, *jobs.popleft()).add_done_callback(ready.put)
             under_way += 1
         rows, alone = ready.get().result()
         under_way -= 1
-        jobs.extend((fly_wanted, campaign, [number], [number]) for number in alone)
+        jobs.extend(([number], {number}) for number in alone)
         yield rows
-
-
-def _parts(chunks: Chunks, done: Done) -> list[tuple[Runs, Runs]]:
-    """The chunks in which something is missing, each with what is."""
-    missing = ((chunk, [run for run in chunk if run not in done]) for chunk in chunks)
-    return [(chunk, chunk if len(wanted) == len(chunk) else wanted) for chunk, wanted in missing if wanted]
-
-
-def fly_wanted(campaign: Campaign, chunk: Runs, wanted: Runs) -> Part:
-    """What `fly_part` gives of the wanted runs of a chunk. The whole batch is flown: how numpy sums up depends on how
-    many fly together, and a row must not depend on where a campaign was interrupted."""
-    rows, alone = fly_part(campaign, chunk)
-    left = set(wanted)
-    return [row for row in rows if row["run"] in left], [number for number in alone if number in left]
 
 
 def on_scheduler(campaign: Campaign, chunks: Chunks, address: str, done: Done = frozenset()) -> Rows:
@@ -111,7 +94,7 @@ def on_scheduler(campaign: Campaign, chunks: Chunks, address: str, done: Done = 
         if not client.scheduler_info()["workers"]:
             raise ExecutionError(f"--scheduler {address}: has no workers: start some with: dask worker {address}")
         try:
-            yield from _gathered(client.get_executor(pure=False).submit, campaign, _parts(chunks, done))
+            yield from _gathered(client.get_executor(pure=False).submit, campaign, chunks, done)
         except Exception as error:
             said = " ".join(str(error).split())[:200]
             raise ExecutionError(

@@ -6,9 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from circnav_mav.experiments.campaign.lockstep import COMPLETED
+from circnav_mav.experiments.campaign.lockstep import COMPLETED, Track
 from circnav_mav.experiments.campaign.plan import Campaign, Run
-from circnav_mav.experiments.campaign.track import Track
 from circnav_mav.runlog import metrics
 from circnav_mav.runlog.turn_command import NAMES, late_figures
 

@@ -1,7 +1,7 @@
 """Reads a campaign file: which mission, how often, and what varies. Whatever is wrong becomes one line."""
 
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from circnav_mav.experiments.campaign.plan import START, Campaign
-from circnav_mav.experiments.campaign.spec import DRAWS, Spec, SpecError, read_spec
+from circnav_mav.experiments.campaign.spec import DRAWS, Spec, SpecError, flat, read_spec
 from circnav_mav.mission.load import MissionError, load_mission, read_text, read_toml
 from circnav_mav.mission.problems import in_words
 
@@ -66,7 +66,7 @@ def load_campaign(path: str | Path, runs: int | None = None) -> Campaign:
 def _specs(vary: Mapping[str, Any], where: str) -> dict[str, Spec]:
     """The specs by dotted key, whether the file wrote the key in quotes or as nested tables."""
     specs: dict[str, Spec] = {}
-    for key, value in _flat(vary):
+    for key, value in flat(vary, whole=_names_a_distribution):
         _check_alone(key, specs, where)
         try:
             specs[key] = read_spec(value)
@@ -88,11 +88,6 @@ def _check_alone(key: str, others: Iterable[str], where: str) -> None:
             raise CampaignError(f"{where}: vary: {other} and {key} set the same key: keep one")
 
 
-def _flat(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
-    """(dotted key, spec) pairs: a table is part of the key, unless it names a distribution, or nearly."""
-    for key, value in table.items():
-        drawn = isinstance(value, Mapping) and any(get_close_matches(name, DRAWS, n=1, cutoff=0.75) for name in value)
-        if isinstance(value, Mapping) and value and not drawn:
-            yield from _flat(value, f"{before}{key}.")
-        else:
-            yield before + key, value
+def _names_a_distribution(table: Mapping[str, Any]) -> bool:
+    """Or nearly: what is misspelt is told as such."""
+    return any(get_close_matches(name, DRAWS, n=1, cutoff=0.75) for name in table)

@@ -1,7 +1,7 @@
 """Many flights of a campaign at once: the emulator's ideal copter under the batch's guidance, without the messages."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import ceil
 from typing import Any
 
@@ -9,30 +9,22 @@ import numpy as np
 
 from circnav_mav.emulator.config import RandomStart
 from circnav_mav.emulator.starting import starting_body
-from circnav_mav.experiments.batch.estimators import Truth
 from circnav_mav.experiments.batch.loop import fly
 from circnav_mav.experiments.batch.sensors import NO_NOISE, OwnSenses
+from circnav_mav.experiments.batch.world import Truth
 from circnav_mav.experiments.campaign import emulated
-from circnav_mav.experiments.campaign.lockstep import COMPLETED, Flight
+from circnav_mav.experiments.campaign.lockstep import COMPLETED, Flight, Track
 from circnav_mav.experiments.campaign.plan import Run
-from circnav_mav.experiments.campaign.track import Track
 from circnav_mav.guidance.types import SAME_TIME
 
 Array = Any
 NEVER = 1 << 40
 
 
-@dataclass(frozen=True, slots=True)
-class Opening:
-    """heard: time, s, of the first range that reaches the pilot. steered: of the first setpoint."""
-
-    heard: float
-    steered: float
-
-
-def opening(run: Run) -> Opening | None:
-    """When a vehicle becomes ours: asked of one real flight beside its target, in perfect weather and with a perfect
-    radio, for a batch has no modes and no heartbeats. None if it would never be engaged."""
+def opening(run: Run) -> tuple[float, float] | None:
+    """Times, s, of the first range that reaches the pilot and of the first setpoint: asked of one real flight beside
+    its target, in perfect weather and with a perfect radio, for a batch has no modes and no heartbeats. None if it
+    would never be engaged."""
     vehicle, target = run.vehicle, run.vehicle.target
     beside = target.north_m + run.mission.orbit.radius
     clean = replace(
@@ -49,16 +41,16 @@ def opening(run: Run) -> Opening | None:
         if heard is None and flight.pilot.tracker.accepted:
             heard = flight.now
     steered = flight.pilot.engaged_at
-    return None if heard is None or steered is None else Opening(heard, steered)
+    return None if heard is None or steered is None else (heard, steered)
 
 
 class Engagement:
     """Which flights are ours: from the first good estimate after the opening, until the mission's time is over or there
     was no good estimate for too long. engaged, ended (B,): steps. stopped (B,): whether it ended for want of ranges."""
 
-    def __init__(self, runs: Sequence[Run], begins: Opening, dt: float) -> None:
+    def __init__(self, runs: Sequence[Run], begins: tuple[float, float], dt: float) -> None:
         limits = runs[0].mission.file.limits
-        self._first, self._heard = round(begins.steered / dt), round(begins.heard / dt)
+        self._heard, self._first = (round(time / dt) for time in begins)
         self._length, self._patience = round(limits.duration_s / dt), round(runs[0].mission.file.link.wait_s / dt)
         self._hold = (limits.hold_s + SAME_TIME) / dt
         self.engaged, self.ended = np.full(len(runs), NEVER), np.full(len(runs), NEVER)

@@ -1,7 +1,7 @@
 """What every way of running a campaign runs: run numbers in, rows out."""
 
 import traceback
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from typing import Any
 
 from circnav_mav.emulator.config import ConfigError
@@ -21,10 +21,6 @@ MOST_LOOKED_AT = 64
 """Flights among which one is looked for that a batch flies."""
 LEAST_CHUNKS = 4
 """A small campaign is still cut into so many chunks, for that many processes."""
-
-
-class NotBatchableError(Exception):
-    """A mission that no batch flies, where the campaign wants a batch."""
 
 
 def chunks(campaign: Campaign) -> list[range]:
@@ -52,13 +48,17 @@ def fly_chunk(campaign: Campaign, numbers: Iterable[int]) -> list[Row]:
     return sorted(rows + [_fly_alone(run) for run in alone], key=lambda done: int(done["run"]))
 
 
-def fly_part(campaign: Campaign, numbers: Sequence[int]) -> tuple[list[Row], list[int]]:
-    """The rows of the runs that can be flown together, and the numbers of those that are left and take a flight each:
-    their rows need not wait for one another. A single run is always flown."""
-    if len(numbers) == 1:
-        return fly_chunk(campaign, numbers), []
-    rows, alone = _fly_batches(campaign, numbers)
-    return rows, [run.number for run in alone]
+def fly_part(campaign: Campaign, chunk: Sequence[int], wanted: Collection[int]) -> tuple[list[Row], list[int]]:
+    """The rows of those wanted runs of a chunk that fly together, and the numbers of those that take a flight each:
+    their rows need not wait for one another. A single run is always flown.
+
+    The whole batch is flown: how numpy sums up depends on how many fly together, and a row must not depend on where a
+    campaign was interrupted.
+    """
+    if len(chunk) == 1:
+        return fly_chunk(campaign, chunk), []
+    rows, alone = _fly_batches(campaign, chunk)
+    return [row for row in rows if row["run"] in wanted], [run.number for run in alone if run.number in wanted]
 
 
 def _fly_batches(campaign: Campaign, numbers: Iterable[int]) -> tuple[list[Row], list[Run]]:
@@ -70,32 +70,26 @@ def _fly_batches(campaign: Campaign, numbers: Iterable[int]) -> tuple[list[Row],
     for number in numbers:
         try:
             run = prepare(campaign, number)
-            reason = "the campaign wants lockstep" if campaign.engine == "lockstep" else obstacle(run)
-            if reason is not None and campaign.engine == "batch":
-                raise NotBatchableError(f"no batch flies this mission: {reason}")
-        except (MissionError, ConfigError, NotBatchableError) as error:
+        except (MissionError, ConfigError) as error:
             rows.append(failed_row(number, campaign.values(number), str(error)))
             continue
+        reason = "the campaign wants lockstep" if campaign.engine == "lockstep" else obstacle(run)
         if reason is None:
             together.setdefault(group(run), []).append(run)
+        elif campaign.engine == "batch":
+            rows.append(failed_row(number, run.values, f"no batch flies this mission: {reason}"))
         else:
             alone.append(run)
     for runs in together.values():
-        rows += _fly_together(runs, alone)
+        try:
+            tracks = fly_batch(runs)
+        except Exception:  # one of them broke the arithmetic of all: each for itself
+            tracks = None
+        if tracks is None:
+            alone += runs
+        else:
+            rows += [row(run, track) for run, track in zip(runs, tracks, strict=True)]
     return rows, alone
-
-
-def _fly_together(runs: list[Run], alone: list[Run]) -> Iterator[Row]:
-    """The rows of a batch; where it cannot be flown, its flights are handed on to be flown alone."""
-    try:
-        tracks = fly_batch(runs)
-    except Exception:  # one of them broke the arithmetic of all: each for itself
-        tracks = None
-    if tracks is None:
-        alone += runs
-        return
-    for run, track in zip(runs, tracks, strict=True):
-        yield row(run, track)
 
 
 def _fly_alone(run: Run) -> Row:

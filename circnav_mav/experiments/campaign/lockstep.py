@@ -1,18 +1,43 @@
 """One flight of a campaign as `fly` flies it: the pilot and the bundled vehicle in lockstep, MAVLink bytes between
 them."""
 
+from dataclasses import dataclass
+
 import numpy as np
+from numpy.typing import NDArray
 
 from circnav_mav.emulator.vehicle import Truth, Vehicle
 from circnav_mav.experiments.campaign.plan import Run
-from circnav_mav.experiments.campaign.track import Track
 from circnav_mav.pilot import Ending, Pilot, TickRecord
 from circnav_mav.runtime.lockstep import Lockstep
 from circnav_mav.runtime.runner import turn
 
+Column = NDArray[np.float64]
 COMPLETED = "completed"
 EXIT_TIME = 60.0
 """Time, s, beyond the mission's own that a flight may take to wait, engage and give the vehicle back."""
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """What a flight leaves behind, whichever engine flew it: the true path while the vehicle was ours, relative to the
+    target, and how it ended.
+
+    start: east, north (m) of the target and heading (rad, clockwise from north) at time zero. engaged: s since then,
+    None if it never was. time: s since the engagement. outcome: "completed", or why not. turn_time, turn, turn_cut: of
+    every command its time (s since the engagement), turn rate (rad/s), and whether the limit cut it.
+    """
+
+    engine: str
+    start: tuple[float, float, float]
+    engaged: float | None
+    time: Column
+    east: Column
+    north: Column
+    outcome: str
+    turn_time: Column
+    turn: Column
+    turn_cut: NDArray[np.bool_]
 
 
 class Flight:

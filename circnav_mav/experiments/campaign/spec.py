@@ -1,6 +1,6 @@
 """How one value of a mission varies from run to run: a list makes a grid, a table names a distribution."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import Any
@@ -77,3 +77,14 @@ def _check_numbers(kind: str, numbers: list[Any]) -> None:
         raise SpecError(f"{kind}: [{first:g}, {second:g}] is empty, write the lower bound first")
     if kind == "log_uniform" and first <= 0:
         raise SpecError(f"log_uniform: must be above 0, not {first:g}")
+
+
+def flat(
+    table: Mapping[str, Any], before: str = "", whole: Callable[[Mapping[str, Any]], bool] = lambda table: False
+) -> Iterator[tuple[str, Any]]:
+    """(dotted key, value) pairs of nested tables; `whole` tells which tables are values themselves."""
+    for key, value in table.items():
+        if isinstance(value, Mapping) and value and not whole(value):
+            yield from flat(value, f"{before}{key}.", whole)
+        else:
+            yield before + key, value

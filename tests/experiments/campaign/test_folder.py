@@ -1,29 +1,36 @@
 """The folder of a campaign: nobody else's files are written over, and one process at a time has it."""
 
-import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from circnav_mav.experiments.campaign.file import load_campaign
 from circnav_mav.experiments.campaign.store import Store, StoreError
+from tests.process import python
 
 VARY = '"guidance.law" = ["smooth", "pi"]\n'
 HOLDS = """
-import sys
+import sys, time
 from pathlib import Path
 from circnav_mav.experiments.campaign.file import load_campaign
 from circnav_mav.experiments.campaign.store import Store
 store = Store(Path(sys.argv[2]), load_campaign(sys.argv[1]))
 print("held", flush=True)
-sys.stdin.read()
+time.sleep(600)
 """
 
 
 @pytest.fixture
 def campaign(write):
     return load_campaign(write(VARY))
+
+
+def begin(folder, campaign, *runs):
+    store = Store(folder, campaign)
+    store.add({"run": run} for run in runs)
+    store.close()
 
 
 def contents(folder):
@@ -70,9 +77,7 @@ def test_a_table_of_somebody_elses_is_not_taken_up(campaign, tmp_path):
 
 @pytest.mark.parametrize("name", ["campaign.toml", "mission.toml"])
 def test_a_campaign_that_lost_its_files_is_not_resumed_and_says_which(campaign, tmp_path, name):
-    begun = Store(tmp_path / "out", campaign)
-    begun.add([{"run": 0}])
-    begun.close()
+    begin(tmp_path / "out", campaign, 0)
     (tmp_path / "out" / name).unlink()
     with pytest.raises(StoreError, match=f"cannot resume: {name} is missing; name another --out"):
         Store(tmp_path / "out", campaign, resume=True)
@@ -110,10 +115,7 @@ def test_a_folder_that_cannot_be_had_is_one_line_without_a_word_of_resuming(camp
 def other(write, tmp_path):
     """Another process that has the folder."""
     path = write(VARY)
-    held = subprocess.Popen(
-        [sys.executable, "-c", HOLDS, path, tmp_path / "out"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
-        env={"PYTHONPATH": str(Path(__file__).parents[3]), "PATH": "/bin"},
-    )  # fmt: skip
+    held = python("-c", HOLDS, str(path), str(tmp_path / "out"))
     assert held.stdout.readline() == "held\n"
     yield held
     held.kill()
@@ -138,18 +140,34 @@ def test_a_machine_without_locks_is_taken_as_it_is(campaign, tmp_path, monkeypat
 
 
 def test_fewer_runs_than_were_flown_are_refused_with_how_many_there_are(write, tmp_path):
-    begun = Store(tmp_path / "out", load_campaign(write(VARY, "runs = 24")))
-    begun.add([{"run": run} for run in (3, 12, 23)])
-    begun.close()
+    begin(tmp_path / "out", load_campaign(write(VARY, "runs = 24")), 3, 12, 23)
     with pytest.raises(StoreError, match=r"runs\.csv: holds run 12 and more: ask for at least 24 --runs"):
         Store(tmp_path / "out", load_campaign(write(VARY, "runs = 24"), runs=12), resume=True)
 
 
-def test_the_folder_is_free_again_when_its_campaign_is_refused(campaign, tmp_path):
-    begun = Store(tmp_path / "out", campaign)
-    begun.add([{"run": 0}])
-    begun.close()
-    with pytest.raises(StoreError, match="holds a campaign already") as kept:
+def test_a_folder_is_neither_overwritten_nor_resumed_with_another_campaign_and_free_again_when_refused(write, tmp_path):
+    campaign = load_campaign(write(VARY))
+    begin(tmp_path / "out", campaign, 0)
+    with pytest.raises(StoreError, match="holds a campaign already: --resume it, or name another --out") as kept:
         Store(tmp_path / "out", campaign)
+    with pytest.raises(StoreError, match=r"cannot resume: campaign\.toml has changed"):
+        Store(tmp_path / "out", load_campaign(write(VARY, "runs = 8\nseed = 4")), resume=True)
     Store(tmp_path / "out", campaign, resume=True).close()
-    assert kept.value is not None
+    assert kept.value is not None  # and with it all that its traceback holds
+
+
+def test_a_full_disk_is_one_line_and_what_is_there_can_be_resumed(campaign, tmp_path):
+    """Room for 3 rows and a part of the next."""
+    rows = [{"run": run, "rms_m": 1.0} for run in range(8)]
+    store = Store(tmp_path / "out", campaign)
+    store.add(rows[:3])
+    real = store._file
+    store._file = SimpleNamespace(write=lambda data: real.write(data[:10]))
+    with pytest.raises(StoreError, match="No space left on device; what is there can be resumed"):
+        store.add(rows[3:])
+    store.close()
+    again = Store(tmp_path / "out", campaign, resume=True)
+    assert again.done == {0, 1, 2}
+    again.add(rows)
+    again.close()
+    assert [row["run"] for row in again.read()] == list("01234567")
