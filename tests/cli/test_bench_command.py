@@ -2,12 +2,13 @@
 
 import pytest
 
+CELL = ("bench", "--law", "pd", "--situation", "calm")
+
 
 def test_a_cell_is_flown_and_written(circnav, tmp_path):
-    ran = circnav("bench", "--law", "pd", "--situation", "calm", "--flights", "4", "--out", tmp_path)
-    assert (ran.code, ran.err) == (0, "")
-    assert "kept    4 of 4" in ran.out
-    assert "ideal times" in ran.out
+    out = circnav(*CELL, "--flights", "4", "--out", tmp_path).done
+    assert "kept    4 of 4" in out
+    assert "ideal times" in out
     assert (tmp_path / "table.csv").read_text().startswith("situation,policy,flights,kept")
     assert (tmp_path / "table.png").exists()
 
@@ -23,16 +24,14 @@ def test_a_cell_is_flown_and_written(circnav, tmp_path):
     ],
 )
 def test_what_cannot_be_flown_is_one_line_with_the_remedy(circnav, option, value, named):
-    ran = circnav("bench", option, value)
-    assert ran.code == 2
-    assert ran.line.startswith(f"circnav: {option}: ")
-    assert named in ran.line
+    line = circnav("bench", option, value).refused
+    assert line.startswith(f"{option}: ")
+    assert named in line
 
 
 def test_a_place_that_cannot_be_written_is_found_out_before_anything_flies(circnav, tmp_path, monkeypatch):
     monkeypatch.setattr("circnav_mav.cli.bench.run", None)
     (tmp_path / "afile").write_text("")
-    ran = circnav("bench", "--law", "pd", "--situation", "calm", "--out", tmp_path / "afile")
-    assert (ran.code, ran.line) == (2, f"circnav: {tmp_path / 'afile'}: File exists")
+    assert circnav(*CELL, "--out", tmp_path / "afile").refused == f"{tmp_path / 'afile'}: File exists"
     (tmp_path / "out" / "table.csv").mkdir(parents=True)
-    assert "Is a directory" in circnav("bench", "--law", "pd", "--situation", "calm", "--out", tmp_path / "out").line
+    assert "Is a directory" in circnav(*CELL, "--out", tmp_path / "out").refused
