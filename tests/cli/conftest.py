@@ -1,5 +1,6 @@
 """The command line run inside the test, with its exit code and what it printed; and a flight for it to read."""
 
+import importlib
 import shutil
 import signal
 import socket
@@ -94,7 +95,8 @@ def run(flown: Path, tmp_path: Path) -> Path:
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Flights end without their pictures, which a process of its own takes a second to draw."""
-    monkeypatch.setattr("circnav_mav.cli.fly.draw_flight", lambda folder: [])
+    fly = importlib.import_module("circnav_mav.cli.fly")  # the package's `fly` is the command
+    monkeypatch.setattr(fly, "draw_flight", lambda folder: [])
 
 
 @pytest.fixture

@@ -111,16 +111,6 @@ def page_with(told, run, summary):
 
 
 @pytest.mark.usefixtures("no_pictures")
-@pytest.mark.parametrize("missing", ["samples_accepted", "outcome", "radius_mean_m", "setpoints_sent"])
-def test_a_summary_without_one_of_its_values_is_told_with_what_was_recorded(told, run, missing):
-    page = page_with(told, run, json.dumps({key: value for key, value in WHOLE.items() if key != missing}))
-    assert ("7777 accepted" in page) == (missing != "samples_accepted")
-    assert ("COMPLETED" in page) == (missing != "outcome")
-    assert ("radius 99.00 m" in page) == (missing != "radius_mean_m")
-    assert ("20 sent" in page) == (missing != "setpoints_sent")
-
-
-@pytest.mark.usefixtures("no_pictures")
 @pytest.mark.parametrize(
     "changed",
     [
@@ -132,7 +122,7 @@ def test_a_summary_without_one_of_its_values_is_told_with_what_was_recorded(told
     ids=str,
 )  # fmt: skip
 def test_a_summary_with_a_value_of_another_kind_is_told_with_what_was_recorded(told, run, changed):
-    assert "setpoints" in page_with(told, run, json.dumps(WHOLE | changed))
+    assert "7777 accepted" in page_with(told, run, json.dumps(WHOLE | changed))
 
 
 @pytest.mark.usefixtures("no_pictures")
@@ -148,9 +138,8 @@ def with_manifest(run, **changed):
 
 @pytest.mark.usefixtures("no_pictures")
 @pytest.mark.parametrize("command", COMMANDS)
-@pytest.mark.parametrize("versions", [None, []], ids=str)
-def test_a_manifest_with_values_of_another_kind_is_unknown_there(told, run, command, versions):
-    with_manifest(run, autopilot="x", seeds=[1], versions=versions, exit="y", mission=5, outcome=5, reason=[])
+def test_a_manifest_with_values_of_another_kind_is_unknown_there(told, run, command):
+    with_manifest(run, autopilot="x", seeds=[1], versions=None, exit="y", mission=5, outcome=5, reason=[])
     assert told(command).done
 
 

@@ -1,4 +1,4 @@
-"""`circnav emulate` where it cannot run; its flights are tested with the emulator."""
+"""How `circnav emulate` begins and ends; its flights are tested with the emulator."""
 
 import signal
 
@@ -6,22 +6,6 @@ import pytest
 
 from tests.process import PATIENCE
 from tests.process import circnav as process_of
-
-
-@pytest.mark.parametrize("speed", ["0", "-1", "101", "nan"])
-def test_a_speed_out_of_its_bounds(circnav, speed):
-    line = circnav("emulate", "--speed", speed).refused
-    assert line == f"--speed: must be above 0 and at most 100, not {float(speed):g}"
-
-
-@pytest.mark.parametrize(
-    ("arguments", "named"),
-    [(["nowhere.toml"], "nowhere.toml"), (["--endpoint", "ftp:here:21"], "ftp"), (["--endpoint", "BUSY"], "in use")],
-    ids=["no file", "no endpoint", "port in use"],
-)
-def test_what_cannot_be_started_is_one_line(circnav, busy_port, arguments, named):
-    arguments = [word.replace("BUSY", f"udpin:127.0.0.1:{busy_port}") for word in arguments]
-    assert named in circnav("emulate", *arguments).refused
 
 
 def test_at_another_speed_it_says_how_to_be_flown(circnav, busy_port, monkeypatch):

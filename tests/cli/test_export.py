@@ -140,8 +140,6 @@ def test_a_place_that_was_damaged_is_left_out(exported, run, wrong):
     assert "/target" not in exported()
 
 
-def test_what_cannot_be_exported_is_one_line(circnav, flown, tmp_path):
+def test_a_place_that_cannot_be_written_is_named(circnav, flown, tmp_path):
     place = tmp_path / "no" / "x.mcap"
-    assert "no such run folder" in circnav("export", tmp_path / "no", "--mcap").refused
     assert circnav("export", flown, "--mcap", place).refused == f"{place}: No such file or directory"
-    assert "say what to write" in circnav("export", flown).refused

@@ -11,13 +11,6 @@ from tests.process import PATIENCE
 from tests.process import circnav as process_of
 
 
-@pytest.mark.parametrize("port", ["eighty", "99999", "mission.toml"])
-def test_a_port_that_is_none_is_refused_before_anything_is_written(circnav, mission, tmp_path, port):
-    line = circnav("fly", "--web", port, mission, "--out", tmp_path / "out").refused
-    assert line == f"--web {port}: is not a port; write: circnav fly MISSION --web [PORT]"
-    assert not (tmp_path / "out").exists()
-
-
 def test_a_port_in_use_is_refused_before_anything_flies(circnav, mission, tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as other:
         port = other.getsockname()[1]

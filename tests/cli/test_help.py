@@ -1,4 +1,4 @@
-"""Help, version and usage."""
+"""Help and version."""
 
 import tomllib
 
@@ -29,11 +29,3 @@ def test_the_version_is_that_of_the_package(circnav):
     assert circnav("--version").done == f"circnav, version {__version__}\n"
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     assert project["project"]["version"] == __version__
-
-
-@pytest.mark.parametrize("arguments", ["fligh", "fly", "check a.toml b.toml", "fly quickstart --speed fast"])
-def test_bad_usage_is_exit_code_2(circnav, arguments):
-    ran = circnav(*arguments.split())
-    assert ran.code == 2
-    assert "Error: " in ran.err
-    assert "Traceback" not in ran.err

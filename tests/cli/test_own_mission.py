@@ -8,9 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from circnav_mav.cli.bundled import CONFIG, names
+from circnav_mav.cli.bundled import CONFIG
 from circnav_mav.cli.init import schema_text
-from circnav_mav.emulator.config import parse_vehicle
 
 TOML = [*CONFIG.glob("*.toml"), *(CONFIG / "campaigns").glob("*.toml")]
 
@@ -23,17 +22,6 @@ def test_a_bundled_mission_goes_by_its_name_in_any_folder(circnav, name):
 def test_a_file_of_ones_own_comes_before_a_bundled_name(circnav, tmp_path):
     (tmp_path / "quickstart").write_text("name = 3")
     assert circnav("check", "quickstart").refused.startswith("quickstart: name: ")
-
-
-def test_a_word_that_is_neither_file_nor_mission_is_told_what_there_is(circnav):
-    line = circnav("fly", "quikstart").refused
-    assert line == f"quikstart: is no file and no bundled mission; bundled: {', '.join(names('mission'))}"
-
-
-@pytest.mark.parametrize(("command", "path", "name"), [("fly", "config/px4_plane.toml", "px4-plane"),
-                                                       ("campaign", "config/campaigns/wind.toml", "wind")])  # fmt: skip
-def test_a_path_of_a_clone_that_is_not_here_is_answered_with_the_name(circnav, command, path, name):
-    assert circnav(command, path).refused == f"{path}: no such file; the bundled one goes by its name: {name}"
 
 
 @pytest.mark.parametrize("vehicle", ["copter", "plane", "rover", "px4-copter", "px4-plane", "px4-plane-attitude"])
@@ -57,15 +45,6 @@ def test_init_overwrites_nothing(circnav, tmp_path):
     assert [(tmp_path / name).read_text() for name in ("plane.toml", "mission.schema.json")] == ["mine", "mine too"]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "says"),
-    [(["zeppelin"], "init zeppelin: is not one of "), (["plane", "my plane.toml"], "init: my plane.toml: a mission's")],
-)
-def test_init_says_what_it_cannot_write(circnav, tmp_path, arguments, says):
-    assert circnav("init", *arguments).refused.startswith(says)
-    assert not list(tmp_path.iterdir())
-
-
 def test_the_schemas_that_ship_are_those_that_are_printed(circnav):
     for kind in ("mission", "campaign"):
         assert circnav("schema", kind).out == (CONFIG / f"{kind}.schema.json").read_text()
@@ -74,45 +53,30 @@ def test_the_schemas_that_ship_are_those_that_are_printed(circnav):
 @pytest.mark.parametrize("path", TOML, ids=lambda path: path.stem)
 def test_every_file_names_its_schema_and_keeps_to_it(path):
     first, _, _ = path.read_text().partition("\n")
-    schema = path.parent / first.removeprefix("#:schema ")
-    keeps_to(json.loads(schema.read_text()), tomllib.loads(path.read_text()))
+    schema = json.loads((path.parent / first.removeprefix("#:schema ")).read_text())
+    keeps_to(schema, tomllib.loads(path.read_text()), schema)
 
 
-def keeps_to(schema, value, root=None, where="") -> None:
+KINDS = {"number": (int, float), "integer": int, "string": str, "object": dict, "array": list, "boolean": bool}
+
+
+def keeps_to(schema, value, root) -> None:
     """As much of JSON schema as ours uses."""
-    root = root or schema
     if "$ref" in schema:
         schema = root["definitions"][schema["$ref"].rsplit("/", 1)[1]] | schema
-    if "anyOf" in schema:
-        kinds = [one.get("type") for one in schema["anyOf"]]
-        assert any(is_a(kind, value) for kind in kinds) or None in kinds, where
-    elif "type" in schema:
-        assert is_a(schema["type"], value), where
-    if "enum" in schema:
-        assert value in schema["enum"], where
-    if isinstance(value, dict):
-        assert set(schema.get("required", ())) <= set(value), where
+    kinds = tuple(KINDS.get(one.get("type"), object) for one in schema.get("anyOf", [schema]))
+    assert isinstance(value, kinds)
+    assert value in schema.get("enum", [value])
+    if isinstance(value, dict) and schema.get("additionalProperties") is not True:
+        assert set(schema.get("required", ())) <= set(value) <= set(schema["properties"])
         for key, inner in value.items():
-            if schema.get("additionalProperties") is not True:
-                assert key in schema["properties"], f"{where}.{key}"
-                keeps_to(schema["properties"][key], inner, root, f"{where}.{key}")
-
-
-def is_a(kind, value) -> bool:
-    kinds = {"number": (int, float), "integer": int, "string": str, "object": dict, "array": list, "boolean": bool}
-    return isinstance(value, kinds[kind]) if kind in kinds else False
+            keeps_to(schema["properties"][key], inner, root)
 
 
 def test_the_schema_of_the_vehicle_has_the_bounds_that_the_vehicle_keeps():
     sim = json.loads(schema_text("mission"))["properties"]["sim"]["properties"]
     bank = sim["vehicle"]["properties"]["max_bank_deg"]
     assert bank == {"type": "number", "exclusiveMinimum": 0.0, "maximum": 80.0}
-    for value, fits in ((80.0, True), (80.1, False), (0.0, False)):
-        try:
-            parse_vehicle({"vehicle": {"profile": "arduplane", "max_bank_deg": value}}, "here")
-            assert fits
-        except ValueError:
-            assert not fits
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
@@ -158,8 +122,3 @@ KEPT = {"young", "noted", "precious", "link"}
 def test_old_runs_are_shown_and_deleted_where_they_are_nothing_else(circnav, runs, options, left, says):
     assert says in circnav("runs", "clean", *options.split()).done
     assert {path.name for path in runs.iterdir()} == left
-
-
-def test_an_age_that_is_none(circnav, runs):
-    line = circnav("runs", "clean", "--older-than", "soon").refused
-    assert line == "--older-than soon: write hours, days or weeks: 12h, 30d, 4w"

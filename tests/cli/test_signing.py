@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from tests.cli.test_fly_refusals import PATIENTLY, Speaker, heartbeat
+from tests.cli.test_fly_refusals import PATIENTLY, heartbeat, speaking
 from tests.mav.test_signing import KEY
 
 pytestmark = pytest.mark.usefixtures("undrawn")
@@ -27,7 +27,7 @@ def unsigned(circnav, mission, key, port):
     """How a command ends that hears unsigned heartbeats alone: unsigned("fly")."""
 
     def unsigned(command, *options):
-        with Speaker(port, heartbeat()):
+        with speaking(port, heartbeat()):
             return circnav(command, mission, "--endpoint", f"udpin:127.0.0.1:{port}", *PATIENTLY, *options)
 
     return unsigned
