@@ -34,8 +34,7 @@ WEB_HELP = "Show the flight in a browser on this computer, too, at http://127.0.
 
 
 class Folder(click.Path):
-    """A folder to write to. An empty name, as of a variable of a script that was never set, would mean the current
-    one."""
+    """Where to write. An empty name, as of a script's variable that was never set, would mean the current folder."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """The name. Raises Refused."""

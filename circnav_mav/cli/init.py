@@ -1,7 +1,6 @@
 """`circnav init` and `circnav schema`: a mission of one's own, and what an editor wants to know of it."""
 
 import json
-import os
 import re
 from pathlib import Path
 from typing import Any
@@ -31,11 +30,12 @@ def write_mission(vehicle: str, out: str | None) -> int:
     called = source.stem.replace("_", "-")
     text = re.sub(rf"(circnav \w+ ){called}\b", lambda found: found[1] + str(path), text)
     text = text.replace(f'\nname = "{source.stem}"\n', f'\nname = "{path.stem}"\n', 1)
-    if os.path.lexists(path):
-        raise Refused(f"init: {path}: is there already, name another file: circnav init {vehicle} FILE")
     with refusing(path):
-        with path.open("x", encoding="utf-8") as file:
-            file.write(text)
+        try:
+            with path.open("x", encoding="utf-8") as file:
+                file.write(text)
+        except FileExistsError:
+            raise Refused(f"init: {path}: is there already, name another file: circnav init {vehicle} FILE") from None
         schema = path.with_name(SCHEMA)
         if not schema.exists():
             schema.write_text(schema_text("mission"), encoding="utf-8")

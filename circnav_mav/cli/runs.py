@@ -15,7 +15,8 @@ HOURS = {"h": 1, "d": 24, "w": 168}
 NEEDED = frozenset({"flight.tlog", "mission.toml", "ticks.csv", "turns.csv"})
 """What each run folder holds, from its first moment on."""
 MADE = NEEDED | {"manifest.json", "summary.json", "error.txt", "flight.png", "estimates.png", "report.html",
-                 "replay.png", "flight.mcap"}  # fmt: skip
+                 "replay.png", "flight.mcap", "handback.csv", "target.geojson", "target.kml", "target.png",
+                 "locate.geojson", "locate.kml", "locate.png"}  # fmt: skip
 """All that circnav writes there."""
 
 

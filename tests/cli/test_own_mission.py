@@ -99,6 +99,7 @@ def runs(tmp_path) -> Path:
         for file in ("flight.tlog", "mission.toml", "ticks.csv", "turns.csv", "report.html"):
             (folder / name / file).write_text("x" * 1000)
         os.utime(folder / name / "flight.tlog", (time.time() - 86400 * days,) * 2)
+    (folder / "old" / "target.kml").write_text("of its survey")
     (folder / "noted" / "notes.txt").write_text("keep me")
     (folder / "precious").mkdir()
     (folder / "precious" / "flight.tlog").write_text("not a run folder")
