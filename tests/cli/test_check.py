@@ -51,9 +51,10 @@ def test_a_bundled_vehicle_that_does_not_fit_the_mission_is_told(circnav, name, 
     ("name", "overrides"),
     [
         ("copter", ["sim.wind.speed_mps=30"]),
+        ("plane", ["sim.wind.speed_mps=30", "sim.wind.from_deg=0", "sim.target.velocity_north_mps=-30"]),
         ("plane", ["sim.vehicle.profile=arducopter", "link.endpoint=udpin:0.0.0.0:14550"]),
     ],
-    ids=["wind does not carry a copter that holds its speed over the ground", "one that is not flown is not judged"],
+    ids=["wind and a copter that holds its speed over the ground", "a target that goes with the wind", "not flown"],
 )
 def test_a_bundled_vehicle_that_is_well_is_not_told_of(circnav, name, overrides):
     out = circnav("check", name, *(part for override in overrides for part in ("--set", override))).done
