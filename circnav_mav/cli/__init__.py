@@ -167,9 +167,7 @@ def preflight(mission: str, endpoint: str | None, overrides: tuple[str, ...], se
 
 @circnav.command(short_help="Draw the report of a run again.")
 @click.argument("run", type=click.Path())
-@click.option(
-    "--after-flight", is_flag=True, hidden=True, help="As fly ends: what it makes, and a line for what fails."
-)
+@click.option("--after-flight", is_flag=True, hidden=True, help="As fly ends: a line for each that cannot be made.")
 def report(run: str, after_flight: bool) -> int:
     """Draw the report of RUN, a run folder, again: report.html (one page, opens offline, prints) and flight.png. `fly`
     draws both by itself.

@@ -1,5 +1,6 @@
 """`circnav report`: one page without network that shows the flight, also in a real browser; one line for bad runs."""
 
+import csv
 import importlib
 import json
 import re
@@ -54,6 +55,8 @@ def test_the_page_holds_every_part_and_needs_nobody(page_of, run):
     columns = "measured r true_r r_dot true_r_dot turn_rate true_turn innovation accepted rejected drift_x"
     assert set(columns.split()) <= set(data["columns"])
     assert '<div class="outcome bad">UNFINISHED: ' in page, "the outcome in words and colour, first"
+    sent = sum(row["yaw_rate_sent"] != "" for row in csv.DictReader((run / "ticks.csv").read_text().splitlines()))
+    assert f"<span>{sent} sent</span>" in page
     assert "2026-09-21 14:13 UTC, vehicle not known" in page
     assert page.index("<noscript><img") < page.index('id="charts"'), "the flight without a script"
     for part in ("UNFINISHED", "The simulator's truth", "orbit.radius_m", "pymavlink", "exit code", "engaged", "gate"):
