@@ -71,6 +71,13 @@ def test_an_error_of_ours_leaves_a_safe_setpoint_behind_and_says_where_it_is_wri
     assert strict(tmp_path / "run" / "summary.json")["reason"] == "internal error: list index out of range"
 
 
+@pytest.mark.usefixtures("undrawn")
+@pytest.mark.parametrize(("option", "voice"), [("--dry-run", "dry run"), ("--shadow", "shadow")])
+def test_a_flight_that_may_not_steer_sends_no_setpoint(circnav, tmp_path, option, voice):
+    assert "setpoints  0 sent" in circnav("fly", "quickstart", option, "--duration", 2, "--out", tmp_path / "run").done
+    assert strict(tmp_path / "run" / "summary.json")["voice"] == voice
+
+
 def moments(folder, *phases):
     """When a flight was in these phases."""
     with (folder / "ticks.csv").open() as file:
