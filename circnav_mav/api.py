@@ -10,19 +10,11 @@ from math import pi, remainder
 from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings, Fused
 from circnav_mav.guidance.estimators.table import ESTIMATORS, default_estimator
 from circnav_mav.guidance.laws import LAWS
-from circnav_mav.guidance.step import LawChoice, Steering, compensate_turn_gain, limit, steering
+from circnav_mav.guidance.step import LawChoice, compensate_turn_gain, limit, steering
 from circnav_mav.guidance.tuning import default_gain, loop_lag
 from circnav_mav.guidance.turn_gain import TurnGain, TurnGainSettings, learn
-from circnav_mav.guidance.turn_response import Pending, PendingTurn, ResponseLearner
-from circnav_mav.guidance.types import (
-    SAME_TIME,
-    Orbit,
-    OwnMotion,
-    RangeEstimate,
-    RangeSample,
-    TurnCommand,
-    TurnRate,
-)
+from circnav_mav.guidance.turn_response import PendingTurn, ResponseLearner
+from circnav_mav.guidance.types import SAME_TIME, Orbit, OwnMotion, RangeEstimate, RangeSample, TurnCommand, TurnRate
 
 OwnLaw = Callable[[RangeEstimate], float]
 """A law of one's own: from the estimate to a turn rate, rad/s, counter-clockwise positive."""
@@ -61,7 +53,8 @@ class Guidance:
             law = tune(orbit, law, turn_lag=turn_lag)
         if isinstance(law, LawChoice):
             _known("law", law.name, LAWS)
-            name, turn_lag, self._steer = law.name, law.lag, steering(orbit, law)
+            name, turn_lag = law.name, law.lag
+            self._steer: Callable[..., TurnCommand] = steering(orbit, law)
         else:
             name, self._steer = "", _own(law, orbit)
         self._orbit, self._stale = orbit, stale
@@ -102,7 +95,9 @@ class Guidance:
         estimate = self.estimate(now)
         fresh = self._newest is not None and now - self._newest <= self._stale + SAME_TIME
         if estimate is None or not fresh or not self._estimator.ready:
-            self._let_go()
+            self._commanded = None  # what the vehicle does now is not our doing: it teaches nothing
+            self._response.reset()
+            self._pending.reset()
             return None
         turning = estimate.relative.turn_rate if estimate.relative is not None else 0.0
         pending = self._pending.at(now, self._response.response(link=0.0), turning)
@@ -113,20 +108,9 @@ class Guidance:
         self._pending.command(now, command.turn_rate * gain)
         return command
 
-    def _let_go(self) -> None:
-        """What the vehicle does now is not our doing: it teaches nothing."""
-        self._commanded = None
-        self._response.reset()
-        self._pending.reset()
 
-
-def _own(law: OwnLaw, orbit: Orbit) -> Steering:
-    def steer(
-        estimate: RangeEstimate, trim: float = 0.0, pending: Pending | None = None, share: float = 1.0
-    ) -> TurnCommand:
-        return limit(TurnRate(law(estimate)), orbit.max_turn_rate)
-
-    return steer
+def _own(law: OwnLaw, orbit: Orbit) -> Callable[..., TurnCommand]:
+    return lambda estimate, **_: limit(TurnRate(law(estimate)), orbit.max_turn_rate)
 
 
 def _known(what: str, name: str, table: Mapping[str, object]) -> None:

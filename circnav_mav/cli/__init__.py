@@ -33,6 +33,16 @@ seventh of the time that `check` takes."""
 WEB_HELP = "Show the flight in a browser on this computer, too, at http://127.0.0.1:PORT. [default port: 8080]"
 
 
+class Folder(click.Path):
+    """Where to write. An empty name, as of a script's variable that was never set, would mean the current folder."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The name. Raises Refused."""
+        if value == "":
+            raise Refused("--out: is empty, give it a name")
+        return value
+
+
 class InOrder(click.Group):
     """Lists its commands in the order in which a newcomer needs them: that of this file."""
 
@@ -79,11 +89,11 @@ def circnav() -> None:
 @SET
 @click.option("--speed", type=float, metavar="N", help=SPEED_HELP)
 @click.option("--duration", type=float, metavar="S", help="Seconds to fly after engaging.")
-@click.option("--out", type=click.Path(), metavar="DIR", help="Run folder. [default: runs/<time>-<name>]")
+@click.option("--out", type=Folder(), metavar="DIR", help="Run folder. [default: runs/<time>-<name>]")
 @click.option("--dry-run", is_flag=True, help="Compute and log everything, but send no setpoint and request no mode.")
 @click.option("--shadow", is_flag=True, help="Like --dry-run, and send nothing but our heartbeat and the plot values.")
 @click.option("--web", is_flag=False, flag_value="8080", metavar="[PORT]", help=WEB_HELP)
-def fly(**options: Any) -> int:
+def fly(mission: str, **options: Any) -> int:
     """Fly MISSION, show it live, and record it in a run folder.
 
     MISSION is a file, or the name of a bundled mission: quickstart, copter, plane, px4-copter.
@@ -96,9 +106,9 @@ def fly(**options: Any) -> int:
         circnav fly quickstart --web
         circnav fly my.toml --endpoint udpin:0.0.0.0:14550
     """
-    from circnav_mav.cli.fly import FlyOptions, fly_mission
+    from circnav_mav.cli.fly import fly_mission
 
-    return fly_mission(FlyOptions(**options))
+    return fly_mission(mission, **options)
 
 
 @circnav.command(short_help="Write a commented mission file of your own.")
@@ -157,9 +167,7 @@ def preflight(mission: str, endpoint: str | None, overrides: tuple[str, ...], se
 
 @circnav.command(short_help="Draw the report of a run again.")
 @click.argument("run", type=click.Path())
-@click.option(
-    "--after-flight", is_flag=True, hidden=True, help="As fly ends: what it makes, and a line for what fails."
-)
+@click.option("--after-flight", is_flag=True, hidden=True, help="As fly ends: a line for each that cannot be made.")
 def report(run: str, after_flight: bool) -> int:
     """Draw the report of RUN, a run folder, again: report.html (one page, opens offline, prints) and flight.png. `fly`
     draws both by itself.
@@ -179,7 +187,7 @@ def report(run: str, after_flight: bool) -> int:
 @SET
 @click.option("--estimator", metavar="NAME", help="Another estimator: guidance.estimator.")
 @click.option("--law", metavar="NAME", help="Another law: guidance.law.")
-@click.option("--out", type=click.Path(), metavar="DIR", help="Write the replay's ticks.csv and replay.png there.")
+@click.option("--out", type=Folder(), metavar="DIR", help="Write the replay's ticks.csv and replay.png there.")
 def replay(**options: Any) -> int:
     """Run a recorded flight through the pilot again, and compare. Estimates and commands are set against those of the
     flight.
@@ -228,8 +236,8 @@ def export(run: str, mcap: str | None) -> int:
     "--bias", type=ABOVE_ZERO, default=2.0, show_default=True, metavar="M", help="How far ranges may be off together."
 )
 @click.option("--altitude", type=float, metavar="M", help="Of the target, where it is known; as the log counts it.")
-@click.option("--out", type=click.Path(), metavar="DIR", help="Where to write. [default: beside the log]")
-def locate(**options: Any) -> int:
+@click.option("--out", type=Folder(), metavar="DIR", help="Where to write. [default: beside the log]")
+def locate(log: str, **options: Any) -> int:
     """Tell where the targets of a log are. Writes GeoJSON, KML and a picture.
 
     A log is a run folder, a tlog with positions and ranges, or a CSV whose first line names time (s), latitude,
@@ -241,9 +249,9 @@ def locate(**options: Any) -> int:
         circnav locate runs/20260101-120000-quickstart
         circnav locate collar.csv --tag 17 --out map
     """
-    from circnav_mav.cli.locate import LocateOptions, locate_log
+    from circnav_mav.cli.locate import locate_log
 
-    return locate_log(LocateOptions(**options))
+    return locate_log(log, **options)
 
 
 @circnav.group(short_help="Try a ranging radio and its driver.")
@@ -303,7 +311,7 @@ def emulate(vehicle: str | None, endpoint: str, ranging_endpoint: str | None, sp
 @click.option("--law", "laws", multiple=True, metavar="NAME", help="Only this law (law+estimator). May be repeated.")
 @click.option("--situation", "situations", multiple=True, metavar="NAME", help="Only this situation. May be repeated.")
 @click.option("--seed", type=int, default=1, show_default=True, metavar="N", help="Of all random numbers.")
-@click.option("--out", type=click.Path(), metavar="DIR", help="Write table.csv, table.md and table.png there.")
+@click.option("--out", type=Folder(), metavar="DIR", help="Write table.csv, table.md and table.png there.")
 def bench(flights: int, laws: tuple[str, ...], situations: tuple[str, ...], seed: int, out: str | None) -> int:
     """Compare the laws over many flights. Wind, gusts, moving targets, bad sensors; the result is one table.
 
@@ -320,11 +328,11 @@ def bench(flights: int, laws: tuple[str, ...], situations: tuple[str, ...], seed
 @circnav.command(short_help="Fly a mission many times with varied values.")
 @click.argument("file", type=CAMPAIGN, metavar="CAMPAIGN")
 @click.option("--runs", type=click.IntRange(1), metavar="N", help="Flights. [default: as the file says]")
-@click.option("--out", type=click.Path(), metavar="DIR", help="Folder. [default: campaigns/<time>-<name>]")
+@click.option("--out", type=Folder(), metavar="DIR", help="Folder. [default: campaigns/<time>-<name>]")
 @click.option("--resume", is_flag=True, help="Go on with the campaign in DIR where it stopped.")
 @click.option("--processes", type=click.IntRange(1), metavar="N", help="Processes. [default: all cores]")
 @click.option("--scheduler", metavar="ADDR", help="Fly on a Dask scheduler's workers, e.g. tcp://host:8786.")
-def campaign(**options: Any) -> int:
+def campaign(file: str, **options: Any) -> int:
     """Fly a mission many times with varied values. CAMPAIGN, a file or the name of a bundled one, says which; the
     result is a table, a summary and plots.
 
@@ -333,13 +341,13 @@ def campaign(**options: Any) -> int:
         circnav campaign wind
         circnav campaign wind --runs 20000 --out wind --resume
     """
-    from circnav_mav.cli.campaign import CampaignOptions, fly_campaign
+    from circnav_mav.cli.campaign import fly_campaign
 
-    return fly_campaign(CampaignOptions(**options))
+    return fly_campaign(file, **options)
 
 
 @circnav.command(short_help="Reproduce the paper's three examples.")
-@click.option("--out", type=click.Path(), default="paper", show_default=True, metavar="DIR", help="Where to write.")
+@click.option("--out", type=Folder(), default="paper", show_default=True, metavar="DIR", help="Where to write.")
 @click.option("--starts", type=int, default=200, show_default=True, metavar="N", help="Random starts of each example.")
 @click.option("--seed", type=int, default=1, show_default=True, metavar="N", help="Of the random starts.")
 def paper(out: str, starts: int, seed: int) -> int:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from circnav_mav.cli.exits import Exit, Refused, cannot, check_named
+from circnav_mav.cli.exits import Exit, Refused, refusing
 from circnav_mav.experiments.batch.guidance import POLICIES
 from circnav_mav.experiments.batch.situations import SITUATIONS
 from circnav_mav.experiments.bench import run
@@ -19,20 +19,18 @@ def fly_bench(flights: int, laws: tuple[str, ...], situations: tuple[str, ...], 
         raise Refused(f"--flights: must be at least 1, not {flights}")
     if seed < 0:
         raise Refused(f"--seed: must be at least 0, not {seed}")
-    check_named("--out", out)
     _known("--law", laws, POLICIES)
     _known("--situation", situations, SITUATIONS)
     folder = Path(out) if out else None
-    try:
+    cells = [(situation, law) for situation in situations or SITUATIONS for law in laws or POLICIES]
+    with refusing(out or "bench"):
         if folder is not None:
             folder.mkdir(parents=True, exist_ok=True)
             (folder / "table.csv").open("ab").close()  # better now than after hours of flight
-        cells = [(situation, law) for situation in situations or SITUATIONS for law in laws or POLICIES]
-        run(cells, flights, seed, folder, tell=click.echo, cores=os.cpu_count() or 1)
-    except WorkerDiedError:
-        raise Refused("a worker process died (out of memory?): ask for fewer --flights", Exit.INTERNAL) from None
-    except OSError as error:
-        raise cannot(out or "bench", error) from None
+        try:
+            run(cells, flights, seed, folder, tell=click.echo, cores=os.cpu_count() or 1)
+        except WorkerDiedError:
+            raise Refused("a worker process died (out of memory?): ask for fewer --flights", Exit.INTERNAL) from None
     return Exit.DONE
 
 

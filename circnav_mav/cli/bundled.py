@@ -34,7 +34,7 @@ class FileOrName(click.ParamType):  # type: ignore[type-arg]
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
         """The path. Raises Refused for a word that is neither."""
         path = Path(value)
-        found = None if path.is_file() else bundled(self.kind, path.stem)
+        found = bundled(self.kind, path.stem)
         if path.name == path.stem == value and not path.is_file():
             if found is None:
                 known = ", ".join(names(self.kind))

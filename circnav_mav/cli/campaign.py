@@ -4,8 +4,7 @@ import signal
 import time
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
-from dataclasses import dataclass
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,7 @@ import click
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from circnav_mav.cli.exits import Exit, Refused, check_named
+from circnav_mav.cli.exits import Exit, Refused, refusing
 from circnav_mav.emulator.config import ConfigError
 from circnav_mav.experiments.campaign.batchable import obstacle
 from circnav_mav.experiments.campaign.execute import ExecutionError, cores, on_cores, on_scheduler
@@ -34,38 +33,26 @@ TELL_EVERY = 10.0
 """Time, s, between two lines of progress where there is no terminal."""
 
 
-@dataclass(frozen=True, slots=True)
-class CampaignOptions:
-    """The command line of `campaign`."""
-
-    file: str
-    runs: int | None
-    out: str | None
-    resume: bool
-    scheduler: str | None
-    processes: int | None
-
-
-def fly_campaign(options: CampaignOptions) -> int:
-    """Fly what is missing, tell what came of it, and return the exit code. Raises Refused."""
-    check_named("--out", options.out)
-    try:
-        campaign = load_campaign(options.file, options.runs)
+def fly_campaign(
+    file: str, *, runs: int | None, out: str | None, resume: bool, scheduler: str | None, processes: int | None
+) -> int:
+    """Fly what is missing, tell what came of it, and return the exit code: the command line of `campaign`. Raises
+    Refused."""
+    with refusing(file, CampaignError, StoreError, ExecutionError):
+        campaign = load_campaign(file, runs)
         reason = hopeless(campaign)
         if reason is not None:
             raise Refused(reason)
-        if options.resume and options.out is None:
+        if resume and out is None:
             raise Refused("--resume: name the folder to go on with: --out DIR")
-        name = Path(options.file).stem
-        folder = Path(options.out) if options.out else Path("campaigns") / f"{local_time_name()}-{name}"
+        name = Path(file).stem
+        folder = Path(out) if out else Path("campaigns") / f"{local_time_name()}-{name}"
         engines = _engines(campaign)
         signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: what was flown is kept, and said
-        with closing(Store(folder, campaign, resume=options.resume)) as store:
+        with closing(Store(folder, campaign, resume=resume)) as store:
             click.echo(engines)
-            interrupted = _fly(campaign, store, options)
+            interrupted = _fly(campaign, store, scheduler, processes)
             return _finish(campaign, store, printable(name), interrupted)
-    except (CampaignError, StoreError, ExecutionError) as error:
-        raise Refused(str(error)) from None
 
 
 def _engines(campaign: Campaign) -> str:
@@ -73,35 +60,29 @@ def _engines(campaign: Campaign) -> str:
     if campaign.engine == "lockstep":
         return f"{campaign.where}: {campaign.runs} flights in lockstep"
     judged = min(campaign.runs, MOST_JUDGED)
-    reasons = Counter(filter(None, (_obstacle(campaign, number) for number in range(judged))))
+    reasons: Counter[str] = Counter()
+    for number in range(judged):
+        with suppress(MissionError, ConfigError):  # a flight that cannot be prepared says so in its row
+            reasons.update(filter(None, [obstacle(prepare(campaign, number))]))
     if reasons and campaign.engine == "batch":
         raise Refused(f'{campaign.where}: engine: "batch" cannot fly this: {next(iter(reasons))}')
     slow = sum(reasons.values())
     counted = f"{judged - slow} in batches, {slow} in lockstep"
-    flights = (
-        f"{campaign.runs} flights" if judged == campaign.runs else f"{campaign.runs} flights, of the first {judged}"
-    )
+    flights = f"{campaign.runs} flights" + (f", of the first {judged}" if judged < campaign.runs else "")
     each = [f"  in lockstep, one by one: {count} where {reason}" for reason, count in reasons.items()]
     return "\n".join([f"{campaign.where}: {flights}: {counted}", *each])
 
 
-def _obstacle(campaign: Campaign, number: int) -> str | None:
-    try:
-        return obstacle(prepare(campaign, number))
-    except (MissionError, ConfigError):
-        return None
-
-
-def _fly(campaign: Campaign, store: Store, options: CampaignOptions) -> bool:
+def _fly(campaign: Campaign, store: Store, scheduler: str | None, processes: int | None) -> bool:
     """Fly the missing runs; tells whether somebody interrupted. Raises StoreError, ExecutionError."""
     torn = [chunk for chunk in chunks(campaign) if not store.done.issuperset(chunk)]
     if not torn:
         return False
     done = frozenset(store.done)
-    if options.scheduler is not None:
-        results = on_scheduler(campaign, torn, options.scheduler, done)
+    if scheduler is not None:
+        results = on_scheduler(campaign, torn, scheduler, done)
     else:
-        results = on_cores(campaign, torn, options.processes or cores(), done)
+        results = on_cores(campaign, torn, processes or cores(), done)
     try:
         with _progress(len(store.done), campaign.runs) as show, closing(results):
             for rows in results:

@@ -56,7 +56,8 @@ def all_checks(mission: Mission) -> list[Check]:
     """The lines of the mission, and of its bundled vehicle if it flies that."""
     lines = check_mission(mission)
     if mission.flies_sim and mission.file.sim is not None:
-        lines += _check_bundled(mission, parse_vehicle(mission.file.sim, "sim"))
+        misfits = _misfits(mission, parse_vehicle(mission.file.sim, "sim"))
+        lines += [Check(grade, "sim", says) for grade, says in misfits]
     return lines
 
 
@@ -81,32 +82,22 @@ def show_checks(lines: list[Check]) -> None:
         click.echo(f"{grade}  {line.subject:<11} {line.says}")
 
 
-def _check_bundled(mission: Mission, config: VehicleConfig) -> Iterator[Check]:
-    """Lines for what of the [sim] table does not fit the mission; none where all does."""
+def _misfits(mission: Mission, config: VehicleConfig) -> Iterator[tuple[Grade, str]]:
+    """What of the [sim] table does not fit the mission."""
     wanted, profile = mission.file.vehicle, config.vehicle.profile
     autopilot, kind = FLIES[profile]
     if kind != wanted.kind or wanted.autopilot not in ("auto", autopilot):
-        yield Check(
-            Grade.FAIL, "sim", f"sim.vehicle.profile {profile} is no {wanted.autopilot} {wanted.kind} of [vehicle]"
-        )
+        yield Grade.FAIL, f"sim.vehicle.profile {profile} is no {wanted.autopilot} {wanted.kind} of [vehicle]"
         return
     cruise = config.vehicle.cruise_speed_mps or CRUISE_MPS.get(profile, wanted.speed_mps)
     if any(vehicle.cruises for vehicle in mission.vehicles) and abs(cruise / wanted.speed_mps - 1) > SPEED_OFF:
-        yield Check(
-            Grade.WARN,
-            "sim",
-            f"the bundled plane cruises at {cruise:g} m/s (sim.vehicle.cruise_speed_mps), "
-            f"vehicle.speed_mps counts on {wanted.speed_mps:g}",
-        )
+        cruises = f"the bundled plane cruises at {cruise:g} m/s (sim.vehicle.cruise_speed_mps)"
+        yield Grade.WARN, f"{cruises}, vehicle.speed_mps counts on {wanted.speed_mps:g}"
     in_air = any(vehicle.ground_speed_sigma is None for vehicle in mission.vehicles)
     drift, tolerated = _drift(config, in_air=in_air), drift_allowed(mission)
     if drift > tolerated > 0:
-        yield Check(
-            Grade.WARN,
-            "sim",
-            f"sim.wind less the target's motion is {drift:.1f} m/s, more than the {tolerated:.1f} m/s that the circle "
-            "allows",
-        )
+        moves = f"sim.wind less the target's motion is {drift:.1f} m/s"
+        yield Grade.WARN, f"{moves}, more than the {tolerated:.1f} m/s that the circle allows"
 
 
 def _drift(config: VehicleConfig, *, in_air: bool) -> float:

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -41,10 +42,23 @@ def close_flight(
     summary = _summary(pilot, recorder, mission, clock)
     if locator is not None:
         summary |= _located(recorder, locator)
-    unwritten = _write(recorder.folder, summary)
-    code = Exit.NOT_RECORDED if code is Exit.DONE and (gaps or unwritten) else code
-    unwritten = _complete(manifest, pilot, summary, code)
-    return summary, Exit.NOT_RECORDED if code is Exit.DONE and unwritten else code
+    gaps |= not _written(summary, f"{recorder.folder}:", lambda: write_summary(recorder.folder, summary))
+    if code is Exit.DONE and gaps:
+        code = Exit.NOT_RECORDED
+    if not _written(summary, "manifest.json", lambda: _complete(manifest, pilot, summary, code)) and code is Exit.DONE:
+        code = Exit.NOT_RECORDED
+    return summary, code
+
+
+def _written(summary: dict[str, Any], name: str, write: Callable[[], None]) -> bool:
+    """Write a file; tells whether the disk took it. The first problem is kept: later ones follow from it."""
+    try:
+        write()
+    except OSError as error:
+        problem = f"{name} cannot be written: {error.strerror or error}"
+        summary["recording_problem"] = summary["recording_problem"] or problem
+        return False
+    return True
 
 
 def _located(recorder: Recorder, locator: Locator) -> dict[str, Any]:
@@ -98,27 +112,12 @@ def _summary(pilot: Pilot, recorder: Recorder, mission: Mission, clock: Clock) -
     return _summarised(facts, ticks, truth)
 
 
-def _write(folder: Path, summary: dict[str, Any]) -> bool:
-    """Write summary.json; tells whether it could not be."""
-    try:
-        write_summary(folder, summary)
-    except OSError as error:
-        _note(summary, f"{folder}: cannot be written: {error.strerror or error}")
-        return True
-    return False
-
-
-def _complete(manifest: Manifest, pilot: Pilot, summary: dict[str, Any], code: Exit) -> bool:
-    """Write the rest of manifest.json; tells whether it could not be."""
+def _complete(manifest: Manifest, pilot: Pilot, summary: dict[str, Any], code: Exit) -> None:
+    """The rest of manifest.json. Raises OSError."""
     system, component = pilot.session.vehicle_ids
     known = {"system": system, "component": component, "name": pilot.session.adapter.name}
     autopilot = known | {"firmware": pilot.session.vehicle.firmware} if pilot.session.up else None
-    try:
-        manifest.complete(autopilot=autopilot, outcome=summary["outcome"], reason=summary["reason"], exit=int(code))
-    except OSError as error:
-        _note(summary, f"manifest.json cannot be written: {error.strerror or error}")
-        return True
-    return False
+    manifest.complete(autopilot=autopilot, outcome=summary["outcome"], reason=summary["reason"], exit=int(code))
 
 
 def _recorded(recorder: Recorder, epoch_us: int, system: int | None) -> tuple[Ticks, Truth | None]:
@@ -145,11 +144,6 @@ def _summarised(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[s
             problem = f"not all figures could be worked out: {error}"
             facts = replace(facts, recording_problem=facts.recording_problem or problem)
     return summarise(facts, NO_TICKS, None)
-
-
-def _note(summary: dict[str, Any], problem: str) -> None:
-    """Keep the first problem: later ones follow from it."""
-    summary["recording_problem"] = summary["recording_problem"] or problem
 
 
 def draw_flight(folder: Path) -> list[str]:

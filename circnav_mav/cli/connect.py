@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from circnav_mav.cli.exits import Exit, Refused
+from circnav_mav.cli.exits import Exit, Refused, refusing
 from circnav_mav.emulator.config import parse_vehicle
 from circnav_mav.emulator.vehicle import Vehicle
 from circnav_mav.locate.locator import Locator
@@ -76,12 +76,9 @@ def open_locating(mission: Mission, pilot: Pilot, signing: Signing | None, open_
     settings = mission.locate_settings
     if settings is None:
         return None
-    cot = mission.file.locate.cot
-    host, _, port = (cot or "").rpartition(":")
-    name = f"{mission.file.name}.target"
-    locating = Locating(
-        Locator(settings, pilot, signing), name, (host, int(port)) if cot else None, waits=mission.flies_sim
-    )
+    host, _, port = (mission.file.locate.cot or "").rpartition(":")
+    cot, name = (host, int(port)) if port else None, f"{mission.file.name}.target"
+    locating = Locating(Locator(settings, pilot, signing), name, cot, waits=mission.flies_sim)
     open_things.callback(locating.close)
     return locating
 
@@ -94,19 +91,12 @@ def open_page(
         return None
     if not port.isdecimal() or int(port) > MOST_PORT:
         raise Refused(f"--web {port}: is not a port; write: circnav fly MISSION --web [PORT]")
-    orbit = mission.orbit
-    try:
+    tolerance, speed = TOLERANCE * mission.orbit.radius, run_speed(mission, page=True)
+    with refusing("--web", WebError):
         page = LivePage(
-            pilot,
-            int(port),
-            name=mission.file.name,
-            tolerance=TOLERANCE * orbit.radius,
-            speed=run_speed(mission, page=True),
-            truth=mission.flies_sim,
+            pilot, int(port), name=mission.file.name, tolerance=tolerance, speed=speed, truth=mission.flies_sim,
             locator=locator,
-        )
-    except WebError as error:
-        raise Refused(str(error)) from None
+        )  # fmt: skip
     open_things.callback(page.close)
     click.echo(f"live page at {page.url}")
     return page

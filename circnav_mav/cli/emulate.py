@@ -4,7 +4,7 @@ import signal
 
 import click
 
-from circnav_mav.cli.exits import Exit, Refused
+from circnav_mav.cli.exits import Exit, Refused, refusing
 from circnav_mav.emulator.config import ConfigError, load_vehicle, parse_vehicle
 from circnav_mav.emulator.server import serve
 from circnav_mav.emulator.wires import EndpointError
@@ -17,18 +17,12 @@ def run_emulator(vehicle: str | None, endpoint: str, ranging_endpoint: str | Non
     stopped: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda received, _frame: stopped.append(received))
-    try:
+    # what a flight must be told of a vehicle that is not in real time
+    how = "" if speed == 1 else f"""\n{speed:g} times real time: fly it with --set 'link.clock="autopilot"'"""
+    with refusing(endpoint, ConfigError, EndpointError):
         config = load_vehicle(vehicle) if vehicle else parse_vehicle({}, "sim")
         serve(
             config, endpoint, ranging_endpoint, speed=speed,
-            ready=lambda line: click.echo(line + _how_to_fly(speed)), stopped=lambda: bool(stopped),
-            say=click.echo,
+            ready=lambda line: click.echo(line + how), stopped=lambda: bool(stopped), say=click.echo,
         )  # fmt: skip
-    except (ConfigError, EndpointError) as error:
-        raise Refused(str(error)) from None
     return Exit.DONE
-
-
-def _how_to_fly(speed: float) -> str:
-    """What a flight must be told of a vehicle that is not in real time."""
-    return "" if speed == 1 else f"""\n{speed:g} times real time: fly it with --set 'link.clock="autopilot"'"""

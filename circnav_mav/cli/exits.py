@@ -1,5 +1,7 @@
 """Exit codes, and the one way to refuse."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from enum import IntEnum
 from pathlib import Path
 
@@ -24,15 +26,16 @@ class Refused(Exception):  # noqa: N818 - a refusal is not our error
         self.exit = exit
 
 
-def check_named(option: str, value: str | None) -> None:
-    """An empty name, as of a variable of a script that was never set, would mean the current folder. Raises Refused."""
-    if value == "":
-        raise Refused(f"{option}: is empty, give it a name")
-
-
-def cannot(place: str | Path, error: OSError) -> Exception:
-    """A file that cannot be read or written as the line to raise, named by the error or else by `place`. A reader of
-    our output that went away (`| head`) is no file of ours: click ends the process quietly for it."""
-    if isinstance(error, BrokenPipeError):
-        return error
-    return Refused(f"{error.filename or place}: {error.strerror or error}")
+@contextmanager
+def refusing(place: str | Path, *kinds: type[Exception]) -> Iterator[None]:
+    """Errors of these kinds in their own words; and a file that cannot be read or written, named by the error or by
+    `place`. A reader of our output that went away (`| head`) is no file of ours: click ends the process quietly for it.
+    Raises Refused."""
+    try:
+        yield
+    except BrokenPipeError:
+        raise
+    except kinds as error:
+        raise Refused(str(error)) from None
+    except OSError as error:
+        raise Refused(f"{error.filename or place}: {error.strerror or error}") from None

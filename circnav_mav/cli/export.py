@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from circnav_mav.cli.exits import Exit, Refused, cannot
+from circnav_mav.cli.exits import Exit, Refused, refusing
 from circnav_mav.runlog.export_mcap import export_mcap
 from circnav_mav.runlog.run_folder import RunError, open_run
 
@@ -15,18 +15,15 @@ MAGIC = b"\x89MCAP0\r\n"
 def export_run(folder: str, out: str | None) -> int:
     """Write the MCAP file and say what is in it. Raises Refused."""
     path = Path(out) if out else Path(folder) / "flight.mcap"
-    try:
+    with refusing(path, RunError):
         _check_place(path)
         run = open_run(Path(folder))
         if not len(run.ticks.time):
             raise Refused(f"{folder}: an empty run, nothing was recorded", Exit.NOTHING_HEARD)
-        counts = export_mcap(run, path)
-    except ImportError:
-        raise Refused("export --mcap needs the extra [mcap]: pip install 'circnav-mav[mcap]'") from None
-    except RunError as error:
-        raise Refused(str(error)) from None
-    except OSError as error:
-        raise cannot(path, error) from None
+        try:
+            counts = export_mcap(run, path)
+        except ImportError:
+            raise Refused("export --mcap needs the extra [mcap]: pip install 'circnav-mav[mcap]'") from None
     if run.damage_text is not None:
         click.echo(f"  WARNING    {run.damage_text}")
     click.echo(f"{path}: " + ", ".join(f"{count} messages on {topic}" for topic, count in counts.items()))

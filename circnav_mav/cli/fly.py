@@ -5,8 +5,9 @@ import importlib
 import sys
 import threading
 import traceback
+from collections.abc import Callable
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass
+from functools import partial
 from itertools import chain, count
 from pathlib import Path
 
@@ -15,30 +16,20 @@ from rich.console import Console
 
 from circnav_mav.cli.check import all_checks, read_mission, show_checks
 from circnav_mav.cli.closing import close_flight, draw_flight
-from circnav_mav.cli.connect import (
-    link_troubles,
-    open_links,
-    open_locating,
-    open_page,
-    open_signing,
-    start_clock,
-)
-from circnav_mav.cli.exits import Exit, Refused, cannot, check_named
+from circnav_mav.cli.connect import link_troubles, open_links, open_locating, open_page, open_signing, start_clock
+from circnav_mav.cli.exits import Exit, Refused, refusing
 from circnav_mav.cli.terminal import outlive_terminal
 from circnav_mav.cli.verdict import verdict
 from circnav_mav.mav.check_result import Grade
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import VEHICLE, Ending, OutputMode, Pilot
 from circnav_mav.runtime.clock import Clock, local_time_name
-from circnav_mav.runtime.display import Display, display_for
-from circnav_mav.runtime.keys import SigningTime
+from circnav_mav.runtime.display import display_for
 from circnav_mav.runtime.links import Link
-from circnav_mav.runtime.locating import Locating
 from circnav_mav.runtime.lockstep import Lockstep
 from circnav_mav.runtime.manifest import Manifest
 from circnav_mav.runtime.recorder import Recorder, RecorderError, TakenError
 from circnav_mav.runtime.runner import Onlookers, Show, StopRequest, run
-from circnav_mav.runtime.web.feed import LivePage
 
 EXITS = {
     Ending.COMPLETED: Exit.DONE,
@@ -58,59 +49,57 @@ LONGEST_TURN = 0.0005
 value is ten times as long, more than a setpoint takes."""
 
 
-@dataclass(frozen=True, slots=True)
-class FlyOptions:
-    """The command line of `fly`."""
-
-    mission: str
-    endpoint: str | None
-    overrides: tuple[str, ...]
-    speed: float | None
-    duration: float | None
-    out: str | None
-    dry_run: bool
-    shadow: bool
-    web: str | None
-
-    @property
-    def output_mode(self) -> OutputMode:
-        """What the pilot may say."""
-        return OutputMode.SHADOW if self.shadow else OutputMode.DRY_RUN if self.dry_run else OutputMode.FLY
-
-
-def fly_mission(options: FlyOptions) -> int:
-    """Fly, and return the exit code. Raises Refused before anything has flown."""
-    check_named("--out", options.out)
+def fly_mission(
+    path: str, *, endpoint: str | None, overrides: tuple[str, ...], speed: float | None, duration: float | None,
+    out: str | None, dry_run: bool, shadow: bool, web: str | None,
+) -> int:  # fmt: skip
+    """Fly, and return the exit code: the command line of `fly`. Raises Refused before anything has flown."""
     outlive_terminal()
     stop = StopRequest()  # from here on a signal ends the flight, not the process
-    mission = read_mission(options.mission, _overrides(options))
-    if options.speed is not None and not mission.flies_sim:
+    output_mode = OutputMode.SHADOW if shadow else OutputMode.DRY_RUN if dry_run else OutputMode.FLY
+    quoted = None if endpoint is None else f'"{endpoint}"'
+    values = {"link.endpoint": quoted, "link.sim_speed": speed, "limits.duration_s": duration}
+    given = (f"{key}={value}" for key, value in values.items() if value is not None)
+    mission = read_mission(path, (*overrides, *given))
+    if speed is not None and not mission.flies_sim:
         raise Refused(f"--speed: only the bundled vehicle flies at another speed, not {mission.file.link.endpoint}")
     lines = all_checks(mission)
     if any(line.grade is Grade.FAIL for line in lines):
         show_checks(lines)
-        raise Refused(f"{options.mission}: refused by its checks, see FAIL above")
+        raise Refused(f"{path}: refused by its checks, see FAIL above")
     show_checks([line for line in lines if line.grade is Grade.WARN])
-    _run_folder(options.out, mission)  # refused before anything is opened
+    _run_folder(out, mission)  # refused before anything is opened
     loading = threading.Thread(target=_load_filter, name="load filterpy", daemon=True)
     loading.start()
     with ExitStack() as page_open:
         with ExitStack() as open_things:
             signing, signing_time = open_signing(mission, open_things)
             links = open_links(mission, open_things)
-            pilot = Pilot(mission.pilot_settings(options.output_mode), signing)
+            pilot = Pilot(mission.pilot_settings(output_mode), signing)
             locating = open_locating(mission, pilot, signing, open_things)
             locator = None if locating is None else locating.locator
-            page = open_page(options.web, pilot, mission, page_open, locator)
-            clock, recorder = _start(options, mission, pilot, links, open_things, loading)
+            page = open_page(web, pilot, mission, page_open, locator)
+            recorder = _recorder(out, mission)
+            open_things.callback(recorder.close)
             folder = recorder.folder
+            if mission.flies_sim:
+                loading.join()  # its time goes so fast that the patience of the mission would run out
+            clock = start_clock(mission, pilot.session, links, page=page is not None)
+            recorder.start(clock.epoch_us, at_once=isinstance(clock, Lockstep))
             if locating is not None:
                 locating.epoch_us = clock.epoch_us
-            manifest = _manifest(mission, options, folder, clock)
+            manifest = _manifest(mission, output_mode, folder, clock)
             display = display_for(Console(), pilot, mission.file.name, min(clock.speed, MOST_WATCHED), locator)
             open_things.callback(display.close)
-            onlookers = _onlookers(display, page, recorder)
-            crash = _loop(pilot, links, clock, recorder, onlookers, stop, signing_time, loading, locating)
+            shows: dict[str, Show] = {"display": lambda new, step: display.show(new, step.time, recorder.problem)}
+            if page is not None:
+                shows["live page"] = lambda new, step: page.show(new, step, recorder.problem)
+            onlookers = Onlookers(shows)
+            loop = partial(
+                run, pilot, links, clock, recorder, onlookers.show, stop, signing_time,
+                ready=lambda: not loading.is_alive(), locating=locating,
+            )  # fmt: skip
+            crash = _crash_of(loop, pilot, links, clock, folder)
         assert pilot.outcome is not None
         code = Exit.INTERNAL if crash is not None else EXITS[pilot.outcome.ending]
         summary, code = close_flight(pilot, recorder, mission, clock, manifest, code, locator)
@@ -151,64 +140,32 @@ def _run_folder(out: str | None, mission: Mission) -> Path:
         if (folder / name).exists():
             raise Refused(f"--out {out}: holds {name} already, name another folder")
     own = folder / "mission.toml"
-    try:
+    with refusing(own):
         if own.exists() and own.read_bytes() != mission.text.encode():
             raise Refused(f"--out {out}: holds a mission.toml that is not as flown, name another folder")
-    except OSError as error:
-        raise cannot(own, error) from None
     return folder
 
 
-def _overrides(options: FlyOptions) -> tuple[str, ...]:
-    """The options that stand for mission values, as overrides."""
-    extra = []
-    if options.endpoint is not None:
-        extra.append(f'link.endpoint="{options.endpoint}"')
-    if options.speed is not None:
-        extra.append(f"link.sim_speed={options.speed!r}")
-    if options.duration is not None:
-        extra.append(f"limits.duration_s={options.duration!r}")
-    return (*options.overrides, *extra)
-
-
-def _start(
-    options: FlyOptions,
-    mission: Mission,
-    pilot: Pilot,
-    links: dict[str, Link],
-    open_things: ExitStack,
-    loading: threading.Thread,
-) -> tuple[Clock, Recorder]:
-    """The recorder, and last the clock, which starts the run. Raises Refused."""
-    recorder = _recorder(options, mission)
-    open_things.callback(recorder.close)
-    if mission.flies_sim:
-        loading.join()  # its time goes so fast that the patience of the mission would run out
-    clock = start_clock(mission, pilot.session, links, page=options.web is not None)
-    recorder.start(clock.epoch_us, at_once=isinstance(clock, Lockstep))
-    return clock, recorder
-
-
-def _recorder(options: FlyOptions, mission: Mission) -> Recorder:
+def _recorder(out: str | None, mission: Mission) -> Recorder:
     """In a folder of its own, also when two flights begin at once. Raises Refused."""
     while True:
         try:
-            return Recorder(_run_folder(options.out, mission), mission.text, mission.file.log.max_mb)
+            return Recorder(_run_folder(out, mission), mission.text, mission.file.log.max_mb)
         except TakenError as error:
-            if options.out is not None:
+            if out is not None:
                 raise Refused(f"--out {error}") from None
         except RecorderError as error:
             raise Refused(str(error)) from None
 
 
-def _manifest(mission: Mission, options: FlyOptions, folder: Path, clock: Clock) -> Manifest:
+def _manifest(mission: Mission, output_mode: OutputMode, folder: Path, clock: Clock) -> Manifest:
     """manifest.json as far as it is known before the flight. Raises Refused."""
     seed = (mission.file.sim or {}).get("seed")
     try:
         return Manifest(
             folder,
             mission=mission.file.name,
-            voice=options.output_mode.value,
+            voice=output_mode.value,
             epoch_us=clock.epoch_us,
             seeds={} if seed is None else {"sim": seed},
         )
@@ -216,24 +173,8 @@ def _manifest(mission: Mission, options: FlyOptions, folder: Path, clock: Clock)
         raise Refused(f"{folder}: cannot be written: {error.strerror or error}") from None
 
 
-def _onlookers(display: Display, page: LivePage | None, recorder: Recorder) -> Onlookers:
-    """Who is shown the flight."""
-    shows: dict[str, Show] = {"display": lambda newest, step: display.show(newest, step.time, recorder.problem)}
-    if page is not None:
-        shows["live page"] = lambda newest, step: page.show(newest, step, recorder.problem)
-    return Onlookers(shows)
-
-
-def _loop(
-    pilot: Pilot,
-    links: dict[str, Link],
-    clock: Clock,
-    recorder: Recorder,
-    onlookers: Onlookers,
-    stop: StopRequest,
-    signing_time: SigningTime | None,
-    loading: threading.Thread,
-    locating: Locating | None,
+def _crash_of(
+    loop: Callable[[], None], pilot: Pilot, links: dict[str, Link], clock: Clock, folder: Path
 ) -> Path | None:
     """Run to the end. An exception of ours still leaves a safe setpoint behind; returns where it is written down."""
     gc.collect()
@@ -241,14 +182,11 @@ def _loop(
     gc.set_threshold(YOUNG)
     sys.setswitchinterval(LONGEST_TURN)
     try:
-        run(
-            pilot, links, clock, recorder, onlookers.show, stop, signing_time,
-            ready=lambda: not loading.is_alive(), locating=locating,
-        )  # fmt: skip
+        loop()
     except Exception as error:
         links[VEHICLE].send(pilot.last_words(clock.now()), pilot.reply_to)  # first of all, whatever the disk does
         pilot.abandon(f"internal error: {error}")
-        report = recorder.folder / "error.txt"
+        report = folder / "error.txt"
         with suppress(OSError):
             report.write_text(traceback.format_exc(), encoding="utf-8")
         return report

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from circnav_mav.cli.bundled import bundled, names
-from circnav_mav.cli.exits import Exit, Refused, cannot
+from circnav_mav.cli.exits import Exit, Refused, refusing
 from circnav_mav.emulator.config import VehicleConfig
 from circnav_mav.emulator.schema import json_schema
 from circnav_mav.experiments.campaign.file import CampaignFile
@@ -30,25 +30,21 @@ def write_mission(vehicle: str, out: str | None) -> int:
     called = source.stem.replace("_", "-")
     text = re.sub(rf"(circnav \w+ ){called}\b", lambda found: found[1] + str(path), text)
     text = text.replace(f'\nname = "{source.stem}"\n', f'\nname = "{path.stem}"\n', 1)
-    try:
-        with path.open("x", encoding="utf-8") as file:
-            file.write(text)
+    with refusing(path):
+        try:
+            with path.open("x", encoding="utf-8") as file:
+                file.write(text)
+        except FileExistsError:
+            raise Refused(f"init: {path}: is there already, name another file: circnav init {vehicle} FILE") from None
         schema = path.with_name(SCHEMA)
         if not schema.exists():
             schema.write_text(schema_text("mission"), encoding="utf-8")
-    except FileExistsError:
-        raise Refused(f"init: {path}: is there already, name another file: circnav init {vehicle} FILE") from None
-    except OSError as error:
-        raise cannot(path, error) from None
     about = next((line[2:] for line in text.splitlines() if line.startswith("# ")), "")
+    where = "on the bundled emulator" if '\nendpoint = "sim"' in text else "on your vehicle"
     click.echo(f"{path}: {about}\nEvery value is commented. Change what is yours, then:")
     click.echo(f"  circnav check {path}    # each value against its limits")
-    click.echo(f"  circnav fly {path}      # {_flies(text)}")
+    click.echo(f"  circnav fly {path}      # {where}")
     return Exit.DONE
-
-
-def _flies(text: str) -> str:
-    return "on the bundled emulator" if '\nendpoint = "sim"' in text else "on your vehicle"
 
 
 def schema_text(kind: str) -> str:

@@ -1,12 +1,12 @@
 """`circnav locate`: where the targets of a log are."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import click
 import numpy as np
 
-from circnav_mav.cli.exits import Exit, Refused, cannot, check_named
+from circnav_mav.cli.exits import Exit, Refused, refusing
 from circnav_mav.locate.estimator import Knowledge, NotYet, locate
 from circnav_mav.locate.export import geojson, kml
 from circnav_mav.locate.geodesy import Plane
@@ -22,51 +22,37 @@ CLOCKS = 0.5
 """Standard deviation, s, of the offset between the clocks of positions and ranges: nobody has set them together."""
 
 
-@dataclass(frozen=True, slots=True)
-class LocateOptions:
-    """The command line of `locate`."""
-
-    log: str
-    out: str | None
-    tags: tuple[str, ...]
-    sigma: float | None
-    gps_sigma: float
-    bias: float
-    altitude: float | None
-
-
-def locate_log(options: LocateOptions) -> int:
-    """Locate every tag of a log, and write the map. Raises Refused."""
-    check_named("--out", options.out)
-    source = Path(options.log)
-    try:
-        log = read_log(source)
-        plane, unknown = log.plane(), [tag for tag in options.tags if tag not in log.ranges]
+def locate_log(
+    path: str, *, out: str | None, tags: tuple[str, ...], sigma: float | None, gps_sigma: float, bias: float,
+    altitude: float | None,
+) -> int:  # fmt: skip
+    """Locate every tag of a log, and write the map: the command line of `locate`. Raises Refused."""
+    source = Path(path)
+    with refusing(source):
+        try:
+            log = read_log(source)
+        except RunError as error:
+            raise Refused(str(error), Exit.NOTHING_HEARD if "in it" in str(error) else Exit.USAGE) from None
+        plane, unknown = log.plane(), [tag for tag in tags if tag not in log.ranges]
         if unknown:
             raise Refused(f"--tag {unknown[0]}: not in {source}, which has: {', '.join(map(repr, log.ranges))}")
-        places = {
-            tag: place for tag in options.tags or log.ranges if (place := _one(options, log, plane, tag)) is not None
-        }
+        ground = float(log.track(plane).up.min())
+        known = Knowledge(
+            up=ground if altitude is None else altitude, up_sigma=50.0 if altitude is None else 1.0,
+            gps_sigma=gps_sigma, bias_sigma=bias, delay_sigma=CLOCKS,
+        )  # fmt: skip
+        found = ((tag, _one(log, plane, tag, sigma, known)) for tag in tags or log.ranges)
+        places = {tag: place for tag, place in found if place is not None}
         if not places:
             raise Refused(f"{source}: no target was located", Exit.NOTHING_HEARD)
-        _write(options, source, places, log)
-    except RunError as error:
-        raise Refused(str(error), Exit.NOTHING_HEARD if "in it" in str(error) else Exit.USAGE) from None
-    except OSError as error:
-        raise cannot(source, error) from None
+        _write(out, source, places, log)
     return Exit.DONE
 
 
-def _one(options: LocateOptions, log: RangeLog, plane: Plane, tag: str) -> Place | None:
+def _one(log: RangeLog, plane: Plane, tag: str, sigma: float | None, known: Knowledge) -> Place | None:
     """A tag, with what is known of it printed."""
-    ranges, said = log.of(tag, options.sigma)
-    track = log.track(plane)
-    ground = float(track.up.min())
-    known = Knowledge(
-        up=ground if options.altitude is None else options.altitude,
-        up_sigma=50.0 if options.altitude is None else 1.0,
-        gps_sigma=options.gps_sigma, bias_sigma=options.bias, delay_sigma=CLOCKS, sigma_known=said,
-    )  # fmt: skip
+    ranges, said = log.of(tag, sigma)
+    track, known = log.track(plane), replace(known, sigma_known=said)
     if not said:  # how good the ranges are shows in the fit: once roughly, and then by what was found
         rough = locate(plane, track, replace(ranges, sigma=ranges.sigma * 10), known)
         if isinstance(rough, Place):
@@ -98,9 +84,9 @@ def _say(place: Place, known: Knowledge) -> None:
         click.echo("  WARNING    the ranges fit no single place well: two tags mixed? Give the CSV a column tag")
 
 
-def _write(options: LocateOptions, source: Path, places: dict[str, Place], log: RangeLog) -> None:
+def _write(out: str | None, source: Path, places: dict[str, Place], log: RangeLog) -> None:
     """GeoJSON, KML and the picture."""
-    folder = Path(options.out) if options.out else source if source.is_dir() else source.parent
+    folder = Path(out) if out else source if source.is_dir() else source.parent
     name = "locate" if source.is_dir() else f"{source.stem}.locate"
     folder.mkdir(parents=True, exist_ok=True)
     track = [(latitude, longitude) for _, latitude, longitude, _ in sorted(log.positions)]

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from circnav_mav.cli.exits import Exit, Refused, cannot, check_named
+from circnav_mav.cli.exits import Exit, Refused, refusing
 from circnav_mav.experiments.ideal import random_starts
 from circnav_mav.experiments.paper import EXAMPLES, draw, study, table
 from circnav_mav.runlog.atomic_write import write_text
@@ -15,14 +15,12 @@ SHOWN = 2
 
 def reproduce(out: str, starts: int, seed: int) -> int:
     """Fly the examples, draw, print. Raises Refused."""
-    check_named("--out", out)
     if starts < 1:
         raise Refused(f"--starts: must be at least 1, not {starts}")
     if seed < 0:
         raise Refused(f"--seed: must be at least 0, not {seed}")
-    folder = Path(out)
-    found = []
-    try:
+    folder, found = Path(out), []
+    with refusing(folder):
         folder.mkdir(parents=True, exist_ok=True)
         for example in EXAMPLES:
             findings, tracks = study(example, random_starts(starts, seed))
@@ -30,7 +28,5 @@ def reproduce(out: str, starts: int, seed: int) -> int:
             for path in draw(folder, example, tracks, min(SHOWN, starts - 1)):
                 click.echo(path)
         write_text(folder / "table.md", table(found) + "\n")
-    except OSError as error:
-        raise cannot(folder, error) from None
     click.echo(f"{folder / 'table.md'}\n\n{table(found)}")
     return Exit.DONE

@@ -8,9 +8,8 @@ from circnav_mav.cli.check import all_checks, read_mission, show_checks, show_co
 from circnav_mav.cli.connect import link_troubles, open_links, open_signing, start_clock
 from circnav_mav.cli.exits import Exit, Refused
 from circnav_mav.mav.check_result import Check, Grade
-from circnav_mav.mission.mission import Mission
 from circnav_mav.mission.preflight import judge
-from circnav_mav.pilot.survey import Observations, Survey
+from circnav_mav.pilot.survey import Survey
 from circnav_mav.runtime.clock import AutopilotClock
 from circnav_mav.runtime.runner import StopRequest, listen
 
@@ -25,18 +24,6 @@ def preflight_file(path: str, endpoint: str | None, overrides: tuple[str, ...], 
     if any(line.grade is Grade.FAIL for line in lines):
         raise Refused(f"{path}: refused by its checks, see FAIL above")
     click.echo(f"listening on {mission.file.link.endpoint} for {seconds:g} s, no setpoint is sent ...")
-    seen, clock_speed, troubles = _observe(mission, seconds)
-    lines = [*judge(mission, seen, clock_speed), *(Check(Grade.WARN, "endpoint", words) for words in troubles)]
-    show_checks(lines)
-    failed = show_counts(path, lines)
-    if seen.vehicle is None:
-        return Exit.NOTHING_HEARD
-    return Exit.ABORTED if failed else Exit.DONE
-
-
-def _observe(mission: Mission, seconds: float) -> tuple[Observations, float, list[str]]:
-    """Listen to the mission's endpoints; also the speed of the run's clock where it follows the autopilot, and what
-    went wrong on the endpoints."""
     with ExitStack() as open_things:
         signing, signing_time = open_signing(mission, open_things)
         links = open_links(mission, open_things)
@@ -46,5 +33,11 @@ def _observe(mission: Mission, seconds: float) -> tuple[Observations, float, lis
         listen(survey, links, clock, stop, signing_time)
         if stop.signal_name:
             raise Refused(f"stopped by {stop.signal_name}", Exit.INTERRUPTED)
-        speed = clock.speed if isinstance(clock, AutopilotClock) else 1.0
-        return survey.observations(), speed, list(link_troubles(links, mission))
+        seen, clock_speed = survey.observations(), clock.speed if isinstance(clock, AutopilotClock) else 1.0
+        troubles = [Check(Grade.WARN, "endpoint", words) for words in link_troubles(links, mission)]
+    lines = [*judge(mission, seen, clock_speed), *troubles]
+    show_checks(lines)
+    failed = show_counts(path, lines)
+    if seen.vehicle is None:
+        return Exit.NOTHING_HEARD
+    return Exit.ABORTED if failed else Exit.DONE

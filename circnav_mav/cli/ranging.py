@@ -11,7 +11,6 @@ from circnav_mav.cli.exits import Exit, Refused
 from circnav_mav.mav.clocks import quick_span, span_speed
 from circnav_mav.mission.preflight_ranging import outliers_among, residuals_of, spread_of
 from circnav_mav.pilot.survey import RangeHeard
-from circnav_mav.radios.interface import RadioReading
 from circnav_mav.runtime.clock import Clock
 from circnav_mav.runtime.links import LinkError
 from circnav_mav.runtime.radio_link import RadioLink, open_radio
@@ -51,17 +50,14 @@ def _listen(link: RadioLink, seconds: float) -> bool:
         for reading, _ in readings:
             measured = isfinite(reading.range) and reading.range > 0
             if measured and (reading.beacon in beacons or len(beacons) < MOST_BEACONS):
-                beacons.setdefault(reading.beacon, deque(maxlen=MOST_HEARD)).append(_heard(reading, now))
+                stamp = now if reading.stamp is None else reading.stamp
+                heard = RangeHeard(stamp, stamp, now, reading.range, reading.sigma or 0.0)
+                beacons.setdefault(reading.beacon, deque(maxlen=MOST_HEARD)).append(heard)
         if now >= due:
             due += PERIOD
             for line in _lines(beacons, now):
                 click.echo(f"{now:6.1f} s  {line}")
     return bool(beacons)
-
-
-def _heard(reading: RadioReading, now: float) -> RangeHeard:
-    stamp = now if reading.stamp is None else reading.stamp
-    return RangeHeard(stamp, stamp, now, reading.range, reading.sigma or 0.0)
 
 
 def _lines(beacons: dict[int, deque[RangeHeard]], now: float) -> list[str]:
@@ -78,14 +74,12 @@ def _describe(beacon: int, ranges: list[RangeHeard], now: float) -> str:
     silent = now - ranges[-1].arrival
     gap = max([silent, *(after.arrival - before.arrival for before, after in pairwise(ranges))])
     words = [f"beacon {beacon:<5}", f"{len(ranges) / min(now, SPAN):5.1f} Hz", f"{ranges[-1].r:8.2f} m"]
-    if len(ranges) >= FEW:
-        residuals = residuals_of(ranges)
-        scatter = spread_of(residuals)
-        share = outliers_among(residuals, OUTLIER * scatter)
-        words += [f"scatter {scatter:.3f} m", f"outliers {100 * share:.0f} %"]
-    words.append(f"longest gap {gap:.2f} s")
-    if len(ranges) >= FEW:
-        words.append(_clock(ranges))
+    if len(ranges) < FEW:
+        return "  ".join([*words, f"longest gap {gap:.2f} s"])
+    residuals = residuals_of(ranges)
+    scatter = spread_of(residuals)
+    share = outliers_among(residuals, OUTLIER * scatter)
+    words += [f"scatter {scatter:.3f} m", f"outliers {100 * share:.0f} %", f"longest gap {gap:.2f} s", _clock(ranges)]
     return "  ".join(words)
 
 

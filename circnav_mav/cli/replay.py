@@ -1,12 +1,14 @@
 """`circnav replay`: a flight that already happened, through the same pilot."""
 
 import time
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import click
 
-from circnav_mav.cli.exits import Exit, Refused, cannot, check_named
+from circnav_mav.cli.exits import Exit, Refused, refusing
 from circnav_mav.cli.replay_who import say_who
 from circnav_mav.mav.ranging.interface import describe_rejected
 from circnav_mav.mission.load import MissionError, load_mission, parse_mission
@@ -15,7 +17,7 @@ from circnav_mav.pilot import OutputMode, Pilot, PilotSettings
 from circnav_mav.report.plots import plot_replay
 from circnav_mav.runlog.atomic_write import atomic_write
 from circnav_mav.runlog.log_sources import LogSources
-from circnav_mav.runlog.loop_steps import LogClock, recorded_steps, tlog_steps
+from circnav_mav.runlog.loop_steps import LogClock, LoopStep, recorded_steps, tlog_steps
 from circnav_mav.runlog.replay import Replayed, as_ticks, differences, held_gain, replay, without_timeouts
 from circnav_mav.runlog.run_folder import Run, RunError, open_run, printable
 from circnav_mav.runlog.summary import UNRECORDED
@@ -46,16 +48,11 @@ class ReplayOptions:
 def replay_log(options: ReplayOptions) -> int:
     """Replay, print what came of it, and return the exit code. Raises Refused."""
     path = Path(options.log)
-    check_named("--out", options.out)
-    try:
+    with refusing(path, RunError, MissionError):
         _check_out(options.out)
         if path.is_file() and path.name != "flight.tlog":
             return _replay_plain(path, options)
         return _replay_run(open_run(path.parent if path.is_file() else path), options)
-    except (RunError, MissionError) as error:
-        raise Refused(str(error)) from None
-    except OSError as error:
-        raise cannot(path, error) from None
 
 
 def _replay_run(run: Run, options: ReplayOptions) -> int:
@@ -70,19 +67,14 @@ def _replay_run(run: Run, options: ReplayOptions) -> int:
     settings = mission.pilot_settings(voice)
     gain = _held_gain(run, settings)
     pilot = Pilot(settings if gain is None else replace(settings, turn_gain=gain))
-    began = time.perf_counter()
-    done = replay(pilot, recorded_steps(run.folder))
-    took = time.perf_counter() - began
-    if not done.steps:
-        raise Refused(f"{run.folder}: an empty run, nothing was recorded", Exit.NOTHING_HEARD)
-    _say_size(str(run.folder), done, took)
+    done = _replayed(run.folder, pilot, recorded_steps(run.folder), empty="an empty run, nothing was recorded")
     whole = _say_damage(run, done, pilot)
     if gain is not None:
         click.echo(f"  turn gain  held at {gain:.3g}, as at the end of the flight, which flew other turns")
     _say_setpoints(done, whole)
     _say_ticks(done, pilot, run.ticks)
     _write(options, done, run.ticks, mission)
-    _check_steered(str(run.folder), pilot)
+    _check_steered(run.folder, pilot)
     return Exit.DONE
 
 
@@ -92,18 +84,11 @@ def _replay_plain(path: Path, options: ReplayOptions) -> int:
         raise Refused(f"{path}: a plain tlog needs --mission: which vehicle, circle and ranging to replay it with")
     mission = _mission("", str(path), options)
     pilot = Pilot(without_timeouts(mission.pilot_settings(OutputMode.DRY_RUN)))
-    began = time.perf_counter()
     clock, sources = LogClock(), LogSources(pilot.settings.ranging)
     steps = sources.watch(tlog_steps(path, mission.file.link.component_id, clock), pilot)
-    done = replay(pilot, steps, ticking=True)
-    took = time.perf_counter() - began
-    if not done.steps:
-        raise Refused(f"{path}: no MAVLink frame in it: not a tlog, or an empty one", Exit.NOTHING_HEARD)
-    if done.until == 0:
-        raise Refused(f"{path}: its stamps never go on: there is no time in it to replay it by", Exit.NOTHING_HEARD)
-    _say_size(str(path), done, took)
-    damage = find_damage(path)
-    if damage is not None:
+    empty = "no MAVLink frame in it: not a tlog, or an empty one"
+    done = _replayed(path, pilot, steps, ticking=True, empty=empty)
+    if damage := find_damage(path):
         until = f": replayed up to {done.until:.1f} s" if damage.cut else ""
         click.echo(f"  WARNING    {path.name}: {damage}{until}")
     if spoilt := pilot.counts().bad:
@@ -111,21 +96,31 @@ def _replay_plain(path: Path, options: ReplayOptions) -> int:
     if said := str(clock):
         click.echo(f"  WARNING    {path.name}: {said}")
     say_who(sources, pilot.session.adapter)
-    _check_steered(str(path), pilot)
+    _check_steered(path, pilot)
     _say_ticks(done, pilot, None)
     _write(options, done, None, mission)
     return Exit.DONE
 
 
+def _replayed(name: Path, pilot: Pilot, steps: Iterable[LoopStep], *, empty: str, ticking: bool = False) -> Replayed:
+    """Replay, and say how much that was. ticking: for a plain log. empty: what one without steps is. Raises Refused."""
+    began = time.perf_counter()
+    done = replay(pilot, steps, ticking=ticking)
+    took = time.perf_counter() - began
+    if not done.steps:
+        raise Refused(f"{name}: {empty}", Exit.NOTHING_HEARD)
+    if ticking and done.until == 0:
+        raise Refused(f"{name}: its stamps never go on: there is no time in it to replay it by", Exit.NOTHING_HEARD)
+    click.echo(f"{name}: {done.until:.1f} s, {done.frames} frames in, replayed in {took:.2f} s")
+    return done
+
+
 def _mission(text: str, where: str, options: ReplayOptions) -> Mission:
     """The mission to replay with: the run's own or another, with the changes asked for. Raises MissionError."""
-    overrides = list(options.overrides)
-    if options.estimator is not None:
-        overrides.append(f'guidance.estimator="{options.estimator}"')
-    if options.law is not None:
-        overrides.append(f'guidance.law="{options.law}"')
-    as_it_is = load_mission(options.mission) if options.mission else parse_mission(text, where)
-    mission = load_mission(options.mission, overrides) if options.mission else parse_mission(text, where, overrides)
+    chosen = {"estimator": options.estimator, "law": options.law}
+    overrides = [*options.overrides, *(f'guidance.{key}="{name}"' for key, name in chosen.items() if name is not None)]
+    parse = partial(load_mission, options.mission) if options.mission else partial(parse_mission, text, where)
+    as_it_is, mission = parse(), parse(overrides=overrides)
     gain = as_it_is.file.guidance.gain
     if gain is not None and mission.law.name != as_it_is.law.name and mission.file.guidance.gain == gain:
         raise Refused(
@@ -144,24 +139,18 @@ def _held_gain(run: Run, settings: PilotSettings) -> float | None:
         return None
 
 
-def _check_steered(name: str, pilot: Pilot) -> None:
+def _check_steered(name: Path, pilot: Pilot) -> None:
     """A replay that never steered says why, and its exit code does. Raises Refused."""
-    if pilot.engaged_at is None:
-        why = pilot.outcome.reason if pilot.outcome else _what_is_missing(pilot)
-        raise Refused(f"{name}: nothing to steer by: {why}", Exit.NOTHING_HEARD)
-
-
-def _what_is_missing(pilot: Pilot) -> str:
-    """Why a replay never came to steer."""
-    if not pilot.session.up:
-        misfits = "; ".join(pilot.session.misfits.values())
-        return f"no vehicle: {misfits or pilot.counts().describe()}"
-    refused = describe_rejected(pilot.tracker.ranging.rejected)
-    return f"{pilot.tracker.accepted} ranges of {pilot.settings.ranging.message} taken, rejected: {refused}"
-
-
-def _say_size(name: str, done: Replayed, took: float) -> None:
-    click.echo(f"{name}: {done.until:.1f} s, {done.frames} frames in, replayed in {took:.2f} s")
+    if pilot.engaged_at is not None:
+        return
+    if pilot.outcome is not None:
+        why = pilot.outcome.reason
+    elif not pilot.session.up:
+        why = f"no vehicle: {'; '.join(pilot.session.misfits.values()) or pilot.counts().describe()}"
+    else:
+        refused = describe_rejected(pilot.tracker.ranging.rejected)
+        why = f"{pilot.tracker.accepted} ranges of {pilot.settings.ranging.message} taken, rejected: {refused}"
+    raise Refused(f"{name}: nothing to steer by: {why}", Exit.NOTHING_HEARD)
 
 
 def _say_damage(run: Run, done: Replayed, pilot: Pilot) -> bool:

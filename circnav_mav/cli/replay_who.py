@@ -1,12 +1,12 @@
 """Whose telemetry a plain tlog was replayed with, in words."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 
 import click
 
 from circnav_mav.mav.autopilots.interface import Autopilot
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
-from circnav_mav.runlog.log_sources import LogSources, RangeCounts, RangeSource
+from circnav_mav.runlog.log_sources import LogSources, RangeSource
 
 MOST = 6
 """Senders that are named; a ground station may plot dozens of values."""
@@ -22,26 +22,21 @@ def say_who(sources: LogSources, adapter: Autopilot) -> None:
     for source, counts in ranging.items():
         if counts.taken:
             click.echo(f"  ranging    {_name(source)}: {counts.taken} of {counts.messages} usable")
-    idle = {source: counts for source, counts in ranging.items() if not counts.taken}
-    if idle:
-        click.echo(f"  unused     {_some(_unused(idle))}")
+    idle = ((counts.messages, source) for source, counts in ranging.items() if not counts.taken)
+    unused = (f"{_name(source)}: {count}" for count, source in sorted(idle, key=lambda each: -each[0]))
     others = (
         f"system {system}, component {component}: {kind}, {sources.heartbeats[system, component]} heartbeats"
         for (system, component), kind in sources.vehicles.items()
         if (system, component) != sources.vehicle
     )
-    if said := _some(others):
-        click.echo(f"  others     {said}")
+    for title, senders in (("unused", unused), ("others", others)):
+        if said := _some(senders):
+            click.echo(f"  {title:<10} {said}")
     if candidates := sources.candidates:
         keys = " or ".join(sources.distinguishing_keys)
         mixed = sum(ranging[candidate].taken > 0 for candidate in candidates) > 1
         done = "their ranges were mixed" if mixed else "the first heard was taken"
         click.echo(f"  WARNING    {len(candidates)} sensors fit the mission, {done}: name yours with {keys}")
-
-
-def _unused(idle: dict[RangeSource, RangeCounts]) -> Iterator[str]:
-    for source, counts in sorted(idle.items(), key=lambda item: -item[1].messages):
-        yield f"{_name(source)}: {counts.messages}"
 
 
 def _name(source: RangeSource) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 import tomlkit
 
 from circnav_mav import __version__
-from circnav_mav.cli.exits import Exit, Refused, cannot
+from circnav_mav.cli.exits import Exit, Refused, refusing
 from circnav_mav.cli.verdict import verdict
 from circnav_mav.mission.load import MissionError, parse_mission
 from circnav_mav.mission.mission import Mission
@@ -18,12 +18,11 @@ from circnav_mav.report.page import write_report
 from circnav_mav.report.plots import plot_flight
 from circnav_mav.runlog.run_folder import Run, RunError, open_run
 from circnav_mav.runlog.summary import FlightFacts, summarise
-from circnav_mav.runlog.ticks import Column
 
 
 def report_run(folder: str) -> int:
     """Write report.html and flight.png into a run folder. Raises Refused."""
-    try:
+    with refusing(folder, RunError, MissionError):
         run = open_run(Path(folder))
         if not len(run.ticks.time):
             raise Refused(f"{folder}: an empty run, nothing was recorded", Exit.NOTHING_HEARD)
@@ -35,10 +34,6 @@ def report_run(folder: str) -> int:
         _picture(run, mission)
         _page(run, mission)  # it holds the picture
         click.echo(f"{run.folder / 'report.html'}\n{run.folder / 'flight.png'}")
-    except (RunError, MissionError) as error:
-        raise Refused(str(error)) from None
-    except OSError as error:
-        raise cannot(folder, error) from None
     return Exit.DONE
 
 
@@ -59,12 +54,8 @@ def _mission(run: Run) -> Mission:
 
 
 def _picture(run: Run, mission: Mission) -> None:
-    title = f"{run.name}: {_circles(mission)}, law {mission.law.name}"
+    title = f"{run.name}: {mission.orbit.words(*mission.radii[1:])}, law {mission.law.name}"
     plot_flight(run.folder / "flight.png", run.ticks, run.truth, mission.orbit, title)
-
-
-def _circles(mission: Mission) -> str:
-    return mission.orbit.words(*mission.radii[1:])
 
 
 def _page(run: Run, mission: Mission) -> None:
@@ -75,8 +66,8 @@ def _page(run: Run, mission: Mission) -> None:
     summary = _unfinished(run, mission) | run.summary
     if run.damage_text is not None:
         summary["recording_problem"] = "; ".join(filter(None, (summary["recording_problem"], run.damage_text)))
-    gate = mission.file.guidance.gate_sigma
-    write_report(run, mission.orbit, _circles(mission), gate, verdict(summary, run.folder), _settings(mission))
+    circles, gate = mission.orbit.words(*mission.radii[1:]), mission.file.guidance.gate_sigma
+    write_report(run, mission.orbit, circles, gate, verdict(summary, run.folder), _settings(mission))
 
 
 def _settings(mission: Mission) -> dict[str, str]:
@@ -96,7 +87,9 @@ def _flat(table: dict[str, Any], before: str = "") -> Iterator[tuple[str, str]]:
 
 def _unfinished(run: Run, mission: Mission) -> dict[str, Any]:
     """A summary for a run that did not live to write its own, or the parts of it that are missing."""
-    manifest, accepted, rejected = run.manifest, *(_last(run.ticks.numbers[name]) for name in ("accepted", "rejected"))
+    manifest, counts = run.manifest, run.ticks.numbers
+    # the last known number of a column that counts up
+    accepted, rejected = (int(np.nanmax(counts[name], initial=0)) for name in ("accepted", "rejected"))
     return summarise(
         FlightFacts(
             mission=run.name,
@@ -116,9 +109,3 @@ def _unfinished(run: Run, mission: Mission) -> dict[str, Any]:
         run.ticks,
         run.truth,
     )
-
-
-def _last(counts: Column) -> int:
-    """The last known number of a column that counts up."""
-    known = counts[np.isfinite(counts)]
-    return int(known[-1]) if len(known) else 0

@@ -3,24 +3,24 @@
 import re
 import shutil
 import sys
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import click
 
-from circnav_mav.cli.exits import Exit, Refused, cannot
+from circnav_mav.cli.exits import Exit, Refused, refusing
 from circnav_mav.runtime.clock import unix_time
 
 HOURS = {"h": 1, "d": 24, "w": 168}
 NEEDED = frozenset({"flight.tlog", "mission.toml", "ticks.csv", "turns.csv"})
 """What each run folder holds, from its first moment on."""
 MADE = NEEDED | {"manifest.json", "summary.json", "error.txt", "flight.png", "estimates.png", "report.html",
-                 "replay.png", "flight.mcap"}  # fmt: skip
+                 "replay.png", "flight.mcap", "handback.csv", "target.geojson", "target.kml", "target.png",
+                 "locate.geojson", "locate.kml", "locate.png"}  # fmt: skip
 """All that circnav writes there."""
 
 
-@dataclass(frozen=True)
-class RunFolder:
+class RunFolder(NamedTuple):
     """One run on the disk. foreign: names of what circnav has not made. written: s since 1970."""
 
     folder: Path
@@ -32,7 +32,7 @@ class RunFolder:
 def clean_runs(runs: str, older_than: str, keep: int, yes: bool) -> int:
     """Show what would go, and delete it if that is wanted. Raises Refused."""
     age = _seconds(older_than)
-    try:
+    with refusing(runs):
         found = sorted(find_runs(Path(runs)), key=lambda run: -run.written)
         old = [run for run in found[keep:] if unix_time() - run.written > age]
         doomed = [run for run in old if not run.foreign]
@@ -40,17 +40,14 @@ def clean_runs(runs: str, older_than: str, keep: int, yes: bool) -> int:
             kept = f"   kept: {', '.join(run.foreign)} is not circnav's" if run.foreign else ""
             click.echo(f"{run.size / 1e6:8.1f} MB  {run.folder}{kept}")
         size = sum(run.size for run in doomed) / 1e6
-        click.echo(
-            f"{len(doomed)} of {len(found)} runs: older than {older_than}, without the newest {keep}: {size:.1f} MB"
-        )
+        which = f"older than {older_than}, without the newest {keep}"
+        click.echo(f"{len(doomed)} of {len(found)} runs: {which}: {size:.1f} MB")
         if doomed and not yes and not sys.stdin.isatty():
             click.echo("Nothing is deleted without --yes.")
         elif doomed and (yes or click.confirm("Delete them?")):
             for run in doomed:
                 shutil.rmtree(run.folder)
             click.echo("deleted")
-    except OSError as error:
-        raise cannot(runs, error) from None
     return Exit.DONE
 
 

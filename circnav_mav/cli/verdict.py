@@ -12,11 +12,9 @@ NOTABLE = 1.0
 def verdict(summary: dict[str, Any], folder: Path) -> str:
     """What a person wants to know, in a few lines."""
     lines = [f"{summary['outcome'].upper()}: {summary['reason']}"]
-    silenced = summary.get("voice", "fly") != "fly"
-    if silenced:
-        lines.append(
-            f"  {summary['voice'].upper():<9}  no setpoint sent, would have steered for {_steered(summary):.0f} s"
-        )
+    if summary.get("voice", "fly") != "fly":
+        would = f"would have steered for {_steered(summary):.0f} s"
+        lines.append(f"  {summary['voice'].upper():<9}  no setpoint sent, {would}")
     elif summary["engaged_s"] is not None:
         lines += _circle(summary)
     lines.append(f"  ranges     {summary['samples_accepted']} accepted, {_refused(summary['samples_rejected'])}")
@@ -60,9 +58,8 @@ def _refused(rejected: dict[str, int]) -> str:
     """Ranges that did not count; those of other senders, which do no harm, apart."""
     own = {reason: count for reason, count in sorted(rejected.items()) if reason not in OTHERS}
     others = sum(rejected.values()) - sum(own.values())
-    return f"{sum(own.values())} rejected ({describe_rejected(own)})" + (
-        f"; {others} of other senders ignored" if others else ""
-    )
+    ignored = f"; {others} of other senders ignored" if others else ""
+    return f"{sum(own.values())} rejected ({describe_rejected(own)}){ignored}"
 
 
 def _circle(summary: dict[str, Any]) -> list[str]:
@@ -88,22 +85,19 @@ def _circle(summary: dict[str, Any]) -> list[str]:
         rotation = f"{truth['direction']} ({right})" if truth["direction"] else "not known yet"
         lines.append(f"             rotation {rotation}, closest approach {truth['closest_approach_m']:.1f} m")
     else:
-        lines.append(
-            f"  rotation   {summary['direction_commanded'] or 'none'} commanded; range alone cannot confirm it"
-        )
+        commanded = summary["direction_commanded"] or "none"
+        lines.append(f"  rotation   {commanded} commanded; range alone cannot confirm it")
     return lines + _turn(summary)
 
 
 def _turn(summary: dict[str, Any]) -> list[str]:
     """The turn command; older summaries do not know its variation, nor whether it was in a limit cycle."""
-    std, at_limit, variation = (
-        summary.get(name) for name in ("turn_std_deg_s", "turn_at_limit", "turn_variation_rad_s2")
-    )
+    std, at_limit, variation = map(summary.get, ("turn_std_deg_s", "turn_at_limit", "turn_variation_rad_s2"))
     if std is None or at_limit is None:
         return []
     varies = "" if variation is None else f", variation {variation:.2g} rad/s^2"
     lines = [f"  turn       command std {std:.1f} deg/s, at the limit {100 * at_limit:.0f} %{varies}"]
-    gain, delay, share = (summary.get(name) for name in ("turn_gain", "turn_delay_s", "gain_share"))
+    gain, delay, share = map(summary.get, ("turn_gain", "turn_delay_s", "gain_share"))
     if gain is not None and delay is not None:
         changes = summary.get("law_changes", 0)
         lines.append(f"  vehicle    turn gain {gain:.2f}, turn delay {delay:.2f} s; law changes {changes}")

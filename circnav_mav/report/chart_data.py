@@ -3,14 +3,14 @@ them. Which charts there are, and how they look, is in runtime/web/charts.js, fo
 
 import json
 from itertools import pairwise
-from math import nan
+from math import isfinite, nan
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from circnav_mav.guidance.types import Orbit
-from circnav_mav.report.segments import broken, fresh, known_track
+from circnav_mav.report.segments import Track, broken, fresh, known_track
 from circnav_mav.runlog.events import Event
 from circnav_mav.runlog.metrics import TOLERANCE
 from circnav_mav.runlog.ticks import Column, Ticks, Truth
@@ -29,17 +29,13 @@ def chart_data(ticks: Ticks, truth: Truth | None, orbit: Orbit, names: dict[str,
     words = {"phase": [names.get(phase, phase) for phase in ticks.phases], "vehicle mode": ticks.modes}
     words["law"] = ticks.words.get("law", [])
     track = known_track(ticks, truth)
-    way = {} if track is None else {
-        "name": "true" if track.true else "estimated", "colour": "true" if track.true else "estimate",
-        **_plain_track(track.time, track.east, track.north),
-    }  # fmt: skip
     return {
         "flight": flight | {"radius": orbit.radius, "tolerance": TOLERANCE * orbit.radius, "limit": orbit.max_turn_rate,
                             "steady": orbit.steady_turn_rate, "radii": ticks.radii(orbit.radius)},
         "span": span,
         "columns": {name: _plain(*column) for name, column in _columns(ticks, truth, span).items()},
         "bands": {name: stretches(ticks.time, said) for name, said in words.items() if set(said) - {""}},
-        "ways": [way] if way else [],
+        "ways": [] if track is None else [_way(track)],
     }  # fmt: skip
 
 
@@ -78,10 +74,7 @@ def _columns(ticks: Ticks, truth: Truth | None, span: tuple[float, float]) -> di
     if rising.sum() > 1:
         rate = np.gradient(truth.radius[rising], truth.sim_time[rising])
         found["true_r_dot"] = _line(truth.time[rising], rate)
-    return found | {
-        "true_r": _line(truth.time, truth.radius),
-        "true_turn": _line(truth.time, -truth.turn_rate),
-    }
+    return found | {"true_r": _line(truth.time, truth.radius), "true_turn": _line(truth.time, -truth.turn_rate)}
 
 
 def _steps(time: Column, values: Column) -> tuple[Column, Column]:
@@ -135,15 +128,15 @@ def _dots(time: Column, values: Column) -> tuple[Column, Column]:
 
 
 def _plain(time: Column, values: Column) -> tuple[list[float], list[float | None]]:
-    return [round(t, 3) for t in time.tolist()], [_short(v) for v in values.tolist()]
+    plain = [float(f"{value:.5g}") if isfinite(value) else None for value in values.tolist()]
+    return [round(t, 3) for t in time.tolist()], plain
 
 
-def _plain_track(time: Column, east: Column, north: Column) -> dict[str, list[Any]]:
-    keep = np.unique(np.linspace(0, len(time) - 1, min(len(time), 2 * STRETCHES)).astype(int))
-    keep = np.union1d(keep, np.flatnonzero(~np.isfinite(east)))  # gaps stay gaps
-    times, easts = _plain(time[keep], east[keep])
-    return {"times": times, "east": easts, "north": _plain(time[keep], north[keep])[1]}
-
-
-def _short(value: float) -> float | None:
-    return float(f"{value:.5g}") if np.isfinite(value) else None
+def _way(track: Track) -> dict[str, Any]:
+    name, colour = ("true", "true") if track.true else ("estimated", "estimate")
+    points = len(track.time)
+    keep = np.unique(np.linspace(0, points - 1, min(points, 2 * STRETCHES)).astype(int))
+    keep = np.union1d(keep, np.flatnonzero(~np.isfinite(track.east)))  # gaps stay gaps
+    times, easts = _plain(track.time[keep], track.east[keep])
+    _, norths = _plain(track.time[keep], track.north[keep])
+    return {"name": name, "colour": colour, "times": times, "east": easts, "north": norths}

@@ -40,8 +40,7 @@ def plot_map(path: Path, table: str, title: str) -> None:
 
 def _draw(axis: Any, feature: dict[str, Any], plane: Plane) -> None:
     geometry, name = feature["geometry"], literal(str(feature["properties"]["name"]))
-    corners = geometry["coordinates"][0] if geometry["type"] == "Polygon" else geometry["coordinates"]
-    longitude, latitude = np.atleast_2d(np.array(corners, float)).T
+    longitude, latitude = np.reshape(np.array(geometry["coordinates"], float), (-1, 2)).T
     east, north = plane.to_metres(latitude, longitude)
     match geometry["type"]:
         case "Point":

@@ -41,7 +41,7 @@ def write_report(run: Run, orbit: Orbit, circles: str, gate: float, verdict: str
         "COLOUR": OUTCOMES.get(outcome.partition(":")[0], "bad"),
         "VERDICT": "".join(map(_figure, figures.splitlines())),
         "TRACK": escape(_track_words(run), quote=False),
-        "PICTURE": _picture(run.folder / "flight.png"),
+        "PICTURE": _picture(run.folder / "flight.png", "the flight"),  # for a reader without script
         "DATA": as_script(data | {"alarms": alarms(run.ticks, happened)}),
         "PLACE": _place(run),
         "EVENTS": _events(happened, names),
@@ -83,21 +83,20 @@ def _track_words(run: Run) -> str:
     return f"{words} Cross: target. Dashed: desired circle."
 
 
-def _picture(path: Path) -> str:
-    """The picture of the flight for a reader without script, where there is one."""
+def _picture(path: Path, alt: str, style: str = "") -> str:
+    """A picture as a part of the page, where there is one."""
     if not path.is_file():
         return ""
-    return f'<img alt="the flight" src="data:image/png;base64,{base64.b64encode(path.read_bytes()).decode()}">'
+    return f'<img{style} alt="{alt}" src="data:image/png;base64,{base64.b64encode(path.read_bytes()).decode()}">'
 
 
 def _place(run: Run) -> str:
     """The map with the surveyed place of the target, where there is one."""
-    place, map_picture = run.summary.get("place"), run.folder / "target.png"
-    if not place or not map_picture.is_file():
+    place = run.summary.get("place")
+    image = _picture(run.folder / "target.png", "map of the target", ' style="max-width:100%"')
+    if not place or not image:
         return ""
-    picture = base64.b64encode(map_picture.read_bytes()).decode()
     known = {name: str(value) for name, value in place.items() if value is not None and name != "ellipse_95"}
-    image = f'<img style="max-width:100%" alt="map of the target" src="data:image/png;base64,{picture}">'
     return f"<h2>Target on the map</h2>{image}<table>{_rows(known)}</table>"
 
 

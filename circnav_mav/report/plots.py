@@ -40,11 +40,7 @@ def plot_flight(path: Path, ticks: Ticks, truth: Truth | None, orbit: Orbit, tit
 
 def plot_replay(path: Path, was: Ticks | None, would: Ticks, orbit: Orbit, title: str) -> None:
     """Draw what was estimated and commanded, if known, and what would have been. Raises OSError."""
-    columns = (
-        ("r", "range, m", 1.0),
-        ("r_dot", "range rate, m/s", 1.0),
-        ("turn_rate", "turn rate, deg/s", 180 / np.pi),
-    )
+    columns = ("r", "range, m", 1.0), ("r_dot", "range rate, m/s", 1.0), ("turn_rate", "turn rate, deg/s", 180 / np.pi)
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(11, 8), layout="constrained")
         figure.suptitle(literal(title))
@@ -73,12 +69,9 @@ def _track(axis: Any, track: Track, radii: list[float]) -> None:
     axis.plot(0, 0, "k+", ms=12, mew=2, label="target")
     for at in _arrow_places(east, north):
         if np.hypot(east[at + 1] - east[at], north[at + 1] - north[at]) > 0:
-            axis.annotate(
-                "",
-                xy=(east[at + 1], north[at + 1]),
-                xytext=(east[at], north[at]),
-                arrowprops={"arrowstyle": "-|>", "color": colour, "mutation_scale": 18},
-            )
+            begin, end = (east[at], north[at]), (east[at + 1], north[at + 1])
+            looks = {"arrowstyle": "-|>", "color": colour, "mutation_scale": 18}
+            axis.annotate("", xy=end, xytext=begin, arrowprops=looks)
     axis.set_aspect("equal", adjustable="datalim")
     axis.set_xlabel("east of the target, m")
     axis.set_ylabel("north of the target, m")
@@ -146,7 +139,6 @@ def _mark_holding(axis: Any, ticks: Ticks) -> None:
     holding = np.array([phase == "holding" for phase in ticks.phases])
     if holding.any():
         low, high = axis.get_ylim()
-        axis.fill_between(
-            ticks.time, low, high, where=holding, color=HOLD_BAND, alpha=0.7, lw=0, label="no range, holding"
-        )
+        looks = {"color": HOLD_BAND, "alpha": 0.7, "lw": 0, "label": "no range, holding"}
+        axis.fill_between(ticks.time, low, high, where=holding, **looks)
         axis.set_ylim(low, high)

@@ -1,9 +1,12 @@
-"""The command line run inside the test, with its exit code and what it printed."""
+"""The command line run inside the test, with its exit code and what it printed; and a flight for it to read."""
 
+import importlib
+import shutil
 import signal
 import socket
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,8 +14,8 @@ import pytest
 
 from circnav_mav.cli import main
 from tests import small_mission
-
-TEXT = small_mission.TEXT.replace('127.0.0.1:14550"', '127.0.0.1:0"\nwait_s = 0.3')
+from tests.browser import CHROMIUM, Browser
+from tests.flight.recorded import recorded_flight
 
 
 @dataclass
@@ -24,12 +27,25 @@ class Ran:
     err: str
 
     @property
+    def done(self) -> str:
+        """What it printed, and nothing was wrong."""
+        assert (self.code, self.err) == (0, ""), self.out
+        return self.out
+
+    @property
     def line(self) -> str:
         """What a person was told: one line, and no traceback."""
         lines = self.err.strip().splitlines()
         assert len(lines) == 1, self.err
         assert "Traceback" not in self.out + self.err
         return lines[0]
+
+    @property
+    def refused(self) -> str:
+        """The line of a command that was used wrongly."""
+        before, _, told = self.line.partition("circnav: ")
+        assert (self.code, before) == (2, "")
+        return told
 
 
 @pytest.fixture
@@ -54,22 +70,33 @@ def circnav(
 
 
 @pytest.fixture
-def text() -> str:
-    return TEXT
-
-
-@pytest.fixture
 def mission(tmp_path: Path) -> Path:
     """A mission file that a real vehicle would have to answer; it waits for 0.3 s."""
     path = tmp_path / "mission.toml"
-    path.write_text(TEXT, encoding="utf-8")
+    path.write_text(small_mission.TEXT.replace('127.0.0.1:14550"', '127.0.0.1:0"\nwait_s = 0.3'), encoding="utf-8")
     return path
 
 
+@pytest.fixture(scope="session")
+def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The run folder of 10 s of the quickstart, without summary.json, as of a process that was killed. Nobody writes
+    into it."""
+    folder = tmp_path_factory.mktemp("flown")
+    recorded_flight(folder, "quickstart", "limits.duration_s=10").fly(20).recorder.close()
+    return folder
+
+
 @pytest.fixture
-def config() -> Path:
-    """The folder of the mission files that ship."""
-    return Path(__file__).parents[2] / "config"
+def run(flown: Path, tmp_path: Path) -> Path:
+    """A copy of it."""
+    return shutil.copytree(flown, tmp_path / "run")
+
+
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Flights end without their pictures, which a process of its own takes a second to draw."""
+    fly = importlib.import_module("circnav_mav.cli.fly")  # the package's `fly` is the command
+    monkeypatch.setattr(fly, "draw_flight", lambda folder: [])
 
 
 @pytest.fixture
@@ -80,9 +107,18 @@ def busy_port() -> Iterator[int]:
         yield other.getsockname()[1]
 
 
+@pytest.fixture(scope="session")
+def chromium(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    """A browser for all tests: it takes seconds to start."""
+    if CHROMIUM is None:
+        pytest.skip("no Chromium here")
+    with closing(Browser(tmp_path_factory.mktemp("profile"))) as browser:
+        yield browser
+
+
 @pytest.fixture
-def closed_port() -> Iterator[int]:
-    """A TCP port where nobody listens, and nobody can meanwhile."""
-    with socket.socket() as unused:
-        unused.bind(("127.0.0.1", 0))
-        yield unused.getsockname()[1]
+def browser(chromium: Browser) -> Browser:
+    """A page in which nothing has gone wrong yet."""
+    chromium.open("about:blank")
+    chromium.complaints.clear()
+    return chromium

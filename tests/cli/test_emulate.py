@@ -1,50 +1,29 @@
-"""`circnav emulate` where it cannot run; its flights are tested with the emulator."""
+"""How `circnav emulate` begins and ends; its flights are tested with the emulator."""
 
 import signal
-import subprocess
-import sys
 
 import pytest
 
 from tests.process import PATIENCE
-
-
-@pytest.mark.parametrize("speed", ["0", "-1", "101", "nan"])
-def test_a_speed_out_of_its_bounds(circnav, speed):
-    ran = circnav("emulate", "--speed", speed)
-    assert ran.code == 2
-    assert ran.line == f"circnav: --speed: must be above 0 and at most 100, not {float(speed):g}"
-
-
-@pytest.mark.parametrize(
-    ("arguments", "named"),
-    [(["nowhere.toml"], "nowhere.toml"), (["--endpoint", "ftp:here:21"], "ftp"), (["--endpoint", "BUSY"], "in use")],
-    ids=["no file", "no endpoint", "port in use"],
-)
-def test_what_cannot_be_started_is_one_line(circnav, busy_port, arguments, named):
-    ran = circnav("emulate", *(word.replace("BUSY", f"udpin:127.0.0.1:{busy_port}") for word in arguments))
-    assert ran.code == 2
-    assert named in ran.line
+from tests.process import circnav as process_of
 
 
 def test_at_another_speed_it_says_how_to_be_flown(circnav, busy_port, monkeypatch):
     monkeypatch.setattr("circnav_mav.emulator.server._fly", lambda *_arguments: None)
-    ran = circnav("emulate", "--endpoint", f"udpout:127.0.0.1:{busy_port}", "--speed", "8")
-    assert ran.out.splitlines()[1] == """8 times real time: fly it with --set 'link.clock="autopilot"'"""
-    ran = circnav("emulate", "--endpoint", f"udpout:127.0.0.1:{busy_port}")
-    assert len(ran.out.splitlines()) == 1
+    emulate = ("emulate", "--endpoint", f"udpout:127.0.0.1:{busy_port}")
+    _, how = circnav(*emulate, "--speed", "8").done.splitlines()
+    assert how == """8 times real time: fly it with --set 'link.clock="autopilot"'"""
+    assert len(circnav(*emulate).done.splitlines()) == 1
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_it_ends_when_asked(number, busy_port):
     """It speaks to a port that somebody has, once its own are open it says so in a line."""
-    command = [sys.executable, "-m", "circnav_mav", "emulate", "--endpoint", f"udpout:127.0.0.1:{busy_port}"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+    with process_of("emulate", "--endpoint", f"udpout:127.0.0.1:{busy_port}") as process:
         try:
             assert process.stdout.readline()
             process.send_signal(number)
             _, err = process.communicate(timeout=PATIENCE)
         finally:
             process.kill()
-    assert process.returncode == 0
-    assert err == ""
+    assert (process.returncode, err) == (0, "")

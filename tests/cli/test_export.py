@@ -23,85 +23,75 @@ FOXGLOVE = {
 }  # fmt: skip
 
 
-@pytest.fixture(scope="module")
-def flown(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("flown")
-    recorded_flight(folder, "quickstart", "limits.duration_s=10").fly(20).recorder.close()
-    return folder
+@pytest.fixture
+def exported(circnav, run):
+    """Exports the run, and reads back what stands on each topic: (ns, message, schema)."""
+
+    def exported():
+        assert circnav("export", run, "--mcap").done
+        found, proto = {}, protobuf.DecoderFactory()
+        with (run / "flight.mcap").open("rb") as file:
+            for schema, channel, message in reader.make_reader(file).iter_messages():
+                decode = proto.decoder_for(channel.message_encoding, schema) or json.loads
+                found.setdefault(channel.topic, []).append((message.log_time, decode(message.data), schema))
+        return found
+
+    return exported
 
 
-def messages(path):
-    found, proto = {}, protobuf.DecoderFactory()
-    with path.open("rb") as file:
-        for schema, channel, message in reader.make_reader(file).iter_messages():
-            decode = proto.decoder_for(channel.message_encoding, schema) or json.loads
-            found.setdefault(channel.topic, []).append((message.log_time, decode(message.data), schema))
-    return found
+def heard_late(run, *messages):
+    """The log of the run, with more of the vehicle 19 s after its beginning."""
+    vehicle = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+    with (run / "flight.tlog").open("ab") as tlog:
+        for at, message in enumerate(messages):
+            tlog.write(struct.pack(">Q", EPOCH_US + 19_000_000 + at * 1000) + message.pack(vehicle))
 
 
-def test_ticks_truth_and_events_come_back_at_the_times_of_the_flight(circnav, flown, tmp_path):
-    ran = circnav("export", flown, "--mcap", tmp_path / "x.mcap")
-    assert (ran.code, ran.err) == (0, "")
-    found = messages(tmp_path / "x.mcap")
+def test_ticks_truth_and_events_come_back_at_the_times_of_the_flight(exported, run):
+    found = exported()
     assert set(found) == OURS | set(FOXGLOVE) - {"/fix"}
-    rows = (flown / "ticks.csv").read_text().splitlines()
-    assert len(found["/ticks"]) == len(rows) - 1
+    assert len(found["/ticks"]) == len((run / "ticks.csv").read_text().splitlines()) - 1
     moment, tick, schema = found["/ticks"][-1]
     assert moment == EPOCH_US * 1000 + round(tick["time"] * 1e6) * 1000
     assert tick["phase"] == "ended"
     assert (schema.name, schema.encoding) == ("circnav.Tick", "jsonschema")
     assert set(tick) <= set(json.loads(schema.data)["properties"])
     assert found["/truth"][0][1]["radius"] == pytest.approx(316, abs=2)
-
-
-def test_a_place_that_cannot_be_written_is_called_by_its_own_name(circnav, flown, tmp_path):
-    place = tmp_path / "nowhere" / "x.mcap"
-    assert circnav("export", flown, "--mcap", place).line == f"circnav: {place}: No such file or directory"
-
-
-def test_the_events_are_a_log_that_tells_the_flight(circnav, flown):
-    assert circnav("export", flown, "--mcap").code == 0
-    log = [(row.name, row.message) for _, row, schema in messages(flown / "flight.mcap")["/events"]]
-    assert ("phase", "engaged") in log
-    assert ("mode", "GUIDED") in log
-    assert ("circnav says", "engaged, 100 m clockwise") in log
+    log = [(row.name, row.message) for _, row, _ in found["/events"]]
+    assert {("phase", "engaged"), ("mode", "GUIDED"), ("circnav says", "engaged, 100 m clockwise")} <= set(log)
 
 
 def test_the_mission_and_the_manifest_travel_along(circnav, flown, tmp_path):
-    circnav("export", flown, "--mcap", tmp_path / "x.mcap")
+    assert circnav("export", flown, "--mcap", tmp_path / "x.mcap").done
     with (tmp_path / "x.mcap").open("rb") as file:
         read = reader.make_reader(file)
         assert [attached.name for attached in read.iter_attachments()] == ["mission.toml"]
         assert json.loads(next(read.iter_metadata()).metadata["epoch_us"]) == EPOCH_US
 
 
-def test_a_run_without_truth_is_exported_without_it(circnav, tmp_path):
-    flight = recorded_flight(tmp_path / "run", "quickstart", "limits.duration_s=3", "sim.truth.rate_hz=0").fly(8)
-    flight.recorder.close()
-    assert circnav("export", tmp_path / "run", "--mcap", tmp_path / "x.mcap").code == 0
-    found = messages(tmp_path / "x.mcap")
+def test_a_run_without_truth_is_exported_without_it(exported, run):
+    shutil.rmtree(run)
+    recorded_flight(run, "quickstart", "limits.duration_s=3", "sim.truth.rate_hz=0").fly(8).recorder.close()
+    found = exported()
     assert not {"/truth", "/truth/pose"} & set(found)
     assert len(found["/tf"]) == 1
 
 
-def test_what_foxglove_shows_is_in_its_own_schemas_as_its_package_has_them(circnav, flown, tmp_path):
+def test_what_foxglove_shows_is_in_its_own_schemas_as_its_package_has_them(exported):
     """Messages were decoded by the schema in the file; that schema is the package's, byte for byte."""
-    circnav("export", flown, "--mcap", tmp_path / "x.mcap")
-    for topic, said in messages(tmp_path / "x.mcap").items():
-        if topic in OURS:
-            continue
-        schema = said[0][2]
+    found = exported()
+    for topic in set(found) - OURS:
+        schema = found[topic][0][2]
         assert (schema.name, schema.encoding) == (f"foxglove.{FOXGLOVE[topic]}", "protobuf")
-        module = importlib.import_module(f"foxglove_schemas_protobuf.{FOXGLOVE[topic]}_pb2")
+        theirs = importlib.import_module(f"foxglove_schemas_protobuf.{FOXGLOVE[topic]}_pb2").DESCRIPTOR
         files = {file.name: file for file in FileDescriptorSet.FromString(schema.data).file}
-        theirs = module.DESCRIPTOR
         assert files[theirs.name].SerializeToString() == theirs.serialized_pb
-        assert all(message.timestamp.ToNanoseconds() == at for at, message, _ in said if hasattr(message, "timestamp"))
+        stamped = [(at, message) for at, message, _ in found[topic] if hasattr(message, "timestamp")]
+        assert all(message.timestamp.ToNanoseconds() == at for at, message in stamped)
 
 
-def test_the_scene_is_the_flight_seen_from_the_beacon_east_north_up(circnav, flown, tmp_path):
-    circnav("export", flown, "--mcap", tmp_path / "x.mcap")
-    found = messages(tmp_path / "x.mcap")
+def test_the_scene_is_the_flight_seen_from_the_beacon_east_north_up(exported):
+    found = exported()
     truth = [row for _, row, _ in found["/truth"]]
     poses = [pose.pose for _, pose, _ in found["/truth/pose"]]
     first, row = poses[0].position, truth[len(truth) - len(poses)]
@@ -117,53 +107,39 @@ def test_the_scene_is_the_flight_seen_from_the_beacon_east_north_up(circnav, flo
     assert {one.frame_id for one in entities.values()} == {"beacon"}
 
 
-def test_a_text_that_came_in_chunks_is_one_line_of_the_log(circnav, flown, tmp_path):
-    run = shutil.copytree(flown, tmp_path / "run")
-    vehicle, whole = mavlink.MAVLink(None, srcSystem=1, srcComponent=1), "EKF3 lane switch 1, " * 6
-    with (run / "flight.tlog").open("ab") as tlog:
-        for chunk in range(3):
-            text = whole[50 * chunk : 50 * chunk + 50].encode()
-            frame = mavlink.MAVLink_statustext_message(3, text, 7, chunk).pack(vehicle)
-            tlog.write(struct.pack(">Q", EPOCH_US + 19_000_000 + chunk * 1000) + frame)
-    assert circnav("export", run, "--mcap").code == 0
-    said = [row for _, row, _ in messages(run / "flight.mcap")["/events"] if row.name == "vehicle says"]
-    assert [(row.message, row.level) for row in said if "EKF3" in row.message] == [(whole, 4)]  # ERROR
+def test_a_text_that_came_in_chunks_is_one_line_of_the_log(exported, run):
+    whole = "EKF3 lane switch 1, " * 6
+    parts = [whole[50 * chunk : 50 * chunk + 50].encode() for chunk in range(3)]
+    heard_late(run, *(mavlink.MAVLink_statustext_message(3, text, 7, chunk) for chunk, text in enumerate(parts)))
+    said = [row for _, row, _ in exported()["/events"] if row.name == "vehicle says" and "EKF3" in row.message]
+    assert [(row.message, row.level) for row in said] == [(whole, 4)]  # ERROR
 
 
-def test_a_position_that_the_vehicle_reports_is_a_fix_on_the_map(circnav, flown, tmp_path):
-    run = shutil.copytree(flown, tmp_path / "run")
-    vehicle = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
-    said = mavlink.MAVLink_global_position_int_message(1000, 473977420, 85455940, 488000, 0, 0, 0, 0, 0)
-    with (run / "flight.tlog").open("ab") as tlog:
-        tlog.write(struct.pack(">Q", EPOCH_US + 19_000_000) + said.pack(vehicle))
-    assert circnav("export", run, "--mcap").code == 0
-    ((at, fix, _),) = messages(run / "flight.mcap")["/fix"]
+def test_a_position_that_the_vehicle_reports_is_a_fix_on_the_map(exported, run):
+    heard_late(run, mavlink.MAVLink_global_position_int_message(1000, 473977420, 85455940, 488000, 0, 0, 0, 0, 0))
+    ((at, fix, _),) = exported()["/fix"]
     assert (fix.latitude, fix.longitude, fix.altitude) == pytest.approx((47.3977420, 8.5455940, 488.0))
     assert at == (EPOCH_US + 19_000_000) * 1000
 
 
-@pytest.mark.parametrize("wrong", [None, "latitude_deg", "sigma_m", "time_s"])
-def test_the_surveyed_place_of_the_target_is_a_fix_on_the_map(circnav, flown, tmp_path, wrong):
-    run = shutil.copytree(flown, tmp_path / "run")
-    place = {
-        "latitude_deg": -35.3632621,
-        "longitude_deg": 149.1652374,
-        "altitude_m": None,
-        "sigma_m": 1.5,
-        "time_s": 18,
-    }
-    (run / "summary.json").write_text(json.dumps({"place": place | ({wrong: "no number"} if wrong else {})}))
-    assert circnav("export", run, "--mcap").code == 0
-    found = messages(run / "flight.mcap")
-    assert ("/target" in found) is (wrong is None)
-    for at, fix, schema in found.get("/target", ()):
-        assert schema.name == "foxglove.LocationFix"
-        assert (fix.latitude, fix.longitude) == (-35.3632621, 149.1652374)
-        assert list(fix.position_covariance) == [2.25, 0, 0, 0, 2.25, 0, 0, 0, 0]
-        assert at == (EPOCH_US + 18_000_000) * 1000
+PLACE = {"latitude_deg": -35.3632621, "longitude_deg": 149.1652374, "altitude_m": None, "sigma_m": 1.5, "time_s": 18}
 
 
-def test_what_cannot_be_exported_is_one_line(circnav, flown, tmp_path):
-    assert "no such run folder" in circnav("export", tmp_path / "no", "--mcap").line
-    assert "No such file or directory" in circnav("export", flown, "--mcap", tmp_path / "no" / "x.mcap").line
-    assert "say what to write" in circnav("export", flown).line
+def test_the_surveyed_place_of_the_target_is_a_fix_on_the_map(exported, run):
+    (run / "summary.json").write_text(json.dumps({"place": PLACE}))
+    ((at, fix, schema),) = exported()["/target"]
+    assert schema.name == "foxglove.LocationFix"
+    assert (fix.latitude, fix.longitude) == (-35.3632621, 149.1652374)
+    assert list(fix.position_covariance) == [2.25, 0, 0, 0, 2.25, 0, 0, 0, 0]
+    assert at == (EPOCH_US + 18_000_000) * 1000
+
+
+@pytest.mark.parametrize("wrong", ["latitude_deg", "sigma_m", "time_s"])
+def test_a_place_that_was_damaged_is_left_out(exported, run, wrong):
+    (run / "summary.json").write_text(json.dumps({"place": PLACE | {wrong: "no number"}}))
+    assert "/target" not in exported()
+
+
+def test_a_place_that_cannot_be_written_is_named(circnav, flown, tmp_path):
+    place = tmp_path / "no" / "x.mcap"
+    assert circnav("export", flown, "--mcap", place).refused == f"{place}: No such file or directory"

@@ -1,42 +1,25 @@
 """`circnav fly --web`: refusals in one line, and the page of a real flight in a real browser."""
 
-import os
 import re
 import socket
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 
-from tests.browser import CHROMIUM, Browser
+from circnav_mav.runtime.web.feed import LivePage
+from tests.flight.lockstep import flight
 from tests.process import PATIENCE
-
-ROOT = Path(__file__).parents[2]
-
-
-@pytest.mark.parametrize("port", ["eighty", "99999"])
-def test_a_port_that_is_none_is_refused_before_anything_is_written(circnav, mission, tmp_path, port):
-    ran = circnav("fly", mission, f"--web={port}", "--out", tmp_path / "out")
-    assert (ran.code, ran.line) == (2, f"circnav: --web {port}: is not a port; write: circnav fly MISSION --web [PORT]")
-    assert not (tmp_path / "out").exists()
-
-
-def test_the_mission_behind_the_option_is_explained(circnav, mission):
-    ran = circnav("fly", "--web", mission, mission)
-    assert ran.code == 2
-    assert ran.line.endswith("write: circnav fly MISSION --web [PORT]")
+from tests.process import circnav as process_of
 
 
 def test_a_port_in_use_is_refused_before_anything_flies(circnav, mission, tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as other:
         port = other.getsockname()[1]
-        ran = circnav("fly", mission, "--web", port, "--out", tmp_path / "out")
-    assert ran.code == 2
-    assert ran.line.startswith(f"circnav: --web {port}: 127.0.0.1:{port} cannot be had: Address already in use")
+        line = circnav("fly", mission, "--web", port, "--out", tmp_path / "out").refused
+    assert line.startswith(f"--web {port}: 127.0.0.1:{port} cannot be had: Address already in use")
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_flight_without_a_vehicle_ends_as_it_does_without_the_page(circnav, mission):
     ran = circnav("fly", mission, "--web", 0)
     assert (ran.code, ran.err) == (3, "")
@@ -47,51 +30,36 @@ DESIRED_ON_TOP = """
 [...document.querySelectorAll("#track circle.level, #track path.line")].at(-1).matches("circle")"""
 
 
-@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here")
-def test_a_browser_follows_a_flight_to_its_verdict_and_logs_no_error(tmp_path):
-    command = [sys.executable, "-u", "-m", "circnav_mav", "fly", str(ROOT / "config" / "quickstart.toml"), "--web", "0",
-               "--speed", "2", "--duration", "12", "--out", str(tmp_path / "run")]  # fmt: skip
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    browser = Browser(tmp_path / "profile")  # first: it may take longer to start than the flight does
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as flight:
-        try:
-            said = next(line for line in flight.stdout if line.startswith("live page at "))
-            browser.open(said.split()[-1])
-            browser.until("document.getElementById('phase').innerText.toLowerCase() === 'engaged'")
-            browser.until("document.querySelectorAll('#charts svg.strip').length === 7")
-            browser.until("points.length > 20 && document.querySelector('#track path.line.true')")
-            longest = "svg => Math.max(...[...svg.querySelectorAll('path.line')].map(path => path.getTotalLength()))"
-            lines = "[...document.querySelectorAll('#charts svg.strip')].filter(svg => svg.querySelector('.line'))"
-            drawn = browser.value(f"{lines}.map({longest})")
-            assert len(drawn) == 4
-            assert min(drawn) > 300  # px of line in every chart
-            assert browser.value("document.getElementById('link').innerText") == "live"
-            assert browser.value(DESIRED_ON_TOP)
-            assert re.fullmatch(r"\d{3} deg", browser.value("document.getElementById('heading').innerText"))
-            browser.picture(tmp_path / "page.png")
-            assert (tmp_path / "page.png").stat().st_size > 50_000
-            browser.until("!document.getElementById('outcome').hidden")
-            assert "COMPLETED: flown to its end" in browser.value("document.getElementById('outcome').innerText")
-            assert browser.value("document.getElementById('link').innerText") == "stream ended"
-            assert browser.complaints == []
-        finally:
-            browser.close()
-        flight.communicate(timeout=PATIENCE)
-    assert flight.returncode == 0
+def test_a_browser_follows_a_flight_to_its_verdict_and_logs_no_error(browser, tmp_path):
+    options = ("--web", "0", "--speed", "2", "--duration", "12", "--out", str(tmp_path / "run"))
+    with process_of("fly", "quickstart", *options) as flown:
+        said = next(line for line in flown.stdout if line.startswith("live page at "))
+        browser.open(said.split()[-1])
+        browser.until("document.getElementById('phase').innerText.toLowerCase() === 'engaged'")
+        browser.until("document.querySelectorAll('#charts svg.strip').length === 7")
+        browser.until("points.length > 20 && document.querySelector('#track path.line.true')")
+        longest = "svg => Math.max(...[...svg.querySelectorAll('path.line')].map(path => path.getTotalLength()))"
+        lines = "[...document.querySelectorAll('#charts svg.strip')].filter(svg => svg.querySelector('.line'))"
+        drawn = browser.value(f"{lines}.map({longest})")
+        assert len(drawn) == 4
+        assert min(drawn) > 300  # px of line in every chart
+        assert browser.value("document.getElementById('link').innerText") == "live"
+        assert browser.value(DESIRED_ON_TOP)
+        assert re.fullmatch(r"\d{3} deg", browser.value("document.getElementById('heading').innerText"))
+        browser.until("!document.getElementById('outcome').hidden")
+        assert "COMPLETED: flown to its end" in browser.value("document.getElementById('outcome').innerText")
+        assert browser.value("document.getElementById('link').innerText") == "stream ended"
+        assert browser.complaints == []
+        flown.communicate(timeout=PATIENCE)
+    assert flown.returncode == 0
 
 
-@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here")
-def test_the_page_says_when_the_connection_is_lost(tmp_path):
-    from circnav_mav.runtime.web.feed import LivePage
-    from tests.flight.lockstep import flight
-
-    pilot = flight("quickstart").pilot
-    page, browser = LivePage(pilot, 0, name="small", tolerance=5.0, speed=1.0), Browser(tmp_path / "profile")
+def test_the_page_says_when_the_connection_is_lost(browser):
+    page = LivePage(flight("quickstart").pilot, 0, name="small", tolerance=5.0, speed=1.0)
     try:
         browser.open(page.url)
         browser.until("document.getElementById('name').innerText === 'small'")
         page._process.kill()
         browser.until("document.getElementById('link').innerText === 'connection lost, trying again'")
     finally:
-        browser.close()
         page.close()

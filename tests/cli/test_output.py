@@ -7,69 +7,61 @@ from pathlib import Path
 
 import pytest
 
-from tests.flight.recorded import recorded_flight
-from tests.process import PATIENCE
+from tests.process import PATIENCE, ROOT
 
-ROOT = Path(__file__).parents[2]
-QUICKSTART = ROOT / "config" / "quickstart.toml"
 CAMPAIGN = f"""mission = "{ROOT / "config" / "campaign_mission.toml"}"
 runs = 4
 [vary]
 "guidance.law" = ["smooth"]
 "limits.duration_s" = [5.0]
 """
-COMMANDS = ["replay run", "report run", "campaign c.toml --processes 1", "paper --starts 1",
-            "bench --law pd --situation calm --flights 2", "--help", "fly --help", "--version", f"check {QUICKSTART}",
-            f"preflight {QUICKSTART} --seconds 1"]  # fmt: skip
-
-
+COMMANDS = ["replay run", "campaign c.toml --processes 1", "preflight quickstart --seconds 1", "--help"]
 FULL = "circnav: standard output cannot be written: No space left on device\n"
 
 
-@pytest.fixture(scope="module")
-def place(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("place")
-    recorded_flight(folder / "run", "quickstart", "limits.duration_s=5").fly(10).recorder.close()
-    (folder / "c.toml").write_text(CAMPAIGN)
-    return folder
+@pytest.fixture
+def told(run):
+    """Exit code and standard error of a command whose standard output, or error, is a file of ours."""
+    (run.parent / "c.toml").write_text(CAMPAIGN)
+
+    def told(command, stdout, stderr=subprocess.PIPE, **environment):
+        ran = subprocess.run(
+            [sys.executable, "-m", "circnav_mav", *command.split()], cwd=run.parent, stdout=stdout, stderr=stderr,
+            text=True, check=False, env={"PYTHONPATH": str(ROOT), "PATH": "/bin"} | environment, timeout=PATIENCE,
+        )  # fmt: skip
+        return ran.returncode, ran.stderr
+
+    return told
 
 
-def told(place, command, stdout, **environment):
-    ran = subprocess.run(
-        [sys.executable, "-m", "circnav_mav", *command.split()], cwd=place, stdout=stdout, stderr=subprocess.PIPE,
-        text=True, check=False, env={"PYTHONPATH": str(ROOT), "PATH": "/bin"} | environment, timeout=PATIENCE,
-    )  # fmt: skip
-    return ran.returncode, ran.stderr
+@pytest.fixture
+def full():
+    if not Path("/dev/full").exists():
+        pytest.skip("needs /dev/full")
+    with Path("/dev/full").open("w") as file:
+        yield file
 
 
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
 @pytest.mark.parametrize("command", [*COMMANDS, "emulate"])
-def test_an_output_that_is_full_is_one_line_that_names_it(place, command):
-    with Path("/dev/full").open("w") as full:
-        said = told(place, command, full)
-    assert said == (2, FULL)
+def test_an_output_that_is_full_is_one_line_that_names_it(told, full, command):
+    assert told(command, full) == (2, FULL)
 
 
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
-@pytest.mark.parametrize("unbuffered", ["", "1"])
-def test_it_is_one_line_however_python_buffers(place, unbuffered):
-    with Path("/dev/full").open("w") as full:
-        assert told(place, "check run/mission.toml", full, PYTHONUNBUFFERED=unbuffered) == (2, FULL)
+def test_it_is_one_line_without_pythons_buffer_too(told, full):
+    assert told("check quickstart", full, PYTHONUNBUFFERED="1") == (2, FULL)
 
 
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
-def test_a_complaint_that_nobody_can_read_has_its_exit_code_all_the_same(place):
-    command = [sys.executable, "-m", "circnav_mav", "report", "nowhere"]
-    with Path("/dev/full").open("w") as full:
-        ran = subprocess.run(command, cwd=place, stderr=full, check=False, env={"PYTHONPATH": str(ROOT)})
-    assert ran.returncode == 2
+def test_a_complaint_that_nobody_can_read_has_its_exit_code_all_the_same(told, full):
+    assert told("report nowhere", None, full) == (2, None)
 
 
-@pytest.mark.parametrize("command", COMMANDS)
-def test_a_reader_that_went_away_ends_the_command_without_a_word(place, command):
+@pytest.mark.parametrize(
+    "command", [*COMMANDS, "report run", "paper --starts 1", "bench --law pd --situation calm --flights 2"]
+)
+def test_a_reader_that_went_away_ends_the_command_without_a_word(told, command):
     """As in `| head -1`."""
     ours, theirs = os.pipe()
     os.close(ours)
-    said = told(place, command, theirs)
+    said = told(command, theirs)
     os.close(theirs)
     assert said == (1, "")

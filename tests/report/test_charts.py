@@ -51,19 +51,20 @@ def test_a_line_leaves_the_frame_as_steep_as_it_is_and_the_frame_cuts_it_off():
     assert points(drawn) == [(0.0, 81.0), (467.0, -729.0), (934.0, -729.0)]
 
 
-def test_a_gap_lifts_the_pen():
-    assert path(strip([0, 1, 2, 3, 4], [1, 1, None, 1, 1], [0, 4])).count("M") == 2
-
-
-def test_dots_beyond_the_frame_are_triangles_at_its_edge_that_point_there():
-    drawn = strip([0, 1, 2], [0.5, 3, -3], [0, 2], shown=[0, 1], line={"dots": True})
-    assert path(drawn, "dots estimate") == "M0.0,81.0h0"
-    assert path(drawn, "filled beyond estimate") == "M467.0,0l-3,5h6ZM934.0,162l-3,-5h6Z"
-
-
-def test_bars_stand_on_nothing_and_are_as_wide_as_their_bins():
-    drawn = strip([0, 1, 2], [2, 0, None], [0, 2], shown=[0, 4], line={"bars": True})
-    assert path(drawn, "filled estimate") == "M0.0,162V81.0H467.0V162Z"
+@pytest.mark.parametrize(
+    ("values", "chart", "kind", "drawn"),
+    [
+        ([1, 1, None, 1, 1], {"shown": [0, 2]}, "line", "M0.0,81.0L233.5,81.0M700.5,81.0L934.0,81.0"),
+        ([0.5, 3, -3], {"shown": [0, 1], "line": {"dots": True}}, "dots", "M0.0,81.0h0"),
+        ([0.5, 3, -3], {"shown": [0, 1], "line": {"dots": True}}, "filled beyond",
+         "M467.0,0l-3,5h6ZM934.0,162l-3,-5h6Z"),
+        ([2, 0, None], {"shown": [0, 4], "line": {"bars": True}}, "filled", "M0.0,162V81.0H467.0V162Z"),
+    ],
+    ids=["a gap lifts the pen", "dots", "dots beyond are triangles at the edge that point there", "bars"],
+)  # fmt: skip
+def test_a_line_is_drawn_as_its_kind(values, chart, kind, drawn):
+    times = list(range(len(values)))
+    assert path(strip(times, values, [0, times[-1]], **chart), f"{kind} estimate") == drawn
 
 
 @pytest.mark.parametrize("values", [[None, None], [5, 5], [0, 0], [-1e-9, 1e9]])

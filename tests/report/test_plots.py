@@ -59,6 +59,8 @@ def test_a_time_without_ranges_and_what_was_never_sent_are_named_in_the_legends(
     ticks = read_ticks(folder)
     *others, turn_rate = drawn(plot_flight, ticks, None, ORBIT).axes
     assert all("no range, holding" in legend(axis) for axis in (*others, turn_rate))
+    (shaded,) = turn_rate.collections[-1].get_paths()
+    assert shaded.get_extents().intervalx == pytest.approx([120, 130], abs=0.5)
     assert legend(turn_rate)[0] == "commanded"
     limits = [line.get_ydata()[0] for line in turn_rate.lines if line.get_linestyle() == ":"]
     assert limits == pytest.approx([-20.05, 20.05], abs=0.01)  # deg/s of 0.35 rad/s

@@ -1,0 +1,86 @@
+"""What is used wrongly: one line that names it, exit code 2, and nothing written, whatever the command."""
+
+import pytest
+
+from circnav_mav.cli.bundled import names
+
+PORT_IN_USE = "endpoint udpin:127.0.0.1:BUSY: port is in use by another program: close it, or choose another port"
+CELL = "bench --law pd --situation calm"
+
+
+@pytest.mark.parametrize(
+    ("command", "says"),
+    [
+        ("fly nowhere.toml", "nowhere.toml: cannot be read: No such file or directory"),
+        ("fly quikstart", f"quikstart: is no file and no bundled mission; bundled: {', '.join(names('mission'))}"),
+        ("fly config/px4_plane.toml", "config/px4_plane.toml: no such file; the bundled one goes by its name: px4-"),
+        ("campaign campaigns/wind.toml", "campaigns/wind.toml: no such file; the bundled one goes by its name: wind"),
+        ("fly mission.toml --set orbit.radius_m", "--set orbit.radius_m: write it as table.key=value"),
+        ("fly mission.toml --duration -5", "mission.toml: limits.duration_s: must be above 0, not -5"),
+        ("fly mission.toml --speed 0", "mission.toml: link.sim_speed: must be above 0, not 0"),
+        ("fly mission.toml --speed 8", "--speed: only the bundled vehicle flies at another speed, not udpin:127."),
+        ("fly mission.toml --endpoint udpin:127.0.0.1:BUSY", PORT_IN_USE),
+        ("fly mission.toml --set ranging.endpoint=udpin:127.0.0.1:BUSY", PORT_IN_USE),
+        ("fly mission.toml --out /dev/null/run", "/dev/null/run: cannot be written: Not a directory"),
+        ("fly mission.toml --web eighty", "--web eighty: is not a port; write: circnav fly MISSION --web [PORT]"),
+        ("fly mission.toml --web 65536", "--web 65536: is not a port; write: circnav fly MISSION --web [PORT]"),
+        ("fly --web mission.toml mission.toml", "--web mission.toml: is not a port; write: circnav fly MISSION"),
+        ("check mission.toml --set link.endpoint=udpin:14550", "endpoint 'udpin:14550': "),
+        ("check mission.toml --set ranging.endpoint=udpin:14550", "endpoint 'udpin:14550': "),
+        ("fly mission.toml --set guidance.gain=1e-5", "mission.toml: refused by its checks, see FAIL above"),
+        ("preflight mission.toml --set guidance.gain=1e-5", "mission.toml: refused by its checks, see FAIL above"),
+        *((f"{command} mission.toml --set {override}", f"mission.toml: {says}")
+          for command in ("check", "fly", "preflight") for override, says in (
+              ("orbit.raduis_m=80", "orbit.raduis_m: unknown key, did you mean radius_m?"),
+              ("link.endpoint=sim", 'link.endpoint: is "sim", which needs a [sim] table describing the vehicle'),
+              ("sim.ranging.nois_m=1.0", 'sim.ranging.nois_m: unknown key, did you mean "noise_m"?'))),
+        ("preflight copter --seconds 0", "--seconds: must be at least 1 and at most 600, not 0"),
+        ("preflight copter --seconds 601", "--seconds: must be at least 1 and at most 600, not 601"),
+        ("init zeppelin", "init zeppelin: is not one of arducopter"),
+        ("init plane my+plane.toml", "init: my+plane.toml: a mission's name has letters, digits, '.', '_' and '-'"),
+        ("init plane mission.toml", "init: mission.toml: is there already, name another file: circnav init plane FILE"),
+        ("emulate --speed 0", "--speed: must be above 0 and at most 100, not 0"),
+        ("emulate --speed 101", "--speed: must be above 0 and at most 100, not 101"),
+        ("emulate --speed nan", "--speed: must be above 0 and at most 100, not nan"),
+        ("emulate nowhere.toml", "nowhere.toml: "),
+        ("emulate --endpoint ftp:here:21", '"ftp:here:21" is not an endpoint, write udpin:127.0.0.1:14550'),
+        ("emulate --endpoint udpin:127.0.0.1:BUSY", "udpin:127.0.0.1:BUSY: cannot be opened: address already in use"),
+        ("bench --flights 0", "--flights: must be at least 1, not 0"),
+        ("bench --seed -1", "--seed: must be at least 0, not -1"),
+        ("bench --law smoth", '--law: "smoth" is not one of: auto; '),
+        ("bench --situation rain", '--situation: "rain" is not one of: calm'),
+        (f"{CELL} --out mission.toml", "mission.toml: File exists"),
+        ("paper --starts 0", "--starts: must be at least 1, not 0"),
+        ("paper --seed -1", "--seed: must be at least 0, not -1"),
+        ("paper --out mission.toml", "mission.toml: File exists"),
+        ("campaign wind --resume", "--resume: name the folder to go on with: --out DIR"),
+        ("runs clean . --older-than soon", "--older-than soon: write hours, days or weeks: 12h, 30d, 4w"),
+        ("report nowhere", "nowhere: no such run folder"),
+        ("replay nowhere", "nowhere: no such run folder"),
+        ("export nowhere --mcap", "nowhere: no such run folder"),
+        ("export nowhere", "export: say what to write: --mcap"),
+        ("locate nowhere", "nowhere: no such file"),
+        *((f"{command} --out=", "--out: is empty, give it a name")
+          for command in ("fly mission.toml", "replay x", "locate x", CELL, "campaign wind", "paper --starts 1")),
+    ],
+)  # fmt: skip
+def test_it_is_one_line_and_nothing_is_written(circnav, mission, busy_port, command, says):
+    line = circnav(*command.replace("BUSY", str(busy_port)).split()).refused
+    assert line.startswith(says.replace("BUSY", str(busy_port)))
+    assert list(mission.parent.iterdir()) == [mission]
+
+
+def test_an_interrupt_is_exit_code_130(circnav, monkeypatch):
+    def interrupted(shell):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("click.shell_completion.get_completion_class", interrupted)
+    assert circnav("completion", "bash").code == 130
+
+
+@pytest.mark.parametrize("arguments", ["fligh", "fly", "check a.toml b.toml", "fly quickstart --speed fast"])
+def test_usage_that_the_parser_refuses_is_exit_code_2(circnav, arguments):
+    ran = circnav(*arguments.split())
+    assert ran.code == 2
+    assert "Error: " in ran.err
+    assert "Traceback" not in ran.err
