@@ -5,7 +5,8 @@ import sys
 
 import pytest
 
-from circnav_mav.runtime.links import Endpoint, LinkError, open_link, parse_endpoint
+from circnav_mav.runtime.endpoint import Endpoint, LinkError, parse_endpoint
+from circnav_mav.runtime.links import open_link
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,9 @@ from contextlib import closing
 
 import pytest
 
-from circnav_mav.runtime.links import MOST_BYTES, MOST_DATAGRAMS, LinkError, open_link
-from circnav_mav.runtime.udp_link import LONGEST
+from circnav_mav.runtime.endpoint import MOST_BYTES, LinkError
+from circnav_mav.runtime.links import open_link
+from circnav_mav.runtime.udp_link import LONGEST, MOST_DATAGRAMS
 from tests.process import PATIENCE
 
 UDP = (socket.AF_INET, socket.SOCK_DGRAM)
