@@ -58,8 +58,8 @@ def export_mcap(run: Run, path: Path) -> dict[str, int]:
 
 
 def _schema(table: Ticks) -> dict[str, Any]:
-    properties = dict.fromkeys(table.numbers, {"type": "number"}) | dict.fromkeys(table.words, {"type": "string"})
-    return {"type": "object", "properties": properties}
+    kinds = ((table.numbers, "number"), (table.words, "string"))
+    return {"type": "object", "properties": {name: {"type": kind} for names, kind in kinds for name in names}}
 
 
 def _tick_rows(table: Ticks) -> Iterator[dict[str, Any]]:

@@ -178,8 +178,7 @@ def _target(run: Run) -> Iterator[Said]:
 
 def _every_piece(times: Column) -> list[int]:
     """The index of the first of each piece."""
-    _, first = np.unique(np.floor(times / PIECE), return_index=True)
-    return [int(at) for at in first]
+    return [int(at) for at in np.unique(np.floor(times / PIECE), return_index=True)[1]]
 
 
 def _update(run: Run, time: float, entities: Sequence[SceneEntity]) -> Said:

@@ -172,5 +172,4 @@ def test_a_disk_that_fails_in_flight_is_noted_and_stops_nothing(path: Path) -> N
 
 def wait_for_the_writer(kept: SigningTime, path: Path) -> None:
     """What was asked for is on the disk; nothing more is asked for."""
-    kept._queue.put(None)
-    kept._thread.join()
+    kept._writer.shutdown()

@@ -115,15 +115,11 @@ def test_a_file_in_the_way_of_the_folder_is_told_in_one_line(tmp_path):
         Recorder(tmp_path / "run", "")
 
 
-@pytest.mark.parametrize("victim", ["flight.tlog", "ticks.csv"])
-def test_a_disk_that_fills_up_in_flight_is_noted_and_the_flight_goes_on(tmp_path, victim):
+@pytest.mark.parametrize(("file", "mode"), [("_tlog", "wb"), ("_ticks", "w"), ("_turns", "w")])
+def test_a_disk_that_fills_up_in_flight_is_noted_and_the_flight_goes_on(tmp_path, file, mode):
     """/dev/full: every write fails with "no space left on device"."""
-    if victim == "ticks.csv":
-        (tmp_path / victim).symlink_to("/dev/full")
     recorder = Recorder(tmp_path, "")
-    if victim == "flight.tlog":  # which must not be there before
-        recorder._tlog.close()
-        recorder._tlog = Path("/dev/full").open("wb")  # noqa: SIM115
+    setattr(recorder, file, Path("/dev/full").open(mode))  # noqa: SIM115
     recorder.start(EPOCH_US)
     for i in range(200):
         recorder.step(LoopStep(0.05 * i, said=frames(5)))
@@ -132,8 +128,9 @@ def test_a_disk_that_fills_up_in_flight_is_noted_and_the_flight_goes_on(tmp_path
     assert recorder.problem == f"{tmp_path}: recording stopped: No space left on device"
 
 
-def test_a_disk_that_is_full_from_the_start_is_told_in_one_line(tmp_path):
-    (tmp_path / "mission.toml").symlink_to("/dev/full")
+@pytest.mark.parametrize("name", ["mission.toml", "ticks.csv"])
+def test_a_disk_that_is_full_from_the_start_is_told_in_one_line(tmp_path, name):
+    (tmp_path / name).symlink_to("/dev/full")
     with pytest.raises(RecorderError, match=r"cannot be written: No space left on device$"):
         Recorder(tmp_path, "name = 'x'\n")
 
