@@ -58,14 +58,6 @@ def test_times_are_whole_microseconds(bench: Bench) -> None:
     assert all(moment * 1e6 == pytest.approx(round(moment * 1e6), abs=1e-4) for moment in bench.times)
 
 
-@pytest.mark.parametrize("speed", [0.2, 1.0, 5.0, 20.0, 100.0])
-def test_it_takes_the_autopilots_speed(bench: Bench, speed: float) -> None:
-    bench.speed = speed
-    bench.run(5.0)
-    assert bench.run(10.0) == pytest.approx(10.0 * speed, rel=0.01)
-    assert bench.clock.speed == pytest.approx(speed, rel=0.01)
-
-
 @pytest.mark.parametrize("speed", [0.2, 1.0, 5.0])
 def test_a_boot_time_once_a_second_is_enough(bench: Bench, speed: float) -> None:
     """SYSTEM_TIME alone, before ATTITUDE was asked for."""
@@ -141,13 +133,15 @@ def test_a_reboot_before_the_speed_is_known_moves_nothing_either(bench: Bench) -
     assert bench.run(1.0) == pytest.approx(1.0, rel=0.02)
 
 
-@pytest.mark.parametrize(("before", "after"), [(1.0, 5.0), (5.0, 1.0), (1.0, 100.0), (20.0, 0.5)])
-def test_a_change_of_speed_is_followed_within_seconds(bench: Bench, before: float, after: float) -> None:
-    bench.speed = before
-    bench.run(5.0)
-    bench.speed = after
-    bench.run(4.0)
-    assert bench.run(5.0) == pytest.approx(5.0 * after, rel=0.05)
+@pytest.mark.parametrize(("before", "after"), [(1.0, 5.0), (5.0, 1.0), (1.0, 100.0), (20.0, 0.2)])
+def test_it_takes_the_autopilots_speed_and_follows_a_change_within_seconds(
+    bench: Bench, before: float, after: float
+) -> None:
+    for speed in (before, after):
+        bench.speed = speed
+        bench.run(5.0)
+        assert bench.run(5.0) == pytest.approx(5.0 * speed, rel=0.01)
+        assert bench.clock.speed == pytest.approx(speed, rel=0.01)
 
 
 def test_two_messages_that_changed_places_change_nothing(bench: Bench) -> None:

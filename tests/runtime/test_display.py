@@ -34,10 +34,6 @@ def drawn(status, *, ascii_only=False, settings=SETTINGS):
     return console.file.getvalue().splitlines()
 
 
-def live(console):
-    return LiveScreen(console, Picture(SETTINGS, "small", ascii_only=False))
-
-
 # --- the picture ---
 
 
@@ -60,27 +56,21 @@ def test_every_phase_fits_a_small_terminal_and_says_what_matters_in_words(status
     assert len(lines) <= 24
     assert {len(line) for line in lines} == {80}
     assert [word for word in shown if word not in "\n".join(lines)] == []
+    plain = drawn(statuses(seconds, *overrides, event=event)[-1], ascii_only=True)
+    assert "".join(plain[1:-1]).replace("│", "").isascii(), "a terminal without Unicode gets none"
 
 
 @pytest.mark.parametrize("height", [6, 14])
 def test_a_low_terminal_shows_phase_and_alarm(statuses, height):
-    """It has no room for all rows, and leaves out the last."""
+    """It has no room for all rows, and leaves out the last. Nothing is written before the first picture: by the
+    display's own thread, for it may have to wait for ever."""
     console = terminal(height=height, force_terminal=True)
-    live(console).draw(statuses(9.0, event="outage")[-1])
+    screen = LiveScreen(console, Picture(SETTINGS, "small", ascii_only=False))
+    assert console.file.getvalue() == ""
+    screen.draw(statuses(9.0, event="outage")[-1])
     seen = console.file.getvalue()
+    screen.close()
     assert [words in seen for words in (" HOLDING ", "RANGE STALE", "Ctrl-C ends")] == [True, True, False]
-
-
-def test_a_dry_run_says_that_nothing_is_sent(statuses):
-    dry = drawn(
-        statuses(6.0, output_mode=OutputMode.DRY_RUN)[-1], settings=replace(SETTINGS, output_mode=OutputMode.DRY_RUN)
-    )
-    assert "DRY RUN: no setpoint" in "\n".join(dry)
-
-
-def test_a_terminal_without_unicode_gets_ascii(statuses):
-    lines = drawn(statuses(12.0)[-1], ascii_only=True)
-    assert "".join(lines[1:-1]).replace("│", "").isascii()
 
 
 def test_bars_lean_to_the_side_that_is_flown_and_the_sparkline_falls_with_the_error(statuses):
@@ -101,10 +91,12 @@ def test_bars_lean_to_the_side_that_is_flown_and_the_sparkline_falls_with_the_er
 
 
 def test_numbers_say_what_they_are_of(statuses):
-    """Which range, what is turned how far, whose bearing."""
+    """Which range, what is turned how far, whose bearing, and that nothing is sent."""
     status = statuses(12.0)[-1]
     tick, target = replace(status.tick, turn_gain=0.72, turn_delay=0.46), "237 deg, drift 0.1 m/s towards 322 deg"
-    lines = "\n".join(drawn(replace(status, tick=tick, target=target)))
+    dry = replace(SETTINGS, output_mode=OutputMode.DRY_RUN)
+    lines = "\n".join(drawn(replace(status, tick=tick, target=target), settings=dry))
+    assert "DRY RUN: no setpoint" in lines
     assert " m horizontal   desired 100.0 m" in lines
     assert "deg/s (limit 20.0), gain 0.72, delay 0.46 s" in lines
     assert f"target      {target}" in lines
@@ -164,16 +156,6 @@ def test_a_screen_that_cannot_draw_ends_no_flight_and_is_told_of_if_somebody_loo
     display.close()
     assert flown.pilot.outcome is None
     assert (screen.closed, len(screen.seen), display.problem) == (True, 1, problem)
-
-
-def test_a_terminal_that_takes_nothing_does_not_keep_a_flight_from_its_start(statuses):
-    """The first that is written to it, which may wait for ever, is written by the display's own thread."""
-    console = terminal(force_terminal=True)
-    screen = live(console)
-    assert console.file.getvalue() == ""
-    screen.draw(statuses(12.0)[-1])
-    screen.close()
-    assert "ENGAGED" in console.file.getvalue()
 
 
 def test_a_status_that_comes_late_does_not_delay_the_next_drawing():
