@@ -34,10 +34,6 @@ def read_key(path: Path) -> bytes:
             data = file.read(4096)
     except OSError as error:
         raise KeyFileError(f"{path}: cannot be read: {error.strerror or error}") from None
-    return _key(data, path)
-
-
-def _key(data: bytes, path: Path) -> bytes:
     key = data
     if TEXT.issuperset(data.strip()):  # a random key of 32 printable bytes is one in 1e14
         try:

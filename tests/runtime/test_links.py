@@ -17,10 +17,14 @@ from tests.process import PATIENCE
 UDP = (socket.AF_INET, socket.SOCK_DGRAM)
 
 
-def receive(link, now=0.0):
-    """What comes in once the link's descriptor has something."""
+def heard(link, now=0.0):
+    """What comes in once the link's descriptor has something, with its source."""
     select.select([link.fileno()], [], [], PATIENCE)
-    return [data for data, _ in link.receive(now)]
+    return link.receive(now)
+
+
+def receive(link, now=0.0):
+    return [data for data, _ in heard(link, now)]
 
 
 def portions(link):
@@ -75,14 +79,20 @@ def tcp(request, server):
 # --- UDP ---
 
 
-def test_udpin_hears_everybody_and_answers_whom_it_is_told(udp, udpin):
-    udpin.send(b"nobody", None)
-    udp.send(b"one")
-    select.select([udpin.fileno()], [], [], PATIENCE)
-    assert udpin.receive(0.0) == [(b"one", udp.getsockname())]
-    udpin.send(b"answer", udp.getsockname())
-    assert udp.recv(100) == b"answer"
-    assert udpin.troubles.total() == 0
+BOTH_VERSIONS = pytest.mark.parametrize("host", ["127.0.0.1", "[::1]"])
+
+
+@BOTH_VERSIONS
+def test_udp_carries_bytes_both_ways_once_it_is_known_to_whom(request, host):
+    link = opened(request, f"udpin:{host}:0")
+    there = opened(request, f"udpout:{host}:{link.port}")
+    link.send(b"nobody", None)
+    there.send(b"one", None)
+    ((data, source),) = heard(link)
+    link.send(b"answer", source)
+    assert (data, source[1]) == (b"one", there.port)
+    assert receive(there) == [b"answer"]
+    assert link.troubles.total() == 0
 
 
 def test_a_flood_is_taken_in_portions(udp, udpin):
@@ -134,28 +144,7 @@ def test_a_datagram_that_no_router_sends_is_not_read(udp, udpin):
     assert udpin.troubles.total() == 2
 
 
-def test_ipv6_carries_bytes_both_ways():
-    with closing(open_link("udpin:[::1]:0")) as link, closing(open_link(f"udpout:[::1]:{link.port}")) as there:
-        there.send(b"one", None)
-        select.select([link.fileno()], [], [], PATIENCE)
-        ((data, source),) = link.receive(0.0)
-        link.send(b"answer", source)
-        assert (data, receive(there)) == (b"one", [b"answer"])
-    with (
-        closing(socket.create_server(("::1", 0), family=socket.AF_INET6)) as server,
-        closing(open_link(f"tcp:[::1]:{server.getsockname()[1]}")) as link,
-        closing(server.accept()[0]) as there,
-    ):
-        there.sendall(b"hello")
-        assert receive(link) == [b"hello"]
-
-
-def test_udpout_speaks_first_and_to_its_own_address_only(udp, udpout):
-    udpout.send(b"hello", None)
-    data, ours = udp.recvfrom(100)
-    assert data == b"hello"
-    udp.sendto(b"answer", ours)
-    assert receive(udpout) == [b"answer"]
+def test_udpout_speaks_to_its_own_address_only(udp, udpout):
     udpout.send(b"again", ("127.0.0.1", 9))
     assert udp.recv(100) == b"again"
 
@@ -220,15 +209,18 @@ def test_a_network_that_is_unreachable_is_counted_and_not_raised(udp, udpin):
 # --- TCP ---
 
 
-def test_tcp_carries_bytes_both_ways_and_may_be_closed_twice(server, tcp):
-    with closing(server.accept()[0]) as there:
-        there.sendall(b"hello")
-        select.select([tcp.fileno()], [], [], PATIENCE)
-        assert tcp.receive(0.0) == [(b"hello", server.getsockname())]
-        tcp.send(b"answer", server.getsockname())
-        assert there.recv(100) == b"answer"
-        assert tcp.receive(0.0) == []
-    tcp.close()
+@BOTH_VERSIONS
+def test_tcp_carries_bytes_both_ways_and_may_be_closed_twice(request, host):
+    family = socket.AF_INET6 if host == "[::1]" else socket.AF_INET
+    with closing(socket.create_server((host.strip("[]"), 0), family=family)) as server:
+        link = opened(request, f"tcp:{host}:{server.getsockname()[1]}")
+        with closing(server.accept()[0]) as there:
+            there.sendall(b"hello")
+            assert heard(link) == [(b"hello", server.getsockname())]
+            link.send(b"answer", server.getsockname())
+            assert there.recv(100) == b"answer"
+            assert link.receive(0.0) == []
+        link.close()
 
 
 LINGER = {"its end": bytes(8), "a reset": b"\x01" + bytes(7)}
@@ -328,8 +320,7 @@ def serial(request, line):
 
 def test_a_serial_line_carries_bytes_both_ways(line, serial):
     os.write(line.master, b"\xfd\x00hello")
-    select.select([serial.fileno()], [], [], PATIENCE)
-    assert serial.receive(0.0) == [(b"\xfd\x00hello", str(line.name))]
+    assert heard(serial) == [(b"\xfd\x00hello", str(line.name))]
     serial.send(b"\x00answer\n", None)
     assert os.read(line.master, 100) == b"\x00answer\n"
     assert serial.receive(0.0) == []

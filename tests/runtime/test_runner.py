@@ -1,6 +1,7 @@
 """The loop: what it receives, sends, records, and how it is stopped."""
 
 import signal
+from unittest.mock import Mock
 
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
@@ -192,20 +193,11 @@ def test_what_was_to_be_said_before_the_process_stood_still_is_not_said_after_it
     assert [step.time > 3 for step in recorder.steps] == [False, moment == "reading", True]
 
 
-class Turns:
-    """Counts the turns that it is told of, as a signing time is."""
-
-    count = 0
-
-    def turn(self):
-        self.count += 1
-
-
 def test_the_time_of_signatures_goes_on_in_every_turn(fly, stop):
-    flying, listening = Turns(), Turns()
+    flying, listening = Mock(), Mock()
     fly(FakePilot(3), rest={"signing_time": flying})
     listen(FakePilot(3), {"vehicle": FakeLink()}, FakeClock(), stop, listening)
-    assert (flying.count, listening.count) == (3, 3)
+    assert (flying.turn.call_count, listening.turn.call_count) == (3, 3)
 
 
 def test_an_onlooker_that_fails_is_shown_no_more_and_the_others_go_on():
