@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from circnav_mav.mav.codec import Decoder, Message
-from circnav_mav.mav.framing import V2, frame_at, is_good
+from circnav_mav.mav.framing import SIGNED, V1, V2, frame_at, is_good
 
 STAMP = 8
 LONGEST = STAMP + 280
@@ -121,10 +121,16 @@ def _next_start(data: bytes, at: int) -> int:
 def _end(data: bytes, at: int) -> int | None:
     """Where the record ends that seems to begin here; None if none does, or not all of it is there."""
     start = at + STAMP
-    if len(data) <= start or data[at] or data[at + 1] > LATEST:
+    if len(data) < start + 3 or data[at] or data[at + 1] > LATEST:
         return None
-    frame = frame_at(data, start)
-    return frame.end if frame is not None and frame.end <= len(data) else None
+    magic, flags = data[start], data[start + 2]
+    if magic == V2 and not flags & ~SIGNED:  # by hand: a long log is read several times
+        end = start + data[start + 1] + (25 if flags else 12)
+    elif magic == V1:
+        end = start + data[start + 1] + 8
+    else:
+        return None
+    return end if end <= len(data) else None
 
 
 def _is_record(data: bytes, at: int, end: int, searching: bool) -> bool:
