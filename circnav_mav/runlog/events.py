@@ -6,11 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from circnav_mav.mav.codec import Decoder
 from circnav_mav.mav.statustext import TextReader, plain_text
 from circnav_mav.runlog.run_folder import Run
 from circnav_mav.runlog.ticks import Ticks
-from circnav_mav.runlog.tlog import message_id, read_tlog
+from circnav_mav.runlog.tlog import read_messages
 
 STATUSTEXT = 253
 OUR_COMPONENTS = range(191, 195)
@@ -49,22 +48,17 @@ def _changes(ticks: Ticks) -> Iterator[Event]:
 
 
 def _texts(path: Path, epoch_us: int) -> list[Event]:
-    decoder, reader = Decoder(), TextReader()
+    reader = TextReader()
     found: list[Event] = []
     newest: dict[int, int] = {}
-    for stamp, frame in read_tlog(path):
-        if message_id(frame) != STATUSTEXT:
-            continue
-        for message in decoder.decode(frame):
-            if message.get_msgId() != STATUSTEXT:
-                continue  # a damaged frame with a whole one inside
-            who = "circnav says" if message.get_srcComponent() in OUR_COMPONENTS else "vehicle says"
-            text, before = reader.read(message)
-            text = text.removeprefix("circnav: ")  # as ours begin
-            sender = message.get_srcSystem() << 8 | message.get_srcComponent()
-            if before is None:
-                newest[sender] = len(found)
-                found.append(Event((stamp - epoch_us) / 1e6, who, text, message.severity <= SEVERE))
-            else:
-                found[newest[sender]] = replace(found[newest[sender]], text=text)
+    for stamp, message in read_messages(path, {STATUSTEXT}):
+        who = "circnav says" if message.get_srcComponent() in OUR_COMPONENTS else "vehicle says"
+        text, before = reader.read(message)
+        text = text.removeprefix("circnav: ")  # as ours begin
+        sender = message.get_srcSystem() << 8 | message.get_srcComponent()
+        if before is None:
+            newest[sender] = len(found)
+            found.append(Event((stamp - epoch_us) / 1e6, who, text, message.severity <= SEVERE))
+        else:
+            found[newest[sender]] = replace(found[newest[sender]], text=text)
     return found

@@ -9,13 +9,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from circnav_mav.runlog.atomic_write import atomic_write
 from circnav_mav.runlog.run_folder import Run
-from circnav_mav.runlog.ticks import Ticks, Truth
+from circnav_mav.runlog.ticks import Ticks
 
-Row = tuple[float, dict[str, Any]]
 TRUTH_COLUMNS = ("time", "north", "east", "target_north", "target_east", "radius", "turn_rate")
 
 
@@ -27,9 +24,10 @@ def export_mcap(run: Run, path: Path) -> dict[str, int]:
 
     from circnav_mav.runlog.foxglove import foxglove_messages, stamp_ns
 
-    tables = [("/ticks", "circnav.Tick", _schema(run.ticks.numbers, run.ticks.words), _tick_rows(run.ticks))]
+    tables = {("/ticks", "circnav.Tick"): run.ticks}
     if run.truth is not None:
-        tables.append(("/truth", "circnav.Truth", _schema(TRUTH_COLUMNS, ()), _truth_rows(run.truth)))
+        columns = {name: getattr(run.truth, name) for name in TRUTH_COLUMNS}
+        tables["/truth", "circnav.Truth"] = Ticks(columns, {})
     counts: Counter[str] = Counter()
     with atomic_write(path.resolve()) as fresh, fresh.open("wb") as file:
         writer = Writer(file)
@@ -40,11 +38,11 @@ def export_mcap(run: Run, path: Path) -> dict[str, int]:
             writer.add_message(channel, moment, data, moment)
             counts[topic] += 1
 
-        for topic, name, schema, rows in tables:
-            schema_id = writer.register_schema(name, "jsonschema", json.dumps(schema).encode())
+        for (topic, name), table in tables.items():
+            schema_id = writer.register_schema(name, "jsonschema", json.dumps(_schema(table)).encode())
             channel = writer.register_channel(topic, "json", schema_id)
-            for time, row in rows:
-                add(channel, topic, time, json.dumps(row).encode())
+            for row in _tick_rows(table):
+                add(channel, topic, row["time"], json.dumps(row).encode())
         channels: dict[str, int] = {}
         for topic, time, message in foxglove_messages(run):
             if topic not in channels:
@@ -59,21 +57,14 @@ def export_mcap(run: Run, path: Path) -> dict[str, int]:
     return counts
 
 
-def _schema(numbers: Any, words: Any) -> dict[str, Any]:
-    properties = {name: {"type": "number"} for name in numbers} | {name: {"type": "string"} for name in words}
-    return {"type": "object", "properties": properties}
+def _schema(table: Ticks) -> dict[str, Any]:
+    kinds = ((table.numbers, "number"), (table.words, "string"))
+    return {"type": "object", "properties": {name: {"type": kind} for names, kind in kinds for name in names}}
 
 
-def _tick_rows(ticks: Ticks) -> Iterator[Row]:
-    names = list(ticks.numbers)
-    table = np.column_stack([ticks.numbers[name] for name in names])
-    words = zip(*ticks.words.values(), strict=True)
-    for values, said in zip(table.tolist(), words, strict=True):
-        known = {name: value for name, value in zip(names, values, strict=True) if value == value}
-        yield known["time"], known | dict(zip(ticks.words, said, strict=True))
-
-
-def _truth_rows(truth: Truth) -> Iterator[Row]:
-    table = np.column_stack([getattr(truth, name) for name in TRUTH_COLUMNS])
-    for values in table.tolist():
-        yield values[0], dict(zip(TRUTH_COLUMNS, values, strict=True))
+def _tick_rows(table: Ticks) -> Iterator[dict[str, Any]]:
+    """What is known at each time."""
+    names = [*table.numbers, *table.words]
+    columns = [*(column.tolist() for column in table.numbers.values()), *table.words.values()]
+    for values in zip(*columns, strict=True):
+        yield {name: value for name, value in zip(names, values, strict=True) if value == value}  # not NaN

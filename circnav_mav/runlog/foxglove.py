@@ -26,12 +26,11 @@ from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from google.protobuf.timestamp_pb2 import Timestamp
 from pymavlink.dialects.v20 import all as dialect
 
-from circnav_mav.mav.codec import Decoder
 from circnav_mav.mav.frames import course_from_yaw
 from circnav_mav.runlog.events import events
 from circnav_mav.runlog.run_folder import Run
 from circnav_mav.runlog.ticks import Column
-from circnav_mav.runlog.tlog import message_id, read_tlog
+from circnav_mav.runlog.tlog import read_messages
 
 MAP, BEACON = "map", "beacon"
 POSITION = dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
@@ -151,17 +150,14 @@ def _log(run: Run) -> Iterator[Said]:
 
 def _fixes(run: Run) -> Iterator[Said]:
     """The vehicle's position where it reports one (GLOBAL_POSITION_INT), for the map; it never steers."""
-    decoder, system = Decoder(wanted={POSITION}), (run.manifest.get("autopilot") or {}).get("system")
-    for stamp, frame in read_tlog(run.folder / "flight.tlog"):
-        if message_id(frame) != POSITION:
-            continue
-        for message in decoder.decode(frame):
+    system = (run.manifest.get("autopilot") or {}).get("system") or None
+    for stamp, message in read_messages(run.folder / "flight.tlog", {POSITION}):
+        if system in (None, message.get_srcSystem()) and (message.lat or message.lon):
             time = (stamp - run.epoch_us) / 1e6
-            if message.get_srcSystem() == (system or message.get_srcSystem()) and (message.lat or message.lon):
-                yield "/fix", time, LocationFix(
-                    timestamp=_stamp(run, time), frame_id="vehicle", latitude=message.lat / 1e7,
-                    longitude=message.lon / 1e7, altitude=message.alt / 1000,
-                )  # fmt: skip
+            yield "/fix", time, LocationFix(
+                timestamp=_stamp(run, time), frame_id="vehicle", latitude=message.lat / 1e7,
+                longitude=message.lon / 1e7, altitude=message.alt / 1000,
+            )  # fmt: skip
 
 
 def _target(run: Run) -> Iterator[Said]:
@@ -182,8 +178,7 @@ def _target(run: Run) -> Iterator[Said]:
 
 def _every_piece(times: Column) -> list[int]:
     """The index of the first of each piece."""
-    _, first = np.unique(np.floor(times / PIECE), return_index=True)
-    return [int(at) for at in first]
+    return [int(at) for at in np.unique(np.floor(times / PIECE), return_index=True)[1]]
 
 
 def _update(run: Run, time: float, entities: Sequence[SceneEntity]) -> Said:

@@ -11,11 +11,11 @@ from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.locate.estimator import Ranges, Track
 from circnav_mav.locate.geodesy import Plane
-from circnav_mav.mav.codec import Decoder, Message
+from circnav_mav.mav.codec import Message
 from circnav_mav.mav.ranging.interface import RangingSettings, Reading
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.runlog.run_folder import RunError, printable
-from circnav_mav.runlog.tlog import message_id, read_tlog
+from circnav_mav.runlog.tlog import read_messages
 
 NAMES = {
     "time": ("time", "time_s", "t", "timestamp"),
@@ -129,32 +129,25 @@ def _read_tlog(file: Path) -> RangeLog:
     log, fixed, vehicle, began = RangeLog(), None, None, None
     kinds = {kind.id: kind for kind in RANGING_MESSAGES.values()}
     wanted = {dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, dialect.MAVLINK_MSG_ID_GPS_RAW_INT, *kinds}
-    decoder, newest = Decoder(wanted=wanted), dict[str, tuple[float | None, float]]()
-    for stamp, frame in read_tlog(file):
-        if message_id(frame) not in wanted:
-            continue
+    newest = dict[str, tuple[float | None, float]]()
+    for stamp, message in read_messages(file, wanted):
         began = stamp if began is None else began
         time = (stamp - began) / 1e6
-        for message in decoder.decode(frame):
-            sender, kind = (message.get_srcSystem(), message.get_srcComponent()), kinds.get(message.get_msgId())
-            if kind is not None:
-                reading = kind.read(message)
-                tag = _tag(message)
-                if isinstance(reading, Reading) and tag is not None and _is_new(reading, tag, newest, time):
+        sender, kind = (message.get_srcSystem(), message.get_srcComponent()), kinds.get(message.get_msgId())
+        if kind is not None:
+            reading, tag = kind.read(message), _tag(message)
+            if isinstance(reading, Reading) and tag is not None:
+                one = reading.stamp, reading.slant
+                if newest.get(tag) != one:  # autopilots repeat a range
+                    newest[tag] = one
                     log.ranges.setdefault(tag, []).append((time, reading.slant, reading.sigma or nan))
-            elif vehicle in (None, sender):
-                if message.get_type() == "GPS_RAW_INT":
-                    fixed = message.fix_type >= FIX_3D
-                elif fixed is not False and (message.lat, message.lon) != (0, 0):
-                    vehicle = sender
-                    log.positions.append((time, message.lat / 1e7, message.lon / 1e7, message.alt / 1000))
+        elif vehicle in (None, sender):
+            if message.get_type() == "GPS_RAW_INT":
+                fixed = message.fix_type >= FIX_3D
+            elif fixed is not False and (message.lat, message.lon) != (0, 0):
+                vehicle = sender
+                log.positions.append((time, message.lat / 1e7, message.lon / 1e7, message.alt / 1000))
     return log
-
-
-def _is_new(reading: Reading, tag: str, newest: dict[str, tuple[float | None, float]], time: float) -> bool:
-    """Whether it is no repetition of the range before, as autopilots make them."""
-    before, newest[tag] = newest.get(tag), (reading.stamp, reading.slant)
-    return before is None or before != newest[tag]
 
 
 def _tag(message: Message) -> str | None:

@@ -69,21 +69,17 @@ def replay(pilot: Pilot, steps: Iterable[LoopStep], *, ticking: bool = False) ->
         while ticking and done.steps and pilot.next_tick < min(step.time, done.until + LONGEST_GAP) and not pilot.done:
             _step(pilot, pilot.next_tick, done)
         if not pilot.done:
-            _take(pilot, step, done)
+            for link, source, frame in step.received:
+                pilot.receive(frame, step.time, source, link)
+            if step.interrupt and pilot.outcome is None:
+                pilot.interrupt(step.time, step.interrupt)
+            _step(pilot, step.time, done, held_back=step.held_back)
+            pilot.take_frames()
         done.was_sent += [(step.time, frame) for frame in step.sent]
         done.frames += len(step.received)
         done.steps += 1
         done.until = step.time
     return done
-
-
-def _take(pilot: Pilot, step: LoopStep, done: Replayed) -> None:
-    for link, source, frame in step.received:
-        pilot.receive(frame, step.time, source, link)
-    if step.interrupt and pilot.outcome is None:
-        pilot.interrupt(step.time, step.interrupt)
-    _step(pilot, step.time, done, held_back=step.held_back)
-    pilot.take_frames()
 
 
 def _step(pilot: Pilot, now: float, done: Replayed, *, held_back: bool = False) -> None:

@@ -5,11 +5,11 @@ may be is followed by a good frame, and that by another record or the end.
 """
 
 import re
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO
 
+from circnav_mav.mav.codec import Decoder, Message
 from circnav_mav.mav.framing import SIGNED, V1, V2, frame_at, is_good
 
 STAMP = 8
@@ -20,8 +20,6 @@ LATEST = 14
 """Second byte of a stamp at most, the first one is 0: a moment before 2105."""
 RECORD = re.compile(rb"\x00[\x00-\x0e].{6}[\xfd\xfe]", re.DOTALL)
 """How a record begins: such a stamp, and a magic byte."""
-Record = tuple[int, int, bytes]
-"""Where it begins in the file, stamp, frame."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,60 +75,47 @@ def find_damage(path: Path) -> Damage | None:
     return Damage(first, size, gaps, lost, until, newest, cut=False)
 
 
+def read_messages(path: Path, wanted: Collection[int]) -> Iterator[tuple[int, Message]]:
+    """The (microseconds since 1970, message) pairs of these message ids. Raises OSError."""
+    decoder = Decoder(wanted=wanted)
+    for stamp, frame in read_tlog(path):
+        if message_id(frame) in wanted:
+            yield from ((stamp, message) for message in decoder.decode(frame))
+
+
 def message_id(frame: bytes) -> int:
     """Message id of a whole frame, MAVLink 1 or 2."""
     return int.from_bytes(frame[7:10], "little") if frame[0] == V2 else frame[5]
 
 
-def _records(path: Path) -> Iterator[Record]:
-    """The whole records of a file. Raises OSError."""
+def _records(path: Path) -> Iterator[tuple[int, int, bytes]]:
+    """Where each whole record begins in the file, its stamp and frame. Raises OSError."""
     with path.open("rb") as file:
-        window = _Window(file)
-        at, end, any_read = 0, None, False
+        data, base, at = b"", 0, 0  # base: where the data begins in the file
+        ended = searching = any_read = False
         while True:
-            if len(window.data) - at < 2 * LONGEST:
-                at, end = window.move(at), None
-            end = _end(window.data, at) if end is None else end
-            following = None if end is None else _end(window.data, end)
-            if end is None or not (following or end == len(window.data) or _is_good(window.data, at, end)):
-                found = window.search(at + 1)
-                if found is None or not (any_read or found[2]):
-                    return  # a single one is chance: the last of frames without stamps may look like it
-                at, end, following = found
-            data = window.data
-            yield window.base + at, int.from_bytes(data[at : at + STAMP], "big"), data[at + STAMP : end]
-            at, end, any_read = end, following, True
+            if len(data) - at < 2 * LONGEST and not ended:
+                fresh = file.read(CHUNK)
+                data, base, at, ended = data[at:] + fresh, base + at, 0, not fresh
+            if ended and at >= len(data):
+                return
+            if searching and (start := _next_start(data, at)) > at:
+                at = start
+                continue
+            end = _end(data, at)
+            if end is None or not _is_record(data, at, end, searching):
+                at, searching = at + 1, True
+                continue
+            if searching and not any_read and end == len(data):
+                return  # a single one is chance: the last of frames without stamps may look like it
+            yield base + at, int.from_bytes(data[at : at + STAMP], "big"), data[at + STAMP : end]
+            at, searching, any_read = end, False, True
 
 
-class _Window:
-    """The part of a file that is in memory: two of the longest records, or all that is left. base: where it begins."""
-
-    def __init__(self, file: IO[bytes]) -> None:
-        self._file = file
-        self.data, self.base = b"", 0
-
-    def move(self, at: int) -> int:
-        """Let what is before a place go, and read on; returns where the place is now."""
-        self.data, self.base = self.data[at:] + self._file.read(CHUNK), self.base + at
-        return 0
-
-    def search(self, at: int) -> tuple[int, int, int | None] | None:
-        """Where, from a place on, the next record begins and ends that is surely one, and where the one behind it does;
-        None up to the end of the file."""
-        while True:
-            found = RECORD.search(self.data, at)
-            at = found.start() if found else max(at, len(self.data) - LONGEST)
-            if len(self.data) - at < 2 * LONGEST:
-                left = len(self.data) - at
-                at = self.move(at)
-                if found is None and len(self.data) == left:
-                    return None
-            if found:
-                end = _end(self.data, at)
-                following = None if end is None else _end(self.data, end)
-                if end is not None and (following or end == len(self.data)) and _is_good(self.data, at, end):
-                    return at, end, following
-                at += 1
+def _next_start(data: bytes, at: int) -> int:
+    """Where a record may begin, from a place on; at the latest where too little is there to tell."""
+    found = RECORD.search(data, at)
+    return found.start() if found else max(at, len(data) - STAMP)
 
 
 def _end(data: bytes, at: int) -> int | None:
@@ -139,7 +124,7 @@ def _end(data: bytes, at: int) -> int | None:
     if len(data) < start + 3 or data[at] or data[at + 1] > LATEST:
         return None
     magic, flags = data[start], data[start + 2]
-    if magic == V2 and not flags & ~SIGNED:
+    if magic == V2 and not flags & ~SIGNED:  # by hand: a long log is read several times
         end = start + data[start + 1] + (25 if flags else 12)
     elif magic == V1:
         end = start + data[start + 1] + 8
@@ -148,7 +133,12 @@ def _end(data: bytes, at: int) -> int | None:
     return end if end <= len(data) else None
 
 
-def _is_good(data: bytes, at: int, end: int) -> bool:
+def _is_record(data: bytes, at: int, end: int, searching: bool) -> bool:
+    """Whether this is a record. That a record or the end of the file follows is enough where one must begin, and so is
+    a frame whose check is right; in a search both are needed."""
+    framed = end == len(data) or _end(data, end) is not None
+    if framed is not searching:
+        return framed
     frame = data[at + STAMP : end]
     found = frame_at(frame, 0)
     return found is not None and is_good(frame, found)

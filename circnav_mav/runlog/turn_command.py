@@ -8,13 +8,10 @@ from math import degrees, pi
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from circnav_mav.guidance.step import AT_LIMIT
 from circnav_mav.guidance.types import Orbit
-from circnav_mav.runlog.metrics import last_part
-
-Column = NDArray[np.float64]
+from circnav_mav.runlog.metrics import Column, last_part
 
 SLOW = 0.25
 """Share of a lap. Wind and a moving target ask for turn rates that change once or twice a lap; a moving mean over this

@@ -16,7 +16,7 @@ from rich.live import Live
 from circnav_mav.locate.locator import Locator
 from circnav_mav.pilot import Pilot, TickRecord
 from circnav_mav.runtime.picture import Picture
-from circnav_mav.runtime.status import Status, Watch
+from circnav_mav.runtime.status import Status, Watch, shown
 
 PICTURES_A_SECOND = 4
 PATIENCE = 1.0
@@ -28,11 +28,9 @@ class Screen(Protocol):
 
     def draw(self, status: Status) -> None:
         """Draw it."""
-        ...
 
     def close(self) -> None:
         """Put back what has to be."""
-        ...
 
 
 class PlainScreen:
@@ -42,21 +40,18 @@ class PlainScreen:
     def __init__(self, console: Console) -> None:
         self._console = console
         self._alarms: set[str] = set()
-        self._waits, self._waits_told, self._believed, self._place = "", "", "", ""
+        self._waits = ""
+        self._newest: dict[str, str] = {}
 
     def draw(self, status: Status) -> None:
         """Print the lines."""
         self._print(one_line(status))
-        if status.flown is not None and status.believed not in ("", self._believed):
-            self._print(f"  BELIEVED {status.believed}")
-            self._believed = status.believed
-        if status.place and _kind(status.place) != self._place:
-            self._print(f"  PLACE    {status.place}")
-            self._place = _kind(status.place)
+        if status.flown is not None:
+            self._print_new("BELIEVED", status.believed, status.believed)
+        self._print_new("PLACE", status.place, _kind(status.place))
         waits, self._waits = self._waits, _kind(status.waits)
-        if self._waits not in ("", self._waits_told) and self._waits == waits:
-            self._print(f"  WAITING  {status.waits}")
-            self._waits_told = waits
+        if self._waits == waits:
+            self._print_new("WAITING", status.waits, waits)
         kinds = {_kind(alarm): alarm for alarm in status.alarms}
         for kind, alarm in kinds.items():
             if kind not in self._alarms:
@@ -65,6 +60,12 @@ class PlainScreen:
 
     def close(self) -> None:
         """Nothing to put back."""
+
+    def _print_new(self, label: str, text: str, kind: str) -> None:
+        """Print a text of another kind than the last under this label."""
+        if text and kind != self._newest.get(label):
+            self._print(f"  {label:<8} {text}")
+            self._newest[label] = kind
 
     def _print(self, text: str) -> None:
         self._console.print(text, highlight=False, markup=False, soft_wrap=True)
@@ -122,24 +123,21 @@ class Display:
         self._thread.join(PATIENCE)
 
     def _run(self) -> None:
+        """Draw what is waiting, until closed."""
+        closing = False
         try:
-            self._draw_all()
+            while not closing:
+                self._wake.wait()
+                self._wake.clear()
+                closing = self._closing
+                if self._waiting:
+                    self._screen.draw(self._waiting.pop())
         except OSError:
             pass  # nobody looks any more: the flight goes on
         except Exception as error:
             self.problem = f"display: stopped: {error!r}"
         with suppress(Exception):
             self._screen.close()
-
-    def _draw_all(self) -> None:
-        """Draw what is waiting, until closed."""
-        closing = False
-        while not closing:
-            self._wake.wait()
-            self._wake.clear()
-            closing = self._closing
-            if self._waiting:
-                self._screen.draw(self._waiting.pop())
 
 
 def display_for(console: Console, pilot: Pilot, title: str, speed: float, locator: Locator | None = None) -> Display:
@@ -153,20 +151,16 @@ def display_for(console: Console, pilot: Pilot, title: str, speed: float, locato
 def one_line(status: Status) -> str:
     """A status as a line of text."""
     tick = status.tick
-    rate = "-" if tick.r_dot is None else f"{tick.r_dot:+6.2f} m/s"
-    error = "-" if tick.r is None or tick.desired is None else f"{tick.r - tick.desired:+.2f} m"
-    turn = "-" if tick.turn_rate is None else f"{degrees(tick.turn_rate):+.1f} deg/s"
+    error = None if tick.r is None or tick.desired is None else tick.r - tick.desired
+    turn = None if tick.turn_rate is None else degrees(tick.turn_rate)
     return (
-        f"{tick.time:7.1f} s  {status.phase:<20}  range {_told(tick.r, 'm'):>9}  error {error:>9}  "
-        f"rate {rate:>10}  turn {turn:>11}  range age {_told(tick.range_age, 's')}  "
-        f"link age {_told(tick.link_age, 's')}  mode {tick.mode}"
+        f"{tick.time:7.1f} s  {status.phase:<20}  range {shown(tick.r, '{:.2f} m'):>9}  "
+        f"error {shown(error, '{:+.2f} m'):>9}  rate {shown(tick.r_dot, '{:+6.2f} m/s'):>10}  "
+        f"turn {shown(turn, '{:+.1f} deg/s'):>11}  range age {shown(tick.range_age, '{:.2f} s')}  "
+        f"link age {shown(tick.link_age, '{:.2f} s')}  mode {tick.mode}"
     )
 
 
 def _kind(alarm: str) -> str:
     """What an alarm is about: its words without its numbers, which change all the time."""
     return "".join(takewhile(lambda letter: not letter.isdecimal(), alarm))
-
-
-def _told(value: float | None, unit: str) -> str:
-    return "-" if value is None else f"{value:.2f} {unit}"

@@ -16,6 +16,14 @@ MOST_DIGITS = 9
 """Of a port or a baud rate; Python reads no numbers of thousands."""
 
 
+REMEDIES: dict[int | None, str] = {
+    errno.EADDRINUSE: "port is in use by another program: close it, or choose another port",
+    errno.ECONNREFUSED: "nobody listens there (connection refused)",
+    errno.ENOENT: "no such device",
+    errno.EAGAIN: "TX buffer full: lower stream rates or raise the baud rate",
+}
+
+
 class LinkError(Exception):
     """An endpoint that cannot be opened, in one line. `nobody` tells a peer that refuses from a local mistake."""
 
@@ -76,16 +84,9 @@ def resolve(endpoint: Endpoint) -> tuple[socket.AddressFamily, Any]:
 
 def explain(error: Exception) -> str:
     """An OS error with what to do about it."""
-    code = error.args[0] if isinstance(error, termios.error) else getattr(error, "errno", None)
-    if code == errno.EADDRINUSE:
-        return "port is in use by another program: close it, or choose another port"
-    if code == errno.ECONNREFUSED:
-        return "nobody listens there (connection refused)"
-    if code == errno.ENOENT:
-        return "no such device"
-    if code == errno.EAGAIN:
-        return "TX buffer full: lower stream rates or raise the baud rate"
+    if isinstance(error, termios.error):  # is no OSError, but has the same arguments
+        error = OSError(*error.args)
     if isinstance(error, socket.gaierror | UnicodeError):  # the second of `10.0..1`, which can be no name
         return "host name is not known"
-    said = error.args[-1] if isinstance(error, termios.error) else getattr(error, "strerror", None)
-    return str(said or error).lower()
+    said = getattr(error, "strerror", None) or error
+    return REMEDIES.get(getattr(error, "errno", None), str(said).lower())

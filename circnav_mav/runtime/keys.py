@@ -1,10 +1,9 @@
 """The signing key and its timestamp on disk."""
 
 import os
-import queue
 import stat
-import threading
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from circnav_mav.mav.signing import KEY_LENGTH, LATEST, SECOND, Signing
@@ -35,10 +34,6 @@ def read_key(path: Path) -> bytes:
             data = file.read(4096)
     except OSError as error:
         raise KeyFileError(f"{path}: cannot be read: {error.strerror or error}") from None
-    return _key(data, path)
-
-
-def _key(data: bytes, path: Path) -> bytes:
     key = data
     if TEXT.issuperset(data.strip()):  # a random key of 32 printable bytes is one in 1e14
         try:
@@ -75,29 +70,25 @@ class SigningTime:
             _store(path, self._reserved)
         except OSError as error:
             raise KeyFileError(f"{path}: cannot be written: {error.strerror or error}") from None
-        self._queue: queue.SimpleQueue[int | None] = queue.SimpleQueue()
-        self._thread = threading.Thread(target=self._drain, name="signing time", daemon=True)
-        self._thread.start()
+        self._writer = ThreadPoolExecutor(1, "signing time")
 
     def turn(self) -> None:
         """Once in every turn of the loop."""
         self._signing.advance(self._clock())
         if self._signing.timestamp > self._reserved - RESERVE // 2:
             self._reserved = self._signing.timestamp + RESERVE
-            self._queue.put(self._reserved)
+            self._writer.submit(self._write, self._reserved)
 
     def close(self) -> None:
         """Write what was really used last."""
-        self._queue.put(self._signing.timestamp)
-        self._queue.put(None)
-        self._thread.join()
+        self._writer.submit(self._write, self._signing.timestamp)
+        self._writer.shutdown()
 
-    def _drain(self) -> None:
-        while (timestamp := self._queue.get()) is not None:
-            try:
-                _store(self._path, timestamp)
-            except OSError as error:
-                self.problem = f"{self._path}: cannot be written: {error.strerror or error}"
+    def _write(self, timestamp: int) -> None:
+        try:
+            _store(self._path, timestamp)
+        except OSError as error:
+            self.problem = f"{self._path}: cannot be written: {error.strerror or error}"
 
 
 def _stored(path: Path) -> int:

@@ -8,23 +8,11 @@ from collections import Counter
 from collections.abc import Hashable, Iterable
 from typing import Protocol
 
-from circnav_mav.runtime.endpoint import MOST_BYTES, Endpoint, LinkError, parse_endpoint
-from circnav_mav.runtime.serial_link import SerialLink
-from circnav_mav.runtime.tcp_link import TcpLink
-from circnav_mav.runtime.udp_link import MOST_DATAGRAMS, UdpLink
+from circnav_mav.runtime.endpoint import LinkError, parse_endpoint
+from circnav_mav.runtime.stream_link import open_serial, open_tcp
+from circnav_mav.runtime.udp_link import UdpLink
 
-__all__ = [
-    "MOST_BYTES",
-    "MOST_DATAGRAMS",
-    "Endpoint",
-    "Link",
-    "LinkError",
-    "SerialLink",
-    "TcpLink",
-    "UdpLink",
-    "open_link",
-    "parse_endpoint",
-]
+__all__ = ["Link", "LinkError", "open_link", "parse_endpoint"]
 
 
 class Link(Protocol):
@@ -35,26 +23,22 @@ class Link(Protocol):
 
     def fileno(self) -> int | None:
         """File descriptor to wait on, None while there is none."""
-        ...
 
     def receive(self, now: float) -> list[tuple[bytes, Hashable]]:
         """What has come in, each with its source."""
-        ...
 
     def send(self, data: bytes, to: Hashable) -> None:
         """Send to a source that was heard; None: to the endpoint's own peer, if it names one."""
-        ...
 
     def close(self) -> None:
         """Let go of the endpoint."""
-        ...
 
 
 def open_link(text: str, peers: Iterable[str] = ()) -> Link:
     """Open an endpoint. peers: addresses and networks that `udpin` hears, none for all. Raises LinkError."""
     endpoint = parse_endpoint(text)
     if endpoint.kind == "serial":
-        return SerialLink(text, endpoint)
+        return open_serial(text, endpoint)
     if endpoint.kind == "tcp":
-        return TcpLink(text, endpoint)
+        return open_tcp(text, endpoint)
     return UdpLink(text, endpoint, peers)

@@ -13,7 +13,7 @@ from circnav_mav.guidance.types import TurnRate
 from circnav_mav.mav.frames import yaw_rate_from_turn_rate
 from circnav_mav.pilot import PilotSettings, TickRecord
 from circnav_mav.pilot.mission_state import Phase
-from circnav_mav.runtime.status import SILENCED, Status
+from circnav_mav.runtime.status import SILENCED, Status, shown
 
 STYLES = {Phase.ENGAGED: "green", Phase.HOLDING: "yellow", Phase.YIELDED: "magenta", Phase.LEAVING: "cyan"}
 WIDTH = 80
@@ -84,6 +84,7 @@ class Picture:
         at_limit = "   AT ITS LIMIT" if tick.saturated else ""
         share = None if tick.r is None else tick.r / desired - 1
         to_right = None if turn is None else yaw_rate_from_turn_rate(TurnRate(turn)) / limit
+        commanded = shown(None if turn is None else degrees(turn), "{:+.1f}")
         wanted = f" horizontal   desired {desired:.1f} m"
         rate = _with_sigma(tick.r_dot, tick.r_dot_sigma, "+.2f", "m/s", signs)
         if tick.measured_rate is not None:
@@ -94,7 +95,7 @@ class Picture:
             ("", f"0 {self._bar(share)} {2 * desired:.0f} m"),
             ("error", self._error(tick, desired)),
             ("range rate", rate),
-            ("turn rate", f"commanded {_turn(turn)} deg/s (limit {degrees(limit):.1f}), {answer}{at_limit}"),
+            ("turn rate", f"commanded {commanded} deg/s (limit {degrees(limit):.1f}), {answer}{at_limit}"),
             ("", f"left {self._bar(to_right)} right"),
             ("target", target),
         ]
@@ -146,7 +147,9 @@ def _steering(status: Status) -> list[Row]:
 
 def _traffic(status: Status, settings: PilotSettings) -> list[Row]:
     """What comes in and goes out."""
-    tick, rates = status.tick, status.rates
+    tick = status.tick
+    frames, accepted, _, setpoints = (shown(rate, "{:.1f}/s") for rate in status.rates or (None, None, None, None))
+    range_age, link_age = (shown(age, "{:.2f} s") for age in (tick.range_age, tick.link_age))
     refused = sum(status.rejected.values())
     reasons = [f"{count} {reason}" for reason, count in list(status.rejected.items())[:MOST_REASONS]]
     more = ", ..." if len(status.rejected) > MOST_REASONS else ""
@@ -154,10 +157,10 @@ def _traffic(status: Status, settings: PilotSettings) -> list[Row]:
     others = f"; {status.others} of other senders" if status.others else ""
     stale = f"stale at {settings.timing.stale:.2f} s"
     return [
-        ("ranging", f"{_rate(rates and rates.taken)} accepted, newest {_seconds(tick.range_age)} old, {stale}"),
+        ("ranging", f"{accepted} accepted, newest {range_age} old, {stale}"),
         ("rejected", f"{refused} of {refused + tick.accepted}{why}{others}"),
-        ("link", f"{_rate(rates and rates.frames)} frames, heartbeat {_seconds(tick.link_age)} old  {status.believed}"),
-        ("setpoints", f"{_rate(rates and rates.setpoints)}, {status.setpoints} total"),
+        ("link", f"{frames} frames, heartbeat {link_age} old  {status.believed}"),
+        ("setpoints", f"{setpoints}, {status.setpoints} total"),
     ]
 
 
@@ -174,15 +177,3 @@ def _with_sigma(value: float | None, sigma: float | None, form: str, unit: str, 
     if value is None:
         return "-"
     return f"{value:{form}} {unit}" if sigma is None else f"{value:{form}} {signs.give_or_take} {sigma:.2f} {unit}"
-
-
-def _rate(value: float | None) -> str:
-    return "-" if value is None else f"{value:.1f}/s"
-
-
-def _seconds(value: float | None) -> str:
-    return "-" if value is None else f"{value:.2f} s"
-
-
-def _turn(turn_rate: float | None) -> str:
-    return "-" if turn_rate is None else f"{degrees(turn_rate):+.1f}"

@@ -41,7 +41,6 @@ class RadioLink:
             driver.receive(self._line_end, 0.0)  # the first datagram begins a line
 
     def fileno(self) -> int | None:
-        """File descriptor to wait on, None while there is none."""
         return self._link.fileno()
 
     def receive(self, now: float) -> list[tuple[bytes, Hashable]]:
@@ -67,7 +66,6 @@ class RadioLink:
         """Nothing: a radio behind a driver does not speak MAVLink."""
 
     def close(self) -> None:
-        """Let go of the port."""
         self._link.close()
 
     def _watch(self, heard: bool, now: float) -> None:
@@ -75,13 +73,10 @@ class RadioLink:
         if not heard and self._since is not None:
             if now - self._since < WATCHED:
                 return
-            self._complain(self._driver.unread - self._unread)
+            if self._driver.unread - self._unread >= MANY:
+                why = "another baud rate, driver or output of the radio?"
+                self.troubles[f"bytes come in that are none of {self._name}: {why}"] += 1
         self._since, self._unread = now, self._driver.unread
-
-    def _complain(self, unread: int) -> None:
-        if unread >= MANY:
-            words = f"bytes come in that are none of {self._name}: another baud rate, driver or output of the radio?"
-            self.troubles[words] += 1
 
     def _frame(self, reading: RadioReading) -> bytes:
         self._sequence = (self._sequence + 1) % 256
@@ -97,8 +92,9 @@ class RadioLink:
 
 def _millimetres(metres: float | None) -> int:
     """As RANGING_BEACON carries it, the largest number for none."""
-    known = metres is not None and isfinite(metres) and metres > 0
-    return min(round(1000 * metres), UNKNOWN - 1) if known and metres is not None else UNKNOWN
+    if metres is None or not isfinite(metres) or metres <= 0:
+        return UNKNOWN
+    return min(round(1000 * metres), UNKNOWN - 1)
 
 
 def radio_port(endpoint: str) -> tuple[str, Driver, str]:

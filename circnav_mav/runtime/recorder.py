@@ -4,7 +4,7 @@ delays a tick.
 A tlog is big-endian microseconds since 1970 and the raw frame, repeated: Mission Planner, MAVExplorer and MAVProxy
 open it. turns.csv says of each step of the loop what a tlog cannot: its time, from which link and source its frames
 came, and how many of them are ours; with both, a replay is exact. Signatures stay out of it, as MAVLink's guide wants
-it: a replay needs no key. Whatever happens to the process, at most the last half second is lost.
+it: a replay needs no key. Nothing stays in a buffer: a killed process loses what still waits for the disk, no more.
 
 A run folder is bounded: first the frames stop (flight.tlog and turns.csv, which stay a whole, shorter flight for every
 reader), the last part is for the ticks alone.
@@ -24,8 +24,6 @@ from typing import IO, Any
 from circnav_mav.mav.signing import without_signature
 from circnav_mav.pilot import TickRecord
 
-FLUSH_PERIOD = 0.5
-"""Time, s of the run's clock, that may pass between two flushes while something is written."""
 FRAMES_SHARE = 0.75
 """Part of the bound at which frames are no longer recorded, so that the ticks of a long flight find room."""
 MOST_WAITING = 20_000
@@ -82,15 +80,13 @@ class Recorder:
             folder.mkdir(parents=True, exist_ok=True)
             self._tlog = _claimed(folder / "flight.tlog")
             (folder / "mission.toml").write_text(mission_text, encoding="utf-8")
-            self._ticks: IO[str] = (folder / "ticks.csv").open("w", newline="", encoding="utf-8")
-            self._turns: IO[str] = (folder / "turns.csv").open("w", newline="", encoding="utf-8")
+            self._ticks: IO[str] = (folder / "ticks.csv").open("w", buffering=1, newline="", encoding="utf-8")
+            self._turns: IO[str] = (folder / "turns.csv").open("w", buffering=1, newline="", encoding="utf-8")
+            csv.writer(self._ticks).writerow(TICK_COLUMNS)
+            csv.writer(self._turns).writerow(TURN_COLUMNS)
         except OSError as error:
             raise RecorderError(f"{folder}: cannot be written: {error.strerror or error}") from None
-        self._csv, self._turns_csv = csv.writer(self._ticks), csv.writer(self._turns)
-        self._csv.writerow(TICK_COLUMNS)
-        self._turns_csv.writerow(TURN_COLUMNS)
         self._sources: dict[Hashable, int] = {}
-        self._flushed_at = 0.0
         self._queue: queue.SimpleQueue[LoopStep | TickRecord | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._drain, name="recorder", daemon=True)
 
@@ -123,7 +119,7 @@ class Recorder:
 
     def _put(self, item: LoopStep | TickRecord) -> None:
         if self._at_once:
-            self._take(item)
+            self._guarded(self._write, item)
         elif self._queue.qsize() < MOST_WAITING:
             self._queue.put(item)
         else:
@@ -134,25 +130,11 @@ class Recorder:
         self.problem = self.problem or problem
 
     def _drain(self) -> None:
-        """The writing thread."""
-        while True:
-            try:
-                item = self._queue.get(timeout=FLUSH_PERIOD)
-            except queue.Empty:
-                self._guarded(self._flush)
-                continue
-            if item is None:
-                break
-            self._take(item)
+        """Write what is given, until nothing more comes: the writing thread."""
+        while (item := self._queue.get()) is not None:
+            self._guarded(self._write, item)
         for file in (self._tlog, self._turns, self._ticks):
             self._guarded(file.close)
-
-    def _take(self, item: LoopStep | TickRecord) -> None:
-        """Write an item, and what has waited for long enough."""
-        self._guarded(self._write, item)
-        if item.time - self._flushed_at >= FLUSH_PERIOD:
-            self._flushed_at = item.time
-            self._guarded(self._flush)
 
     def _guarded(self, action: Any, *arguments: Any) -> None:
         if self._broken:
@@ -166,7 +148,7 @@ class Recorder:
     def _write(self, item: LoopStep | TickRecord) -> None:
         if isinstance(item, TickRecord):
             if self._room(1.0, "ticks", item.time):
-                self._written += self._csv.writerow(tick_row(item))
+                self._written += csv.writer(self._ticks).writerow(tick_row(item))
         elif self._room(FRAMES_SHARE, "frames", item.time):
             self._write_step(item)
 
@@ -183,19 +165,16 @@ class Recorder:
         frames = [frame for _, _, datagram in item.heard for frame in datagram] + item.said + item.hello + item.survey
         stamp = struct.pack(">Q", self._epoch_us + round(item.time * 1e6))
         self._written += self._tlog.write(b"".join(stamp + without_signature(frame) for frame in frames))
+        self._tlog.flush()
         heard = " ".join(f"{link[0]}{self._number(source)}*{len(datagram)}" for link, source, datagram in item.heard)
         said = HELD_BACK if item.held_back else len(item.said) or ""
         row = (round(item.time * 1e6), heard, said, len(item.hello) or "", item.interrupt, len(item.survey) or "")
-        self._written += self._turns_csv.writerow(row)
+        self._written += csv.writer(self._turns).writerow(row)
 
     def _number(self, source: Hashable) -> int:
         """A short name for a source; whoever comes after very many others shares theirs."""
         known = len(self._sources)
         return self._sources.setdefault(source, known) if known < MOST_SOURCES else self._sources.get(source, known)
-
-    def _flush(self) -> None:
-        for file in (self._tlog, self._turns, self._ticks):
-            file.flush()
 
 
 def write_ticks(path: Path, records: Iterable[TickRecord]) -> None:

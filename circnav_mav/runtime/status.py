@@ -105,6 +105,11 @@ class Watch:
         return Rates(*((count - earlier) / span for count, earlier in zip(counts, before, strict=True)))
 
 
+def shown(value: float | None, form: str) -> str:
+    """A number in a form such as "{:.2f} m", "-" for none."""
+    return "-" if value is None else form.format(value)
+
+
 def _alarms(pilot: Pilot, tick: TickRecord, now: float, rates: Rates | None, problem: str | None) -> list[str]:
     """What is wrong now, the worst first."""
     timing, found = pilot.settings.timing, pilot.session.identity.rivals.recent(now)

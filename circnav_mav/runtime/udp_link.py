@@ -58,7 +58,6 @@ class UdpLink:
         return int(self._socket.getsockname()[1])
 
     def fileno(self) -> int | None:
-        """File descriptor to wait on."""
         return self._socket.fileno()
 
     def receive(self, now: float) -> list[tuple[bytes, Hashable]]:
@@ -95,7 +94,6 @@ class UdpLink:
             self.troubles[explain(error)] += 1
 
     def close(self) -> None:
-        """Close the socket."""
         self._socket.close()
 
     def _refuse(self, words: str) -> None:

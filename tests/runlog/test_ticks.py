@@ -1,9 +1,9 @@
 """Ticks and truth of a run folder read back, also of one that was cut off; what docs/logs.md says of them."""
 
-import math
 import re
 import struct
 from dataclasses import fields
+from math import nan
 from pathlib import Path
 
 import numpy as np
@@ -16,17 +16,6 @@ from circnav_mav.runlog.ticks import read_ticks, read_truth
 from tests.runlog.conftest import EPOCH_US
 
 LOGS = Path(__file__).parents[2] / "docs" / "logs.md"
-
-
-def log_of(folder, *messages):
-    """A tlog of (moment, system, message)."""
-    packed = ((us, message.pack(mavlink.MAVLink(None, srcSystem=system))) for us, system, message in messages)
-    (folder / "flight.tlog").write_bytes(b"".join(struct.pack(">Q", us) + bytes(frame) for us, frame in packed))
-    return folder
-
-
-def truth(numbers):
-    return mavlink.MAVLink_debug_float_array_message(0, b"SIM_TRUTH", 0, numbers + [0.0] * (58 - len(numbers)))
 
 
 def test_ticks_are_columns_and_an_empty_cell_is_no_number(run_folder):
@@ -55,25 +44,28 @@ def test_the_truth_is_found_in_the_log_at_the_runs_own_time(run_folder):
     assert (truth.north[0], truth.east[0]) == pytest.approx((5.0, 127.0))
 
 
-def test_a_log_of_a_real_vehicle_has_no_truth(tmp_path):
-    log_of(tmp_path, (EPOCH_US, 1, mavlink.MAVLink_heartbeat_message(2, 3, 0, 0, 4, 3)))
-    assert read_truth(tmp_path, EPOCH_US) is None
+def truth(north, system=1, *, spoilt=None):
+    """The truth that a vehicle tells, one of its numbers spoilt."""
+    numbers = [nan if at == spoilt else north for at in range(58)]
+    return system, mavlink.MAVLink_debug_float_array_message(0, b"SIM_TRUTH", 0, numbers)
 
 
-@pytest.mark.parametrize("spoilt", [0, 9, 15])
-def test_truth_that_is_no_number_is_left_out(tmp_path, spoilt):
-    """Whoever reaches our port can send it."""
-    numbers = [10.0 * at for at in range(16)]
-    torn = [math.nan if at == spoilt else number for at, number in enumerate(numbers)]
-    told = (numbers, torn, numbers)
-    log_of(tmp_path, *((EPOCH_US + at, 1, truth(each)) for at, each in enumerate(told)))
-    assert read_truth(tmp_path, EPOCH_US).time == pytest.approx([0.0, 2e-6])
-
-
-def test_the_truth_of_another_bundled_vehicle_on_the_link_is_left_out(tmp_path):
-    log_of(tmp_path, (EPOCH_US, 2, truth([9.0])), *((EPOCH_US + at, 1, truth([1.0])) for at in range(3)))
-    assert list(read_truth(tmp_path, EPOCH_US, 1).north) == [1.0, 1.0, 1.0]
-    assert list(read_truth(tmp_path, EPOCH_US).north) == [9.0], "without a system, the first that tells"
+@pytest.mark.parametrize(
+    ("said", "system", "norths"),
+    [
+        ([(1, mavlink.MAVLink_heartbeat_message(2, 3, 0, 0, 4, 3))], None, None),
+        ([truth(1.0), *(truth(2.0, spoilt=at) for at in (0, 9, 15)), truth(3.0)], None, [1.0, 3.0]),
+        ([truth(9.0, 2), truth(1.0), truth(2.0)], 1, [1.0, 2.0]),
+        ([truth(9.0, 2), truth(1.0), truth(2.0)], None, [9.0]),
+    ],
+    ids=["a real vehicle", "no numbers", "the vehicle that was flown", "the first that tells"],
+)
+def test_the_truth_is_that_of_one_vehicle_and_whole(tmp_path, said, system, norths):
+    """Whoever reaches our port can send some."""
+    frames = [bytes(message.pack(mavlink.MAVLink(None, srcSystem=sender))) for sender, message in said]
+    (tmp_path / "flight.tlog").write_bytes(b"".join(struct.pack(">Q", EPOCH_US) + frame for frame in frames))
+    found = read_truth(tmp_path, EPOCH_US, system)
+    assert (None if found is None else list(found.north)) == norths
 
 
 @pytest.mark.parametrize(

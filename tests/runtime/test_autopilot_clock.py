@@ -1,7 +1,7 @@
 """The clock that goes with the autopilot: as fast as it, through gaps, reboots, pauses and the wrap of its counter."""
 
 import random
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import pytest
 
@@ -58,21 +58,6 @@ def test_times_are_whole_microseconds(bench: Bench) -> None:
     assert all(moment * 1e6 == pytest.approx(round(moment * 1e6), abs=1e-4) for moment in bench.times)
 
 
-@pytest.mark.parametrize("speed", [0.2, 1.0, 5.0, 20.0, 100.0])
-def test_it_takes_the_autopilots_speed(bench: Bench, speed: float) -> None:
-    bench.speed = speed
-    bench.run(5.0)
-    assert bench.run(10.0) == pytest.approx(10.0 * speed, rel=0.01)
-    assert bench.clock.speed == pytest.approx(speed, rel=0.01)
-
-
-def test_waits_are_in_real_seconds(bench: Bench) -> None:
-    bench.speed = 5.0
-    bench.run(5.0)
-    assert bench.clock.until(bench.clock.now() + 1.0) == pytest.approx(0.2, rel=0.05)
-    assert bench.clock.until(bench.clock.now() - 1.0) == 0.0
-
-
 @pytest.mark.parametrize("speed", [0.2, 1.0, 5.0])
 def test_a_boot_time_once_a_second_is_enough(bench: Bench, speed: float) -> None:
     """SYSTEM_TIME alone, before ATTITUDE was asked for."""
@@ -117,12 +102,29 @@ def test_time_goes_on_through_a_silence_and_after_it_without_a_jump(bench: Bench
     assert bench.run(5.0) == pytest.approx(5.0 * speed, rel=0.05)
 
 
-def test_a_reboot_moves_nothing(bench: Bench) -> None:
-    bench.speed = 5.0
-    bench.run(5.0)
+def reboots(bench: Bench) -> None:
     bench.boot = 0.0
-    assert bench.run(5.0) == pytest.approx(25.0, rel=0.02)
-    assert bench.run(5.0) == pytest.approx(25.0, rel=0.02)
+
+
+def stands_still(bench: Bench) -> None:
+    """A simulator that is paused: silence, and then the boot time goes on where it stopped."""
+    stood = bench.boot
+    silent(bench, 10.0)
+    bench.boot = stood
+
+
+@pytest.mark.parametrize(
+    ("boot", "jump"),
+    [(100.0, reboots), (WRAP - 25.0, lambda bench: None), (100.0, stands_still)],
+    ids=["a reboot", "the wrap of 32 bits of milliseconds", "a pause"],
+)
+def test_a_jump_of_the_boot_time_moves_nothing(bench: Bench, boot: float, jump: Callable[[Bench], None]) -> None:
+    bench.boot, bench.speed = boot, 5.0
+    bench.run(3.0)
+    jump(bench)
+    for _ in range(2):
+        assert bench.run(5.0) == pytest.approx(25.0, rel=0.02)
+    assert bench.clock.speed == pytest.approx(5.0, rel=0.01)
 
 
 def test_a_reboot_before_the_speed_is_known_moves_nothing_either(bench: Bench) -> None:
@@ -131,31 +133,15 @@ def test_a_reboot_before_the_speed_is_known_moves_nothing_either(bench: Bench) -
     assert bench.run(1.0) == pytest.approx(1.0, rel=0.02)
 
 
-def test_the_wrap_of_32_bits_of_milliseconds_is_no_jump(bench: Bench) -> None:
-    bench.boot, bench.speed = WRAP - 20.0, 5.0
-    bench.run(3.0)
-    assert bench.run(6.0) == pytest.approx(30.0, rel=0.02)
-    assert bench.boot > WRAP + 10.0
-    assert bench.clock.speed == pytest.approx(5.0, rel=0.01)
-
-
-@pytest.mark.parametrize(("before", "after"), [(1.0, 5.0), (5.0, 1.0), (1.0, 100.0), (20.0, 0.5)])
-def test_a_change_of_speed_is_followed_within_seconds(bench: Bench, before: float, after: float) -> None:
-    bench.speed = before
-    bench.run(5.0)
-    bench.speed = after
-    bench.run(4.0)
-    assert bench.run(5.0) == pytest.approx(5.0 * after, rel=0.05)
-
-
-def test_a_paused_simulator_is_followed_when_it_goes_on(bench: Bench) -> None:
-    """Silence, and then the boot time goes on where it stopped: no jump back, no catching up."""
-    bench.speed = 5.0
-    bench.run(5.0)
-    stood = bench.boot
-    silent(bench, 10.0)
-    bench.boot = stood
-    assert bench.run(5.0) == pytest.approx(25.0, rel=0.05)
+@pytest.mark.parametrize(("before", "after"), [(1.0, 5.0), (5.0, 1.0), (1.0, 100.0), (20.0, 0.2)])
+def test_it_takes_the_autopilots_speed_and_follows_a_change_within_seconds(
+    bench: Bench, before: float, after: float
+) -> None:
+    for speed in (before, after):
+        bench.speed = speed
+        bench.run(5.0)
+        assert bench.run(5.0) == pytest.approx(5.0 * speed, rel=0.01)
+        assert bench.clock.speed == pytest.approx(speed, rel=0.01)
 
 
 def test_two_messages_that_changed_places_change_nothing(bench: Bench) -> None:

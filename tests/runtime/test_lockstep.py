@@ -38,22 +38,15 @@ def ticking(monkeypatch):
     return times
 
 
-def test_without_a_pace_time_goes_to_whatever_comes_first_and_nothing_is_waited_for(ticking):
+def test_without_a_pace_time_goes_to_whatever_comes_first_however_long_the_computer_takes(ticking):
     clock = Lockstep(Metronome())
     seen = []
     for moment in (0.05, 0.05, 0.05, 0.1):
         assert clock.until(moment) == 0.0
+        ticking["now"] += 100.0
         clock.advance(moment)
-        seen.append(clock.now())
-    assert seen == [0.02, 0.04, 0.05, 0.06]
-
-
-def test_a_computer_that_stands_still_moves_nothing(ticking):
-    clock = Lockstep(Metronome())
-    began = clock.real()
-    ticking["now"] += 100.0
-    clock.advance(1.0)
-    assert (clock.now(), clock.real() - began) == (0.02, 0.02)
+        seen.append((clock.now(), clock.real()))
+    assert seen == [(0.02, 0.02), (0.04, 0.04), (0.05, 0.05), (0.06, 0.06)]
 
 
 def test_a_pace_waits_in_real_seconds_and_ends_at_the_same_times(ticking):
@@ -79,11 +72,9 @@ def test_a_paced_run_does_not_race_after_a_night_of_sleep(ticking):
     ticking["now"] += 3600.0
     clock.advance(1.0)
     assert clock.now() == 0.02
-    ahead = 0.0
     while clock.until(1e9) == 0.0:
         clock.advance(1e9)
-        ahead = clock.now()
-    assert ahead < 1.0
+    assert clock.now() < 1.0
 
 
 def test_beside_a_real_radio_time_keeps_up_with_it(ticking):
@@ -97,7 +88,7 @@ def test_beside_a_real_radio_time_keeps_up_with_it(ticking):
 def test_every_tick_that_is_due_is_reached_in_whole_microseconds():
     """A product rounded down would be a time before the tick, and the loop would turn there for ever."""
     clock = Lockstep(Metronome())
-    for tick in range(1, 20_000):
+    for tick in range(1, 2_000):
         moment = math.nextafter(tick * 1e-6, 1.0)
         clock.advance(moment)
         assert clock.now() >= moment

@@ -2,7 +2,6 @@
 
 import math
 from collections import Counter
-from collections.abc import Hashable
 
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
@@ -14,50 +13,46 @@ from circnav_mav.runtime.links import LinkError
 from circnav_mav.runtime.radio_link import RadioLink, open_radio, radio_port
 from tests.radios.recorded import NODE_FRAME_2
 
+NONE = 2**32 - 1
+
 
 class Wire:
     """A port that hears what is put into it."""
 
-    def __init__(self) -> None:
-        self.troubles: Counter[str] = Counter()
-        self.waiting: list[tuple[bytes, Hashable]] = []
-        self.sent: list[bytes] = []
+    def __init__(self):
+        self.troubles, self.waiting = Counter(), []
 
-    def fileno(self) -> int | None:
-        return None
-
-    def receive(self, now: float) -> list[tuple[bytes, Hashable]]:
+    def receive(self, now):
         heard, self.waiting = self.waiting, []
         return heard
 
-    def send(self, data: bytes, to: Hashable) -> None:
-        self.sent.append(data)
 
-    def close(self) -> None:
-        pass
+class Radio:
+    """A radio at the end of a wire."""
 
+    def __init__(self, name, driver, *, datagrams):
+        self.wire = Wire()
+        self.link = RadioLink(name, driver, self.wire, datagrams=datagrams)
 
-def decoded(frames) -> list:
-    reader = mavlink.MAVLink(None)
-    return [(reader.decode(bytearray(frame)), source) for frame, source in frames]
+    def hears(self, *data, now=0.0):
+        """What becomes of bytes: a message and its source for each reading."""
+        self.wire.waiting = [(one, "/dev/ttyUSB0") for one in data]
+        reader = mavlink.MAVLink(None)
+        return [(reader.decode(bytearray(frame)), source) for frame, source in self.link.receive(now)]
 
 
 def test_a_reading_is_a_ranging_beacon_of_its_own_source():
-    wire = Wire()
-    wire.waiting = [(NODE_FRAME_2, "/dev/ttyUSB0")]
-    (first, source), *others = decoded(RadioLink("linktrack", LinkTrack(), wire, datagrams=False).receive(0.0))
+    radio = Radio("linktrack", LinkTrack(), datagrams=False)
+    (first, source), *others = radio.hears(NODE_FRAME_2)
     assert first.to_dict() | {"lat": 0, "lon": 0, "alt": 0} == {
         "mavpackettype": "RANGING_BEACON", "time_usec": 1926822000, "target_system": 0, "target_component": 0,
-        "beacon_id": 0, "range": 3179, "lat": 0, "lon": 0, "alt": 0, "alt_type": 0, "hacc_est": 2**32 - 1,
-        "vacc_est": 2**32 - 1, "carrier_freq": 0, "range_accuracy": 2**32 - 1, "sequence": 1, "status": 0,
+        "beacon_id": 0, "range": 3179, "lat": 0, "lon": 0, "alt": 0, "alt_type": 0, "hacc_est": NONE,
+        "vacc_est": NONE, "carrier_freq": 0, "range_accuracy": NONE, "sequence": 1, "status": 0,
     }  # fmt: skip
     assert (first.get_srcSystem(), first.get_srcComponent(), source) == (1, 192, "/dev/ttyUSB0 beacon 0")
     assert [(message.beacon_id, message.range, at) for message, at in others] == [
         (1, 5548, "/dev/ttyUSB0 beacon 1"), (2, 6728, "/dev/ttyUSB0 beacon 2"), (3, 4651, "/dev/ttyUSB0 beacon 3")
     ]  # fmt: skip
-
-
-NONE = 2**32 - 1
 
 
 @pytest.mark.parametrize(
@@ -73,37 +68,23 @@ NONE = 2**32 - 1
     ],
 )
 def test_only_numbers_that_are_ranges_pass_as_such(line, millimetres, sigma, stamp):
-    wire, driver = Wire(), Lines()
-    link = RadioLink("lines", driver, wire, datagrams=True)
-    wire.waiting = [(line.encode(), "x")]  # over UDP a line need not end
-    ((message, _),) = decoded(link.receive(0.0))
+    ((message, _),) = Radio("lines", Lines(), datagrams=True).hears(line.encode())  # over UDP a line need not end
     assert (message.range, message.range_accuracy, message.time_usec) == (millimetres, sigma, stamp)
     assert math.isnan(message.alt)
 
 
-def test_a_wrong_baud_rate_is_said_in_one_line_and_heals():
-    wire = Wire()
-    link = RadioLink("linktrack", LinkTrack(), wire, datagrams=False)
-    for step in range(100):
-        wire.waiting = [(bytes(range(40)), "x")]
-        assert link.receive(0.1 * step) == []
-    assert list(link.troubles) == [
-        "bytes come in that are none of linktrack: another baud rate, driver or output of the radio?"
-    ]
-    before = link.troubles.total()
-    assert before == 4
-    for step in range(100, 200):
-        wire.waiting = [(NODE_FRAME_2 + bytes(40), "x")]
-        assert len(link.receive(0.1 * step)) == 4
-    assert link.troubles.total() == before
+def test_a_wrong_baud_rate_is_said_in_one_line_and_heals_and_a_radio_that_sees_no_beacon_is_no_trouble():
+    radio = Radio("linktrack", LinkTrack(), datagrams=False)
+    wrong = "bytes come in that are none of linktrack: another baud rate, driver or output of the radio?"
 
+    def ten_seconds(began, *data):
+        """How many readings there were in every step, and what is said by then."""
+        readings = {len(radio.hears(*data, now=began + 0.1 * step)) for step in range(100)}
+        return readings, dict(radio.link.troubles)
 
-def test_a_radio_that_sees_no_beacon_is_no_trouble():
-    wire = Wire()
-    link = RadioLink("lines", Lines(), wire, datagrams=False)
-    for step in range(100):
-        assert link.receive(0.1 * step) == []
-    assert not link.troubles
+    assert ten_seconds(0.0) == ({0}, {})
+    assert ten_seconds(10.0, bytes(range(40))) == ({0}, {wrong: 4})
+    assert ten_seconds(20.0, NODE_FRAME_2 + bytes(40)) == ({4}, {wrong: 4})
 
 
 def test_a_driver_that_fails_costs_its_bytes_and_no_flight():
@@ -111,13 +92,10 @@ def test_a_driver_that_fails_costs_its_bytes_and_no_flight():
         def read_line(self, line):
             return [RadioReading(5.0, beacon=70_000)] if line == "bad" else super().read_line(line)
 
-    wire = Wire()
-    link = RadioLink("broken", Broken(), wire, datagrams=True)
-    wire.waiting = [(b"", "x"), (b"bad", "x")]
-    assert link.receive(0.0) == []
-    wire.waiting = [(b"5.0", "x")]
-    assert len(link.receive(0.1)) == 1
-    assert list(link.troubles) == ["driver broken failed: ValueError('beacon id 70000 is not 0 to 65535')"]
+    radio = Radio("broken", Broken(), datagrams=True)
+    assert radio.hears(b"", b"bad") == []
+    assert len(radio.hears(b"5.0", now=0.1)) == 1
+    assert list(radio.link.troubles) == ["driver broken failed: ValueError('beacon id 70000 is not 0 to 65535')"]
 
 
 @pytest.mark.parametrize(

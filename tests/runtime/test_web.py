@@ -7,6 +7,8 @@ import os
 import select
 import signal
 import socket
+from contextlib import ExitStack, closing
+from itertools import product
 from math import inf, nan
 
 import pytest
@@ -23,30 +25,17 @@ from tests.process import PATIENCE
 VERDICT = "COMPLETED: flown to its end"
 
 
-@pytest.fixture(autouse=True)
-def patient(monkeypatch):
+@pytest.fixture(scope="module", autouse=True)
+def patient():
     """A busy machine may start and end the server slowly: neither is judged here."""
-    for name in ("START_PATIENCE", "STOP_PATIENCE"):
-        monkeypatch.setattr(feed, name, PATIENCE)
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("START_PATIENCE", "STOP_PATIENCE"):
+            patch.setattr(feed, name, PATIENCE)
+        yield
 
 
 def open_page(pilot, port=0, *, truth=False):
     return LivePage(pilot, port, name="small", tolerance=5.0, speed=0.0, truth=truth)  # every tick is told
-
-
-def telling(page):
-    """What the runner does after each step."""
-    return lambda flown: page.show(flown.ticks[-1] if flown.ticks else None, LoopStep(flown.now))
-
-
-def patiently(page):
-    """The same at a pace that the server keeps, so that no line is dropped."""
-
-    def tell(flown):
-        select.select([], [page._pipe], [])
-        telling(page)(flown)
-
-    return tell
 
 
 @pytest.fixture
@@ -56,14 +45,34 @@ def flown():
 
 @pytest.fixture
 def page(flown):
-    page = open_page(flown.pilot)
-    yield page
-    page.close()
+    with closing(open_page(flown.pilot)) as page:
+        yield page
+
+
+@pytest.fixture(scope="module")
+def idle():
+    """The page of a flight that has not begun, for all who only ask."""
+    with closing(open_page(flight("quickstart").pilot)) as page:
+        yield page
+
+
+def fly(flown, seconds, page):
+    """As the runner does, a tick shown after each step, at a pace that the server keeps: no line is dropped."""
+
+    def show(flown):
+        select.select([], [page._pipe], [])
+        page.show(flown.ticks[-1] if flown.ticks else None, LoopStep(flown.now))
+
+    flown.fly(seconds, show)
+
+
+def address(page):
+    host, port = page.url.removeprefix("http://").rstrip("/").split(":")
+    return host, int(port)
 
 
 def ask(page, method, path, **headers):
-    port = int(page.url.rstrip("/").rpartition(":")[2])
-    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=PATIENCE)
+    connection = http.client.HTTPConnection(*address(page), timeout=PATIENCE)
     connection.request(method, path, headers=headers)
     return connection.getresponse()
 
@@ -81,11 +90,11 @@ class Stream:
         self.response.readline()
         return kind, json.loads(data)
 
-    def until(self, kind, wanted=lambda content: True):
-        """The content of the first event of a kind that is wanted."""
+    def until(self, kind):
+        """The content of the first event of a kind."""
         while True:
             found, content = self.next()
-            if found == kind and wanted(content):
+            if found == kind:
                 return content
 
     def until_tick(self, time):
@@ -100,8 +109,8 @@ class Stream:
 # --- HTTP ---
 
 
-def test_the_page_is_served_whole_and_needs_no_other_host(page):
-    answer = ask(page, "GET", "/")
+def test_the_page_is_served_whole_and_needs_no_other_host(idle):
+    answer = ask(idle, "GET", "/")
     body = answer.read().decode()
     assert answer.status == 200
     assert answer.headers["Content-Type"].startswith("text/html")
@@ -109,60 +118,61 @@ def test_the_page_is_served_whole_and_needs_no_other_host(page):
     assert not any(word in body for word in ("http://", "https://", "@import", "url(", '<link rel="stylesheet'))
 
 
-@pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "PATCH", "OPTIONS"])
-@pytest.mark.parametrize("path", ["/", "/events"])
-def test_there_is_nothing_that_changes_anything(page, method, path):
-    assert ask(page, method, path).status == 405
+def test_there_is_nothing_else_and_nothing_that_changes_anything(idle):
+    for method, path in product(("POST", "PUT", "DELETE", "PATCH", "OPTIONS"), ("/", "/events")):
+        assert ask(idle, method, path).status == 405, (method, path)
+    for method, path in product(("GET", "POST"), ("/nothing", "/../history.py", "/stop")):
+        assert ask(idle, method, path).status == 404, (method, path)
 
 
-@pytest.mark.parametrize("path", ["/nothing", "/../history.py", "/stop"])
-def test_an_unknown_path_is_not_found(page, path):
-    assert ask(page, "GET", path).status == 404
-    assert ask(page, "POST", path).status == 404
+def test_another_name_for_this_host_is_refused(idle):
+    assert ask(idle, "GET", "/events", Host="elsewhere.example").status == 400
 
 
-def test_another_name_for_this_host_is_refused(page):
-    assert ask(page, "GET", "/events", Host="elsewhere.example").status == 400
-
-
-def test_no_other_interface_is_bound(page):
+def test_no_other_interface_is_bound(idle):
     """The port of the page is free on another of this machine's addresses, and nobody answers there."""
-    port = int(page.url.rstrip("/").rpartition(":")[2])
     with socket.socket() as other, pytest.raises(ConnectionRefusedError):
-        other.connect(("127.0.0.2", port))
+        other.connect(("127.0.0.2", address(idle)[1]))
+
+
+def test_connections_that_ask_for_nothing_keep_nobody_from_the_page(idle):
+    with ExitStack() as held:
+        for _ in range(60):
+            held.enter_context(socket.create_connection(address(idle)))
+        assert ask(idle, "GET", "/").status == 200
+        assert Stream(idle).response.status == 200
+
+
+def test_more_browsers_than_the_flight_can_spare_time_for_are_refused(page):
+    streams = [Stream(page) for _ in range(MOST_BROWSERS)]
+    for stream in streams:
+        stream.next()
+    assert ask(page, "GET", "/events").status == 503
+    assert ask(page, "GET", "/").status == 200
 
 
 # --- the stream ---
 
 
 def test_a_browser_gets_what_was_what_is_and_the_verdict(flown, page):
-    flown.fly(8.0, patiently(page))
+    early = Stream(page)
+    fly(flown, 8.0, page)
+    early.until_tick(flown.ticks[-1].time)  # the server has it all
     stream = Stream(page)
     begun = stream.until("history")
-    assert begun["flight"]["name"] == "small"
-    assert begun["flight"]["radius"] == 100.0
-    flown.fly(10.0, patiently(page))
+    assert (begun["flight"]["name"], begun["flight"]["radius"]) == ("small", 100.0)
+    assert {point[0] for point in begun["points"]} == {round(tick.time, 5) for tick in flown.ticks}
+    assert begun["newest"]["time"] == round(flown.ticks[-1].time, 5)
+    fly(flown, 10.0, page)
     newest = stream.until_tick(flown.ticks[-1].time)
-    assert newest["phase"] == "engaged"
-    assert newest["r"] == round(flown.ticks[-1].r, 5)
+    assert (newest["phase"], newest["r"]) == ("engaged", round(flown.ticks[-1].r, 5))
     page.finish(VERDICT)
     page.close()
     assert stream.until("end") == {"verdict": VERDICT}
     assert stream.response.read() == b""
 
 
-def test_a_late_browser_gets_the_flight_so_far(flown, page):
-    early = Stream(page)
-    flown.fly(8.0, patiently(page))
-    last = flown.ticks[-1].time
-    early.until_tick(last)  # the server has it all
-    begun = Stream(page).until("history")
-    assert {point[0] for point in begun["points"]} == {round(tick.time, 5) for tick in flown.ticks}
-    assert begun["newest"]["time"] == round(last, 5)
-
-
-def test_a_flight_that_just_vanishes_ends_the_stream_without_a_verdict(flown, page):
-    flown.fly(2.0, patiently(page))
+def test_a_flight_that_just_vanishes_ends_the_stream_without_a_verdict(page):
     stream = Stream(page)
     stream.until("history")
     page.close()
@@ -172,50 +182,42 @@ def test_a_flight_that_just_vanishes_ends_the_stream_without_a_verdict(flown, pa
 # --- nothing holds up the flight ---
 
 
+@pytest.fixture(scope="module")
 def ticks_alone():
+    """Of a flight without a page: some 600, far more than the pipe holds."""
     return flight("quickstart").fly(20.0).ticks
 
 
-def test_a_server_that_hangs_costs_no_tick(flown, page):
+def test_a_server_that_hangs_and_one_that_was_killed_cost_no_tick(flown, page, ticks_alone):
+    def show(flown):
+        page.show(flown.ticks[-1] if flown.ticks else None, LoopStep(flown.now))
+
     os.kill(page._process.pid, signal.SIGSTOP)
-    flown.fly(20.0, telling(page))  # some 600 ticks, far more than the pipe holds
-    assert flown.ticks == ticks_alone()
-    os.kill(page._process.pid, signal.SIGCONT)
-    page.finish(VERDICT)
-    page.close()
-    assert page._process.returncode == 0
-
-
-def test_a_server_that_was_killed_costs_no_tick(flown, page):
-    flown.fly(5.0, telling(page))
+    flown.fly(15.0, show)
     os.kill(page._process.pid, signal.SIGKILL)
     page._process.wait()
-    flown.fly(20.0, telling(page))
-    assert flown.ticks == ticks_alone()
+    flown.fly(20.0, show)
     page.finish(VERDICT)
+    assert flown.ticks == ticks_alone
 
 
-def test_a_browser_that_never_reads_holds_up_nobody(flown, page):
-    port = int(page.url.rstrip("/").rpartition(":")[2])
-    stuck = []
-    for _ in range(5):
-        browser = socket.create_connection(("127.0.0.1", port))
-        browser.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1024)
-        browser.sendall(b"GET /events HTTP/1.1\r\nHost: localhost\r\n\r\n")
-        stuck.append(browser)
-    stream = Stream(page)
-    flown.fly(20.0, telling(page))
-    page.finish(VERDICT)
-    page.close()
-    assert flown.ticks == ticks_alone()
-    assert stream.until("end")["verdict"] == VERDICT
-    for browser in stuck:
-        browser.close()
+def test_a_browser_that_never_reads_holds_up_nobody(flown, page, ticks_alone):
+    with ExitStack() as stuck:
+        for _ in range(5):
+            browser = stuck.enter_context(socket.create_connection(address(page)))
+            browser.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1024)
+            browser.sendall(b"GET /events HTTP/1.1\r\nHost: localhost\r\n\r\n")
+        stream = Stream(page)
+        fly(flown, 20.0, page)
+        page.finish(VERDICT)
+        page.close()
+        assert flown.ticks == ticks_alone
+        assert stream.until("end")["verdict"] == VERDICT
+        assert page._process.returncode == 0
 
 
-def test_a_number_that_json_does_not_know_is_told_as_unknown(flown):
-    assert feed._plain(float("nan")) is None
-    assert feed._plain(float("inf")) is None
+def test_a_number_that_json_does_not_know_is_told_as_unknown():
+    assert [feed._plain(value) for value in (nan, inf, 1.000001)] == [None, None, 1.0]
 
 
 # --- frames that anybody may send ---
@@ -223,47 +225,38 @@ def test_a_number_that_json_does_not_know_is_told_as_unknown(flown):
 
 def truth_frame(north, east):
     """The vehicle so far from the target, as the bundled vehicle tells its truth."""
-    numbers = [north, east] + [0.0] * 56
-    message = mavlink.MAVLink_debug_float_array_message(0, b"SIM_TRUTH", 0, numbers)
+    message = mavlink.MAVLink_debug_float_array_message(0, b"SIM_TRUTH", 0, [north, east] + [0.0] * 56)
     return bytes(message.pack(mavlink.MAVLink(None, srcSystem=7)))
 
 
-def places(page, flown, monkeypatch, *frames):
-    """East and north as they are told after each of these frames."""
-    told = []
-    monkeypatch.setattr(page, "_tell", told.append)
+@pytest.mark.parametrize("bundled", [True, False], ids=["the bundled vehicle", "any other"])
+def test_the_truth_of_the_bundled_vehicle_alone_is_told_and_what_is_no_number_is_passed_over(
+    flown, monkeypatch, bundled
+):
+    told, good = [], truth_frame(30.0, 4.0)
+    frames = [truth_frame(nan, 2.0), good, truth_frame(1.0, inf), truth_frame(-inf, 1.0)]
     flown.fly(8.0)
-    for frame in frames:
-        page.show(flown.ticks[-1], LoopStep(flown.now, heard=[("main", "anybody", [frame])]))
-    return [(what["east"], what["north"]) for what in told]
-
-
-@pytest.mark.parametrize("wrong", [nan, inf, -inf])
-def test_a_truth_that_is_no_number_is_passed_over(flown, monkeypatch, wrong):
-    page = open_page(flown.pilot, truth=True)
-    try:
-        frames = [truth_frame(wrong, 2.0), truth_frame(30.0, 4.0), truth_frame(1.0, wrong)]
-        assert places(page, flown, monkeypatch, *frames) == [(None, None), (4.0, 30.0), (4.0, 30.0)]
-    finally:
-        page.close()
-
-
-def test_nobody_can_tell_the_truth_of_a_vehicle_that_is_not_the_bundled_one(flown, page, monkeypatch):
-    assert places(page, flown, monkeypatch, truth_frame(30.0, 4.0)) == [(None, None)]
+    with closing(open_page(flown.pilot, truth=bundled)) as page:
+        monkeypatch.setattr(page, "_tell", told.append)
+        for frame in frames:
+            page.show(flown.ticks[-1], LoopStep(flown.now, heard=[("main", "anybody", [frame])]))
+    known = [(None, None), *[(4.0, 30.0)] * 3] if bundled else [(None, None)] * 4
+    assert [(what["east"], what["north"]) for what in told] == known
 
 
 # --- bounded ---
 
 
-def tick(number):
-    return json.dumps({"kind": "tick", **dict.fromkeys(COLUMNS), "time": number}).encode()
+def history_of(many):
+    history = History()
+    for number in range(many):
+        history.take(json.dumps({"kind": "tick", **dict.fromkeys(COLUMNS), "time": number}).encode())
+    return history
 
 
 def test_the_history_of_a_long_flight_is_bounded_and_spans_it_evenly():
-    history, many = History(), 50_000
-    for number in range(many):
-        history.take(tick(number))
-    (event,) = history.since(None)
+    many = 4 * MOST_POINTS + 1000
+    (event,) = history_of(many).since(None)
     begun = json.loads(event.partition("data: ")[2])
     times = [point[0] for point in begun["points"]]
     assert MOST_POINTS / 2 <= len(times) <= MOST_POINTS
@@ -273,9 +266,7 @@ def test_the_history_of_a_long_flight_is_bounded_and_spans_it_evenly():
 
 
 def test_a_browser_that_is_a_little_behind_gets_what_it_missed_and_else_all():
-    history = History()
-    for number in range(500):
-        history.take(tick(number))
+    history = history_of(500)
     assert [json.loads(event.partition("data: ")[2])["time"] for event in history.since(497)] == [497, 498, 499]
     assert history.since(500) == []
     assert len(history.since(500 - NEWEST)) == NEWEST
@@ -285,9 +276,9 @@ def test_a_browser_that_is_a_little_behind_gets_what_it_missed_and_else_all():
 # --- refusals ---
 
 
-def test_a_port_in_use_is_one_line_with_a_remedy(flown, page):
-    port = int(page.url.rstrip("/").rpartition(":")[2])
-    with pytest.raises(WebError, match=f"--web {port}: 127.0.0.1:{port} cannot be had: Address already in use; choose"):
+def test_a_port_in_use_is_one_line_with_a_remedy(flown, idle):
+    host, port = address(idle)
+    with pytest.raises(WebError, match=f"--web {port}: {host}:{port} cannot be had: Address already in use; choose"):
         open_page(flown.pilot, port)
 
 
@@ -296,22 +287,3 @@ def test_without_the_packages_the_command_that_brings_them_is_named(flown, monke
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == "uvicorn" else find(name))
     with pytest.raises(WebError, match=r"--web needs the package uvicorn: pip install uvicorn"):
         open_page(flown.pilot)
-
-
-def test_connections_that_ask_for_nothing_keep_nobody_from_the_page(page):
-    port = int(page.url.rstrip("/").rpartition(":")[2])
-    idle = [socket.create_connection(("127.0.0.1", port)) for _ in range(60)]
-    try:
-        assert ask(page, "GET", "/").status == 200
-        assert Stream(page).response.status == 200
-    finally:
-        for connection in idle:
-            connection.close()
-
-
-def test_more_browsers_than_the_flight_can_spare_time_for_are_refused(page):
-    streams = [Stream(page) for _ in range(MOST_BROWSERS)]
-    for stream in streams:
-        stream.next()
-    assert ask(page, "GET", "/events").status == 503
-    assert ask(page, "GET", "/").status == 200

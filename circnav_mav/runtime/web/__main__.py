@@ -52,9 +52,16 @@ def application(history: History) -> Starlette:
     async def stream() -> AsyncIterator[str]:
         nonlocal streams
         streams += 1
+        seen: int | None = None
         try:
-            async for event in _events(history):
-                yield event
+            while True:
+                over, news, seen = history.over, history.since(seen), history.count
+                for event in news:
+                    yield event
+                if over:
+                    yield history.end
+                    return
+                await asyncio.sleep(POLL)
         finally:
             streams -= 1
 
@@ -65,20 +72,6 @@ def application(history: History) -> Starlette:
 
     hosts = Middleware(TrustedHostMiddleware, allowed_hosts=["127.0.0.1", "localhost"])
     return Starlette(routes=[Route("/", page), Route("/events", events)], middleware=[hosts])
-
-
-async def _events(history: History) -> AsyncIterator[str]:
-    seen: int | None = None
-    while True:
-        over = history.over
-        news = history.since(seen)
-        seen = history.count
-        for event in news:
-            yield event
-        if over:
-            yield history.end
-            return
-        await asyncio.sleep(POLL)
 
 
 async def serve(listener: socket.socket) -> None:

@@ -75,16 +75,12 @@ class LivePage:
         if newest is None or (step.time < self._due and newest.phase is not Phase.ENDED):
             return
         self._due = step.time + self._period
-        status = self._watch.status(newest, step.time, problem)
-        self._look()
-        east, north = map(_plain, self._place)
-        self._tell({"kind": "tick", **_told(status), "east": east, "north": north})
-
-    def _look(self) -> None:
-        """The place that the newest frame tells, if it tells one: anybody may send a frame that holds no numbers."""
         place = relative_truth(self._truth) if self._truth else None
-        if place is not None and all(map(isfinite, place)):
+        if place is not None and all(map(isfinite, place)):  # anybody may send a frame that holds no numbers
             self._place = place
+        east, north = map(_plain, self._place)
+        status = self._watch.status(newest, step.time, problem)
+        self._tell({"kind": "tick", **_told(status), "east": east, "north": north})
 
     def finish(self, verdict: str) -> None:
         """Tell the verdict; the flight is over, and the server is given a moment to take it."""
