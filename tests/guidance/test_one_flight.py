@@ -1,6 +1,5 @@
 """The one flight in the air is worked out in plain floats; the same as in arrays, to the last bits."""
 
-from dataclasses import fields
 from math import inf, nan, pi
 
 import numpy as np
@@ -42,21 +41,6 @@ def test_one_flight_is_predicted_as_the_bank_predicts_it(seed, dt, heading, airs
     assert ours.r_variance == pytest.approx(Q[R, R], rel=1e-9)
     assert ours.direction_variance == pytest.approx(Q[THETA, THETA], rel=1e-9)
     assert ours.r_dot_variance == pytest.approx(gradient @ Q @ gradient, rel=1e-9)
-
-
-def test_many_flights_are_predicted_as_one():
-    rng, few = np.random.default_rng(2), 4
-    mean = rng.normal(size=(STATES, few)) + np.array([100, 0, 0, 0, 1, *[0] * 7])[:, None]
-    root = rng.normal(size=(few, STATES, STATES))
-    P, dt, chord = root @ np.swapaxes(root, 1, 2), rng.uniform(0, 2, few), rng.normal(size=(2, few)) * 10
-    psd, gust, heading, airspeed = rng.uniform(0.01, 1, (4, few))
-    many = predict_belief(Belief(mean, P, psd, gust), dt, chord, heading=heading, airspeed=airspeed, xp=np)
-    for n in range(few):
-        belief = Belief(mean[:, n].tolist(), P[n], float(psd[n]), float(gust[n]))
-        where = {"heading": float(heading[n]), "airspeed": float(airspeed[n])}
-        one = predict_belief(belief, float(dt[n]), (float(chord[0, n]), float(chord[1, n])), **where)
-        for field in fields(one):
-            assert np.array(getattr(many, field.name))[..., n] == pytest.approx(np.array(getattr(one, field.name)))
 
 
 @given(x=st.floats(-500, 500), y=st.floats(-500, 500), wind=st.tuples(few, few), psi=angles, omega=st.floats(-0.5, 0.5))

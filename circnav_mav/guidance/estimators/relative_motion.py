@@ -38,7 +38,6 @@ class DriftEstimator(Estimator):
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything."""
         cfg = self._settings
         search = SearchSettings(cfg.speed, drift_sigma=cfg.drift_sigma, scale_sigma=cfg.scale_sigma)
         self.bank = DriftBank(BankSettings(cfg.speed, gate=cfg.gate, search=search))
@@ -67,11 +66,9 @@ class DriftEstimator(Estimator):
             self._note_belief()
 
     def move(self, motion: OwnMotion) -> None:
-        """Take in own motion."""
         self._path.move(motion)
 
     def observe(self, sample: RangeSample) -> Fused:
-        """Take one sample in, or refuse it."""
         knot, before = self._path.at(sample.time), self._used
         if knot is None:
             self._astray = True  # ranges, but nobody knows how the vehicle flies: it does not do as it is told
@@ -107,7 +104,6 @@ class DriftEstimator(Estimator):
         self._note_belief()
 
     def at(self, time: float) -> RangeEstimate | None:
-        """The estimate predicted to a moment of the local clock; None while nothing is known."""
         knot = self._path.at(time)
         if knot is None or self._used is None or knot.piece != self._used.piece or self.bank.stage[0] == Stage.EMPTY:
             return None
@@ -183,7 +179,7 @@ class _Memory:
         return replace(self.known, drift=sigma)
 
 
-class AutoEstimator:
+class AutoEstimator(Estimator):
     """`auto`: range and range rate by `kalman` from the first samples on, everything by `drift` once it is trusted."""
 
     def __init__(self, settings: EstimatorSettings) -> None:
@@ -200,13 +196,11 @@ class AutoEstimator:
         return self._kalman
 
     def reset(self) -> None:
-        """Forget everything."""
         self.kalman.reset()
         self.drift.reset()
 
     @property
     def ready(self) -> bool:
-        """Whether either may steer."""
         return self.drift.ready or self.kalman.ready
 
     @property
@@ -219,7 +213,6 @@ class AutoEstimator:
         self.kalman.restamp()
 
     def move(self, motion: OwnMotion) -> None:
-        """Take in own motion."""
         self.drift.move(motion)
 
     def observe(self, sample: RangeSample) -> Fused:
@@ -231,12 +224,10 @@ class AutoEstimator:
         return by_drift
 
     def settle(self) -> None:
-        """Let both take in all that they have not."""
         self.drift.settle()
         self.kalman.settle()
 
     def observe_rate(self, sample: RateSample) -> None:
-        """Take in a range rate."""
         self.drift.observe_rate(sample)
         self.kalman.observe_rate(sample)
 
