@@ -9,10 +9,11 @@ from hypothesis import strategies as st
 
 from circnav_mav.guidance import floats
 from circnav_mav.guidance.estimators.prediction import Belief, predict_belief
-from circnav_mav.guidance.estimators.relative_ekf import KAPPA, STATES, THETA, Hypotheses, Noise, R, predict
+from circnav_mav.guidance.estimators.relative_ekf import KAPPA, STATES, THETA, R, predict
 from circnav_mav.guidance.law_selector import ONE_AT_START, at_start, hand_over
 from circnav_mav.guidance.turn_response import Pending
 from circnav_mav.guidance.vector_field import drift, drift_gains, orbit_turn_rate
+from tests.guidance.relative import hypothesis, noise
 
 angles = st.floats(-pi, pi)
 few = st.floats(-10, 10)
@@ -25,9 +26,7 @@ def test_one_flight_is_predicted_as_the_bank_predicts_it(seed, dt, heading, airs
     mean[R] = max(mean[R], 1.0)
     root = rng.normal(size=(STATES, STATES)) * 0.1
     P, chord, psd, gust = root @ root.T, rng.normal(size=2) * 10 * dt, 0.02, 1.3
-    noise = Noise(*(np.array([[value]]) for value in (psd, gust, 0.7, 0.5)))
-    h = Hypotheses(mean[:, None, None], P[:, :, None, None], np.zeros((1, 1)))
-    after = predict(h, noise, np.array([dt]), chord[:, None], np.array([0.5]))
+    after = predict(hypothesis(mean, P), noise(psd, gust, 0.7, 0.5), np.array([dt]), chord[:, None], np.array([0.5]))
     x, Q = after.x[:, 0, 0], after.P[:, :, 0, 0]
 
     belief = Belief(tuple(mean.tolist()), P, psd, gust)
