@@ -118,12 +118,16 @@ def test_late_and_repeated_samples_are_refused():
 
 
 def test_an_outage_is_flown_on_dead_reckoning_and_trust_fades():
+    """Trusted up to a quarter of the range."""
     world, estimator = listened()
     assert estimator.ready
     sure = estimator.at(29.95).relative.sigma
-    silent(estimator, world, 30.0, 40.0)
-    assert error(estimator, world, 40.0) < 10.0
-    assert estimator.at(40.0).relative.sigma > sure
+    for start, end, trusted in ((30.0, 40.0, True), (40.0, 70.0, False)):
+        silent(estimator, world, start, end)
+        relative, r = estimator.at(end).relative, estimator.at(end).r
+        assert error(estimator, world, end) < 10.0
+        assert relative.sigma > sure
+        assert relative.trusted == (relative.sigma < 0.25 * r) == trusted
 
 
 def test_a_lost_bank_recovers_by_itself():

@@ -182,6 +182,11 @@ def test_holding_in_drift_flies_the_circle_in_the_missions_sense_without_a_range
     assert farthest < 0.5
 
 
+def test_holding_looks_ahead_by_the_turn_that_is_under_way():
+    ahead = holding(ORBIT, known(drift_y=6.0, heading=0.7), Pending(0.3, 0.4))
+    assert ahead == holding(ORBIT, known(drift_y=6.0, heading=1.0), AT_REST)
+
+
 CARRIED = known(drift_y=6.0, heading=pi / 2, turn_rate=0.1)
 NO_NUMBERS = [
     {field: number} for field in ("drift_x", "drift_y", "heading", "turn_rate", "airspeed") for number in (nan, inf)
