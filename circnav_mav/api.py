@@ -102,7 +102,7 @@ class Guidance:
         turning = estimate.relative.turn_rate if estimate.relative is not None else 0.0
         pending = self._pending.at(now, self._response.response(link=0.0), turning)
         gain = float(self._gain.gain)
-        command = compensate_turn_gain(self._steer(estimate, pending=pending), self._orbit.max_turn_rate, gain)
+        command = compensate_turn_gain(self._steer(estimate, 0.0, pending, 1.0), self._orbit.max_turn_rate, gain)
         self._commanded = command.turn_rate
         self._response.command(now, command.turn_rate)
         self._pending.command(now, command.turn_rate * gain)

@@ -9,15 +9,15 @@ import operator
 from math import acos as arccos
 from math import asin as arcsin
 from math import atan2 as arctan2
-from math import cos, exp, hypot, isfinite, pi, sin, sqrt, tanh
+from math import cos, exp, hypot, pi, sin, sqrt, tanh
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
-    "all", "arccos", "arcsin", "arctan2", "clip", "cos", "exp", "hypot", "isfinite", "logical_not", "maximum",
-    "minimum", "pi", "rint", "sign", "sin", "sinc", "sqrt", "tanh", "where",
+    "arccos", "arcsin", "arctan2", "clip", "cos", "exp", "hypot", "logical_not", "maximum", "minimum", "rint", "sign",
+    "sin", "sinc", "sqrt", "tanh", "where",
 ]  # fmt: skip
 
 Number = float | NDArray[np.float64]
@@ -25,8 +25,7 @@ Number = float | NDArray[np.float64]
 Flag = bool | NDArray[np.bool_]
 """The same of yes and no."""
 T = TypeVar("T")
-all, rint = bool, round
-logical_not = operator.not_
+logical_not, rint = operator.not_, round
 minimum, maximum = min, max
 
 

@@ -7,7 +7,7 @@ approach weaves. Whatever steers, every change is bumpless: the difference to th
 For the counter-clockwise orbit. Arrays of shape (B,) over flights; of the one in the air, plain numbers.
 """
 
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from enum import IntEnum
 from typing import Any
 
@@ -64,15 +64,13 @@ class Handover:
     astray: Array
 
 
-def at_start(flights: int = 1) -> Handover:
-    """Before the first command of B flights."""
-    zero = np.zeros(flights)
-    never = np.full(flights, -1)
-    return Handover(never, never, zero, zero, zero, np.full(flights, np.inf), np.zeros(flights, bool))
-
-
 ONE_AT_START = Handover(-1, -1, 0.0, 0.0, 0.0, np.inf, False)
 """Before the first command of one flight."""
+
+
+def at_start(flights: int = 1) -> Handover:
+    """The same of B flights."""
+    return Handover(*(np.full(flights, value) for value in astuple(ONE_AT_START)))
 
 
 def hand_over(

@@ -48,8 +48,7 @@ def smooth(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number, xp: M
 
     omega = k [2 r V cos(pi - asin(r_d/r)) - 2 r r_dot] where r >= r_d, else 0. k in 1/m^2.
     """
-    turn: Number = xp.where(r >= r_d, k * (2 * r * _tangent_rate(r, V, r_d, xp) - 2 * r * r_dot), 0.0)
-    return turn
+    return xp.where(r >= r_d, k * (2 * r * _tangent_rate(r, V, r_d, xp) - 2 * r * r_dot), 0.0)
 
 
 def switching(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number, xp: ModuleType = np) -> Number:
@@ -57,24 +56,12 @@ def switching(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number, xp
 
     omega = k sign(V cos(pi - asin(r_d/r)) - r_dot) where r >= r_d, else 0. k in rad/s; |omega| <= |k|.
     """
-    turn: Number = xp.where(r >= r_d, k * xp.sign(_tangent_rate(r, V, r_d, xp) - r_dot), 0.0)
-    return turn
+    return xp.where(r >= r_d, k * xp.sign(_tangent_rate(r, V, r_d, xp) - r_dot), 0.0)
 
 
 def _tangent_rate(r: Number, V: Number, r_d: Number, xp: ModuleType) -> Number:
     """Range rate while flying at the tangent point of the circle, m/s; inside the circle it is not used."""
-    rate: Number = V * xp.cos(np.pi - xp.arcsin(xp.minimum(r_d / xp.maximum(r, 1e-9), 1.0)))
-    return rate
-
-
-def _as_asked(V: float, r_d: float, k: float) -> float:
-    """A law that flies the radius that it is fed."""
-    return r_d
-
-
-def _of_any_size(V: float, r_d: float) -> float:
-    """The bound of a law that converges by every gain above 0."""
-    return 0.0
+    return V * xp.cos(np.pi - xp.arcsin(xp.minimum(r_d / xp.maximum(r, 1e-9), 1.0)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,9 +78,9 @@ class Law:
     gain_unit: str
     gain_condition: str
     default_gain: Callable[[float, float, float], Number] = theory.rate_gain
-    gain_bound: Callable[[float, float], float] = _of_any_size
-    reached_radius: Callable[[float, float, float], float] = _as_asked
-    fed_radius: Callable[[float, float, float], float] = _as_asked
+    gain_bound: Callable[[float, float], float] = lambda V, r_d: 0.0
+    reached_radius: Callable[[float, float, float], float] = lambda V, r_d, k: r_d
+    fed_radius: Callable[[float, float, float], float] = lambda V, r_d, k: r_d
     switches: bool = False
     kind: Kind = Kind.RANGE
 
@@ -109,8 +96,7 @@ def counterclockwise(law: LawFunction) -> LawFunction:
 
     @wraps(law)
     def either(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number, xp: ModuleType = np) -> Number:
-        turn: Number = -xp.sign(k) * law(r, r_dot, V=V, r_d=r_d, k=magnitude(k), xp=xp)
-        return turn
+        return -xp.sign(k) * law(r, r_dot, V=V, r_d=r_d, k=magnitude(k), xp=xp)
 
     return either
 
@@ -126,8 +112,7 @@ def bounded(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number, xp: 
     r_s = xp.sqrt(xp.maximum(r_d**2 - 1 / k**2, 1e-12))  # not 0, by which the inside divides
     outside = V * xp.sqrt(xp.maximum(1 - (r_s / xp.maximum(r, 1e-6)) ** 2, 0.0))
     inside = V * xp.sqrt(xp.maximum(1 - (r / r_s) ** 2, 0.0))
-    turn: Number = k * (r_dot + xp.where(r >= r_s, outside, -inside))
-    return turn
+    return k * (r_dot + xp.where(r >= r_s, outside, -inside))
 
 
 @counterclockwise
@@ -140,8 +125,7 @@ def relay(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number, xp: Mo
     """
     chi = xp.clip(V / r_d * (r - r_d), -0.5 * V, 0.5 * V)
     phi = k / theory.rate_gain(V, r_d, LOOP_LAG, xp)
-    turn: Number = k * xp.clip((r_dot + chi) / phi, -1.0, 1.0) + V / r_d
-    return turn
+    return k * xp.clip((r_dot + chi) / phi, -1.0, 1.0) + V / r_d
 
 
 @counterclockwise
@@ -153,8 +137,7 @@ def pd(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number, xp: Modul
     """
     k_p = k**2 * V / 4
     e_max = k * 0.5 * V / k_p
-    turn: Number = V / r_d + k_p * xp.clip(r - r_d, -e_max, e_max) + k * r_dot
-    return turn
+    return V / r_d + k_p * xp.clip(r - r_d, -e_max, e_max) + k * r_dot
 
 
 @counterclockwise
@@ -167,8 +150,7 @@ def feedforward(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number, 
     """
     gamma, v_star = k * V / 6, 0.55 * V
     chi = v_star * xp.tanh(gamma * (r - r_d) / v_star)
-    turn: Number = xp.sqrt(xp.maximum(V**2 - r_dot**2, 0.0)) / xp.maximum(r, 0.43 * r_d) + k * (r_dot + chi)
-    return turn
+    return xp.sqrt(xp.maximum(V**2 - r_dot**2, 0.0)) / xp.maximum(r, 0.43 * r_d) + k * (r_dot + chi)
 
 
 def pi(

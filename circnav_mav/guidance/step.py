@@ -1,10 +1,10 @@
 """From an estimate to a turn rate: the law, then the vehicle's limit. One definition for the flight in the air, in
 plain floats, and for B flights of an experiment, in arrays."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import inf, isfinite
 from types import ModuleType
-from typing import Protocol
 
 from circnav_mav.guidance import floats
 from circnav_mav.guidance.floats import Flag, Number, magnitude
@@ -130,8 +130,7 @@ def step(
         demanded, memory = pi(inputs.r, inputs.r_dot, memory, dt, V=V, r_d=radius, k=k, xp=xp)
     else:
         demanded = settings.law.function(inputs.r, inputs.r_dot, V=V, r_d=radius, k=k, xp=xp)
-    turn = xp.clip(demanded, -settings.limit, settings.limit)
-    return StepState(inputs.time, memory, before.handover), Wanted(turn, demanded, turn != demanded)
+    return StepState(inputs.time, memory, before.handover), limited(demanded, settings.limit, xp)
 
 
 def _with_relative_motion(
@@ -140,22 +139,18 @@ def _with_relative_motion(
     """`auto` and `drift`: see `circnav_mav.guidance.law_selector`. `drift` does not try guesses out. All is seen so
     that the orbit is counter-clockwise; only what leaves has its sense again."""
     s, found, V, radius = settings.sense, inputs.found, settings.V, settings.fed + inputs.trim
-    trusted = False if found is None else found.trusted
-    drift_x, drift_y = before.drift_x, before.drift_y
+    by_range = s * settings.law.function(inputs.r, inputs.r_dot, V=V, r_d=radius, k=settings.k, xp=xp)
+    by_drift, drift_x, drift_y = by_range, before.drift_x, before.drift_y
+    trusted: Flag = False
     if found is not None:
         drift_x, drift_y = _followed(before, found, dt, xp)
         found = replace(found, drift_x=drift_x, drift_y=drift_y)
-    by_drift = None if found is None else _by_drift(settings, found, inputs, xp)
-    if by_drift is not None and xp.all(trusted):
-        by_range = by_drift
-    else:
-        by_range = s * settings.law.function(inputs.r, inputs.r_dot, V=V, r_d=radius, k=settings.k, xp=xp)
-    by_bank = by_range if by_drift is None else by_drift
+        by_drift, trusted = _by_drift(settings, found, inputs, xp), found.trusted
     handover = hand_over(
         before.handover, dt, trusted=trusted, favourite=_tried(before.handover, settings, inputs, xp),
-        by_range=by_range, by_bank=by_bank, limit=settings.limit, r=inputs.r, r_d=settings.r_d, xp=xp,
+        by_range=by_range, by_bank=by_drift, limit=settings.limit, r=inputs.r, r_d=settings.r_d, xp=xp,
     )  # fmt: skip
-    demanded = xp.where(handover.flies == Flies.FEEDFORWARD, by_range, by_bank)
+    demanded = xp.where(handover.flies == Flies.FEEDFORWARD, by_range, by_drift)
     cut = magnitude(handover.command) >= AT_LIMIT * settings.limit
     after = StepState(inputs.time, before.memory, handover, drift_x, drift_y)
     return after, Wanted(s * handover.command, s * demanded, cut)
@@ -181,7 +176,7 @@ def _tried(before: Handover, settings: StepSettings, inputs: Inputs, xp: ModuleT
     circling = near & (magnitude(inputs.r_dot) < ALONG * settings.V)
     patient = before.untrusted < CIRCLING_PATIENCE - SAME_TIME
     waits = found.remembered & circling & patient
-    return xp.where(waits, -1, found.trial)  # type: ignore[no-any-return]
+    return xp.where(waits, -1, found.trial)
 
 
 def _by_drift(settings: StepSettings, found: Found, inputs: Inputs, xp: ModuleType) -> Number:
@@ -190,8 +185,7 @@ def _by_drift(settings: StepSettings, found: Found, inputs: Inputs, xp: ModuleTy
     here = mirrored(p, d, found.heading, inputs.pending, sense)
     V, r_d = xp.maximum(found.airspeed, 0.1 * settings.V), settings.r_d + inputs.trim
     gains = drift_gains(V, inputs.pending.ahead, inputs.pending.settles, inputs.share, xp)
-    turn: Number = drift(*here, V=V, r_d=r_d, max_turn_rate=settings.limit, gains=gains, xp=xp)
-    return turn
+    return drift(*here, V=V, r_d=r_d, max_turn_rate=settings.limit, gains=gains, xp=xp)
 
 
 def hold(settings: StepSettings, found: Found | None, pending: Pending, xp: ModuleType = floats) -> Wanted:
@@ -204,27 +198,24 @@ def hold(settings: StepSettings, found: Found | None, pending: Pending, xp: Modu
         d, V = (found.drift_x, s * found.drift_y), xp.maximum(found.airspeed, 0.1 * settings.V)
         heading = s * (found.heading + pending.turn)
         turn = xp.where(found.trusted, orbit_turn_rate(d, heading, V=V, r_d=settings.r_d, xp=xp), turn)
-    demanded = s * turn
-    cut = xp.clip(demanded, -settings.limit, settings.limit)
-    return Wanted(cut, demanded, cut != demanded)
+    return limited(s * turn, settings.limit, xp)
+
+
+def limited(demanded: Number, limit: Number, xp: ModuleType = floats) -> Wanted:
+    """A demand cut to +-limit, both in rad/s."""
+    turn = xp.clip(demanded, -limit, limit)
+    return Wanted(turn, demanded, turn != demanded)
 
 
 def compensated(wanted: Wanted, limit: Number, gain: Number, xp: ModuleType = floats) -> Wanted:
     """What to command to vehicles that turn at `gain` times what is commanded, within +-limit (rad/s)."""
-    commanded = wanted.turn / gain
-    turn = xp.clip(commanded, -limit, limit)
-    return Wanted(turn, wanted.demanded, wanted.cut | (turn != commanded))
+    commanded = limited(wanted.turn / gain, limit, xp)
+    return Wanted(commanded.turn, wanted.demanded, wanted.cut | commanded.cut)
 
 
-class Steering(Protocol):
-    """A law ready to steer."""
-
-    def __call__(
-        self, estimate: RangeEstimate, trim: float = 0.0, pending: Pending | None = None, share: float = 1.0
-    ) -> TurnCommand:
-        """The limited command. trim: m, added to the radius that the law is fed. pending: what is commanded but not
-        turned yet; None: nothing, by a vehicle with the lag of the choice. share: of the gains that the rule gives."""
-        ...
+Steering = Callable[[RangeEstimate, float, Pending | None, float], TurnCommand]
+"""A law ready to steer: the limited command from an estimate, a trim (m, added to the radius that the law is fed), what
+is commanded but not turned yet (None: nothing, by a vehicle with the lag of the choice) and a share of the gains."""
 
 
 def steering(orbit: Orbit, choice: LawChoice) -> Steering:
@@ -252,9 +243,11 @@ def steering(orbit: Orbit, choice: LawChoice) -> Steering:
 
 def holding(orbit: Orbit, motion: RelativeMotion | None, pending: Pending) -> TurnCommand:
     """`hold` of one flight; without trusted, finite relative motion V/r_d."""
-    trusts = motion is not None and motion.trusted and _finite(motion)
-    settings = StepSettings.of(orbit, LawChoice("drift", 0.0))
-    return _command(hold(settings, _found(motion) if motion is not None and trusts else None, pending))
+    found = None
+    if motion is not None and motion.trusted:
+        carried = motion.drift_x, motion.drift_y, motion.heading, motion.turn_rate, motion.airspeed
+        found = _found(motion) if all(map(isfinite, carried)) else None
+    return _command(hold(StepSettings.of(orbit, LawChoice("drift", 0.0)), found, pending))
 
 
 def _found(motion: RelativeMotion) -> Found:
@@ -264,12 +257,6 @@ def _found(motion: RelativeMotion) -> Found:
     )  # fmt: skip
 
 
-def _finite(motion: RelativeMotion) -> bool:
-    """Whether all is a number that tells how the vehicle is carried."""
-    carried = motion.drift_x, motion.drift_y, motion.heading, motion.turn_rate, motion.airspeed
-    return all(map(isfinite, carried))
-
-
 def _command(wanted: Wanted, flies: str = "", why: str = "") -> TurnCommand:
     turn, demanded = TurnRate(float(wanted.turn)), TurnRate(float(wanted.demanded))
     return TurnCommand(turn, demanded, bool(wanted.cut), flies=flies, why=why)
@@ -277,12 +264,10 @@ def _command(wanted: Wanted, flies: str = "", why: str = "") -> TurnCommand:
 
 def limit(demanded: TurnRate, max_turn_rate: float) -> TurnCommand:
     """Cut a turn rate to the vehicle's limit, both in rad/s, and say whether it was cut."""
-    cut = floats.clip(demanded, -max_turn_rate, max_turn_rate)
-    return TurnCommand(TurnRate(cut), demanded, saturated=cut != demanded)
+    return _command(limited(demanded, max_turn_rate))
 
 
 def compensate_turn_gain(command: TurnCommand, max_turn_rate: float, gain: float) -> TurnCommand:
     """`compensated` of one command."""
     wanted = Wanted(command.turn_rate, command.demanded, command.saturated)
-    told = compensated(wanted, max_turn_rate, gain)
-    return TurnCommand(TurnRate(float(told.turn)), command.demanded, bool(told.cut), command.flies, command.why)
+    return _command(compensated(wanted, max_turn_rate, gain), command.flies, command.why)

@@ -40,8 +40,7 @@ def max_range_acceleration(V: Number, max_turn_rate: Number, r: Number, xp: Modu
 
     Nearer than the tightest turn, V/omega_max, the first term is held at its value there.
     """
-    nearest: Number = xp.maximum(r, V / max_turn_rate)
-    return V**2 / nearest + V * max_turn_rate
+    return V**2 / xp.maximum(r, V / max_turn_rate) + V * max_turn_rate
 
 
 def rate_gain(V: Number, r_d: Number, lag: Number, xp: ModuleType = np) -> Number:
@@ -49,8 +48,7 @@ def rate_gain(V: Number, r_d: Number, lag: Number, xp: ModuleType = np) -> Numbe
 
     Above about that value the laws limit-cycle, as flown on real autopilots. No more than 6/r_d, where nothing is won.
     """
-    gain: Number = xp.minimum(0.5 / (V * lag), 6 / r_d)
-    return gain
+    return xp.minimum(0.5 / (V * lag), 6 / r_d)
 
 
 def tolerated_drift(V: float, r_d: float, max_turn_rate: float, turn_gain: float = 1.0) -> float:

@@ -221,11 +221,10 @@ class ResponseLearner:
         noise = max(float(left.min() / n[0, 0]), LEAST_NOISE**2)
         likely = self._prior - 0.5 * left / noise
         best = np.unravel_index(likely.argmax(), likely.shape)
-        by_best = cov[best] / max(var[best], 1e-9)
-        self._fit = best, by_best, (s[best] - by_best * m[best]) / n[best], sqrt(noise)
+        slope = cov[best] / max(var[best], 1e-9)
+        self._fit = best, slope, (s[best] - slope * m[best]) / n[best], sqrt(noise)
         # the turns of a vehicle that does not hear us, or only circles, are no answers to our commands
-        slope, explained = cov[best] / max(var[best], 1e-9), EXPLAINED * var[best] * all_[best]
-        if cov[best] ** 2 <= explained or not LEAST_SLOPE < slope < MOST_SLOPE:
+        if cov[best] ** 2 <= EXPLAINED * var[best] * all_[best] or not LEAST_SLOPE < slope < MOST_SLOPE:
             return
         weight = np.exp(likely - likely.max())
         weight /= weight.sum()

@@ -116,7 +116,7 @@ class RelativeMotion:
     @property
     def eta(self) -> float:
         """Angle from the heading to the line of sight, rad in [-pi, pi), the target to the left positive."""
-        return (atan2(-self.y, -self.x) - self.heading + pi) % (2 * pi) - pi
+        return (self.bearing - self.heading + pi) % (2 * pi) - pi
 
     @property
     def bearing(self) -> float:

@@ -9,8 +9,9 @@ horizontal part less the acceleration is what the air takes.
 Source: PX4 PositionControl (MPC_XY_VEL_P_ACC, _I_ACC, _D_ACC); compared with PX4's own flights in simulation.
 """
 
+from cmath import phase, rect
 from dataclasses import dataclass, replace
-from math import atan2, cos, exp, hypot, pi, remainder, sin
+from math import exp, hypot, pi, remainder
 
 from circnav_mav.guidance.types import OwnMotion
 
@@ -47,18 +48,16 @@ class VelocityLoop:
 
 @dataclass(frozen=True, slots=True)
 class CopterMotion:
-    """What is known of the motion after a report. vx, vy: velocity, m/s; ax, ay: what the leaning thrust pushes, m/s^2;
-    qx, qy: the loop's integrator, m/s^2; drag: 1/s. sums: of the drag's least squares (time, v, a, v v, v a)."""
+    """What is known of the motion after a report, east and north as a complex number. v: velocity, m/s; a: what the
+    leaning thrust pushes, m/s^2; q: the loop's integrator, m/s^2; drag: 1/s. sums: of the drag's least squares (time,
+    v, a, v v, v a)."""
 
     time: float | None = None
-    vx: float = 0.0
-    vy: float = 0.0
-    ax: float = 0.0
-    ay: float = 0.0
-    qx: float = 0.0
-    qy: float = 0.0
+    v: complex = 0j
+    a: complex = 0j
+    q: complex = 0j
     drag: float = FIRST_DRAG
-    sums: tuple[float, float, float, float, float, float, float] = (0.0,) * 7
+    sums: tuple[complex, ...] = (0.0,) * 5
 
     def follow(self, own: OwnMotion, loop: VelocityLoop) -> tuple["CopterMotion", OwnMotion]:
         """Take in a report; answers with the motion that the vehicle really has: course, course rate and speed in the
@@ -68,47 +67,45 @@ class CopterMotion:
         step = own.time - self.time
         if step <= 0:
             return self, self._as_motion(own, 0.0)
-        ux, uy = own.airspeed * cos(own.heading), own.airspeed * sin(own.heading)
+        u = rect(own.airspeed, own.heading)
         if step > LONGEST_STEP:
-            fresh = replace(self, time=own.time, vx=ux, vy=uy, ax=self.drag * ux, ay=self.drag * uy, qx=0.0, qy=0.0)
+            fresh = replace(self, time=own.time, v=u, a=self.drag * u, q=0j)
             return fresh, fresh._as_motion(own, own.turn_rate)
-        along, left = loop.fed(own.airspeed, own.turn_rate, self.drag)
-        nose_x, nose_y = cos(own.heading), sin(own.heading)
-        fx, fy = along * nose_x - left * nose_y, along * nose_y + left * nose_x
-        vx, vy, ax, ay, qx, qy = self.vx, self.vy, self.ax, self.ay, self.qx, self.qy
+        f = complex(*loop.fed(own.airspeed, own.turn_rate, self.drag)) * rect(1.0, own.heading)
+        v, a, q = self.v, self.a, self.q
         pieces = int(step / STEP) + 1
         h = step / pieces
         for _ in range(pieces):
-            ex, ey = ux - vx, uy - vy
-            rate_x, rate_y = ax - self.drag * vx, ay - self.drag * vy
-            ax += (loop.proportional * ex + qx + fx - loop.derivative * rate_x - ax) * h / TILT
-            ay += (loop.proportional * ey + qy + fy - loop.derivative * rate_y - ay) * h / TILT
-            vx += rate_x * h
-            vy += rate_y * h
-            qx += loop.integral * ex * h
-            qy += loop.integral * ey * h
-        moved = replace(self, time=own.time, vx=vx, vy=vy, ax=ax, ay=ay, qx=qx, qy=qy)
-        learnt = moved._learn(own, (vx - self.vx) / step, (vy - self.vy) / step, step)
-        turned = remainder(atan2(vy, vx) - atan2(self.vy, self.vx), 2 * pi)
-        return learnt, learnt._as_motion(own, turned / step)
+            e, rate = u - v, a - self.drag * v
+            a += (loop.proportional * e + q + f - loop.derivative * rate - a) * h / TILT
+            v += rate * h
+            q += loop.integral * e * h
+        moved = replace(self, time=own.time, v=v, a=a, q=q)
+        learnt = moved._learn(own, (v - self.v) / step, step)
+        return learnt, learnt._as_motion(own, remainder(phase(v) - phase(self.v), 2 * pi) / step)
 
     def stand(self) -> "CopterMotion":
         """Not ours to fly: only what was learnt stays."""
         return CopterMotion(drag=self.drag, sums=self.sums)
 
-    def _learn(self, own: OwnMotion, ax: float, ay: float, step: float) -> "CopterMotion":
+    def _learn(self, own: OwnMotion, acceleration: complex, step: float) -> "CopterMotion":
         """Least squares of what the tilt pushes beyond the acceleration on the velocity, with the wind as intercept."""
         if own.push is None:
             return self
-        px, py, keep = own.push[0] - ax, own.push[1] - ay, exp(-step / MEMORY)
-        now = (1.0, self.vx, self.vy, px, py, self.vx**2 + self.vy**2, self.vx * px + self.vy * py)
-        n, sx, sy, bx, by, vv, va = (old * keep + new * step for old, new in zip(self.sums, now, strict=True))
-        spread, product = vv - (sx * sx + sy * sy) / n, va - (sx * bx + sy * by) / n
+        push, keep = complex(*own.push) - acceleration, exp(-step / MEMORY)
+        now = (1.0, self.v, push, self.v.real**2 + self.v.imag**2, _dot(self.v, push))
+        n, v, a, vv, va = (old * keep + new * step for old, new in zip(self.sums, now, strict=True))
+        spread, product = (vv - _dot(v, v) / n).real, (va - _dot(v, a) / n).real
         drag = (product + PRIOR * FIRST_DRAG) / (spread + PRIOR)
-        return replace(self, drag=min(max(drag, 0.0), MOST_DRAG), sums=(n, sx, sy, bx, by, vv, va))
+        return replace(self, drag=min(max(drag, 0.0), MOST_DRAG), sums=(n, v, a, vv, va))
 
     def _as_motion(self, own: OwnMotion, course_rate: float) -> OwnMotion:
-        speed = hypot(self.vx, self.vy)
+        speed = hypot(self.v.real, self.v.imag)
         if speed < SLOW * own.airspeed:
             return own
-        return replace(own, heading=atan2(self.vy, self.vx), turn_rate=course_rate, airspeed=speed)
+        return replace(own, heading=phase(self.v), turn_rate=course_rate, airspeed=speed)
+
+
+def _dot(a: complex, b: complex) -> float:
+    """The scalar product of two vectors."""
+    return a.real * b.real + a.imag * b.imag

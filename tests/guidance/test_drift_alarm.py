@@ -5,38 +5,27 @@ from math import sqrt
 import pytest
 
 from circnav_mav.guidance.drift_alarm import DriftAlarm, watch_drift
-from circnav_mav.guidance.types import Direction, Orbit, RangeEstimate, RelativeMotion
+from circnav_mav.guidance.types import Direction, Orbit, RangeEstimate
+from tests.guidance.relative import known
 
 V, R, LIMIT = 15.0, 100.0, 0.35
 ORBIT = Orbit(R, Direction.CLOCKWISE, V, LIMIT)
 ALLOWED = sqrt(R * V * LIMIT) - V
 """(V + W)^2 = V omega_max r_d, solved for W: 7.91 m/s."""
-
-
 QUIET = DriftAlarm()
 
 
 def after(drifts, gain=1.0, *, alarm=QUIET, start=0.0, trusted=True):
     """The alarm after estimates of drift, 10 a second."""
     for at, drift in enumerate(drifts):
-        motion = RelativeMotion(
-            100.0,
-            0.0,
-            1.0,
-            0.6 * drift,
-            0.8 * drift,
-            heading=0.0,
-            turn_rate=0.0,
-            airspeed=V,
-            scale=1.0,
-            trusted=trusted,
-        )
+        motion = known(drift_x=0.6 * drift, drift_y=0.8 * drift, trusted=trusted)
         alarm = watch_drift(alarm, RangeEstimate(start + 0.1 * at, 100.0, 0.0, 0.5, 0.1, relative=motion), ORBIT, gain)
     return alarm
 
 
 @pytest.mark.parametrize(("gain", "allowed"), [(1.0, ALLOWED), (0.72, sqrt(0.72 * R * V * LIMIT) - V)])
 def test_it_is_raised_at_the_drift_that_the_turn_rate_really_reached_allows(gain, allowed):
+    """Most downwind the ground speed is V + W and the course turns by V/(V + W) of the nose's rate."""
     assert not after([allowed - 0.01] * 100, gain).on
     raised = after([allowed + 0.01] * 100, gain)
     assert raised.on

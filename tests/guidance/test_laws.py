@@ -1,47 +1,75 @@
-"""The paper's laws against their own statements: both senses, the bound, the inside, arrays."""
+"""The laws on range and range rate: equations, what they hold and never ask for, and their default gains."""
 
-from math import asin, cos, pi
+from math import asin, cos, isfinite, pi, sqrt
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from circnav_mav.guidance.laws import LAWS, smooth, switching
+from circnav_mav.guidance import floats, laws
+from circnav_mav.guidance.estimators.interface import EstimatorSettings
+from circnav_mav.guidance.laws import LAWS, Kind, smooth, switching
+from circnav_mav.guidance.radius_trim import MOST
+from circnav_mav.guidance.tuning import default_gain, loop_lag
 
+V, R_D = 15.0, 100.0
 EXAMPLE = {"V": 1.0, "r_d": 10.0}
 """The paper's three examples share these."""
+STATELESS = [law for law in LAWS.values() if law.kind is Kind.RANGE]
+FEEDBACK = [law for law in STATELESS if law.name not in ("smooth", "switching", "bounded")]
 
-ranges = st.floats(0, 1e4)
-rates = st.floats(-50, 50)
-speeds = st.floats(0.1, 50)
-radii = st.floats(1, 1e3)
-gains = st.floats(1e-6, 10)
+ranges, rates = st.floats(1, 2000), st.floats(-15, 15)
+speeds, radii, lags = st.floats(0.5, 60), st.floats(5, 2000), st.floats(0.05, 10)
+
+
+def each(laws):
+    return pytest.mark.parametrize("law", laws, ids=lambda law: law.name)
+
+
+def bounded(r, r_dot, *, r_d=R_D, k):
+    """Counter-clockwise, as its source has it."""
+    return laws.bounded(r, r_dot, V=V, r_d=r_d, k=-k)
+
+
+def gain(law):
+    return default_gain(law.name, V, R_D, 0.55)
+
+
+@each(STATELESS)
+@given(r=ranges, r_dot=rates)
+def test_the_other_sense_is_the_exact_mirror_image(law, r, r_dot):
+    k = gain(law)
+    assert law.function(r, r_dot, V=V, r_d=R_D, k=k) == -law.function(r, r_dot, V=V, r_d=R_D, k=-k)
+
+
+@each(STATELESS)
+@given(points=st.lists(st.tuples(ranges, rates), min_size=1, max_size=8))
+def test_many_flights_fly_the_law_of_one(law, points):
+    r, r_dot = np.array(points).T
+    values = {"V": V, "r_d": R_D, "k": gain(law)}
+    one_by_one = [law.function(*point, **values, xp=floats) for point in points]
+    np.testing.assert_allclose(law.function(r, r_dot, **values), one_by_one, rtol=1e-12, atol=1e-12)
+
+
+@each(STATELESS)
+@given(share=st.floats(1 - MOST, 1 + MOST), over=st.floats(1.001, 3), r=st.floats(0, 2000), r_dot=rates)
+def test_every_law_stays_finite_for_every_trim_of_its_radius_and_gain_that_is_allowed(law, share, over, r, r_dot):
+    k = over * (law.gain_bound(V, R_D) or 0.5 * gain(law))
+    assert isfinite(law.function(r, r_dot, V=V, r_d=share * R_D, k=k))
+
+
+@each(LAWS.values())
+@given(V=speeds, r_d=radii, above=st.floats(1.01, 100))
+def test_the_radius_fed_is_the_one_that_reaches_the_radius_asked_for(law, V, r_d, above):
+    k = above * law.gain_bound(V, r_d)
+    assert law.reached_radius(V, law.fed_radius(V, r_d, k), k) == pytest.approx(r_d, rel=1e-9)
 
 
 @pytest.mark.parametrize("law", [smooth, switching])
-@given(r=ranges, r_dot=rates, V=speeds, r_d=radii, k=gains)
-def test_a_negative_gain_is_the_exact_mirror_image(law, r, r_dot, V, r_d, k):
-    assert law(r, r_dot, V=V, r_d=r_d, k=-k) == -law(r, r_dot, V=V, r_d=r_d, k=k)
-
-
-@pytest.mark.parametrize("law", [smooth, switching])
-@given(share=st.floats(0, 1, exclude_max=True), r_dot=rates, V=speeds, r_d=radii, k=gains)
-def test_inside_the_circle_nothing_turns(law, share, r_dot, V, r_d, k):
-    assert law(min(share * r_d, np.nextafter(r_d, 0)), r_dot, V=V, r_d=r_d, k=k) == 0.0
-
-
-@given(r=ranges, r_dot=rates, V=speeds, r_d=radii, k=st.floats(-10, 10))
-def test_law_2_never_asks_for_more_than_its_gain(r, r_dot, V, r_d, k):
-    assert abs(switching(r, r_dot, V=V, r_d=r_d, k=k)) <= abs(k)
-
-
-@pytest.mark.parametrize("law", [smooth, switching])
-@given(points=st.lists(st.tuples(ranges, rates), min_size=1, max_size=8), V=speeds, r_d=radii, k=gains)
-def test_an_array_is_the_same_law_as_its_scalars(law, points, V, r_d, k):
-    r, r_dot = (np.array(column) for column in zip(*points, strict=True))
-    one_by_one = [float(law(*point, V=V, r_d=r_d, k=k)) for point in points]
-    np.testing.assert_allclose(law(r, r_dot, V=V, r_d=r_d, k=k), one_by_one, rtol=1e-13, atol=0)
+@given(share=st.floats(0, 1, exclude_max=True), r_dot=rates, V=speeds, r_d=radii)
+def test_inside_the_circle_the_papers_laws_do_not_turn(law, share, r_dot, V, r_d):
+    assert law(min(share * r_d, np.nextafter(r_d, 0)), r_dot, V=V, r_d=r_d, k=0.1) == 0.0
 
 
 @given(outside=st.floats(1, 100), r_dot=st.floats(-1, 1), k=st.floats(0.001, 1))
@@ -51,28 +79,105 @@ def test_law_1_is_the_equation_of_the_paper(outside, r_dot, k):
     assert float(smooth(r, r_dot, **EXAMPLE, k=k)) == pytest.approx(by_hand, rel=1e-12, abs=1e-12)
 
 
-def test_law_1_settles_where_its_turn_rate_is_that_of_the_circle():
-    """At r_a = 10.98684113 (the paper's example 1) with r' = 0: |omega| = V/r_a, and clockwise, for k > 0."""
-    assert float(smooth(10.98684113, 0.0, **EXAMPLE, k=0.01)) == pytest.approx(-1 / 10.98684113, rel=1e-8)
-
-
 @pytest.mark.parametrize(
     ("r_dot", "turn"),
-    [(0.0, -0.12), (1.0, -0.12), (-1.0, 0.12)],
-    ids=["across the line of sight", "straight away", "straight at the target"],
+    [(0.0, -0.12), (1.0, -0.12), (-1.0, 0.12), (np.cos(np.pi - np.arcsin(0.5)), 0.0)],
+    ids=["across the line of sight", "straight away", "straight at the target", "on the tangent"],
 )
-def test_law_2_turns_clockwise_unless_the_vehicle_closes_faster_than_the_tangent(r_dot, turn):
-    """Far out the tangent closes at nearly -V; example 3, k = 0.12. At r = 20 the tangent rate is -sqrt(3)/2."""
+def test_law_2_turns_clockwise_unless_the_vehicle_closes_as_fast_as_the_tangent(r_dot, turn):
+    """Example 3, k = 0.12. At r = 20 the tangent rate is -sqrt(3)/2."""
     assert float(switching(20.0, r_dot, **EXAMPLE, k=0.12)) == turn
 
 
-def test_law_2_does_not_turn_on_the_tangent_itself():
-    tangent = np.cos(np.pi - np.arcsin(10.0 / 20.0))
-    assert float(switching(20.0, tangent, **EXAMPLE, k=0.12)) == 0.0
+@each(FEEDBACK)
+def test_on_the_circle_the_law_asks_for_the_circles_own_turn(law):
+    assert law.function(R_D, 0.0, V=V, r_d=R_D, k=-gain(law)) == pytest.approx(V / R_D)
 
 
-@pytest.mark.parametrize("law", LAWS.values(), ids=LAWS.keys())
-@given(V=speeds, r_d=radii, above=st.floats(1.01, 100))
-def test_the_radius_fed_is_the_one_that_reaches_the_radius_asked_for(law, V, r_d, above):
-    k = above * law.gain_bound(V, r_d)
-    assert law.reached_radius(V, law.fed_radius(V, r_d, k), k) == pytest.approx(r_d, rel=1e-9)
+@each([law for law in FEEDBACK if law.name != "relay"])
+def test_far_out_an_approach_that_every_law_accepts_is_slower_than_the_vehicle(law):
+    rates = np.linspace(-V, 0, 2001)
+    turns = law.function(np.full_like(rates, 1e5), rates, V=V, r_d=R_D, k=-gain(law))
+    asked_for = rates[np.abs(turns).argmin()]
+    assert -0.8 * V <= asked_for < -0.2 * V
+
+
+@pytest.mark.parametrize(("r", "asked"), [(120.0, sqrt(3) / 2), (60.0, 0.0), (30.0, -sqrt(3) / 2)])
+def test_bounded_asks_for_an_approach_outside_and_for_as_quick_a_way_out_inside(r, asked):
+    """r_s = 60 at r_d = 100 and k = 1/80: by hand at twice r_s, on it, and at half of it."""
+    assert bounded(r, 3.0, k=1 / 80) == pytest.approx((3.0 + V * asked) / 80)
+
+
+def test_bounded_holds_the_exact_radius():
+    assert bounded(R_D, 0.0, k=0.02) == pytest.approx(V / R_D)
+
+
+@pytest.mark.parametrize("fed", [85.0, 90.0, 100 / 1.1])
+def test_bounded_fed_less_than_its_gain_can_fly_holds_the_smallest_circle_that_it_can(fed):
+    """Its turn there is V k at r' = 0, the circle of radius 1/k."""
+    k = 1.1 / R_D
+    assert bounded(1 / k, 0.0, r_d=fed, k=k) == pytest.approx(V * k)
+
+
+def test_relay_changes_over_within_its_boundary_layer_and_not_at_once():
+    """The loop bears 6/r_d = .06 rad/m, so that the layer is .2/.06 m/s to either side."""
+    turns = [laws.relay(R_D, r_dot, V=V, r_d=R_D, k=-0.2) for r_dot in (-5.0, -5 / 3, 0.0, 5 / 3, 5.0)]
+    assert turns == pytest.approx([0.15 - 0.2, 0.15 - 0.1, 0.15, 0.15 + 0.1, 0.15 + 0.2])
+
+
+@pytest.mark.parametrize(("r", "turn"), [(102.0, 0.193), (250.0, 0.34), (98.0, 0.187), (1.0, 0.0415)])
+def test_pd_is_its_equation_with_the_error_cut(r, turn):
+    """V/r_d = 0.15, k r' = 0.04, and .0015 of the error, 100 m of it at most: k^2 V/4, and what half of V asks for."""
+    assert laws.pd(r, 2.0, V=V, r_d=R_D, k=-0.02) == pytest.approx(turn)
+
+
+@pytest.mark.parametrize(
+    ("r", "r_dot", "turn"),
+    [
+        (265.0, -9.0, 12 / 265 + 0.02 * (-9 + 8.25 * 0.7615942)),
+        (50.0, 9.0, 12 / 50 + 0.02 * (9 - 8.25 * 0.2940833)),
+        (10.0, 9.0, 12 / 43 + 0.02 * (9 - 8.25 * 0.4971057)),
+    ],
+)
+def test_feedforward_is_the_turn_of_the_present_circle_and_the_closing_speed_missing(r, r_dot, turn):
+    """V, r' and what is across: 15, 9, 12. gamma = .02 * 15/6 = .05, v* = 8.25; tanh of 1, of 50/165 and of 90/165;
+    nearer than 43 m the circle is no smaller."""
+    assert laws.feedforward(r, r_dot, V=V, r_d=R_D, k=-0.02) == pytest.approx(turn, rel=1e-5)
+
+
+def test_pi_is_its_equation_and_its_integral_stays_within_its_bounds():
+    """c = 7.5, delta = 50, k_i = .02 * .15 = .003; the integral comes to rest at 50 and is held below 100."""
+    values = {"V": V, "r_d": R_D, "k": -0.02}
+    s = -4.0 + 7.5 * 0.7615942
+    turn, memory = laws.pi(150.0, -4.0, 20.0, 0.1, **values)
+    assert (memory, turn) == pytest.approx((20 + 0.1 * s, 0.02 * s + 0.003 * memory), rel=1e-5)
+    assert laws.pi(150.0, -4.0, 99.9, 0.1, **values)[1] == 100.0
+    assert laws.pi(50.0, -4.0, 0.5, 0.1, **values)[1] == 0.0
+
+
+@each(LAWS.values())
+@given(V=speeds, r_d=radii, lag=lags)
+def test_every_default_gain_meets_its_own_condition_and_is_none_higher_in_a_later_loop(law, V, r_d, lag):
+    gain = default_gain(law.name, V, r_d, lag)
+    assert gain > law.gain_bound(V, r_d)
+    assert default_gain(law.name, V, r_d, 2 * lag) <= gain
+
+
+@pytest.mark.parametrize(
+    ("law", "V", "r_d", "lag", "gain"),
+    [
+        ("smooth", 1.0, 10.0, 0.1, 0.01),  # examples 1 and 2 of the paper, where the loop has no lag
+        ("switching", 1.0, 10.0, 0.1, 0.12),  # example 3
+        *((law, 15.0, 100.0, 1.0, 0.5 / 15) for law in ("feedforward", "pd", "pi", "drift", "auto")),
+    ],
+)
+def test_default_gains_are_the_papers_and_in_a_late_loop_those_at_which_vehicles_do_not_swing(law, V, r_d, lag, gain):
+    """k V lag = 0.5, above which autopilots were seen in a limit cycle."""
+    assert default_gain(law, V, r_d, lag) == pytest.approx(gain)
+
+
+def test_the_loop_is_as_late_as_turn_and_filter_together():
+    settings = EstimatorSettings(15.0, 0.35)
+    quick, slow = (loop_lag(0.4, settings, r_d=100.0, sigma=sigma, period=0.1) for sigma in (0.1, 2.0))
+    assert 0.4 < quick < slow
+    assert loop_lag(1.4, settings, r_d=100.0, sigma=2.0, period=0.1) == pytest.approx(slow + 1.0)

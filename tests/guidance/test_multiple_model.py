@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 from circnav_mav.guidance.air_path import chord
 from circnav_mav.guidance.estimators.multiple_model import BankSettings, DriftBank, Stage
-from circnav_mav.guidance.estimators.relative_ekf import CLOSEST, KAPPA, STATES, Hypotheses, Noise, R, update
+from circnav_mav.guidance.estimators.relative_ekf import CLOSEST, KAPPA, STATES, R, update
+from tests.guidance.relative import hypothesis, noise
 
 V, TURN, STEP = 15.0, 0.15, 0.05
 WIND, TARGET = (3.0, -2.0), (150.0, 80.0)
@@ -24,13 +25,13 @@ class Flown:
     def __init__(self, flights=1):
         self.bank, self.t, self.p = DriftBank(BankSettings(V), flights), 0.0, np.array(TARGET)
 
-    def hear(self, dt, sigma, r=None, error=0.0):
+    def hear(self, dt, sigma, r=None, error=0.0, valid=True):
         """Fly on for dt, s, and hear a range of standard deviation sigma, m: r, or the true one and its error, m."""
         path = chord(V, TURN * self.t, TURN * dt, dt)
         self.t, self.p = self.t + dt, self.p + path + dt * np.array(WIND)
         z = hypot(*self.p) + error if r is None else r
         all_ = np.ones(self.bank.stage.size)
-        self.bank.step(dt * all_, path[:, None] * all_, z * all_, sigma * all_, all_ > 0)
+        self.bank.step(dt * all_, path[:, None] * all_, z * all_, sigma * all_, valid * all_ > 0)
 
     def listen(self, seconds):
         """Ordinary ranges for a time."""
@@ -118,11 +119,10 @@ def test_a_flight_whose_track_is_no_number_takes_no_other_with_it():
 
 def test_a_variance_that_rounding_has_made_negative_is_none():
     """A range much better than the rest of what is known: what is left of the variance may be below zero by a bit."""
-    x, P = np.zeros((STATES, 1, 1)), 1e-3 * np.eye(STATES)[..., None, None]
+    x, P = np.zeros(STATES), 1e-3 * np.eye(STATES)
     x[R], x[KAPPA], P[R, R], P[5, 5] = 100.0, 1.0, -2e-9, 1e-9
-    noise = Noise(*(np.array([[value]]) for value in (1e-2, 0.0, 1.0, 0.0)))
     one = np.array([100.0]), np.array([1e-6]), np.array([True])
-    after, said = update(Hypotheses(x, P, np.zeros((1, 1))), noise, *one, 5.0)
+    after, said = update(hypothesis(x, P), noise(1e-2, 0.0, 1.0, 0.0), *one, 5.0)
     assert np.isfinite(after.P).all() and np.isfinite(after.log_weight).all()
     assert said.nis[0, 0] >= 0.0
     assert after.x[R, 0, 0] >= CLOSEST
@@ -131,12 +131,9 @@ def test_a_variance_that_rounding_has_made_negative_is_none():
 def test_what_steers_steers_on_until_it_is_much_worse_and_again_only_when_it_is_good(tracking):
     """Or law changes would follow the rounding: PX4's copter round a moving target changed 29 times in a flight."""
     flown = deepcopy(tracking)
-    bank, none = flown.bank, np.zeros(1)
-    worst = 0.0
+    bank, worst = flown.bank, 0.0
     while worst < 0.55:
-        path = chord(V, TURN * flown.t, TURN * STEP, STEP)
-        flown.t, flown.p = flown.t + STEP, flown.p + path + STEP * np.array(WIND)
-        bank.step(none + STEP, path[:, None], none, none + 0.5, none > 0)
+        flown.hear(STEP, 0.5, valid=False)
         worst = max(worst, bank.spread[0])
         assert bank.trusted[0] == (worst < 0.5)
     between = False

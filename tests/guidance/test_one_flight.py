@@ -1,6 +1,5 @@
 """The one flight in the air is worked out in plain floats; the same as in arrays, to the last bits."""
 
-from dataclasses import fields
 from math import inf, nan, pi
 
 import numpy as np
@@ -10,10 +9,11 @@ from hypothesis import strategies as st
 
 from circnav_mav.guidance import floats
 from circnav_mav.guidance.estimators.prediction import Belief, predict_belief
-from circnav_mav.guidance.estimators.relative_ekf import KAPPA, STATES, THETA, Hypotheses, Noise, R, predict
+from circnav_mav.guidance.estimators.relative_ekf import KAPPA, STATES, THETA, R, predict
 from circnav_mav.guidance.law_selector import ONE_AT_START, at_start, hand_over
 from circnav_mav.guidance.turn_response import Pending
 from circnav_mav.guidance.vector_field import drift, drift_gains, orbit_turn_rate
+from tests.guidance.relative import hypothesis, noise
 
 angles = st.floats(-pi, pi)
 few = st.floats(-10, 10)
@@ -26,9 +26,7 @@ def test_one_flight_is_predicted_as_the_bank_predicts_it(seed, dt, heading, airs
     mean[R] = max(mean[R], 1.0)
     root = rng.normal(size=(STATES, STATES)) * 0.1
     P, chord, psd, gust = root @ root.T, rng.normal(size=2) * 10 * dt, 0.02, 1.3
-    noise = Noise(*(np.array([[value]]) for value in (psd, gust, 0.7, 0.5)))
-    h = Hypotheses(mean[:, None, None], P[:, :, None, None], np.zeros((1, 1)))
-    after = predict(h, noise, np.array([dt]), chord[:, None], np.array([0.5]))
+    after = predict(hypothesis(mean, P), noise(psd, gust, 0.7, 0.5), np.array([dt]), chord[:, None], np.array([0.5]))
     x, Q = after.x[:, 0, 0], after.P[:, :, 0, 0]
 
     belief = Belief(tuple(mean.tolist()), P, psd, gust)
@@ -42,21 +40,6 @@ def test_one_flight_is_predicted_as_the_bank_predicts_it(seed, dt, heading, airs
     assert ours.r_variance == pytest.approx(Q[R, R], rel=1e-9)
     assert ours.direction_variance == pytest.approx(Q[THETA, THETA], rel=1e-9)
     assert ours.r_dot_variance == pytest.approx(gradient @ Q @ gradient, rel=1e-9)
-
-
-def test_many_flights_are_predicted_as_one():
-    rng, few = np.random.default_rng(2), 4
-    mean = rng.normal(size=(STATES, few)) + np.array([100, 0, 0, 0, 1, *[0] * 7])[:, None]
-    root = rng.normal(size=(few, STATES, STATES))
-    P, dt, chord = root @ np.swapaxes(root, 1, 2), rng.uniform(0, 2, few), rng.normal(size=(2, few)) * 10
-    psd, gust, heading, airspeed = rng.uniform(0.01, 1, (4, few))
-    many = predict_belief(Belief(mean, P, psd, gust), dt, chord, heading=heading, airspeed=airspeed, xp=np)
-    for n in range(few):
-        belief = Belief(mean[:, n].tolist(), P[n], float(psd[n]), float(gust[n]))
-        where = {"heading": float(heading[n]), "airspeed": float(airspeed[n])}
-        one = predict_belief(belief, float(dt[n]), (float(chord[0, n]), float(chord[1, n])), **where)
-        for field in fields(one):
-            assert np.array(getattr(many, field.name))[..., n] == pytest.approx(np.array(getattr(one, field.name)))
 
 
 @given(x=st.floats(-500, 500), y=st.floats(-500, 500), wind=st.tuples(few, few), psi=angles, omega=st.floats(-0.5, 0.5))

@@ -47,13 +47,6 @@ def test_what_the_sensor_says_stands_for_the_white_part_until_it_is_measured_and
     assert listened(np.full(400, 0.05), still, every).white(np.full(2, SIGMA)).tolist() == [0.0, 0.0]
 
 
-def test_what_was_measured_is_forgotten_with_the_bins_of_a_flight():
-    window = listened(np.full(400, 0.05), np.full((400, 2), 100.0), np.ones((400, 2), bool))
-    window.forget(np.array([1]))
-    assert window.white(np.full(2, SIGMA)).tolist() == [0.0, SIGMA]
-    assert window.filled(np.arange(2)).tolist() == [64, 0]
-
-
 def test_a_bin_is_the_mean_of_a_quarter_of_a_second_without_what_is_far_off():
     """Five ranges to a bin: of the second flight one is 50 m off, and the one in the middle is lost."""
     ranges = np.array([[100.0, 200.0], [101.0, 250.0], [102.0, 202.0], [103.0, 203.0], [104.0, 204.0]] * 2)

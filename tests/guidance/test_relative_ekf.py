@@ -15,17 +15,20 @@ from circnav_mav.guidance.estimators.relative_ekf import (
     STATES,
     Felt,
     Hypotheses,
-    Noise,
+    Rates,
     mixture,
     polar,
     position,
     predict,
     update,
+    update_rate,
 )
+from tests.guidance.relative import hypothesis, noise
 
 DT, SIGMA = 0.1, 0.7
 PSD, GUST, WHITE, DRIFTING = 0.02, 1.2, 0.6, 0.8
-NOISE = Noise(*(np.array([[value]]) for value in (PSD, GUST, WHITE, DRIFTING)))
+NOISE = noise(PSD, GUST, WHITE, DRIFTING)
+STATE = np.array([180.0, 2.0, 1.0, -2.0, 1.02, 0.1, 0.3, -0.2, 0.1, -0.2, 0.3, 0.1])
 
 
 def moved(x, path):
@@ -67,12 +70,11 @@ def process_noise(x):
 
 def test_one_hypothesis_is_filterpys_extended_kalman_filter():
     rng = np.random.default_rng(4)
-    x = np.array([180.0, 2.0, 1.0, -2.0, 1.02, 0.1, 0.3, -0.2, 0.1, -0.2, 0.3, 0.1])
     P = np.diag([4.0, 0.05, 9.0, 9.0, 2.5e-3, 0.2, 1.0, 1.0, 0.04, 0.04, 0.1, 0.1])
     reference = ExtendedKalmanFilter(dim_x=STATES, dim_z=1)
-    reference.x, reference.P = x[:, None].copy(), P.copy()
+    reference.x, reference.P = STATE[:, None].copy(), P.copy()
     H = np.eye(STATES)[[0]] + np.eye(STATES)[[5]]
-    ours = Hypotheses(x[:, None, None], P[:, :, None, None], np.zeros((1, 1)))
+    ours = hypothesis(STATE, P)
     psi = 0.3
     for _ in range(150):
         path = chord(15.0, psi, 0.03, DT)
@@ -89,30 +91,29 @@ def test_one_hypothesis_is_filterpys_extended_kalman_filter():
     assert ours.P[:, :, 0, 0] == pytest.approx(reference.P, rel=1e-4, abs=1e-7)
 
 
-def test_flights_of_a_batch_do_not_touch_each_other():
-    rng = np.random.default_rng(0)
-    x = rng.normal(size=(STATES, 3, 5)) + np.array([200, 1, 0, 0, 1, *[0] * 7])[:, None, None]
-    A = rng.normal(size=(STATES, STATES, 3, 5))
-    P = np.einsum("ik...,jk...->ij...", A, A)
-    h = Hypotheses(x, P, rng.normal(size=(3, 5)))
-    path, z, sigma = rng.normal(size=(2, 5)), 200 + rng.normal(size=5), np.full(5, SIGMA)
-    valid = np.array([True, False, True, True, False])
-    together, _ = update(predict(h, NOISE, np.full(len(z), DT), path, sigma), NOISE, z, sigma, valid, 5.0)
-    one = [4]
-    alone = Hypotheses(x[..., one], P[..., one], h.log_weight[:, one])
-    alone = predict(alone, NOISE, np.array([DT]), path[:, one], sigma[one])
-    alone, _ = update(alone, NOISE, z[one], sigma[one], valid[one], 5.0)
-    assert np.array_equal(together.x[..., 4], alone.x[..., 0])
-    assert np.array_equal(together.P[..., 4], alone.P[..., 0])
-
-
 def test_an_outlier_is_refused_and_changes_nothing():
-    h = Hypotheses(
-        np.array([100.0, 0, 0, 0, 1, *[0] * 7])[:, None, None], 0.01 * np.eye(STATES)[..., None, None], np.zeros((1, 1))
-    )
-    after, said = update(h, NOISE, np.array([120.0]), np.array([SIGMA]), np.array([True]), 5.0)
+    before = hypothesis([100.0, 0, 0, 0, 1, *[0] * 7], 0.01 * np.eye(STATES))
+    after, said = update(before, NOISE, np.array([120.0]), np.array([SIGMA]), np.array([True]), 5.0)
     assert not said.taken[0, 0]
-    assert np.array_equal(after.x, h.x)
+    assert np.array_equal(after.x, before.x)
+
+
+def test_a_range_rate_corrects_by_the_derivatives_of_its_equation():
+    """h(x) = n.(kappa V u + d + g + e), its Jacobian by differences; textbook update in full matrices."""
+    rng = np.random.default_rng(3)
+    x = rng.normal(size=STATES) * 0.3 + np.array([120.0, 0.7, 2.0, -1.0, 1.0, *[0.0] * 7])
+    root = 0.1 * rng.normal(size=(STATES, STATES))
+    P, air = root @ root.T, np.array([9.0, 12.0])
+
+    def h(x):
+        return np.array([np.cos(x[1]), np.sin(x[1])]) @ (x[4] * air + x[2:4] + x[6:8] + x[10:12])
+
+    H = np.array([(h(x + 1e-6 * unit) - h(x - 1e-6 * unit)) / 2e-6 for unit in np.eye(STATES)])
+    S, z = H @ P @ H + 0.3**2, h(x) + 0.4
+    rates = Rates(np.array([z]), np.array([0.3]), np.array([True]), air[:, None])
+    after = update_rate(hypothesis(x, P), rates, 5.0)
+    assert after.x[:, 0, 0] == pytest.approx(x + P @ H / S * 0.4, abs=1e-6)
+    assert after.P[:, :, 0, 0] == pytest.approx(P - np.outer(P @ H, H @ P) / S, abs=1e-7)
 
 
 def test_directions_are_averaged_across_the_cut_at_pi():
@@ -135,16 +136,16 @@ def test_a_measured_acceleration_is_bayes_rule_for_what_happened_in_the_step():
     """The prediction conditioned on the measured change of velocity, with the noises of the step written out: states
     before (12), steps of d and g, new e, their effect on the place, and the accelerometer's own noise."""
     nose, psi, turn = 0.4, 0.7, 2.2
-    noise = Noise(*(np.array([[value]]) for value in (PSD, GUST, WHITE, DRIFTING, nose, 1.0)))
-    x = np.array([180.0, 2.0, 1.0, -2.0, 1.02, 0.1, 0.3, -0.2, 0.1, -0.2, 0.3, 0.1])
+    assumed = noise(PSD, GUST, WHITE, DRIFTING, nose, 1.0)
+    x = STATE
     root = np.random.default_rng(1).normal(size=(STATES, STATES)) * 0.05
     P, path = root @ root.T, np.array([1.2, 0.7])
     change, air = np.array([0.35, 0.1]), np.array([-0.1, 0.2])
     u, left = np.array([np.cos(psi), np.sin(psi)]), np.array([-np.sin(psi), np.cos(psi)])
     felt = Felt(change[:, None], air[:, None], (u * DT)[:, None], np.array([turn]))
-    before = Hypotheses(x[:, None, None], P[:, :, None, None], np.zeros((1, 1)))
+    before = hypothesis(x, P)
     step = np.array([DT]), path[:, None], np.array([SIGMA])
-    plain, ours = predict(before, noise, *step), predict(before, noise, *step, felt)
+    plain, ours = predict(before, assumed, *step), predict(before, assumed, *step, felt)
 
     F, I2 = jacobian(x, path), np.eye(2)
     steady, gusty = PSD * DT, (1 - np.exp(-2 * DT / GUST_TIME)) * GUST**2

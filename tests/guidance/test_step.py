@@ -1,53 +1,51 @@
-"""From an estimate to a limited turn: direction, correction, saturation."""
+"""From an estimate to a limited turn: direction, correction, saturation, and the circle's own turn without ranges."""
 
-from math import inf, pi
+from math import inf, nan, pi
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from circnav_mav.guidance.law_selector import Flies
+from circnav_mav.guidance.air_path import chord
 from circnav_mav.guidance.laws import pi as pi_law
-from circnav_mav.guidance.step import LawChoice, compensate_turn_gain, limit, steering
-from circnav_mav.guidance.types import Direction, Orbit, RangeEstimate, RelativeMotion, TurnRate
+from circnav_mav.guidance.step import LawChoice, compensate_turn_gain, holding, limit, steering
+from circnav_mav.guidance.turn_response import Pending
+from circnav_mav.guidance.types import Direction, Orbit, RangeEstimate, TurnRate
+from circnav_mav.guidance.vector_field import drift, drift_gains
+from tests.guidance.relative import guessed, known
 
 PAPER = Orbit(radius=10.0, direction=Direction.CLOCKWISE, speed=1.0, max_turn_rate=10.0)
+V, R_D, LIMIT = 15.0, 100.0, 0.35
+ORBIT = Orbit(R_D, Direction.CLOCKWISE, V, LIMIT)
+AT_REST = Pending(0.0, 0.0)
 
 
-def estimate(r, r_dot=0.0):
-    return RangeEstimate(time=0.0, r=r, r_dot=r_dot, r_sigma=0.1, r_dot_sigma=0.1)
+def estimate(r, r_dot=0.0, time=0.0, relative=None):
+    return RangeEstimate(time, r, r_dot, 0.1, 0.1, relative=relative)
 
 
-def orbit(direction, max_turn_rate=10.0):
-    return Orbit(10.0, direction, 1.0, max_turn_rate)
+@pytest.mark.parametrize(
+    ("choice", "r", "demanded"),
+    [
+        (LawChoice("smooth", 0.01), 10.0, -0.1),  # example 2: fed 8.66025404, it settles on 10
+        (LawChoice("smooth", 0.01), 8.6602, 0.0),
+        (LawChoice("smooth", 0.01, correct_radius=False), 9.99, 0.0),
+        (LawChoice("smooth", 0.01, correct_radius=False), 10.98684113, -1 / 10.98684113),  # example 1
+        (LawChoice("switching", 0.12), 10.9, -0.12),  # example 3
+    ],
+)
+def test_the_papers_laws_turn_at_v_over_r_on_the_radius_they_settle_on_in_the_missions_sense(choice, r, demanded):
+    """Counter-clockwise is positive in the paper's frame."""
+    other = Orbit(PAPER.radius, Direction.COUNTERCLOCKWISE, PAPER.speed, PAPER.max_turn_rate)
+    assert steering(PAPER, choice)(estimate(r)).demanded == pytest.approx(demanded, rel=1e-8)
+    assert steering(other, choice)(estimate(r)).demanded == pytest.approx(-demanded, rel=1e-8)
 
 
-@pytest.mark.parametrize(("law", "gain"), [("smooth", 0.01), ("switching", 0.12)])
-def test_on_the_circle_each_direction_turns_its_own_way(law, gain):
-    """Counter-clockwise is positive in the paper's frame; 10.9 m and r' = 0 is just outside the circle."""
-    choice = LawChoice(law, gain)
-    assert steering(orbit(Direction.CLOCKWISE), choice)(estimate(10.9), 0.0).demanded < 0
-    assert steering(orbit(Direction.COUNTERCLOCKWISE), choice)(estimate(10.9), 0.0).demanded > 0
-
-
-def test_the_corrected_law_turns_at_v_over_r_on_the_radius_asked_for():
-    """Example 2: fed 8.66025404 the law settles on 10, so at r = 10, r' = 0 it asks for V/10."""
-    steer = steering(PAPER, LawChoice("smooth", 0.01, correct_radius=True))
-    assert steer(estimate(10.0), 0.0).demanded == pytest.approx(-0.1, rel=1e-9)
-    assert steer(estimate(8.6602), 0.0).demanded == 0.0
-    assert steer(estimate(8.6603), 0.0).demanded < 0.0
-
-
-def test_the_law_as_it_stands_settles_outside():
-    """Example 1: without the correction nothing turns below 10, and V/10.98684113 is asked for at 10.98684113."""
-    steer = steering(PAPER, LawChoice("smooth", 0.01, correct_radius=False))
-    assert steer(estimate(9.99), 0.0).demanded == 0.0
-    assert steer(estimate(10.98684113), 0.0).demanded == pytest.approx(-1 / 10.98684113, rel=1e-8)
-
-
-def test_a_gain_without_a_correction_is_refused_at_once():
-    with pytest.raises(ValueError, match="must be above"):
-        steering(PAPER, LawChoice("smooth", 0.005, correct_radius=True))
+@pytest.mark.parametrize("gain", [0.005, 0.0025, -0.005])
+def test_a_gain_without_a_correction_is_refused_at_once(gain):
+    with pytest.raises(ValueError, match=r"must be above 1/\(2 r_d\^2\) = 0\.005"):
+        steering(PAPER, LawChoice("smooth", gain))
 
 
 @given(gain=st.floats(0.5, 1.5), demanded=st.floats(-10, 10), bound=st.floats(1e-3, 10))
@@ -60,90 +58,159 @@ def test_a_vehicle_that_turns_less_than_it_is_told_is_told_more(gain, demanded, 
         assert command.turn_rate * gain == pytest.approx(demanded)
 
 
-@given(demanded=st.floats(-1e6, 1e6), bound=st.floats(1e-3, 10))
+@given(demanded=st.one_of(st.floats(-1e6, 1e6), st.sampled_from([-inf, inf])), bound=st.floats(1e-3, 10))
 def test_the_limit_cuts_what_is_beyond_it_and_says_so(demanded, bound):
     command = limit(TurnRate(demanded), bound)
-    assert abs(command.turn_rate) <= bound
     assert command.demanded == demanded
     assert command.saturated == (abs(demanded) > bound)
-    if not command.saturated:
-        assert command.turn_rate == demanded
-    else:
-        assert command.turn_rate * demanded > 0
-
-
-@pytest.mark.parametrize("bound", [0.3, 1.0])
-def test_an_infinite_demand_is_cut_to_the_limit(bound):
-    assert limit(TurnRate(-inf), bound).turn_rate == -bound
-    assert limit(TurnRate(inf), bound).turn_rate == bound
+    assert command.turn_rate == (np.copysign(bound, demanded) if command.saturated else demanded)
 
 
 def test_the_vehicles_limit_is_applied_after_the_law():
     """Law 1 is unsaturated: 200 m out, flying across, it asks for 40 times the limit."""
-    steer = steering(orbit(Direction.CLOCKWISE, max_turn_rate=0.1), LawChoice("smooth", 0.01))
-    command = steer(estimate(200.0), 0.0)
-    assert command.turn_rate == -0.1
-    assert command.saturated
+    command = steering(Orbit(10.0, Direction.CLOCKWISE, 1.0, 0.1), LawChoice("smooth", 0.01))(estimate(200.0))
+    assert (command.turn_rate, command.saturated) == (-0.1, True)
     assert command.demanded == pytest.approx(-4.0, rel=0.01)
-
-
-@pytest.mark.parametrize(("direction", "sign"), [(Direction.CLOCKWISE, -1), (Direction.COUNTERCLOCKWISE, 1)])
-def test_the_steady_turn_rate_is_v_over_r_in_the_missions_sense(direction, sign):
-    assert Orbit(100.0, direction, 15.0, 0.35).steady_turn_rate == pytest.approx(sign * 0.15)
-
-
-@pytest.mark.parametrize("flies", Flies)
-def test_who_flies_is_told_in_a_line_that_a_ground_station_shows_whole(flies):
-    assert len(f"circnav: {flies.why}") <= 50
 
 
 def test_a_command_just_below_the_limit_counts_as_cut_by_it():
     """Handing over, the offset between two laws fades and is never quite nothing."""
-    orbit = Orbit(100.0, Direction.CLOCKWISE, 15.0, 0.35)
-    steer = steering(orbit, LawChoice("auto", 0.06))
-    far = [steer(RangeEstimate(0.05 * i, 100.0, 0.0, 0.5, 0.1)) for i in range(5)]
-    assert not any(command.saturated for command in far)
-    close = RelativeMotion(
-        x=20.0,
-        y=0.0,
-        sigma=1.0,
-        drift_x=0.0,
-        drift_y=0.0,
-        heading=pi,
-        turn_rate=0.0,
-        airspeed=15.0,
-        scale=1.0,
-        trusted=True,
-    )
-    commands = [steer(RangeEstimate(0.25 + 0.05 * i, 20.0, -15.0, 0.5, 0.1, relative=close)) for i in range(60)]
-    assert abs(commands[-1].demanded) > 0.35
-    assert abs(commands[-1].turn_rate) >= 0.99 * 0.35
-    assert commands[-1].saturated
+    steer = steering(ORBIT, LawChoice("auto", 0.06))
+    assert not any(steer(estimate(100.0, 0.0, 0.05 * i)).saturated for i in range(5))
+    close = known(x=20.0, heading=pi)
+    last = [steer(estimate(20.0, -15.0, 0.25 + 0.05 * i, close)) for i in range(60)][-1]
+    assert abs(last.demanded) > LIMIT
+    assert abs(last.turn_rate) >= 0.99 * LIMIT
+    assert last.saturated
 
 
-@pytest.mark.parametrize(("direction", "sign"), [(Direction.CLOCKWISE, 1), (Direction.COUNTERCLOCKWISE, -1)])
-def test_the_law_with_a_memory_integrates_over_the_time_between_estimates_and_no_gap(direction, sign):
+@pytest.mark.parametrize("direction", Direction)
+def test_the_law_with_a_memory_integrates_over_the_time_between_estimates_and_no_gap(direction):
     """The first has none before it, a gap counts half a second, and an estimate of before nothing. k < 0 flies
     counter-clockwise."""
-    orbit, gain = Orbit(100.0, direction, 15.0, 0.35), 0.06
-    steer, memory = steering(orbit, LawChoice("pi", gain)), 0.0
+    gain, memory = 0.06, 0.0
+    steer = steering(Orbit(R_D, direction, V, LIMIT), LawChoice("pi", gain))
     for time, dt, r, trim in (
-        (5.0, 0.0, 140.0, 0.0),
-        (5.1, 0.1, 138.0, 0.0),
-        (65.0, 0.5, 120.0, 3.0),
-        (64.0, 0.0, 121.0, 0.0),
-    ):
-        turn, memory = pi_law(r, -1.0, memory, dt, V=15.0, r_d=100.0 + trim, k=sign * gain)
-        command = steer(RangeEstimate(time, r, -1.0, 0.1, 0.1), trim)
+        (5.0, 0.0, 140.0, 0.0), (5.1, 0.1, 138.0, 0.0), (65.0, 0.5, 120.0, 3.0), (64.0, 0.0, 121.0, 0.0)
+    ):  # fmt: skip
+        turn, memory = pi_law(r, -1.0, memory, dt, V=V, r_d=R_D + trim, k=-direction.turn_sign * gain)
+        command = steer(estimate(r, -1.0, time), trim)
         assert command.demanded == pytest.approx(float(turn))
-        assert abs(command.turn_rate) <= 0.35
+        assert abs(command.turn_rate) <= LIMIT
     assert memory > 0
 
 
 def test_a_gap_between_estimates_is_no_patience_with_a_search():
-    guess = RelativeMotion(300.0, 0.0, 300.0, 0.0, 0.0, pi, 0.0, 15.0, 1.0, trusted=False, trial=3)
-    steer = steering(Orbit(100.0, Direction.CLOCKWISE, 15.0, 0.35), LawChoice("auto", 0.02))
+    steer = steering(ORBIT, LawChoice("auto", 0.02))
     flown = [
-        steer(RangeEstimate(time, 300.0, -15.0, 0.5, 0.1, relative=guess)).flies for time in (0.0, 60.0, 60.4, 60.6)
+        steer(estimate(300.0, -15.0, time, guessed(x=300.0, heading=pi))).flies for time in (0.0, 60.0, 60.4, 60.6)
     ]
     assert flown == ["feedforward", "feedforward", "feedforward", "trial"]
+
+
+def test_auto_says_who_flies_and_why_and_needs_no_heading():
+    steer, feedforward = (steering(ORBIT, LawChoice(name, 0.06)) for name in ("auto", "feedforward"))
+    command = steer(estimate(150.0, -3.0))
+    assert command.turn_rate == feedforward(estimate(150.0, -3.0)).turn_rate < 0
+    assert (command.flies, bool(command.why)) == ("feedforward", True)
+    assert steer(estimate(150.0, -3.0, 0.05, known(x=150.0))).flies == "drift"
+
+
+def test_the_law_drift_tries_no_guesses():
+    steer = steering(ORBIT, LawChoice("drift", 0.06))
+    assert {steer(estimate(150.0, -3.0, 0.1 * i, guessed())).flies for i in range(60)} == {"feedforward"}
+
+
+@pytest.mark.parametrize(
+    ("r", "r_dot", "remembered", "flies"),
+    [
+        (105.0, 1.0, True, "feedforward"),  # the circle itself will tell
+        (105.0, 1.0, False, "trial"),
+        (129.0, 5.9, True, "feedforward"),  # .3 of the radius, and .4 of V
+        (71.0, -5.9, True, "feedforward"),
+        (131.0, 0.0, True, "trial"),
+        (69.0, 0.0, True, "trial"),
+        (100.0, 6.1, True, "trial"),
+        (100.0, -6.1, True, "trial"),
+    ],
+)
+def test_no_guess_is_tried_on_the_circle_while_the_drift_is_known_from_before(r, r_dot, remembered, flies):
+    steer, guess = steering(ORBIT, LawChoice("auto", 0.06)), guessed(x=r, drift_remembered=remembered)
+    flown = [steer(estimate(r, r_dot, t, guess)).flies for t in np.arange(0.0, 15.0, 0.5)]
+    assert flown[4] == flown[19] == flies  # at 2 s and at 9.5 s
+    assert flown[-1] == "trial"
+
+
+def test_the_law_flies_with_the_gains_for_the_answer_that_it_is_told():
+    at = known(x=130.0, y=20.0, drift_x=1.0, drift_y=-2.0, heading=1.2, turn_rate=0.1)
+    steer = steering(Orbit(R_D, Direction.COUNTERCLOCKWISE, V, LIMIT), LawChoice("auto", 0.06, lag=0.5))
+    for time, pending in enumerate((Pending(0.0, 0.5), Pending(0.1, 0.9, 1.2), Pending(-0.1, 0.3))):
+        gains = drift_gains(V, pending.ahead, pending.settles, 0.7)
+        wanted = drift((130.0, 20.0), (1.0, -2.0), 1.2, pending, V=V, r_d=R_D, max_turn_rate=LIMIT, gains=gains)
+        assert steer(estimate(150.0, -3.0, float(time), at), 0.0, pending, 0.7).demanded == pytest.approx(float(wanted))
+
+
+def test_a_drift_that_swings_once_a_second_moves_the_turn_far_less_than_one_that_swings_once_a_minute():
+    """A first-order lag of .5 s lets 1/sqrt(1 + pi^2) = .30 of the quick one through. A few unlucky ranges move the
+    estimated drift by 1 m/s for a moment; felt at once, it contains how the course lags the nose, too."""
+    orbit = Orbit(radius=150.0, direction=Direction.COUNTERCLOCKWISE, speed=22.0, max_turn_rate=0.44)
+
+    def swing(frequency: float) -> float:
+        steer, turns = steering(orbit, LawChoice("auto", 0.01)), []
+        for tick in range(round(3 / frequency / 0.05)):
+            blows = np.cos(2 * pi * frequency * tick * 0.05)
+            here = known(x=150.0, drift_x=blows, heading=pi / 2, turn_rate=22.0 / 150.0, airspeed=22.0)
+            turns.append(steer(estimate(150.0, 0.0, tick * 0.05, here)).turn_rate)
+        late = turns[len(turns) // 2 :]
+        return max(late) - min(late)
+
+    assert swing(1.0) < 0.35 * swing(1 / 60)
+
+
+@pytest.mark.parametrize("direction", Direction)
+def test_holding_in_drift_flies_the_circle_in_the_missions_sense_without_a_range(direction):
+    """One lap by heading alone in 6 m/s of wind; V/r_d would be carried off by 6 m/s for 40 s."""
+    s, dt, d = direction.turn_sign, 0.02, np.array([0.0, 6.0])
+    orbit, p = Orbit(R_D, direction, V, LIMIT), np.array([R_D, 0.0])
+    psi, swept, farthest = s * pi / 2, 0.0, 0.0  # the wind blows along the tangent here, so the nose does too
+    for _ in range(round(60 / dt)):
+        turned = holding(orbit, known(drift_y=6.0, heading=psi), AT_REST).turn_rate * dt
+        before, p, psi = p, p + chord(V, psi, turned, dt) + d * dt, psi + turned
+        swept += np.arctan2(before[0] * p[1] - before[1] * p[0], before @ p)
+        farthest = max(farthest, abs(np.hypot(*p) - R_D))
+    assert s * swept > 2 * pi
+    assert farthest < 0.5
+
+
+def test_holding_looks_ahead_by_the_turn_that_is_under_way():
+    ahead = holding(ORBIT, known(drift_y=6.0, heading=0.7), Pending(0.3, 0.4))
+    assert ahead == holding(ORBIT, known(drift_y=6.0, heading=1.0), AT_REST)
+
+
+CARRIED = known(drift_y=6.0, heading=pi / 2, turn_rate=0.1)
+NO_NUMBERS = [
+    {field: number} for field in ("drift_x", "drift_y", "heading", "turn_rate", "airspeed") for number in (nan, inf)
+]
+
+
+@pytest.mark.parametrize("direction", Direction)
+@pytest.mark.parametrize(
+    "motion",
+    [
+        None, known(drift_y=6.0, heading=pi / 2, trusted=False), guessed(drift_y=6.0),
+        *(known(**{"drift_y": 6.0, "heading": pi / 2, **one}) for one in NO_NUMBERS),
+    ],
+    ids=str,
+)  # fmt: skip
+def test_holding_without_a_trusted_motion_of_numbers_turns_at_v_over_r_in_the_missions_sense(direction, motion):
+    orbit = Orbit(R_D, direction, V, LIMIT)
+    assert holding(orbit, CARRIED, AT_REST).turn_rate != orbit.steady_turn_rate
+    held = holding(orbit, motion, Pending(-0.04, 0.4))
+    assert held.turn_rate == held.demanded == direction.turn_sign * V / R_D == orbit.steady_turn_rate
+    assert not held.saturated
+
+
+@pytest.mark.parametrize("motion", [None, known(drift_y=-9.0, heading=-pi / 2)])  # downwind, at 24 m/s
+def test_holding_goes_no_further_than_the_limit(motion):
+    held = holding(Orbit(R_D, Direction.CLOCKWISE, V, 0.1), motion, AT_REST)
+    assert (held.turn_rate, held.saturated) == (-0.1, True)

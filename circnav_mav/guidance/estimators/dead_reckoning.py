@@ -73,8 +73,7 @@ class OwnPath:
             self._knots.append(Knot(motion, last.x, last.y, last.piece + 1))
             return
         turned = float(wrap(motion.heading - last.motion.heading))
-        x, y = _arc(last, (last.motion.airspeed + motion.airspeed) / 2, turned, step)
-        self._knots.append(Knot(motion, x, y, last.piece, *_nose(last, turned, step)))
+        self._knots.append(_carried(last, motion, (last.motion.airspeed + motion.airspeed) / 2, turned, step))
 
     def at(self, time: float) -> Knot | None:
         """Where the path was, or will soon be; None outside of what is known."""
@@ -85,8 +84,10 @@ class OwnPath:
         if ahead >= 0:
             if ahead > EXTRAPOLATED:
                 return None
-            carried = _carried(newest, newest.motion.turn_rate * ahead, ahead)
-            return replace(carried, nose_x=newest.nose_x, nose_y=newest.nose_y, report=newest.motion)
+            last, turned = newest.motion, newest.motion.turn_rate * ahead
+            motion = OwnMotion(last.time + ahead, last.heading + turned, last.turn_rate, last.airspeed)
+            carried = _carried(newest, motion, last.airspeed, turned, ahead)
+            return replace(carried, nose_x=newest.nose_x, nose_y=newest.nose_y, report=last)
         for after, before in zip(reversed(self._knots), list(self._knots)[-2::-1], strict=False):
             if before.motion.time <= time:
                 return _between(before, after, time) if before.piece == after.piece else None
@@ -94,40 +95,25 @@ class OwnPath:
 
 
 def _between(before: Knot, after: Knot, time: float) -> Knot:
-    step = time - before.motion.time
-    share = step / (after.motion.time - before.motion.time)
-    turned = float(wrap(after.motion.heading - before.motion.heading)) * share
-    airspeed = (before.motion.airspeed + after.motion.airspeed) / 2
-    knot = _carried(
-        before, turned, step, airspeed, after.motion.turn_rate * share + before.motion.turn_rate * (1 - share)
-    )
-    new, old = after.motion.felt, before.motion.felt
-    if new is None or old is None or new.since != old.since:
-        return knot
-    felt = FeltVelocity(old.x + share * (new.x - old.x), old.y + share * (new.y - old.y), new.since)
-    return replace(knot, motion=replace(knot.motion, felt=felt))
+    old, new = before.motion, after.motion
+    step = time - old.time
+    share = step / (new.time - old.time)
+    turned = float(wrap(new.heading - old.heading)) * share
+    airspeed, turn_rate = (old.airspeed + new.airspeed) / 2, new.turn_rate * share + old.turn_rate * (1 - share)
+    felt = None
+    if new.felt is not None and old.felt is not None and new.felt.since == old.felt.since:
+        x, y = old.felt.x + share * (new.felt.x - old.felt.x), old.felt.y + share * (new.felt.y - old.felt.y)
+        felt = FeltVelocity(x, y, new.felt.since)
+    motion = OwnMotion(old.time + step, old.heading + turned, turn_rate, airspeed, felt=felt)
+    return _carried(before, motion, airspeed, turned, step)
 
 
-def _carried(knot: Knot, turned: float, step: float, airspeed: float | None = None, rate: float | None = None) -> Knot:
-    """The knot after `step` seconds along an arc through the angle `turned`."""
-    m = knot.motion
-    V = m.airspeed if airspeed is None else airspeed
-    x, y = _arc(knot, V, turned, step)
-    motion = OwnMotion(m.time + step, m.heading + turned, m.turn_rate if rate is None else rate, V)
-    return Knot(motion, x, y, knot.piece, *_nose(knot, turned, step))
-
-
-def _nose(knot: Knot, turned: float, step: float) -> tuple[float, float]:
-    """The integral of the nose's direction at the end of the arc, its middle standing for it."""
-    x, y = _along(knot.motion.heading + turned / 2, step)
-    return knot.nose_x + x, knot.nose_y + y
+def _carried(knot: Knot, motion: OwnMotion, airspeed: float, turned: float, step: float) -> Knot:
+    """The knot of a motion `step` seconds later, along an arc through the angle `turned`."""
+    x, y = chord_parts(airspeed, knot.motion.heading, turned, step, floats)
+    nose_x, nose_y = _along(knot.motion.heading + turned / 2, step)  # the middle of the arc stands for it
+    return Knot(motion, knot.x + x, knot.y + y, knot.piece, knot.nose_x + nose_x, knot.nose_y + nose_y)
 
 
 def _along(angle: float, length: float) -> tuple[float, float]:
     return length * floats.cos(angle), length * floats.sin(angle)
-
-
-def _arc(knot: Knot, V: float, turned: float, step: float) -> tuple[float, float]:
-    """Where the arc ends."""
-    x, y = chord_parts(V, knot.motion.heading, turned, step, floats)
-    return knot.x + x, knot.y + y

@@ -40,28 +40,23 @@ class Estimator(Protocol):
     @property
     def ready(self) -> bool:
         """Whether the estimate may steer a vehicle."""
-        ...
 
     @property
     def nis(self) -> float | None:
         """Normalised innovation squared of the newest sample; None before the second."""
-        ...
 
     def observe(self, sample: RangeSample) -> Fused:
         """Take one sample in, with its range rate where it has one, or refuse it."""
-        ...
 
     def observe_rate(self, sample: RateSample) -> None:
         """Take in a measured range rate; it comes at its own times, and counts only beside ranges."""
-        ...
 
     def move(self, motion: OwnMotion) -> None:
         """Take in own motion; it comes at its own times, and some estimators have no use for it."""
-        ...
+        return
 
     def at(self, time: float) -> RangeEstimate | None:
         """The estimate predicted to a moment of the local clock; None before the first sample."""
-        ...
 
     def settle(self) -> None:
         """Do what no estimate of the newest sample needed; called before anything else comes in."""
@@ -74,4 +69,3 @@ class Estimator(Protocol):
 
     def reset(self) -> None:
         """Forget everything."""
-        ...

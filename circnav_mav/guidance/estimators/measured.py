@@ -1,13 +1,13 @@
 """`measured`: range and range rate as the radio measures them, with no filter in between: the paper as written."""
 
-from circnav_mav.guidance.estimators.interface import EstimatorSettings, Fused
-from circnav_mav.guidance.types import OwnMotion, RangeEstimate, RangeSample, RateSample
+from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings, Fused
+from circnav_mav.guidance.types import RangeEstimate, RangeSample, RateSample
 
 APART = 0.25
 """Most time, s, between the newest range and the newest rate that may steer."""
 
 
-class Measured:
+class Measured(Estimator):
     """The newest range and the newest range rate. An outlier steers, too, until the next."""
 
     nis: float | None = None
@@ -16,18 +16,8 @@ class Measured:
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything."""
         self._range: RangeSample | None = None
         self._rate: RateSample | None = None
-
-    def settle(self) -> None:
-        """Nothing is left to do."""
-
-    def restamp(self) -> None:
-        """Goes by our clock: nothing to do."""
-
-    def move(self, motion: OwnMotion) -> None:
-        """Of no use here."""
 
     @property
     def ready(self) -> bool:
@@ -35,13 +25,11 @@ class Measured:
         return self._range is not None and self._rate is not None and abs(self._range.time - self._rate.time) <= APART
 
     def observe(self, sample: RangeSample) -> Fused:
-        """Take in a range."""
         self._range = sample
         self._rate = sample.rate or self._rate
         return Fused.ACCEPTED
 
     def observe_rate(self, sample: RateSample) -> None:
-        """Take in a range rate."""
         self._rate = sample
 
     def at(self, time: float) -> RangeEstimate | None:

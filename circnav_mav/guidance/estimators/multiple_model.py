@@ -12,29 +12,14 @@ Every array has a last axis B over flights; in the air B = 1.
 from dataclasses import dataclass
 from enum import IntEnum
 from itertools import product
+from typing import Any
 
 import numpy as np
 
-from circnav_mav.guidance.estimators import relative_ekf
+from circnav_mav.guidance.estimators import relative_ekf as ekf
 from circnav_mav.guidance.estimators.acquisition import Found, RingSearch, SearchSettings
 from circnav_mav.guidance.estimators.acquisition_window import Prior
-from circnav_mav.guidance.estimators.relative_ekf import (
-    DX,
-    FELT_BIAS,
-    FORWARD,
-    GX,
-    GY,
-    LEFT,
-    STATES,
-    THETA,
-    Array,
-    Felt,
-    Hypotheses,
-    Noise,
-    R,
-    Rates,
-    mixture,
-)
+from circnav_mav.guidance.estimators.relative_ekf import STATES, THETA, Array, Felt, Hypotheses, Noise, R, Rates
 
 
 class Stage(IntEnum):
@@ -86,8 +71,8 @@ FORGOTTEN, REVIVED = -12.0, -6.0
 
 
 class DriftBank:
-    """The banks of B flights that are stepped together. `step` is the only way in, or
-    its two parts; the attributes are what is believed.
+    """The banks of B flights that are stepped together. `step` is the only way in, or its two parts; the attributes
+    are what is believed.
 
     mean (12, B), covariance (12, 12, B), stage, nis, missed, refused, spread, trusted (B,): nis of the heaviest
     hypothesis, share of recent misses, whether the last sample was refused, standard deviation of the position over the
@@ -137,12 +122,9 @@ class DriftBank:
         weight[:, self._tracking] = self._tracks.weight
         return self._assumptions @ weight
 
-    def step(
-        self, dt: Array, chord: Array, z: Array, sigma: Array, valid: Array, felt: Felt | None = None,
-        rates: Rates | None = None,
-    ) -> None:  # fmt: skip
+    def step(self, *heard: Any) -> None:
         """`observe` and `settle`."""
-        self.observe(dt, chord, z, sigma, valid, felt, rates)
+        self.observe(*heard)
         self.settle()
 
     def observe(
@@ -198,14 +180,14 @@ class DriftBank:
         theirs = None if felt is None else felt.of(at)
         h = self._tracks
         if dt[at].any():  # a rate has the very moment of its range
-            h = relative_ekf.predict(h, self.noise, dt[at], chord[:, at], sigma[at], theirs)
+            h = ekf.predict(h, self.noise, dt[at], chord[:, at], sigma[at], theirs)
         if valid[at].any():
-            h, said = relative_ekf.update(h, self.noise, z[at], sigma[at], valid[at], self.settings.gate)
+            h, said = ekf.update(h, self.noise, z[at], sigma[at], valid[at], self.settings.gate)
             heaviest = (h.log_weight.argmax(axis=0), np.arange(at.size))
             self._count(at, said.nis[heaviest], said.taken[heaviest], valid[at])
         if rates is not None and rates.valid[at].any():
-            h = relative_ekf.update_rate(h, rates.of(at), self.settings.gate)
-        mean, covariance = mixture(h)
+            h = ekf.update_rate(h, rates.of(at), self.settings.gate)
+        mean, covariance = ekf.mixture(h)
         self._believe(at, mean, covariance)
         self._tracks = _revive(h, self._feels, mean, covariance)
 
@@ -231,7 +213,7 @@ class DriftBank:
         if not self._tracking.size:
             return False
         cfg = self.settings
-        drift = np.hypot(*relative_ekf.drift(self.mean))
+        drift = np.hypot(*ekf.drift(self.mean))
         astray = (self.missed > cfg.missed) | (self.spread > cfg.lost) | (drift > cfg.drift_most * cfg.speed)
         sound = np.isfinite(self.mean.sum(axis=0) + self.covariance.sum(axis=(0, 1)))
         lost = (self.stage == Stage.TRACK) & (astray | ~sound)
@@ -252,17 +234,17 @@ class DriftBank:
         if at.size:
             x = self._search.favourites()
             self.mean[R, at], self.mean[THETA, at] = np.hypot(x[0], x[1]), np.arctan2(x[1], x[0])
-            self.mean[DX : relative_ekf.B, at], self.mean[relative_ekf.B :, at] = x[DX:], 0.0
+            self.mean[ekf.DX : ekf.B, at], self.mean[ekf.B :, at] = x[ekf.DX :], 0.0
 
     def _start(self, found: Found, sigma: Array) -> None:
         """Start the tracks of flights whose search has ended."""
-        at, known = found.at, slice(0, relative_ekf.B)
+        at, known = found.at, slice(0, ekf.B)
         mean, covariance = np.zeros((STATES, at.size)), np.zeros((STATES, STATES, at.size))
         mean[known], covariance[known, known] = found.x, found.P
-        covariance[relative_ekf.B, relative_ekf.B] = (0.5 * sigma[at]) ** 2
-        covariance[GX, GX] = covariance[GY, GY] = (0.02 * self.settings.speed) ** 2
-        covariance[FORWARD, FORWARD] = covariance[LEFT, LEFT] = FELT_BIAS**2
-        mean, covariance = relative_ekf.polar(mean, covariance)
+        covariance[ekf.B, ekf.B] = (0.5 * sigma[at]) ** 2
+        covariance[ekf.GX, ekf.GX] = covariance[ekf.GY, ekf.GY] = (0.02 * self.settings.speed) ** 2
+        covariance[ekf.FORWARD, ekf.FORWARD] = covariance[ekf.LEFT, ekf.LEFT] = ekf.FELT_BIAS**2
+        mean, covariance = ekf.polar(mean, covariance)
         old, new = self._tracks, _copies(mean, covariance, len(self.noise.white))
         self._tracks = Hypotheses(
             np.concatenate([old.x, new.x], axis=-1),
@@ -298,7 +280,7 @@ def _revive(h: Hypotheses, feels: Array, mean: Array, covariance: Array) -> Hypo
         again = dead & kind[:, None]
         if again.any():
             best = h.log_weight[kind].max(axis=0)
-            theirs, spread = mixture(Hypotheses(h.x[:, kind], h.P[:, :, kind], h.log_weight[kind] - best))
+            theirs, spread = ekf.mixture(Hypotheses(h.x[:, kind], h.P[:, :, kind], h.log_weight[kind] - best))
             left: Array = best >= FORGOTTEN
             start: Array = np.where(left, theirs, mean)
             of_start: Array = np.where(left, spread, covariance)

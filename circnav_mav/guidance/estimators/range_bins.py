@@ -50,12 +50,6 @@ class RangeWindow:
             self._roughen(z, valid)
         return due
 
-    def forget(self, who: Array) -> None:
-        """Drop what is kept of some flights."""
-        self._bins[4, :, who] = np.inf
-        self._bends[:, who] = np.nan
-        self._before[:, who] = np.nan
-
     def white(self, sigma: Array) -> Array:
         """Standard deviation of the white part of the noise, m, (B,): sigma until enough was seen."""
         known = np.isfinite(self._bends).sum(axis=0) >= ROUGH_ENOUGH

@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circnav_mav.guidance import floats
-from circnav_mav.guidance.estimators.interface import EstimatorSettings, Fused
+from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings, Fused
 from circnav_mav.guidance.floats import Flag, Number, magnitude
 from circnav_mav.guidance.theory import max_range_acceleration
-from circnav_mav.guidance.types import OwnMotion, RangeEstimate, RangeSample, RateSample
+from circnav_mav.guidance.types import RangeEstimate, RangeSample, RateSample
 
 ACCELERATION_SIGMAS = 3.0
 """The physical bound on |r''| is taken as this many standard deviations of the process noise."""
@@ -170,7 +170,7 @@ def observe_rate(
     return replace(before, r=r, r_dot=r_dot, rr=rr, rv=rv, vv=vv)
 
 
-class KalmanRangeRate:
+class KalmanRangeRate(Estimator):
     """The filter in flight. The time step is the difference of two sensor stamps: jitter on the way costs nothing.
 
     filterpy's step costs as much as all the rest of a setpoint. So the setpoint is made from the same equations in
@@ -182,7 +182,6 @@ class KalmanRangeRate:
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything."""
         self._state, self._newest, self._unsettled = RangeRate(), None, None
 
     _newest: RangeSample | RateSample | None
@@ -191,7 +190,6 @@ class KalmanRangeRate:
 
     @property
     def ready(self) -> bool:
-        """Whether it may steer."""
         return bool(self._state.ready(self._settings))
 
     @property
@@ -238,11 +236,7 @@ class KalmanRangeRate:
         """Start anew: the steps of this filter are those of the sensor's clock."""
         self.reset()
 
-    def move(self, motion: OwnMotion) -> None:
-        """Of no use here: range alone is enough."""
-
     def at(self, time: float) -> RangeEstimate | None:
-        """The estimate predicted to a moment of the local clock; None before the first sample."""
         if self._newest is None:
             return None
         state, ahead = self._state, max(time - self._newest.time, 0.0)

@@ -1,6 +1,6 @@
 """`drift` and `auto`: the bank of relative-motion filters in flight, fed with ranges and own motion as they come."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import sqrt
 
 import numpy as np
@@ -38,7 +38,6 @@ class DriftEstimator(Estimator):
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything."""
         cfg = self._settings
         search = SearchSettings(cfg.speed, drift_sigma=cfg.drift_sigma, scale_sigma=cfg.scale_sigma)
         self.bank = DriftBank(BankSettings(cfg.speed, gate=cfg.gate, search=search))
@@ -48,8 +47,8 @@ class DriftEstimator(Estimator):
         self._range_at = float("-inf")
         self._sigma = 1.0
         self._astray = False
-        self._lately: _Memory | None = None
-        self._before: _Memory | None = None
+        self._lately: tuple[float, Prior] | None = None
+        self._before: tuple[float, Prior] | None = None
 
     @property
     def ready(self) -> bool:
@@ -67,11 +66,9 @@ class DriftEstimator(Estimator):
             self._note_belief()
 
     def move(self, motion: OwnMotion) -> None:
-        """Take in own motion."""
         self._path.move(motion)
 
     def observe(self, sample: RangeSample) -> Fused:
-        """Take one sample in, or refuse it."""
         knot, before = self._path.at(sample.time), self._used
         if knot is None:
             self._astray = True  # ranges, but nobody knows how the vehicle flies: it does not do as it is told
@@ -95,8 +92,7 @@ class DriftEstimator(Estimator):
     def observe_rate(self, sample: RateSample) -> None:
         """Take in a range rate, unless it is older than the newest sample. A search goes by ranges alone."""
         knot, before = self._path.at(sample.time), self._used
-        known = knot is not None and before is not None and knot.piece == before.piece
-        if knot is None or before is None or not known or sample.time < before.motion.time:
+        if knot is None or before is None or knot.piece != before.piece or sample.time < before.motion.time:
             return
         nothing, V, psi = np.zeros(1), knot.motion.airspeed, knot.motion.heading
         air = V * np.array([[np.cos(psi)], [np.sin(psi)]])
@@ -107,7 +103,6 @@ class DriftEstimator(Estimator):
         self._note_belief()
 
     def at(self, time: float) -> RangeEstimate | None:
-        """The estimate predicted to a moment of the local clock; None while nothing is known."""
         knot = self._path.at(time)
         if knot is None or self._used is None or knot.piece != self._used.piece or self.bank.stage[0] == Stage.EMPTY:
             return None
@@ -153,37 +148,26 @@ class DriftEstimator(Estimator):
     def _restart(self, now: float) -> None:
         """Search anew. The wind, and the way of the target, are likely still what they were; as far as the bank has not
         seen them change since. What it saw of a vehicle that soon proved not to do as it was told, is nothing."""
-        known = None if self._before is None else self._before.at(now)
-        if known is not None and self.bank.stage[0] == Stage.TRACK and not self._astray:
-            dx, dy = drift(self.bank.mean[:, 0])
-            known = replace(known, drift=max(known.drift, float(np.hypot(dx - known.dx, dy - known.dy))))
+        known = None
+        if self._before is not None:
+            time, known = self._before
+            sigma = sqrt(known.drift**2 + FORGOTTEN * (now - time))
+            if self.bank.stage[0] == Stage.TRACK and not self._astray:
+                dx, dy = drift(self.bank.mean[:, 0])
+                sigma = max(sigma, float(np.hypot(dx - known.dx, dy - known.dy)))
+            known = replace(known, drift=sigma)
         self._lately = self._before
         self.bank = DriftBank(self.bank.settings, known=known)
 
     def _remember(self, now: float) -> None:
-        if self.ready and (self._lately is None or now - self._lately.time > MEMORY):
-            self._before, self._lately = self._lately, _Memory.of(now, self.bank, self._settings.speed)
+        """Keep what is known of the drift now and then, and what was known before that."""
+        if self.ready and (self._lately is None or now - self._lately[0] > MEMORY):
+            (dx, dy), scale = drift(self.bank.mean[:, 0]), float(self.bank.mean[KAPPA, 0])
+            known = Prior(REMEMBERED * self._settings.speed, dx=float(dx), dy=float(dy), scale=scale)
+            self._before, self._lately = self._lately, (now, known)
 
 
-@dataclass(frozen=True, slots=True)
-class _Memory:
-    """What was known of the drift at a time."""
-
-    time: float
-    known: Prior
-
-    @classmethod
-    def of(cls, now: float, bank: DriftBank, speed: float) -> "_Memory":
-        (dx, dy), scale = drift(bank.mean[:, 0]), float(bank.mean[KAPPA, 0])
-        return cls(now, Prior(REMEMBERED * speed, dx=float(dx), dy=float(dy), scale=scale))
-
-    def at(self, now: float) -> Prior:
-        """What is left of it later."""
-        sigma = sqrt(self.known.drift**2 + FORGOTTEN * (now - self.time))
-        return replace(self.known, drift=sigma)
-
-
-class AutoEstimator:
+class AutoEstimator(Estimator):
     """`auto`: range and range rate by `kalman` from the first samples on, everything by `drift` once it is trusted."""
 
     def __init__(self, settings: EstimatorSettings) -> None:
@@ -200,13 +184,11 @@ class AutoEstimator:
         return self._kalman
 
     def reset(self) -> None:
-        """Forget everything."""
         self.kalman.reset()
         self.drift.reset()
 
     @property
     def ready(self) -> bool:
-        """Whether either may steer."""
         return self.drift.ready or self.kalman.ready
 
     @property
@@ -219,7 +201,6 @@ class AutoEstimator:
         self.kalman.restamp()
 
     def move(self, motion: OwnMotion) -> None:
-        """Take in own motion."""
         self.drift.move(motion)
 
     def observe(self, sample: RangeSample) -> Fused:
@@ -231,12 +212,10 @@ class AutoEstimator:
         return by_drift
 
     def settle(self) -> None:
-        """Let both take in all that they have not."""
         self.drift.settle()
         self.kalman.settle()
 
     def observe_rate(self, sample: RateSample) -> None:
-        """Take in a range rate."""
         self.drift.observe_rate(sample)
         self.kalman.observe_rate(sample)
 

@@ -7,6 +7,7 @@ drift W its r' is off by up to W. Two filters start at eta = +-90 deg, for range
 likelier one counts. Arrays: x (2, 2, B), P (2, 2, 2, B) for state, hypothesis, flight.
 """
 
+from copy import copy
 from math import pi, sqrt
 from typing import Any
 
@@ -115,7 +116,6 @@ class UnicycleEstimator(Estimator):
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything."""
         self.filter = UnicycleFilter(self._settings.gate)
         self._path = OwnPath()
         self._used: Knot | None = None
@@ -129,15 +129,12 @@ class UnicycleEstimator(Estimator):
 
     @property
     def nis(self) -> float | None:
-        """Normalised innovation squared of the newest sample; None before the first."""
         return None if np.isnan(self.filter.nis[0]) else float(self.filter.nis[0])
 
     def move(self, motion: OwnMotion) -> None:
-        """Take in own motion."""
         self._path.move(motion)
 
     def observe(self, sample: RangeSample) -> Fused:
-        """Take one sample in, or refuse it."""
         knot, before = self._path.at(sample.time), self._used
         if knot is None:
             return Fused.ACCEPTED
@@ -159,7 +156,6 @@ class UnicycleEstimator(Estimator):
         return Fused.GATED if self.filter.refused[0] else Fused.ACCEPTED
 
     def observe_rate(self, sample: RateSample) -> None:
-        """Take in a range rate, unless it is older than the newest sample."""
         knot, before = self._path.at(sample.time), self._used
         if knot is None or before is None or knot.piece != before.piece or sample.time < before.motion.time:
             return
@@ -169,12 +165,10 @@ class UnicycleEstimator(Estimator):
         self._used = knot
 
     def at(self, time: float) -> RangeEstimate | None:
-        """The estimate predicted to a moment of the local clock; None while nothing is known."""
         knot = self._path.at(time)
         if knot is None or self._used is None or knot.piece != self._used.piece:
             return None
-        ahead = UnicycleFilter(self._settings.gate)
-        ahead.x, ahead.P, ahead.log_weight = self.filter.x.copy(), self.filter.P.copy(), self.filter.log_weight
+        ahead = copy(self.filter)
         if time > self._used.motion.time:
             self._carry(ahead, self._used, knot)
         (r, eta), P = ahead.likelier
