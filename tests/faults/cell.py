@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from math import inf, sqrt
+from typing import Any
 
 from circnav_mav.pilot import Ending
 from circnav_mav.runtime.status import Watch
@@ -69,6 +70,10 @@ class Scenario:
     reported: str = ""
 
 
+FRESH: dict[str, Any] = {"fresh": True, "lasts": FRESH_PATIENCE, "after": 0.0}
+"""Of a scenario that is about how a flight begins."""
+
+
 @dataclass(frozen=True)
 class Verdict:
     """What came of a cell."""
@@ -100,7 +105,7 @@ def fly(scenario: Scenario, profile: str, seed: int, law: str = LAW) -> Verdict:
     before = dict(course.pilot.tracker.ranging.rejected)
     backward = course.spy.backward
     _begin(course, scenario, seed)
-    end = start + (FRESH_PATIENCE if scenario.fresh else scenario.lasts)
+    end = start + scenario.lasts
     told = Told(course)
     course.fly(end, told.look if scenario.reported else None)
     _finish(course)

@@ -1,8 +1,6 @@
 """A flight in lockstep over a broken link, watched: every setpoint that leaves is read and judged here."""
 
 import copy
-import copyreg
-import struct
 import tempfile
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import replace
@@ -26,8 +24,7 @@ from sim.vehicle import RANGING as RADIO
 from tests.faults.judge import Allowed, broken_rule, is_heartbeat, is_safe, is_setpoint
 from tests.faults.witness import GUIDED, Witness
 from tests.flight.lockstep import CONFIG, clockwise_turns, true_radius
-
-copyreg.pickle(struct.Struct, lambda unpacker: (struct.Struct, (unpacker.format,)))  # lets a flight be copied
+from tests.flight.signed import UNIX
 
 PATIENT = ("limits.hold_s=70.0", "limits.outage_s=70.0", "limits.duration_s=100000.0")
 BAND = 0.05
@@ -37,8 +34,6 @@ SOURCE, STRANGER = "sim", ("10.9.9.9", 6666)
 TRUTH_EVERY = 0.1
 PX4_PATIENCE = {"px4_copter": 1.0, "px4_plane": 0.5, "px4_plane_attitude": 1.0}
 """COM_OF_LOSS_T of OFFBOARD, COM_RC_LOSS_T of the sticks, s."""
-UNIX = 1_790_000_000.0
-"""Wall-clock time at second 0."""
 
 Arrival = tuple[bytes, str, Hashable]
 """A datagram, the link that it comes on, and its sender's address."""

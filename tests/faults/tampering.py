@@ -17,25 +17,20 @@ Change = Callable[[bytes, float], Iterable[bytes]]
 """(frame, now) -> the frames that travel instead of it."""
 
 
-def on(number: int, change: Change, *, direction: str = DOWN, component: int | None = None) -> Tamper:
-    """Apply a change to the frames of one message (of one component); everything else passes."""
+def on(number: int, change: Change, *, direction: str = DOWN) -> Tamper:
+    """Apply a change to the frames of one message; everything else passes."""
 
     def tamper(way: str, data: bytes, now: float) -> Iterable[Passage]:
-        if way != direction or message_id(data) != number or component not in (None, data[6]):
+        if way != direction or message_id(data) != number:
             return [(way, data)]
         return [(way, frame) for frame in change(data, now)]
 
     return tamper
 
 
-def during(since: float, until: float, tamper: Tamper) -> Tamper:
-    """A tamper that is at work for some time only."""
-    return lambda way, data, now: tamper(way, data, now) if since <= now < until else [(way, data)]
-
-
-def dropping(number: int, *, direction: str = DOWN) -> Tamper:
+def dropping(number: int) -> Tamper:
     """A message that never gets through."""
-    return on(number, lambda frame, now: (), direction=direction)
+    return on(number, lambda frame, now: ())
 
 
 def sometimes(fraction: float, seed: int, **values: float) -> Change:
@@ -108,14 +103,13 @@ def stamps(shift: Callable[[float, float], float]) -> Change:
     return change
 
 
-def answered(number: int, result: int, *, swallow: bool = True) -> Tamper:
-    """A vehicle that answers a command with this result, and (`swallow`) does not obey it."""
+def answered(number: int, result: int) -> Tamper:
+    """A vehicle that answers a command with this result, and does not obey it."""
 
     def tamper(way: str, data: bytes, now: float) -> Iterable[Passage]:
         if way != UP or message_id(data) != COMMAND_LONG or read(data).command != number:
             return [(way, data)]
-        asker = sender(data)
-        return [(DOWN, acknowledgement(number, result, asker))] + ([] if swallow else [(way, data)])
+        return [(DOWN, acknowledgement(number, result, sender(data)))]
 
     return tamper
 

@@ -1,7 +1,7 @@
 """The table of docs/faults.md: a line for each fault, with the worst of its cells."""
 
 from tests.faults.cell import Scenario, Verdict, Want
-from tests.faults.matrix import FAULTS, SCENARIOS, by_fault
+from tests.faults.matrix import FAULTS, by_fault
 
 
 def verdict(want: Want, profile: str, faults: tuple[str, ...] = (), **figures: float | str) -> Verdict:
@@ -22,7 +22,3 @@ def test_a_fault_is_a_line_with_the_worst_of_its_cells_and_who_passed_them_all()
     *_, line = table.splitlines()
     wants = "holds the circle; regains the circle; ends the mission"
     assert line == f"| F2 | {FAULTS['F2']} | 4 | {wants} | 1.1 | 21.6 | 3.0 | arducopter |"
-
-
-def test_every_fault_of_the_matrix_has_a_name() -> None:
-    assert {one.fault for one in SCENARIOS} == set(FAULTS)

@@ -15,6 +15,7 @@ from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from math import cos, degrees, radians
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -59,26 +60,42 @@ class Reported:
 
 
 class Firmware(Protocol):
-    """What differs between ArduPilot and PX4."""
+    """ArduPilot or PX4: what differs between them, and how both tell a place. earth: radius of its sphere, m."""
 
+    earth: float
     guided: int
     holding: int
     system: int
-    full_stick_bank: float
     shared: socket.socket
     own: socket.socket
-    own_peer: tuple[str, int] | None
+    own_peer: tuple[str, int] | None = None
+    _origin: tuple[int, int] | None = None
 
     def start(self, folder: Path) -> subprocess.Popen[bytes]: ...
     def truth(self, bench: "Bench", message: Any) -> Truth | None: ...
-    def metres(self, latitude: int, longitude: int) -> tuple[float, float]: ...
     def bring_up(self, bench: "Bench") -> None: ...
     def weather(self, bench: "Bench") -> None: ...
     def wind(self, bench: "Bench", speed: float, from_: float) -> None: ...
     def without_gps(self, bench: "Bench") -> None: ...
     def ask_mode(self, bench: "Bench", mode: int) -> None: ...
     def circle(self, bench: "Bench", north: float, east: float) -> tuple[float, float]: ...
-    def circling(self, bench: "Bench") -> None: ...
+
+    def circling(self, bench: "Bench") -> None:
+        """What its own circle needs again and again: nothing, unless said otherwise."""
+        return
+
+    def metres(self, latitude: int, longitude: int) -> tuple[float, float]:
+        """North and east of where it was first seen, of degrees times 1e7."""
+        self._origin = self._origin or (latitude, longitude)
+        north = radians((latitude - self._origin[0]) * 1e-7) * self.earth
+        return north, radians((longitude - self._origin[1]) * 1e-7) * self.earth * cos(radians(self._origin[0] * 1e-7))
+
+    def degrees_e7(self, north: float, east: float) -> tuple[int, int]:
+        """The inverse of `metres`."""
+        assert self._origin is not None
+        latitude, longitude = self._origin[0] * 1e-7, self._origin[1] * 1e-7
+        at = latitude + degrees(north / self.earth), longitude + degrees(east / (self.earth * cos(radians(latitude))))
+        return round(at[0] * 1e7), round(at[1] * 1e7)
 
 
 def note(*words: object) -> None:
@@ -193,8 +210,7 @@ class Bench:
             self._shared.sendto(data, self._shared_peer)
         for message in self._from_app.parse_buffer(data) or ():
             self.from_app[message.get_type()] += 1
-            speed, bank = self.flight.speed, self.firmware.full_stick_bank
-            one = setpoint(message, self.now, speed=speed, full_stick_bank=bank)
+            one = setpoint(message, self.now, self.flight.speed)
             if one is not None:
                 self.setpoints.append(one)
 

@@ -13,6 +13,7 @@ from statistics import median
 
 import numpy as np
 
+from tests.firmware.flight import VEHICLES
 from tests.firmware.table import told
 from tests.flight.lockstep import clockwise_turns, flight, rms_error
 
@@ -51,8 +52,7 @@ ROWS: dict[str, tuple[str, ...]] = {
     "PX4 plane by attitude, calm": ("px4_plane_attitude",),
     "PX4 plane by attitude, wind 2": ("px4_plane_attitude", WIND(2)),
 }  # fmt: skip
-CIRCLES = {"arduplane": (150.0, 22.0), "arducopter": (30.0, 5.0), "ardurover": (20.0, 3.0), "px4_copter": (50.0, 5.0)}
-PX4_PLANE = 60.0, 10.0
+CIRCLES = {one.mission: (one.radius, one.speed) for one in VEHICLES.values()}
 
 
 @dataclass(frozen=True)
@@ -64,16 +64,18 @@ class Flown:
     right: bool
 
 
-def fly(row: str, seed: int) -> Flown:
-    """One flight of the emulator."""
+def fly(row: str, seed: int, direction: str = "clockwise", count: int = 2) -> Flown:
+    """One flight of the emulator, of which so many laps are judged."""
     mission, *changes = ROWS[row]
-    radius, speed = CIRCLES.get(mission, PX4_PLANE)
-    laps = 2 * 2 * pi * radius / speed
+    radius, speed = CIRCLES[mission]
+    laps = count * 2 * pi * radius / speed
+    changes.append(f'orbit.direction="{direction}"')
     circle = f"orbit.radius_m={radius}", f"vehicle.speed_mps={speed}", f"limits.duration_s={APPROACH + laps + 5}"
     flown = flight(mission, *circle, *changes, f"sim.seed={seed}", law="auto").fly(APPROACH + laps)
     truths = [truth for truth in flown.truths if truth.time > flown.now - laps]
     turns = [tick.turn_rate for tick in flown.ticks if tick.time > flown.now - laps and tick.turn_rate is not None]
-    return Flown(rms_error(truths, radius), degrees(float(np.std(turns))), clockwise_turns(truths) > 1)
+    turned = clockwise_turns(truths) if direction == "clockwise" else -clockwise_turns(truths)
+    return Flown(rms_error(truths, radius), degrees(float(np.std(turns))), turned > count / 2)
 
 
 def main() -> None:

@@ -2,9 +2,10 @@
 
 import argparse
 import sys
-from dataclasses import dataclass, fields
+from dataclasses import MISSING, dataclass, field, fields
 from math import degrees, pi
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).parents[2]
 BEHIND_ARDUPILOT, BEHIND_PX4 = "ardupilot", "px4"
@@ -37,52 +38,59 @@ PRESETS = {
 }
 
 
+def _option(default: object, told: str = "", **how: object) -> Any:
+    """A field with its default and how it is said on the command line."""
+    return field(default=default, metadata={"help": told, **how})
+
+
 @dataclass(frozen=True)
 class Flight:
-    """Metres, seconds, m/s; angles in degrees as the operator gives them."""
+    """Metres, seconds, m/s; angles in degrees as the operator gives them. A field is an option of the command line."""
 
     vehicle: str
     radius: float
     speed: float
     altitude: float
     duration: float
-    direction: str = "clockwise"
-    seed: int = 1
-    baseline: bool = False
-    keep_position: bool = False
-    handback: bool = False
-    home_s: float = 0.0
-    home_away: float = 0.0
+    direction: str = _option("clockwise", choices=("clockwise", "counterclockwise"))
+    seed: int = _option(1)
+    baseline: bool = _option(False, "the autopilot's own GPS circle round the same, known, centre")
+    keep_position: bool = _option(False, "do not hide the autopilot's positions from circnav")
+    handback: bool = _option(False, "handback.enabled, and positions shown: with --gps-off")
+    home_s: float = _option(0.0, "exit action rtl, and T s more on the way home", metavar="T")
+    home_away: float = _option(0.0, "home is so far north of the take-off (ArduPilot)", metavar="M")
     # weather and what goes wrong
-    wind: float = 0.0
-    wind_from: float = 270.0
-    turbulence: float = 0.0
-    wind_change: tuple[float, float, float] | None = None
-    gps_off: float | None = None
-    airspeed_off: float = 1.0
-    roll_limit: float | None = None
-    takeover: float | None = None
+    wind: float = _option(0.0, "m/s")
+    wind_from: float = _option(270.0, "degrees")
+    turbulence: float = _option(0.0, "m/s, standard deviation (ArduPilot)")
+    wind_change: tuple[float, float, float] | None = _option(
+        None, "another wind from then on", nargs=3, metavar=("T", "SPEED", "FROM")
+    )
+    gps_off: float | None = _option(None, "s after the start of circnav", metavar="T")
+    airspeed_off: float = _option(1.0, "airspeed flown over the mission's")
+    roll_limit: float | None = _option(None, "of the autopilot, degrees; the mission keeps its own")
+    takeover: float | None = _option(None, "the operator takes the vehicle T s after the start of circnav", metavar="T")
     # the target
-    start_range: float | None = None
-    start_bearing: float = 70.0
-    target_speed: float = 0.0
-    target_course: float = 0.0
-    target_height: float = 0.0
+    start_range: float | None = _option(None, "of the target, m [2.5 radii]")
+    start_bearing: float = _option(70.0, "degrees right of the nose")
+    target_speed: float = _option(0.0, "m/s")
+    target_course: float = _option(0.0, "degrees")
+    target_height: float = _option(0.0, "m above home")
     # the radio
-    rate: float = 10.0
-    noise: float = 0.5
-    drift: float = 0.0
-    drift_s: float = 3.0
-    outliers: float = 0.0
-    outlier_size: float = 30.0
-    loss: float = 0.0
-    delay: float = 0.0
+    rate: float = _option(10.0, "Hz")
+    noise: float = _option(0.5, "of the ranges, white, m")
+    drift: float = _option(0.0, "and slowly wandering, m")
+    drift_s: float = _option(3.0, "time constant of that")
+    outliers: float = _option(0.0, "share of ranges that are off")
+    outlier_size: float = _option(30.0, "by up to, m")
+    loss: float = _option(0.0, "share of ranges that are lost")
+    delay: float = _option(0.0, "s from measuring to sending; the stamp is that of sending")
     # how it is run
-    speedup: float = 1.0
-    param: tuple[str, ...] = ()
-    set: tuple[str, ...] = ()
-    circnav: str = str(Path(sys.executable).with_name("circnav"))
-    config: str = str(ROOT / "config")
+    speedup: float = _option(1.0, "simulated over real time; only 1 gives figures that count")
+    param: tuple[str, ...] = _option((), "of the autopilot, before take-off", metavar="NAME=VALUE")
+    set: tuple[str, ...] = _option((), "of the mission", metavar="KEY=VALUE")
+    circnav: str = _option(str(Path(sys.executable).with_name("circnav")), "the installed command [beside this Python]")
+    config: str = _option(str(ROOT / "config"), "folder of its mission files [config]")
 
     @property
     def what(self) -> Vehicle:
@@ -101,7 +109,7 @@ class Flight:
     def title(self) -> str:
         """The vehicle and whatever is not as usual."""
         usual = {f.name: f.default for f in fields(self)}
-        usual |= {name: getattr(self.what, name) for name in ("radius", "speed", "altitude", "duration")}
+        usual |= {name: getattr(self.what, name) for name in OF_THE_VEHICLE}
         hidden = {"vehicle", "circnav", "config"}
         unusual = [(name, getattr(self, name)) for name, usually in usual.items() if name not in hidden
                    and getattr(self, name) != usually]  # fmt: skip
@@ -115,56 +123,32 @@ def _told(name: str, value: object) -> str:
     return " ".join([name, *(one if isinstance(one, str) else f"{one:g}" for one in values)])
 
 
+OF_THE_VEHICLE = {"radius": "m", "speed": "m/s", "altitude": "m above home", "duration": "s after engaging"}
+"""Fields that are the vehicle's own unless said otherwise."""
+
+
 def add_options(parser: argparse.ArgumentParser) -> None:
     """What a flight can be told."""
-    add = parser.add_argument
-    add("vehicle", choices=VEHICLES)
-    add("--baseline", action="store_true", help="the autopilot's own GPS circle round the same, known, centre")
-    add("--wind", type=float, default=0.0, help="m/s")
-    add("--wind-from", type=float, default=270.0, help="degrees")
-    add("--turbulence", type=float, default=0.0, help="m/s, standard deviation (ArduPilot)")
-    add("--wind-change", type=float, nargs=3, metavar=("T", "SPEED", "FROM"), help="another wind from then on")
-    add("--target-speed", type=float, default=0.0, help="m/s")
-    add("--target-course", type=float, default=0.0, help="degrees")
-    add("--target-height", type=float, default=0.0, help="m above home")
-    add("--gps-off", type=float, metavar="T", help="s after the start of circnav")
-    add("--outliers", type=float, default=0.0, help="share of ranges that are off")
-    add("--outlier-size", type=float, default=30.0, help="by up to, m")
-    add("--loss", type=float, default=0.0, help="share of ranges that are lost")
-    add("--delay", type=float, default=0.0, help="s from measuring to sending; the stamp is that of sending")
-    add("--noise", type=float, default=0.5, help="of the ranges, white, m")
-    add("--drift", type=float, default=0.0, help="and slowly wandering, m")
-    add("--drift-s", type=float, default=3.0, help="time constant of that")
-    add("--rate", type=float, default=10.0, help="Hz")
-    add("--preset", choices=PRESETS, help="a radio: noise, drift, rate, loss")
-    add("--airspeed-off", type=float, default=1.0, help="airspeed flown over the mission's")
-    add("--roll-limit", type=float, help="of the autopilot, degrees; the mission keeps its own")
-    add("--radius", type=float, help="m")
-    add("--speed", type=float, help="m/s")
-    add("--altitude", type=float, help="m above home")
-    add("--direction", choices=("clockwise", "counterclockwise"), default="clockwise")
-    add("--start-range", type=float, help="of the target, m [2.5 radii]")
-    add("--start-bearing", type=float, default=70.0, help="degrees right of the nose")
-    add("--seed", type=int, default=1)
-    add("--duration", type=float, help="s after engaging")
-    add("--takeover", type=float, metavar="T", help="the operator takes the vehicle T s after the start of circnav")
-    add("--set", action="append", default=[], metavar="KEY=VALUE", help="of the mission")
-    add("--param", action="append", default=[], metavar="NAME=VALUE", help="of the autopilot, before take-off")
-    add("--keep-position", action="store_true", help="do not hide the autopilot's positions from circnav")
-    add("--handback", action="store_true", help="handback.enabled, and positions shown: with --gps-off")
-    add("--home-s", type=float, default=0.0, metavar="T", help="exit action rtl, and T s more on the way home")
-    add("--home-away", type=float, default=0.0, metavar="M", help="home is so far north of the take-off (ArduPilot)")
-    add("--speedup", type=float, default=1.0, help="simulated over real time; only 1 gives figures that count")
-    add("--circnav", default=Flight.circnav, help="the installed command [beside this Python]")
-    add("--config", default=Flight.config, help="folder of its mission files [config]")
+    parser.add_argument("vehicle", choices=VEHICLES)
+    for name, told in OF_THE_VEHICLE.items():
+        parser.add_argument(f"--{name}", type=float, help=told)
+    for one in fields(Flight):
+        if one.default is MISSING:
+            continue
+        how: dict[str, Any] = {"default": one.default, "type": float if one.default is None else type(one.default)}
+        if one.default is False:
+            how = {"action": "store_true"}
+        elif one.default == ():
+            how = {"action": "append", "default": []}
+        parser.add_argument(f"--{one.name.replace('_', '-')}", **how, **one.metadata)
+    parser.add_argument("--preset", choices=PRESETS, help="a radio: noise, drift, rate, loss")
 
 
 def flight(options: argparse.Namespace) -> Flight:
     """The flight that the options name; a preset overrules single options of the radio."""
     given = {f.name: getattr(options, f.name) for f in fields(Flight)}
-    vehicle = VEHICLES[given["vehicle"]]
-    for name in ("radius", "speed", "altitude", "duration"):
-        given[name] = getattr(vehicle, name) if given[name] is None else given[name]
+    for name in OF_THE_VEHICLE:
+        given[name] = getattr(VEHICLES[options.vehicle], name) if given[name] is None else given[name]
     given["param"], given["set"] = tuple(given["param"]), tuple(given["set"])
     return Flight(**given | PRESETS.get(options.preset, {}))
 

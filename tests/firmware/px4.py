@@ -12,11 +12,10 @@ from typing import Any
 
 from pymavlink.dialects.v20 import all as mavlink
 
-from tests.firmware.bench import ACCEPTED, Bench, NoFlightError, Truth, note
+from tests.firmware.bench import ACCEPTED, Bench, Firmware, NoFlightError, Truth, note
 from tests.firmware.flight import Flight
-from tests.firmware.wire import FULL_STICK_BANK, LOOPBACK, bound, euler
+from tests.firmware.wire import LOOPBACK, bound, euler
 
-EARTH = 6371000.0
 INSTANCES = range(10)
 """More share a port."""
 TO_APP, GROUND_STATION = 14540, 18570
@@ -44,10 +43,10 @@ def _build() -> Path | None:
     return next((one for one in (given, given / "build" / "px4_sitl_default") if (one / "bin" / "px4").is_file()), None)
 
 
-class Px4:
+class Px4(Firmware):
     """One of its vehicles."""
 
-    full_stick_bank = FULL_STICK_BANK
+    earth = 6371000.0
 
     def __init__(self, flight: Flight) -> None:
         self._flight, self._kind = flight, flight.what.kind
@@ -56,8 +55,7 @@ class Px4:
         self.shared, self._instance = self._claimed()
         self.system = self._instance + 1
         self.own = bound()
-        self.own_peer: tuple[str, int] | None = (LOOPBACK, GROUND_STATION + self._instance)
-        self._origin: tuple[int, int] | None = None
+        self.own_peer = LOOPBACK, GROUND_STATION + self._instance
 
     def _claimed(self) -> tuple[socket.socket, int]:
         for instance in INSTANCES:
@@ -94,18 +92,11 @@ class Px4:
         """From HIL_STATE_QUATERNION, which carries SIH's own state."""
         if message.get_type() != "HIL_STATE_QUATERNION" or not message.lat:
             return None
-        self._origin = self._origin or (message.lat, message.lon)
         north, east = self.metres(message.lat, message.lon)
         roll, _, yaw = euler(message.attitude_quaternion)
         air = bench.latest.get("VFR_HUD")
         return Truth(bench.now, north, east, message.alt / 1000, message.vx / 100, message.vy / 100, message.vz / 100,
                      roll, yaw, air.airspeed if air else nan)  # fmt: skip
-
-    def metres(self, latitude: int, longitude: int) -> tuple[float, float]:
-        """North and east of where it was first seen, of degrees times 1e7."""
-        assert self._origin is not None
-        north = radians((latitude - self._origin[0]) * 1e-7) * EARTH
-        return north, radians((longitude - self._origin[1]) * 1e-7) * EARTH * cos(radians(self._origin[0] * 1e-7))
 
     def bring_up(self, bench: Bench) -> None:
         """Into the air, in LOITER."""
@@ -164,16 +155,10 @@ class Px4:
 
     def circle(self, bench: Bench, north: float, east: float) -> tuple[float, float]:
         """Its own GPS circle round that place. Returns the centre."""
-        assert self._origin is not None
-        flight, (latitude, longitude) = self._flight, self._origin
-        x = latitude + round(north / EARTH / radians(1e-7))
-        y = longitude + round(east / (EARTH * cos(radians(latitude * 1e-7))) / radians(1e-7))
+        flight, (x, y) = self._flight, self.degrees_e7(north, east)
         values = (flight.radius if flight.clockwise else -flight.radius, flight.speed, 0.0, nan)
         result = bench.command_at(
             mavlink.MAV_CMD_DO_ORBIT, mavlink.MAV_FRAME_GLOBAL, values, x, y, bench.truth.altitude
         )
         note(f"  DO_ORBIT: result {result}")
         return north, east
-
-    def circling(self, bench: Bench) -> None:
-        """It needs no help."""

@@ -6,17 +6,15 @@ CIRCNAV_ARDUPILOT_PARAMS (plane.parm, copter.parm, rover.parm).
 
 import os
 import subprocess
-from math import cos, degrees, radians
 from pathlib import Path
 from typing import Any
 
 from pymavlink.dialects.v20 import all as mavlink
 
-from tests.firmware.bench import ACCEPTED, Bench, NoFlightError, Truth, note
+from tests.firmware.bench import ACCEPTED, Bench, Firmware, NoFlightError, Truth, note
 from tests.firmware.flight import Flight, circle_rate
-from tests.firmware.wire import FULL_STICK_BANK, LOOPBACK, bound
+from tests.firmware.wire import LOOPBACK, bound
 
-EARTH = 6378100.0
 HOME = "-35.363261,149.165230,584,353"
 POSITION_KNOWN = 0x13
 """EKF_STATUS_REPORT: attitude, horizontal velocity, absolute horizontal position."""
@@ -43,18 +41,15 @@ def _parameters(kind: str) -> Path | None:
     return next((folder / f"{kind}.parm" for folder in folders if (folder / f"{kind}.parm").is_file()), None)
 
 
-class ArduPilot:
+class ArduPilot(Firmware):
     """One of its vehicles."""
 
-    system = 1
-    full_stick_bank = FULL_STICK_BANK
+    earth, system = 6378100.0, 1
 
     def __init__(self, flight: Flight, rc_port: int) -> None:
         self._flight, self._kind, self._rc_port = flight, flight.what.kind, rc_port
         self.guided, self.holding = GUIDED[self._kind], HOLDING[self._kind]
         self.shared, self.own = bound(), bound()
-        self.own_peer: tuple[str, int] | None = None
-        self._origin: tuple[int, int] | None = None
 
     def start(self, folder: Path) -> subprocess.Popen[bytes]:
         """In a folder of its own, where it keeps its parameters and logs."""
@@ -77,24 +72,10 @@ class ArduPilot:
         """From SIM_STATE."""
         if message.get_type() != "SIM_STATE":
             return None
-        self._origin = self._origin or (message.lat_int, message.lon_int)
         north, east = self.metres(message.lat_int, message.lon_int)
         air = bench.latest.get("VFR_HUD")
         return Truth(bench.now, north, east, message.alt, message.vn, message.ve, message.vd, message.roll, message.yaw,
                      air.airspeed if air else float("nan"))  # fmt: skip
-
-    def metres(self, latitude: int, longitude: int) -> tuple[float, float]:
-        """North and east of where it was first seen, of degrees times 1e7."""
-        assert self._origin is not None
-        north = radians((latitude - self._origin[0]) * 1e-7) * EARTH
-        return north, radians((longitude - self._origin[1]) * 1e-7) * EARTH * cos(radians(self._origin[0] * 1e-7))
-
-    def _degrees_e7(self, north: float, east: float) -> tuple[int, int]:
-        """The inverse of `metres`."""
-        assert self._origin is not None
-        latitude, longitude = self._origin[0] * 1e-7, self._origin[1] * 1e-7
-        at = latitude + degrees(north / EARTH), longitude + degrees(east / (EARTH * cos(radians(latitude))))
-        return round(at[0] * 1e7), round(at[1] * 1e7)
 
     def bring_up(self, bench: Bench) -> None:
         """Into the air, holding."""
@@ -123,7 +104,7 @@ class ArduPilot:
         bench.set_mode(self.holding)
 
     def _move_home(self, bench: Bench) -> None:
-        x, y = self._degrees_e7(self._flight.home_away, 0.0)
+        x, y = self.degrees_e7(self._flight.home_away, 0.0)
         frame, values = mavlink.MAV_FRAME_GLOBAL, (0.0, 0.0, 0.0, 0.0)
         if bench.command_at(mavlink.MAV_CMD_DO_SET_HOME, frame, values, x, y, bench.track[0].altitude) != ACCEPTED:
             raise NoFlightError("home was not moved")
@@ -191,7 +172,7 @@ class ArduPilot:
         """Its own GPS circle: a plane's round that place, of others round where they stand. Returns the centre."""
         flight, sign = self._flight, 1 if self._flight.clockwise else -1
         if self._kind == "plane":
-            x, y = self._degrees_e7(north, east)
+            x, y = self.degrees_e7(north, east)
             bench.set_parameter("WP_LOITER_RAD", sign * flight.radius)
             values = (-1.0, 1.0, flight.radius, 0.0 if flight.clockwise else 1.0)
             frame = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT

@@ -64,11 +64,11 @@ def test_what_a_setpoint_commands_is_clockwise_positive() -> None:
     roll = mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 0xC6, [cos(half), sin(half), 0, 0], 0, 0, nan, 0)
     yaw = mavlink.MAVLink_set_position_target_local_ned_message(0, 1, 1, 8, 0x5C7, *[0.0] * 9, 0.0, -0.2)
     stick = mavlink.MAVLink_manual_control_message(1, 0, 500, 500, 0, 0)
-    told = [setpoint(one, 3.0, speed=20.0, full_stick_bank=radians(40.0)) for one in (roll, yaw, stick)]
+    told = [setpoint(one, 3.0, 20.0) for one in (roll, yaw, stick)]
     turns = [one.turn for one in told if one is not None]
-    assert turns == pytest.approx([9.80665 * tan(radians(30)) / 20, -0.2, 9.80665 * tan(radians(20)) / 20])
+    assert turns == pytest.approx([9.80665 * tan(radians(30)) / 20, -0.2, 9.80665 * tan(radians(25)) / 20])
     assert [one.finite for one in told if one is not None] == [False, True, True]
-    assert setpoint(mavlink.MAVLink_heartbeat_message(0, 0, 0, 0, 0, 3), 3.0, speed=20.0, full_stick_bank=1.0) is None
+    assert setpoint(mavlink.MAVLink_heartbeat_message(0, 0, 0, 0, 0, 3), 3.0, 20.0) is None
 
 
 def test_frames_are_cut_from_a_datagram_and_the_mode_is_read() -> None:

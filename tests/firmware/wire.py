@@ -9,6 +9,7 @@ from typing import Any
 from pymavlink.dialects.v20 import all as mavlink
 
 G = 9.80665
+FULL_STICK_BANK = radians(50.0)
 LOOPBACK = "127.0.0.1"
 POSITIONS = frozenset({24, 32, 33, 49, 63, 104, 108, 113, 114, 115, 124, 164, 178, 182, 230, 242})
 """Messages that tell where the vehicle is, raw or estimated, or how fast over ground: circnav shall not see them."""
@@ -59,12 +60,12 @@ def mode_shown(number: int, frame: bytes) -> int | None:
     return int.from_bytes(frame[payload : payload + 4], "little")
 
 
-def setpoint(message: Any, time: float, *, speed: float, full_stick_bank: float) -> Setpoint | None:
+def setpoint(message: Any, time: float, speed: float) -> Setpoint | None:
     """What a message of circnav commands, None if it is no setpoint. A bank counts as its coordinated turn."""
     kind = message.get_type()
     if kind not in SETPOINTS:
         return None
-    roll = _roll(message, full_stick_bank)
+    roll = _roll(message)
     turn = None
     if not (kind in YAW_RATE_IGNORED and message.type_mask & YAW_RATE_IGNORED[kind]):
         turn = getattr(message, "yaw_rate", getattr(message, "body_yaw_rate", None))
@@ -74,10 +75,10 @@ def setpoint(message: Any, time: float, *, speed: float, full_stick_bank: float)
     return Setpoint(time, kind, turn, roll, all(map(isfinite, values)))
 
 
-def _roll(message: Any, full_stick_bank: float) -> float | None:
+def _roll(message: Any) -> float | None:
     if message.get_type() == "SET_ATTITUDE_TARGET":
         return euler(message.q)[0]
-    return message.y / 1000 * full_stick_bank if message.get_type() == "MANUAL_CONTROL" else None
+    return message.y / 1000 * FULL_STICK_BANK if message.get_type() == "MANUAL_CONTROL" else None
 
 
 def parser() -> mavlink.MAVLink:
@@ -92,6 +93,3 @@ def euler(q: tuple[float, float, float, float]) -> tuple[float, float, float]:
     w, x, y, z = q
     roll, yaw = atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)), atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
     return roll, asin(max(-1.0, min(1.0, 2 * (w * y - x * z)))), yaw
-
-
-FULL_STICK_BANK = radians(50.0)

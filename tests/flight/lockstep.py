@@ -1,24 +1,29 @@
 """Flies a pilot against the bundled vehicle in the product's own lockstep, with faults between them."""
 
+import copyreg
 import itertools
 import math
 import statistics
+import struct
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from circnav_mav.mission.load import load_mission
-from circnav_mav.pilot import VEHICLE, Pilot, TickRecord
+from circnav_mav.pilot import VEHICLE, Outcome, Pilot, TickRecord
 from circnav_mav.runtime.links import Link
 from circnav_mav.runtime.lockstep import Lockstep
 from circnav_mav.runtime.recorder import LoopStep
 from circnav_mav.runtime.runner import turn
 from sim.config import parse_vehicle
+from sim.faults.frames import frames, message_id
 from sim.faults.pipe import Pipe
 from sim.vehicle import Truth, Vehicle
 
+copyreg.pickle(struct.Struct, lambda unpacker: (struct.Struct, (unpacker.format,)))  # lets a flight be copied
+
 CONFIG = Path(__file__).parents[2] / "config"
-SETPOINT_IDS = {84, 82}  # SET_POSITION_TARGET_LOCAL_NED, SET_ATTITUDE_TARGET
+SETPOINT_IDS = {84, 82, 69}  # SET_POSITION_TARGET_LOCAL_NED, SET_ATTITUDE_TARGET, MANUAL_CONTROL
 
 
 @dataclass
@@ -52,6 +57,12 @@ class Flight:
             if watch is not None:
                 watch(self)
         return self
+
+    @property
+    def outcome(self) -> Outcome:
+        """How the mission ended, which it must have."""
+        assert self.pilot.outcome is not None
+        return self.pilot.outcome
 
     @property
     def setpoint_times(self) -> list[float]:
@@ -116,11 +127,7 @@ def flight(mission: str, *overrides: str, law: str | None = None) -> Flight:
 
 def message_ids(data: bytes) -> list[int]:
     """Ids of the MAVLink 2 frames in some output."""
-    ids, at = [], 0
-    while at < len(data):
-        ids.append(int.from_bytes(data[at + 7 : at + 10], "little"))
-        at += data[at + 1] + 12
-    return ids
+    return list(map(message_id, frames(data)))
 
 
 def true_radius(truth: Truth) -> float:

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from pymavlink.dialects.v20 import all as mavlink
+
 from circnav_mav.mav.signing import Signing
 from circnav_mav.mission.load import load_mission
 from circnav_mav.pilot import Pilot
@@ -12,6 +14,17 @@ from tests.flight.lockstep import CONFIG, Flight
 
 KEY, OTHER = bytes(range(32)), bytes(range(1, 33))
 UNIX = 1_790_000_000.0
+"""Wall-clock time at second 0."""
+
+
+def voice(
+    key: bytes | None, timestamp: int = 0, system: int = 1, component: int = 1, link_id: int = 0
+) -> mavlink.MAVLink:
+    """Anybody, with any key and clock."""
+    engine = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
+    engine.signing.secret_key, engine.signing.sign_outgoing = key, key is not None
+    engine.signing.timestamp, engine.signing.link_id = timestamp, link_id
+    return engine
 
 
 @dataclass

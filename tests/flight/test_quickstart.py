@@ -1,52 +1,43 @@
-"""The quickstart mission in lockstep, both senses of rotation, and with the other ranging messages."""
+"""The quickstart mission in lockstep: both senses of rotation, every ranging message."""
 
 import pytest
 
 from tests.flight.lockstep import clockwise_turns, flight, last_third, rms_error
 
 
-@pytest.mark.parametrize(("direction", "sign"), [("clockwise", 1), ("counterclockwise", -1)])
-def test_quickstart_holds_the_circle_to_two_percent_in_the_sense_asked_for(direction: str, sign: int) -> None:
-    flown = flight("quickstart", f'orbit.direction="{direction}"', "limits.duration_s=150").fly(160)
-    assert flown.pilot.outcome is not None
-    assert flown.pilot.outcome.ending.value == "completed"
-    assert rms_error(last_third(flown), 100.0) < 2.0
-    assert sign * clockwise_turns(last_third(flown)) > 1.0
-
-
 def test_switching_law_flies_the_quickstart_circle_despite_noise() -> None:
-    flown = flight("quickstart", 'guidance.law="switching"', "limits.duration_s=150").fly(160)
+    flown = flight("quickstart", 'guidance.law="switching"', "limits.duration_s=110").fly(160)
     assert rms_error(last_third(flown), 100.0) < 10.0
-    assert clockwise_turns(last_third(flown)) > 1.0
+    assert clockwise_turns(last_third(flown)) > 0.7
+
+
+NAMED = ('ranging.message="named_value_float"', 'sim.ranging.message="named_value_float"')
+BEACON = (
+    'ranging.message="ranging_beacon"', 'ranging.endpoint="sim"', "ranging.beacon_id=9",
+    'sim.ranging.message="ranging_beacon"', 'sim.ranging.via="direct"', "sim.ranging.beacon_id=9",
+)  # fmt: skip
 
 
 @pytest.mark.parametrize(
-    "overrides",
-    [
-        ('ranging.message="named_value_float"', 'sim.ranging.message="named_value_float"'),
-        (
-            'ranging.message="ranging_beacon"',
-            'ranging.endpoint="sim"',
-            "ranging.beacon_id=9",
-            'sim.ranging.message="ranging_beacon"',
-            'sim.ranging.via="direct"',
-            "sim.ranging.beacon_id=9",
-        ),
-    ],
-    ids=["named_value_float", "ranging_beacon"],
+    ("direction", "sign", "message"),
+    [("counterclockwise", -1, ()), ("counterclockwise", -1, NAMED), ("clockwise", 1, BEACON)],
+    ids=["distance_sensor", "named_value_float", "ranging_beacon"],
 )
-def test_every_ranging_message_flies_the_circle(overrides: tuple[str, ...]) -> None:
-    flown = flight("quickstart", "limits.duration_s=100", *overrides).fly(110)
+def test_every_ranging_message_flies_the_circle_in_the_sense_asked_for(
+    direction: str, sign: int, message: tuple[str, ...]
+) -> None:
+    flown = flight("quickstart", f'orbit.direction="{direction}"', "limits.duration_s=100", *message).fly(110)
+    assert flown.outcome.ending.value == "completed"
     assert rms_error(last_third(flown), 100.0) < 2.0
-    assert clockwise_turns(last_third(flown)) > 0.5
+    assert sign * clockwise_turns(last_third(flown)) > 0.5
 
 
 def test_ranging_that_arrives_late_and_seldom_still_flies_the_circle() -> None:
     late = ("sim.ranging.latency_s=0.2", "sim.ranging.rate_hz=4.0", "ranging.rate_hz=4.0", "limits.stale_s=1.0")
-    flown = flight("quickstart", "limits.duration_s=150", *late).fly(160)
+    flown = flight("quickstart", "limits.duration_s=110", *late).fly(160)
     assert rms_error(last_third(flown), 100.0) < 4.0
 
 
 def test_same_seed_gives_the_same_bytes() -> None:
-    first, second = (flight("quickstart", "limits.duration_s=30").fly(40) for _ in range(2))
+    first, second = (flight("quickstart", "limits.duration_s=15").fly(40) for _ in range(2))
     assert first.sent == second.sent

@@ -6,7 +6,7 @@ from sim.faults.impairment import Impairment
 from sim.faults.pipe import Pipe
 from tests.flight.lockstep import clockwise_turns, flight, last_third, rms_error, unrest
 
-SECONDS = 150.0
+SECONDS = 110.0
 
 
 @pytest.mark.parametrize(("mission", "most"), [("arduplane", 1.5), ("ardurover", 4.0)])

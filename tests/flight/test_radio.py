@@ -45,7 +45,7 @@ def radio_flight(folder, *overrides) -> RecordedFlight:
 
 def test_the_named_beacon_is_circled_through_an_outage_and_replayed_exactly(tmp_path):
     flight = radio_flight(tmp_path, "ranging.beacon_id=3")
-    assert flight.pilot.outcome.ending.value == "completed"
+    assert flight.outcome.ending.value == "completed"
     run = open_run(tmp_path)
     flown = run.truth.time > 40
     assert abs(run.truth.radius[flown] - 100).max() < 5

@@ -20,7 +20,7 @@ def again(folder: Path):
 
 
 def test_a_flight_of_the_command_is_replayed_byte_for_byte(tmp_path: Path) -> None:
-    process = circnav("fly", QUICKSTART, "--duration", "40", "--out", str(tmp_path))
+    process = circnav("fly", QUICKSTART, "--duration", "20", "--out", str(tmp_path))
     process.communicate(timeout=PATIENCE)
     done = again(tmp_path)
     assert done.identical

@@ -20,6 +20,7 @@ from sim.faults.pipe import Pipe
 from tests.flight.lockstep import Flight, clockwise_turns, flight, rms_error
 
 RADIUS, SPEED = {"arduplane": 150.0, "arducopter": 30.0}, {"arduplane": 22.0, "arducopter": 5.0}
+APPROACH = 50.0
 LAG = {"arduplane": 0.5, "arducopter": 0.7}  # turn_lag_s of the missions flown
 
 
@@ -54,9 +55,9 @@ def as_shipped(mission: str, share_counts: bool = False) -> Callable[..., float]
     return steer
 
 
-def laps(mission: str, count: int = 3) -> Flight:
-    """Laps after a minute of approach, over a link of 10 .. 22 ms there and back."""
-    duration = 60 + count * lap(mission)
+def laps(mission: str, count: int = 2) -> Flight:
+    """Laps after the approach, over a link of 10 .. 22 ms there and back."""
+    duration = APPROACH + count * lap(mission)
     flown = flight(mission, f"vehicle.turn_lag_s={LAG[mission]}", f"limits.duration_s={duration}", law="auto")
     flown.down, flown.up = (Pipe(Impairment(delay=0.005, jitter=0.006, in_order=True), seed) for seed in (1, 2))
     return flown.fly(duration + 30)
@@ -98,7 +99,7 @@ def test_the_copter_swings_with_the_gains_that_swing_on_firmware(monkeypatch: py
 @pytest.mark.parametrize(("mission", "most", "quiet"), [("arduplane", 0.3, 0.75), ("arducopter", 0.25, 1.2)])
 def test_the_gains_of_today_fly_quietly_and_truly(mission: str, most: float, quiet: float) -> None:
     """Turn sd on firmware: plane .5, copter .8 deg/s; the emulator agrees within half."""
-    flown = laps(mission)
+    flown = laps(mission, 3)
     rms, sd, turns, _ = last_two_laps(flown, mission)
     assert sd < quiet and rms < most
     assert turns > 1.9
@@ -110,7 +111,7 @@ def test_a_command_that_swings_is_said_and_answered_by_lower_gains_until_it_stop
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(step, "_by_drift", as_shipped("arducopter", share_counts=True))
-    flown = laps("arducopter", 5)
+    flown = laps("arducopter", 4)
     _, sd, turns, _ = last_two_laps(flown, "arducopter")
     assert flown.ticks[-1].gain_share < 1.0
     assert sd < 5.0

@@ -1,9 +1,7 @@
 """Every vehicle of the adapter table, flown in lockstep against the emulator's profile of it."""
 
 import copy
-import copyreg
 import random
-import struct
 
 import pytest
 
@@ -20,13 +18,10 @@ from tests.flight.lockstep import (
     unrest,
 )
 
-copyreg.pickle(struct.Struct, lambda unpacker: (struct.Struct, (unpacker.format,)))  # lets a flight be copied
-
 ARDUPILOT = {"arducopter": 5, "arduplane": 7, "ardurover": 4}  # mission -> a mode of the operator's
 PX4 = ("px4_copter", "px4_plane", "px4_plane_attitude")
 VEHICLES = (*ARDUPILOT, *PX4)
 AUTO_LOITER = (4, 3)
-DIRECTIONS = {"clockwise": 1, "counterclockwise": -1}
 
 
 def take_over(flown: Flight, mission: str) -> None:
@@ -34,38 +29,22 @@ def take_over(flown: Flight, mission: str) -> None:
     Operator(flown.vehicle).set_mode(*numbers)
 
 
-@pytest.mark.parametrize(
-    ("mission", "law", "seconds", "direction", "most"),
-    [
-        ("arducopter", "auto", 130, "counterclockwise", 1.5),
-        ("arduplane", "auto", 130, "counterclockwise", 1.5),
-        ("ardurover", "auto", 130, "counterclockwise", 4.0),
-        ("ardurover", "smooth", 200, "clockwise", 4.0),
-        ("px4_copter", "auto", 130, "counterclockwise", 4.5),
-        ("px4_plane", "auto", 130, "counterclockwise", 2.5),
-        ("px4_plane_attitude", "auto", 130, "counterclockwise", 2.5),
-        ("px4_plane_attitude", "auto", 130, "clockwise", 2.5),
-    ],
-)
-def test_vehicle_holds_the_circle_to_two_percent_in_the_sense_asked_for_with_a_quiet_turn(
-    mission: str, law: str, seconds: int, direction: str, most: float
-) -> None:
-    """most: standard deviation of the turn command, deg/s; the turn itself is 5 .. 13. `auto` clockwise on the other
-    vehicles: test_ringing.py, tests/firmware/test_emulated.py."""
-    overrides = (f'orbit.direction="{direction}"', f"limits.duration_s={seconds}.0")
-    flown = flight(mission, *overrides, law=law).fly(seconds + 100)
+@pytest.mark.parametrize(("mission", "most"), [("arducopter", 1.5), ("ardurover", 4.0), ("px4_plane_attitude", 2.5)])
+def test_vehicle_holds_the_circle_to_two_percent_counterclockwise_with_a_quiet_turn(mission: str, most: float) -> None:
+    """most: standard deviation of the turn command, deg/s; the turn itself is 5 .. 13. The other vehicles:
+    tests/firmware/test_emulated.py; clockwise: test_ringing.py."""
+    flown = flight(mission, 'orbit.direction="counterclockwise"', "limits.duration_s=120.0", law="auto").fly(200)
     radius = flown.pilot.settings.orbit.radius
-    assert flown.pilot.outcome is not None
-    assert flown.pilot.outcome.ending is Ending.COMPLETED
+    assert flown.outcome.ending is Ending.COMPLETED
     assert rms_error(last_third(flown), radius) < 0.02 * radius
     assert unrest(flown) < most
-    assert DIRECTIONS[direction] * clockwise_turns(last_third(flown)) > 0.4
+    assert clockwise_turns(last_third(flown)) < -0.4
 
 
 def test_plane_flies_the_same_mission_although_it_turns_less_than_it_is_told() -> None:
     """22.0 m/s indicated is 23.4 true on the emulated plane: the coordinated rate it knows is 6 % too high. The mean
     radius is true all the same."""
-    flown = flight("arduplane", "sim.vehicle.turn_effectiveness=0.73", 'orbit.direction="counterclockwise"').fly(220)
+    flown = flight("arduplane", "sim.vehicle.turn_effectiveness=0.73", 'orbit.direction="counterclockwise"').fly(160)
     assert rms_error(last_third(flown), 150.0) < 1.0
     assert clockwise_turns(last_third(flown)) < -0.8
     assert mean_radius(last_third(flown)) == pytest.approx(150.0, abs=0.2)
@@ -90,13 +69,12 @@ def test_no_setpoint_after_the_tick_that_saw_the_operator_take_over_at_random_ti
         flown.fly(seen_at + 0.3)
         del flown.sent[:count]
         assert [time for time in flown.setpoint_times if time >= seen_at - 1e-9] == []
-        assert flown.pilot.outcome is not None
-        assert flown.pilot.outcome.ending is Ending.ABORTED
+        assert flown.outcome.ending is Ending.ABORTED
 
 
 @pytest.mark.parametrize("mission", VEHICLES)
 def test_when_the_application_is_killed_the_autopilots_own_timeout_takes_over(mission: str) -> None:
-    flown = flight(mission).fly(40)
+    flown = flight(mission).fly(15)
     vehicle, told = flown.vehicle, flown.pilot.session.adapter.guided_mode
     banks = []
     for tenth in range(200):
@@ -118,8 +96,7 @@ def test_exit_action_gives_the_vehicle_to_the_mode_that_the_mission_names(missio
     adapter = flown.pilot.session.adapter
     assert flown.pilot.done
     assert flown.pilot.session.vehicle.mode == adapter.exits["rtl"] == flown.vehicle.truth.mode
-    assert flown.pilot.outcome is not None
-    assert flown.pilot.outcome.reason == "flown to its end"
+    assert flown.outcome.reason == "flown to its end"
 
 
 @pytest.mark.parametrize("taken_over", [False, True])
@@ -128,11 +105,11 @@ def test_px4_plane_given_back_without_sticks_stays_in_hold_only_where_hold_is_ex
     excepted: int, in_the_end: str, taken_over: bool
 ) -> None:
     """Our stick counts as manual control: when it ends, PX4 calls that lost, whoever has the vehicle by then."""
-    flown = flight("px4_plane", "limits.duration_s=20.0")
+    flown = flight("px4_plane", "limits.duration_s=8.0")
     operator = Operator(flown.vehicle)
     operator.set_px4_integer("COM_RCL_EXCEPT", excepted)
     if taken_over:
-        flown.fly(20)
+        flown.fly(8)
         operator.set_mode(*AUTO_LOITER)
     flown.fly(60)
     assert flown.pilot.done
@@ -140,17 +117,16 @@ def test_px4_plane_given_back_without_sticks_stays_in_hold_only_where_hold_is_ex
     assert flown.vehicle.truth.mode == modes["loiter"]
     flown.vehicle.advance(flown.now + 4.0)
     assert flown.vehicle.truth.mode == modes["loiter"]
-    flown.vehicle.advance(flown.now + 60.0)
+    flown.vehicle.advance(flown.now + 40.0)
     assert flown.vehicle.truth.mode == modes[in_the_end]
 
 
 @pytest.mark.parametrize("mission", VEHICLES)
 def test_range_lost_for_good_holds_then_gives_the_vehicle_back(mission: str) -> None:
     flown = flight(mission, "limits.hold_s=4.0")
-    flown.hears = lambda frame, now: not (frame[7:10] == b"\x84\x00\x00" and now > 50)
-    flown.fly(80)
-    assert flown.pilot.outcome is not None
-    assert "no range" in flown.pilot.outcome.reason
+    flown.hears = lambda frame, now: not (frame[7:10] == b"\x84\x00\x00" and now > 12)
+    flown.fly(40)
+    assert "no range" in flown.outcome.reason
     assert flown.vehicle.truth.mode == flown.pilot.session.adapter.exits[flown.pilot.settings.exit or "loiter"]
 
 
@@ -165,28 +141,25 @@ def test_plane_without_airspeed_is_not_flown() -> None:
     flown.hears = lambda frame, now: frame[7] != 74  # no VFR_HUD
     flown.fly(30)
     assert flown.setpoint_times == []
-    assert flown.pilot.outcome is not None
-    assert flown.pilot.outcome.ending is Ending.NOTHING_HEARD
-    assert "no airspeed in VFR_HUD" in flown.pilot.outcome.reason
+    assert flown.outcome.ending is Ending.NOTHING_HEARD
+    assert "no airspeed in VFR_HUD" in flown.outcome.reason
 
 
 def test_plane_circles_on_when_gps_is_lost() -> None:
-    lost = 'sim.events=[{at_s=60.0, action="gps_off"}]'
-    flown = flight("arduplane", lost, "limits.duration_s=150.0").fly(400)
-    assert flown.pilot.outcome is not None
-    assert flown.pilot.outcome.ending is Ending.COMPLETED
+    lost = 'sim.events=[{at_s=40.0, action="gps_off"}]'
+    flown = flight("arduplane", lost, "limits.duration_s=100.0").fly(400)
+    assert flown.outcome.ending is Ending.COMPLETED
     assert rms_error(last_third(flown), 150.0) < 1.5
 
 
 def test_px4_copter_holds_its_height_although_zero_climb_rate_does_not() -> None:
-    flown = flight("px4_copter", "limits.duration_s=80.0").fly(100)
+    flown = flight("px4_copter", "limits.duration_s=60.0").fly(100)
     heights = [-truth.down for truth in flown.truths if truth.time > 10]
     assert max(heights) - min(heights) < 1.0
 
 
 def test_bound_that_is_broken_gives_the_vehicle_back() -> None:
     flown = flight("arduplane", "bounds.min_range_m=200.0", "limits.duration_s=100.0").fly(120)
-    assert flown.pilot.outcome is not None
-    assert "is nearer than 200.0 m" in flown.pilot.outcome.reason
+    assert "is nearer than 200.0 m" in flown.outcome.reason
     assert true_radius(flown.truths[-1]) > 150
     assert flown.vehicle.truth.mode == flown.pilot.session.adapter.exits["loiter"]

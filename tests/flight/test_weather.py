@@ -46,8 +46,7 @@ def test_auto_holds_the_circle_in_the_sense_asked_for(name: str) -> None:
     overrides, most = SITUATIONS[name]
     flown = flown_by_auto("arduplane" if name.startswith("plane") else "arducopter", overrides)
     end = [truth for truth in flown.truths if truth.time > flown.now - JUDGED]
-    assert flown.pilot.outcome is not None
-    assert flown.pilot.outcome.ending is Ending.COMPLETED
+    assert flown.outcome.ending is Ending.COMPLETED
     assert rms_error(end, flown.pilot.settings.orbit.radius) < most
     assert clockwise_turns(end) > 0.7
     assert "drift" in {tick.law for tick in flown.ticks[-40:]}

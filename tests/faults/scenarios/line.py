@@ -1,22 +1,26 @@
 """F1 .. F7: what a line does to datagrams, in both directions unless said otherwise."""
 
+from typing import Any
+
 from sim.faults import Impairment
-from tests.faults.cell import FRESH_PATIENCE, Scenario, Want
+from tests.faults.cell import FRESH, FRESH_PATIENCE, Scenario, Want
 from tests.faults.course import Course
 
 PX4 = ("px4_copter", "px4_plane", "px4_plane_attitude")
 
 
-def both(fault: str, level: str, impairment: Impairment, **more: object) -> Scenario:
-    return Scenario(fault, level, up=impairment, down=impairment, **more)  # type: ignore[arg-type]
+def both(fault: str, level: str, impairment: Impairment, **more: Any) -> Scenario:
+    return Scenario(fault, level, up=impairment, down=impairment, **more)
 
 
-def outage(seconds: float, way: str, **more: object) -> Scenario:
+def outage(seconds: float, way: str, **more: Any) -> Scenario:
     cut = Impairment(outages=((0.0, seconds),))
-    directions = {"up": cut} if way == "up" else {"down": cut} if way == "down" else {"up": cut, "down": cut}
+    directions: dict[str, Any] = (
+        {"up": cut} if way == "up" else {"down": cut} if way == "down" else {"up": cut, "down": cut}
+    )
     want = Want.REGAIN if seconds > 0.3 else Want.HOLD
     options = {"want": want, "lasts": seconds, "after": 60.0, **more}
-    return Scenario("F2", f"{seconds:g} s {way}", **directions, **options)  # type: ignore[arg-type]
+    return Scenario("F2", f"{seconds:g} s {way}", **directions, **options)
 
 
 def engages_only_when_the_link_is_quick(course: Course) -> str | None:
@@ -25,13 +29,15 @@ def engages_only_when_the_link_is_quick(course: Course) -> str | None:
     return f"engaged after {at:.1f} s over a slow link" if at is not None and at < FRESH_PATIENCE else None
 
 
+OLDER_RANGES = ("limits.stale_s=1.5",)
+ONLY_WHEN_QUICK = {**FRESH, "want": Want.ENGAGE, "after": 15.0, "check": engages_only_when_the_link_is_quick}
 LOSS = [
     *(both("F1", f"{p} %", Impairment(loss=p / 100), quick=p == 20) for p in (1, 5, 10, 20)),
     *(both("F1", f"{p} %", Impairment(loss=p / 100), want=Want.REGAIN) for p in (33, 50)),
-    both("F1", "33 % from the start", Impairment(loss=0.33), want=Want.ENGAGE, fresh=True, after=0.0, quick=True),
+    both("F1", "33 % from the start", Impairment(loss=0.33), want=Want.ENGAGE, quick=True, **FRESH),
 ]
 OUTAGES = [
-    *(outage(s, "both", quick=s in (3, 60)) for s in (0.2, 0.5, 1, 3, 10, 60)),
+    *(outage(s, "both", quick=s == 3) for s in (0.2, 0.5, 1, 3, 10, 60)),
     *(outage(s, "up", quick=s == 10) for s in (0.5, 1, 3, 10, 60)),
     outage(90, "up", want=Want.SAFE),
     Scenario("F2", "up, bursts of 1 s every 10 s", up=Impairment(burst_every=10, burst=1), want=Want.REGAIN),
@@ -44,28 +50,13 @@ DELAY = [
     both("F3", "500 ms", Impairment(delay=0.5), want=Want.REGAIN),
     both("F3", "1000 ms", Impairment(delay=1.0), want=Want.REGAIN, on={"px4_copter": Want.SAFE}),
     *(
-        both(
-            "F3",
-            f"{ms} ms, stale_s 1.5",
-            Impairment(delay=ms / 1000),
-            overrides=("limits.stale_s=1.5",),
-            want=Want.REGAIN,
-        )
-        for ms in (500, 1000)
+        both("F3", f"{1000 * s:.0f} ms, stale_s 1.5", Impairment(delay=s), overrides=OLDER_RANGES, want=Want.REGAIN)
+        for s in (0.5, 1.0)
     ),
-    both("F3", "250 ms from the start", Impairment(delay=0.25), want=Want.ENGAGE, fresh=True, after=0.0),
+    both("F3", "250 ms from the start", Impairment(delay=0.25), want=Want.ENGAGE, **FRESH),
     *(
-        both(
-            "F3",
-            f"{ms} ms from the start",
-            Impairment(delay=ms / 1000),
-            want=Want.ENGAGE,
-            fresh=True,
-            after=15.0,
-            check=engages_only_when_the_link_is_quick,
-            quick=ms == 500,
-        )
-        for ms in (500, 1000)
+        both("F3", f"{1000 * s:.0f} ms from the start", Impairment(delay=s), quick=s == 0.5, **ONLY_WHEN_QUICK)
+        for s in (0.5, 1.0)
     ),
 ]
 JITTER = [

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable
 from copy import deepcopy
 from itertools import count
 from random import Random
+from typing import Any
 
 from pymavlink.dialects.v20 import all as mavlink
 
@@ -14,7 +15,7 @@ from sim.faults import DOWN, UP, Impairment
 from sim.faults.frames import message_id, raw_frame, sender
 from sim.faults.intruders import GCS, ground_station, speaking, strangers, twin, vehicle
 from sim.faults.link import Intruder, Passage, Tamper
-from tests.faults.cell import Scenario, Want
+from tests.faults.cell import FRESH, Scenario, Want
 from tests.faults.course import Course
 from tests.faults.scenarios.line import PX4
 from tests.faults.scenarios.ranging import SLOW
@@ -29,18 +30,12 @@ OURS = (1, 191)
 Arrange = Callable[[Course, int], None]
 
 
-def tamper(*tampers: Tamper) -> Arrange:
-    return lambda course, seed: course.link.tampers.extend(tampers)
+def tamper(tamper: Tamper) -> Arrange:
+    return lambda course, seed: course.link.tampers.append(tamper)
 
 
-def intrude(*makers: Callable[[int], Intruder]) -> Arrange:
-    return lambda course, seed: course.link.intruders.extend(maker(seed) for maker in makers)
-
-
-FLOODS = [
-    Scenario("F9", "400 strange frames/s", arrange=intrude(lambda seed: strangers(200.0, seed)), quick=True, lasts=40),
-    Scenario("F18", "GCS flood 200/s", arrange=intrude(lambda seed: ground_station(200.0)), lasts=40),
-]
+def intrude(make: Callable[[int], Intruder]) -> Arrange:
+    return lambda course, seed: course.link.intruders.append(make(seed))
 
 
 def our_clock(shift: Callable[[float, float], float]) -> Arrange:
@@ -61,13 +56,16 @@ def stalled(seconds: float) -> Arrange:
 
 
 HOST = [
+    Scenario("F9", "400 strange frames/s", arrange=intrude(lambda seed: strangers(200.0, seed)), quick=True, lasts=40),
     Scenario("F14", "our clock +1 s", arrange=our_clock(lambda now, since: now + 1.0), clocks=True, on=SLOW),
     Scenario("F14", "our clock +10 s", arrange=our_clock(lambda now, since: now + 10.0), clocks=True),
     Scenario(
         "F14", "our clock 500 ppm fast", arrange=our_clock(lambda now, since: now + 5e-4 * (now - since)), clocks=True
     ),
-    *(Scenario("F20", f"stopped {s} s", arrange=stalled(s), lasts=s + 1, after=50, want=Want.REGAIN) for s in (1, 3)),
-    Scenario("F20", "stopped 5 s", arrange=stalled(5), lasts=6, after=50, want=Want.REGAIN, quick=True),
+    *(
+        Scenario("F20", f"stopped {s} s", arrange=stalled(s), lasts=s + 1, after=50, want=Want.REGAIN, quick=s == 5)
+        for s in (1, 3, 5)
+    ),
 ]
 
 
@@ -176,41 +174,20 @@ def forged_acks(seed: int) -> Intruder:
     return speaking(20.0, words)
 
 
+def joined(level: str, make: Callable[[int], Intruder], want: Want = Want.HOLD, **more: Any) -> Scenario:
+    """Somebody else speaks on the link."""
+    return Scenario("F18", level, arrange=intrude(make), want=want, **more)
+
+
+TWIN: dict[str, Any] = {"want": Want.END, "reason": "another companion", "lasts": 20}
 IDENTITY = [
-    Scenario("F18", "second vehicle, system 2", arrange=intrude(lambda seed: vehicle(2)), quick=True),
-    Scenario(
-        "F18",
-        "second vehicle, our system",
-        arrange=intrude(lambda seed: vehicle(1, mode=5)),
-        want=Want.END,
-        profiles=("arducopter", "arduplane"),
-    ),
-    Scenario(
-        "F18",
-        "twin of ours",
-        arrange=intrude(lambda seed: twin(*OURS, rate=10.0)),
-        want=Want.END,
-        reason="another companion",
-        lasts=20,
-        quick=True,
-    ),
-    Scenario(
-        "F18",
-        "twin of ours, heartbeats only",
-        arrange=intrude(lambda seed: twin(*OURS)),
-        want=Want.END,
-        reason="another companion",
-        lasts=20,
-    ),
+    joined("GCS flood 200/s", lambda seed: ground_station(200.0), lasts=40),
+    joined("second vehicle, system 2", lambda seed: vehicle(2), quick=True),
+    joined("second vehicle, our system", lambda seed: vehicle(1, mode=5), Want.END, profiles=ARDUPILOT[:2]),
+    joined("twin of ours", lambda seed: twin(*OURS, rate=10.0), **TWIN, quick=True),
+    joined("twin of ours, heartbeats only", lambda seed: twin(*OURS), **TWIN),
     Scenario("F18", "own echo", arrange=tamper(echoing)),
-    Scenario(
-        "F18",
-        "forged acknowledgements from the start",
-        arrange=intrude(forged_acks),
-        fresh=True,
-        after=0.0,
-        want=Want.ENGAGE,
-    ),
+    joined("forged acknowledgements from the start", forged_acks, Want.ENGAGE, **FRESH),
 ]
 
 
@@ -219,20 +196,18 @@ def no_answer_no_obedience(way: str, data: bytes, now: float) -> Iterable[Passag
     return () if way == UP and message_id(data) == 76 else [(way, data)]
 
 
-def commands(
-    level: str, arrange: Arrange, want: Want, reason: str = "", quick: bool = False, **more: object
-) -> Scenario:
-    return Scenario("F19", level, arrange=arrange, want=want, reason=reason, fresh=True, after=0.0, quick=quick, **more)  # type: ignore[arg-type]
+def commands(level: str, arrange: Arrange, want: Want, reason: str = "", quick: bool = False) -> Scenario:
+    return Scenario("F19", level, arrange=arrange, want=want, reason=reason, quick=quick, **FRESH)
+
+
+def foreign_acks(seed: int) -> Intruder:
+    return speaking(5.0, lambda n: [acknowledgement(SET_MODE, 4, (1, 77))])
 
 
 COMMANDS = [
     commands("no acknowledgement", tamper(dropping(ACK)), Want.ENGAGE),
     commands("acknowledged 2 s late", tamper(late(ACK, 2.0)), Want.ENGAGE),
-    commands(
-        "foreign acknowledgements",
-        intrude(lambda seed: speaking(5.0, lambda n: [acknowledgement(SET_MODE, 4, (1, 77))])),
-        Want.ENGAGE,
-    ),
+    commands("foreign acknowledgements", intrude(foreign_acks), Want.ENGAGE),
     commands("in progress for ever", tamper(answered(SET_MODE, 5)), Want.REFUSE, "mode"),
     commands("denied", tamper(answered(SET_MODE, 2)), Want.REFUSE, "denied", quick=True),
     commands("unsupported", tamper(answered(SET_MODE, 3)), Want.REFUSE, "unsupported"),
@@ -272,17 +247,10 @@ def replaying(course: Course, seed: int) -> None:
     course.link.tampers.append(listen)
 
 
+VERSION_1 = ("sim.vehicle.mavlink_version=1",)
 OTHERS = [
-    Scenario(
-        "F22",
-        "MAVLink 1 only",
-        want=Want.REFUSE,
-        reason="MAVLink 1 only",
-        fresh=True,
-        after=0.0,
-        overrides=("sim.vehicle.mavlink_version=1",),
-    ),
+    Scenario("F22", "MAVLink 1 only", want=Want.REFUSE, reason="MAVLink 1 only", overrides=VERSION_1, **FRESH),
     Scenario("F22", "extension fields of the future", arrange=tamper(longer)),
     Scenario("F22", "ranges replayed after 5 s", arrange=replaying, quick=True),
 ]
-PEERS = [*FLOODS, *HOST, *OPERATOR, *LINKS, *IDENTITY, *COMMANDS, *OTHERS]
+PEERS = [*HOST, *OPERATOR, *LINKS, *IDENTITY, *COMMANDS, *OTHERS]

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable
 from itertools import count
+from typing import Any
 
 from pymavlink.dialects.v20 import all as mavlink
 
@@ -9,10 +10,10 @@ from circnav_mav.mav.signing import EPOCH, LATEST, SECOND, Refusal
 from sim.faults import DOWN, UP, Impairment
 from sim.faults.intruders import speaking, vehicle
 from sim.faults.link import Intruder, Passage
-from tests.faults.cell import Scenario, Want
-from tests.faults.course import UNIX, Course
+from tests.faults.cell import FRESH, Scenario, Want
+from tests.faults.course import Course
+from tests.flight.signed import KEY, OTHER, UNIX, voice
 
-KEY, OTHER = bytes(range(32)), bytes(range(1, 33))
 BOTH = (KEY, KEY)
 HOUR = 3600.0
 NOT_BELIEVED = "every frame heard is unsigned or wrongly signed"
@@ -28,19 +29,11 @@ def stamp(unix: float) -> int:
     return round((unix - EPOCH) * SECOND)
 
 
-def voice(key: bytes | None, timestamp: int, system: int = 1, component: int = 1, link_id: int = 0) -> mavlink.MAVLink:
-    """Anybody, with any key and clock."""
-    engine = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
-    engine.signing.secret_key, engine.signing.sign_outgoing = key, key is not None
-    engine.signing.timestamp, engine.signing.link_id = timestamp, link_id
-    return engine
-
-
 def saying(engine: mavlink.MAVLink, message: mavlink.MAVLink_message, way: str, rate: float = 20.0) -> Intruder:
     return speaking(rate, lambda n: [bytes(message.pack(engine))], direction=way)
 
 
-def both_ways(key: bytes | None, timestamp: int, **link: int) -> Arrange:
+def both_ways(key: bytes | None, timestamp: int = 0, **link: int) -> Arrange:
     """Somebody speaks as the vehicle to us, and to the vehicle as a ground station."""
 
     def arrange(course: Course, seed: int) -> None:
@@ -88,19 +81,23 @@ def refused(*reasons: Refusal, by_vehicle: bool = True) -> Check:
         found = course.pilot.frames_refused()
         if set(found) != {reason.value for reason in reasons}:
             return f"refused: {dict(found)}"
-        return (
-            None if (course.vehicle.refused > 0) is by_vehicle else f"refused by the vehicle: {course.vehicle.refused}"
-        )
+        as_said = (course.vehicle.refused > 0) is by_vehicle
+        return None if as_said else f"refused by the vehicle: {course.vehicle.refused}"
 
     return check
 
 
-def signed(level: str, arrange: Arrange | None = None, check: Check | None = None, **more: object) -> Scenario:
-    return Scenario("F22", level, arrange=arrange, check=check, **{"keys": BOTH, "lasts": 30.0, "after": 20.0, **more})  # type: ignore[arg-type]
+def signed(level: str, arrange: Arrange | None = None, check: Check | None = None, **more: Any) -> Scenario:
+    return Scenario("F22", level, arrange=arrange, check=check, **{"keys": BOTH, "lasts": 30.0, "after": 20.0, **more})
 
 
-def fresh(level: str, want: Want, arrange: Arrange | None = None, **more: object) -> Scenario:
-    return signed(level, arrange, want=want, fresh=True, after=0.0, **more)
+def fresh(level: str, want: Want, arrange: Arrange | None = None, **more: Any) -> Scenario:
+    return signed(level, arrange, want=want, **FRESH, **more)
+
+
+def unsigned_flown(course: Course) -> str | None:
+    """What a vehicle with a key has taken from us without one."""
+    return f"{len(course.vehicle.setpoint_log)} unsigned setpoints flown" if course.vehicle.setpoint_log else None
 
 
 WRONG, UNSIGNED, REPEATED, BEHIND = Refusal.WRONG, Refusal.UNSIGNED, Refusal.REPEATED, Refusal.BEHIND
@@ -108,8 +105,8 @@ SIGNING = [
     signed("signed, no fault", check=refused(by_vehicle=False)),
     fresh("vehicle without a key", Want.REFUSE, keys=(KEY, None), reason=NOT_BELIEVED),
     fresh("vehicle with another key", Want.REFUSE, keys=(KEY, OTHER), reason=NOT_BELIEVED, quick=True),
-    fresh("vehicle signs, we have no key", Want.SAFE, keys=(None, KEY), check=lambda course: _flown(course)),
-    signed("unsigned frames in both names", both_ways(None, 0), refused(UNSIGNED)),
+    fresh("vehicle signs, we have no key", Want.SAFE, keys=(None, KEY), check=unsigned_flown),
+    signed("unsigned frames in both names", both_ways(None), refused(UNSIGNED)),
     signed("forged frames, stamps of now", both_ways(OTHER, stamp(UNIX + 200)), refused(WRONG)),
     signed("forged frames, stamps of the future", both_ways(OTHER, LATEST), refused(WRONG), quick=True),
     fresh("forged frames of the future from the start", Want.ENGAGE, both_ways(OTHER, LATEST), check=refused(WRONG)),
@@ -122,18 +119,12 @@ SIGNING = [
     signed("our clock set 2 h back", clock(ours=-2 * HOUR), refused(by_vehicle=False)),
     signed("our clock set 2 h forth", clock(ours=2 * HOUR), refused(by_vehicle=False)),
     *(
-        signed(f"signed, {name}", up=line, down=line, check=None)
+        signed(f"signed, {name}", up=line, down=line)
         for name, line in (
             ("20 % lost", Impairment(loss=0.2)),
             ("50 % twice", Impairment(duplicate=0.5)),
             ("0.001 corrupt per byte", Impairment(corrupt=1e-3)),
+            ("200 ms jitter", Impairment(jitter=0.2)),  # who is overtaken counts as repeated: many frames are lost
         )
     ),
-    # who is overtaken counts as repeated, so many frames are lost
-    signed("signed, 200 ms jitter", up=Impairment(jitter=0.2), down=Impairment(jitter=0.2), check=None),
 ]
-
-
-def _flown(course: Course) -> str | None:
-    """What a vehicle with a key has taken from us without one."""
-    return f"{len(course.vehicle.setpoint_log)} unsigned setpoints flown" if course.vehicle.setpoint_log else None
