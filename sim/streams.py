@@ -3,7 +3,7 @@
 from functools import partial
 
 from .agenda import Agenda
-from .autopilots.contract import ACCEPTED, INFO, Say
+from .autopilots.contract import Ack, Say, Severity
 from .flight import Flight
 from .links import HEARTBEAT, Link
 from .telemetry import BUILDERS
@@ -42,7 +42,7 @@ class Streams:
         else:
             refused = number not in identity.streamable
             if refused:
-                say(INFO, f"No ap_message for mavlink id ({number})")
+                say(Severity.INFO, f"No ap_message for mavlink id ({number})")
         if refused or interval != interval or interval < STOP:
             return identity.interval_refusal
         if interval == DEFAULT:
@@ -50,11 +50,11 @@ class Streams:
         elif interval == STOP:
             self.stop(link, number)
         elif interval < identity.fastest_us:
-            say(INFO, f"Interval too short for mavlink id ({number})")
+            say(Severity.INFO, f"Interval too short for mavlink id ({number})")
             return identity.interval_refusal
         else:
             self.run(link, number, max(1_000, int(min(interval, SLOWEST_US)) // 1_000 * 1_000))
-        return ACCEPTED
+        return Ack.ACCEPTED
 
     def _run_default(self, link: Link, number: int) -> None:
         default = HEARTBEAT_US if number == HEARTBEAT else self._flight.autopilot.identity.default_streams.get(number)

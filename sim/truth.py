@@ -15,23 +15,12 @@ ZEROS = [0.0] * 41
 def sim_state(flight: Flight) -> Message:
     body = flight.body
     latitude, longitude = to_degrees(body.north, body.east)
+    angles = *body.quaternion(), body.roll, body.pitch, body.heading
+    velocity = body.velocity_north, body.velocity_east, body.velocity_down
+    place = latitude, longitude, HOME_AMSL_M - body.down
+    whole = round(latitude * 1e7), round(longitude * 1e7)
     return mavlink.MAVLink_sim_state_message(
-        *body.quaternion(),
-        body.roll,
-        body.pitch,
-        body.heading,
-        *flight.specific_force(),
-        *body.body_rates(),
-        latitude,
-        longitude,
-        HOME_AMSL_M - body.down,
-        0.0,
-        0.0,
-        body.velocity_north,
-        body.velocity_east,
-        body.velocity_down,
-        round(latitude * 1e7),
-        round(longitude * 1e7),
+        *angles, *flight.specific_force(), *body.body_rates(), *place, 0.0, 0.0, *velocity, *whole
     )
 
 

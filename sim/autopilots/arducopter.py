@@ -11,20 +11,7 @@ from ..wire import Message
 from . import copter_legs as legs
 from .ardupilot import ArduPilot
 from .ardupilot_tables import COPTER, copter_parameters
-from .contract import (
-    ACCEPTED,
-    CRITICAL,
-    EMERGENCY,
-    FAILED,
-    IN_AIR,
-    LANDING,
-    ON_GROUND,
-    TAKING_OFF,
-    UNSUPPORTED,
-    WARNING,
-    Command,
-    Say,
-)
+from .contract import Ack, Command, Landed, Say, Severity
 from .copter_targets import GoTo, Poison, Stop, read_attitude_target, read_local_target
 
 GUIDED, RTL, LAND, GUIDED_NOGPS, SMART_RTL = 4, 6, 9, 20, 21
@@ -57,7 +44,7 @@ class ArduCopter(ArduPilot):
         self._airframe: CopterAirframe = copter_airframe(vehicle)
         self._target: Target | None = None
         self._climbing_to: float | None = None
-        self._leg_speeds = legs.Speeds(self.params)
+        self._leg_speeds = legs.Speeds({}, self.params)
         self._since = self._leg_at = 0
         self._demand: Demand = self._idle() if self.armed else FALL
         if self.mode == GUIDED and config.start.speed_mps:
@@ -101,7 +88,7 @@ class ArduCopter(ArduPilot):
         landing = self.mode == LAND or not self.position
         demand = (legs.descent if landing else legs.way_home)(body, self._leg_speeds)
         if demand is None:
-            self.disarm()
+            self.set_armed(False)
         return demand or Brake()
 
     def _rest(self, demand: Demand) -> None:
@@ -146,26 +133,26 @@ class ArduCopter(ArduPilot):
     def own_command(self, command: Command, now: int, body: Body) -> int:
         if command.number == DO_CHANGE_SPEED:
             return self._change_speed(command)
-        return self._take_off(command, now, body) if command.number == TAKEOFF else UNSUPPORTED
+        return self._take_off(command, now, body) if command.number == TAKEOFF else Ack.UNSUPPORTED
 
     def _change_speed(self, command: Command) -> int:
         """Of the legs that it flies by itself, until it is asked for another."""
         kind, speed = command.params[:2]
         names = {0: "WPNAV_SPEED", 1: "WPNAV_SPEED", 2: "WPNAV_SPEED_UP", 3: "WPNAV_SPEED_DN"}
         if kind not in names or not 0 < speed < 100:
-            return FAILED
+            return Ack.FAILED
         self._leg_speeds[names[int(kind)]] = speed * 100
-        return ACCEPTED
+        return Ack.ACCEPTED
 
     def _take_off(self, command: Command, now: int, body: Body) -> int:
         if self.mode != GUIDED or not self.armed or self.flying(body) or not command.z > 0:
-            return FAILED
+            return Ack.FAILED
         self._climbing_to, self._leg_at = -command.z, now
-        return ACCEPTED
+        return Ack.ACCEPTED
 
     def _crash(self) -> None:
-        self.say(EMERGENCY, "Crash: Disarming: AngErr=180>30, Accel=0.1<3.0")
-        self.disarm()
+        self.say(Severity.EMERGENCY, "Crash: Disarming: AngErr=180>30, Accel=0.1<3.0")
+        self.set_armed(False)
 
     # -- the copter's own rules ---------------------------------------------------------------------------------------
 
@@ -184,11 +171,11 @@ class ArduCopter(ArduPilot):
         return RTL if self.position else LAND
 
     def ground_station_lost(self, now: int) -> None:
-        self.fail_to(self.refuge(), now, WARNING, "GCS Failsafe")
+        self.fail_to(self.refuge(), now, Severity.WARNING, "GCS Failsafe")
 
     def estimator_lost(self, now: int) -> None:
         if self.mode in self.NEEDS_POSITION and self.params["FS_EKF_ACTION"] != 0:
-            self.fail_to(LAND, now, CRITICAL, "EKF Failsafe: changed to LAND Mode")
+            self.fail_to(LAND, now, Severity.CRITICAL, "EKF Failsafe: changed to LAND Mode")
 
     # -- what is reported ---------------------------------------------------------------------------------------------
 
@@ -197,10 +184,10 @@ class ArduCopter(ArduPilot):
 
     def landed_state(self, body: Body) -> int:
         if not self.flying(body):
-            return ON_GROUND
+            return Landed.ON_GROUND
         if self._climbing_to is not None:
-            return TAKING_OFF
-        return LANDING if self.mode == LAND else IN_AIR
+            return Landed.TAKING_OFF
+        return Landed.LANDING if self.mode == LAND else Landed.IN_AIR
 
     def shown_airspeed(self, body: Body, wind: tuple[float, float]) -> float:
         """A copter without an airspeed sensor shows its ground speed, if it knows it."""

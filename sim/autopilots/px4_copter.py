@@ -12,7 +12,7 @@ from ..demands import BodyVelocity, Brake, Demand, EarthVelocity, Spin, Tilt
 from ..params import Parameter
 from ..wire import Message
 from ..world import HOME_AMSL_M
-from .contract import IN_AIR, LANDING, ON_GROUND, TAKING_OFF, Command, Say
+from .contract import Command, Landed, Say
 from .px4 import LAND, LOITER, MANUAL_CONTROL, NEEDS_STICKS, OFFBOARD, RTL, TAKEOFF, Px4
 from .px4_tables import px4_identity, px4_parameters
 from .px4_targets import NOTHING, Trajectory
@@ -172,8 +172,8 @@ class Px4Copter(Px4):
 
     def landed_state(self, body: Body) -> int:
         if not self.flying(body):
-            return ON_GROUND
-        return {TAKEOFF: TAKING_OFF, LAND: LANDING}.get(self.mode, IN_AIR)
+            return Landed.ON_GROUND
+        return {TAKEOFF: Landed.TAKING_OFF, LAND: Landed.LANDING}.get(self.mode, Landed.IN_AIR)
 
     def shown_airspeed(self, body: Body, wind: tuple[float, float]) -> float:
         return math.nan

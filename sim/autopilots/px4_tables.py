@@ -2,7 +2,7 @@
 
 from ..config import VehicleConfig
 from ..params import INT32, Parameter, Parameters
-from .contract import FAILED, Identity, message_ids
+from .contract import Ack, Identity, message_ids
 from .modes import PX4 as MODES
 
 # In pymavlink's "all" but not in PX4's dialect.
@@ -48,7 +48,7 @@ def px4_identity(mav_type: int) -> Identity:
         fastest_us=1_000,
         unknown_ids=UNKNOWN_IDS,
         default_streams=ONBOARD_STREAMS,
-        interval_refusal=FAILED,
+        interval_refusal=Ack.FAILED,
         adopts_strays=False,
         texts_for_gcs_only=True,
         ranges_on_update=True,
