@@ -12,19 +12,19 @@ class Agenda:
 
     def __init__(self) -> None:
         self._heap: list[tuple[int, int, tuple[object, ...]]] = []  # due, order, key
-        self._live: dict[tuple[object, ...], tuple[int, Callable[[], None]]] = {}
+        self._live: dict[tuple[object, ...], tuple[int, Callable[[], object]]] = {}
         self._order = 0
 
-    def put(self, key: tuple[object, ...], due: int, action: Callable[[], None]) -> None:
+    def put(self, key: tuple[object, ...], due: int, action: Callable[[], object]) -> None:
         self._order += 1
         self._live[key] = (self._order, action)
         heapq.heappush(self._heap, (due, self._order, key))
 
-    def every(self, key: tuple[object, ...], interval: int, first: int, action: Callable[[], None]) -> None:
+    def every(self, key: tuple[object, ...], interval: int, first: int, action: Callable[[], object]) -> None:
         """An appointment that makes the next one."""
         self.put(key, first, partial(self._run, key, interval, first, action))
 
-    def _run(self, key: tuple[object, ...], interval: int, due: int, action: Callable[[], None]) -> None:
+    def _run(self, key: tuple[object, ...], interval: int, due: int, action: Callable[[], object]) -> None:
         """A method, not a closure: a copied vehicle must run its own appointments."""
         self.put(key, due + interval, partial(self._run, key, interval, due + interval, action))
         action()
@@ -46,7 +46,7 @@ class Agenda:
             heapq.heappop(self._heap)
         return NEVER
 
-    def take(self) -> Callable[[], None]:
+    def take(self) -> Callable[[], object]:
         """The next appointment's action, taken off the agenda; only when next_due() is not NEVER."""
         _, _, key = heapq.heappop(self._heap)
         return self._live.pop(key)[1]

@@ -29,6 +29,10 @@ class Parameters(dict[str, float]):
         self._table = table
         self._bytewise = bytewise
 
+    def microseconds(self, name: str) -> int:
+        """Of a parameter in seconds."""
+        return round(self[name] * 1e6)
+
     def all_values(self) -> list[Message]:
         return [self._message(p, i) for i, p in enumerate(self._table)]
 

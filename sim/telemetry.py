@@ -1,4 +1,7 @@
-"""The autopilot's own messages, one function each under the name of its message. Units and frames are MAVLink's."""
+"""The autopilot's own messages, one function each under the name of its message, and the truth beside them.
+
+Units and frames are MAVLink's.
+"""
 
 import math
 from collections.abc import Callable
@@ -203,6 +206,26 @@ def wind(flight: Flight) -> Message | None:
         return None
     north, east = flight.air.velocity
     return mavlink.MAVLink_wind_message(math.degrees(math.atan2(-east, -north)), math.hypot(north, east), 0.0)
+
+
+def sim_state(flight: Flight) -> Message:
+    """The truth, sent unasked so that flights can be judged."""
+    body = flight.body
+    latitude, longitude = to_degrees(body.north, body.east)
+    angles = *body.quaternion(), body.roll, body.pitch, body.heading
+    velocity = body.velocity_north, body.velocity_east, body.velocity_down
+    place = latitude, longitude, HOME_AMSL_M - body.down
+    whole = round(latitude * 1e7), round(longitude * 1e7)
+    return mavlink.MAVLink_sim_state_message(
+        *angles, *flight.specific_force(), *body.body_rates(), *place, 0.0, 0.0, *velocity, *whole
+    )
+
+
+def truth_array(flight: Flight) -> Message:
+    """DEBUG_FLOAT_ARRAY: Truth's north .. wind_east and then its time; SI and radians, NED from home."""
+    t = flight.truth()
+    values = [*t[1:4], math.remainder(t.heading, math.tau), *t[5:16], t.time]
+    return mavlink.MAVLink_debug_float_array_message(flight.now, b"SIM_TRUTH", 0, values + [0.0] * 42)
 
 
 def _millivolts(percent: float) -> int:

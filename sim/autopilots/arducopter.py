@@ -27,7 +27,6 @@ Target = BodyVelocity | EarthVelocity | GoTo | Tilt | Spin
 class ArduCopter(ArduPilot):
     """The copter's flight modes over an airframe; what GUIDED flies is one target and the time it came."""
 
-    AUTO = 3
     NEEDS_POSITION = frozenset({3, 4, 5, 6, 7, 11, 16, 17, 21})
     NOT_ARMABLE = frozenset({3, 6, 9, 14, 15, 17, 19, 21})
     MANUAL_MODES = frozenset({0, 1, 2, 5, 11, 13, 16})
@@ -56,21 +55,19 @@ class ArduCopter(ArduPilot):
         return self._airframe.step(body, self._demand, dt, wind)
 
     def wake_us(self) -> int:
-        own = NEVER
-        if self.armed and self._on_a_leg():
-            own = self._leg_at
-        elif self.armed and self._target is not None:
-            own = self._since + round(self.params["GUID_TIMEOUT"] * 1e6)
-        return min(own, super().wake_us())
+        if not self.armed:
+            return super().wake_us()
+        return min(self._leg_at if self._on_a_leg() else self._target_until(), super().wake_us())
+
+    def _target_until(self) -> int:
+        return NEVER if self._target is None else self._since + self.params.microseconds("GUID_TIMEOUT")
 
     def wake(self, now: int, body: Body) -> None:
         super().wake(now, body)
-        if not self.armed:
-            return
-        if self._on_a_leg():
+        if self.armed and self._on_a_leg():
             self._leg_at = now + LEG_US
             self._demand = self._leg(body)
-        elif self._target is not None and now >= self._since + round(self.params["GUID_TIMEOUT"] * 1e6):
+        elif self.armed and now >= self._target_until():
             self._rest(LEVEL if isinstance(self._target, (Tilt, Spin)) else Brake())  # without a word, in the same mode
 
     def _on_a_leg(self) -> bool:
@@ -82,13 +79,13 @@ class ArduCopter(ArduPilot):
             demand = legs.climb_out(body, self._climbing_to, self._leg_speeds)
             if demand is None:
                 self._climbing_to = None
-            return demand or Brake()
-        if isinstance(self._target, GoTo):
-            return legs.to_point(body, self._target, self._leg_speeds)
-        landing = self.mode == LAND or not self.position
-        demand = (legs.descent if landing else legs.way_home)(body, self._leg_speeds)
-        if demand is None:
-            self.set_armed(False)
+        elif isinstance(self._target, GoTo):
+            demand = legs.to_point(body, self._target, self._leg_speeds)
+        else:
+            landing = self.mode == LAND or not self.position
+            demand = (legs.descent if landing else legs.way_home)(body, self._leg_speeds)
+            if demand is None:
+                self.set_armed(False)
         return demand or Brake()
 
     def _rest(self, demand: Demand) -> None:
@@ -101,27 +98,23 @@ class ArduCopter(ArduPilot):
 
     def setpoint(self, message: Message, now: int, body: Body) -> bool:
         number = message.get_msgId()
-        busy = self._climbing_to is not None
-        if self.mode not in (GUIDED, GUIDED_NOGPS) or not self.armed or busy:
+        if self.mode not in (GUIDED, GUIDED_NOGPS) or not self.armed or self._climbing_to is not None:
             return False
-        target: Target | Stop | Poison | None = None
-        if number == LOCAL_TARGET:
-            target = read_local_target(message, body, self._airframe.turns_with_nose)
-            if self.mode == GUIDED_NOGPS:  # taken, and it upsets the controller: stops and sinks
-                self._rest(SINKING)
-                return False
-        elif number == ATTITUDE_TARGET:
-            target = read_attitude_target(message, self.params)
-        return self._take(target, now, body)
+        if number == ATTITUDE_TARGET:
+            return self._take(read_attitude_target(message, self.params), now, body)
+        if number == LOCAL_TARGET and self.mode == GUIDED:
+            return self._take(read_local_target(message, body, self._airframe.turns_with_nose), now, body)
+        if number == LOCAL_TARGET:  # without GPS it is taken, and upsets the controller: stops and sinks
+            self._rest(SINKING)
+        return False
 
     def _take(self, target: Target | Stop | Poison | None, now: int, body: Body) -> bool:
-        if target is None:
-            return False
         if isinstance(target, Poison):
-            self._crash()
-            return False
-        if isinstance(target, Stop):
+            self.say(Severity.EMERGENCY, "Crash: Disarming: AngErr=180>30, Accel=0.1<3.0")
+            self.set_armed(False)
+        elif isinstance(target, Stop):
             self._rest(self._idle())
+        if target is None or isinstance(target, (Poison, Stop)):
             return False
         self._target, self._since, self._leg_at = target, now, now
         self._demand = legs.to_point(body, target, self._leg_speeds) if isinstance(target, GoTo) else target
@@ -149,10 +142,6 @@ class ArduCopter(ArduPilot):
             return Ack.FAILED
         self._climbing_to, self._leg_at = -command.z, now
         return Ack.ACCEPTED
-
-    def _crash(self) -> None:
-        self.say(Severity.EMERGENCY, "Crash: Disarming: AngErr=180>30, Accel=0.1<3.0")
-        self.set_armed(False)
 
     # -- the copter's own rules ---------------------------------------------------------------------------------------
 

@@ -33,7 +33,6 @@ class ArduPilot(Autopilot):
     """Mode, arming and failsafes; a vehicle says in a few sets how it takes its modes."""
 
     POSITION_LOSS_US = 8_000_000  # until "EKF variance"
-    AUTO: int
     NEEDS_POSITION: frozenset[int] = frozenset()
     NOT_ARMABLE: frozenset[int]
     MANUAL_MODES: frozenset[int]
@@ -82,7 +81,7 @@ class ArduPilot(Autopilot):
             self.say(Severity.WARNING, f"No such mode {mode}")
             return Ack.FAILED
         lost = mode in self.NEEDS_POSITION and not self.position
-        if lost or mode == self.AUTO:
+        if lost or mode == self.identity.modes["AUTO"]:
             reason = "requires position" if lost else "missing mission"
             self.say(Severity.WARNING, self.identity.mode_refusal.format(name=self.mode_name(mode), reason=reason))
             return Ack.FAILED

@@ -32,7 +32,6 @@ class ArduPlane(ArduPilot):
     """The plane's flight modes: every one comes down to a bank, a height and an airspeed."""
 
     FIRST_MODE = "LOITER"
-    AUTO = 10
     NOT_ARMABLE = frozenset({10, 16})
     MANUAL_MODES, GUIDED_MODES = frozenset({0, 2, 4, 5, 6, 7, 8}), frozenset({1, 10, 11, 12, 13, 15})
     MODE_COMMANDS: ClassVar = {20: RTL, 17: LOITER}
@@ -65,11 +64,9 @@ class ArduPlane(ArduPilot):
     def fly(self, body: Body, dt: float, wind: tuple[float, float]) -> Body:
         if not self.armed:
             return falling(body, dt)
-        forced = self._forced or Forced(None, None, None)
-        speed = self._speed * self._scale
-        self._here = self._airframe.step(
-            body, Bank(self._bank, speed, self._height, forced.pitch, forced.throttle), dt, wind
-        )
+        _, pitch, throttle = self._forced or Forced(None, None, None)
+        demand = Bank(self._bank, self._speed * self._scale, self._height, pitch, throttle)
+        self._here = self._airframe.step(body, demand, dt, wind)
         return self._here
 
     def wake_us(self) -> int:
@@ -92,8 +89,8 @@ class ArduPlane(ArduPilot):
             return CIRCLE_BANK
         if self.mode in LOITERING:
             return bank_on_loiter(body, self._loiter, min(limit, math.radians(58)), self._airframe.effectiveness)
-        timeout = round(self.params["RC_OVERRIDE_TIME"] * 1e6)
-        return self._sticks.roll(now, timeout) * limit if self.mode in self.MANUAL_MODES else 0.0
+        held = self.mode in self.MANUAL_MODES
+        return self._sticks.roll(now, self.params.microseconds("RC_OVERRIDE_TIME")) * limit if held else 0.0
 
     # -- what is obeyed -----------------------------------------------------------------------------------------------
 

@@ -27,7 +27,6 @@ class ArduRover(ArduPilot):
     """The rover's modes: hold, go home, or what the companion says."""
 
     FIRST_MODE = "HOLD"
-    AUTO = 10
     NEEDS_POSITION = frozenset({5, 6, 9, 10, 11, 12, 15})
     NOT_ARMABLE = frozenset({10, 11, 12, 16})
     MANUAL_MODES, GUIDED_MODES = frozenset({0, 1, 3}), frozenset({10, 11, 12, 15})
@@ -91,12 +90,9 @@ class ArduRover(ArduPilot):
     def setpoint(self, message: Message, now: int, body: Body) -> bool:
         if self.mode != GUIDED or not self.armed:
             return False
-        number = message.get_msgId()
-        target = None
-        if number == LOCAL_TARGET:
-            target = self._local_target(message, body)
-        elif number == ATTITUDE_TARGET:
-            target = self._attitude_target(message, body)
+        readers = {LOCAL_TARGET: self._local_target, ATTITUDE_TARGET: self._attitude_target}
+        reader = readers.get(message.get_msgId())
+        target = reader(message, body) if reader else None
         if target is None or not all(map(math.isfinite, target)):
             return False
         self._target, self._since, self._goal = target, now, None

@@ -98,7 +98,7 @@ class Px4(Autopilot):
             self._lose_sticks(now)
         if now >= self._act_at:
             self._act_at = NEVER
-            self._fail_to(STICK_LOSS_ACTIONS[int(self.params["NAV_RCL_ACT"])], now)
+            self._fail_to(STICK_LOSS_ACTIONS.get(int(self.params["NAV_RCL_ACT"]), LOITER), now)
 
     def _lose_sticks(self, now: int) -> None:
         """Hold first, so that a pilot can choose a mode, then NAV_RCL_ACT; sticks that come back change nothing."""
@@ -121,7 +121,7 @@ class Px4(Autopilot):
     def _offboard_deadline(self) -> int:
         if self.mode != OFFBOARD or not self.armed or self._setpoint_at is None:
             return NEVER
-        return self._setpoint_at + round(self.params["COM_OF_LOSS_T"] * 1e6) + LOSS_DELAY_US
+        return self._setpoint_at + self.params.microseconds("COM_OF_LOSS_T") + LOSS_DELAY_US
 
     def _sticks_deadline(self) -> int:
         """In any mode: once a stick was heard it counts as lost when it falls silent, and is lost once."""
@@ -129,7 +129,7 @@ class Px4(Autopilot):
         excepted = int(self.params["COM_RCL_EXCEPT"]) & STICK_LOSS_EXCEPTIONS.get(self.intended, 0)
         if not self.armed or self.failsafe or last is None or last == self._missed or excepted:
             return NEVER
-        return last + round(self.params["COM_RC_LOSS_T"] * 1e6)
+        return last + self.params.microseconds("COM_RC_LOSS_T")
 
     # -- modes --------------------------------------------------------------------------------------------------------
 
@@ -169,7 +169,7 @@ class Px4(Autopilot):
         return "no position estimate" if mode in NEEDS_POSITION and not self.position else None
 
     def sticks_alive(self, now: int) -> bool:
-        return self.sticks.alive(now, round(self.params["COM_RC_LOSS_T"] * 1e6))
+        return self.sticks.alive(now, self.params.microseconds("COM_RC_LOSS_T"))
 
     # -- commands -----------------------------------------------------------------------------------------------------
 

@@ -14,24 +14,9 @@ UNKNOWN_IDS = message_ids(_UNKNOWN)
 
 # As flown, without ODOMETRY, which nobody here needs.
 _RATES_HZ = {
-    30: 100,
-    31: 50,
-    33: 50,
-    32: 30,
-    24: 8,
-    74: 10,
-    83: 10,
-    85: 10,
-    105: 50,
-    1: 5,
-    245: 5,
-    111: 10,
-    2: 1,
-    242: 0.5,
-    436: 0.5,
-    132: 10,
-    147: 0.5,
-}
+    30: 100, 31: 50, 33: 50, 32: 30, 24: 8, 74: 10, 83: 10, 85: 10, 105: 50, 1: 5, 245: 5, 111: 10, 2: 1, 242: 0.5,
+    436: 0.5, 132: 10, 147: 0.5,
+}  # fmt: skip
 ONBOARD_STREAMS = {number: round(1e6 / rate) for number, rate in _RATES_HZ.items()}
 STREAMABLE = frozenset(ONBOARD_STREAMS) | {29, 36, 62, 65, 105, 106, 140, 141, 148, 230, 241, 331, 340}
 

@@ -53,7 +53,7 @@ def after_the_sticks_end(left_in: tuple[int, int], **parameters: float) -> tuple
     companion = plane()
     companion.heartbeat(6)
     for name, value in parameters.items():
-        companion.vehicle._flight.autopilot.params.set(name, value)
+        companion.vehicle._flight.autopilot.params[name] = value
     names = {number: name for name, number in PX4.items()}
     companion.sticks(0.0)
     assert companion.command(176, 1, *ALTCTL) == [0, 0]
