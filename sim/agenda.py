@@ -3,35 +3,28 @@
 import heapq
 from collections.abc import Callable
 from functools import partial
-from typing import NamedTuple
 
 NEVER = 1 << 62
-
-
-class _Entry(NamedTuple):
-    due: int
-    order: int
-    key: tuple[object, ...]
 
 
 class Agenda:
     """Named appointments; setting one again moves it, ties are kept in the order they were made."""
 
     def __init__(self) -> None:
-        self._heap: list[_Entry] = []
-        self._live: dict[tuple[object, ...], tuple[int, Callable[[], None]]] = {}
+        self._heap: list[tuple[int, int, tuple[object, ...]]] = []  # due, order, key
+        self._live: dict[tuple[object, ...], tuple[int, Callable[[], object]]] = {}
         self._order = 0
 
-    def put(self, key: tuple[object, ...], due: int, action: Callable[[], None]) -> None:
+    def put(self, key: tuple[object, ...], due: int, action: Callable[[], object]) -> None:
         self._order += 1
         self._live[key] = (self._order, action)
-        heapq.heappush(self._heap, _Entry(due, self._order, key))
+        heapq.heappush(self._heap, (due, self._order, key))
 
-    def every(self, key: tuple[object, ...], interval: int, first: int, action: Callable[[], None]) -> None:
+    def every(self, key: tuple[object, ...], interval: int, first: int, action: Callable[[], object]) -> None:
         """An appointment that makes the next one."""
         self.put(key, first, partial(self._run, key, interval, first, action))
 
-    def _run(self, key: tuple[object, ...], interval: int, due: int, action: Callable[[], None]) -> None:
+    def _run(self, key: tuple[object, ...], interval: int, due: int, action: Callable[[], object]) -> None:
         """A method, not a closure: a copied vehicle must run its own appointments."""
         self.put(key, due + interval, partial(self._run, key, interval, due + interval, action))
         action()
@@ -47,14 +40,13 @@ class Agenda:
     def next_due(self) -> int:
         """When the next appointment is, or NEVER."""
         while self._heap:
-            entry = self._heap[0]
-            live = self._live.get(entry.key)
-            if live is not None and live[0] == entry.order:
-                return entry.due
+            due, order, key = self._heap[0]
+            if key in self._live and self._live[key][0] == order:
+                return due
             heapq.heappop(self._heap)
         return NEVER
 
-    def take(self) -> Callable[[], None]:
+    def take(self) -> Callable[[], object]:
         """The next appointment's action, taken off the agenda; only when next_due() is not NEVER."""
-        entry = heapq.heappop(self._heap)
-        return self._live.pop(entry.key)[1]
+        _, _, key = heapq.heappop(self._heap)
+        return self._live.pop(key)[1]

@@ -56,8 +56,11 @@ class Body(NamedTuple):
     def right_speed(self) -> float:
         return self.velocity_east * math.cos(self.heading) - self.velocity_north * math.sin(self.heading)
 
+    def through_air(self, wind: tuple[float, float]) -> tuple[float, float]:
+        return self.velocity_north - wind[0], self.velocity_east - wind[1]
+
     def airspeed(self, wind: tuple[float, float]) -> float:
-        return math.hypot(self.velocity_north - wind[0], self.velocity_east - wind[1])
+        return math.hypot(*self.through_air(wind))
 
     def body_rates(self) -> tuple[float, float, float]:
         """What the gyros read (p, q, r): not the rates of the angles once the vehicle is tilted."""
@@ -103,6 +106,12 @@ def at_most(first: float, second: float, most: float) -> tuple[float, float]:
     size = math.hypot(first, second)
     share = min(1.0, most / size) if size > 0 else 1.0
     return first * share, second * share
+
+
+def lean(north: float, east: float, heading: float) -> tuple[float, float]:
+    """The roll and pitch of a copter whose thrust accelerates it so, m/s^2."""
+    cos, sin = math.cos(heading), math.sin(heading)
+    return math.atan((east * cos - north * sin) / GRAVITY), -math.atan((north * cos + east * sin) / GRAVITY)
 
 
 def coordinated_bank(speed: float, turn_rate: float) -> float:

@@ -2,7 +2,7 @@
 
 import math
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -19,25 +19,11 @@ PRESETS = ("gaussian", "uwb", "lora")
 IMU_STATES = ("good", "frozen", "clipped", "rotated")
 ATTITUDE_ERROR_DEG = {"px4_copter": 1.0, "px4_plane": 1.0, "arduplane": 0.15}
 ACTIONS = (
-    "mode",
-    "arm",
-    "disarm",
-    "rc_failsafe",
-    "gps_off",
-    "gps_on",
-    "gps_spoof",
-    "battery",
-    "wind",
-    "mute_ranging",
-    "unmute_ranging",
-    "freeze_ranging",
-    "unfreeze_ranging",
-    "mute_autopilot",
-    "unmute_autopilot",
+    *("mode", "arm", "disarm", "rc_failsafe", "gps_off", "gps_on", "gps_spoof", "battery", "wind"),
+    *("mute_ranging", "unmute_ranging", "freeze_ranging", "unfreeze_ranging", "mute_autopilot", "unmute_autopilot"),
     "reboot",
     *(f"imu_{state}" for state in IMU_STATES),
 )
-TURN_RATE = {"low": 0.0, "above": 0.0, "high": 720.0}
 
 
 @dataclass(frozen=True)
@@ -54,7 +40,7 @@ class Airframe:
     system_id: int = key(1, low=1, high=255)
     mavlink_version: int = key(2, low=1, high=2)
     dynamics: str | None = key(None, choices=("unicycle", "airborne", "realistic"))
-    max_turn_rate_deg_s: float = key(60.0, **TURN_RATE)
+    max_turn_rate_deg_s: float = key(60.0, low=0.0, above=0.0, high=720.0)
     turn_lag_s: float = key(0.2, low=0.0, high=10.0)
     speed_lag_s: float = key(0.0, low=0.0, high=30.0)
     max_bank_deg: float | None = key(None, above=0.0, high=80.0)
@@ -258,10 +244,8 @@ def parse_vehicle(table: Mapping[str, Any], where: str) -> VehicleConfig:
 
 
 def _checked(config: VehicleConfig, where: str) -> VehicleConfig:
-    _check_modes(config, where)
-    _check_dynamics(config, where)
-    _check_start(config, where)
-    _check_ranging(config, where)
+    for key_name, complaint in _conflicts(config):
+        raise ConfigError(f"{place(where, key_name)}: {complaint}")
     if config.signing.key_file is not None:
         read_key(config.signing.key_file, f"{place(where, 'signing')}.key_file")
     return config
@@ -288,43 +272,28 @@ def load_vehicle(path: str | Path) -> VehicleConfig:
     return _checked(config, where)
 
 
-def _check_modes(config: VehicleConfig, where: str) -> None:
-    named = [(f"{place(where, 'start')}.mode", config.start.mode)]
+def _conflicts(config: VehicleConfig) -> Iterator[tuple[str, str]]:
+    """Keys whose values are fine by themselves but not together, and why."""
+    airframe, ranging, modes = config.vehicle, config.ranging, tuple(MODES[config.vehicle.profile])
+    named = [("start.mode", config.start.mode)]
     for i, event in enumerate(config.events):
-        here = f"{place(where, 'events')}[{i}].mode"
         if event.action == "mode" and event.mode is None:
-            raise ConfigError(f'{here}: is missing, the action "mode" needs one')
-        named.append((here, event.mode))
-    profile = config.vehicle.profile
-    modes = tuple(MODES[profile])
-    for here, mode in named:
+            yield f"events[{i}].mode", 'is missing, the action "mode" needs one'
+        named.append((f"events[{i}].mode", event.mode))
+    for name, mode in named:
         if mode is not None and mode not in modes:
             hint = nearest(mode, modes) or f"; modes: {', '.join(modes)}"
-            raise ConfigError(f'{here}: "{mode}" is no mode of {profile}{hint}')
-
-
-def _check_dynamics(config: VehicleConfig, where: str) -> None:
-    airframe = config.vehicle
+            yield name, f'"{mode}" is no mode of {airframe.profile}{hint}'
     if airframe.dynamics == "airborne" and airframe.profile not in ("arducopter", "arducopter_nogps"):
-        raise ConfigError(f'{place(where, "vehicle")}.dynamics: "airborne" is an arducopter, not an {airframe.profile}')
-
-
-def _check_start(config: VehicleConfig, where: str) -> None:
+        yield "vehicle.dynamics", f'"airborne" is an arducopter, not an {airframe.profile}'
     if not config.start.armed and (config.start.altitude_m or 0.0) > 0:
-        raise ConfigError(f"{place(where, 'start')}.armed: false needs altitude_m = 0: nothing flies disarmed")
-
-
-def _check_ranging(config: VehicleConfig, where: str) -> None:
-    here = place(where, "ranging")
-    ranging = config.ranging
+        yield "start.armed", "false needs altitude_m = 0: nothing flies disarmed"
     if ranging.via == "forwarded" and ranging.message == "ranging_beacon":
-        raise ConfigError(
-            f'{here}.via: autopilots do not know RANGING_BEACON and do not forward it, use via = "direct" '
-            "(the radio on its own endpoint)"
-        )
+        remedy = 'use via = "direct" (the radio on its own endpoint)'
+        yield "ranging.via", f"autopilots do not know RANGING_BEACON and do not forward it, {remedy}"
     if ranging.via == "autopilot" and ranging.message != "distance_sensor":
-        raise ConfigError(f'{here}.message: the autopilot re-sends only "distance_sensor", or use another via')
-    if ranging.rate_name is not None and ranging.via == "autopilot":
-        raise ConfigError(f"{here}.rate_name: the autopilot re-sends ranges only, use another via")
-    if ranging.via != "autopilot" and (ranging.system_id, ranging.component_id) == (config.vehicle.system_id, 1):
-        raise ConfigError(f"{here}.component_id: 1 is the autopilot itself, choose another (192)")
+        yield "ranging.message", 'the autopilot re-sends only "distance_sensor", or use another via'
+    if ranging.via == "autopilot" and ranging.rate_name is not None:
+        yield "ranging.rate_name", "the autopilot re-sends ranges only, use another via"
+    if ranging.via != "autopilot" and (ranging.system_id, ranging.component_id) == (airframe.system_id, 1):
+        yield "ranging.component_id", "1 is the autopilot itself, choose another (192)"

@@ -154,8 +154,13 @@ class Flight:
         return self.now * 1e-6
 
     @property
+    def boot_us(self) -> int:
+        """The autopilot's clock."""
+        return self.now - self.booted
+
+    @property
     def boot_ms(self) -> int:
-        return (self.now - self.booted) // 1000 & 0xFFFFFFFF
+        return self.boot_us // 1000 & 0xFFFFFFFF
 
     def charge(self, percent: float) -> None:
         self.battery, self._battery_at = percent, self.now
@@ -174,34 +179,16 @@ class Flight:
 
     def slant_rate(self) -> float:
         """How fast the slant range grows, m/s."""
-        body = self.body
-        before, after = self.target.at(self.seconds - 0.01), self.target.at(self.seconds + 0.01)
-        here = self.target.at(self.seconds)
-        offset = [a - b for a, b in zip((body.north, body.east, body.down), here, strict=True)]
+        body, target, now = self.body, self.target, self.seconds
+        offset = [a - b for a, b in zip((body.north, body.east, body.down), target.at(now), strict=True)]
+        before, after = target.at(now - 0.01), target.at(now + 0.01)
         moved = [(b - a) / 0.02 for a, b in zip(before, after, strict=True)]
         relative = [a - b for a, b in zip(self._velocity(), moved, strict=True)]
         return sum(a * b for a, b in zip(offset, relative, strict=True)) / max(self.slant_range(), 1e-6)
 
     def truth(self) -> Truth:
-        body, wind = self.body, self.air.velocity
-        target = self.target.at(self.seconds)
-        return Truth(
-            time=self.seconds,
-            north=body.north,
-            east=body.east,
-            down=body.down,
-            heading=body.heading,
-            course=body.course,
-            ground_speed=body.ground_speed,
-            airspeed=body.airspeed(wind),
-            turn_rate=body.turn_rate,
-            roll=body.roll,
-            target_north=target[0],
-            target_east=target[1],
-            target_down=target[2],
-            range=math.dist((body.north, body.east, body.down), target),
-            wind_north=wind[0],
-            wind_east=wind[1],
-            mode=self.autopilot.mode,
-            armed=self.autopilot.armed,
-        )
+        body, wind, target = self.body, self.air.velocity, self.target.at(self.seconds)
+        speed, airspeed = body.ground_speed, body.airspeed(wind)
+        moved = body.north, body.east, body.down, body.heading, body.course, speed, airspeed, body.turn_rate, body.roll
+        pilot = self.autopilot
+        return Truth(self.seconds, *moved, *target, self.slant_range(), *wind, pilot.mode, pilot.armed)

@@ -21,25 +21,17 @@ class Parameter:
     kind: int = REAL32
 
 
-class Parameters:
-    """A table of named numbers. ArduPilot casts integers to float on the wire, PX4 copies their bytes."""
+class Parameters(dict[str, float]):
+    """Numbers by name. ArduPilot casts integers to float on the wire, PX4 copies their bytes."""
 
     def __init__(self, table: tuple[Parameter, ...], bytewise: bool) -> None:
+        super().__init__((p.name, p.default) for p in table)
         self._table = table
         self._bytewise = bytewise
-        self._values = {p.name: p.default for p in table}
 
-    def __getitem__(self, name: str) -> float:
-        return self._values[name]
-
-    def get(self, name: str, otherwise: float) -> float:
-        return self._values.get(name, otherwise)
-
-    def __contains__(self, name: object) -> bool:
-        return name in self._values
-
-    def set(self, name: str, value: float) -> None:
-        self._values[name] = value
+    def microseconds(self, name: str) -> int:
+        """Of a parameter in seconds."""
+        return round(self[name] * 1e6)
 
     def all_values(self) -> list[Message]:
         return [self._message(p, i) for i, p in enumerate(self._table)]
@@ -58,14 +50,14 @@ class Parameters:
             return None
         value = self._from_wire(found.kind, wire_value)
         if value is not None and abs(value) <= LARGEST:
-            self._values[name] = value
+            self[name] = value
         return self._message(found, NOT_IN_LIST)
 
     def _find(self, name: str) -> Parameter | None:
         return next((p for p in self._table if p.name == name), None)
 
     def _message(self, parameter: Parameter, index: int) -> Message:
-        value = self._to_wire(parameter.kind, self._values[parameter.name])
+        value = self._to_wire(parameter.kind, self[parameter.name])
         name = parameter.name.encode()
         return mavlink.MAVLink_param_value_message(name, value, parameter.kind, len(self._table), index)
 

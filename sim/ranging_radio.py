@@ -25,13 +25,9 @@ class RangingRadio:
     """Its messages go to `send`, its samples to `driver` when it hangs on the autopilot's own rangefinder port."""
 
     def __init__(
-        self,
-        config: VehicleConfig,
-        agenda: Agenda,
-        flight: Flight,
-        send: Callable[[Message], None],
-        driver: Callable[[Sample], None],
-    ) -> None:
+        self, config: VehicleConfig, agenda: Agenda, flight: Flight,
+        send: Callable[[Message], None], driver: Callable[[Sample], None],
+    ) -> None:  # fmt: skip
         self._config = config.ranging
         self._agenda = agenda
         self._flight = flight
@@ -83,49 +79,36 @@ def centimetres(metres: float) -> int:
 
 
 def distance_sensor(config: Ranging, sample: Sample) -> Message:
-    return mavlink.MAVLink_distance_sensor_message(
-        _stamp_us(config, sample) // 1000 & 0xFFFFFFFF,
-        1,
-        centimetres(config.max_range_m),
-        centimetres(sample.distance),
-        RADAR,
-        config.sensor_id,
-        config.orientation,
-        _covariance(config),
-    )
+    most, distance = centimetres(config.max_range_m), centimetres(sample.distance)
+    about = RADAR, config.sensor_id, config.orientation, _covariance(config)
+    return mavlink.MAVLink_distance_sensor_message(_stamp_ms(config, sample), 1, most, distance, *about)
 
 
 def ranging_beacon(config: Ranging, sample: Sample) -> Message:
     accuracy = max(1, round(config.noise_m * 1000)) if config.report_accuracy else UNKNOWN_U32
+    distance = min(UNKNOWN_U32 - 1, round(sample.distance * 1000))
+    beacon = UNKNOWN_LATLON, UNKNOWN_LATLON, math.nan, 0, UNKNOWN_U32, UNKNOWN_U32, 0
     return mavlink.MAVLink_ranging_beacon_message(
-        _stamp_us(config, sample),
-        0,
-        0,
-        config.beacon_id,
-        min(UNKNOWN_U32 - 1, round(sample.distance * 1000)),
-        UNKNOWN_LATLON,
-        UNKNOWN_LATLON,
-        math.nan,
-        0,
-        UNKNOWN_U32,
-        UNKNOWN_U32,
-        0,
-        accuracy,
-        sample.sequence,
-        0,
+        _stamp_us(config, sample), 0, 0, config.beacon_id, distance, *beacon, accuracy, sample.sequence, 0
     )
 
 
 def named_value(config: Ranging, sample: Sample) -> Message:
-    stamp = _stamp_us(config, sample) // 1000 & 0xFFFFFFFF
-    return mavlink.MAVLink_named_value_float_message(stamp, config.name.encode(), sample.distance)
+    return _named(config, config.name, sample, sample.distance)
 
 
 def named_rate(config: Ranging, sample: Sample) -> Message:
     """The range rate under its own name and the stamp of its range, which comes right after it."""
-    stamp = _stamp_us(config, sample) // 1000 & 0xFFFFFFFF
     rate = sample.rate if config.rate_sign == "opening" else -sample.rate
-    return mavlink.MAVLink_named_value_float_message(stamp, (config.rate_name or "").encode(), rate)
+    return _named(config, config.rate_name or "", sample, rate)
+
+
+def _named(config: Ranging, name: str, sample: Sample, value: float) -> Message:
+    return mavlink.MAVLink_named_value_float_message(_stamp_ms(config, sample), name.encode(), value)
+
+
+def _stamp_ms(config: Ranging, sample: Sample) -> int:
+    return _stamp_us(config, sample) // 1000 & 0xFFFFFFFF
 
 
 def _stamp_us(config: Ranging, sample: Sample) -> int:

@@ -72,13 +72,17 @@ def _check(bounds: Bounds, value: object, where: str) -> None:
 
 
 def _value(hint: Any, value: object, where: str) -> Any:
-    options = [h for h in get_args(hint) if h is not type(None)] if type(None) in get_args(hint) else [hint]
-    wanted = options[0]
+    wanted = _without_none(hint)
     if is_dataclass(wanted):
         return read_table(wanted, value, where)  # type: ignore[arg-type]
     if get_origin(wanted) is tuple:
         return _sequence(get_args(wanted), value, where)
     return _scalar(wanted, value, where)
+
+
+def _without_none(hint: Any) -> Any:
+    """`X` of `X | None`."""
+    return get_args(hint)[0] if type(None) in get_args(hint) else hint
 
 
 def _sequence(members: tuple[Any, ...], value: object, where: str) -> tuple[Any, ...]:
@@ -104,12 +108,7 @@ def _scalar(wanted: type, value: object, where: str) -> Any:
     return value
 
 
-_NOUNS: dict[type, str] = {
-    float: "a number",
-    int: "a whole number",
-    bool: "true or false",
-    str: "text in quotes",
-}
+_NOUNS = {float: "a number", int: "a whole number", bool: "true or false", str: "text in quotes"}
 
 
 def _noun(value: object) -> str:
@@ -126,7 +125,7 @@ def json_schema(kind: type) -> dict[str, Any]:
 
 
 def _schema_of(hint: Any) -> dict[str, Any]:
-    wanted = next((h for h in get_args(hint) if h is not type(None)), hint) if type(None) in get_args(hint) else hint
+    wanted = _without_none(hint)
     if is_dataclass(wanted):
         return json_schema(wanted)  # type: ignore[arg-type]
     if get_origin(wanted) is tuple:

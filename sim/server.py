@@ -29,43 +29,26 @@ def serve(
 
     Raises EndpointError when a port cannot be opened or the ranging endpoint is missing.
     """
-    wires = open_wires(config, endpoint, ranging_endpoint)
-    vehicle = Vehicle(config)
+    if config.ranging.via == "direct" and not ranging_endpoint:
+        raise EndpointError('ranging via = "direct" needs --ranging-endpoint, for example udpout:127.0.0.1:14560')
+    main, ranging = parse_endpoint(endpoint), parse_endpoint(ranging_endpoint) if ranging_endpoint else None
+    wires: dict[str, Wire] = {}  # by the name of their first link
     try:
-        ready(ready_line(config, endpoint, ranging_endpoint))
+        wires[MAIN] = open_wire(main, MAIN)
+        if ranging is not None:
+            wires[RANGING] = open_wire(ranging, RANGING)
+        vehicle, also = Vehicle(config), "" if ranging is None else f", ranging on {ranging}"
+        ready(f"sim: {config.vehicle.profile} system {config.vehicle.system_id} on {main}{also}")
         _fly(vehicle, wires, speed, duration, stopped, say)
     finally:
         for wire in wires.values():
             wire.close()
 
 
-def ready_line(config: VehicleConfig, endpoint: str, ranging_endpoint: str | None) -> str:
-    ranging = f", ranging on {parse_endpoint(ranging_endpoint)}" if ranging_endpoint else ""
-    return f"sim: {config.vehicle.profile} system {config.vehicle.system_id} on {parse_endpoint(endpoint)}{ranging}"
-
-
-def open_wires(config: VehicleConfig, endpoint: str, ranging_endpoint: str | None) -> dict[str, Wire]:
-    """The endpoints by the name of their first link."""
-    if config.ranging.via == "direct" and not ranging_endpoint:
-        raise EndpointError('ranging via = "direct" needs --ranging-endpoint, for example udpout:127.0.0.1:14560')
-    wires = {MAIN: open_wire(parse_endpoint(endpoint), MAIN)}
-    if ranging_endpoint:
-        try:
-            wires[RANGING] = open_wire(parse_endpoint(ranging_endpoint), RANGING)
-        except EndpointError:
-            wires[MAIN].close()
-            raise
-    return wires
-
-
 def _fly(
-    vehicle: Vehicle,
-    wires: dict[str, Wire],
-    speed: float,
-    duration: float | None,
-    stopped: Callable[[], bool],
-    say: Callable[[str], None],
-) -> None:
+    vehicle: Vehicle, wires: dict[str, Wire], speed: float, duration: float | None,
+    stopped: Callable[[], bool], say: Callable[[str], None],
+) -> None:  # fmt: skip
     started = quiet_until = time.monotonic()
     lost = 0.0  # simulated time left out for good, s
     while not stopped():

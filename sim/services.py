@@ -6,7 +6,7 @@ The vehicle itself answers commands about its streams, the rest goes to the auto
 from pymavlink.dialects.v20 import all as mavlink
 
 from .autopilots.ardupilot import STREAM_GROUPS
-from .autopilots.contract import ACCEPTED, DENIED, FAILED, Command, Say
+from .autopilots.contract import Ack, Command, Say
 from .flight import Flight
 from .links import Link
 from .streams import Streams
@@ -62,24 +62,21 @@ class Services:
             return (self._streams.ask(link, first, command.params[1], self._say),)
         if command.number == GET_INTERVAL:
             return (self._tell_interval(link, first),)
-        if command.number == REQUEST_MESSAGE:
-            return (self._send_once(link, first),)
-        if command.number == REQUEST_CAPABILITIES:
-            return (self._send_once(link, AUTOPILOT_VERSION),)
-        if command.number == GET_HOME:
-            return (self._send_once(link, HOME_POSITION),)
+        asked = {REQUEST_MESSAGE: first, REQUEST_CAPABILITIES: AUTOPILOT_VERSION, GET_HOME: HOME_POSITION}
+        if command.number in asked:
+            return (self._send_once(link, asked[command.number]),)
         return self._flight.autopilot.command(command, self._flight.now, self._flight.body)
 
     def _send_once(self, link: Link, number: int) -> int:
         if number not in self._flight.autopilot.identity.streamable:
-            return DENIED
-        return ACCEPTED if self._streams.send_once(link, number) else FAILED
+            return Ack.DENIED
+        return Ack.ACCEPTED if self._streams.send_once(link, number) else Ack.FAILED
 
     def _tell_interval(self, link: Link, number: int) -> int:
         if not 0 <= number <= 65535:
-            return DENIED
+            return Ack.DENIED
         link.send(mavlink.MAVLink_message_interval_message(number, self._streams.interval(link, number)))
-        return ACCEPTED
+        return Ack.ACCEPTED
 
     def _param_read(self, message: Message, link: Link) -> None:
         self._reply(link, self._flight.autopilot.params.read(_text(message.param_id), message.param_index))
@@ -111,17 +108,15 @@ class Services:
 
     def _timesync(self, message: Message, link: Link) -> None:
         if message.tc1 == 0:
-            link.send(mavlink.MAVLink_timesync_message((self._flight.now - self._flight.booted) * 1000, message.ts1))
+            link.send(mavlink.MAVLink_timesync_message(self._flight.boot_us * 1000, message.ts1))
 
     def _file_transfer(self, message: Message, link: Link) -> None:
         """There are no files: saying so spares a ground station its timeouts."""
         asked = message.payload
         sequence = (asked[0] | asked[1] << 8) + 1 & 0xFFFF
-        header = [sequence & 0xFF, sequence >> 8, asked[2], FTP_REFUSED, 1, asked[3], 0, 0, 0, 0, 0, 0]
-        payload = [*header, FTP_FILE_NOT_FOUND]
-        system, component = _sender(message)
-        answer = [*payload, *[0] * (len(asked) - len(payload))]
-        link.send(mavlink.MAVLink_file_transfer_protocol_message(0, system, component, answer))
+        header = [sequence & 0xFF, sequence >> 8, asked[2], FTP_REFUSED, 1, asked[3], *[0] * 6]
+        answer = [*header, FTP_FILE_NOT_FOUND, *[0] * (len(asked) - 13)]
+        link.send(mavlink.MAVLink_file_transfer_protocol_message(0, *_sender(message), answer))
 
     @staticmethod
     def _reply(link: Link, message: Message | None) -> None:
@@ -140,10 +135,11 @@ def _sender(message: Message) -> tuple[int, int]:
 def read_command(message: Message) -> Command:
     """Either message as a Command; COMMAND_INT's scaled integers become degrees."""
     params = (message.param1, message.param2, message.param3, message.param4)
-    sender = (message.get_srcSystem(), message.get_srcComponent())
     if message.get_msgId() == COMMAND_INT:
-        return Command(message.command, params, message.x * 1e-7, message.y * 1e-7, message.z, sender, message.frame)
-    return Command(message.command, params, message.param5, message.param6, message.param7, sender, RELATIVE)
+        place, frame = (message.x * 1e-7, message.y * 1e-7, message.z), message.frame
+    else:
+        place, frame = (message.param5, message.param6, message.param7), RELATIVE
+    return Command(message.command, params, *place, _sender(message), frame)
 
 
 def _whole(value: float) -> int:

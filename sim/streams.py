@@ -3,7 +3,7 @@
 from functools import partial
 
 from .agenda import Agenda
-from .autopilots.contract import ACCEPTED, INFO, Say
+from .autopilots.contract import Ack, Say, Severity
 from .flight import Flight
 from .links import HEARTBEAT, Link
 from .telemetry import BUILDERS
@@ -25,24 +25,18 @@ class Streams:
 
     def open(self, link: Link) -> None:
         """A new link: a heartbeat at once and then whatever this autopilot sends unasked."""
-        self._agenda.put(("stream", link.name, "first"), self._flight.now, partial(self._greet, link))
+        self._agenda.put(("stream", link.name, "first"), self._flight.now, partial(self.send_once, link, HEARTBEAT))
         self.run(link, HEARTBEAT, HEARTBEAT_US)
         if self._flight.config.vehicle.default_streams:
             for number, interval in self._flight.autopilot.identity.default_streams.items():
                 self.run(link, number, interval)
 
-    def _greet(self, link: Link) -> None:
-        self.send_once(link, HEARTBEAT)
-
     def ask(self, link: Link, number: int, interval: float, say: Say) -> int:
         """MAV_CMD_SET_MESSAGE_INTERVAL, microseconds; the ack."""
         identity = self._flight.autopilot.identity
-        if identity.autopilot == PX4:
-            refused = number not in identity.streamable or number == HEARTBEAT
-        else:
-            refused = number not in identity.streamable
-            if refused:
-                say(INFO, f"No ap_message for mavlink id ({number})")
+        refused = number not in identity.streamable
+        if refused and identity.autopilot != PX4:
+            say(Severity.INFO, f"No ap_message for mavlink id ({number})")
         if refused or interval != interval or interval < STOP:
             return identity.interval_refusal
         if interval == DEFAULT:
@@ -50,11 +44,11 @@ class Streams:
         elif interval == STOP:
             self.stop(link, number)
         elif interval < identity.fastest_us:
-            say(INFO, f"Interval too short for mavlink id ({number})")
+            say(Severity.INFO, f"Interval too short for mavlink id ({number})")
             return identity.interval_refusal
         else:
             self.run(link, number, max(1_000, int(min(interval, SLOWEST_US)) // 1_000 * 1_000))
-        return ACCEPTED
+        return Ack.ACCEPTED
 
     def _run_default(self, link: Link, number: int) -> None:
         default = HEARTBEAT_US if number == HEARTBEAT else self._flight.autopilot.identity.default_streams.get(number)

@@ -1,4 +1,7 @@
-"""The autopilot's own messages, one function each, by message id. Units and frames are MAVLink's."""
+"""The autopilot's own messages, one function each under the name of its message, and the truth beside them.
+
+Units and frames are MAVLink's.
+"""
 
 import math
 from collections.abc import Callable
@@ -24,14 +27,8 @@ SENSORS = 0x1 | 0x2 | 0x4 | 0x8 | GPS_SENSOR | 0x200000 | 0x2000000 | 0x10000000
 
 def heartbeat(flight: Flight) -> Message:
     pilot = flight.autopilot
-    return mavlink.MAVLink_heartbeat_message(
-        pilot.identity.mav_type,
-        pilot.identity.autopilot,
-        pilot.base_mode(),
-        pilot.mode,
-        pilot.system_status(flight.body),
-        3,
-    )
+    kind, status = (pilot.identity.mav_type, pilot.identity.autopilot), pilot.system_status(flight.body)
+    return mavlink.MAVLink_heartbeat_message(*kind, pilot.base_mode(), pilot.mode, status, 3)
 
 
 def sys_status(flight: Flight) -> Message:
@@ -49,16 +46,11 @@ def system_time(flight: Flight) -> Message:
 def gps_raw_int(flight: Flight) -> Message:
     body = flight.body
     if not flight.autopilot.gps:
-        return mavlink.MAVLink_gps_raw_int_message(
-            flight.now - flight.booted, GPS_NO_FIX, 0, 0, 0, 65535, 65535, 0, 65535, 0
-        )
-    latitude, longitude = _degrees_e7(flight)
-    altitude = round((HOME_AMSL_M - body.down) * 1000)
-    course = round(math.degrees(body.course) % 360 * 100) % 36000
+        return mavlink.MAVLink_gps_raw_int_message(flight.boot_us, GPS_NO_FIX, 0, 0, 0, 65535, 65535, 0, 65535, 0)
+    place = *_degrees_e7(flight), round((HOME_AMSL_M - body.down) * 1000)
     speed = min(65534, round(body.ground_speed * 100))
-    boot = flight.now - flight.booted
     return mavlink.MAVLink_gps_raw_int_message(
-        boot, GPS_FIX_RTK, latitude, longitude, altitude, 121, 200, speed, course, 10
+        flight.boot_us, GPS_FIX_RTK, *place, 121, 200, speed, _centidegrees(body.course), 10
     )
 
 
@@ -73,7 +65,7 @@ def attitude_quaternion(flight: Flight) -> Message:
 
 
 def raw_imu(flight: Flight) -> Message:
-    return mavlink.MAVLink_raw_imu_message(flight.now - flight.booted, *_milli_imu(flight), 0, 0, 0)
+    return mavlink.MAVLink_raw_imu_message(flight.boot_us, *_milli_imu(flight), 0, 0, 0)
 
 
 def scaled_imu2(flight: Flight) -> Message:
@@ -83,9 +75,7 @@ def scaled_imu2(flight: Flight) -> Message:
 def highres_imu(flight: Flight) -> Message:
     acceleration, rates = flight.imu()
     nothing = [0.0] * 7  # magnetometer, barometer, temperature: not told to be updated
-    return mavlink.MAVLink_highres_imu_message(
-        flight.now - flight.booted, *acceleration, *rates, *nothing, IMU_FIELDS_UPDATED
-    )
+    return mavlink.MAVLink_highres_imu_message(flight.boot_us, *acceleration, *rates, *nothing, IMU_FIELDS_UPDATED)
 
 
 def _milli_imu(flight: Flight) -> list[int]:
@@ -99,43 +89,26 @@ def local_position_ned(flight: Flight) -> Message | None:
     body = flight.shown()
     if not flight.autopilot.position:
         return None
-    return mavlink.MAVLink_local_position_ned_message(
-        flight.boot_ms,
-        body.north,
-        body.east,
-        body.down,
-        body.velocity_north,
-        body.velocity_east,
-        body.velocity_down,
-    )
+    velocity = body.velocity_north, body.velocity_east, body.velocity_down
+    return mavlink.MAVLink_local_position_ned_message(flight.boot_ms, body.north, body.east, body.down, *velocity)
 
 
 def global_position_int(flight: Flight) -> Message:
     body = flight.shown()
-    latitude, longitude = _degrees_e7(flight) if flight.autopilot.position else (0, 0)
+    place = _degrees_e7(flight) if flight.autopilot.position else (0, 0)
+    heights = round((HOME_AMSL_M - body.down) * 1000), round(-body.down * 1000)
+    velocity = map(_centi, (body.velocity_north, body.velocity_east, body.velocity_down))
     return mavlink.MAVLink_global_position_int_message(
-        flight.boot_ms,
-        latitude,
-        longitude,
-        round((HOME_AMSL_M - body.down) * 1000),
-        round(-body.down * 1000),
-        _centi(body.velocity_north),
-        _centi(body.velocity_east),
-        _centi(body.velocity_down),
-        round(math.degrees(body.heading) % 360 * 100) % 36000,
+        flight.boot_ms, *place, *heights, *velocity, _centidegrees(body.heading)
     )
 
 
 def vfr_hud(flight: Flight) -> Message:
     body = flight.shown()
-    airspeed = flight.autopilot.shown_airspeed(body, flight.air.velocity)
+    airspeed = flight.instruments.airspeed(flight.autopilot.shown_airspeed(body, flight.air.velocity))
+    heading = round(math.degrees(body.heading) % 360) % 360
     return mavlink.MAVLink_vfr_hud_message(
-        flight.instruments.airspeed(airspeed),
-        body.ground_speed,
-        round(math.degrees(body.heading) % 360) % 360,
-        35,
-        HOME_AMSL_M - body.down,
-        -body.velocity_down,
+        airspeed, body.ground_speed, heading, 35, HOME_AMSL_M - body.down, -body.velocity_down
     )
 
 
@@ -155,33 +128,22 @@ def extended_sys_state(flight: Flight) -> Message:
     return mavlink.MAVLink_extended_sys_state_message(0, flight.autopilot.landed_state(flight.body))
 
 
-def own_distance_sensor(flight: Flight) -> Message | None:
+def distance_sensor(flight: Flight) -> Message | None:
     """The autopilot's own range. ArduPilot repeats the last value, stamped when sent, until the input is 0.45 s old."""
     sample = flight.rangefinder.latest(flight.now)
     if sample is None:
         return None
-    config, distance = flight.config.ranging, centimetres(sample.distance)
-    most = centimetres(config.max_range_m)
-    if flight.autopilot.identity.ranges_on_update:  # PX4: the sample's time, and what it makes of type and variance
-        stamp = (sample.taken_us - flight.booted) // 1000 & 0xFFFFFFFF
-        return mavlink.MAVLink_distance_sensor_message(stamp, 0, most, distance, 0, 1, config.orientation, 0)
-    return mavlink.MAVLink_distance_sensor_message(flight.boot_ms, 0, most, distance, 0, 0, config.orientation, 0)
+    config, stamp, number = flight.config.ranging, flight.boot_ms, 0
+    if flight.autopilot.identity.ranges_on_update:  # PX4 numbers its sensors from 1 and stamps when it was measured
+        stamp, number = (sample.taken_us - flight.booted) // 1000 & 0xFFFFFFFF, 1
+    most, distance = centimetres(config.max_range_m), centimetres(sample.distance)
+    return mavlink.MAVLink_distance_sensor_message(stamp, 0, most, distance, 0, number, config.orientation, 0)
 
 
 def home_position(flight: Flight) -> Message:
-    return mavlink.MAVLink_home_position_message(
-        round(HOME_LATITUDE_DEG * 1e7),
-        round(HOME_LONGITUDE_DEG * 1e7),
-        round(HOME_AMSL_M * 1000),
-        0.0,
-        0.0,
-        0.0,
-        [1.0, 0.0, 0.0, 0.0],
-        0.0,
-        0.0,
-        0.0,
-        flight.now,
-    )
+    place = round(HOME_LATITUDE_DEG * 1e7), round(HOME_LONGITUDE_DEG * 1e7), round(HOME_AMSL_M * 1000)
+    nothing, level = (0.0, 0.0, 0.0), [1.0, 0.0, 0.0, 0.0]
+    return mavlink.MAVLink_home_position_message(*place, *nothing, level, *nothing, flight.now)
 
 
 def autopilot_version(flight: Flight) -> Message:
@@ -189,20 +151,9 @@ def autopilot_version(flight: Flight) -> Message:
     capabilities = identity.capabilities
     if flight.config.vehicle.mavlink_version == 1:
         capabilities &= ~mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
-    nothing = [0] * 8
-    return mavlink.MAVLink_autopilot_version_message(
-        capabilities,
-        identity.version,
-        0,
-        0,
-        0,
-        nothing,
-        nothing,
-        nothing,
-        0,
-        0,
-        0x51D0 + flight.config.vehicle.system_id,
-    )
+    unknown = 0, 0, 0, *([0] * 8,) * 3, 0, 0  # other versions, their hashes, vendor and product
+    serial = 0x51D0 + flight.config.vehicle.system_id
+    return mavlink.MAVLink_autopilot_version_message(capabilities, identity.version, *unknown, serial)
 
 
 def current_mode(flight: Flight) -> Message:
@@ -212,7 +163,7 @@ def current_mode(flight: Flight) -> Message:
 
 def timesync(flight: Flight) -> Message:
     """A request: whoever hears it may answer."""
-    return mavlink.MAVLink_timesync_message(0, (flight.now - flight.booted) * 1000 + flight.config.vehicle.system_id)
+    return mavlink.MAVLink_timesync_message(0, flight.boot_us * 1000 + flight.config.vehicle.system_id)
 
 
 def nav_controller_output(flight: Flight) -> Message | None:
@@ -223,7 +174,7 @@ def nav_controller_output(flight: Flight) -> Message | None:
     return mavlink.MAVLink_nav_controller_output_message(math.degrees(roll), 0.0, 0, 0, 0, 0.0, 0.0, 0.0)
 
 
-def position_target(flight: Flight) -> Message | None:
+def position_target_local_ned(flight: Flight) -> Message | None:
     """The copter's echo of the velocity it flies: earth frame, only velocities valid."""
     flown = flight.autopilot.flown()
     if isinstance(flown, BodyVelocity):
@@ -257,6 +208,26 @@ def wind(flight: Flight) -> Message | None:
     return mavlink.MAVLink_wind_message(math.degrees(math.atan2(-east, -north)), math.hypot(north, east), 0.0)
 
 
+def sim_state(flight: Flight) -> Message:
+    """The truth, sent unasked so that flights can be judged."""
+    body = flight.body
+    latitude, longitude = to_degrees(body.north, body.east)
+    angles = *body.quaternion(), body.roll, body.pitch, body.heading
+    velocity = body.velocity_north, body.velocity_east, body.velocity_down
+    place = latitude, longitude, HOME_AMSL_M - body.down
+    whole = round(latitude * 1e7), round(longitude * 1e7)
+    return mavlink.MAVLink_sim_state_message(
+        *angles, *flight.specific_force(), *body.body_rates(), *place, 0.0, 0.0, *velocity, *whole
+    )
+
+
+def truth_array(flight: Flight) -> Message:
+    """DEBUG_FLOAT_ARRAY: Truth's north .. wind_east and then its time; SI and radians, NED from home."""
+    t = flight.truth()
+    values = [*t[1:4], math.remainder(t.heading, math.tau), *t[5:16], t.time]
+    return mavlink.MAVLink_debug_float_array_message(flight.now, b"SIM_TRUTH", 0, values + [0.0] * 42)
+
+
 def _millivolts(percent: float) -> int:
     """Three cells, nearly linear."""
     return round(10_500 + 21 * percent)
@@ -268,33 +239,19 @@ def _degrees_e7(flight: Flight) -> tuple[int, int]:
     return round(latitude * 1e7), round(longitude * 1e7)
 
 
+def _centidegrees(angle: float) -> int:
+    """0 .. 35999."""
+    return round(math.degrees(angle) % 360 * 100) % 36000
+
+
 def _centi(value: float) -> int:
     return max(-32767, min(32767, round(value * 100)))
 
 
-BUILDERS: dict[int, Callable[[Flight], Message | None]] = {
-    0: heartbeat,
-    1: sys_status,
-    2: system_time,
-    24: gps_raw_int,
-    27: raw_imu,
-    30: attitude,
-    31: attitude_quaternion,
-    32: local_position_ned,
-    33: global_position_int,
-    74: vfr_hud,
-    62: nav_controller_output,
-    83: attitude_target,
-    85: position_target,
-    105: highres_imu,
-    111: timesync,
-    116: scaled_imu2,
-    132: own_distance_sensor,
-    147: battery_status,
-    148: autopilot_version,
-    168: wind,
-    193: ekf_status_report,
-    242: home_position,
-    245: extended_sys_state,
-    436: current_mode,
-}
+_FUNCTIONS: tuple[Callable[[Flight], Message | None], ...] = (
+    heartbeat, sys_status, system_time, gps_raw_int, raw_imu, attitude, attitude_quaternion, local_position_ned,
+    global_position_int, vfr_hud, nav_controller_output, attitude_target, position_target_local_ned, highres_imu,
+    timesync, scaled_imu2, distance_sensor, battery_status, autopilot_version, wind, ekf_status_report, home_position,
+    extended_sys_state, current_mode,
+)  # fmt: skip
+BUILDERS = {getattr(mavlink, f"MAVLINK_MSG_ID_{build.__name__.upper()}"): build for build in _FUNCTIONS}

@@ -15,8 +15,8 @@ from .sensor import Sample
 from .services import Services
 from .signing import UNSIGNED_BY_ARDUPILOT, UNSIGNED_BY_PX4, Notary, read_key
 from .streams import Streams
-from .truth import sim_state, truth_array
-from .wire import Message, Sender
+from .telemetry import sim_state, truth_array
+from .wire import Message
 from .world import Air
 
 __all__ = ["Truth", "Vehicle"]
@@ -125,16 +125,14 @@ class Vehicle:
     # -- sending ------------------------------------------------------------------------------------------------------
 
     def _link(self, name: str) -> Link:
-        found = self._links.get(name)
-        if found is None:
+        if name not in self._links:
             airframe = self.config.vehicle
-            found = self._links[name] = Link(
-                name, airframe.system_id, AUTOPILOT_COMPONENT, airframe.mavlink_version, self._notary
-            )
-            found.silent = self._dumb and name != RANGING
+            link = Link(name, airframe.system_id, AUTOPILOT_COMPONENT, airframe.mavlink_version, self._notary)
+            self._links[name] = link
+            link.silent = self._dumb and name != RANGING
             if name != RANGING and not self._deaf:
-                self._streams.open(found)
-        return found
+                self._streams.open(link)
+        return self._links[name]
 
     def _autopilot_links(self) -> list[Link]:
         return [link for link in self._links.values() if link.name != RANGING]
@@ -153,10 +151,10 @@ class Vehicle:
     def _send_truth(self) -> None:
         if self._deaf:
             return
-        messages = (sim_state(self._flight), truth_array(self._flight))
+        state, truth = sim_state(self._flight), truth_array(self._flight)
         for link in self._autopilot_links():
-            for message in messages:
-                link.send(message)
+            link.send(state)
+            link.send(truth)
 
     # -- what happens -------------------------------------------------------------------------------------------------
 
@@ -175,11 +173,11 @@ class Vehicle:
 
     def _happen(self, event: Event) -> None:
         flight, action = self._flight, event.action
-        if action in ("mute_ranging", "unmute_ranging"):
+        if action.endswith("mute_ranging"):
             self._radio.muted = action == "mute_ranging"
-        elif action in ("freeze_ranging", "unfreeze_ranging"):
+        elif action.endswith("freeze_ranging"):
             self._radio.frozen = action == "freeze_ranging"
-        elif action in ("mute_autopilot", "unmute_autopilot"):
+        elif action.endswith("mute_autopilot"):
             self._dumb = action == "mute_autopilot"
             for link in self._autopilot_links():
                 link.silent = self._dumb
@@ -216,14 +214,13 @@ class Vehicle:
 
     def _set_up_radio(self) -> None:
         ranging, version = self.config.ranging, self.config.vehicle.mavlink_version
-        self._radio_sender = Sender(ranging.system_id, ranging.component_id, version, self._notary.prepare)
         self._radio_wire = Link("radio", ranging.system_id, ranging.component_id, version, self._notary)
         if ranging.via == "direct":
             self._link(RANGING)
         self._radio = RangingRadio(self.config, self._agenda, self._flight, self._radio_sends, self._driver)
 
     def _radio_sends(self, message: Message) -> None:
-        frame = self._radio_sender.frame(message)
+        frame = self._radio_wire.sender.frame(message)
         if frame is None:
             return
         if self.config.ranging.via == "direct":

@@ -6,10 +6,9 @@ udpin:HOST:PORT, udpout:HOST:PORT or tcpin:HOST:PORT, with or without slashes.
 import contextlib
 import re
 import socket
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
-KINDS = ("udpin", "udpout", "tcpin")
-PATTERN = re.compile(r"^(?P<kind>\w+):(?://)?(?P<host>[^:/]*):(?P<port>\d+)/?$")
+PATTERN = re.compile(r"(udpin|udpout|tcpin):(?://)?([^:/]+):(\d+)/?")
 Datagram = tuple[str, bytes]
 BIGGEST = 65_535
 BATCH = 1_000
@@ -30,37 +29,22 @@ class Endpoint(NamedTuple):
 
 
 def parse_endpoint(text: str) -> Endpoint:
-    match = PATTERN.match(text.strip())
-    if match is None or match["kind"] not in KINDS or not match["host"]:
+    match = PATTERN.fullmatch(text.strip())
+    if match is None:
         raise EndpointError(
             f'"{text}" is not an endpoint, write udpin:127.0.0.1:14550, udpout:HOST:PORT or tcpin:HOST:PORT'
         )
-    port = int(match["port"])
+    kind, host, port = match[1], match[2], int(match[3])
     if not 0 < port < 65536:
         raise EndpointError(f'"{text}": port {port} is outside 1 .. 65535')
-    return Endpoint(match["kind"], match["host"], port)
-
-
-class Wire(Protocol):
-    """One endpoint. Clients are named `first` and `first-2`, `first-3` in the order they were heard.
-    stream: whether frames may come in pieces."""
-
-    stream: bool
-
-    def receive(self) -> list[Datagram]:
-        """Everything that has arrived: (link name, bytes)."""
-
-    def send(self, link: str, frames: list[bytes]) -> None: ...
-
-    def links(self) -> list[str]: ...
-
-    def sockets(self) -> list[socket.socket]: ...
-
-    def close(self) -> None: ...
+    return Endpoint(kind, host, port)
 
 
 class UdpWire:
-    """A UDP port (udpin: answers whoever speaks) or a fixed peer (udpout: speaks first)."""
+    """A UDP port (udpin: answers whoever speaks) or a fixed peer (udpout: speaks first).
+
+    Links are named `first`, then `first-2`, `first-3` in the order they were heard.
+    """
 
     stream = False
 
@@ -72,6 +56,7 @@ class UdpWire:
             self._peers[resolved(endpoint)] = first
 
     def receive(self) -> list[Datagram]:
+        """Everything that has arrived: (link name, bytes)."""
         heard = []
         for _ in range(BATCH):
             try:
@@ -85,14 +70,10 @@ class UdpWire:
         return heard
 
     def send(self, link: str, frames: list[bytes]) -> None:
-        for peer, name in self._peers.items():
-            if name == link:
-                for frame in frames:
-                    self._send(frame, peer)
-
-    def _send(self, frame: bytes, peer: tuple[str, int]) -> None:
-        with contextlib.suppress(OSError):  # as on any radio: what is not received is lost
-            self._socket.sendto(frame, peer)
+        for peer in [peer for peer, name in self._peers.items() if name == link]:
+            for frame in frames:
+                with contextlib.suppress(OSError):  # as on any radio: what is not received is lost
+                    self._socket.sendto(frame, peer)
 
     def links(self) -> list[str]:
         return list(self._peers.values())
@@ -110,7 +91,7 @@ class UdpWire:
 
 
 class TcpWire:
-    """A listening TCP port; each connection is a link."""
+    """A listening TCP port; each connection is a link, named as those of a UDP port. Frames may come in pieces."""
 
     stream = True
 
@@ -170,6 +151,9 @@ class TcpWire:
 
     def _drop(self, name: str) -> None:
         self._open.pop(name).close()
+
+
+Wire = UdpWire | TcpWire
 
 
 def open_wire(endpoint: Endpoint, first: str) -> Wire:

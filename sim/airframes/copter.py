@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from ..body import Body, to_earth
 from ..config import Airframe
 from ..demands import BodyVelocity, Brake, Demand, EarthVelocity, Spin, Tilt, Velocity
+from .dragged import DraggedCopter
 from .multicopter import Multicopter, yaw_loop
 from .tilting import TiltingCopter
 from .unicycle import Unicycle
@@ -16,7 +17,7 @@ class CopterAirframe:
     """`by_velocity` holds velocities over the ground, or, carried, those seen from the nose through the air;
     `by_attitude` only leans."""
 
-    by_velocity: Unicycle | Multicopter
+    by_velocity: Unicycle | Multicopter | DraggedCopter
     by_attitude: TiltingCopter
     carried: bool = False
 
@@ -43,9 +44,8 @@ class CopterAirframe:
 
 def _seen_from(body: Body, velocity: tuple[float, float]) -> Body:
     """The body as somebody sees it who moves at a velocity north and east."""
-    return body._replace(
-        velocity_north=body.velocity_north - velocity[0], velocity_east=body.velocity_east - velocity[1]
-    )
+    north, east = body.through_air(velocity)
+    return body._replace(velocity_north=north, velocity_east=east)
 
 
 def over_ground(demand: Velocity, heading: float) -> EarthVelocity | Brake:

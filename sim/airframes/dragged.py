@@ -7,11 +7,10 @@ and 0.3 rad/s that is 3.78 m/s and 17 deg behind; 3.76 and 16 were flown.
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
-from ..body import GRAVITY, Body, at_most
+from ..body import GRAVITY, Body, at_most, lean
 from ..demands import Brake, EarthVelocity
-from .following import YawLoop
+from .following import YawLoop, pieces
 
 STEP = 0.02
 PROPORTIONAL, INTEGRAL, DERIVATIVE = 1.8, 0.4, 0.2
@@ -34,9 +33,8 @@ class DraggedCopter:
 
     def step(self, body: Body, demand: EarthVelocity | Brake, dt: float, wind: tuple[float, float]) -> Body:
         wanted = demand if isinstance(demand, EarthVelocity) else EarthVelocity(0.0, 0.0, demand.down)
-        pieces = max(1, math.ceil(dt / STEP - 1e-9))
-        for _ in range(pieces):
-            body = self._small_step(body, wanted, dt / pieces, wind)
+        for h in pieces(dt, STEP):
+            body = self._small_step(body, wanted, h, wind)
         return body
 
     def _small_step(self, body: Body, wanted: EarthVelocity, h: float, wind: tuple[float, float]) -> Body:
@@ -51,14 +49,12 @@ class DraggedCopter:
         )
         limited = math.hypot(north, east) >= MOST_ACCELERATION * 0.999
         north, east = north - GRAVITY * lean_north, east - GRAVITY * lean_east
-        drag_north, drag_east = (
-            self.drag * (body.velocity_north - wind[0]),
-            self.drag * (body.velocity_east - wind[1]),
-        )
+        drag_north, drag_east = (self.drag * speed for speed in body.through_air(wind))
         # the loop takes DERIVATIVE times the acceleration that comes of it off what it asks for
         north_rate, east_rate = (north - drag_north) / (1 + DERIVATIVE), (east - drag_east) / (1 + DERIVATIVE)
         velocity_north, velocity_east = body.velocity_north + north_rate * h, body.velocity_east + east_rate * h
         sink = body.velocity_down + (wanted.down + SINKING - body.velocity_down) * (1 - math.exp(-h / CLIMB_LAG))
+        roll, pitch = lean(north_rate + drag_north, east_rate + drag_east, body.heading)
         return self.yaw_loop.turn(body, self.yaw_loop.limited(wanted.yaw_rate), h)._replace(
             north=body.north + (body.velocity_north + velocity_north) / 2 * h,
             east=body.east + (body.velocity_east + velocity_east) / 2 * h,
@@ -68,18 +64,8 @@ class DraggedCopter:
             velocity_down=sink,
             push_north=body.push_north + (0.0 if limited else INTEGRAL * missing_north * h),
             push_east=body.push_east + (0.0 if limited else INTEGRAL * missing_east * h),
-            **_leaning(body, north_rate + drag_north, east_rate + drag_east, h),
+            roll=roll,
+            pitch=pitch,
+            roll_rate=max(-4.0, min(4.0, (roll - body.roll) / h)),
+            pitch_rate=max(-4.0, min(4.0, (pitch - body.pitch) / h)),
         )
-
-
-def _leaning(body: Body, north: float, east: float, h: float) -> dict[str, Any]:
-    """The attitude that thrusts so."""
-    cos, sin = math.cos(body.heading), math.sin(body.heading)
-    roll = math.atan((east * cos - north * sin) / GRAVITY)
-    pitch = -math.atan((north * cos + east * sin) / GRAVITY)
-    return {
-        "roll": roll,
-        "pitch": pitch,
-        "roll_rate": max(-4.0, min(4.0, (roll - body.roll) / h)),
-        "pitch_rate": max(-4.0, min(4.0, (pitch - body.pitch) / h)),
-    }

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from ..body import GRAVITY, Body
 from ..demands import Bank, Glide
-from .following import second_order, through_line
+from .following import pieces, second_order, through_line
 
 STEP = 0.02
 SPEED_LAG, HEIGHT_LAG, CLIMB_LAG = 3.0, 2.0, 1.0  # s
@@ -40,9 +40,7 @@ class FixedWing:
     trim_speed: float = 10.0
 
     def step(self, body: Body, demand: Bank | Glide, dt: float, wind: tuple[float, float]) -> Body:
-        pieces = max(1, math.ceil(dt / STEP - 1e-9))
-        for _ in range(pieces):
-            h = dt / pieces
+        for h in pieces(dt, STEP):
             body = self._gusted(body, wind)
             rolled = self._roll(body, demand.roll, h)
             shaped = _held(rolled, demand, h) if isinstance(demand, Bank) else self._glide(rolled, demand, h)

@@ -9,6 +9,12 @@ Line = tuple[tuple[float, float], ...]
 """Commands on their way: seconds until each arrives and its value. The first has arrived and is in force."""
 
 
+def pieces(dt: float, longest: float) -> list[float]:
+    """A time step cut into equal ones."""
+    count = max(1, math.ceil(dt / longest - 1e-9))
+    return [dt / count] * count
+
+
 def through_line(line: Line, command: float, dead_time: float, h: float) -> Line:
     """The line `h` seconds later, with a command put in now; what comes out is the value of its first entry."""
     line = tuple((left - h, value) for left, value in line)
@@ -39,9 +45,8 @@ class YawLoop:
 
     def turn(self, body: Body, command: float, h: float) -> Body:
         line = through_line(body.on_the_way, command, self.dead_time, h)
-        acceleration = second_order(
-            line[0][1] - body.turn_rate, body.turn_acceleration, self.frequency, self.damping, h
-        )
+        error = line[0][1] - body.turn_rate
+        acceleration = second_order(error, body.turn_acceleration, self.frequency, self.damping, h)
         acceleration = max(-self.most_acceleration, min(self.most_acceleration, acceleration))
         rate = body.turn_rate + acceleration * h
         return body._replace(

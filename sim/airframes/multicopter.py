@@ -8,9 +8,9 @@ error (a slip of 5 deg at 3 m/s and 0.2 rad/s, 10 at 5 and 0.3), unless the cent
 import math
 from dataclasses import dataclass
 
-from ..body import GRAVITY, Body
+from ..body import GRAVITY, Body, lean
 from ..demands import Brake, EarthVelocity
-from .following import YawLoop
+from .following import YawLoop, pieces
 
 STEP = 0.02
 YAW_EXCESS = 0.23  # of the centripetal acceleration in g
@@ -36,9 +36,8 @@ class Multicopter:
     yaw_loop: YawLoop
 
     def step(self, body: Body, demand: EarthVelocity | Brake, dt: float, wind: tuple[float, float]) -> Body:
-        pieces = max(1, math.ceil(dt / STEP - 1e-9))
-        for _ in range(pieces):
-            body = self._small_step(_pushed(body, wind, dt / pieces), demand, dt / pieces)
+        for h in pieces(dt, STEP):
+            body = self._small_step(_pushed(body, wind, h), demand, h)
         return body
 
     def _small_step(self, body: Body, demand: EarthVelocity | Brake, h: float) -> Body:
@@ -127,12 +126,10 @@ def _displaced(moved: Body, before: Body, down: float, h: float) -> Body:
 
 def _tilted(moved: Body, before: Body, h: float) -> Body:
     """The attitude whose thrust, against the drag in the wind it knows, makes the acceleration just flown."""
-    wind = before.trimmed_wind
-    north = (moved.velocity_north - before.velocity_north) / h + DRAG * (before.velocity_north - wind[0])
-    east = (moved.velocity_east - before.velocity_east) / h + DRAG * (before.velocity_east - wind[1])
-    cos, sin = math.cos(moved.heading), math.sin(moved.heading)
-    roll = math.atan((east * cos - north * sin) / GRAVITY)
-    pitch = -math.atan((north * cos + east * sin) / GRAVITY)
+    air_north, air_east = before.through_air(before.trimmed_wind)
+    north = (moved.velocity_north - before.velocity_north) / h + DRAG * air_north
+    east = (moved.velocity_east - before.velocity_east) / h + DRAG * air_east
+    roll, pitch = lean(north, east, moved.heading)
     lag = 1 - math.exp(-h / 0.1)
     roll, pitch = before.roll + (roll - before.roll) * lag, before.pitch + (pitch - before.pitch) * lag
     return moved._replace(

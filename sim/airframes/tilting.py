@@ -3,8 +3,9 @@
 import math
 from dataclasses import dataclass
 
-from ..body import GRAVITY, Body
+from ..body import GRAVITY, Body, to_earth
 from ..demands import Spin, Tilt
+from .following import pieces
 
 STEP = 0.025
 TILT_LAG, YAW_LAG = 0.12, 0.15  # s
@@ -21,9 +22,7 @@ class TiltingCopter:
     hover_thrust: float = 0.485
 
     def step(self, body: Body, demand: Tilt | Spin, dt: float, wind: tuple[float, float]) -> Body:
-        pieces = max(1, math.ceil(dt / STEP - 1e-9))
-        for _ in range(pieces):
-            h = dt / pieces
+        for h in pieces(dt, STEP):
             turned = self._tilt(body, demand, h) if isinstance(demand, Tilt) else _spin(body, demand, h)
             body = self._move(turned, body, demand, h, wind)
         return body
@@ -34,8 +33,7 @@ class TiltingCopter:
         roll = body.roll + (demand.roll - wrong_roll - body.roll) * share
         pitch = body.pitch + (demand.pitch - wrong_pitch - body.pitch) * share
         error = 0.0 if demand.heading is None else math.remainder(demand.heading - body.heading, math.tau)
-        command = demand.yaw_rate + YAW_GAIN * error
-        command = max(-self.max_turn_rate, min(self.max_turn_rate, command))
+        command = max(-self.max_turn_rate, min(self.max_turn_rate, demand.yaw_rate + YAW_GAIN * error))
         rate = body.turn_rate + (command - body.turn_rate) * (1 - math.exp(-h / YAW_LAG))
         return body._replace(
             roll=roll,
@@ -48,11 +46,10 @@ class TiltingCopter:
 
     def _move(self, turned: Body, before: Body, demand: Tilt | Spin, h: float, wind: tuple[float, float]) -> Body:
         forward, right = -GRAVITY * math.tan(turned.pitch), GRAVITY * math.tan(turned.roll) / math.cos(turned.pitch)
-        cos, sin = math.cos(turned.heading), math.sin(turned.heading)
-        north = forward * cos - right * sin - self.drag * (before.velocity_north - wind[0])
-        east = forward * sin + right * cos - self.drag * (before.velocity_east - wind[1])
+        (north, east), (air_north, air_east) = to_earth(forward, right, turned.heading), before.through_air(wind)
+        velocity_north = before.velocity_north + (north - self.drag * air_north) * h
+        velocity_east = before.velocity_east + (east - self.drag * air_east) * h
         down = self._sink(turned, before, demand, h)
-        velocity_north, velocity_east = before.velocity_north + north * h, before.velocity_east + east * h
         return turned._replace(
             north=before.north + (before.velocity_north + velocity_north) / 2 * h,
             east=before.east + (before.velocity_east + velocity_east) / 2 * h,

@@ -11,20 +11,7 @@ from ..wire import Message
 from . import copter_legs as legs
 from .ardupilot import ArduPilot
 from .ardupilot_tables import COPTER, copter_parameters
-from .contract import (
-    ACCEPTED,
-    CRITICAL,
-    EMERGENCY,
-    FAILED,
-    IN_AIR,
-    LANDING,
-    ON_GROUND,
-    TAKING_OFF,
-    UNSUPPORTED,
-    WARNING,
-    Command,
-    Say,
-)
+from .contract import Ack, Command, Landed, Say, Severity
 from .copter_targets import GoTo, Poison, Stop, read_attitude_target, read_local_target
 
 GUIDED, RTL, LAND, GUIDED_NOGPS, SMART_RTL = 4, 6, 9, 20, 21
@@ -40,7 +27,6 @@ Target = BodyVelocity | EarthVelocity | GoTo | Tilt | Spin
 class ArduCopter(ArduPilot):
     """The copter's flight modes over an airframe; what GUIDED flies is one target and the time it came."""
 
-    AUTO = 3
     NEEDS_POSITION = frozenset({3, 4, 5, 6, 7, 11, 16, 17, 21})
     NOT_ARMABLE = frozenset({3, 6, 9, 14, 15, 17, 19, 21})
     MANUAL_MODES = frozenset({0, 1, 2, 5, 11, 13, 16})
@@ -57,7 +43,7 @@ class ArduCopter(ArduPilot):
         self._airframe: CopterAirframe = copter_airframe(vehicle)
         self._target: Target | None = None
         self._climbing_to: float | None = None
-        self._leg_speeds = legs.Speeds(self.params)
+        self._leg_speeds = legs.Speeds({}, self.params)
         self._since = self._leg_at = 0
         self._demand: Demand = self._idle() if self.armed else FALL
         if self.mode == GUIDED and config.start.speed_mps:
@@ -69,21 +55,19 @@ class ArduCopter(ArduPilot):
         return self._airframe.step(body, self._demand, dt, wind)
 
     def wake_us(self) -> int:
-        own = NEVER
-        if self.armed and self._on_a_leg():
-            own = self._leg_at
-        elif self.armed and self._target is not None:
-            own = self._since + round(self.params["GUID_TIMEOUT"] * 1e6)
-        return min(own, super().wake_us())
+        if not self.armed:
+            return super().wake_us()
+        return min(self._leg_at if self._on_a_leg() else self._target_until(), super().wake_us())
+
+    def _target_until(self) -> int:
+        return NEVER if self._target is None else self._since + self.params.microseconds("GUID_TIMEOUT")
 
     def wake(self, now: int, body: Body) -> None:
         super().wake(now, body)
-        if not self.armed:
-            return
-        if self._on_a_leg():
+        if self.armed and self._on_a_leg():
             self._leg_at = now + LEG_US
             self._demand = self._leg(body)
-        elif self._target is not None and now >= self._since + round(self.params["GUID_TIMEOUT"] * 1e6):
+        elif self.armed and now >= self._target_until():
             self._rest(LEVEL if isinstance(self._target, (Tilt, Spin)) else Brake())  # without a word, in the same mode
 
     def _on_a_leg(self) -> bool:
@@ -95,13 +79,13 @@ class ArduCopter(ArduPilot):
             demand = legs.climb_out(body, self._climbing_to, self._leg_speeds)
             if demand is None:
                 self._climbing_to = None
-            return demand or Brake()
-        if isinstance(self._target, GoTo):
-            return legs.to_point(body, self._target, self._leg_speeds)
-        landing = self.mode == LAND or not self.position
-        demand = (legs.descent if landing else legs.way_home)(body, self._leg_speeds)
-        if demand is None:
-            self.disarm()
+        elif isinstance(self._target, GoTo):
+            demand = legs.to_point(body, self._target, self._leg_speeds)
+        else:
+            landing = self.mode == LAND or not self.position
+            demand = (legs.descent if landing else legs.way_home)(body, self._leg_speeds)
+            if demand is None:
+                self.set_armed(False)
         return demand or Brake()
 
     def _rest(self, demand: Demand) -> None:
@@ -114,27 +98,23 @@ class ArduCopter(ArduPilot):
 
     def setpoint(self, message: Message, now: int, body: Body) -> bool:
         number = message.get_msgId()
-        busy = self._climbing_to is not None
-        if self.mode not in (GUIDED, GUIDED_NOGPS) or not self.armed or busy:
+        if self.mode not in (GUIDED, GUIDED_NOGPS) or not self.armed or self._climbing_to is not None:
             return False
-        target: Target | Stop | Poison | None = None
-        if number == LOCAL_TARGET:
-            target = read_local_target(message, body, self._airframe.turns_with_nose)
-            if self.mode == GUIDED_NOGPS:  # taken, and it upsets the controller: stops and sinks
-                self._rest(SINKING)
-                return False
-        elif number == ATTITUDE_TARGET:
-            target = read_attitude_target(message, self.params)
-        return self._take(target, now, body)
+        if number == ATTITUDE_TARGET:
+            return self._take(read_attitude_target(message, self.params), now, body)
+        if number == LOCAL_TARGET and self.mode == GUIDED:
+            return self._take(read_local_target(message, body, self._airframe.turns_with_nose), now, body)
+        if number == LOCAL_TARGET:  # without GPS it is taken, and upsets the controller: stops and sinks
+            self._rest(SINKING)
+        return False
 
     def _take(self, target: Target | Stop | Poison | None, now: int, body: Body) -> bool:
-        if target is None:
-            return False
         if isinstance(target, Poison):
-            self._crash()
-            return False
-        if isinstance(target, Stop):
+            self.say(Severity.EMERGENCY, "Crash: Disarming: AngErr=180>30, Accel=0.1<3.0")
+            self.set_armed(False)
+        elif isinstance(target, Stop):
             self._rest(self._idle())
+        if target is None or isinstance(target, (Poison, Stop)):
             return False
         self._target, self._since, self._leg_at = target, now, now
         self._demand = legs.to_point(body, target, self._leg_speeds) if isinstance(target, GoTo) else target
@@ -146,26 +126,22 @@ class ArduCopter(ArduPilot):
     def own_command(self, command: Command, now: int, body: Body) -> int:
         if command.number == DO_CHANGE_SPEED:
             return self._change_speed(command)
-        return self._take_off(command, now, body) if command.number == TAKEOFF else UNSUPPORTED
+        return self._take_off(command, now, body) if command.number == TAKEOFF else Ack.UNSUPPORTED
 
     def _change_speed(self, command: Command) -> int:
         """Of the legs that it flies by itself, until it is asked for another."""
         kind, speed = command.params[:2]
         names = {0: "WPNAV_SPEED", 1: "WPNAV_SPEED", 2: "WPNAV_SPEED_UP", 3: "WPNAV_SPEED_DN"}
         if kind not in names or not 0 < speed < 100:
-            return FAILED
+            return Ack.FAILED
         self._leg_speeds[names[int(kind)]] = speed * 100
-        return ACCEPTED
+        return Ack.ACCEPTED
 
     def _take_off(self, command: Command, now: int, body: Body) -> int:
         if self.mode != GUIDED or not self.armed or self.flying(body) or not command.z > 0:
-            return FAILED
+            return Ack.FAILED
         self._climbing_to, self._leg_at = -command.z, now
-        return ACCEPTED
-
-    def _crash(self) -> None:
-        self.say(EMERGENCY, "Crash: Disarming: AngErr=180>30, Accel=0.1<3.0")
-        self.disarm()
+        return Ack.ACCEPTED
 
     # -- the copter's own rules ---------------------------------------------------------------------------------------
 
@@ -184,11 +160,11 @@ class ArduCopter(ArduPilot):
         return RTL if self.position else LAND
 
     def ground_station_lost(self, now: int) -> None:
-        self.fail_to(self.refuge(), now, WARNING, "GCS Failsafe")
+        self.fail_to(self.refuge(), now, Severity.WARNING, "GCS Failsafe")
 
     def estimator_lost(self, now: int) -> None:
         if self.mode in self.NEEDS_POSITION and self.params["FS_EKF_ACTION"] != 0:
-            self.fail_to(LAND, now, CRITICAL, "EKF Failsafe: changed to LAND Mode")
+            self.fail_to(LAND, now, Severity.CRITICAL, "EKF Failsafe: changed to LAND Mode")
 
     # -- what is reported ---------------------------------------------------------------------------------------------
 
@@ -197,10 +173,10 @@ class ArduCopter(ArduPilot):
 
     def landed_state(self, body: Body) -> int:
         if not self.flying(body):
-            return ON_GROUND
+            return Landed.ON_GROUND
         if self._climbing_to is not None:
-            return TAKING_OFF
-        return LANDING if self.mode == LAND else IN_AIR
+            return Landed.TAKING_OFF
+        return Landed.LANDING if self.mode == LAND else Landed.IN_AIR
 
     def shown_airspeed(self, body: Body, wind: tuple[float, float]) -> float:
         """A copter without an airspeed sensor shows its ground speed, if it knows it."""

@@ -10,22 +10,7 @@ from ..config import VehicleConfig
 from ..params import Parameters
 from ..wire import Message
 from ..world import HOME_AMSL_M, from_degrees
-from .contract import (
-    ACCEPTED,
-    CRITICAL,
-    DENIED,
-    FAILED,
-    FORCE,
-    STATUS_ACTIVE,
-    STATUS_CRITICAL,
-    STATUS_STANDBY,
-    UNSUPPORTED,
-    WARNING,
-    Autopilot,
-    Command,
-    Identity,
-    Say,
-)
+from .contract import FORCE, Ack, Autopilot, Command, Identity, Say, Severity, State
 
 CUSTOM_MODE_ENABLED, STABILIZED = 1, 16
 DO_SET_MODE, ARM_DISARM, DO_REPOSITION = 176, 400, 192
@@ -48,7 +33,6 @@ class ArduPilot(Autopilot):
     """Mode, arming and failsafes; a vehicle says in a few sets how it takes its modes."""
 
     POSITION_LOSS_US = 8_000_000  # until "EKF variance"
-    AUTO: int
     NEEDS_POSITION: frozenset[int] = frozenset()
     NOT_ARMABLE: frozenset[int]
     MANUAL_MODES: frozenset[int]
@@ -86,26 +70,23 @@ class ArduPilot(Autopilot):
         """In GUIDED, fly to a place and stay there."""
 
     def own_command(self, command: Command, now: int, body: Body) -> int:
-        return UNSUPPORTED
+        return Ack.UNSUPPORTED
 
     # -- modes and arming ---------------------------------------------------------------------------------------------
 
     def change_mode(self, mode: int, now: int) -> int:
         if mode == self.mode:
-            return ACCEPTED
+            return Ack.ACCEPTED
         if mode not in self.identity.modes.values():
-            self.say(WARNING, f"No such mode {mode}")
-            return FAILED
-        reason = None
-        if mode in self.NEEDS_POSITION and not self.position:
-            reason = "requires position"
-        elif mode == self.AUTO:
-            reason = "missing mission"
-        if reason is not None:
-            self.say(WARNING, self.identity.mode_refusal.format(name=self.mode_name(mode), reason=reason))
-            return FAILED
+            self.say(Severity.WARNING, f"No such mode {mode}")
+            return Ack.FAILED
+        lost = mode in self.NEEDS_POSITION and not self.position
+        if lost or mode == self.identity.modes["AUTO"]:
+            reason = "requires position" if lost else "missing mission"
+            self.say(Severity.WARNING, self.identity.mode_refusal.format(name=self.mode_name(mode), reason=reason))
+            return Ack.FAILED
         self.force_mode(mode, now)
-        return ACCEPTED
+        return Ack.ACCEPTED
 
     def force_mode(self, mode: int, now: int) -> None:
         self.mode = self.intended = mode
@@ -113,9 +94,9 @@ class ArduPilot(Autopilot):
 
     def command(self, command: Command, now: int, body: Body) -> tuple[int, ...]:
         if command.number == DO_SET_MODE:
-            base, custom = command.params[0], command.params[1]
+            base, custom = command.params[:2]
             if not (abs(base) < 2**31 and int(base) & CUSTOM_MODE_ENABLED):
-                return (DENIED,)
+                return (Ack.DENIED,)
             return (self.change_mode(int(custom) if abs(custom) < 2**31 else -1, now),)
         if command.number == ARM_DISARM:
             return (self._arm(command.params[0], command.params[1] == FORCE, body),)
@@ -130,46 +111,35 @@ class ArduPilot(Autopilot):
         guided, flags = self.identity.modes["GUIDED"], command.params[1]
         changes_mode = 0 <= flags < 2**31 and int(flags) & 1
         if self.mode != guided and not changes_mode:
-            return DENIED
+            return Ack.DENIED
         place = abs(command.x) <= 90 and abs(command.y) <= 180 and abs(command.z) < 10_000
         if not place or command.frame not in SEA_LEVEL + ABOVE_HOME:
-            return DENIED
-        standing = not self.armed or self.system_status(body) == STATUS_STANDBY
-        if standing or self.change_mode(guided, now) != ACCEPTED:
-            return FAILED
+            return Ack.DENIED
+        standing = not self.armed or self.system_status(body) == State.STANDBY
+        if standing or self.change_mode(guided, now) != Ack.ACCEPTED:
+            return Ack.FAILED
         height = command.z - (HOME_AMSL_M if command.frame in SEA_LEVEL else 0.0)
         self.go_to(*from_degrees(command.x, command.y), -height, now, body)
-        return ACCEPTED
+        return Ack.ACCEPTED
 
     def _arm(self, wish: float, force: bool, body: Body) -> int:
-        if wish == 1:
-            refusal = self._arming_refusal()
-            if not self.armed and refusal is not None and not force:
-                self.say(WARNING, f"Arm: {refusal}")
-                return FAILED
-            self.armed = True
-            return ACCEPTED
-        if wish != 0:
-            return DENIED
-        if self.armed and self.flying(body) and not force:
-            return FAILED
-        self.disarm()
-        return ACCEPTED
+        if wish not in (0, 1):
+            return Ack.DENIED
+        if wish == 1 and not self.armed and not force:
+            lost = self.mode in self.NEEDS_POSITION and not self.position
+            if lost or self.mode in self.NOT_ARMABLE:
+                why = "Mode not armable" if self.mode in self.NOT_ARMABLE else "Need Position Estimate"
+                self.say(Severity.WARNING, f"Arm: {why}")
+                return Ack.FAILED
+        if wish == 0 and self.armed and not force and self.flying(body):
+            return Ack.FAILED
+        self.set_armed(wish == 1)
+        return Ack.ACCEPTED
 
-    def _arming_refusal(self) -> str | None:
-        if self.mode in self.NOT_ARMABLE:
-            return "Mode not armable"
-        return "Need Position Estimate" if self.mode in self.NEEDS_POSITION and not self.position else None
-
-    def set_armed(self, armed: bool, now: int) -> None:
-        if armed:
-            self.armed = True
-        else:
-            self.disarm()
-
-    def disarm(self) -> None:
-        self.armed = False
-        self.disarmed()
+    def set_armed(self, armed: bool, now: int = 0) -> None:
+        self.armed = armed
+        if not armed:
+            self.disarmed()
 
     # -- failsafes ----------------------------------------------------------------------------------------------------
 
@@ -192,7 +162,7 @@ class ArduPilot(Autopilot):
             self.position = self._odometry
             if self.position:
                 return
-            self.say(CRITICAL, "EKF variance")
+            self.say(Severity.CRITICAL, "EKF variance")
             self.estimator_lost(now)
         if now >= self._gcs_deadline():
             self.failsafe = True
@@ -205,7 +175,7 @@ class ArduPilot(Autopilot):
         self.force_mode(mode, now)
 
     def radio_lost(self, now: int) -> None:
-        self.fail_to(self.refuge(), now, WARNING, "Radio Failsafe")
+        self.fail_to(self.refuge(), now, Severity.WARNING, "Radio Failsafe")
 
     def _gcs_deadline(self) -> int:
         if self._gcs_heard is None or not self.armed or self.params[self._gcs_switch] == 0:
@@ -222,5 +192,9 @@ class ArduPilot(Autopilot):
 
     def system_status(self, body: Body) -> int:
         if self.failsafe:
-            return STATUS_CRITICAL
-        return STATUS_ACTIVE if self.flying(body) else STATUS_STANDBY
+            return State.CRITICAL
+        return State.ACTIVE if self.active(body) else State.STANDBY
+
+    def active(self, body: Body) -> bool:
+        """Whether HEARTBEAT calls it active."""
+        return self.flying(body)

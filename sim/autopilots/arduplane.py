@@ -14,7 +14,7 @@ from ..world import from_degrees
 from .ardupilot import ArduPilot
 from .ardupilot_tables import PLANE, plane_parameters
 from .circling import Loiter, bank_for_heading, bank_on_loiter
-from .contract import ACCEPTED, DENIED, FAILED, UNSUPPORTED, WARNING, Command, Say
+from .contract import Ack, Command, Say, Severity
 from .sticks import Sticks
 
 CIRCLE, RTL, LOITER, TAKEOFF, GUIDED = 1, 11, 12, 13, 15
@@ -33,7 +33,6 @@ class ArduPlane(ArduPilot):
     """The plane's flight modes: every one comes down to a bank, a height and an airspeed."""
 
     FIRST_MODE = "LOITER"
-    AUTO = 10
     NOT_ARMABLE = frozenset({10, 16})
     MANUAL_MODES, GUIDED_MODES = frozenset({0, 2, 4, 5, 6, 7, 8}), frozenset({1, 10, 11, 12, 13, 15})
     MODE_COMMANDS: ClassVar = {20: RTL, 17: LOITER}
@@ -66,11 +65,9 @@ class ArduPlane(ArduPilot):
     def fly(self, body: Body, dt: float, wind: tuple[float, float]) -> Body:
         if not self.armed:
             return falling(body, dt)
-        forced = self._forced or Forced(None, None, None)
-        speed = self._speed * self._scale
-        self._here = self._airframe.step(
-            body, Bank(self._bank, speed, self._height, forced.pitch, forced.throttle), dt, wind
-        )
+        _, pitch, throttle = self._forced or Forced(None, None, None)
+        demand = Bank(self._bank, self._speed * self._scale, self._height, pitch, throttle)
+        self._here = self._airframe.step(body, demand, dt, wind)
         return self._here
 
     def wake_us(self) -> int:
@@ -93,8 +90,8 @@ class ArduPlane(ArduPilot):
             return CIRCLE_BANK
         if self.mode in LOITERING:
             return bank_on_loiter(body, self._loiter, min(limit, math.radians(58)), self._airframe.effectiveness)
-        timeout = round(self.params["RC_OVERRIDE_TIME"] * 1e6)
-        return self._sticks.roll(now, timeout) * limit if self.mode in self.MANUAL_MODES else 0.0
+        held = self.mode in self.MANUAL_MODES
+        return self._sticks.roll(now, self.params.microseconds("RC_OVERRIDE_TIME")) * limit if held else 0.0
 
     # -- what is obeyed -----------------------------------------------------------------------------------------------
 
@@ -126,42 +123,42 @@ class ArduPlane(ArduPilot):
             return self._change_altitude(command)
         if command.number in (CHANGE_SPEED, DO_CHANGE_SPEED):
             return self._change_speed(command)
-        return self._change_heading(command) if command.number == CHANGE_HEADING else UNSUPPORTED
+        return self._change_heading(command) if command.number == CHANGE_HEADING else Ack.UNSUPPORTED
 
     def _be_placed(self, command: Command) -> int:
         """As NavEKF3 does: only without GPS, and only without an altitude."""
         if not math.isnan(command.z) or not (abs(command.x) <= 90 and abs(command.y) <= 180):
-            return DENIED
+            return Ack.DENIED
         if self.gps:
-            return FAILED
+            return Ack.FAILED
         self._placed = from_degrees(command.x, command.y)
-        return ACCEPTED
+        return Ack.ACCEPTED
 
     def _change_altitude(self, command: Command) -> int:
         height = command.params[0] if command.number == DO_CHANGE_ALTITUDE else command.z
         if self.mode != GUIDED or not 0 <= height < 10_000:
-            return FAILED
+            return Ack.FAILED
         self._height = -height
-        return ACCEPTED
+        return Ack.ACCEPTED
 
     def _change_speed(self, command: Command) -> int:
         kind, speed = command.params[0], command.params[1]
         mission = command.number == DO_CHANGE_SPEED  # a mission's item, for any mode that flies by itself
         if self.mode != GUIDED and not (mission and self.mode in self.GUIDED_MODES):
-            return FAILED
+            return Ack.FAILED
         if kind != 0 or not self.params["AIRSPEED_MIN"] <= speed <= self.params["AIRSPEED_MAX"]:
-            return FAILED if mission else DENIED
+            return Ack.FAILED if mission else Ack.DENIED
         self._speed = speed
-        return ACCEPTED
+        return Ack.ACCEPTED
 
     def _change_heading(self, command: Command) -> int:
         kind, heading, acceleration = command.params[:3]
         if self.mode != GUIDED:
-            return FAILED
+            return Ack.FAILED
         if kind not in (0, 1) or not 0 <= heading < 360 or math.isnan(acceleration):
-            return DENIED
+            return Ack.DENIED
         self._heading = (math.radians(heading), math.atan(max(0.05, acceleration) / GRAVITY))
-        return ACCEPTED
+        return Ack.ACCEPTED
 
     def heard(self, message: Message, now: int) -> None:
         super().heard(message, now)
@@ -184,7 +181,7 @@ class ArduPlane(ArduPilot):
         return RTL
 
     def ground_station_lost(self, now: int) -> None:
-        self.say(WARNING, f"GCS Failsafe On: {self.mode_name(self.mode)}")  # FS_LONG_ACTN 0: and carries on
+        self.say(Severity.WARNING, f"GCS Failsafe On: {self.mode_name(self.mode)}")  # FS_LONG_ACTN 0: and carries on
 
     def shown_airspeed(self, body: Body, wind: tuple[float, float]) -> float:
         """Indicated: what the thin air leaves of the true airspeed."""

@@ -11,18 +11,7 @@ from ..demands import BodyVelocity, Brake
 from ..wire import Message
 from .ardupilot import CUSTOM_MODE_ENABLED, ArduPilot
 from .ardupilot_tables import ROVER, rover_parameters
-from .contract import (
-    ACCEPTED,
-    CRITICAL,
-    FAILED,
-    STATUS_ACTIVE,
-    STATUS_CRITICAL,
-    STATUS_STANDBY,
-    UNSUPPORTED,
-    WARNING,
-    Command,
-    Say,
-)
+from .contract import Ack, Command, Say, Severity
 
 HOLD, LOITER, RTL, SMART_RTL, GUIDED = 4, 5, 11, 12, 15
 LOCAL_TARGET, ATTITUDE_TARGET, DO_CHANGE_SPEED = 84, 82, 178
@@ -38,7 +27,6 @@ class ArduRover(ArduPilot):
     """The rover's modes: hold, go home, or what the companion says."""
 
     FIRST_MODE = "HOLD"
-    AUTO = 10
     NEEDS_POSITION = frozenset({5, 6, 9, 10, 11, 12, 15})
     NOT_ARMABLE = frozenset({10, 11, 12, 16})
     MANUAL_MODES, GUIDED_MODES = frozenset({0, 1, 3}), frozenset({10, 11, 12, 15})
@@ -84,7 +72,7 @@ class ArduRover(ArduPilot):
         super().wake(now, body)
         if self.mode == GUIDED and self._target is not None and now >= self._since + TIMEOUT_US:
             self._target = None
-            self.say(WARNING, "target not received last 3secs, stopping")
+            self.say(Severity.WARNING, "target not received last 3secs, stopping")
         if self._goal is not None:
             self._think_at = now + THINK_US
             self._homing = self._way(body, *self._goal)
@@ -102,12 +90,9 @@ class ArduRover(ArduPilot):
     def setpoint(self, message: Message, now: int, body: Body) -> bool:
         if self.mode != GUIDED or not self.armed:
             return False
-        number = message.get_msgId()
-        target = None
-        if number == LOCAL_TARGET:
-            target = self._local_target(message, body)
-        elif number == ATTITUDE_TARGET:
-            target = self._attitude_target(message, body)
+        readers = {LOCAL_TARGET: self._local_target, ATTITUDE_TARGET: self._attitude_target}
+        reader = readers.get(message.get_msgId())
+        target = reader(message, body) if reader else None
         if target is None or not all(map(math.isfinite, target)):
             return False
         self._target, self._since, self._goal = target, now, None
@@ -119,11 +104,11 @@ class ArduRover(ArduPilot):
     def own_command(self, command: Command, now: int, body: Body) -> int:
         """Only a way to a place has a speed that can be changed: a setpoint brings its own."""
         if command.number != DO_CHANGE_SPEED:
-            return UNSUPPORTED
+            return Ack.UNSUPPORTED
         if self._goal is None or not 0 < command.params[1] < 100:
-            return FAILED
+            return Ack.FAILED
         self._leg_speed = command.params[1]
-        return ACCEPTED
+        return Ack.ACCEPTED
 
     def _local_target(self, message: Message, body: Body) -> BodyVelocity | None:
         """Velocity and yaw rate; the frame is irrelevant. Other combinations are dropped without a word."""
@@ -171,12 +156,10 @@ class ArduRover(ArduPilot):
 
     def estimator_lost(self, now: int) -> None:
         if self.params["FS_EKF_ACTION"] != 0:
-            self.fail_to(HOLD, now, CRITICAL, "EKF failsafe")
+            self.fail_to(HOLD, now, Severity.CRITICAL, "EKF failsafe")
 
-    def system_status(self, body: Body) -> int:
-        if self.failsafe:
-            return STATUS_CRITICAL
-        return STATUS_ACTIVE if self.armed else STATUS_STANDBY
+    def active(self, body: Body) -> bool:
+        return self.armed
 
     def shown_airspeed(self, body: Body, wind: tuple[float, float]) -> float:
         return 0.0

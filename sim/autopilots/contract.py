@@ -3,6 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from enum import IntEnum
 from typing import NamedTuple
 
 from ..agenda import NEVER
@@ -15,11 +16,31 @@ from ..wire import Message
 Say = Callable[[int, str], None]
 """Send a STATUSTEXT of this severity."""
 
-ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED, FAILED = 0, 1, 2, 3, 4
-EMERGENCY, CRITICAL, ERROR, WARNING, INFO = 0, 2, 3, 4, 6
-STATUS_STANDBY, STATUS_ACTIVE, STATUS_CRITICAL = 3, 4, 5
-ON_GROUND, IN_AIR, TAKING_OFF, LANDING = 1, 2, 3, 4
 FORCE = 21196  # the magic number that overrides arming checks
+
+
+class Ack(IntEnum):
+    """MAV_RESULT."""
+
+    ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED, FAILED = range(5)
+
+
+class Severity(IntEnum):
+    """MAV_SEVERITY."""
+
+    EMERGENCY, CRITICAL, ERROR, WARNING, INFO = 0, 2, 3, 4, 6
+
+
+class State(IntEnum):
+    """MAV_STATE."""
+
+    STANDBY, ACTIVE, CRITICAL = 3, 4, 5
+
+
+class Landed(IntEnum):
+    """MAV_LANDED_STATE."""
+
+    ON_GROUND, IN_AIR, TAKING_OFF, LANDING = 1, 2, 3, 4
 
 
 def message_ids(text: str) -> frozenset[int]:
@@ -54,7 +75,7 @@ class Identity:
     fastest_us: int
     unknown_ids: frozenset[int]
     default_streams: Mapping[int, int] = field(default_factory=dict)
-    interval_refusal: int = DENIED
+    interval_refusal: Ack = Ack.DENIED
     adopts_strays: bool = True  # acts on what is addressed to a component of its system that nobody has heard
     mode_refusal: str = "Mode change to {name} failed: {reason}"
     texts_for_gcs_only: bool = False  # STATUSTEXT only where a ground station's heartbeat was seen
@@ -159,4 +180,4 @@ class Autopilot(ABC):
         return None
 
     def landed_state(self, body: Body) -> int:
-        return IN_AIR if self.flying(body) else ON_GROUND
+        return Landed.IN_AIR if self.flying(body) else Landed.ON_GROUND

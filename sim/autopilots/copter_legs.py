@@ -1,28 +1,18 @@
 """Where a copter flies by itself: to a point, up, home, down."""
 
 import math
+from collections import ChainMap
 
 from ..body import Body
 from ..demands import Brake, Demand, EarthVelocity
-from ..params import Parameters
 from .copter_targets import GoTo
 
 NEARNESS = 0.5  # 1/s: speed wanted per metre left
 AT_HOME = 2.0  # m
 
 
-class Speeds:
-    """The parameters, but for the speeds that DO_CHANGE_SPEED has set, cm/s."""
-
-    def __init__(self, params: Parameters) -> None:
-        self._params = params
-        self._asked: dict[str, float] = {}
-
-    def __getitem__(self, name: str) -> float:
-        return self._asked.get(name, self._params[name])
-
-    def __setitem__(self, name: str, speed: float) -> None:
-        self._asked[name] = speed
+Speeds = ChainMap[str, float]
+"""The speeds that DO_CHANGE_SPEED has set, cm/s, over the parameters."""
 
 
 def to_point(body: Body, goal: GoTo, params: Speeds) -> Demand:

@@ -1,59 +1,9 @@
 """Mode names and the custom_mode numbers of HEARTBEAT."""
 
-COPTER = {
-    "STABILIZE": 0,
-    "ACRO": 1,
-    "ALT_HOLD": 2,
-    "AUTO": 3,
-    "GUIDED": 4,
-    "LOITER": 5,
-    "RTL": 6,
-    "CIRCLE": 7,
-    "LAND": 9,
-    "DRIFT": 11,
-    "SPORT": 13,
-    "FLIP": 14,
-    "AUTOTUNE": 15,
-    "POSHOLD": 16,
-    "BRAKE": 17,
-    "THROW": 18,
-    "AVOID_ADSB": 19,
-    "GUIDED_NOGPS": 20,
-    "SMART_RTL": 21,
-}
-PLANE = {
-    "MANUAL": 0,
-    "CIRCLE": 1,
-    "STABILIZE": 2,
-    "TRAINING": 3,
-    "ACRO": 4,
-    "FBWA": 5,
-    "FBWB": 6,
-    "CRUISE": 7,
-    "AUTOTUNE": 8,
-    "AUTO": 10,
-    "RTL": 11,
-    "LOITER": 12,
-    "TAKEOFF": 13,
-    "AVOID_ADSB": 14,
-    "GUIDED": 15,
-    "INITIALISING": 16,
-}
-ROVER = {
-    "MANUAL": 0,
-    "ACRO": 1,
-    "STEERING": 3,
-    "HOLD": 4,
-    "LOITER": 5,
-    "FOLLOW": 6,
-    "SIMPLE": 7,
-    "CIRCLE": 9,
-    "AUTO": 10,
-    "RTL": 11,
-    "SMART_RTL": 12,
-    "GUIDED": 15,
-    "INITIALISING": 16,
-}
+
+def numbered(names: str) -> dict[str, int]:
+    """ArduPilot's modes in the order of their numbers, from 0; a dash is a number without a mode."""
+    return {name: number for number, name in enumerate(names.split()) if name != "-"}
 
 
 def px4_mode(main: int, sub: int = 0) -> int:
@@ -61,6 +11,15 @@ def px4_mode(main: int, sub: int = 0) -> int:
     return main << 16 | sub << 24
 
 
+COPTER = numbered(
+    "STABILIZE ACRO ALT_HOLD AUTO GUIDED LOITER RTL CIRCLE - LAND - DRIFT - SPORT FLIP AUTOTUNE POSHOLD BRAKE THROW "
+    "AVOID_ADSB GUIDED_NOGPS SMART_RTL"
+)
+PLANE = numbered(
+    "MANUAL CIRCLE STABILIZE TRAINING ACRO FBWA FBWB CRUISE AUTOTUNE - AUTO RTL LOITER TAKEOFF AVOID_ADSB GUIDED "
+    "INITIALISING"
+)
+ROVER = numbered("MANUAL ACRO - STEERING HOLD LOITER FOLLOW SIMPLE - CIRCLE AUTO RTL SMART_RTL - - GUIDED INITIALISING")
 PX4 = {
     "MANUAL": px4_mode(1),
     "ALTCTL": px4_mode(2),
@@ -75,7 +34,6 @@ PX4 = {
     "STABILIZED": px4_mode(7),
     "ALT_CRUISE": px4_mode(11),
 }
-
 MODES = {
     "arducopter": COPTER,
     "arducopter_nogps": COPTER,

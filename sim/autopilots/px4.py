@@ -10,23 +10,7 @@ from ..demands import Spin, Tilt
 from ..params import Parameters
 from ..wire import Message
 from ..world import HOME_AMSL_M, from_degrees
-from .contract import (
-    ACCEPTED,
-    CRITICAL,
-    DENIED,
-    ERROR,
-    FORCE,
-    INFO,
-    STATUS_ACTIVE,
-    STATUS_CRITICAL,
-    STATUS_STANDBY,
-    TEMPORARILY_REJECTED,
-    UNSUPPORTED,
-    Autopilot,
-    Command,
-    Identity,
-    Say,
-)
+from .contract import FORCE, Ack, Autopilot, Command, Identity, Say, Severity, State
 from .modes import PX4 as MODES
 from .px4_targets import Rejected, Trajectory, read_setpoint
 from .sticks import Sticks
@@ -85,7 +69,7 @@ class Px4(Autopilot):
             return self.sticks.heard(message, now, None)
         taken = read_setpoint(message, body)
         if isinstance(taken, Rejected):
-            self.say(ERROR, taken.text)
+            self.say(Severity.ERROR, taken.text)
             return False
         if taken is None:
             return False
@@ -114,7 +98,7 @@ class Px4(Autopilot):
             self._lose_sticks(now)
         if now >= self._act_at:
             self._act_at = NEVER
-            self._fail_to(STICK_LOSS_ACTIONS[int(self.params["NAV_RCL_ACT"])], now)
+            self._fail_to(STICK_LOSS_ACTIONS.get(int(self.params["NAV_RCL_ACT"]), LOITER), now)
 
     def _lose_sticks(self, now: int) -> None:
         """Hold first, so that a pilot can choose a mode, then NAV_RCL_ACT; sticks that come back change nothing."""
@@ -125,19 +109,19 @@ class Px4(Autopilot):
             if number in (5, 6):
                 self.set_armed(False, now)
         elif action == RTL and self.intended == LAND:
-            self.say(CRITICAL, "Failsafe activated")  # a warning: it lands already
+            self.say(Severity.CRITICAL, "Failsafe activated")  # a warning: it lands already
         else:
             self._sticks_lost, self._act_at = True, now + round(delay * 1e6)
             self._fail_to(LOITER, now, f"Failsafe activated: entering Hold for {delay:.0f} seconds")
 
     def _fail_to(self, mode: int, now: int, text: str = "Failsafe activated") -> None:
-        self.say(CRITICAL, text)
+        self.say(Severity.CRITICAL, text)
         self._fly_mode(mode, now)
 
     def _offboard_deadline(self) -> int:
         if self.mode != OFFBOARD or not self.armed or self._setpoint_at is None:
             return NEVER
-        return self._setpoint_at + round(self.params["COM_OF_LOSS_T"] * 1e6) + LOSS_DELAY_US
+        return self._setpoint_at + self.params.microseconds("COM_OF_LOSS_T") + LOSS_DELAY_US
 
     def _sticks_deadline(self) -> int:
         """In any mode: once a stick was heard it counts as lost when it falls silent, and is lost once."""
@@ -145,7 +129,7 @@ class Px4(Autopilot):
         excepted = int(self.params["COM_RCL_EXCEPT"]) & STICK_LOSS_EXCEPTIONS.get(self.intended, 0)
         if not self.armed or self.failsafe or last is None or last == self._missed or excepted:
             return NEVER
-        return last + round(self.params["COM_RC_LOSS_T"] * 1e6)
+        return last + self.params.microseconds("COM_RC_LOSS_T")
 
     # -- modes --------------------------------------------------------------------------------------------------------
 
@@ -153,15 +137,15 @@ class Px4(Autopilot):
         reason = self._obstacle(mode, now)
         if reason is not None:
             self.say(
-                CRITICAL,
+                Severity.CRITICAL,
                 f"Switching to mode '{self.mode_name(mode).capitalize()}' is currently not available: {reason}",
             )
-            return TEMPORARILY_REJECTED
+            return Ack.TEMPORARILY_REJECTED
         self.intended = mode
         self._end_stick_failsafe()
         if self.mode != mode:
             self._fly_mode(mode, now)
-        return ACCEPTED
+        return Ack.ACCEPTED
 
     def _end_stick_failsafe(self) -> None:
         self._sticks_lost, self._act_at = False, NEVER
@@ -185,14 +169,14 @@ class Px4(Autopilot):
         return "no position estimate" if mode in NEEDS_POSITION and not self.position else None
 
     def sticks_alive(self, now: int) -> bool:
-        return self.sticks.alive(now, round(self.params["COM_RC_LOSS_T"] * 1e6))
+        return self.sticks.alive(now, self.params.microseconds("COM_RC_LOSS_T"))
 
     # -- commands -----------------------------------------------------------------------------------------------------
 
     def command(self, command: Command, now: int, body: Body) -> tuple[int, ...]:
         number = command.number
         if number == DO_SET_MODE:  # the receiver accepts whatever it is, then Commander decides
-            return (ACCEPTED, self._set_mode(command, now))
+            return (Ack.ACCEPTED, self._set_mode(command, now))
         if number == ARM_DISARM:
             return (self._arm(command.params[0], command.params[1] == FORCE, now, body),)
         if number == TAKEOFF_COMMAND:
@@ -202,14 +186,14 @@ class Px4(Autopilot):
             return (self._reposition(command, now),)
         if number == DO_CHANGE_SPEED:
             self.cruise = command.params[1] if command.params[1] > 0 else None
-            return (ACCEPTED,)
+            return (Ack.ACCEPTED,)
         mode = MODE_COMMANDS.get(number)
-        return (UNSUPPORTED if mode is None else self.change_mode(mode, now),)
+        return (Ack.UNSUPPORTED if mode is None else self.change_mode(mode, now),)
 
     def _reposition(self, command: Command, now: int) -> int:
         """Hold there, in degrees and metres above sea level; what is no number or no place is kept as it is."""
         ack = self.change_mode(LOITER, now)
-        if ack == ACCEPTED:
+        if ack == Ack.ACCEPTED:
             place = from_degrees(command.x, command.y) if abs(command.x) <= 90 and abs(command.y) <= 180 else None
             self.hold_at(place, HOME_AMSL_M - command.z if math.isfinite(command.z) else None)
         return ack
@@ -217,23 +201,23 @@ class Px4(Autopilot):
     def _set_mode(self, command: Command, now: int) -> int:
         base, main, sub = command.params[0], command.params[1], command.params[2]
         if not all(0 <= v < 256 for v in (base, main)) or not int(base) & 1:
-            return TEMPORARILY_REJECTED
+            return Ack.TEMPORARILY_REJECTED
         sub = sub if main == MAIN_AUTO and 0 <= sub < 256 else 0
         return self.change_mode(int(main) << 16 | int(sub) << 24, now)
 
     def _arm(self, wish: float, force: bool, now: int, body: Body) -> int:
         if wish not in (0, 1):
-            return DENIED
+            return Ack.DENIED
         if wish == 0 and self.armed and self.flying(body) and not force:
-            self.say(CRITICAL, "Disarming denied: not landed")
-            return TEMPORARILY_REJECTED
+            self.say(Severity.CRITICAL, "Disarming denied: not landed")
+            return Ack.TEMPORARILY_REJECTED
         if wish == 1 and not self.armed and not force and self.mode in NEEDS_STICKS and not self.sticks_alive(now):
-            self.say(CRITICAL, "Arming denied: no manual control input")
-            return TEMPORARILY_REJECTED
+            self.say(Severity.CRITICAL, "Arming denied: no manual control input")
+            return Ack.TEMPORARILY_REJECTED
         if self.armed != (wish == 1):
             self.set_armed(wish == 1, now)
-            self.say(INFO, "Armed by external command" if self.armed else "Disarmed by external command")
-        return ACCEPTED
+            self.say(Severity.INFO, "Armed by external command" if self.armed else "Disarmed by external command")
+        return Ack.ACCEPTED
 
     def set_armed(self, armed: bool, now: int) -> None:
         """Sticks that are already silent when it is armed are not missed until they are heard again."""
@@ -267,5 +251,5 @@ class Px4(Autopilot):
 
     def system_status(self, body: Body) -> int:
         if self.failsafe:
-            return STATUS_CRITICAL
-        return STATUS_ACTIVE if self.armed else STATUS_STANDBY
+            return State.CRITICAL
+        return State.ACTIVE if self.armed else State.STANDBY

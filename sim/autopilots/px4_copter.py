@@ -3,6 +3,7 @@
 import math
 
 from ..agenda import NEVER
+from ..airframes.copter import CopterAirframe
 from ..airframes.dragged import DraggedCopter, yaw_loop
 from ..airframes.tilting import TiltingCopter
 from ..airframes.unicycle import Unicycle
@@ -12,7 +13,7 @@ from ..demands import BodyVelocity, Brake, Demand, EarthVelocity, Spin, Tilt
 from ..params import Parameter
 from ..wire import Message
 from ..world import HOME_AMSL_M
-from .contract import IN_AIR, LANDING, ON_GROUND, TAKING_OFF, Command, Say
+from .contract import Command, Landed, Say
 from .px4 import LAND, LOITER, MANUAL_CONTROL, NEEDS_STICKS, OFFBOARD, RTL, TAKEOFF, Px4
 from .px4_tables import px4_identity, px4_parameters
 from .px4_targets import NOTHING, Trajectory
@@ -38,13 +39,10 @@ class Px4Copter(Px4):
         )
         super().__init__(IDENTITY, px4_parameters(config, *own), config, say)
         limit = min(MOST_YAW_RATE, math.radians(vehicle.max_turn_rate_deg_s))
-        ideal = vehicle.dynamics == "unicycle"
-        self._by_velocity = (
-            Unicycle(limit, vehicle.turn_lag_s, vehicle.speed_lag_s)
-            if ideal
-            else DraggedCopter(yaw_loop(limit), vehicle.drag_per_s)
-        )
-        self._by_attitude = TiltingCopter(limit, drag=vehicle.drag_per_s)
+        drag = vehicle.drag_per_s
+        real, ideal = DraggedCopter(yaw_loop(limit), drag), Unicycle(limit, vehicle.turn_lag_s, vehicle.speed_lag_s)
+        by_velocity = ideal if vehicle.dynamics == "unicycle" else real
+        self._airframe = CopterAirframe(by_velocity, TiltingCopter(limit, drag=drag))
         self._hold = (start.north, start.east, start.down)
         self._think_at = 0
         self._demand: Demand = Brake()
@@ -54,13 +52,7 @@ class Px4Copter(Px4):
     def fly(self, body: Body, dt: float, wind: tuple[float, float]) -> Body:
         if not self.armed:
             return _at_rest(body, dt)
-        demand = self._demand
-        if isinstance(demand, (Tilt, Spin)):
-            return self._by_attitude.step(body, demand, dt, wind)
-        if isinstance(self._by_velocity, Unicycle):
-            return self._by_velocity.step(body, demand, dt)
-        assert not isinstance(demand, BodyVelocity)
-        return self._by_velocity.step(body, demand, dt, wind)
+        return self._airframe.step(body, self._demand, dt, wind)
 
     def wake_us(self) -> int:
         return min(super().wake_us(), self._think_at if self.armed else NEVER)
@@ -114,7 +106,7 @@ class Px4Copter(Px4):
         yaw_rate = self._yaw_rate(setpoint, body)
         north, east = at_most(wanted[0], wanted[1], FASTEST)
         down = max(-CLIMB, min(SINK, wanted[2]))
-        if setpoint.along_nose is not None and isinstance(self._by_velocity, Unicycle):
+        if setpoint.along_nose is not None and self._airframe.turns_with_nose:
             return BodyVelocity(*at_most(*setpoint.along_nose, FASTEST), down, yaw_rate)
         return EarthVelocity(north, east, down, yaw_rate, *(fed or 0.0 for fed in setpoint.acceleration[:2]))
 
@@ -172,8 +164,8 @@ class Px4Copter(Px4):
 
     def landed_state(self, body: Body) -> int:
         if not self.flying(body):
-            return ON_GROUND
-        return {TAKEOFF: TAKING_OFF, LAND: LANDING}.get(self.mode, IN_AIR)
+            return Landed.ON_GROUND
+        return {TAKEOFF: Landed.TAKING_OFF, LAND: Landed.LANDING}.get(self.mode, Landed.IN_AIR)
 
     def shown_airspeed(self, body: Body, wind: tuple[float, float]) -> float:
         return math.nan

@@ -31,11 +31,12 @@ class Px4Plane(Px4):
 
     def __init__(self, config: VehicleConfig, say: Say, start: Body) -> None:
         vehicle = config.vehicle
+        cruise = vehicle.cruise_speed_mps or 10.0
         own = (
             Parameter("FW_R_LIM", vehicle.max_bank_deg or 50.0),
-            Parameter("FW_AIRSPD_TRIM", vehicle.cruise_speed_mps or 10.0),
-            Parameter("FW_AIRSPD_MIN", (vehicle.cruise_speed_mps or 10.0) * 0.7),
-            Parameter("FW_AIRSPD_MAX", (vehicle.cruise_speed_mps or 10.0) * 1.5),
+            Parameter("FW_AIRSPD_TRIM", cruise),
+            Parameter("FW_AIRSPD_MIN", cruise * 0.7),
+            Parameter("FW_AIRSPD_MAX", cruise * 1.5),
             Parameter("NAV_LOITER_RAD", 80.0),
         )
         super().__init__(IDENTITY, px4_parameters(config, *own), config, say)
@@ -88,7 +89,7 @@ class Px4Plane(Px4):
     def _wanted_bank(self, now: int, body: Body) -> float:
         limit = math.radians(self.params["FW_R_LIM"])
         if self.mode in BANKED_BY_STICKS:
-            return self.sticks.roll(now, round(self.params["COM_RC_LOSS_T"] * 1e6)) * limit
+            return self.sticks.roll(now, self.params.microseconds("COM_RC_LOSS_T")) * limit
         if self.mode == OFFBOARD:
             return self._bank_to_point(body, limit)
         if not self.position or self.mode == LAND:

@@ -2,7 +2,7 @@
 
 from ..config import VehicleConfig
 from ..params import INT32, Parameter, Parameters
-from .contract import FAILED, Identity, message_ids
+from .contract import Ack, Identity, message_ids
 from .modes import PX4 as MODES
 
 # In pymavlink's "all" but not in PX4's dialect.
@@ -14,24 +14,9 @@ UNKNOWN_IDS = message_ids(_UNKNOWN)
 
 # As flown, without ODOMETRY, which nobody here needs.
 _RATES_HZ = {
-    30: 100,
-    31: 50,
-    33: 50,
-    32: 30,
-    24: 8,
-    74: 10,
-    83: 10,
-    85: 10,
-    105: 50,
-    1: 5,
-    245: 5,
-    111: 10,
-    2: 1,
-    242: 0.5,
-    436: 0.5,
-    132: 10,
-    147: 0.5,
-}
+    30: 100, 31: 50, 33: 50, 32: 30, 24: 8, 74: 10, 83: 10, 85: 10, 105: 50, 1: 5, 245: 5, 111: 10, 2: 1, 242: 0.5,
+    436: 0.5, 132: 10, 147: 0.5,
+}  # fmt: skip
 ONBOARD_STREAMS = {number: round(1e6 / rate) for number, rate in _RATES_HZ.items()}
 STREAMABLE = frozenset(ONBOARD_STREAMS) | {29, 36, 62, 65, 105, 106, 140, 141, 148, 230, 241, 331, 340}
 
@@ -48,7 +33,7 @@ def px4_identity(mav_type: int) -> Identity:
         fastest_us=1_000,
         unknown_ids=UNKNOWN_IDS,
         default_streams=ONBOARD_STREAMS,
-        interval_refusal=FAILED,
+        interval_refusal=Ack.FAILED,
         adopts_strays=False,
         texts_for_gcs_only=True,
         ranges_on_update=True,

@@ -3,35 +3,19 @@
 import signal
 import sys
 from collections.abc import Callable
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import click
 
 from ..wires import EndpointError
-from .impairment import CLEAN, FRACTIONS, Impairment
+from .impairment import CLEAN, Impairment
 from .intruders import ground_station, recorded, strangers, twin, vehicle
 from .link import FaultLink
 from .proxy import Proxy
 
 BAD_USAGE = 2
-MEANINGS = {
-    "loss": "of datagrams that never arrive",
-    "duplicate": "of datagrams that come twice",
-    "reorder": "of datagrams that are overtaken by later ones",
-    "corrupt": "of bytes that become others",
-    "truncate": "of datagrams cut short",
-    "split": "of datagrams that come in two pieces",
-    "join": "of datagrams that wait and lead the next one",
-    "stray": "of datagrams with bytes in front that look like a frame's start",
-}
-TIMES = {
-    "delay": "of everything",
-    "jitter": "at most, on top of the delay",
-    "burst-every": "mean time between random outages; needs --burst",
-    "burst": "mean length of the random outages",
-    "echo": "by which a duplicate comes later, as by a second route",
-}
 EXAMPLE = """\b
 three terminals, a fifth of all datagrams lost and a minute of silence after two:
   circnav emulate arducopter --endpoint udpout:127.0.0.1:14551
@@ -44,12 +28,14 @@ RATE = click.FloatRange(0, 100_000, min_open=True)
 
 
 def line_options(command: Callable[..., None]) -> Callable[..., None]:
-    """The fields of an impairment as options."""
-    for name, meaning in reversed(TIMES.items()):
-        command = click.option(f"--{name}", type=float, default=0.0, metavar="S", help=f"s, {meaning}.")(command)
-    for name in reversed(FRACTIONS):
-        told = f"Fraction {MEANINGS[name]}."
-        command = click.option(f"--{name}", type=float, default=0.0, metavar="0..1", help=told)(command)
+    """The fractions and times of an impairment as options."""
+    for field in reversed(fields(Impairment)):
+        flag, told = f"--{field.name.replace('_', '-')}", field.metadata
+        if "fraction" in told:
+            text = f"Fraction {told['fraction']}."
+            command = click.option(flag, type=float, default=0.0, metavar="0..1", help=text)(command)
+        elif "time" in told:
+            command = click.option(flag, type=float, default=0.0, metavar="S", help=f"s, {told['time']}.")(command)
     return command
 
 

@@ -19,13 +19,12 @@ def sender(frame: bytes) -> tuple[int, int]:
     return frame[5], frame[6]
 
 
-def frames(data: bytes) -> Iterator[bytes]:
-    """The whole MAVLink 2 frames that stand one after the other at the start of a datagram."""
-    at = 0
+def frames(data: bytes, at: int = 0, apart: int = 0) -> Iterator[bytes]:
+    """The MAVLink 2 frames that stand one after the other from `at` on, with so many bytes between them."""
     while at + V2_HEADER + CRC <= len(data) and data[at] == V2:
         end = at + data[at + 1] + V2_HEADER + CRC + (13 if data[at + 2] & 1 else 0)
         yield data[at:end]
-        at = end
+        at = end + apart
 
 
 def read(frame: bytes) -> Message:

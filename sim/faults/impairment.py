@@ -1,48 +1,55 @@
 """What can be wrong with one direction of a link, as numbers, and what that does to the bytes of a datagram."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from math import log
 from random import Random
+from typing import Any
 
-FRACTIONS = ("loss", "duplicate", "reorder", "corrupt", "truncate", "split", "join", "stray")
 STRAYS = (b"\xfd", b"\xfe", b"\xfd\xff\x00", b"\xfe\x09", b"\x00\xfd\x00\x00")
+
+
+def fraction(meaning: str) -> Any:
+    """A field from 0 to 1, and of what."""
+    return field(default=0.0, metadata={"fraction": meaning})
+
+
+def duration(meaning: str) -> Any:
+    """A field in seconds of the link's clock, and what lasts so long."""
+    return field(default=0.0, metadata={"time": meaning})
 
 
 @dataclass(frozen=True)
 class Impairment:
-    """One direction. Fractions are of datagrams unless said otherwise; times in s of the link's clock.
+    """One direction of a link.
 
-    loss: at random. outages: (from, to) in which nothing passes. burst_every, burst: mean times between and of random
-    outages, both exponential. delay: of everything; jitter: uniform on top of it; in_order: whether jitter keeps the
-    order, as a stream does. reorder: held back until 1 .. depth later ones have passed. duplicate: a second time at
-    once, or by another route `echo` later. corrupt: fraction of bytes. truncate: cut short. split: in two datagrams.
-    join: kept to lead the next one. stray: bytes in front that look like a frame's start.
+    outages: (from, to) in which nothing passes. Random outages and the times between them are exponential, jitter is
+    uniform; in_order: whether jitter keeps the order, as a stream does. depth: most datagrams that overtake a held one.
     """
 
-    loss: float = 0.0
+    loss: float = fraction("of datagrams that never arrive")
+    duplicate: float = fraction("of datagrams that come twice")
+    reorder: float = fraction("of datagrams that are overtaken by later ones")
+    corrupt: float = fraction("of bytes that become others")
+    truncate: float = fraction("of datagrams cut short")
+    split: float = fraction("of datagrams that come in two pieces")
+    join: float = fraction("of datagrams that wait and lead the next one")
+    stray: float = fraction("of datagrams with bytes in front that look like a frame's start")
+    delay: float = duration("of everything")
+    jitter: float = duration("at most, on top of the delay")
+    burst_every: float = duration("mean time between random outages; needs --burst")
+    burst: float = duration("mean length of the random outages")
+    echo: float = duration("by which a duplicate comes later, as by a second route")
     outages: tuple[tuple[float, float], ...] = ()
-    burst_every: float = 0.0
-    burst: float = 0.0
-    delay: float = 0.0
-    jitter: float = 0.0
     in_order: bool = False
-    reorder: float = 0.0
     depth: int = 5
-    duplicate: float = 0.0
-    echo: float = 0.0
-    corrupt: float = 0.0
-    truncate: float = 0.0
-    split: float = 0.0
-    join: float = 0.0
-    stray: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in FRACTIONS:
-            if not 0 <= getattr(self, name) <= 1:
-                raise ValueError(f"{name}: must be between 0 and 1, not {getattr(self, name):g}")
-        for name in ("burst_every", "burst", "delay", "jitter", "echo"):
-            if not 0 <= getattr(self, name) < float("inf"):
-                raise ValueError(f"{name}: must be a time of at least 0 s, not {getattr(self, name):g}")
+        for f in fields(self):
+            value = getattr(self, f.name)
+            if "fraction" in f.metadata and not 0 <= value <= 1:
+                raise ValueError(f"{f.name}: must be between 0 and 1, not {value:g}")
+            if "time" in f.metadata and not 0 <= value < float("inf"):
+                raise ValueError(f"{f.name}: must be a time of at least 0 s, not {value:g}")
         if self.depth < 1:
             raise ValueError(f"depth: must be at least 1, not {self.depth}")
 

@@ -1,13 +1,12 @@
 """Others on the link: each function makes an intruder that speaks at a steady rate."""
 
-import struct
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from random import Random
 
 from pymavlink.dialects.v20 import all as mavlink
 
-from .frames import message_id, raw_frame, write
+from .frames import frames, message_id, raw_frame, write
 from .link import DOWN, Intruder, Passage
 
 GCS = (255, 190)
@@ -90,9 +89,4 @@ def recorded(path: Path, rate: float, wanted: frozenset[int] | None = None) -> I
 
 def tlog_frames(data: bytes) -> list[bytes]:
     """The MAVLink 2 frames of a tlog: eight bytes of time (big-endian, us) before each."""
-    found, at = [], 8
-    while at + 12 <= len(data) and data[at] == 0xFD:
-        end = at + 12 + data[at + 1] + (13 if data[at + 2] & 1 else 0)
-        found.append(data[at:end])
-        at = end + struct.calcsize(">Q")
-    return found
+    return list(frames(data, at=8, apart=8))

@@ -30,7 +30,8 @@ class FaultLink:
 
     def impair(self, *, up: Impairment = CLEAN, down: Impairment = CLEAN) -> None:
         """Be broken in this way from now on."""
-        self._pipes[UP].impairment, self._pipes[DOWN].impairment = up, down
+        self._pipes[UP].impair(up)
+        self._pipes[DOWN].impair(down)
 
     @property
     def lost(self) -> dict[str, int]:

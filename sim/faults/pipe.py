@@ -13,7 +13,7 @@ class Pipe:
     """Takes datagrams with a time, gives them out when they are due. The same seed breaks them in the same way."""
 
     def __init__(self, impairment: Impairment, seed: int) -> None:
-        self._impairment = impairment
+        self.impairment = impairment
         self._chance = Random(seed)
         self._due: list[tuple[float, int, bytes]] = []
         self._held: list[tuple[int, float, bytes]] = []
@@ -23,14 +23,9 @@ class Pipe:
         self._burst: tuple[float, float] | None = None
         self.lost = 0
 
-    @property
-    def impairment(self) -> Impairment:
-        return self._impairment
-
-    @impairment.setter
-    def impairment(self, impairment: Impairment) -> None:
+    def impair(self, impairment: Impairment) -> None:
         """Break it in another way from now on; what is under way stays under way."""
-        self._impairment, self._burst = impairment, None
+        self.impairment, self._burst = impairment, None
 
     @property
     def next_due(self) -> float:
@@ -47,7 +42,7 @@ class Pipe:
         if self._swallowed(now):
             self.lost += 1
             return
-        for piece in damaged(data, self._impairment, self._chance):
+        for piece in damaged(data, self.impairment, self._chance):
             self._order(piece, now)
 
     def take(self, now: float) -> list[bytes]:
@@ -59,14 +54,14 @@ class Pipe:
         return out
 
     def _swallowed(self, now: float) -> bool:
-        impairment = self._impairment
+        impairment = self.impairment
         if any(since <= now < until for since, until in impairment.outages) or self._in_burst(now):
             return True
         return impairment.loss > 0 and self._chance.random() < impairment.loss
 
     def _in_burst(self, now: float) -> bool:
         """Whether a random outage is under way; the next one is drawn when one is over."""
-        impairment = self._impairment
+        impairment = self.impairment
         if not (impairment.burst_every and impairment.burst):
             return False
         while self._burst is None or now >= self._burst[1]:
@@ -78,7 +73,7 @@ class Pipe:
 
     def _order(self, data: bytes, now: float) -> None:
         """Join, hold back or send; whoever was held back long enough follows."""
-        impairment, chance = self._impairment, self._chance
+        impairment, chance = self.impairment, self._chance
         if self._joining is not None:
             data, self._joining = self._joining[1] + data, None
         elif impairment.join and chance.random() < impairment.join:
@@ -96,13 +91,13 @@ class Pipe:
                 self._held.append((left - 1, since, late))
 
     def _send(self, data: bytes, now: float) -> None:
-        impairment = self._impairment
+        impairment = self.impairment
         self._schedule(data, now)
         if impairment.duplicate and self._chance.random() < impairment.duplicate:
             self._schedule(data, now + impairment.echo)
 
     def _schedule(self, data: bytes, now: float) -> None:
-        impairment = self._impairment
+        impairment = self.impairment
         due = now + impairment.delay + (self._chance.uniform(0, impairment.jitter) if impairment.jitter else 0.0)
         if impairment.in_order:
             self._last = due = max(due, self._last)

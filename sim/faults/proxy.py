@@ -1,5 +1,6 @@
 """The fault link over UDP: applications speak to its port, it speaks to the vehicle, and back."""
 
+import contextlib
 import select
 import socket
 import time
@@ -61,10 +62,8 @@ class Proxy:
         by = DOWN if way == UP else UP
         peer = self._peers[by]
         if peer is not None:
-            try:
+            with contextlib.suppress(OSError):  # nobody there: as on any line, it is lost
                 self._sockets[by].sendto(data, peer)
-            except OSError:
-                return  # nobody there: as on any line, it is lost
 
 
 def _open(endpoint: Endpoint) -> tuple[socket.socket, tuple[str, int] | None]:

@@ -1,13 +1,16 @@
 """A ground station in a few lines: frames out, messages in, all in lockstep."""
 
-import math
 from collections.abc import Callable
 from typing import Any
 
 from pymavlink.dialects.v20 import all as mavlink
+from scipy.spatial.transform import Rotation
 
 from sim.config import parse_vehicle
-from sim.vehicle import Vehicle
+from sim.vehicle import Truth, Vehicle
+
+QUIET = {"truth": {"rate_hz": 0}, "ranging": {"rate_hz": 0.0}}
+EXACT = {"attitude_error_deg": 0.0, "gyro_noise_deg_s": 0.0}
 
 
 class Station:
@@ -33,55 +36,31 @@ class Station:
         self.send(mavlink.MAVLink_command_long_message(*target, number, 0, *seven))
         return self.acks(number)[before:]
 
+    def set_mode(self, main: int, sub: int = 0) -> list[int]:
+        return self.command(176, 1, main, sub)
+
+    def stream(self, number: int, interval_us: float) -> list[int]:
+        return self.command(511, number, interval_us)
+
     def acks(self, number: int) -> list[int]:
         return [m.result for m in self.listen("COMMAND_ACK") if m.command == number]
 
     def heartbeat(self, kind: int = 18) -> None:
         self.send(mavlink.MAVLink_heartbeat_message(kind, 8, 0, 0, 4, 3))
 
-    def velocity(
-        self,
-        vx: float,
-        yaw_rate: float,
-        *,
-        mask: int = 0x5C7,
-        frame: int = 8,
-        vz: float = 0.0,
-        target: tuple[int, int] = (1, 1),
-    ) -> None:
-        self.send(
-            mavlink.MAVLink_set_position_target_local_ned_message(
-                0, *target, frame, mask, 0, 0, 0, vx, 0, vz, 0, 0, 0, 0, yaw_rate
-            )
-        )
+    def velocity(self, vx, yaw_rate, *, mask=0x5C7, frame=8, vz=0.0, sideways=0.0, target=(1, 1)) -> None:
+        """SET_POSITION_TARGET_LOCAL_NED with a velocity and a yaw rate; `sideways` is an acceleration."""
+        numbers = (0, 0, 0, vx, 0, vz, 0, sideways, 0, 0, yaw_rate)
+        self.send(mavlink.MAVLink_set_position_target_local_ned_message(0, *target, frame, mask, *numbers))
 
     def turn(self, speed: float, yaw_rate: float) -> None:
-        """A velocity along the nose and a turn rate, with the acceleration of the turn fed forward (mask 0x407)."""
-        self.send(
-            mavlink.MAVLink_set_position_target_local_ned_message(
-                0, 1, 1, 8, 0x407, 0, 0, 0, speed, 0, 0, 0, speed * yaw_rate, 0, 0, yaw_rate
-            )
-        )
+        """A velocity along the nose and a turn rate, with the acceleration of the turn fed forward."""
+        self.velocity(speed, yaw_rate, mask=0x407, sideways=speed * yaw_rate)
 
-    def attitude(
-        self,
-        mask: int,
-        roll: float = 0.0,
-        pitch: float = 0.0,
-        yaw: float = 0.0,
-        *,
-        rates: tuple[float, float, float] = (0.0, 0.0, 0.0),
-        thrust: float = 0.5,
-    ) -> None:
+    def attitude(self, mask, roll=0.0, pitch=0.0, yaw=0.0, *, rates=(0.0, 0.0, 0.0), thrust=0.5) -> None:
         """SET_ATTITUDE_TARGET; angles in radians."""
-        cr, sr, cp, sp = math.cos(roll / 2), math.sin(roll / 2), math.cos(pitch / 2), math.sin(pitch / 2)
-        cy, sy = math.cos(yaw / 2), math.sin(yaw / 2)
-        q = [
-            cr * cp * cy + sr * sp * sy,
-            sr * cp * cy - cr * sp * sy,
-            cr * sp * cy + sr * cp * sy,
-            cr * cp * sy - sr * sp * cy,
-        ]
+        q = Rotation.from_euler("ZYX", [yaw, pitch, roll]).as_quat()
+        q = [q[3], *q[:3]]
         self.send(mavlink.MAVLink_set_attitude_target_message(0, 1, 1, mask, q, *rates, thrust))
 
     def sticks(self, roll: float) -> None:
@@ -111,6 +90,10 @@ class Station:
         self.listen()
         self.heard.clear()
 
+    @property
+    def truth(self) -> Truth:
+        return self.vehicle.truth
+
     def texts(self) -> list[str]:
         return [m.text for m in self.listen("STATUSTEXT")]
 
@@ -124,9 +107,9 @@ def build(**tables: Any) -> Vehicle:
     return Vehicle(parse_vehicle(tables, "test.toml"))
 
 
-def guided(**tables: Any) -> Station:
-    """A copter in the air in GUIDED, and its companion."""
-    tables.setdefault("vehicle", {"turn_lag_s": 0.0})
-    tables.setdefault("start", {"mode": "GUIDED"})
-    tables.setdefault("truth", {"rate_hz": 0})
-    return Station(build(**tables))
+def aboard(profile: str = "arducopter", mode: str | None = None, **tables: Any) -> Station:
+    """The companion of an exact vehicle in the air that says nothing unasked but what its autopilot does; keys of
+    [vehicle] and [start] join `profile` and `mode`."""
+    vehicle = {"profile": profile, "default_streams": not profile.startswith("px4"), **tables.pop("vehicle", {})}
+    start = {**({} if mode is None else {"mode": mode}), **tables.pop("start", {})}
+    return Station(build(vehicle=vehicle, start=start, **{**QUIET, "sensors": EXACT, **tables}))

@@ -11,7 +11,11 @@ from pymavlink.dialects.v20 import all as mavlink
 from sim.autopilots.modes import PROFILES
 from sim.config import parse_vehicle
 from sim.vehicle import Vehicle
-from tests.sim.station import Station, build, guided
+from tests.sim.station import Station, aboard, build
+
+
+def guided(**tables):
+    return aboard(mode="GUIDED", vehicle={"turn_lag_s": 0.0}, **tables)
 
 
 def crc_x25(data: bytes) -> int:
@@ -32,7 +36,7 @@ def setpoint_by_hand(vx: float, yaw_rate: float) -> bytes:
     return b"\xfd" + header + payload + struct.pack("<H", crc_x25(header + payload + bytes([143])))
 
 
-def test_a_positive_yaw_rate_turns_clockwise_seen_from_above() -> None:
+def test_a_positive_yaw_rate_turns_clockwise_seen_from_above():
     vehicle = guided().vehicle
     vehicle.receive(setpoint_by_hand(10.0, 0.5))
     vehicle.advance(1.0)
@@ -43,133 +47,127 @@ def test_a_positive_yaw_rate_turns_clockwise_seen_from_above() -> None:
     assert vehicle.setpoint_log == [(0.0, "SET_POSITION_TARGET_LOCAL_NED")]
 
 
-@pytest.mark.parametrize("mask", [0x407, 0x5C7])
-def test_a_stream_of_setpoints_flies_a_circle_of_v_over_w(mask: int) -> None:
+def test_a_stream_of_setpoints_with_an_acceleration_flies_a_circle_of_v_over_w():
     companion = guided()
-    companion.fly(math.tau / 0.3, 6.0, 0.3, mask=mask, rate=20.0)
-    assert (companion.vehicle.truth.north, companion.vehicle.truth.east) == pytest.approx((-200, 0), abs=0.4)
-    companion.fly(math.pi / 0.3, 6.0, 0.3, mask=mask)
-    assert companion.vehicle.truth.east == pytest.approx(40.0, abs=0.1)
+    companion.fly(math.pi / 0.3, 6.0, 0.3, mask=0x407)
+    assert companion.truth.east == pytest.approx(40.0, abs=0.1)
 
 
-def test_local_ned_flies_straight_while_the_body_spins() -> None:
+def test_local_ned_flies_straight_while_the_body_spins():
     companion = guided()
     companion.fly(2.0, 5.0, 0.3, frame=1)
-    truth = companion.vehicle.truth
+    truth = companion.truth
     assert (truth.north, truth.east, truth.heading) == pytest.approx((-190.0, 0.0, 0.6))
 
 
-def test_after_three_seconds_of_silence_it_brakes_and_hovers_in_guided() -> None:
+def test_after_three_seconds_of_silence_it_brakes_and_hovers_in_guided():
     companion = guided()
-    vehicle = companion.vehicle
     companion.velocity(5.0, 0.2)
-    vehicle.advance(2.999)
-    assert (vehicle.truth.ground_speed, vehicle.truth.turn_rate) == pytest.approx((5.0, 0.2))
-    vehicle.advance(3.1)
-    assert vehicle.truth.turn_rate == 0.0 and vehicle.truth.ground_speed == pytest.approx(4.8)
-    vehicle.advance(5.6)
-    assert vehicle.truth.ground_speed == 0.0  # 5 -> 0 m/s in 2.5 s
-    assert vehicle.truth.mode == 4 and companion.texts() == [] and vehicle.truth.down == -50.0
+    companion.wait(2.999)
+    assert (companion.truth.ground_speed, companion.truth.turn_rate) == pytest.approx((5.0, 0.2))
+    companion.wait(0.101)
+    assert companion.truth.turn_rate == 0.0 and companion.truth.ground_speed == pytest.approx(4.8)
+    companion.wait(2.5)  # 5 -> 0 m/s in 2.5 s
+    assert companion.truth.ground_speed == 0.0 and companion.truth.mode == 4 and companion.truth.down == -50.0
+    assert companion.texts() == []
 
 
-def test_the_timeout_is_a_parameter_that_can_be_set() -> None:
+def test_the_timeout_is_a_parameter_that_can_be_set():
     companion = guided()
     companion.send(mavlink.MAVLink_param_set_message(1, 1, b"GUID_TIMEOUT", 1.0, 9))
     assert companion.listen("PARAM_VALUE")[-1].param_value == 1.0
     companion.velocity(5.0, 0.2)
-    companion.vehicle.advance(1.05)
-    assert companion.vehicle.truth.turn_rate == 0.0
+    companion.wait(1.05)
+    assert companion.truth.turn_rate == 0.0
 
 
 @pytest.mark.parametrize(
     ("speed", "mask", "frame"),
     [
-        (5.0, 0x5C7 | 0x20, 8),  # vz ignored: any bit of three ignores the group
-        (5.0, 0x5C7 | 0x08, 8),
-        (5.0, 0x5FF, 8),  # yaw rate alone
-        (5.0, 0x207, 8),  # force
-        (5.0, 0x5C7, 12),  # BODY_FRD
-        (5.0, 0x5C7, 20),  # LOCAL_FRD
-        (5.0, 0xFFFF, 1),
+        pytest.param(5.0, 0x5C7 | 0x20, 8, id="vz ignored: any bit of three ignores the group"),
+        pytest.param(5.0, 0x5C7 | 0x08, 8, id="vx ignored"),
+        pytest.param(5.0, 0x5FF, 8, id="yaw rate alone"),
+        pytest.param(5.0, 0x207, 8, id="force"),
+        pytest.param(5.0, 0x5C7, 12, id="BODY_FRD"),
+        pytest.param(5.0, 0x5C7, 20, id="LOCAL_FRD"),
+        pytest.param(5.0, 0xFFFF, 1, id="nothing"),
         *[(speed, 0x5C7, 8) for speed in (math.nan, math.inf, -math.inf, 1e6)],
     ],
 )
-def test_a_target_that_is_ill_defined_stops_the_vehicle(speed: float, mask: int, frame: int) -> None:
+def test_a_target_that_is_ill_defined_stops_the_vehicle(speed, mask, frame):
     companion = guided()
     companion.velocity(5.0, 0.2)
-    companion.vehicle.advance(1.0)
+    companion.wait(1.0)
     companion.velocity(speed, 0.2, mask=mask, frame=frame)
-    companion.vehicle.advance(5.0)
-    assert companion.vehicle.truth.ground_speed == 0.0 and companion.vehicle.truth.turn_rate == 0.0
+    companion.wait(4.0)
+    assert companion.truth.ground_speed == 0.0 and companion.truth.turn_rate == 0.0
     assert len(companion.vehicle.setpoint_log) == 1
 
 
-def test_a_yaw_rate_that_is_not_a_number_is_not_checked_and_crashes_the_copter() -> None:
+def test_a_yaw_rate_that_is_not_a_number_is_not_checked_and_crashes_the_copter():
     companion = guided()
     companion.velocity(5.0, math.nan)
-    companion.vehicle.advance(10.0)
-    assert not companion.vehicle.truth.armed and companion.vehicle.truth.down == 0.0
+    companion.wait(10.0)
+    assert not companion.truth.armed and companion.truth.down == 0.0
     assert any(text.startswith("Crash") for text in companion.texts())
 
 
-def test_setpoints_count_only_in_guided_and_armed() -> None:
-    for start in ({"mode": "LOITER"}, {"mode": "GUIDED", "armed": False, "altitude_m": 0.0}):
-        companion = Station(build(start=start))
-        companion.velocity(5.0, 0.2)
-        companion.vehicle.advance(1.0)
-        assert companion.vehicle.truth.ground_speed == 0.0 and companion.vehicle.setpoint_log == []
+@pytest.mark.parametrize("start", [{"mode": "LOITER"}, {"mode": "GUIDED", "armed": False, "altitude_m": 0.0}])
+def test_setpoints_count_only_in_guided_and_armed(start):
+    companion = aboard(start=start)
+    companion.velocity(5.0, 0.2)
+    companion.wait(1.0)
+    assert companion.truth.ground_speed == 0.0 and companion.vehicle.setpoint_log == []
 
 
 @pytest.mark.parametrize(("target", "obeyed"), [((1, 1), True), ((1, 0), True), ((0, 0), True), ((2, 1), False)])
-def test_only_setpoints_addressed_to_this_system_count(target: tuple[int, int], obeyed: bool) -> None:
+def test_only_setpoints_addressed_to_this_system_count(target, obeyed):
     companion = guided()
     companion.velocity(5.0, 0.1, target=target)
     assert bool(companion.vehicle.setpoint_log) == obeyed
 
 
-def test_modes_are_changed_by_command_and_acknowledged() -> None:
-    companion = Station(build(start={"mode": "LOITER"}))
-    assert companion.command(176, 1, 4) == [0]
-    assert companion.vehicle.truth.mode == 4
-    assert companion.command(176, 1, 99) == [4] and companion.texts() == ["No such mode 99"]
+def test_modes_are_changed_by_command_and_acknowledged():
+    companion = aboard(mode="LOITER")
+    assert companion.set_mode(4) == [0] and companion.truth.mode == 4
+    assert companion.set_mode(99) == [4] and companion.texts() == ["No such mode 99"]
     assert companion.command(176, 0, 5) == [2]
     assert companion.command(176, 1, 5, target=(7, 1)) == []
-    assert companion.vehicle.truth.mode == 4
+    assert companion.truth.mode == 4
     companion.forget()
     companion.send(mavlink.MAVLink_set_mode_message(1, 1, 5))  # obeyed without an ack
-    assert companion.vehicle.truth.mode == 5 and companion.listen("COMMAND_ACK") == []
+    assert companion.truth.mode == 5 and companion.listen("COMMAND_ACK") == []
 
 
-def test_without_gps_guided_is_refused_with_the_reason() -> None:
-    companion = Station(build(vehicle={"gps": False}, start={"mode": "ALT_HOLD"}))
-    assert companion.command(176, 1, 4) == [4]
+def test_without_gps_guided_is_refused_with_the_reason():
+    companion = aboard(mode="ALT_HOLD", vehicle={"gps": False})
+    assert companion.set_mode(4) == [4]
     assert companion.texts() == ["Mode change to GUIDED failed: requires position"]
 
 
-def test_it_arms_takes_off_and_lands() -> None:
-    companion = Station(build(start={"mode": "GUIDED", "armed": False, "altitude_m": 0.0, "north_m": 0.0}))
-    vehicle = companion.vehicle
-    assert companion.command(22, 0, 0, 0, 0, 0, 0, 20) == [4]
-    assert companion.command(400, 1) == [0] and vehicle.truth.armed
-    assert companion.command(22, 0, 0, 0, 0, 0, 0, 20) == [0]
-    vehicle.advance(20.0)
-    assert vehicle.truth.down == pytest.approx(-20.0, abs=0.3)
+def test_it_arms_takes_off_and_lands():
+    companion = aboard(mode="GUIDED", start={"armed": False, "altitude_m": 0.0, "north_m": 0.0})
+    take_off = (22, 0, 0, 0, 0, 0, 0, 20)
+    assert companion.command(*take_off) == [4]
+    assert companion.command(400, 1) == [0] and companion.truth.armed
+    assert companion.command(*take_off) == [0]
+    companion.wait(20.0)
+    assert companion.truth.down == pytest.approx(-20.0, abs=0.3)
     assert companion.command(400, 0) == [4]  # not in the air
-    assert companion.command(176, 1, 9) == [0]
-    vehicle.advance(90.0)
-    assert vehicle.truth.down == 0.0 and not vehicle.truth.armed
+    assert companion.set_mode(9) == [0]
+    companion.wait(70.0)
+    assert companion.truth.down == 0.0 and not companion.truth.armed
 
 
-def test_rtl_flies_home_and_lands() -> None:
-    companion = Station(build())
-    assert companion.command(176, 1, 6) == [0]
-    companion.vehicle.advance(150.0)
-    truth = companion.vehicle.truth
-    assert math.hypot(truth.north, truth.east) < 2.5 and not truth.armed
+def test_rtl_flies_home_and_lands():
+    companion = aboard()
+    assert companion.set_mode(6) == [0]
+    companion.wait(150.0)
+    assert math.hypot(companion.truth.north, companion.truth.east) < 2.5 and not companion.truth.armed
 
 
 @given(st.binary(max_size=300))
-def test_junk_never_raises(data: bytes) -> None:
+def test_junk_never_raises(data):
     vehicle = Vehicle(parse_vehicle({"truth": {"rate_hz": 0}}, "x"))
     vehicle.receive(data)
     vehicle.advance(0.1)
@@ -180,7 +178,7 @@ GUIDED = {"px4_copter": "OFFBOARD", "px4_plane": "OFFBOARD", "arducopter_nogps":
 
 
 @given(st.sampled_from(HANDLED), st.binary(min_size=60, max_size=255), st.booleans(), st.sampled_from(PROFILES))
-def test_correctly_framed_nonsense_never_raises(number: int, noise: bytes, addressed: bool, profile: str) -> None:
+def test_correctly_framed_nonsense_never_raises(number, noise, addressed, profile):
     kind = mavlink.mavlink_map[number]
     payload = bytearray((noise * 5)[: kind.unpacker.size])
     if addressed and "target_system" in kind.fieldnames:
@@ -189,32 +187,29 @@ def test_correctly_framed_nonsense_never_raises(number: int, noise: bytes, addre
         payload[min(struct.calcsize(format_before), len(payload) - 1)] = 1
     header = bytes([len(payload), 0, 0, 0, 1, 191]) + number.to_bytes(3, "little")
     checksum = crc_x25(header + bytes(payload) + bytes([kind.crc_extra]))
-    start = {"mode": GUIDED.get(profile, "GUIDED")}
     airframe = {"profile": profile, "dynamics": "realistic"}
-    vehicle = Vehicle(parse_vehicle({"vehicle": airframe, "start": start}, "x"))
+    vehicle = build(vehicle=airframe, start={"mode": GUIDED.get(profile, "GUIDED")})
     vehicle.receive(b"\xfd" + header + bytes(payload) + struct.pack("<H", checksum))
     vehicle.advance(0.5)
     assert math.isfinite(vehicle.truth.heading)
 
 
 @given(st.sampled_from(PROFILES), st.data())
-def test_no_parameter_brings_it_down(profile: str, data: st.DataObject) -> None:
-    vehicle = Vehicle(parse_vehicle({"vehicle": {"profile": profile, "default_streams": False}}, "x"))
-    names = [m.param_id for m in vehicle._flight.autopilot.params.all_values()]
-    mav = mavlink.MAVLink(None, 1, 191)
+def test_no_parameter_brings_it_down(profile, data):
+    companion = Station(build(vehicle={"profile": profile, "default_streams": False}))
+    names = [m.param_id for m in companion.vehicle._flight.autopilot.params.all_values()]
     for _ in range(4):
-        value = data.draw(st.floats(width=32))
-        name = data.draw(st.sampled_from(names)).encode()
-        vehicle.receive(mavlink.MAVLink_param_set_message(1, 1, name, value, 9).pack(mav))
-    vehicle.receive(mavlink.MAVLink_command_long_message(1, 1, 20, 0, 0, 0, 0, 0, 0, 0, 0).pack(mav))
-    for i in range(5):
-        vehicle.advance(i * 2.0)
-    assert math.isfinite(vehicle.truth.north)
+        value, name = data.draw(st.floats(width=32)), data.draw(st.sampled_from(names)).encode()
+        companion.send(mavlink.MAVLink_param_set_message(1, 1, name, value, 9))
+    companion.command(20)  # return to launch
+    for _ in range(4):
+        companion.wait(2.0)
+    assert math.isfinite(companion.truth.north)
 
 
-def test_what_is_flown_is_echoed_in_the_earth_frame() -> None:
-    companion = Station(build(start={"mode": "GUIDED", "heading_deg": 90.0}))
-    companion.command(511, 85, 100_000)
+def test_what_is_flown_is_echoed_in_the_earth_frame():
+    companion = aboard(mode="GUIDED", start={"heading_deg": 90.0})
+    companion.stream(85, 100_000)
     companion.wait(0.5)
     assert companion.listen("POSITION_TARGET_LOCAL_NED") == []
     companion.velocity(5.0, 0.0)

@@ -5,12 +5,8 @@ ArduPilot streams nothing unasked, so there the rates are requested first; MAVSD
 
 import contextlib
 import math
-import os
-import subprocess
-import sys
 import time
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -22,13 +18,13 @@ from mavsdk.plugins.telemetry import FlightMode, Telemetry  # noqa: E402
 
 from tests.ports import reserved_port  # noqa: E402
 from tests.process import PATIENCE  # noqa: E402
+from tests.sim.running import running  # noqa: E402
 
-ROOT = Path(__file__).parents[2]
 PX4, ARDUPILOT = 1, 2
 
 
 @pytest.fixture
-def connect(tmp_path: Path) -> Iterator[Callable[[str], Any]]:
+def connect(tmp_path):
     """An emulator of a profile in a process of its own, as MAVSDK sees it."""
     open_things = contextlib.ExitStack()
 
@@ -39,14 +35,8 @@ def connect(tmp_path: Path) -> Iterator[Callable[[str], Any]]:
         assert client.add_any_connection(f"udpin://127.0.0.1:{port}") == mavsdk.ConnectionResult.SUCCESS
         vehicle = tmp_path / "vehicle.toml"
         vehicle.write_text(f'[vehicle]\nprofile = "{profile}"\nsetpoint_timeout_s = 60.0\n')  # we may stand still
-        process = subprocess.Popen(
-            [sys.executable, "-m", "sim", str(vehicle), "--endpoint", f"udpout:127.0.0.1:{port}", "--speed", "2"],
-            cwd=ROOT,
-            env={**os.environ, "PYTHONPATH": str(ROOT)},
-            stdout=subprocess.DEVNULL,
-        )
-        open_things.callback(process.wait)
-        open_things.callback(process.terminate)
+        arguments = (str(vehicle), "--endpoint", f"udpout:127.0.0.1:{port}", "--speed", "2")
+        open_things.enter_context(running(*arguments))
         system = client.first_autopilot(PATIENCE)
         assert system is not None
         return system
@@ -55,14 +45,14 @@ def connect(tmp_path: Path) -> Iterator[Callable[[str], Any]]:
         yield start
 
 
-def until(condition: Callable[[], bool], seconds: float = PATIENCE) -> None:
+def until(condition: Callable[[], bool], seconds=PATIENCE):
     end = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < end
         time.sleep(0.05)
 
 
-def test_px4_is_seen_flown_in_offboard_and_taken_away(connect: Callable[[str], Any]) -> None:
+def test_px4_is_seen_flown_in_offboard_and_taken_away(connect: Callable[[str], Any]):
     system = connect("px4_copter")
     assert (system.get_system_id(), int(system.autopilot_type())) == (1, PX4)
     telemetry, action, offboard = Telemetry(system), Action(system), Offboard(system)
@@ -86,7 +76,7 @@ def test_px4_is_seen_flown_in_offboard_and_taken_away(connect: Callable[[str], A
     until(lambda: telemetry.flight_mode() == FlightMode.HOLD)
 
 
-def test_ardupilot_is_seen_and_its_streams_come_when_asked(connect: Callable[[str], Any]) -> None:
+def test_ardupilot_is_seen_and_its_streams_come_when_asked(connect: Callable[[str], Any]):
     system = connect("arducopter")
     assert int(system.autopilot_type()) == ARDUPILOT
     telemetry, action = Telemetry(system), Action(system)

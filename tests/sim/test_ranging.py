@@ -3,185 +3,180 @@
 import math
 import statistics
 from itertools import pairwise
-from typing import Any
 
 import pytest
 
-from sim.vehicle import Vehicle
 from tests.sim.station import Station, build
 
 STILL = {"north_m": -300.0, "altitude_m": 40.0}
 SLANT = math.hypot(300.0, 40.0)
 RADIO, AUTOPILOT = (1, 192), (1, 1)
+BEACON = {"message": "ranging_beacon", "via": "direct"}
 
 
-def ranging(**keys: Any) -> Vehicle:
-    return build(start=STILL, truth={"rate_hz": 0}, ranging={"noise_m": 0.0, **keys})
-
-
-def test_distance_sensor_is_the_slant_range_in_whole_centimetres() -> None:
-    companion = Station(ranging(sensor_id=7))
+def ranging(start=STILL, **keys):
+    """A companion, heard by an autopilot whose radio is exact but for `keys`."""
+    companion = Station(build(seed=3, start=start, truth={"rate_hz": 0}, ranging={"noise_m": 0.0, **keys}))
     companion.heartbeat()
-    companion.vehicle.advance(0.95)
+    return companion
+
+
+def beacons(seconds, **keys):
+    """What a radio on its own port says within a time."""
+    vehicle = ranging(**BEACON, **keys).vehicle
+    vehicle.advance(seconds)
+    return Station(vehicle, link="ranging").listen()
+
+
+def test_distance_sensor_is_the_slant_range_in_whole_centimetres():
+    companion = ranging(sensor_id=7)
+    companion.wait(0.95)
     heard = companion.listen("DISTANCE_SENSOR", source=RADIO)
     assert [m.current_distance for m in heard] == [round(SLANT * 100)] * 10
     assert [m.time_boot_ms for m in heard] == [*range(0, 1000, 100)]
     assert {(m.id, m.orientation, m.covariance) for m in heard} == {(7, 24, 255)}
 
 
-def test_distance_sensor_saturates_at_65535() -> None:
-    vehicle = build(start={"north_m": -900.0}, ranging={"noise_m": 0.0})
-    companion = Station(vehicle)
-    companion.heartbeat()
-    vehicle.advance(0.1)
+def test_distance_sensor_saturates_at_65535():
+    companion = ranging(start={"north_m": -900.0})
+    companion.wait(0.1)
     assert companion.listen("DISTANCE_SENSOR")[0].current_distance == 65535
 
 
-def test_ranging_beacon_counts_millimetres_and_says_what_it_does_not_know() -> None:
-    vehicle = ranging(message="ranging_beacon", via="direct", beacon_id=9)
-    radio = Station(vehicle, link="ranging")
-    vehicle.advance(0.35)
-    heard = radio.listen()
+def test_ranging_beacon_counts_millimetres_and_says_what_it_does_not_know():
+    companion = ranging(**BEACON, beacon_id=9)
+    companion.wait(0.35)
+    heard = Station(companion.vehicle, link="ranging").listen()
     assert [m.range for m in heard] == [round(SLANT * 1000)] * 4
-    assert [m.sequence for m in heard] == [1, 2, 3, 4] and [m.time_usec for m in heard] == [0, 100000, 200000, 300000]
+    assert [(m.sequence, m.time_usec) for m in heard] == [(1, 0), (2, 100_000), (3, 200_000), (4, 300_000)]
     first = heard[0]
     assert (first.beacon_id, first.target_system, first.target_component) == (9, 0, 0)
     assert (first.lat, first.lon, first.range_accuracy) == (2**31 - 1, 2**31 - 1, 2**32 - 1)
     assert math.isnan(first.alt)
-    assert Station(vehicle).listen("RANGING_BEACON") == []  # not on the autopilot's link
+    assert companion.listen("RANGING_BEACON") == []  # not on the autopilot's link
 
 
-def test_a_named_value_is_a_single_precision_float() -> None:
-    companion = Station(ranging(message="named_value_float", name="RNG"))
-    companion.heartbeat()
-    companion.vehicle.advance(0.1)
+def test_a_named_value_is_a_single_precision_float():
+    companion = ranging(message="named_value_float", name="RNG")
+    companion.wait(0.1)
     value = companion.listen("NAMED_VALUE_FLOAT")[0]
     assert value.name == "RNG" and value.value == pytest.approx(SLANT, rel=1e-7)
 
 
-def test_accuracy_is_reported_where_it_fits() -> None:
+def test_accuracy_is_reported_where_it_fits():
     for noise, covariance in ((0.1, 100), (0.5, 255)):
-        companion = Station(ranging(noise_m=noise, report_accuracy=True))
-        companion.heartbeat()
-        companion.vehicle.advance(0.1)
+        companion = ranging(noise_m=noise, report_accuracy=True)
+        companion.wait(0.1)
         assert companion.listen("DISTANCE_SENSOR")[0].covariance == covariance
-    vehicle = ranging(noise_m=0.5, report_accuracy=True, message="ranging_beacon", via="direct")
-    vehicle.advance(0.1)
-    assert Station(vehicle, link="ranging").listen()[0].range_accuracy == 500
+    assert beacons(0.1, noise_m=0.5, report_accuracy=True)[0].range_accuracy == 500
 
 
-def errors(**keys: Any) -> list[float]:
-    vehicle = build(
-        seed=3,
-        start=STILL,
-        truth={"rate_hz": 0},
-        ranging={"message": "ranging_beacon", "via": "direct", "rate_hz": 100.0, **keys},
-    )
-    vehicle.advance(50.0)
-    return [m.range / 1000 - SLANT for m in Station(vehicle, link="ranging").listen()]
+def errors(**keys):
+    return [m.range / 1000 - SLANT for m in beacons(50.0, rate_hz=100.0, **keys)]
 
 
-def test_noise_and_bias_are_as_configured() -> None:
+def test_noise_and_bias_are_as_configured():
     noise = errors(noise_m=2.0, bias_m=1.5)
     assert statistics.fmean(noise) == pytest.approx(1.5, abs=4 * 2.0 / math.sqrt(5000))
     assert statistics.stdev(noise) == pytest.approx(2.0, rel=0.05)
 
 
-def test_outliers_and_dropouts_come_as_often_as_configured() -> None:
-    spread = errors(noise_m=0.0, outlier_fraction=0.2, outlier_m=40.0, dropout_fraction=0.3)
+def test_outliers_and_dropouts_come_as_often_as_configured():
+    spread = errors(outlier_fraction=0.2, outlier_m=40.0, dropout_fraction=0.3)
     assert len(spread) == pytest.approx(3500, abs=4 * math.sqrt(5000 * 0.3 * 0.7))
     wild = [e for e in spread if abs(e) > 0.01]
     assert len(wild) / len(spread) == pytest.approx(0.2, abs=0.03) and max(map(abs, wild)) <= 40.0
 
 
-def test_another_seed_draws_other_noise() -> None:
-    def noise(seed: int) -> list[int]:
-        vehicle = build(seed=seed, ranging={"message": "ranging_beacon", "via": "direct"})
+@pytest.mark.parametrize(("preset", "slow", "loss"), [("gaussian", 0.0, 0.0), ("uwb", 0.15, 0.0), ("lora", 2.0, 0.1)])
+def test_radios_have_their_character(preset, slow, loss):
+    vehicle = build(
+        seed=2,
+        truth={"rate_hz": 0},
+        start={"north_m": -200.0},
+        vehicle={"profile": "ardurover", "default_streams": False},
+        ranging={"preset": preset, **BEACON},
+    )
+    vehicle.advance(1000.0)
+    heard = [m.range / 1000 - 200.0 for m in Station(vehicle, link="ranging").listen()]
+    assert len(heard) == pytest.approx(10_000 * (1 - loss), rel=0.02)
+    means = [statistics.fmean(heard[i : i + 10]) for i in range(0, len(heard) - 10, 10)]  # over a second
+    assert statistics.pstdev(means) == pytest.approx(slow, abs=0.25 * slow + 0.2)
+
+
+def test_another_seed_draws_other_noise():
+    def noise(seed):
+        vehicle = build(seed=seed, ranging=BEACON)
         vehicle.advance(1.0)
         return [m.range for m in Station(vehicle, link="ranging").listen()]
 
     assert noise(1) == noise(1) != noise(2)
 
 
-def test_latency_delays_the_message_but_not_its_stamp() -> None:
-    companion = Station(ranging(latency_s=0.25))
-    companion.heartbeat()
-    companion.vehicle.advance(0.249)
+def test_latency_delays_the_message_but_not_its_stamp():
+    companion = ranging(latency_s=0.25)
+    companion.wait(0.249)
     assert companion.listen("DISTANCE_SENSOR") == []
-    companion.vehicle.advance(0.25)
+    companion.wait(0.001)
     assert [m.time_boot_ms for m in companion.listen("DISTANCE_SENSOR")] == [0]
 
 
-def test_beyond_its_range_the_radio_is_silent() -> None:
-    companion = Station(ranging(max_range_m=200.0))
-    companion.heartbeat()
-    companion.vehicle.advance(2.0)
+def test_beyond_its_range_the_radio_is_silent():
+    companion = ranging(max_range_m=200.0)
+    companion.wait(2.0)
     assert companion.listen("DISTANCE_SENSOR") == []
 
 
-def test_the_autopilot_forwards_only_to_a_link_it_has_heard() -> None:
-    companion = Station(ranging())
-    companion.vehicle.advance(1.0)
+def test_the_autopilot_forwards_only_to_a_link_it_has_heard():
+    companion = Station(build(start=STILL, truth={"rate_hz": 0}))
+    companion.wait(1.0)
     assert companion.listen("DISTANCE_SENSOR") == []
     assert companion.listen("HEARTBEAT", source=RADIO) != []  # heartbeats go everywhere
     companion.heartbeat()
-    companion.vehicle.advance(1.95)
+    companion.wait(0.95)
     assert len(companion.listen("DISTANCE_SENSOR", source=RADIO)) == 9
 
 
-def test_through_the_rangefinder_driver_values_repeat_with_send_time_stamps() -> None:
-    vehicle = build(start={"mode": "GUIDED", "speed_mps": 10.0}, ranging={"via": "autopilot", "rate_hz": 5.0})
-    companion = Station(vehicle)
-    companion.heartbeat()
-    vehicle.advance(0.5)
+def test_through_the_rangefinder_driver_values_repeat_with_send_time_stamps():
+    companion = ranging({"mode": "GUIDED", "speed_mps": 10.0}, via="autopilot", rate_hz=5.0)
+    companion.wait(0.5)
     assert companion.listen("DISTANCE_SENSOR") == []  # silent until asked
-    assert companion.command(511, 132, 40_000) == [0]
-    vehicle.advance(1.5)
+    assert companion.stream(132, 40_000) == [0]
+    companion.wait(1.0)
     heard = companion.listen("DISTANCE_SENSOR", source=AUTOPILOT)
     assert [m.time_boot_ms for m in heard] == [*range(540, 1501, 40)]
     assert 5 <= len({m.current_distance for m in heard}) <= 6  # five new values a second, sent 25 times
     assert {(m.id, m.covariance, m.type) for m in heard} == {(0, 0, 0)}
 
 
-def test_the_driver_stops_when_its_input_is_older_than_450_ms() -> None:
-    vehicle = build(
-        start={"mode": "GUIDED", "speed_mps": 20.0, "heading_deg": 180.0, "north_m": -100.0},
-        ranging={"via": "autopilot", "max_range_m": 130.0, "noise_m": 0.0},
-    )
-    companion = Station(vehicle)
-    companion.command(511, 132, 50_000)
-    vehicle.advance(2.9)
+def test_the_driver_stops_when_its_input_is_older_than_450_ms():
+    away = {"mode": "GUIDED", "speed_mps": 20.0, "heading_deg": 180.0, "north_m": -100.0}
+    companion = ranging(away, via="autopilot", max_range_m=130.0)
+    companion.stream(132, 50_000)
+    companion.wait(2.9)
     last = companion.listen("DISTANCE_SENSOR")[-1]
     assert last.time_boot_ms == 1450  # the slant range passes 130 m after 1.0 s, the last sample's time
 
 
-def test_the_range_rate_is_how_fast_the_slant_range_grows_under_the_stamp_of_its_range() -> None:
+def test_the_range_rate_is_how_fast_the_slant_range_grows_under_the_stamp_of_its_range():
     target = {"velocity_east_mps": 4.0, "turn_rate_deg_s": 5.0}
-    keys = {
-        "message": "named_value_float",
-        "noise_m": 0.0,
-        "rate_name": "RR",
-        "rate_noise_mps": 0.0,
-        "rate_bias_mps": 0,
-    }
-    companion = Station(build(start={**STILL, "speed_mps": 0.0}, target=target, truth={"rate_hz": 0}, ranging=keys))
+    radio = {"message": "named_value_float", "noise_m": 0.0, "rate_name": "RR", "rate_noise_mps": 0.0}
+    tables = {"target": target, "ranging": {**radio, "rate_bias_mps": 0.0}, "truth": {"rate_hz": 0}}
+    companion = Station(build(start={**STILL, "speed_mps": 0.0}, **tables))
     companion.heartbeat()
-    companion.vehicle.advance(9.95)
+    companion.wait(9.95)
     heard = companion.listen("NAMED_VALUE_FLOAT", source=RADIO)
-    ranges = [m for m in heard if m.name == "RANGE"]
-    rates = [m for m in heard if m.name == "RR"]
+    ranges, rates = ([m for m in heard if m.name == name] for name in ("RANGE", "RR"))
     assert [m.time_boot_ms for m in rates] == [m.time_boot_ms for m in ranges]
     for before, rate, after in zip(ranges[:-2], rates[1:-1], ranges[2:], strict=True):
         assert rate.value == pytest.approx((after.value - before.value) / 0.2, abs=2e-3)
     assert min(m.value for m in rates) < -0.5
 
 
-def test_a_rate_scatters_white_and_slowly_and_may_count_the_other_way() -> None:
-    def rates(**keys: Any) -> list[float]:
-        vehicle = ranging(message="named_value_float", rate_name="RR", **keys)
-        companion = Station(vehicle)
-        companion.heartbeat()
-        vehicle.advance(40.0)
+def test_a_rate_scatters_white_and_slowly_and_may_count_the_other_way():
+    def rates(**keys):
+        companion = ranging(message="named_value_float", rate_name="RR", **keys)
+        companion.wait(40.0)
         return [m.value for m in companion.listen("NAMED_VALUE_FLOAT", source=RADIO) if m.name == "RR"]
 
     white = rates(rate_noise_mps=0.3, rate_bias_mps=0.0)

@@ -1,14 +1,11 @@
 """The emulated autopilots with a key: what they sign, whom they believe, and as real ones do after a reboot."""
 
-from pathlib import Path
-
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from sim.config import ConfigError, load_vehicle, parse_vehicle
 from sim.signing import EPOCH_S, TICKS_PER_S
-from sim.vehicle import Vehicle
-from tests.sim.station import Station
+from tests.sim.station import Station, build
 
 KEY, OTHER = bytes(range(32)), bytes(range(100, 132))
 UNIX = 1_790_000_000.0
@@ -16,24 +13,29 @@ NOW = round((UNIX - EPOCH_S) * TICKS_PER_S)
 
 
 @pytest.fixture
-def key_file(tmp_path: Path) -> Path:
+def key_file(tmp_path):
     path = tmp_path / "vehicle.key"
     path.write_text(KEY.hex())
     return path
 
 
-def vehicle_with(key_file: Path, profile: str = "arducopter", **signing: object) -> Vehicle:
-    tables = {
-        "vehicle": {"profile": profile},
-        "start": {"armed": True, "mode": "OFFBOARD" if profile.startswith("px4") else "GUIDED"},
-        "signing": {"key_file": str(key_file), **signing},
-    }
-    vehicle = Vehicle(parse_vehicle(tables, "test"))
-    vehicle.tell_time(UNIX)
+@pytest.fixture
+def make(key_file):
+    def vehicle(profile="arducopter", **signing):
+        mode = "OFFBOARD" if profile.startswith("px4") else "GUIDED"
+        made = build(vehicle={"profile": profile}, start={"mode": mode}, signing={"key_file": str(key_file), **signing})
+        made.tell_time(UNIX)
+        return made
+
     return vehicle
 
 
-def station(vehicle: Vehicle, key: bytes | None, timestamp: int = NOW, **ids: int) -> Station:
+@pytest.fixture
+def vehicle(make):
+    return make()
+
+
+def station(vehicle, key, timestamp=NOW, **ids):
     made = Station(vehicle, **ids)
     for engine in (made._out, made._in):
         engine.signing.secret_key, engine.signing.timestamp = key, timestamp
@@ -41,7 +43,7 @@ def station(vehicle: Vehicle, key: bytes | None, timestamp: int = NOW, **ids: in
     return made
 
 
-def accepted(vehicle: Vehicle, by: Station) -> bool:
+def accepted(vehicle, by):
     """Whether a velocity setpoint of theirs is flown."""
     before = len(vehicle.setpoint_log)
     vehicle.advance(vehicle.time + 0.1)
@@ -49,8 +51,7 @@ def accepted(vehicle: Vehicle, by: Station) -> bool:
     return len(vehicle.setpoint_log) > before
 
 
-def test_all_that_it_says_is_signed_by_vehicle_and_radio_alike(key_file: Path) -> None:
-    vehicle = vehicle_with(key_file)
+def test_all_that_it_says_is_signed_by_vehicle_and_radio_alike(vehicle):
     listener = mavlink.MAVLink(None)
     listener.signing.secret_key, listener.signing.timestamp = KEY, NOW
     station(vehicle, KEY).heartbeat()
@@ -60,60 +61,53 @@ def test_all_that_it_says_is_signed_by_vehicle_and_radio_alike(key_file: Path) -
     assert {message.get_srcComponent() for message in heard} == {1, 192}
 
 
-def test_it_obeys_the_holder_of_its_key_alone(key_file: Path) -> None:
-    vehicle = vehicle_with(key_file)
+def test_it_obeys_the_holder_of_its_key_alone(vehicle):
     assert accepted(vehicle, station(vehicle, KEY))
     assert not accepted(vehicle, station(vehicle, None))
     assert not accepted(vehicle, station(vehicle, OTHER, component=192))
     assert vehicle.refused == 2
 
 
-def test_the_usb_port_takes_unsigned_commands(key_file: Path) -> None:
-    vehicle = vehicle_with(key_file, accept_unsigned=True)
+def test_the_usb_port_takes_unsigned_commands(make):
+    vehicle = make(accept_unsigned=True)
     assert accepted(vehicle, station(vehicle, None))
 
 
 @pytest.mark.parametrize(("profile", "believed"), [("arducopter", False), ("px4_copter", True)])
-def test_px4_takes_heartbeats_unsigned_and_ardupilot_does_not(key_file: Path, profile: str, believed: bool) -> None:
-    vehicle = vehicle_with(key_file, profile)
+def test_px4_takes_heartbeats_unsigned_and_ardupilot_does_not(make, profile, believed):
+    vehicle = make(profile)
     station(vehicle, None).heartbeat()
     assert (vehicle.refused == 0) is believed
 
 
-def test_radio_status_needs_no_signature(key_file: Path) -> None:
-    vehicle = vehicle_with(key_file)
+def test_radio_status_needs_no_signature(vehicle):
     station(vehicle, None).send(mavlink.MAVLink_radio_status_message(200, 190, 100, 10, 12, 0, 0))
     assert vehicle.refused == 0
 
 
-def test_a_forged_future_stamp_does_not_lock_the_real_one_out(key_file: Path) -> None:
-    vehicle = vehicle_with(key_file)
+def test_a_forged_future_stamp_does_not_lock_the_real_one_out(vehicle):
     assert not accepted(vehicle, station(vehicle, OTHER, NOW * 2))
     assert accepted(vehicle, station(vehicle, KEY))
 
 
-def test_a_replayed_command_is_not_obeyed_again(key_file: Path) -> None:
-    vehicle = vehicle_with(key_file)
+def test_a_replayed_command_is_not_obeyed_again(vehicle):
     ours = station(vehicle, KEY)
-    frame = mavlink.MAVLink_set_position_target_local_ned_message(
-        0, 1, 1, 8, 0x5C7, 0, 0, 0, 3, 0, 0, 0, 0, 0, 0, 0.1
-    ).pack(ours._out)
+    target = (0, 1, 1, 8, 0x5C7, 0, 0, 0, 3, 0, 0, 0, 0, 0, 0, 0.1)
+    frame = mavlink.MAVLink_set_position_target_local_ned_message(*target).pack(ours._out)
     vehicle.receive(frame)
     vehicle.receive(frame)
     assert len(vehicle.setpoint_log) == 1
 
 
-def test_a_stream_over_a_minute_behind_is_refused(key_file: Path) -> None:
-    vehicle = vehicle_with(key_file)
+def test_a_stream_over_a_minute_behind_is_refused(vehicle):
     assert not accepted(vehicle, station(vehicle, KEY, NOW - 61 * TICKS_PER_S))
     assert accepted(vehicle, station(vehicle, KEY, NOW - 59 * TICKS_PER_S))
 
 
 @pytest.mark.parametrize("profile", ["arducopter", "px4_copter"])
-def test_without_gps_it_takes_its_time_from_those_who_sign(key_file: Path, profile: str) -> None:
+def test_without_gps_it_takes_its_time_from_those_who_sign(key_file, profile):
     """By a heartbeat too, which PX4 takes unsigned as well."""
-    tables = {"signing": {"key_file": str(key_file)}, "vehicle": {"profile": profile}}
-    vehicle = Vehicle(parse_vehicle(tables, "test"))
+    vehicle = build(signing={"key_file": str(key_file)}, vehicle={"profile": profile})
     vehicle.advance(1.5)
     assert stamps(vehicle)[-1] < TICKS_PER_S
     station(vehicle, KEY).heartbeat()
@@ -121,8 +115,7 @@ def test_without_gps_it_takes_its_time_from_those_who_sign(key_file: Path, profi
     assert stamps(vehicle)[-1] >= NOW
 
 
-def test_after_a_reboot_it_signs_a_minute_ahead_and_remembers_no_stream(key_file: Path) -> None:
-    vehicle = vehicle_with(key_file)
+def test_after_a_reboot_it_signs_a_minute_ahead_and_remembers_no_stream(vehicle):
     ours = station(vehicle, KEY)
     assert accepted(vehicle, ours)
     before = stamps(vehicle)[-1]
@@ -131,7 +124,7 @@ def test_after_a_reboot_it_signs_a_minute_ahead_and_remembers_no_stream(key_file
     assert stamps(vehicle)[0] > before + 59 * TICKS_PER_S
 
 
-def test_a_key_is_told_from_the_folder_of_the_vehicle_file(key_file: Path) -> None:
+def test_a_key_is_told_from_the_folder_of_the_vehicle_file(key_file):
     for text in ('[signing]\nkey_file = "vehicle.key"\n', '[sim.signing]\nkey_file = "vehicle.key"\n'):
         path = key_file.with_name("vehicle.toml")
         path.write_text(text)
@@ -139,7 +132,7 @@ def test_a_key_is_told_from_the_folder_of_the_vehicle_file(key_file: Path) -> No
 
 
 @pytest.mark.parametrize(("data", "told"), [(None, "No such file"), (b"short", "holds 5 bytes")])
-def test_a_bad_key_is_one_line(tmp_path: Path, data: bytes | None, told: str) -> None:
+def test_a_bad_key_is_one_line(tmp_path, data, told):
     path = tmp_path / "bad.key"
     if data is not None:
         path.write_bytes(data)
@@ -148,5 +141,5 @@ def test_a_bad_key_is_one_line(tmp_path: Path, data: bytes | None, told: str) ->
     assert str(caught.value).startswith("v.toml: signing.key_file: ")
 
 
-def stamps(vehicle: Vehicle) -> list[int]:
+def stamps(vehicle):
     return [int.from_bytes(frame[-12:-6], "little") for frame in vehicle.outgoing()]

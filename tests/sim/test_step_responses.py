@@ -7,15 +7,14 @@ setpoint of the step; the path's rate is what the ground track turns by.
 import itertools
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from functools import cache
+from typing import NamedTuple
 
 import pytest
 
 from sim.vehicle import Truth
-from tests.sim.station import Station, build
+from tests.sim.station import Station, aboard
 
-EXACT = {"attitude_error_deg": 0.0, "gyro_noise_deg_s": 0.0}
-QUIET = {"truth": {"rate_hz": 0}, "ranging": {"rate_hz": 0.0}, "sensors": EXACT}
 TICK = 0.01
 
 
@@ -36,14 +35,14 @@ def measured(values: list[float]) -> Step:
     return Step(half, most, nearly, max(share), share.index(max(share)) * TICK)
 
 
-def flown(companion: Any, send: Callable[[], None], seconds: float = 4.0) -> list[Truth]:
+def flown(companion: Station, send: Callable[[], None], seconds: float = 4.0) -> list[Truth]:
     """The truth every 10 ms while `send` sends 20 times a second."""
-    start, truths = companion.vehicle.time, [companion.vehicle.truth]
+    start, truths = companion.vehicle.time, [companion.truth]
     for tick in range(round(seconds / TICK)):
         if tick % 5 == 0:
             send()
         companion.vehicle.advance(start + (tick + 1) * TICK)
-        truths.append(companion.vehicle.truth)
+        truths.append(companion.truth)
     return truths
 
 
@@ -56,31 +55,34 @@ def lead(truth: Truth) -> float:
     return math.degrees(math.remainder(truth.heading - truth.course, math.tau))
 
 
-def arduplane() -> Any:
-    return Station(build(vehicle={"profile": "arduplane"}, start={"mode": "GUIDED"}, **QUIET))
-
-
+@cache
 def banked(before: float, after: float) -> list[Truth]:
     """ArduPlane told one bank, deg, for six seconds and then another."""
-    companion = arduplane()
+    companion = aboard("arduplane", "GUIDED")
     companion.repeat(6.0, lambda: companion.attitude(0xC6, math.radians(before)))
     return flown(companion, lambda: companion.attitude(0xC6, math.radians(after)))
 
 
+@cache
+def turned(before: float, after: float) -> list[Truth]:
+    """ArduCopter at 5 m/s told one turn rate, rad/s, with its acceleration fed forward, and then another."""
+    real = {"dynamics": "realistic", "max_turn_rate_deg_s": 200.0}
+    companion = aboard(mode="GUIDED", vehicle=real, start={"speed_mps": 5.0})
+    companion.repeat(8.0, lambda: companion.turn(5.0, before))
+    return flown(companion, lambda: companion.turn(5.0, after))
+
+
 @pytest.mark.parametrize(("before", "after"), [(0.0, 20.0), (17.0, -28.6)])
-def test_a_plane_banks_after_a_dead_time_and_overshoots(before: float, after: float) -> None:
+def test_a_plane_banks_after_a_dead_time_and_overshoots(before, after):
     """Flown: half at .36 .. .5 s, 90 % at .5 .. .75 s, 15 % too far; +17 to -28.6 deg goes to -33."""
-    roll = measured([truth.roll for truth in banked(before, after)])
+    truths = banked(before, after)
+    roll = measured([truth.roll for truth in truths])
+    assert all(truth.roll == pytest.approx(truths[0].roll, abs=1e-6) for truth in truths[:16])
     assert 0.36 <= roll.half <= 0.5 and 0.5 <= roll.nearly <= 0.75
     assert roll.peak == pytest.approx(1.12, abs=0.04)
 
 
-def test_a_plane_shows_nothing_of_a_command_within_its_dead_time() -> None:
-    truths = banked(0.0, 20.0)
-    assert all(truth.roll == 0.0 for truth in truths[:16])
-
-
-def test_a_planes_path_follows_its_bank_at_once_and_its_nose_a_fifth_of_a_second_later() -> None:
+def test_a_planes_path_follows_its_bank_at_once_and_its_nose_a_fifth_of_a_second_later():
     """Flown: the ground track turns with the bank, the heading some .15 .. .25 s behind it, because of side-slip."""
     truths = banked(17.0, -28.6)
     roll = measured([truth.roll for truth in truths])
@@ -92,7 +94,7 @@ def test_a_planes_path_follows_its_bank_at_once_and_its_nose_a_fifth_of_a_second
     assert max(abs(lead(truth) - lead(truths[-1])) for truth in truths) > 2.0  # and much more while it enters one
 
 
-def test_a_copters_yaw_rate_follows_after_a_dead_time_and_overshoots() -> None:
+def test_a_copters_yaw_rate_follows_after_a_dead_time_and_overshoots():
     """Flown, .2 to -.4 rad/s: through zero at .25 s, -.53 at .64 s; closed loop: dead time .22 s, then a lag of .18."""
     truths = turned(0.2, -0.4)
     yaw = measured([truth.turn_rate for truth in truths])
@@ -103,7 +105,7 @@ def test_a_copters_yaw_rate_follows_after_a_dead_time_and_overshoots() -> None:
     assert truths[-1].turn_rate == pytest.approx(-0.42, abs=0.03)
 
 
-def test_a_copters_path_follows_its_nose_by_half_a_second() -> None:
+def test_a_copters_path_follows_its_nose_by_half_a_second():
     """Flown: half of the step at .7 .. .78 s, 90 % at 1.1 s; the nose leads."""
     truths = turned(0.2, -0.4)
     path = measured(rates([truth.course for truth in truths]))
@@ -111,22 +113,10 @@ def test_a_copters_path_follows_its_nose_by_half_a_second() -> None:
     assert min(lead(truth) for truth in truths) < -8.0
 
 
-def turned(before: float, after: float) -> list[Truth]:
-    """ArduCopter at 5 m/s told one turn rate, rad/s, with its acceleration fed forward, and then another."""
-    vehicle = {"dynamics": "realistic", "max_turn_rate_deg_s": 200.0}
-    companion = Station(build(vehicle=vehicle, start={"mode": "GUIDED", "speed_mps": 5.0}, **QUIET))
-    companion.repeat(8.0, lambda: companion.turn(5.0, before))
-    return flown(companion, lambda: companion.turn(5.0, after))
-
-
-def test_a_px4_copters_yaw_rate_is_two_thirds_there_after_half_a_second() -> None:
-    vehicle, _exact = (
-        {"profile": "px4_copter", "default_streams": False},
-        {"attitude_error_deg": 0.0, "gyro_noise_deg_s": 0.0},
-    )
-    companion = Station(build(vehicle=vehicle, **QUIET))
+def test_a_px4_copters_yaw_rate_is_two_thirds_there_after_half_a_second():
+    companion = aboard("px4_copter")
     companion.fly(0.5, 0.0, 0.0)
-    companion.command(176, 1, 6)
+    companion.set_mode(6)
     companion.fly(10.0, 5.0, 0.0)
     truths = flown(companion, lambda: companion.velocity(5.0, 0.1), 60.0)
     assert measured([truth.turn_rate for truth in truths]).most == pytest.approx(0.475, abs=0.03)
@@ -136,11 +126,9 @@ def test_a_px4_copters_yaw_rate_is_two_thirds_there_after_half_a_second() -> Non
 
 
 @pytest.mark.parametrize(("stick", "earliest", "latest"), [(False, 0.45, 0.58), (True, 0.58, 0.70)])
-def test_a_px4_plane_banks_two_thirds_after_half_a_second_and_later_by_stick(
-    stick: bool, earliest: float, latest: float
-) -> None:
+def test_a_px4_plane_banks_two_thirds_after_half_a_second_and_later_by_stick(stick, earliest, latest):
     """Flown: 63 % after .5 s by attitude, .6 .. .7 s by stick, then exact."""
-    companion = Station(build(vehicle={"profile": "px4_plane", "default_streams": False}, **QUIET))
+    companion = aboard("px4_plane")
 
     def send(bank: float) -> None:
         if stick:
@@ -149,7 +137,7 @@ def test_a_px4_plane_banks_two_thirds_after_half_a_second_and_later_by_stick(
             companion.attitude(7, math.radians(bank), thrust=0.63)
 
     send(0.0)
-    assert companion.command(176, 1, 2 if stick else 6) == [0, 0]
+    assert companion.set_mode(2 if stick else 6) == [0, 0]
     companion.repeat(3.0, lambda: send(0.0))
     truths = flown(companion, lambda: send(30.0))
     roll = measured([truth.roll for truth in truths])
@@ -157,11 +145,10 @@ def test_a_px4_plane_banks_two_thirds_after_half_a_second_and_later_by_stick(
     assert math.degrees(truths[-1].roll) == pytest.approx(30.0, abs=0.1)
 
 
-def test_what_is_reported_in_a_slipping_turn_is_the_noses() -> None:
-    """ATTITUDE's yaw and body rates agree with each other and not with the ground track; airspeed is indicated."""
-    companion = arduplane()
-    companion.command(511, 30, 40_000)
-    companion.command(511, 74, 200_000)
+def test_what_is_reported_in_a_slipping_turn_is_the_noses():
+    """ATTITUDE's yaw and body rates agree with each other and not with the ground track."""
+    companion = aboard("arduplane", "GUIDED")
+    companion.stream(30, 40_000)
     companion.repeat(4.0, lambda: companion.attitude(0xC6, math.radians(-20.0)))
     companion.forget()
     companion.repeat(3.0, lambda: companion.attitude(0xC6, math.radians(35.0)))
@@ -170,6 +157,5 @@ def test_what_is_reported_in_a_slipping_turn_is_the_noses() -> None:
         told = [(m.pitchspeed * math.sin(m.roll) + m.yawspeed * math.cos(m.roll)) / math.cos(m.pitch) for m in (a, b)]
         seen = math.remainder(b.yaw - a.yaw, math.tau) / ((b.time_boot_ms - a.time_boot_ms) / 1000)
         assert seen == pytest.approx(sum(told) / 2, abs=0.02)
-    truth = companion.vehicle.truth
+    truth = companion.truth
     assert reports[-1].yaw == pytest.approx(truth.heading, abs=0.02) and abs(lead(truth)) > 1.5
-    assert companion.listen("VFR_HUD")[-1].airspeed == pytest.approx(22.0, abs=0.1)

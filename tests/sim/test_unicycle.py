@@ -18,7 +18,7 @@ NORTHBOUND = Body(0.0, 0.0, -50.0, 0.0)
 
 
 @given(speed=st.floats(1.0, 40.0), rate=st.floats(-1.0, 1.0), heading=st.floats(-3.0, 3.0), dt=st.floats(0.001, 30.0))
-def test_a_steady_turn_is_an_exact_arc(speed: float, rate: float, heading: float, dt: float) -> None:
+def test_a_steady_turn_is_an_exact_arc(speed, rate, heading, dt):
     start = Body(0.0, 0.0, -50.0, heading)
     end = IDEAL.step(start, BodyVelocity(speed, yaw_rate=rate), dt)
     if abs(rate) > 1e-3:
@@ -31,7 +31,7 @@ def test_a_steady_turn_is_an_exact_arc(speed: float, rate: float, heading: float
 
 
 @given(st.lists(st.floats(0.001, 0.7), min_size=1, max_size=12), st.floats(-1.0, 1.0))
-def test_the_path_does_not_depend_on_the_steps(steps: list[float], rate: float) -> None:
+def test_the_path_does_not_depend_on_the_steps(steps, rate):
     demand = BodyVelocity(15.0, right=1.0, yaw_rate=rate)
     body = Body(0.0, 0.0, -50.0, 0.3, turn_rate=-0.4, velocity_north=5.0)
     stepped = body
@@ -43,25 +43,25 @@ def test_the_path_does_not_depend_on_the_steps(steps: list[float], rate: float) 
     )
 
 
-def test_the_turn_rate_follows_a_first_order_lag() -> None:
+def test_the_turn_rate_follows_a_first_order_lag():
     after = LAGGED.step(NORTHBOUND, BodyVelocity(10.0, yaw_rate=0.5), 0.4)
     assert after.turn_rate == pytest.approx(0.5 * (1 - math.exp(-1)))
     assert after.heading == pytest.approx(0.5 * 0.4 - 0.5 * 0.4 * (1 - math.exp(-1)))
 
 
-def test_the_turn_rate_is_limited() -> None:
+def test_the_turn_rate_is_limited():
     assert IDEAL.step(NORTHBOUND, BodyVelocity(10.0, yaw_rate=100.0), 0.1).turn_rate == 1.0
     assert IDEAL.step(NORTHBOUND, BodyVelocity(10.0, yaw_rate=-100.0), 0.1).turn_rate == -1.0
 
 
-def test_braking_stops_along_the_course_and_stays() -> None:
+def test_braking_stops_along_the_course_and_stays():
     moving = Body(0.0, 0.0, -50.0, 1.0, velocity_north=3.0, velocity_east=4.0)
     stopped = IDEAL.step(moving, Brake(2.0), 60.0)
     assert stopped.ground_speed == 0.0
     assert math.hypot(stopped.north, stopped.east) == pytest.approx(25 / 4)  # v^2 / 2a
 
 
-def test_a_bank_goes_with_the_turn() -> None:
+def test_a_bank_goes_with_the_turn():
     turning = IDEAL.step(NORTHBOUND, BodyVelocity(20.0, yaw_rate=0.3), 1.0)
     assert math.tan(turning.roll) == pytest.approx(20.0 * 0.3 / 9.80665)
     p, q, r = turning.body_rates()
@@ -69,7 +69,7 @@ def test_a_bank_goes_with_the_turn() -> None:
     assert r < 0.3 and p == 0.0
 
 
-def test_the_airborne_copter_flies_its_arc_through_the_air_and_the_wind_carries_it() -> None:
+def test_the_airborne_copter_flies_its_arc_through_the_air_and_the_wind_carries_it():
     airborne, ideal = (copter_airframe(Airframe(dynamics=name, turn_lag_s=0.4)) for name in ("airborne", "unicycle"))
     demand, wind = BodyVelocity(15.0, yaw_rate=0.2), (3.0, -2.0)
     carried, still = NORTHBOUND, NORTHBOUND
@@ -80,11 +80,11 @@ def test_the_airborne_copter_flies_its_arc_through_the_air_and_the_wind_carries_
     assert carried.airspeed(wind) == pytest.approx(15.0)
 
 
-def test_the_airborne_copter_brakes_over_the_ground() -> None:
+def test_the_airborne_copter_brakes_over_the_ground():
     airborne = copter_airframe(Airframe(dynamics="airborne"))
     assert airborne.step(NORTHBOUND, Brake(), 5.0, (3.0, -2.0)).ground_speed == 0.0
 
 
-def test_only_the_copter_is_airborne() -> None:
+def test_only_the_copter_is_airborne():
     with pytest.raises(ConfigError, match=r'vehicle\.dynamics: "airborne" is an arducopter, not an arduplane'):
         parse_vehicle({"vehicle": {"profile": "arduplane", "dynamics": "airborne"}}, "v.toml")

@@ -1,8 +1,9 @@
 """Vehicle files: defaults that fly, and mistakes named in one line with the remedy."""
 
+import dataclasses
 import math
+import tomllib
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -10,7 +11,7 @@ from sim.config import ConfigError, load_vehicle, parse_vehicle
 from sim.vehicle import Vehicle
 
 
-def test_an_empty_file_flies() -> None:
+def test_an_empty_file_flies():
     vehicle = Vehicle(parse_vehicle({}, "x"))
     vehicle.advance(1.0)
     assert vehicle.truth.armed and vehicle.truth.mode == 5
@@ -38,18 +39,18 @@ def test_an_empty_file_flies() -> None:
         ({"events": [{"action": "mode"}]}, "f.toml: events[0].mode: is missing"),
     ],
 )
-def test_a_mistake_is_named_in_one_line(table: dict[str, Any], complaint: str) -> None:
+def test_a_mistake_is_named_in_one_line(table, complaint):
     with pytest.raises(ConfigError) as caught:
         parse_vehicle(table, "f.toml")
     assert str(caught.value).startswith(complaint) and "\n" not in str(caught.value)
 
 
-def test_a_beacon_cannot_be_forwarded_and_the_remedy_is_named() -> None:
+def test_a_beacon_cannot_be_forwarded_and_the_remedy_is_named():
     with pytest.raises(ConfigError, match='via = "direct"'):
         parse_vehicle({"ranging": {"message": "ranging_beacon"}}, "f.toml")
 
 
-def test_a_mission_files_sim_table_is_used_and_the_rest_ignored(tmp_path: Path) -> None:
+def test_a_mission_files_sim_table_is_used_and_the_rest_ignored(tmp_path):
     mission = tmp_path / "mission.toml"
     mission.write_text("[orbit]\nradius_m = 80\n[sim]\nseed = 4\n[sim.start]\nnorth_m = 12\n")
     config = load_vehicle(mission)
@@ -59,7 +60,7 @@ def test_a_mission_files_sim_table_is_used_and_the_rest_ignored(tmp_path: Path) 
         load_vehicle(mission)
 
 
-def test_a_mission_for_a_vehicle_of_ones_own_is_told_from_a_vehicle_file(tmp_path: Path) -> None:
+def test_a_mission_for_a_vehicle_of_ones_own_is_told_from_a_vehicle_file(tmp_path):
     mission = tmp_path / "mission.toml"
     mission.write_text('name = "mine"\n[vehicle]\nkind = "copter"\n[orbit]\nradius_m = 80\n')
     with pytest.raises(ConfigError, match=r"mission.toml: a mission without the table \[sim\]: add one, or name"):
@@ -67,7 +68,7 @@ def test_a_mission_for_a_vehicle_of_ones_own_is_told_from_a_vehicle_file(tmp_pat
 
 
 @pytest.mark.parametrize("text", [None, "[vehicle\n", "\xff"])
-def test_a_file_that_cannot_be_read_is_one_line(tmp_path: Path, text: str | None) -> None:
+def test_a_file_that_cannot_be_read_is_one_line(tmp_path, text):
     path = tmp_path / "vehicle.toml"
     if text is not None:
         path.write_bytes(text.encode("latin-1"))
@@ -75,7 +76,7 @@ def test_a_file_that_cannot_be_read_is_one_line(tmp_path: Path, text: str | None
         load_vehicle(path)
 
 
-def test_random_starts_stay_in_bounds_and_repeat_with_the_seed() -> None:
+def test_random_starts_stay_in_bounds_and_repeat_with_the_seed():
     table = {
         "target": {"north_m": 50.0, "east_m": -20.0},
         "start": {"random": {"range_m": [100, 300], "bearing_deg": [0, 360], "heading_deg": [-180, 180]}},
@@ -86,11 +87,8 @@ def test_random_starts_stay_in_bounds_and_repeat_with_the_seed() -> None:
     assert truths[3] == Vehicle(parse_vehicle({"seed": 3, **table}, "x")).truth
 
 
-def test_the_documented_file_flies() -> None:
+def test_the_documented_file_flies():
     """Every key of the README's example is known, and it names every key there is."""
-    import dataclasses
-    import tomllib
-
     text = (Path(__file__).parents[2] / "sim" / "README.md").read_text()
     example = tomllib.loads(text.split("```toml")[1].split("```")[0])
     vehicle = Vehicle(parse_vehicle(example, "README.md"))
