@@ -12,6 +12,7 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.mav.check_result import Check, Grade
+from circnav_mav.mav.codec import LinkCounts
 from circnav_mav.mission.load import load_mission
 from circnav_mav.mission.mission import Mission
 from circnav_mav.mission.preflight import judge
@@ -323,8 +324,8 @@ def test_a_reboot_while_listening_fails() -> None:
         ({"round_trip": 0.8}, "round trip", FAIL),
         ({"round_trip": None}, "round trip", WARN),
         ({"firmware": None}, "firmware", WARN),
-        ({"version_1": 0}, "MAVLink", PASS),
-        ({"version_1": 3}, "MAVLink", WARN),
+        ({"links": {VEHICLE: LinkCounts(frames=100)}}, "MAVLink", PASS),
+        ({"links": {VEHICLE: LinkCounts(frames=100, version_1=3)}}, "MAVLink", WARN),
         ({"armed": True, "mode": 4}, "mode", WARN),  # a flight would take the vehicle at once
         ({"armed": True, "mode": 5}, "mode", PASS),
         ({"armed": False, "mode": 4}, "mode", PASS),
