@@ -74,8 +74,9 @@ def _rejected(mission: Mission, seen: Observations, vehicle: VehicleSeen) -> Che
     senders = {carrier.split()[0] for carrier in seen.carriers}
     echoed = vehicle.adapter.firmware.echoes_ranges and autopilot in senders and len(senders) == 2
     if "wrong_source" in seen.rejected and names == (None,) * 3 and not (echoed and seen.ranges):
-        whose, key = ("beacons", "beacon_id") if mission.ranging_driver else ("senders", "component_id")
-        return Check(WARN, "rejected", f"{words}: several {whose}, name yours with ranging.{key}")
+        if mission.ranging_driver:
+            return Check(WARN, "rejected", f"{words}: several beacons, name yours with ranging.beacon_id")
+        return Check(WARN, "rejected", f"{words}: several senders, name yours with ranging.component_id")
     return Check(WARN if share > MOST_REJECTED else PASS, "rejected", words)
 
 
