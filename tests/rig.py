@@ -78,6 +78,11 @@ def beacon(mm: int, stamp_us: int, sequence: int, **rest: Any) -> Any:
     return mavlink.MAVLink_ranging_beacon_message(time_usec=stamp_us, range=mm, sequence=sequence, **fields)
 
 
+def timing(**changes: float) -> Timing:
+    """The timing of the bench's mission, with changes."""
+    return replace(MISSION.timing, **changes)
+
+
 def decode(data: bytes) -> list[Any]:
     """Everything in our own output, by pymavlink's parser."""
     parser = mavlink.MAVLink(None)
@@ -119,8 +124,9 @@ class Rig:
         for stamp in due if self.speaks else ():
             self.hear(mavlink.MAVLink_timesync_message(round(self.now * 1e9), stamp))
 
-    def range(self, cm: int | None = None) -> None:
-        self.hear(scattering(cm or self.range_cm, 1_000_000 + round(self.now * 1000)))
+    def range(self, cm: int | None = None, **sender: Any) -> None:
+        """A range measured now. sender: as in `hear`."""
+        self.hear(scattering(cm or self.range_cm, 1_000_000 + round(self.now * 1000)), **sender)
 
     def step(self) -> list[Any]:
         """One step of the pilot; what it sent."""
@@ -133,9 +139,18 @@ class Rig:
             self.answers += [(self.now + self.round_trip, stamp) for stamp in asked]
         return messages
 
-    def run(self, seconds: float) -> "Rig":
-        """Let time pass."""
+    def now_is(self, **state: Any) -> "Rig":
+        """The vehicle and its link are so from now on."""
+        for name, value in state.items():
+            assert hasattr(self, name)
+            setattr(self, name, value)
+        return self
+
+    def run(self, seconds: float, also: Callable[[], object] = lambda: None, **state: Any) -> "Rig":
+        """Let time pass. also: what happens before each tick. state: how the vehicle is from now on."""
+        self.now_is(**state)
         for _ in range(round(seconds / TICK)):
+            also()
             self.tick += 1
             self.now = round(self.tick * TICK, 6)
             if self.speaks and self.tick % 5 == 0:
@@ -146,9 +161,9 @@ class Rig:
             self.step()
         return self
 
-    def engage(self) -> "Rig":
+    def engage(self, **state: Any) -> "Rig":
         """Fly until engaged, and then some."""
-        self.run(3.0)
+        self.run(3.0, **state)
         assert self.pilot.phase.name == "ENGAGED"
         return self
 

@@ -69,28 +69,24 @@ def _vehicle(mission: Mission) -> Iterator[Check]:
     able = allowed(autopilot, kind)
     if not able:
         reason = REFUSED.get((autopilot, kind), "there is no honest, position-free way to steer it over MAVLink")
-        yield Check(Grade.FAIL, "vehicle", f"{autopilot} {kind} cannot be flown: {reason}")
+        yield Check(FAIL, "vehicle", f"{autopilot} {kind} cannot be flown: {reason}")
         return
-    yield Check(Grade.PASS, "vehicle", " or ".join(" ".join(one) for one in able))
+    yield Check(PASS, "vehicle", " or ".join(" ".join(one) for one in able))
     exits = mission.file.exit.action
-    lacking = [one for one in able.values() if exits not in (None, "stop", *one.exits)]
-    if lacking:
-        yield Check(
-            Grade.FAIL,
-            "exit",
-            f"{lacking[0].name} knows no exit action {exits}: choose {', '.join(lacking[0].exits)}",
-        )
+    if lacking := [one for one in able.values() if exits not in (None, "stop", *one.exits)]:
+        choice = f"choose {', '.join(lacking[0].exits)}"
+        yield Check(FAIL, "exit", f"{lacking[0].name} knows no exit action {exits}: {choice}")
     why = next((one.firmware.why_must_leave for one in able.values() if one.firmware.why_must_leave), "")
     if why and (exits == "stop" or mission.file.engage.on_takeover == "wait"):
         others = [f'"{one.firmware.key}"' for one in able.values() if not one.firmware.why_must_leave]
         otherwise = f", or vehicle.autopilot {' or '.join(others)}" if others else ""
         words = 'exit.action must command a mode, and engage.on_takeover must be "end"'
-        yield Check(Grade.FAIL, "exit", f"{why}: {words}{otherwise}")
+        yield Check(FAIL, "exit", f"{why}: {words}{otherwise}")
     elif exits == "stop":
         for one in able.values():
             if one.why_no_stop:
                 words = f"exit.action must command a mode, choose {', '.join(one.exits)}"
-                yield Check(Grade.FAIL, "exit", f"{one.why_no_stop}: {words}")
+                yield Check(FAIL, "exit", f"{one.why_no_stop}: {words}")
 
 
 def _estimator(mission: Mission) -> Iterator[Check]:
@@ -98,13 +94,9 @@ def _estimator(mission: Mission) -> Iterator[Check]:
     if mission.estimator not in NEED_MOTION:
         return
     if mission.vehicles and not any(one.measures_airspeed for one in mission.vehicles):
-        yield Check(
-            Grade.FAIL,
-            "estimator",
-            f"{mission.estimator} must see the vehicle's motion before it can be engaged, and a "
-            f"{mission.file.vehicle.kind} measures no airspeed: "
-            'it is known only while we steer. Set guidance.estimator = "auto"',
-        )
+        needs = f"{mission.estimator} must see the vehicle's motion before it can be engaged"
+        why = f"a {mission.file.vehicle.kind} measures no airspeed: it is known only while we steer"
+        yield Check(FAIL, "estimator", f'{needs}, and {why}. Set guidance.estimator = "auto"')
 
 
 def _gain(mission: Mission) -> Iterator[Check]:
@@ -123,12 +115,9 @@ def _trim(mission: Mission) -> Iterator[Check]:
     least = (1 - MOST) * orbit.radius
     bound = law.gain_bound(orbit.speed, least)
     if mission.file.guidance.radius_trim_per_s > 0 and law.gain_bound(orbit.speed, orbit.radius) < gain <= bound:
-        yield Check(
-            WARN,
-            "trim",
-            f"guidance.radius_trim_per_s may feed the law a radius down to {least:g} m, which needs "
-            f"{law.gain_condition} = {bound:.4g}: k = {gain:.4g} flies no circle that small; raise guidance.gain",
-        )
+        needs = f"may feed the law a radius down to {least:g} m, which needs {law.gain_condition} = {bound:.4g}"
+        cannot = f"k = {gain:.4g} flies no circle that small; raise guidance.gain"
+        yield Check(WARN, "trim", f"guidance.radius_trim_per_s {needs}: {cannot}")
 
 
 def _radius(mission: Mission) -> Iterator[Check]:
@@ -147,19 +136,12 @@ def _turn_rate(mission: Mission) -> Iterator[Check]:
     orbit, gain = mission.orbit, _expected_gain(mission)
     needed, able = abs(orbit.steady_turn_rate), gain * orbit.max_turn_rate
     slips = "" if gain == 1 else f": {gain:g} of the {degrees(orbit.max_turn_rate):.2f} deg/s that may be commanded"
-    yield Check(
-        graded(needed / able, warn_above=TURN_USED, fail_above=1.0),
-        "turn rate",
-        f"the circle needs {degrees(needed):.2f} deg/s of the vehicle's {degrees(able):.2f} deg/s "
-        f"({100 * needed / able:.0f} %, must stay below 100 %){slips}",
-    )
+    words = f"the circle needs {degrees(needed):.2f} deg/s of the vehicle's {degrees(able):.2f} deg/s"
+    share = f"{100 * needed / able:.0f} %, must stay below 100 %"
+    yield Check(graded(needed / able, warn_above=TURN_USED, fail_above=1.0), "turn rate", f"{words} ({share}){slips}")
     if mission.law.name == "switching" and mission.law.gain > orbit.max_turn_rate:
-        yield Check(
-            WARN,
-            "turn rate",
-            f"the law switches between +-{degrees(mission.law.gain):.2f} deg/s, more than the vehicle's limit, "
-            "which it flies instead",
-        )
+        words = f"the law switches between +-{degrees(mission.law.gain):.2f} deg/s, more than the vehicle's limit"
+        yield Check(WARN, "turn rate", f"{words}, which it flies instead")
 
 
 def _expected_gain(mission: Mission) -> float:
@@ -179,20 +161,13 @@ def _drift(mission: Mission) -> Iterator[Check]:
     orbit, gain, tolerated = mission.orbit, _expected_gain(mission), drift_allowed(mission)
     if tolerated > 0:
         rest = "" if mission.file.guidance.law in DRIFT_LAWS else f"; the law {mission.law.name} itself knows no drift"
-        yield Check(
-            PASS,
-            "drift",
-            f"wind less target motion up to {tolerated:.1f} m/s ({100 * tolerated / orbit.speed:.0f} % of V) leaves "
-            f"the circle flyable: (V + W)^2/(V max turn rate) <= r_d{rest}",
-        )
+        most = f"wind less target motion up to {tolerated:.1f} m/s ({100 * tolerated / orbit.speed:.0f} % of V)"
+        words = f"{most} leaves the circle flyable: (V + W)^2/(V max turn rate) <= r_d{rest}"
+        yield Check(PASS, "drift", words)
     far = min(5 * orbit.radius, mission.max_range)
     seconds = settling_time(far, orbit.speed, orbit.radius, orbit.max_turn_rate * gain)
-    yield Check(
-        PASS,
-        "settling",
-        f"about {seconds:.0f} s by the shortest tangent (Dubins) from {far:.0f} m in still air, flying away from it at "
-        "first; laws on range alone may take twice as long",
-    )
+    way = f"by the shortest tangent (Dubins) from {far:.0f} m in still air, flying away from it at first"
+    yield Check(PASS, "settling", f"about {seconds:.0f} s {way}; laws on range alone may take twice as long")
 
 
 def _laps(mission: Mission) -> Iterator[Check]:
@@ -201,11 +176,8 @@ def _laps(mission: Mission) -> Iterator[Check]:
         return
     needed = sum(LAPS * 2 * pi * radius / mission.orbit.speed for radius in mission.radii)
     given = mission.file.limits.duration_s
-    yield Check(
-        graded(needed / given, warn_above=0.6, fail_above=1.0),
-        "laps",
-        f"{LAPS:g} laps of each circle take {needed:.0f} s of limits.duration_s = {given:g}, and so do the ways there",
-    )
+    words = f"{LAPS:g} laps of each circle take {needed:.0f} s of limits.duration_s = {given:g}"
+    yield Check(graded(needed / given, warn_above=0.6, fail_above=1.0), "laps", f"{words}, and so do the ways there")
 
 
 def _signing(mission: Mission) -> Iterator[Check]:

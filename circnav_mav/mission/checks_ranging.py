@@ -9,6 +9,7 @@ from circnav_mav.mav.check_result import Check, Grade, graded
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.mission.mission import Mission
 
+PASS, WARN, FAIL = Grade.PASS, Grade.WARN, Grade.FAIL
 LOOP_BOUND = 0.4
 """Bound on V |d omega/d r'| (turn lag + filter lag): from about .45 on the laws limit-cycle."""
 REACH = 0.8
@@ -28,12 +29,9 @@ def check_ranging(mission: Mission) -> list[Check]:
 
 def _reach(mission: Mission) -> Iterator[Check]:
     slant, farthest = _slant_range(mission, mission.orbit.radius), mission.max_range
-    yield Check(
-        graded(slant / farthest, warn_above=REACH / 2, fail_above=REACH),
-        "reach",
-        f"range on the circle {slant:.1f} m of the {_length(farthest)} that {_what_ends_ranges(mission)} "
-        f"({100 * slant / farthest:.0f} %, at most {100 * REACH:.0f} %)",
-    )
+    words = f"range on the circle {slant:.1f} m of the {_length(farthest)} that {_what_ends_ranges(mission)}"
+    share = f"{100 * slant / farthest:.0f} %, at most {100 * REACH:.0f} %"
+    yield Check(graded(slant / farthest, warn_above=REACH / 2, fail_above=REACH), "reach", f"{words} ({share})")
 
 
 def _slant_range(mission: Mission, horizontal: float) -> float:
@@ -53,123 +51,82 @@ def _length(metres: float) -> str:
 def _bounds(mission: Mission) -> Iterator[Check]:
     """The circle must lie between the bounds of the range, with some room for the way it swings."""
     nearest, farthest, radius = mission.file.bounds.min_range_m, mission.file.bounds.max_range_m, mission.orbit.radius
-    if nearest is None and farthest is None:
+    given = [] if nearest is None else [f"above bounds.min_range_m = {nearest:g} m"]
+    given += [] if farthest is None else [f"below bounds.max_range_m = {farthest:g} m"]
+    if not given:
         return
-    grade = graded(
-        max((nearest or 0.0) / radius, radius / (farthest or inf)), warn_above=1 / (1 + ROOM), fail_above=1.0
-    )
-    given = [
-        f"{words} bounds.{key} = {value:g} m"
-        for words, key, value in (("above", "min_range_m", nearest), ("below", "max_range_m", farthest))
-        if value is not None
-    ]
-    yield Check(
-        grade,
-        "bounds",
-        f"the circle of {radius:g} m must be {' and '.join(given)} (horizontal ranges), by {100 * ROOM:.0f} %",
-    )
+    used = max((nearest or 0.0) / radius, radius / (farthest or inf))
+    words = f"the circle of {radius:g} m must be {' and '.join(given)} (horizontal ranges), by {100 * ROOM:.0f} %"
+    yield Check(graded(used, warn_above=1 / (1 + ROOM), fail_above=1.0), "bounds", words)
     if farthest is not None and _slant_range(mission, farthest) > mission.max_range:
-        yield Check(
-            Grade.WARN,
-            "bounds",
-            f"bounds.max_range_m = {farthest:g} m never acts: ranges end at the {_length(mission.max_range)} that "
-            f"{_what_ends_ranges(mission)}, and the flight with them",
-        )
+        end = f"ranges end at the {_length(mission.max_range)} that {_what_ends_ranges(mission)}"
+        yield Check(WARN, "bounds", f"bounds.max_range_m = {farthest:g} m never acts: {end}, and the flight with them")
 
 
 def _radio(mission: Mission) -> Iterator[Check]:
     table = mission.file.ranging
     message = RANGING_MESSAGES[table.message]
     if why := message.why_never(mission.pilot_settings().ranging):
-        yield Check(Grade.FAIL, "ranging", why)
+        yield Check(FAIL, "ranging", why)
     if not message.forwarded and table.endpoint is None:
-        yield Check(
-            Grade.WARN,
-            "ranging",
-            f"ArduPilot and PX4 do not forward {message.type}: unless the radio itself speaks on link.endpoint, give "
-            "it its own (ranging.endpoint)",
-        )
+        remedy = "unless the radio itself speaks on link.endpoint, give it its own (ranging.endpoint)"
+        yield Check(WARN, "ranging", f"ArduPilot and PX4 do not forward {message.type}: {remedy}")
 
 
 def _sampling(mission: Mission) -> Iterator[Check]:
     period = 1 / mission.file.ranging.rate_hz
     stale = mission.file.limits.stale_s
-    yield Check(
-        graded(period / stale, warn_above=0.5, fail_above=1.0),
-        "sampling",
-        f"a range every {period:.3f} s, stale after {stale:g} s (at least two must fit)",
-    )
-    law, gain = LAWS[mission.law.name], min(mission.law.gain, mission.orbit.max_turn_rate)
-    if law.switches:
-        yield Check(
-            graded(gain * period, warn_above=0.05, fail_above=0.5),
-            "switching",
-            f"turns {gain * period:.3f} rad between two samples (above 0.05 it wanders off the circle, "
-            "above 0.5 it is lost)",
-        )
+    words = f"a range every {period:.3f} s, stale after {stale:g} s (at least two must fit)"
+    yield Check(graded(period / stale, warn_above=0.5, fail_above=1.0), "sampling", words)
+    if LAWS[mission.law.name].switches:
+        turn = min(mission.law.gain, mission.orbit.max_turn_rate) * period
+        bounds = "above 0.05 it wanders off the circle, above 0.5 it is lost"
+        words = f"turns {turn:.3f} rad between two samples ({bounds})"
+        yield Check(graded(turn, warn_above=0.05, fail_above=0.5), "switching", words)
 
 
 def _delay(mission: Mission) -> Iterator[Check]:
     """A link that may be engaged over must not make its ranges stale at once."""
     limits = mission.file.limits
-    if mission.file.ranging.endpoint is None and limits.round_trip_s / 2 > limits.stale_s:
-        yield Check(
-            Grade.WARN,
-            "delay",
-            f"limits.round_trip_s = {limits.round_trip_s:g} lets a link be flown over whose ranges are "
-            f"{limits.round_trip_s / 2:g} s under way; beyond limits.stale_s = {limits.stale_s:g} they are lost",
-        )
+    late = limits.round_trip_s / 2
+    if mission.file.ranging.endpoint is None and late > limits.stale_s:
+        words = f"limits.round_trip_s = {limits.round_trip_s:g} lets a link be flown over whose ranges are {late:g} s"
+        lost = f"beyond limits.stale_s = {limits.stale_s:g} they are lost"
+        yield Check(WARN, "delay", f"{words} under way; {lost}")
 
 
 def _noise(mission: Mission) -> Iterator[Check]:
     orbit, file = mission.orbit, mission.file
     steady = mission.steady_estimate
     share = steady.r_dot_sigma / orbit.speed
-    yield Check(
-        graded(share, warn_above=0.2, fail_above=0.5),
-        "range rate",
-        f"known to {steady.r_dot_sigma:.2f} m/s at {file.ranging.sigma_m:g} m noise, {100 * share:.0f} % of the speed "
-        f"(at most 50 %), {steady.lag:.2f} s late",
-    )
-    if mission.law.name != "smooth":
-        return
-    loop = 2 * mission.law.gain * orbit.radius * orbit.speed * mission.loop_lag
-    yield Check(
-        graded(loop, warn_above=LOOP_BOUND, fail_above=4 * LOOP_BOUND),
-        "damping",
-        f"2 k r_d V (turn lag {file.vehicle.turn_lag_s:g} s + filter lag {steady.lag:.2f} s) = {loop:.2f}, "
-        f"should be below {LOOP_BOUND:g} or the circle oscillates",
-    )
+    known = f"known to {steady.r_dot_sigma:.2f} m/s at {file.ranging.sigma_m:g} m noise"
+    words = f"{known}, {100 * share:.0f} % of the speed (at most 50 %), {steady.lag:.2f} s late"
+    yield Check(graded(share, warn_above=0.2, fail_above=0.5), "range rate", words)
+    if mission.law.name == "smooth":
+        loop = 2 * mission.law.gain * orbit.radius * orbit.speed * mission.loop_lag
+        lags = f"turn lag {file.vehicle.turn_lag_s:g} s + filter lag {steady.lag:.2f} s"
+        words = f"2 k r_d V ({lags}) = {loop:.2f}, should be below {LOOP_BOUND:g} or the circle oscillates"
+        yield Check(graded(loop, warn_above=LOOP_BOUND, fail_above=4 * LOOP_BOUND), "damping", words)
 
 
 def _slant(mission: Mission) -> Iterator[Check]:
     radius, height = mission.orbit.radius, mission.file.orbit.height_above_target_m
     if mission.height.needs_altitude:
-        yield Check(Grade.PASS, "height", "from the vehicle's altitude in flight; preflight says what it is now")
-        return
-    if height is None:
-        yield Check(
-            Grade.WARN,
-            "height",
-            "none of orbit.height_above_target_m, target_altitude_m, target_above_home_m is given: ranges are taken as "
-            f"horizontal (half the radius of height makes the circle {100 * (1 - sqrt(0.75)):.0f} % too small)",
-        )
-        return
-    growth = sqrt(radius**2 + height**2) / radius
-    yield Check(
-        graded(growth, warn_above=1.5, fail_above=MAX_SIGMA_GROWTH),
-        "height",
-        f"{height:g} m above the target: slant range counts {growth:.2f} times in noise (at most {MAX_SIGMA_GROWTH:g})",
-    )
-    yield height_cost(mission, height)
+        yield Check(PASS, "height", "from the vehicle's altitude in flight; preflight says what it is now")
+    elif height is None:
+        none = "none of orbit.height_above_target_m, target_altitude_m, target_above_home_m is given"
+        cost = f"half the radius of height makes the circle {100 * (1 - sqrt(0.75)):.0f} % too small"
+        yield Check(WARN, "height", f"{none}: ranges are taken as horizontal ({cost})")
+    else:
+        growth = sqrt(radius**2 + height**2) / radius
+        counts = f"slant range counts {growth:.2f} times in noise (at most {MAX_SIGMA_GROWTH:g})"
+        grade = graded(growth, warn_above=1.5, fail_above=MAX_SIGMA_GROWTH)
+        yield Check(grade, "height", f"{height:g} m above the target: {counts}")
+        yield height_cost(mission, height)
 
 
 def height_cost(mission: Mission, height: float) -> Check:
     """What a wrong height costs on the circle: with rho^2 = slant^2 - h^2, d rho = h/rho dh."""
     cost = abs(height) / min(mission.radii)
-    return Check(
-        Grade.WARN if cost > HEIGHT_COST else Grade.PASS,
-        "height cost",
-        f"1 m of error in the height of {height:.1f} m above the target is {cost:.2f} m of radius (WARN above "
-        f"{HEIGHT_COST:g})",
-    )
+    words = f"1 m of error in the height of {height:.1f} m above the target is {cost:.2f} m of radius"
+    return Check(WARN if cost > HEIGHT_COST else PASS, "height cost", f"{words} (WARN above {HEIGHT_COST:g})")

@@ -8,6 +8,7 @@ from pymavlink.dialects.v20 import all as dialect
 from circnav_mav.mav.autopilots.parameters import Context, check_parameters
 from circnav_mav.mav.check_result import Check, Grade
 from circnav_mav.mav.clocks import span_speed
+from circnav_mav.mav.codec import LinkCounts
 from circnav_mav.mav.identity import RADIO_NAME
 from circnav_mav.mission.mission import Mission
 from circnav_mav.mission.preflight_ranging import FULL_RATE, SPEED_OFF, judge_ranging
@@ -59,7 +60,7 @@ def _context(mission: Mission, vehicle: VehicleSeen) -> Context:
 
 
 def _why_none(seen: Observations) -> str:
-    return "; ".join(seen.misfits) if seen.misfits else f"no autopilot heartbeat, {seen.links[VEHICLE]}"
+    return "; ".join(seen.misfits) if seen.misfits else f"no autopilot heartbeat, {seen.links[VEHICLE].describe()}"
 
 
 def _troubled(text: str) -> bool:
@@ -76,33 +77,32 @@ def _identity(mission: Mission, seen: Observations, vehicle: VehicleSeen) -> Ite
     if vehicle.firmware is None:
         yield Check(WARN, "firmware", "no answer to a request for AUTOPILOT_VERSION")
     else:
-        yield Check(
-            PASS, "firmware", f"{vehicle.firmware} (the messages we send were flown on {adapter.firmware.flown})"
-        )
+        flown = f"the messages we send were flown on {adapter.firmware.flown}"
+        yield Check(PASS, "firmware", f"{vehicle.firmware} ({flown})")
     yield _mode(mission, vehicle)
-    if seen.version_1:
-        yield Check(WARN, "MAVLink", f"{seen.version_1} of {seen.frames} frames are of version 1")
+    heard = seen.links[VEHICLE]
+    if heard.version_1:
+        yield Check(WARN, "MAVLink", f"{heard.version_1} of {heard.frames} frames are of version 1")
     else:
         yield Check(PASS, "MAVLink", "version 2 only")
-    yield from _signing(mission, seen)
+    yield from _signing(mission, heard)
     yield from _company(mission, seen)
 
 
-def _signing(mission: Mission, seen: Observations) -> Iterator[Check]:
+def _signing(mission: Mission, heard: LinkCounts) -> Iterator[Check]:
     """Whether the frames heard are signed as the mission wants them; nothing where nobody signs."""
     if mission.file.signing is None:
-        if seen.signed:
-            words = f"{seen.signed} of {seen.frames} frames are signed and we have no key: what we send may be rejected"
-            yield Check(WARN, "signing", f"{words}; give it with [signing] key_file")
-        elif seen.zero_key:
+        if heard.signed:
+            words = f"{heard.signed} of {heard.frames} frames are signed and we have no key"
+            yield Check(WARN, "signing", f"{words}: what we send may be rejected; give it with [signing] key_file")
+        elif heard.zero_key:
             words = "the autopilot signs with the all-zero key, as PX4 does until it is given one"
             yield Check(PASS, "signing", f"{words}: it takes unsigned frames, the link counts as unsigned")
-        return
-    if rejected := sum(seen.refused.values()):
-        why = ", ".join(f"{count} {reason}" for reason, count in sorted(seen.refused.items()))
-        yield Check(WARN, "signing", f"{rejected} of {seen.frames} frames rejected: {why}")
+    elif heard.refused:
+        why = ", ".join(f"{count} {reason}" for reason, count in sorted(heard.refused.items()))
+        yield Check(WARN, "signing", f"{heard.refused.total()} of {heard.frames} frames rejected: {why}")
     else:
-        yield Check(PASS, "signing", f"{seen.signed} of {seen.frames} frames signed, all with our key")
+        yield Check(PASS, "signing", f"{heard.signed} of {heard.frames} frames signed, all with our key")
 
 
 def _mode(mission: Mission, vehicle: VehicleSeen) -> Check:
@@ -118,9 +118,8 @@ def _mode(mission: Mission, vehicle: VehicleSeen) -> Check:
 def _company(mission: Mission, seen: Observations) -> Iterator[Check]:
     ours = mission.file.link.component_id
     if twins := seen.others.get("twin"):
-        yield Check(
-            FAIL, "others", f"{twins} frames of another companion with our component id {ours}: change one of them"
-        )
+        words = f"{twins} frames of another companion with our component id {ours}: change one of them"
+        yield Check(FAIL, "others", words)
     if strangers := seen.others.get("other_vehicle"):
         also = f": {'; '.join(seen.misfits)}" if seen.misfits else ""
         advice = "" if mission.file.vehicle.system_id else "; name yours with vehicle.system_id"
@@ -219,10 +218,8 @@ def _clock(mission: Mission, vehicle: VehicleSeen, clock_speed: float) -> Iterat
         yield Check(FAIL, "clock", f"the autopilot rebooted {vehicle.reboots} times while we listened")
     follows = mission.file.link.clock == "autopilot"
     if vehicle.boot is None or vehicle.boot[1][0] - vehicle.boot[0][0] < LEAST_SPAN:
-        grade = FAIL if follows else WARN
-        yield Check(
-            grade, "clock", "no boot time of the autopilot (SYSTEM_TIME, ATTITUDE): its reboot would not be seen"
-        )
+        words = "no boot time of the autopilot (SYSTEM_TIME, ATTITUDE): its reboot would not be seen"
+        yield Check(FAIL if follows else WARN, "clock", words)
     else:
         speed = span_speed(vehicle.boot) * clock_speed
         words = f"the autopilot's runs at {speed:.2f} of ours"

@@ -54,16 +54,12 @@ def _heard(mission: Mission, seen: Observations) -> Check:
             heard = "; ".join(f"{count} of {sender}" for sender, count in sorted(seen.carriers.items()))
             return Check(FAIL, "ranging", f"no usable {message}. Heard: {heard}. Compare with the mission's [ranging]")
         link = seen.links[RANGING if mission.file.ranging.endpoint else VEHICLE]
-        return Check(FAIL, "ranging", f"no {message}; {link}")
+        return Check(FAIL, "ranging", f"no {message}; {link.describe()}")
     wanted, stale = mission.file.ranging.rate_hz, mission.file.limits.stale_s
     rate = len(seen.ranges) / seen.seconds
     grade = FAIL if rate < 1 / stale else PASS if rate >= FULL_RATE * wanted else WARN
-    return Check(
-        grade,
-        "ranging",
-        f"{len(seen.ranges)} ranges in {seen.seconds:.1f} s, {rate:.1f} Hz, the mission says {wanted:g} Hz; "
-        f"newest {seen.ranges[-1].r:.2f} m",
-    )
+    words = f"{len(seen.ranges)} ranges in {seen.seconds:.1f} s, {rate:.1f} Hz, the mission says {wanted:g} Hz"
+    return Check(grade, "ranging", f"{words}; newest {seen.ranges[-1].r:.2f} m")
 
 
 def _rejected(mission: Mission, seen: Observations, vehicle: VehicleSeen) -> Check:
@@ -101,13 +97,10 @@ def _rates(mission: Mission, seen: Observations) -> Iterator[Check]:
     rate = len(values) / seen.seconds
     noise = spread_of([(b - (a + c) / 2) / sqrt(1.5) for (a, b), (_, c) in pairwise(pairwise(values))])
     enough, quiet = rate >= FULL_RATE * wanted, noise <= NOISE_NEAR * assumed * (1 + 1 / sqrt(len(values)))
+    spread = f"{noise:.2f} m/s standard deviation, {assumed:.2f} m/s assumed"
     advice = "" if quiet else ": set ranging.rate_sigma_mps to it"
-    yield Check(
-        PASS if enough and quiet else WARN,
-        "range rate",
-        f"{name} {rate:.1f} Hz, newest {values[-1]:+.2f} m/s; {noise:.2f} m/s standard deviation, {assumed:.2f} m/s "
-        f"assumed{advice}",
-    )
+    words = f"{name} {rate:.1f} Hz, newest {values[-1]:+.2f} m/s; {spread}{advice}"
+    yield Check(PASS if enough and quiet else WARN, "range rate", words)
 
 
 def _noise(mission: Mission, ranges: Sequence[RangeHeard]) -> Iterator[Check]:
@@ -124,8 +117,8 @@ def _noise(mission: Mission, ranges: Sequence[RangeHeard]) -> Iterator[Check]:
     yield Check(grade, "noise", f"{noise:.2f} m standard deviation, {assumed:.2f} m assumed{advice}")
     gate = mission.file.guidance.gate_sigma * assumed
     share = outliers_among(residuals, gate)
-    grade = PASS if share <= MOST_OUTLIERS else WARN
-    yield Check(grade, "outliers", f"about {100 * share:.0f} % of the ranges are off by more than {gate:.1f} m")
+    words = f"about {100 * share:.0f} % of the ranges are off by more than {gate:.1f} m"
+    yield Check(PASS if share <= MOST_OUTLIERS else WARN, "outliers", words)
 
 
 def spread_of(residuals: Sequence[float]) -> float:
@@ -162,12 +155,8 @@ def _age(mission: Mission, seen: Observations) -> Check:
     late = delays[int(0.95 * (len(delays) - 1))]
     stale = mission.file.limits.stale_s
     grade = FAIL if age > stale else WARN if late > LATE else PASS
-    return Check(
-        grade,
-        "age",
-        f"newest {age:.2f} s old (stale from {stale:g} s); 95 % come within {1000 * late:.0f} ms of the quickest "
-        "(a constant delay cannot be seen)",
-    )
+    words = f"95 % come within {1000 * late:.0f} ms of the quickest (a constant delay cannot be seen)"
+    return Check(grade, "age", f"newest {age:.2f} s old (stale from {stale:g} s); {words}")
 
 
 def _stamps(mission: Mission, ranges: Sequence[RangeHeard], vehicle: VehicleSeen) -> Iterator[Check]:

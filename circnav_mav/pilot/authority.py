@@ -137,11 +137,11 @@ class Authority:
     def may_engage(self, now: float) -> bool:
         """Whether the vehicle may be steered from now on; a pilot that sends no setpoints needs nobody's leave. Once
         engaged, a slow link or a landing stops nothing."""
-        if not self._flies:
-            return True
-        if not self.in_our_hands or self._session.missing(now):
-            return False
-        return not self.may_be_on_ground(now) and self.link_quick(now) and not self.disputed(now)
+        return not self._flies or (self.in_our_hands and self._can_be_steered(now) and self.link_quick(now))
+
+    def _can_be_steered(self, now: float) -> bool:
+        """Whether the vehicle flies, reports what it must, and is sure to be the one."""
+        return not (self.may_be_on_ground(now) or self._session.missing(now) or self.disputed(now))
 
     def disputed(self, now: float) -> str:
         """Why it is not sure who the vehicle, or its radio, is; asked before the first engagement only."""
@@ -154,9 +154,8 @@ class Authority:
         session = self._session
         if self._mission.phase is not Phase.READY or not session.adapter.wants_setpoints_in(session.vehicle.mode):
             return False
-        if self.holder is not Holder.US or self.may_be_on_ground(now) or session.missing(now) or self.disputed(now):
-            return False
-        return self.link_quick(now) or session.vehicle.in_our_mode
+        ours = self.holder is Holder.US and self._can_be_steered(now)
+        return ours and (self.link_quick(now) or session.vehicle.in_our_mode)
 
     def may_be_on_ground(self, now: float) -> bool:
         """An aircraft is not steered before it flies, for the first time or again; one that does not say whether it
@@ -198,11 +197,9 @@ class Authority:
 
     def _may_ask(self, now: float) -> bool:
         """Only in the air, with everything but the mode ready, and never again once the flight has begun."""
-        if not self.asks_for_mode or not self._flies or self._mission.begun:
+        if not self.asks_for_mode or not self._flies or self._mission.begun or self._mission.phase is not Phase.READY:
             return False
-        if self._mission.phase is not Phase.READY or self.may_be_on_ground(now):
-            return False
-        return self.link_quick(now) and not self._session.missing(now) and not self.disputed(now)
+        return self._can_be_steered(now) and self.link_quick(now)
 
     # --- who holds the vehicle --------------------------------------------------------------------------------------
 

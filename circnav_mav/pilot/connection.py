@@ -1,7 +1,6 @@
 """The links of a mission and the session with its vehicle: what a pilot and a survey have in common."""
 
 from collections.abc import Hashable, Iterable, Iterator
-from typing import NamedTuple
 
 from pymavlink.dialects.v20 import all as dialect
 
@@ -15,15 +14,6 @@ from circnav_mav.pilot.settings import LINKS, RANGING, VEHICLE, PilotSettings
 AUTOPILOT_COMPONENT = 1
 HOME_RATE = 1.0
 """Rate, Hz, of HOME_POSITION where the height counts from home, which may be set anew until the engagement."""
-
-
-class Heard(NamedTuple):
-    """One message. of_vehicle: of the pinned vehicle, on its link. of_ranging: it may be a range, for it is the
-    mission's message, on the link that ranging comes on."""
-
-    message: Message
-    of_vehicle: bool
-    of_ranging: bool
 
 
 class Connection:
@@ -47,13 +37,14 @@ class Connection:
         }
         self._next_hello = float("-inf")
 
-    def receive(self, data: bytes, now: float, source: Hashable, link: str) -> Iterator[Heard]:
-        """One datagram (or chunk of a stream) that arrived at `now` from `source` on a link, message by message."""
+    def receive(self, data: bytes, now: float, source: Hashable, link: str) -> Iterator[tuple[Message, bool, bool]]:
+        """One datagram (or chunk of a stream) that arrived at `now` from `source` on a link, message by message, each
+        with whether it is of the pinned vehicle, and whether it may be a range: the mission's ranging message, on the
+        link that ranging comes on."""
         decoder = self.decoders[link]
         for message in decoder.decode(data):
             of_vehicle = link == VEHICLE and self.session.receive(message, now, source)
-            of_ranging = link == self.ranging_link and message.get_msgId() == self.ranging_message.id
-            yield Heard(message, of_vehicle, of_ranging)
+            yield message, of_vehicle, link == self.ranging_link and message.get_msgId() == self.ranging_message.id
         if link == VEHICLE and decoder.behind:
             self.session.identity.greet(source)
 

@@ -67,7 +67,8 @@ class Controller:
         self._pending = PendingTurn()
         self._link = settings.timing.tick
         self._turned, self._felt_at = 0.0, float("inf")
-        self._watch = CommandWatch()
+        self.watch = CommandWatch()
+        """For a turn command that swings from limit to limit: how often it did, and what that has left of the gains."""
         self._told: TurnRate | None = None
         self._followed_at = self._slow_at = float("-inf")
         self._height: float | None = None
@@ -90,16 +91,6 @@ class Controller:
     def response(self) -> Response:
         """How the vehicle answers turn commands, as used now."""
         return self._response.response(self._link)
-
-    @property
-    def cycles(self) -> int:
-        """How often the turn command was found swinging from limit to limit."""
-        return self._watch.cycles
-
-    @property
-    def gain_share(self) -> float:
-        """What that has left of the gains."""
-        return self._watch.share
 
     @property
     def followed(self) -> bool:
@@ -149,7 +140,7 @@ class Controller:
         motion = estimate.relative if estimate is not None else None
         pending = self._pending.at(now, self.response, 0.0 if motion is None else motion.turn_rate)
         if phase is Phase.ENGAGED and estimate is not None:
-            command = self._circles.steer(estimate, self._trim, pending, self._watch.share)
+            command = self._circles.steer(estimate, self._trim, pending, self.watch.share)
             self._trim_radius(estimate, command)
             if self._circles.turned(estimate, command.turn_rate):
                 self._trim = 0.0  # it was learnt on the circle before
@@ -158,7 +149,7 @@ class Controller:
         else:
             return None
         if command.flies == DRIFT:  # a search that tries one guess after another turns to and fro for a reason
-            self._watch = self._watch.watch(now, command.turn_rate, orbit.max_turn_rate)
+            self.watch = self.watch.watch(now, command.turn_rate, orbit.max_turn_rate)
         return compensate_turn_gain(command, orbit.max_turn_rate, self.turn_gain)
 
     def setpoint(self, command: TurnCommand, session: Session, now: float) -> tuple[Message, YawRate]:

@@ -43,9 +43,10 @@ class Pilot:
         self._connection = Connection(settings, signing)
         self.session = session = self._connection.session
         self._say = session.announcer.say
-        self._said: set[str] = set()
+        self._told: dict[str, Hashable] = {"circle": id(settings.orbit)}
+        """What was told last of each kind of news. The circle by its identity: the same radius may come twice."""
         slower = nobody_tells if settings.ranging_apart else session.timesync.slower
-        self.tracker = RangeTracker(settings, self._say, self._say_once, slower)
+        self.tracker = RangeTracker(settings, self._say, self._say_news, slower)
         self.controller = Controller(settings)
         self._mission = MissionState(settings.timing)
         self._authority = Authority(settings, session, self._mission)
@@ -61,14 +62,12 @@ class Pilot:
         self.allowance = Allowance()
         self._rivals: set[str] = set()
         self.setpoints_sent = 0
-        self._setpoints_before = 0
         self._records: list[TickRecord] = []
         self._taken: StepTaken | None = None
         """The newest step, until it is recorded."""
         self._frames: list[bytes] = []
         self._copter_motion = CopterMotion()
-        self._reboots = self._limit_cycles = 0
-        self._law, self._orbit = "", settings.orbit
+        self._reboots = 0
 
     # --- in: every message that arrives -----------------------------------------------------------------------------
 
@@ -139,7 +138,7 @@ class Pilot:
         # are another's (a dry run) is taken to do so while it turns as we would command
         follows = self.controller.at_speed if flies else self.controller.followed
         if adapter.measures_airspeed or (self._mission.steering and follows):
-            self.tracker.move(own)
+            self.tracker.estimator.move(own)
 
     def _airspeed(self, now: float) -> float:
         """True; as measured, where that can be; else the commanded speed, which the vehicle has while it is ours."""
@@ -148,7 +147,7 @@ class Pilot:
         believed = adapter.airspeed(measured)
         # on the ground it is no wonder
         if measured is not None and measured != believed and self._mission.steering:
-            self._say_once("airspeed", f"airspeed {measured:.1f} m/s implausible, ignored")
+            self._say_news("airspeed", True, f"airspeed {measured:.1f} m/s implausible, ignored")
         return motion.true_airspeed(believed) if adapter.measures_airspeed else believed
 
     # --- out: one step ----------------------------------------------------------------------------------------------
@@ -161,7 +160,6 @@ class Pilot:
         """The setpoint of this step, if any. Acts when a fresh range is waiting or a tick is due; else returns nothing
         at once."""
         self._note_step()
-        self._setpoints_before = self.setpoints_sent
         self._authority.stepped(now)
         if self._authority.view is View.BACKLOG:
             self.tracker.fresh = False
@@ -180,7 +178,7 @@ class Pilot:
         desired = self.controller.orbit.radius
         command = self.controller.command(self.phase, estimate, self.session.timesync.worst, now)
         message, sent = self._setpoint(command, now)
-        self._taken = StepTaken(now, self.phase, estimate, command, sent, desired)
+        self._taken = StepTaken(now, self.phase, estimate, command, message is not None, sent, desired)
         return b"" if message is None else self.session.encode(message)
 
     def follow_up(self, now: float) -> bytes:
@@ -188,6 +186,7 @@ class Pilot:
         if self._taken is None:
             return b""
         estimate, command = self._taken.estimate, self._taken.command
+        self.setpoints_sent += self._taken.spoke
         self._scheduler.stepped(now)
         if self._taken.sent is not None and command is not None:
             self.controller.commanded(command, now)
@@ -281,10 +280,9 @@ class Pilot:
 
     def _watch_drift(self, estimate: RangeEstimate | None) -> None:
         """Say once that the drift is more than the circle allows, and once that it no longer is."""
-        before = self.drift_alarm
-        self.drift_alarm = after = watch_drift(before, estimate, self.controller.orbit, self.controller.turn_gain)
-        if after.on != before.on:
-            self._say("drift", after.text)
+        controller = self.controller
+        self.drift_alarm = alarm = watch_drift(self.drift_alarm, estimate, controller.orbit, controller.turn_gain)
+        self._say_news("drift", alarm.on, alarm.text)
 
     def _watch_engagement(self, now: float) -> None:
         if self._mission.steering or self.phase is Phase.LEAVING or not self._authority.certain:
@@ -315,22 +313,17 @@ class Pilot:
     def _setpoint(self, command: TurnCommand | None, now: float) -> tuple[Message | None, YawRate | None]:
         """The setpoint message of this step, if any, and the yaw rate in it where it steers."""
         allowed = self._authority.allowed(now)
-        yaw_rate = None
         try:
             if self.phase is Phase.LEAVING:
-                message = self._leave(allowed, now)
-            elif allowed is Allowed.STEER and command is not None:
-                message, yaw_rate = self.controller.setpoint(command, self.session, now)
-            elif allowed is Allowed.SAFE:
-                message = self.controller.safe_setpoint(self.session, now, engaged=False)
-            else:
-                message = None
+                return self._leave(allowed, now), None
+            if allowed is Allowed.STEER and command is not None:
+                return self.controller.setpoint(command, self.session, now)
+            if allowed is Allowed.SAFE:
+                return self.controller.safe_setpoint(self.session, now, engaged=False), None
         except UnsafeSetpointError as error:
             reason = f"internal error, unsafe setpoint held back: {error}"
             self._finish(Outcome(Ending.ABORTED, reason), now)
-            return None, None
-        self.setpoints_sent += message is not None
-        return message, yaw_rate
+        return None, None
 
     def _leave(self, allowed: Allowed, now: float) -> Message | None:
         """The safe setpoint until the exit action shows in the vehicle's mode, or some times over; then silence."""
@@ -349,9 +342,7 @@ class Pilot:
 
     def hold_back(self) -> None:
         """The newest setpoint was not sent: the shell had stood still for too long."""
-        if self.setpoints_sent > self._setpoints_before:
-            self.setpoints_sent = self._setpoints_before
-            self._taken = self._taken and self._taken._replace(sent=None)
+        self._taken = self._taken and self._taken._replace(spoke=False, sent=None)
 
     def last_words(self, now: float) -> bytes:
         """The safe setpoint, and the exit action asked for once, for the shell to send when the pilot itself has
@@ -383,20 +374,19 @@ class Pilot:
     def _say_how_it_flies(self, command: TurnCommand | None) -> None:
         """Say when another law takes over, and why; when the next circle begins; and that the gains were lowered, for
         the command swings."""
-        if self.controller.orbit is not self._orbit:
-            self._orbit = self.controller.orbit
-            self._say("circle", f"next circle, {_circle(self._orbit)}")
-        if command is not None and command.flies and command.flies != self._law:
-            self._law, self.why = command.flies, command.why
+        controller = self.controller
+        self._say_news("circle", id(controller.orbit), f"next circle, {_circle(controller.orbit)}")
+        if command is not None and command.flies:
+            self.why = command.why
             if self.settings.output_mode is OutputMode.FLY:
-                self._say("law", command.why)
-        if self.controller.cycles > self._limit_cycles:
-            self._limit_cycles = self.controller.cycles
-            self._say("cycle", f"limit cycle, gains reduced to {100 * self.controller.gain_share:.0f} %")
+                self._say_news("law", command.flies, command.why)
+        cut = f"limit cycle, gains reduced to {100 * controller.watch.share:.0f} %"
+        self._say_news("cycle", controller.watch.cycles, cut)
 
-    def _say_once(self, kind: str, text: str) -> None:
-        if kind not in self._said:
-            self._said.add(kind)
+    def _say_news(self, kind: str, news: Hashable, text: str) -> None:
+        """Say what has changed since it was said last, or is so for the first time."""
+        if news != self._told.get(kind, False):
+            self._told[kind] = news
             self._say(kind, text)
 
     # --- what is known of it ----------------------------------------------------------------------------------------

@@ -1,11 +1,11 @@
 """What is known of the range to the target: ranges in, an estimate out."""
 
-from collections.abc import Collection, Hashable
+from collections.abc import Callable, Collection, Hashable
 
 from circnav_mav.guidance.estimators.interface import Fused
 from circnav_mav.guidance.estimators.table import ESTIMATORS
 from circnav_mav.guidance.range_noise import NoiseCheck
-from circnav_mav.guidance.types import SAME_TIME, OwnMotion, RangeEstimate, RangeSample, RateSample
+from circnav_mav.guidance.types import SAME_TIME, RangeEstimate, RangeSample, RateSample
 from circnav_mav.mav.clocks import Slower
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.height import Height
@@ -20,15 +20,17 @@ FRESH = 0.6
 CALM = 1.0
 """Time, s, for which ranges must not have been stale to steer again otherwise: a radio whose ranges come at an age near
 `stale` would else start and stop steering with each of them."""
-_DROPPED = {"range": "frozen, rejected", "range rate": "wrong, dropped"}
 
 
 class RangeTracker:
     """Reads ranges and keeps the estimator. `fresh`: a range came in that no step has answered yet."""
 
-    def __init__(self, settings: PilotSettings, say: Say, say_once: Say, slower: Slower) -> None:
-        """slower: tells of the link that ranges come on."""
-        self._say, self._say_once = say, say_once
+    def __init__(
+        self, settings: PilotSettings, say: Say, say_news: Callable[[str, Hashable, str], None], slower: Slower
+    ) -> None:
+        """say_news: as say, once for each change of the second argument. slower: tells of the link that ranges come
+        on."""
+        self._say, self._say_news = say, say_news
         self._stale = settings.timing.stale
         speed, max_turn_rate = settings.orbit.speed, settings.orbit.max_turn_rate
         self.noise = NoiseCheck.of_ranges(speed, max_turn_rate)
@@ -42,7 +44,6 @@ class RangeTracker:
         self.fresh = False
         self.accepted = 0
         self._stale_at = float("-inf")
-        self._troubles = (False, False)
 
     def receive(
         self,
@@ -83,10 +84,9 @@ class RangeTracker:
             self.ranging.reject(Reject.NO_HEIGHT)
             return False
         self.rates.range_taken(sample)
-        if self.noise.found is not None:
-            self._say_once("noise", "range noise {1:.2g} m, expected {0:.2g} m".format(*self.noise.found))
-        if self.noise.lowered is not None:
-            self._say_once("low noise", "range noise {1:.2g} m, expected {0:.2g} m".format(*self.noise.lowered))
+        for kind, found in (("noise", self.noise.found), ("low noise", self.noise.lowered)):
+            if found is not None:
+                self._say_news(kind, True, "range noise {1:.2g} m, expected {0:.2g} m".format(*found))
         if self.estimator.observe(sample) is Fused.GATED:
             self.ranging.reject(Reject.GATED)
             return False
@@ -96,20 +96,14 @@ class RangeTracker:
 
     def _say_trouble(self) -> None:
         """Say what no longer counts, and that it counts again."""
-        troubles = bool(self.noise.repeated), bool(self.rates.trouble)
-        for name, is_, was in zip(("range", "range rate"), troubles, self._troubles, strict=True):
-            if is_ != was:
-                self._say(f"{name} trouble", f"{name} {_DROPPED[name] if is_ else 'counts again'}")
-        self._troubles = troubles
+        frozen, wrong = bool(self.noise.repeated), bool(self.rates.trouble)
+        self._say_news("range trouble", frozen, f"range {'frozen, rejected' if frozen else 'counts again'}")
+        self._say_news("range rate trouble", wrong, f"range rate {'wrong, dropped' if wrong else 'counts again'}")
 
     def measured_rate(self, now: float) -> float | None:
         """The newest range rate that counted, m/s; None where none counts now."""
         rate = self.newest_rate
         return None if rate is None or now - rate.time > self._stale + SAME_TIME else rate.r_dot
-
-    def move(self, own: OwnMotion) -> None:
-        """The vehicle's own motion, where it is as it is told."""
-        self.estimator.move(own)
 
     def at(self, now: float) -> RangeEstimate | None:
         """The estimate of this moment."""

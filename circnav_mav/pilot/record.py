@@ -76,12 +76,14 @@ def plot_values(orbit: Orbit, estimate: RangeEstimate | None, command: TurnComma
 
 
 class StepTaken(NamedTuple):
-    """A step of the pilot. sent: the yaw rate that left in the setpoint, None for none. desired: radius, m."""
+    """A step of the pilot. spoke: whether a setpoint left. sent: the yaw rate in it, None for none. desired: radius,
+    m."""
 
     now: float
     phase: Phase
     estimate: RangeEstimate | None
     command: TurnCommand | None
+    spoke: bool
     sent: YawRate | None
     desired: float
 
@@ -90,7 +92,7 @@ def tick_record(
     step: StepTaken, session: Session, tracker: RangeTracker, controller: Controller, law: str
 ) -> TickRecord:
     """A step in numbers. law: of the mission."""
-    now, phase, estimate, command, sent, _ = step
+    now, phase, estimate, command = step.now, step.phase, step.estimate, step.command
     link_age, motion, newest = session.heartbeat_age(now), session.motion.at(now), tracker.newest
     where = estimate.relative if estimate and estimate.relative and estimate.relative.trusted else None
     return TickRecord(
@@ -105,10 +107,10 @@ def tick_record(
         demanded=command.demanded if command else None,
         turn_rate=command.turn_rate if command else None,
         saturated=command.saturated if command else False,
-        yaw_rate_sent=sent,
+        yaw_rate_sent=step.sent,
         turn_gain=controller.turn_gain,
         turn_delay=controller.response.delay,
-        gain_share=controller.gain_share,
+        gain_share=controller.watch.share,
         law=(command.flies or law) if command and phase is Phase.ENGAGED else "",
         x=where.x if where else None,
         y=where.y if where else None,
@@ -120,7 +122,7 @@ def tick_record(
         airspeed=motion.airspeed,
         altitude=motion.altitude,
         height=tracker.height.at(now),
-        range_age=None if newest is None else now - newest.time,
+        range_age=tracker.age(now),
         link_age=link_age if isfinite(link_age) else None,
         mode=session.vehicle.mode_name,
         accepted=tracker.accepted,

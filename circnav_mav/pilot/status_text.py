@@ -1,5 +1,7 @@
 """Why the vehicle is not steered, and why a mission ended, in words for people."""
 
+from dataclasses import dataclass
+
 from circnav_mav.mav.codec import LinkCounts
 from circnav_mav.mav.ranging.interface import describe_rejected
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
@@ -12,32 +14,22 @@ from circnav_mav.pilot.settings import OutputMode, PilotSettings
 _NEEDS = {"kalman": "", "measured": "; it needs the measured range rate (ranging.rate_name), too"}
 
 
+@dataclass(frozen=True)
 class StatusText:
-    """Words for what a pilot's parts know."""
+    """Words for what a pilot's parts know. heard: on the vehicle's link. heard_of_ranging: on the link that ranging
+    comes on."""
 
-    def __init__(
-        self,
-        settings: PilotSettings,
-        session: Session,
-        mission: MissionState,
-        authority: Authority,
-        tracker: RangeTracker,
-        *,
-        heard: LinkCounts,
-        heard_of_ranging: LinkCounts,
-    ) -> None:
-        """heard: on the vehicle's link. heard_of_ranging: on the link that ranging comes on."""
-        self._settings = settings
-        self._session = session
-        self._mission = mission
-        self._authority = authority
-        self._tracker = tracker
-        self._heard = heard
-        self._heard_of_ranging = heard_of_ranging
+    settings: PilotSettings
+    session: Session
+    mission: MissionState
+    authority: Authority
+    tracker: RangeTracker
+    heard: LinkCounts
+    heard_of_ranging: LinkCounts
 
     def waits_for(self, now: float) -> str:
         """What the vehicle is not steered for now; empty where nothing is missing."""
-        phase = self._mission.phase
+        phase = self.mission.phase
         if phase is Phase.WAIT_LINK:
             return self._no_vehicle()
         if phase is Phase.WAIT_RANGING:
@@ -46,14 +38,14 @@ class StatusText:
 
     def outcome(self, overdue: Overdue, now: float) -> Outcome:
         """How a mission ends whose time is up."""
-        timing = self._settings.timing
+        timing = self.settings.timing
         match overdue:
             case Overdue.FLOWN:
-                flown = "flown" if self._settings.output_mode is OutputMode.FLY else "dry run"
+                flown = "flown" if self.settings.output_mode is OutputMode.FLY else "dry run"
                 return Outcome(Ending.COMPLETED, f"{flown} to its end")
             case Overdue.RAN_OUT:
                 gone = self._what_is_gone(now)
-                return Outcome(Ending.ABORTED, f"time ran out while {self._mission.phase.value}{gone}")
+                return Outcome(Ending.ABORTED, f"time ran out while {self.mission.phase.value}{gone}")
             case Overdue.HELD:
                 return Outcome(Ending.ABORTED, self._why_held(now))
             case Overdue.OUTAGE:
@@ -67,32 +59,32 @@ class StatusText:
 
     def _no_vehicle(self) -> str:
         """Nobody that the mission means has been heard."""
-        session = self._session
+        session = self.session
         if session.up and session.vehicle.unproven:
             return "not known whether this is the same vehicle: no boot time yet (ATTITUDE, SYSTEM_TIME)"
         if session.misfits:
             return "; ".join(session.misfits.values())
-        return f"no autopilot heartbeat, {self._heard.describe()}"
+        return f"no autopilot heartbeat, {self.heard.describe()}"
 
     def _not_ready(self, now: float) -> str:
         """What is missing of ranging, or of what the vehicle must tell."""
-        tracker, missing = self._tracker, self._session.missing(now)
+        tracker, missing = self.tracker, self.session.missing(now)
         if not missing and (unknown := tracker.height.why_unknown(now)):
             return unknown
         age, ready = tracker.age(now), tracker.estimator.ready
-        if not ready and not missing and age is not None and age <= self._settings.timing.stale:
-            name = self._settings.estimator
+        if not ready and not missing and age is not None and age <= self.settings.timing.stale:
+            name = self.settings.estimator
             needs = _NEEDS.get(name, "; it needs the vehicle's own motion first (auto does not)")
             return f"{tracker.accepted} ranges accepted, estimator {name} has not converged yet{needs}"
         if ready and missing:
             return self._not_told(missing)
-        wanted, rejected = RANGING_MESSAGES[self._settings.ranging.message], tracker.ranging.rejected
-        heard = f"rejected: {describe_rejected(rejected)}; {self._heard_of_ranging.describe()}"
+        wanted, rejected = RANGING_MESSAGES[self.settings.ranging.message], tracker.ranging.rejected
+        heard = f"rejected: {describe_rejected(rejected)}; {self.heard_of_ranging.describe()}"
         return f"no ranging: no usable {wanted.type}, {heard}{self._denied()}"
 
     def _not_engaged(self, now: float) -> str:
         """What the engagement waits for."""
-        session, authority = self._session, self._authority
+        session, authority = self.session, self.authority
         guided, told = session.adapter.guided_name, session.vehicle
         if authority.holder is not Holder.US:
             enter = f"leave {guided} and enter it" if authority.holder is Holder.OPERATOR_IN_MODE else f"enter {guided}"
@@ -110,26 +102,26 @@ class StatusText:
         return f"mode {guided}: " + ("requested" if authority.asks_for_mode else "the operator must enter it")
 
     def _slow(self) -> str:
-        round_trip, most = self._session.timesync.typical, self._settings.timing.round_trip
+        round_trip, most = self.session.timesync.typical, self.settings.timing.round_trip
         if round_trip is None:
             return "measuring the round trip to the vehicle (TIMESYNC)"
         return f"link too slow: round trip {round_trip:.2f} s (limits.round_trip_s = {most:g} s)"
 
     def _not_told(self, missing: list[str]) -> str:
         """The vehicle does not tell what it must."""
-        name = self._session.adapter.name
+        name = self.session.adapter.name
         return f"no {' and no '.join(missing)} in VFR_HUD: a {name} cannot be flown without it{self._denied()}"
 
     def _denied(self) -> str:
-        denied = self._session.streams.refused
+        denied = self.session.streams.refused
         return f"; streams denied by the vehicle: {', '.join(denied)}" if denied else ""
 
     # --- what has gone ----------------------------------------------------------------------------------------------
 
     def _why_held(self, now: float) -> str:
         """Why the ranges of so many seconds could not be steered by."""
-        tracker, waited, age = self._tracker, now - self._mission.since, self._tracker.age(now)
-        if tracker.estimator.ready and age is not None and FRESH * self._settings.timing.stale < age < waited:
+        tracker, waited, age = self.tracker, now - self.mission.since, self.tracker.age(now)
+        if tracker.estimator.ready and age is not None and FRESH * self.settings.timing.stale < age < waited:
             return f"no fresh range for {waited:.1f} s, the newest is {age:.2f} s old"
         if tracker.ranging.clock.doubted:
             return f"no range for {waited:.1f} s: all rejected, the sensor clock stepped"
@@ -137,7 +129,7 @@ class StatusText:
 
     def _what_is_gone(self, now: float) -> str:
         """Which silence a flight that runs out of time waits in."""
-        if self._mission.phase is Phase.WAIT_LINK:
-            return f", no heartbeat for {self._session.heartbeat_age(now):.0f} s"
-        age = self._tracker.age(now) if self._mission.phase is Phase.WAIT_RANGING else None
+        if self.mission.phase is Phase.WAIT_LINK:
+            return f", no heartbeat for {self.session.heartbeat_age(now):.0f} s"
+        age = self.tracker.age(now) if self.mission.phase is Phase.WAIT_RANGING else None
         return "" if age is None else f", no range for {age:.0f} s"

@@ -5,7 +5,7 @@ controller at all. It sends what a flight needs in order to hear the same (our h
 (AUTOPILOT_VERSION, TIMESYNC, PARAM_REQUEST_READ).
 """
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ from pymavlink.dialects.v20 import all as dialect
 from circnav_mav.guidance.range_noise import NoiseCheck
 from circnav_mav.mav.autopilots.interface import Autopilot
 from circnav_mav.mav.clocks import Moment, Span, quick_span
-from circnav_mav.mav.codec import Message
+from circnav_mav.mav.codec import LinkCounts, Message
 from circnav_mav.mav.height import Height
 from circnav_mav.mav.identity import RADIO_NAME, describe_vehicle
 from circnav_mav.mav.own_motion import Motion
@@ -75,16 +75,12 @@ class VehicleSeen:
 
 @dataclass(frozen=True, slots=True)
 class Observations:
-    """All that a survey has heard. links: each link's bytes, frames and systems in words. rivals: second senders at the
-    end, in words. carriers: ranging messages by sender and marks. end, seconds: when the listening ended and how long
-    it measured, s. signed, zero_key, refused: frames of the vehicle's link with a signature, with one of the all-zero
-    key where we have none, and those not believed, by reason. rates, rate_trouble: range rates heard (m/s), and why
-    they would not count, in words."""
+    """All that a survey has heard. links: what came in on each. rivals: second senders at the end, in words. carriers:
+    ranging messages by sender and marks. end, seconds: when the listening ended and how long it measured, s. rates,
+    rate_trouble: range rates heard (m/s), and why they would not count, in words."""
 
     vehicle: VehicleSeen | None
-    links: Mapping[str, str]
-    version_1: int
-    frames: int
+    links: Mapping[str, LinkCounts]
     others: Mapping[str, int]
     rivals: tuple[str, ...]
     misfits: tuple[str, ...]
@@ -93,56 +89,39 @@ class Observations:
     carriers: Mapping[str, int]
     end: float
     seconds: float
-    signed: int
-    zero_key: int
-    refused: Mapping[str, int]
-    rates: tuple[float, ...] = ()
-    rate_trouble: str = ""
+    rates: tuple[float, ...]
+    rate_trouble: str
 
 
 class Survey:
     """A sans-I/O listener: `receive` bytes, send what `step` answers, until `done`; then `observations`."""
 
-    def __init__(
-        self,
-        settings: PilotSettings,
-        *,
-        seconds: float,
-        signing: Signing | None = None,
-    ) -> None:
+    def __init__(self, settings: PilotSettings, *, seconds: float, signing: Signing | None = None) -> None:
         """seconds: how long to measure, once the vehicle was found."""
         self._connection = Connection(settings, signing, also=[dialect.MAVLINK_MSG_ID_PARAM_VALUE])
         self.session = self._connection.session
-        self.done = False
+        self.done, self.next_tick = False, float("-inf")
         self._settings = settings
         self._seconds = seconds
         self._ranging = RangeReader(settings.ranging)
         speed, max_turn_rate = settings.orbit.speed, settings.orbit.max_turn_rate
-        self._rating = RangeRateReader(
-            settings.ranging, self._ranging, NoiseCheck.of_rates(speed, max_turn_rate), speed
-        )
+        noise = NoiseCheck.of_rates(speed, max_turn_rate)
+        self._rating = RangeRateReader(settings.ranging, self._ranging, noise, speed)
         self._rates: list[float] = []
         self._height = Height(settings.height)
-
         self._reader: ParameterReader | None = None
-        self._next_tick = float("-inf")
         self._began: float | None = None
         self._found: float | None = None
         self._end = 0.0
         self._kind = ""
         self._airspeed: float | None = None
         self._counted: Counter[int] = Counter()
-        self._boots: list[Moment] = []
-        self._reboots = 0
+        self._boots: defaultdict[int, list[Moment]] = defaultdict(list)
+        """Of each start of the vehicle."""
         self._ranges: list[RangeHeard] = []
         self._carriers: Counter[str] = Counter()
         self._texts: dict[str, None] = {}
         self._text_reader = TextReader()
-
-    @property
-    def next_tick(self) -> float:
-        """When the next step is due."""
-        return self._next_tick
 
     @property
     def reply_to(self) -> Hashable:
@@ -159,9 +138,9 @@ class Survey:
 
     def step(self, now: float) -> bytes:
         """What to send to the vehicle now."""
-        if self.done or now < self._next_tick:
+        if self.done or now < self.next_tick:
             return b""
-        self._next_tick = now + TICK
+        self.next_tick = now + TICK
         self._began = now if self._began is None else self._began
         messages = self.session.poll(now)
         if self.session.up:
@@ -177,12 +156,9 @@ class Survey:
 
     def observations(self) -> Observations:
         """What was heard, once done."""
-        counts = self._connection.decoders[VEHICLE].counts
         return Observations(
             vehicle=self._vehicle() if self.session.up else None,
-            links={link: decoder.counts.describe() for link, decoder in self._connection.decoders.items()},
-            version_1=counts.version_1,
-            frames=counts.frames,
+            links={link: decoder.counts for link, decoder in self._connection.decoders.items()},
             others=dict(self.session.ignored),
             rivals=tuple(self.session.identity.rivals.recent(self._end)),
             misfits=tuple(self.session.misfits.values()),
@@ -191,9 +167,6 @@ class Survey:
             carriers=dict(self._carriers),
             end=self._end,
             seconds=self._measured_for,
-            signed=counts.signed,
-            zero_key=counts.zero_key,
-            refused=dict(counts.refused),
             rates=tuple(self._rates),
             rate_trouble=self._rating.trouble,
         )
@@ -216,7 +189,7 @@ class Survey:
             height=self._height.at(self._end),
             height_unknown=self._height.why_unknown(self._end),
             battery=session.vehicle.battery,
-            boot=quick_span(self._boots),
+            boot=quick_span(self._boots[session.vehicle.reboots]),
             reboots=session.vehicle.reboots,
             round_trip=session.timesync.typical,
             parameters=dict(self._reader.values) if self._reader else {},
@@ -241,12 +214,11 @@ class Survey:
 
     def _questions(self, now: float) -> list[Message]:
         """Parameters by name."""
-        session = self.session
         if self._reader is None:
-            self._found = now
-            names = [name for rule in session.adapter.parameters for name, _ in rule.names]
-            self._reader = ParameterReader(names, bytewise=session.adapter.firmware.bytewise)
-        return self._reader.poll(session.vehicle_ids, now)
+            adapter, self._found = self.session.adapter, now
+            names = [name for rule in adapter.parameters for name, _ in rule.names]
+            self._reader = ParameterReader(names, bytewise=adapter.firmware.bytewise)
+        return self._reader.poll(self.session.vehicle_ids, now)
 
     def _take_telemetry(self, message: Message, now: float) -> None:
         """One message of the pinned vehicle, after the session had it."""
@@ -265,15 +237,9 @@ class Survey:
             self._reader.receive(message)
         if self._settled(now):
             self._counted[message.get_msgId()] += 1
-            if type_ in ("ATTITUDE", "ATTITUDE_QUATERNION", "SYSTEM_TIME") and session.vehicle.boot_time is not None:
-                self._take_boot_time((now, session.vehicle.boot_time))
-
-    def _take_boot_time(self, heard: Moment) -> None:
-        """All since the vehicle last booted."""
-        rebooted, self._reboots = self.session.vehicle.reboots > self._reboots, self.session.vehicle.reboots
-        if rebooted:
-            self._boots.clear()
-        self._boots.append(heard)
+            boot_time = session.vehicle.boot_time
+            if type_ in ("ATTITUDE", "ATTITUDE_QUATERNION", "SYSTEM_TIME") and boot_time is not None:
+                self._boots[session.vehicle.reboots].append((now, boot_time))
 
     def _take_range(self, message: Message, now: float, source: Hashable) -> None:
         kind = self._connection.ranging_message

@@ -31,13 +31,10 @@ class TickScheduler:
         """The pilot took a step."""
         due = now + self._tick
         wait = WAIT * self._tick
-        expected = self._expected(due)
+        # by the usual time between two
+        expected = due if self._heard_at is None or not self._gaps else self._heard_at + median(self._gaps)
         self.due = expected + wait if AT_ONCE < abs(due - expected) <= wait else due
 
     def at_once(self) -> None:
         """Something happened that cannot wait for a tick."""
         self.due = float("-inf")
-
-    def _expected(self, otherwise: float) -> float:
-        """When the next range should come, by the usual time between two."""
-        return otherwise if self._heard_at is None or not self._gaps else self._heard_at + median(self._gaps)

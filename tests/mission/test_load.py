@@ -2,7 +2,7 @@
 
 import json
 import tomllib
-from math import pi, radians
+from math import pi
 from pathlib import Path
 from typing import get_args
 
@@ -58,10 +58,8 @@ def test_the_papers_examples_carry_the_papers_numbers(config, example, law, k, c
 
 def test_degrees_become_radians_here(mission):
     settings = mission("vehicle.max_turn_rate_deg_s=36.0", "vehicle.max_turn_acceleration_deg_s2=18.0").pilot_settings()
-    assert settings.orbit.max_turn_rate == pytest.approx(pi / 5)
+    assert settings.orbit.max_turn_rate == settings.estimation.max_turn_rate == pytest.approx(pi / 5)
     assert settings.max_yaw_acceleration == pytest.approx(pi / 10)
-    assert mission().pilot_settings().max_yaw_acceleration is None
-    assert mission().estimation.max_turn_rate == pytest.approx(radians(20))
 
 
 def test_every_number_of_a_file_reaches_the_pilot(mission):
@@ -70,20 +68,22 @@ def test_every_number_of_a_file_reaches_the_pilot(mission):
         "guidance.min_samples=7", "ranging.sensor_id=3", "ranging.orientation=24", "ranging.system_id=9",
         "ranging.component_id=5", "ranging.min_range_m=2.0", "ranging.max_range_m=300.0", "link.component_id=192",
         "link.wait_s=12.0", "limits.stale_s=0.4", "limits.hold_s=3.0", "limits.outage_s=20.0", "limits.tick_hz=25.0",
-        "engage.request_mode=true", "engage.on_takeover=wait", "vehicle.system_id=4",
+        "engage.request_mode=true", "engage.on_takeover=wait", "vehicle.system_id=4", "ranging.stamp=arrival",
+        "ranging.resent=true", "bounds.min_altitude_m=-20", "bounds.max_altitude_m=-5.5",
     ).pilot_settings()  # fmt: skip
     assert settings.orbit.direction is Direction.COUNTERCLOCKWISE
     assert (settings.estimation.gate, settings.estimation.min_samples) == (4.0, 7)
     ranging = settings.ranging
     assert (ranging.sensor_id, ranging.orientation, ranging.system, ranging.component) == (3, 24, 9, 5)
     assert (ranging.min_range, ranging.max_range, ranging.max_age) == (2.0, 300.0, 0.4)
+    assert (ranging.sensor_stamps, ranging.resent, ranging.rate) == (False, True, 10.0)
+    assert (settings.bounds.lowest, settings.bounds.highest) == (-20.0, -5.5)
     assert settings.height.above_target == 30.0
     assert (settings.link.system_id, settings.link.component_id) == (4, 192)
     timing = settings.timing
     assert (timing.duration, timing.wait_link, timing.wait_ranging) == (60.0, 12.0, 12.0)
     assert (timing.stale, timing.hold, timing.outage, timing.tick) == (0.4, 3.0, 20.0, 0.04)
-    assert settings.request_mode
-    assert not settings.end_on_takeover
+    assert settings.request_mode and not settings.end_on_takeover
 
 
 @pytest.mark.parametrize("second", ["target_altitude_m=584.0", "target_above_home_m=-2.0"])
@@ -93,19 +93,6 @@ def test_the_height_is_given_in_one_way(mission, second):
     clash = rf"small\.toml: orbit\.height_above_target_m and orbit\.{key}: the height is given in one way only"
     with pytest.raises(MissionError, match=clash):
         mission("orbit.height_above_target_m=30.0", f"orbit.{second}")
-
-
-@pytest.mark.parametrize(
-    ("keys", "line"),
-    [
-        (["ranging.rate_name=RR"], 'ranging.rate_name: goes with message = "named_value_float"'),
-        (["ranging.message=named_value_float", "ranging.rate_name=RANGE"], "give the rate a name of its own"),
-        (["guidance.estimator=measured"], "needs a radio that measures the range rate: ranging.rate_name"),
-    ],
-)
-def test_a_range_rate_goes_with_a_named_range_and_measured_with_a_range_rate(mission, keys, line):
-    with pytest.raises(MissionError, match=line):
-        mission(*keys)
 
 
 def test_gains_count_on_a_measured_rate_only_where_nothing_flies_without(mission):
@@ -139,13 +126,6 @@ def test_no_range_is_believed_beyond_what_its_message_can_carry(mission, overrid
     assert mission(*overrides).max_range == farthest
 
 
-@pytest.mark.parametrize(("table", "stamps", "resent"), [("stamp=sensor", True, False), ("stamp=arrival", False, False),
-                                                          ("resent=true", True, True)])  # fmt: skip
-def test_the_file_says_how_stamps_and_repeats_are_taken(mission, table, stamps, resent):
-    ranging = mission(f"ranging.{table}").pilot_settings().ranging
-    assert (ranging.sensor_stamps, ranging.resent, ranging.rate) == (stamps, resent, 10.0)
-
-
 @pytest.mark.parametrize(
     ("link", "ranging", "streams"),
     [
@@ -166,6 +146,8 @@ def test_tcp_and_serial_are_byte_streams_and_udp_is_not(mission, link, ranging, 
 def test_what_a_file_does_not_ask_for_is_left_to_the_operator(mission):
     settings = mission().pilot_settings()
     assert (settings.request_mode, settings.end_on_takeover, settings.output_mode) == (False, True, OutputMode.FLY)
+    assert settings.max_yaw_acceleration is None
+    assert (settings.ranging.sensor_stamps, settings.ranging.resent) == (True, False)
     assert mission().pilot_settings(OutputMode.DRY_RUN).output_mode is OutputMode.DRY_RUN
 
 
@@ -173,8 +155,12 @@ def test_what_a_file_does_not_ask_for_is_left_to_the_operator(mission):
 
 
 def test_an_override_counts_like_the_file_and_is_written_down(mission):
-    changed = mission("orbit.radius_m=80", "orbit.direction=counterclockwise")
+    """It may open a table, and of two the last counts."""
+    changed = mission(
+        "engage.request_mode=true", "orbit.radius_m=90", "orbit.radius_m=80", "orbit.direction=counterclockwise"
+    )
     assert changed.orbit.radius == 80.0
+    assert changed.file.engage.request_mode
     assert tomllib.loads(changed.text)["orbit"] == {"radius_m": 80, "direction": "counterclockwise"}
 
 
@@ -183,12 +169,6 @@ def test_an_override_keeps_the_comments_of_the_file():
     flown = parse_mission(text, "quickstart.toml", ["orbit.radius_m=80.0"]).text
     assert flown.count("#") == text.count("#")
     assert parse_mission(flown, "again").orbit.radius == 80.0
-
-
-def test_an_override_may_open_a_table_and_of_two_the_last_counts(mission):
-    changed = mission("engage.request_mode=true", "orbit.radius_m=80.0", "orbit.radius_m=90.0")
-    assert changed.file.engage.request_mode
-    assert changed.orbit.radius == 90.0
 
 
 @pytest.mark.parametrize("override", ["orbit.radius_m", "=80", "", " = 3"])
@@ -221,7 +201,11 @@ def test_an_empty_file_misses_its_keys():
     assert refusal("") == "m.toml: name, vehicle, orbit, guidance, ranging, link, limits: missing, add them"
 
 
-@pytest.mark.parametrize("text", ["name = ", "[orbit", "a = 1\na = 2", "[orbit]\n[orbit]", "\x00"])
+@pytest.mark.parametrize(
+    "text",
+    ["name = ", "[orbit", "a = 1\na = 2", "[orbit]\n[orbit]", "\x00", "x = " + "[" * 100_000],
+    ids=["no value", "no end", "a key twice", "a table twice", "no text", "nested without end"],
+)
 def test_text_that_is_not_toml_is_refused_with_its_place(text):
     assert refusal(text).startswith("m.toml: not valid TOML: ")
 
@@ -240,6 +224,7 @@ SPOILED = [
     ('direction = "clockwise"', 'direction = "left"', "m.toml: orbit.direction: 'left' is not one of 'clockwise' or"),
     ('law = "smooth"', 'law = "magic"', "m.toml: guidance.law: 'magic' is not one of 'smooth'"),
     ('law = "smooth"', 'law = "smooth"\ngain = 0.0', "m.toml: guidance.gain: must be above 0, not 0"),
+    ("max_turn_rate_deg_s = 20.0\n", "", "m.toml: vehicle.max_turn_rate_deg_s: missing, add it"),
     ('name = "small"', 'name = "../../etc"', "m.toml: name: "),
     ('endpoint = "udpin:127.0.0.1:14550"', 'endpoint = ""', "m.toml: link.endpoint: "),
     (
@@ -251,7 +236,7 @@ SPOILED = [
 
 
 @pytest.mark.parametrize(
-    ("right", "wrong", "line"), SPOILED, ids=[wrong.strip() or "missing" for _, wrong, _ in SPOILED]
+    ("right", "wrong", "line"), SPOILED, ids=[wrong.strip() or f"no {right}" for right, wrong, _ in SPOILED]
 )
 def test_a_mistake_is_told_in_one_line_that_names_file_and_key(text, right, wrong, line):
     assert text.count(right) == 1
@@ -269,7 +254,7 @@ def numbers(model=MissionFile, before=""):
             yield before + name
 
 
-@pytest.mark.parametrize("value", ["nan", "inf", "-inf"])
+@pytest.mark.parametrize("value", ["nan", "inf"])
 @pytest.mark.parametrize("key", list(numbers()))
 def test_no_number_of_a_mission_may_be_nan_or_infinite(text, key, value):
     assert refusal(text, f"{key}={value}").startswith(f"m.toml: {key}")
@@ -281,7 +266,15 @@ def test_a_bound_that_would_never_act_or_always_is_refused_with_what_to_do(text,
     assert refusal(text, f"bounds.min_altitude_m={value}") == line
 
 
+RATE = "ranging.rate_name=RR"
 CLASHES = [
+    (RATE, 'ranging.rate_name: goes with message = "named_value_float", not with "distance_sensor"'),
+    ("ranging.message=named_value_float ranging.rate_name=RANGE",
+     'ranging.rate_name: is "RANGE" as ranging.name: give the rate a name of its own'),
+    ("guidance.estimator=measured",
+     'guidance.estimator: is "measured", which needs a radio that measures the range rate: ranging.rate_name'),
+    ("signing.key_file=k signing.accept_unsigned=ranging",
+     'signing.accept_unsigned: is "ranging", which needs a ranging.endpoint of its own'),
     ("vehicle.kind=plane", "vehicle.max_bank_deg: missing, a plane turns by banking: add its limit"),
     ("link.endpoint=sim", 'link.endpoint: is "sim", which needs a [sim] table describing the vehicle'),
     ("ranging.endpoint=sim",
@@ -305,16 +298,6 @@ def test_a_radio_is_not_rejected_for_the_noise_that_the_mission_gives_it(mission
     assert mission("ranging.sigma_m=60").pilot_settings().ranging.max_sigma > 60
 
 
-def test_a_vehicle_needs_a_limit_to_its_turning(text):
-    without = text.replace("max_turn_rate_deg_s = 20.0\n", "")
-    assert refusal(without) == "m.toml: vehicle.max_turn_rate_deg_s: missing, add it"
-
-
-def test_bounds_in_their_order_are_taken_below_zero_too(mission):
-    bounds = mission("bounds.min_altitude_m=-20", "bounds.max_altitude_m=-5.5").pilot_settings().bounds
-    assert (bounds.lowest, bounds.highest) == (-20.0, -5.5)
-
-
 def test_the_bundled_vehicle_is_flown_with_its_table(text):
     assert parse_mission(text + "\n[sim]\nseed = 1\n", "m.toml", ["link.endpoint=sim"]).flies_sim
 
@@ -323,9 +306,7 @@ def test_all_that_is_wrong_is_told_at_once(text):
     wrong = (
         text.replace("radius_m", "raduis_m").replace("rate_hz = 10.0", 'rate_hz = ".5"').replace("sigma_m = 0.5", "")
     )
-    with pytest.raises(MissionError) as caught:
-        parse_mission(wrong, "m.toml")
-    assert str(caught.value) == (
+    assert refusal(wrong) == (
         "m.toml: orbit.raduis_m: unknown key, did you mean radius_m?; "
         "ranging.rate_hz: should be a valid number, not '.5': write 0.5; "
         "orbit.radius_m, ranging.sigma_m: missing, add them"
@@ -370,11 +351,6 @@ def test_a_campaign_file_is_known_as_one(config):
     path = config / "campaigns" / "wind.toml"
     with pytest.raises(MissionError, match=rf"is a campaign file, fly it with: circnav campaign {path}$"):
         load_mission(path)
-
-
-def test_a_file_nested_without_end_is_no_mission():
-    with pytest.raises(MissionError, match=r"m\.toml: not valid TOML: nested too deeply"):
-        parse_mission("x = " + "[" * 100_000, "m.toml")
 
 
 @pytest.mark.parametrize(

@@ -9,22 +9,35 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.guidance.types import Direction, TurnCommand, TurnRate
 from circnav_mav.pilot import Ending, Phase
+from tests.rig import ORBIT, Rig, Voice, decode, heartbeat, timing
 
+GUIDED, LOITER = 4, 5
 STEADY = 15.0 / 100.0
 """V/r_d of the bench's mission, rad/s."""
+SAFE_THREE_TIMES = [(0.0, 0.0)] * 3
+"""Speed and yaw rate of the setpoints before silence."""
+
+
+def flown(setpoints):
+    """Speed and yaw rate of setpoints."""
+    return [(message.vx, message.yaw_rate) for message in setpoints]
+
+
+# --- what is said and kept besides ---
 
 
 def test_the_four_numbers_to_plot_come_at_four_hertz_or_less(rig):
-    rig.engage()
-    since = rig.now
+    since = rig.engage().now
     rig.run(5.0)
     values = rig.of("NAMED_VALUE_FLOAT", since)
-    assert {message.name for message in values} == {"CN_RNG", "CN_RRATE", "CN_ERR", "CN_YRATE"}
     assert 60 <= len(values) <= 80
     newest = {message.name: message.value for message in values}
-    assert newest["CN_RNG"] == pytest.approx(150.0, abs=0.5)
-    assert newest["CN_ERR"] == pytest.approx(50.0, abs=0.5)
-    assert newest["CN_YRATE"] == pytest.approx(rig.setpoints()[-1].yaw_rate, abs=1e-3)
+    assert newest == {
+        "CN_RNG": pytest.approx(150.0, abs=0.5),
+        "CN_RRATE": pytest.approx(0.0, abs=0.1),
+        "CN_ERR": pytest.approx(50.0, abs=0.5),
+        "CN_YRATE": pytest.approx(rig.setpoints()[-1].yaw_rate, abs=1e-3),
+    }
 
 
 def test_our_heartbeat_stops_with_the_loop_that_feeds_it(rig):
@@ -38,59 +51,98 @@ def test_our_heartbeat_stops_with_the_loop_that_feeds_it(rig):
     assert len(rig.of("HEARTBEAT")) == before + 1
 
 
-def test_every_frame_that_came_in_is_kept_for_the_recorder(rig, voice):
-    junk_free = voice(9, 9).say(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
-    rig.pilot.receive(junk_free + b"\x00" + junk_free, 0.0, "x")
-    assert rig.pilot.take_frames() == [junk_free, junk_free]
+def test_every_frame_that_came_in_is_kept_for_the_recorder(rig):
+    frame = Voice(9, 9).say(heartbeat())
+    rig.pilot.receive(frame + b"\x00" + frame, 0.0, "x")
+    assert rig.pilot.take_frames() == [frame, frame]
     assert rig.pilot.take_frames() == []
 
 
 def test_every_step_that_acted_leaves_one_record(rig):
-    rig.engage()
-    rig.pilot.take_records()
-    rig.run(1.0)
-    records = rig.pilot.take_records()
+    rig.engage().pilot.take_records()
+    records = rig.run(1.0).pilot.take_records()
     assert [record.phase for record in records] == [Phase.ENGAGED] * len(records)
     assert len(records) >= 20
     assert all(record.yaw_rate_sent == pytest.approx(-record.turn_rate) for record in records if record.yaw_rate_sent)
     assert records[-1].link_age == pytest.approx(rig.now % 0.25, abs=1e-6)
-    assert records[-1].mode == "GUIDED"
-    assert records[-1].measured == 150.0
+    assert (records[-1].mode, records[-1].measured) == ("GUIDED", 150.0)
 
 
-def test_a_vehicle_that_does_not_turn_as_told_teaches_the_estimator_no_motion(make_rig):
+def test_a_vehicle_that_does_not_turn_as_told_teaches_the_estimator_no_motion(rig):
     """A copter that no longer hears us stands still: at the speed it was told, it would be somewhere else."""
-    rig = make_rig().engage()
-    heard = []
+    rig.engage()
+    heard, heading = [], [0.0]
     rig.pilot.tracker.estimator.move = heard.append
-    heading = 0.0
+
+    def tells_heading(turns):
+        heading[0] += 0.05 * rig.setpoints()[-1].yaw_rate if turns else 0.0
+        rig.hear(mavlink.MAVLink_attitude_message(round(1000 * rig.now), 0.0, 0.0, heading[0], 0.0, 0.0, 0.0))
+
     for turns in (True, False):
         heard.clear()
-        for _ in range(200):
-            heading += 0.05 * rig.setpoints()[-1].yaw_rate if turns else 0.0
-            rig.hear(mavlink.MAVLink_attitude_message(round(1000 * rig.now), 0.0, 0.0, heading, 0.0, 0.0, 0.0))
-            rig.run(0.05)
-        late = [own for own in heard if own.time > rig.now - 5.0]
-        assert len(late) == (99 if turns else 0)
+        rig.run(10.0, lambda turns=turns: tells_heading(turns))
+        assert len([own for own in heard if own.time > rig.now - 5.0]) == (99 if turns else 0)
+
+
+def test_a_setpoint_is_answered_alone_and_all_else_that_is_due_follows_it(rig):
+    rig.engage()
+    answered, followed = set(), set()
+    for tick in range(30):
+        rig.pass_time(0.05)
+        if tick % 5 == 0:
+            rig.heartbeat()
+        rig.range()
+        answered |= {message.get_type() for message in decode(rig.pilot.answer(rig.now))}
+        followed |= {message.get_type() for message in decode(rig.pilot.follow_up(rig.now))}
+        assert rig.pilot.answer(rig.now) == rig.pilot.follow_up(rig.now) == b"", "a range is answered once"
+    assert answered == {"SET_POSITION_TARGET_LOCAL_NED"}
+    assert {"HEARTBEAT", "TIMESYNC", "NAMED_VALUE_FLOAT"} <= followed - answered
+
+
+def test_the_filter_prepares_nothing_between_a_range_and_its_setpoint_whatever_else_comes_with_it(rig, monkeypatch):
+    """One datagram of a router holds a range and more; in a replay its frames come one by one."""
+    estimator, order = rig.engage().pilot.tracker.estimator, []
+    settle = estimator.settle
+    rig.pilot.take_records()
+    rig.pass_time(0.1)
+    rig.range()
+    monkeypatch.setattr(estimator, "settle", lambda: order.append("settled") or settle())
+    rig.heartbeat()
+    assert rig.pilot.answer(rig.now)
+    order.append("answered")
+    rig.pilot.follow_up(rig.now)
+    rig.pilot.take_records()
+    assert order == ["answered", "settled"]
+
+
+def test_a_setpoint_that_the_shell_held_back_is_neither_counted_nor_recorded_as_sent(rig):
+    before = rig.engage().pilot.setpoints_sent
+    rig.pilot.take_records()
+    for held_back in (True, False):
+        rig.pass_time(0.1)
+        rig.range()
+        assert rig.pilot.answer(rig.now)
+        if held_back:
+            rig.pilot.hold_back()
+        rig.pilot.follow_up(rig.now)
+    assert rig.pilot.setpoints_sent == before + 1
+    assert [record.yaw_rate_sent is None for record in rig.pilot.take_records()] == [True, False]
+
+
+# --- when it steers, and by what ---
 
 
 def test_a_mission_waits_for_link_ranging_and_mode_in_this_order(rig):
-    rig.speaks = rig.ranges = False
-    rig.mode = 5
-    assert rig.run(1.0).pilot.phase is Phase.WAIT_LINK
-    rig.speaks = True
-    assert rig.run(1.0).pilot.phase is Phase.WAIT_RANGING
-    rig.ranges = True
-    assert rig.run(1.0).pilot.phase is Phase.READY
+    assert rig.run(1.0, speaks=False, ranges=False, mode=LOITER).pilot.phase is Phase.WAIT_LINK
+    assert rig.run(1.0, speaks=True).pilot.phase is Phase.WAIT_RANGING
+    assert rig.run(1.0, ranges=True).pilot.phase is Phase.READY
     assert rig.setpoints() == [] and rig.pilot.setpoints_sent == 0
-    rig.mode = 4
-    assert rig.run(1.0).pilot.phase is Phase.ENGAGED
-    assert rig.setpoints()
+    assert rig.run(1.0, mode=GUIDED).pilot.phase is Phase.ENGAGED
+    assert len(rig.setpoints()) == rig.pilot.setpoints_sent > 0
 
 
 def test_the_first_setpoint_waits_for_five_ranges(rig):
-    rig.ranges = False
-    rig.run(1.0)
+    rig.run(1.0, ranges=False)
     for count in range(1, 6):
         rig.range()
         rig.run(0.1)
@@ -108,33 +160,26 @@ def test_a_fresh_range_is_answered_by_the_very_next_step(rig):
 
 
 @pytest.mark.parametrize(("direction", "sign"), [(Direction.CLOCKWISE, 1), (Direction.COUNTERCLOCKWISE, -1)])
-def test_outside_the_circle_at_a_constant_range_the_vehicle_turns_towards_the_circle(make_rig, say, direction, sign):
+def test_outside_the_circle_at_a_constant_range_the_vehicle_turns_towards_the_circle(direction, sign):
     """A constant range outside means flying across: clockwise is to the right, positive in MAVLink."""
-    rig = make_rig(orbit=replace(say.orbit, direction=direction)).engage()
-    setpoint = rig.setpoints()[-1]
+    setpoint = Rig(orbit=replace(ORBIT, direction=direction)).engage().setpoints()[-1]
     assert setpoint.yaw_rate * sign > 0
-    assert setpoint.vx == 15.0
-    assert (setpoint.vy, setpoint.vz) == (0.0, 0.0)
+    assert (setpoint.vx, setpoint.vy, setpoint.vz) == (15.0, 0.0, 0.0)
 
 
 def test_inside_the_circle_the_vehicle_flies_straight(rig):
-    rig.range_cm = 5000
-    rig.engage()
-    assert {message.yaw_rate for message in rig.setpoints()} == {0.0}
+    assert {message.yaw_rate for message in rig.engage(range_cm=5000).setpoints()} == {0.0}
 
 
 def test_no_setpoint_asks_for_more_than_the_vehicles_limit(rig):
     """Law 1 is unsaturated: at 600 m and closing it asks for much more than 0.35 rad/s."""
-    rig.range_cm = 59000
-    rig.engage()
+    rig.engage(range_cm=59000)
     assert max(abs(message.yaw_rate) for message in rig.setpoints()) == pytest.approx(0.35)
     assert rig.pilot.take_records()[-1].saturated
 
 
-def test_the_missions_slew_limit_holds_for_what_is_sent(make_rig):
-    rig = make_rig(max_yaw_acceleration=0.1).engage()
-    rig.ranges = False
-    rig.run(2.0)
+def test_the_missions_slew_limit_holds_for_what_is_sent():
+    rig = Rig(max_yaw_acceleration=0.1).engage().run(2.0, ranges=False)
     rates = [(then, m.yaw_rate) for then, m in rig.sent if m.get_type() == "SET_POSITION_TARGET_LOCAL_NED"]
     steps = [(b[1] - a[1], b[0] - a[0]) for a, b in pairwise(rates)]
     assert all(abs(change) <= 0.1 * wait + 1e-6 for change, wait in steps)
@@ -161,118 +206,100 @@ def test_the_missions_slew_limit_holds_for_what_is_sent(make_rig):
     ],
     ids=lambda value: value.get_type() if hasattr(value, "get_type") else "",
 )
-def test_false_positions_change_no_byte_of_the_output(make_rig, message, count):
+def test_false_positions_change_no_byte_of_the_output(message, count):
     """The UAV is GPS-denied: nothing about position may reach the guidance."""
-    honest, lied_to = make_rig(), make_rig()
-    for _ in range(60):
-        honest.run(0.05)
-        lied_to.run(0.05)
-        for _ in range(count):
-            lied_to.pilot.receive(lied_to.vehicle.say(message), lied_to.now, lied_to.source)
-    assert honest.pilot.phase is Phase.ENGAGED
+    honest, lied_to = Rig().engage(), Rig()
+    lied_to.run(3.0, lambda: [lied_to.hear(message) for _ in range(count)])
     assert lied_to.raw == honest.raw
 
 
 def test_without_fresh_ranges_the_prediction_is_flown_for_half_a_second_and_then_the_steady_turn(rig):
-    rig.engage()
-    rig.ranges = False
-    last = rig.now
-    rig.run(0.45)
-    assert rig.pilot.phase is Phase.ENGAGED
-    rig.run(0.15)
+    last = rig.engage().now
+    assert rig.run(0.45, ranges=False).pilot.phase is Phase.ENGAGED
+    since = rig.run(0.15).now
     assert rig.pilot.phase is Phase.HOLDING
-    since = rig.now
     rig.run(2.0)
-    assert rig.setpoints(since)
     assert {round(message.yaw_rate, 6) for message in rig.setpoints(since)} == {STEADY}
     assert "circnav: range lost, holding" in rig.texts(last)
 
 
-def test_holding_is_given_up_with_the_safe_setpoint_three_times_and_then_silence(rig):
-    rig.engage()
-    rig.ranges = False
-    rig.run(10.3)
-    assert rig.pilot.phase is Phase.HOLDING
-    since = rig.now
-    rig.run(1.0)
-    assert rig.pilot.done
-    assert rig.pilot.outcome.ending is Ending.ABORTED
-    assert rig.pilot.outcome.reason.startswith("no range for 10")
-    last = rig.setpoints(since)[-3:]
-    assert [(message.vx, message.yaw_rate) for message in last] == [(0.0, 0.0)] * 3
-    quiet = len(rig.sent)
-    rig.run(5.0)
-    assert len(rig.sent) == quiet
-
-
 def test_a_lost_link_is_silence_and_a_found_one_resumes(rig):
     """Three seconds without a heartbeat; the ranges go on."""
-    rig.engage()
-    rig.speaks = False
-    lost = rig.now
-    rig.run(3.3)
+    lost = rig.engage().now
+    quiet = rig.run(3.3, speaks=False).now
     assert rig.pilot.phase is Phase.WAIT_LINK
-    quiet = rig.now
     rig.run(5.0)
     assert rig.setpoints(quiet) == []
     assert rig.setpoints(lost), "until then the vehicle was flown on"
-    rig.speaks = True
-    rig.run(1.0)
-    assert rig.pilot.phase is Phase.ENGAGED
+    assert rig.run(1.0, speaks=True).pilot.phase is Phase.ENGAGED
     assert rig.setpoints(quiet)
 
 
-def test_a_link_that_stays_away_ends_the_mission_after_a_minute(rig):
-    rig.engage()
-    rig.speaks = False
-    rig.run(62.9)
-    assert not rig.pilot.done
-    rig.run(1.0)
-    assert rig.pilot.done
+# --- how it ends ---
+
+
+def test_holding_is_given_up_with_the_safe_setpoint_three_times_and_then_silence(rig):
+    since = rig.engage().run(10.3, ranges=False).now
+    assert rig.pilot.phase is Phase.HOLDING
+    assert rig.run(1.0).pilot.done
     assert rig.pilot.outcome.ending is Ending.ABORTED
-    assert rig.pilot.outcome.reason == "no vehicle or no ranging for 60 s"
+    assert rig.pilot.outcome.reason.startswith("no range for 10")
+    assert flown(rig.setpoints(since)[-3:]) == SAFE_THREE_TIMES
+    quiet = len(rig.sent)
+    assert len(rig.run(5.0).sent) == quiet
+
+
+def test_a_link_that_stays_away_ends_the_mission_when_it_was_waited_for():
+    """A link counts as lost after 3 s."""
+    rig = Rig(timing=timing(outage=10.0)).engage()
+    assert not rig.run(12.9, speaks=False).pilot.done
+    assert rig.run(1.0).pilot.done
+    assert (rig.pilot.outcome.ending, rig.pilot.outcome.reason) == (
+        Ending.ABORTED, "no vehicle or no ranging for 10 s"
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize(("comes_back", "what"), [(False, "heartbeat"), (True, "range")])
-def test_time_that_runs_out_in_a_silence_says_in_which_and_for_how_long(make_rig, say, comes_back, what):
-    rig = make_rig(timing=replace(say.mission.timing, duration=10.0)).engage()
+def test_time_that_runs_out_in_a_silence_says_in_which_and_for_how_long(comes_back, what):
+    rig = Rig(timing=timing(duration=10.0)).engage()
     silent_since = rig.now
-    rig.speaks = rig.ranges = False
-    rig.run(4.0)
-    rig.speaks = comes_back
+    rig.run(4.0, speaks=False, ranges=False).now_is(speaks=comes_back)
     while not rig.pilot.done:
         rig.run(0.05)
     assert rig.pilot.outcome.ending is Ending.ABORTED
     assert rig.pilot.outcome.reason.endswith(f", no {what} for {rig.now - silent_since:.0f} s")
 
 
-def test_a_mission_ends_after_its_duration_with_the_safe_setpoint_three_times(make_rig, say):
-    rig = make_rig(timing=replace(say.mission.timing, duration=5.0)).engage()
+def test_a_mission_ends_after_its_duration_with_the_safe_setpoint_three_times():
+    rig = Rig(timing=timing(duration=5.0)).engage()
     started = rig.pilot.engaged_at
-    rig.run(4.0)
+    assert rig.run(4.0).pilot.done
     assert rig.pilot.outcome.ending is Ending.COMPLETED
-    assert rig.pilot.done
     ends = [(then, m) for then, m in rig.sent if m.get_type() == "SET_POSITION_TARGET_LOCAL_NED" and m.vx == 0]
     assert len(ends) == 3
     assert ends[0][0] == pytest.approx(started + 5.0, abs=0.051)
 
 
 def test_an_interrupt_sends_the_safe_setpoint_three_times_and_then_nothing(rig):
-    rig.engage()
-    since = rig.now
+    """And the vehicle gets its own stream rates back."""
+    since = rig.engage().now
     rig.pilot.interrupt(rig.now, "SIGINT")
     rig.run(1.0)
-    assert [(m.vx, m.yaw_rate) for m in rig.setpoints(since)] == [(0.0, 0.0)] * 3
+    assert flown(rig.setpoints(since)) == SAFE_THREE_TIMES
+    given_back = {message.param1 for message in rig.commands(511, since) if message.param2 == 0}
+    assert given_back == set(rig.pilot.session.streams.rates)
     assert rig.sent[-1][0] < since + 0.2
     assert rig.pilot.done
     assert (rig.pilot.outcome.ending, rig.pilot.outcome.reason) == (Ending.INTERRUPTED, "SIGINT")
     assert rig.pilot.step(rig.now + 1) == b""
 
 
-def test_the_safe_setpoints_of_the_end_are_a_tick_apart_however_many_ranges_come(rig):
-    rig.engage()
-    since = rig.now
+def test_the_safe_setpoints_of_the_end_begin_at_once_and_are_a_tick_apart_however_many_ranges_come(rig):
+    since = rig.engage().now
     rig.pilot.interrupt(rig.now, "SIGINT")
+    rig.now += 0.001
+    rig.step()
+    assert [message.vx for message in rig.setpoints(since)] == [0.0], "however lately a setpoint has left"
     for _ in range(40):
         rig.now = round(rig.now + 0.005, 6)
         rig.range()
@@ -283,40 +310,18 @@ def test_the_safe_setpoints_of_the_end_are_a_tick_apart_however_many_ranges_come
     assert "circnav: ended, SIGINT" in rig.texts(since)
 
 
-def test_an_interrupt_is_answered_by_the_very_next_step(rig):
-    """However lately a setpoint has left."""
-    rig.engage()
-    since = rig.now
-    rig.pilot.interrupt(rig.now, "SIGINT")
-    rig.now += 0.001
-    rig.step()
-    assert [message.vx for message in rig.setpoints(since)] == [0.0]
-
-
-def test_at_the_end_the_vehicle_gets_its_stream_rates_back(rig):
-    rig.engage()
-    since = rig.now
-    rig.pilot.interrupt(rig.now, "SIGINT")
-    rig.run(1.0)
-    given = {message.param1 for message in rig.commands(511, since) if message.param2 == 0}
-    assert given == set(rig.pilot.session.streams.rates)
-
-
 def test_a_law_that_fails_is_held_back_and_ends_the_flight_safely(rig, monkeypatch):
-    rig.engage()
+    since = rig.engage().now
     nonsense = TurnCommand(TurnRate(nan), TurnRate(nan), saturated=False)
     monkeypatch.setattr(rig.pilot.controller._circles, "steer", lambda *arguments: nonsense)
-    since = rig.now
     rig.run(1.0)
     assert rig.pilot.outcome.ending is Ending.ABORTED
     assert "unsafe setpoint held back" in rig.pilot.outcome.reason
-    assert [(m.vx, m.yaw_rate) for m in rig.setpoints(since)] == [(0.0, 0.0)] * 3
+    assert flown(rig.setpoints(since)) == SAFE_THREE_TIMES
 
 
-def test_without_a_vehicle_the_mission_ends_and_says_what_was_heard(make_rig, say):
-    rig = make_rig(timing=replace(say.mission.timing, wait_link=2.0))
-    rig.speaks = rig.ranges = False
-    rig.run(1.0)
+def test_without_a_vehicle_the_mission_ends_and_says_what_was_heard():
+    rig = Rig(timing=timing(wait_link=2.0)).run(1.0, speaks=False, ranges=False)
     rig.pilot.receive(b"junk", rig.now, "somebody")
     rig.run(1.5)
     assert rig.pilot.outcome.ending is Ending.NOTHING_HEARD
@@ -326,18 +331,15 @@ def test_without_a_vehicle_the_mission_ends_and_says_what_was_heard(make_rig, sa
     )
 
 
-def test_without_ranging_the_mission_ends_and_says_what_was_refused(make_rig, say):
-    rig = make_rig(timing=replace(say.mission.timing, wait_ranging=2.0))
-    rig.range_cm = 65535
-    rig.run(3.0)
+def test_without_ranging_the_mission_ends_and_says_what_was_refused():
+    rig = Rig(timing=timing(wait_ranging=2.0)).run(3.0, range_cm=65535)
     assert rig.pilot.outcome.ending is Ending.NOTHING_HEARD
     assert rig.pilot.outcome.reason.startswith("no ranging: no usable DISTANCE_SENSOR, rejected: ")
     assert " no_range; heard " in rig.pilot.outcome.reason
 
 
-def test_a_vehicle_that_does_not_fit_is_the_reason_given(make_rig, say):
-    rig = make_rig(timing=replace(say.mission.timing, wait_link=2.0))
-    rig.speaks = False
-    rig.hear(say.heartbeat(autopilot=12))
-    rig.run(3.0)
-    assert rig.pilot.outcome.reason == ("no vehicle: system 1 is px4 quadrotor, the mission is for ardupilot copter")
+def test_a_vehicle_that_does_not_fit_is_the_reason_given():
+    rig = Rig(timing=timing(wait_link=2.0))
+    rig.hear(heartbeat(autopilot=12))
+    rig.run(3.0, speaks=False)
+    assert rig.pilot.outcome.reason == "no vehicle: system 1 is px4 quadrotor, the mission is for ardupilot copter"

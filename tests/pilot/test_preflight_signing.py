@@ -11,6 +11,7 @@ from pymavlink.dialects.v20 import all as mavlink
 from circnav_mav.mav.check_result import Grade
 from circnav_mav.mav.signing import Signing
 from circnav_mav.mission.preflight import judge
+from circnav_mav.pilot import VEHICLE
 from circnav_mav.pilot.survey import Survey
 from tests.flight.signed import KEY, OTHER, key_file
 from tests.pilot.test_preflight import Bench, one
@@ -31,20 +32,22 @@ def said(folder: Path, ours: bytes | None, theirs: bytes | None) -> list[tuple[G
     return [(line.grade, line.says) for line in lines if line.subject == "signing" or "none that" in line.says]
 
 
-def test_nothing_is_said_where_nobody_signs(tmp_path: Path) -> None:
-    assert said(tmp_path, None, None) == []
-
-
-def test_a_link_signed_by_both_passes(tmp_path: Path) -> None:
-    ((grade, says),) = said(tmp_path, KEY, KEY)
-    assert grade is Grade.PASS
-    assert says.endswith("frames signed, all with our key")
-
-
-def test_a_vehicle_that_signs_while_we_have_no_key_is_a_warning(tmp_path: Path) -> None:
-    ((grade, says),) = said(tmp_path, None, KEY)
-    assert grade is Grade.WARN
-    assert "[signing] key_file" in says
+@pytest.mark.parametrize(
+    ("ours", "theirs", "expected"),
+    [
+        (None, None, []),
+        (KEY, KEY, [(Grade.PASS, "frames signed, all with our key")]),
+        (None, KEY, [(Grade.WARN, "we have no key: what we send may be rejected; give it with [signing] key_file")]),
+        (KEY, None, [(Grade.FAIL, "every frame heard is unsigned or wrongly signed")]),
+        (KEY, OTHER, [(Grade.FAIL, "every frame heard is unsigned or wrongly signed")]),
+    ],
+    ids=["nobody signs", "both sign", "we have no key", "it does not sign", "it has another key"],
+)
+def test_a_vehicle_that_signs_otherwise_than_we_do_is_named(
+    tmp_path: Path, ours: bytes | None, theirs: bytes | None, expected: list[tuple[Grade, str]]
+) -> None:
+    for (grade, says), (meant, words) in zip(said(tmp_path, ours, theirs), expected, strict=True):
+        assert (grade, words in says) == (meant, True), says
 
 
 def frames_of_a_stock_px4(bench: Bench) -> None:
@@ -64,13 +67,7 @@ def test_a_vehicle_that_signs_with_the_all_zero_key_is_as_good_as_unsigned() -> 
     bench = Bench("px4_copter", seconds=1.0)
     frames_of_a_stock_px4(bench)
     seen = bench.run()
-    assert (seen.signed, seen.zero_key, seen.refused) == (0, seen.frames, {})
+    heard = seen.links[VEHICLE]
+    assert (heard.signed, heard.zero_key, heard.refused) == (0, heard.frames, {})
     line = one(judge(bench.mission, seen), "signing")
     assert (line.grade, "all-zero key" in line.says) == (Grade.PASS, True)
-
-
-@pytest.mark.parametrize("theirs", [None, OTHER])
-def test_a_vehicle_without_our_key_is_no_vehicle(theirs: bytes | None, tmp_path: Path) -> None:
-    ((grade, says),) = said(tmp_path, KEY, theirs)
-    assert grade is Grade.FAIL
-    assert "every frame heard is unsigned or wrongly signed" in says

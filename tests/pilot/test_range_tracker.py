@@ -7,61 +7,56 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.pilot import RANGING, OutputMode, Phase
+from tests.rig import MISSION, Rig, Voice, beacon, decode, distance, heartbeat, scattering, timing
 
 GUIDED, LOITER = 4, 5
+
+
+def ranging(**changes):
+    """The ranging of the bench's mission, with changes."""
+    return replace(MISSION.ranging, **changes)
 
 
 # --- of others ---
 
 
-def test_a_radio_of_the_missions_component_on_another_vehicle_is_not_ours(make_rig, voice, say):
-    ranging = replace(say.mission.ranging, component=192)
-    rig, ours, theirs = make_rig(ranging=ranging), voice(1, 192), voice(2, 192)
-    rig.ranges, heard = False, []
-    rig.run(0.5)
-    for _ in range(200):
-        rig.hear(say.heartbeat(GUIDED), voice=voice(2, 1))
-        rig.hear(say.distance(4000, 1_000_000 + round(rig.now * 1000)), voice=theirs)
-        rig.hear(say.distance(15000, 1_000_000 + round(rig.now * 1000)), voice=ours)
-        rig.run(0.05)
-        heard += [rig.pilot.tracker.newest.r] if rig.pilot.tracker.newest and rig.now > 2.0 else []
-    assert set(heard) <= {150.0, 150.01}
+def test_a_radio_of_the_missions_component_on_another_vehicle_is_not_ours():
+    rig, heard = Rig(ranging=ranging(component=192)), []
+    ours, theirs, their_vehicle = Voice(1, 192), Voice(2, 192), Voice(2, 1)
+    rig.run(0.5, ranges=False)
+
+    def both_radios():
+        rig.hear(heartbeat(GUIDED), voice=their_vehicle)
+        rig.range(4000, voice=theirs)
+        rig.range(15000, voice=ours)
+        heard.append(rig.pilot.tracker.newest)
+
+    rig.run(5.0, both_radios)
+    assert {sample.r for sample in heard if sample and sample.time > 2.0} <= {150.0, 150.01}
+    assert heard[-1].time > rig.now - 0.2
 
 
-def test_a_radio_that_takes_the_place_of_another_before_the_flight_has_a_clock_of_its_own(make_rig, voice, say):
-    rig, other = make_rig(), voice(system=77, component=192)
-    rig.mode, rig.ranges = LOITER, False
+def test_a_radio_that_takes_the_place_of_another_before_the_flight_has_a_clock_of_its_own(rig):
+    other = Voice(system=77, component=192)
     for _ in range(40):
-        rig.run(0.05)
-        rig.hear(say.distance(4000, 500_000 + round(rig.now * 1000)), voice=other)
-    rig.run(6.0)
-    rig.ranges = True
-    rig.run(0.5)
+        rig.run(0.05, mode=LOITER, ranges=False)
+        rig.hear(scattering(4000, 500_000 + round(rig.now * 1000)), voice=other)
+    rig.run(6.0).run(0.5, ranges=True)
     assert rig.pilot.tracker.newest.r == pytest.approx(150.0, abs=0.02)
     assert not rig.pilot.tracker.ranging.rejected
 
 
-def test_nobody_stands_in_for_a_radio_that_falls_silent_in_flight(make_rig, voice, say):
-    rig, other = make_rig().engage(), voice(system=77, component=192)
-    rig.ranges, since = False, rig.now
-    for _ in range(180):
-        rig.hear(say.distance(4000, 1_000_000 + round(rig.now * 1000)), voice=other)
-        rig.run(0.05)
-    assert rig.pilot.phase is Phase.HOLDING
-    assert rig.pilot.tracker.newest.time <= since
-
-
-def test_a_dry_run_needs_no_leave_and_keeps_no_radio(make_rig, voice, say):
-    rig, other = make_rig(output_mode=OutputMode.DRY_RUN).engage(), voice(system=77, component=192)
-    rig.ranges = False
-    for _ in range(180):
-        rig.hear(say.distance(4000, 1_000_000 + round(rig.now * 1000)), voice=other)
-        rig.run(0.05)
-    assert rig.pilot.tracker.newest.r == pytest.approx(40.0, abs=0.02)
-
-
-def radio_heartbeat(autopilot):
-    return mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_GENERIC, autopilot, 0, 0, 4, 3)
+@pytest.mark.parametrize("output_mode", [OutputMode.FLY, OutputMode.DRY_RUN])
+def test_nobody_stands_in_for_a_radio_that_falls_silent_in_flight(output_mode):
+    """In a dry run, which keeps no radio, somebody may."""
+    rig, other = Rig(output_mode=output_mode).engage(), Voice(system=77, component=192)
+    since = rig.now
+    rig.run(9.0, lambda: rig.range(4000, voice=other), ranges=False)
+    newest = rig.pilot.tracker.newest
+    if output_mode is OutputMode.FLY:
+        assert rig.pilot.phase is Phase.HOLDING and newest.time <= since
+    else:
+        assert newest.r == pytest.approx(40.0, abs=0.02)
 
 
 @pytest.mark.parametrize(
@@ -73,56 +68,47 @@ def radio_heartbeat(autopilot):
         (1, mavlink.MAV_AUTOPILOT_INVALID),
     ],
 )
-def test_a_radio_that_has_a_system_and_a_heartbeat_of_its_own_is_no_vehicle(make_rig, voice, say, component, autopilot):
-    rig, radio = make_rig(), voice(42, component)
-    rig.ranges = False
-    rig.run(0.5)
-    for i in range(200):
-        if i % 20 == 0:
-            rig.hear(radio_heartbeat(autopilot), voice=radio)
-        if i % 2:
-            rig.hear(say.distance(15000, 1_000_000 + round(rig.now * 1000)), voice=radio)
-        rig.run(0.05)
-    assert rig.pilot.phase is Phase.ENGAGED
+def test_a_radio_that_has_a_system_and_a_heartbeat_of_its_own_is_no_vehicle(rig, component, autopilot):
+    radio, began = Voice(42, component), rig.run(0.5, ranges=False).tick
+    beat = mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_GENERIC, autopilot, 0, 0, 4, 3)
+
+    def speaks():
+        if (rig.tick - began) % 20 == 0:
+            rig.hear(beat, voice=radio)
+        if (rig.tick - began) % 2:
+            rig.range(voice=radio)
+
+    assert rig.run(5.0, speaks).pilot.phase is Phase.ENGAGED
 
 
-def test_a_vehicle_with_the_system_of_our_radio_does_not_take_it_from_us_in_flight(make_rig, voice, say):
-    rig, radio, other = make_rig(), voice(42, 192), voice(42, 1)
-    rig.ranges = False
-    rig.run(0.5)
-    for i in range(600):
-        if i > 200 and i % 5 == 0:
-            rig.hear(say.heartbeat(GUIDED), voice=other)
-        if i % 2:
-            rig.hear(say.distance(15000, 1_000_000 + round(rig.now * 1000)), voice=radio)
-        rig.run(0.05)
-    assert rig.pilot.phase is Phase.ENGAGED
+def test_a_vehicle_with_the_system_of_our_radio_does_not_take_it_from_us_in_flight(rig):
+    radio, other = Voice(42, 192), Voice(42, 1)
+    rig.run(0.5, ranges=False)
+
+    def speaks():
+        if rig.now > 5.0 and rig.tick % 5 == 0:
+            rig.hear(heartbeat(GUIDED), voice=other)
+        if rig.tick % 2:
+            rig.range(voice=radio)
+
+    assert rig.run(15.0, speaks).pilot.phase is Phase.ENGAGED
 
 
 # --- ranges that are none ---
 
 
-def rig_range(rig, cm, stamp_ms):
-    return mavlink.MAVLink_distance_sensor_message(stamp_ms, 20, 60000, cm, 4, 0, 24, 0)
-
-
 def test_a_repeated_range_is_not_a_fresh_one(rig):
     """The same stamp again and again: stale after half a second."""
-    rig.engage()
-    rig.ranges = False
-    for _ in range(20):
-        rig.run(0.05)
-        rig.hear(rig_range(rig, 15000, stamp_ms=1_003_000))
+    rig.engage().run(1.0, lambda: rig.hear(distance(15000, 1_003_000)), ranges=False)
     assert rig.pilot.phase is Phase.HOLDING
 
 
-def test_an_outlier_is_counted_and_moves_nothing(make_rig):
-    steady, disturbed = make_rig().engage(), make_rig().engage()
-    steady.ranges = disturbed.ranges = False
+def test_an_outlier_is_counted_and_moves_nothing():
+    steady, disturbed = Rig().engage(), Rig().engage()
     disturbed.now = steady.now = round(steady.now + 0.02, 6)
-    disturbed.hear(rig_range(disturbed, 40000, stamp_ms=1_000_000 + round(disturbed.now * 1000)))
-    steady.run(0.3)
-    disturbed.run(0.3)
+    disturbed.range(40000)
+    for rig in (steady, disturbed):
+        rig.run(0.3, ranges=False)
     assert disturbed.pilot.tracker.ranging.rejected["gated"] == 1
     assert disturbed.pilot.tracker.accepted == steady.pilot.tracker.accepted
     rates = [[m.yaw_rate for m in rig.setpoints(3.02)] for rig in (steady, disturbed)]
@@ -131,21 +117,18 @@ def test_an_outlier_is_counted_and_moves_nothing(make_rig):
 
 def test_a_jump_of_the_sensors_clock_starts_the_estimate_anew(rig):
     rig.engage()
-    rig.ranges = False
     for i in range(30):
-        rig.run(0.1)
-        rig.hear(rig_range(rig, 15000, stamp_ms=5_000 + 100 * i))
+        rig.run(0.1, ranges=False).hear(distance(15000, 5_000 + 100 * i))
     assert rig.pilot.tracker.ranging.rejected["stamp_jump"] == 2
     assert rig.pilot.phase is Phase.ENGAGED
 
 
 @pytest.mark.parametrize("accuracy_mm", [80_000, 4_294_967_294])
-def test_a_range_that_says_it_may_be_anywhere_is_not_taken(make_rig, say, accuracy_mm):
-    ranging = replace(say.mission.ranging, message="ranging_beacon", max_sigma=50.0)
-    rig = make_rig(ranging=ranging, ranging_apart=True)
+def test_a_range_that_says_it_may_be_anywhere_is_not_taken(accuracy_mm):
+    rig = Rig(ranging=ranging(message="ranging_beacon", max_sigma=50.0), ranging_apart=True)
     for i in range(100):
-        rig.run(0.1)
-        rig.hear(say.beacon(150_000, 1_000_000 + i * 100_000, i, range_accuracy=accuracy_mm), link=RANGING)
+        message = beacon(150_000, 1_000_000 + i * 100_000, i, range_accuracy=accuracy_mm)
+        rig.run(0.1).hear(message, link=RANGING)
     assert rig.pilot.tracker.accepted == 0
     assert rig.pilot.tracker.ranging.rejected["too_noisy"] == 100
 
@@ -153,21 +136,16 @@ def test_a_range_that_says_it_may_be_anywhere_is_not_taken(make_rig, say, accura
 @pytest.mark.parametrize(
     ("round_trip", "believed"), [(0.0, pytest.approx(2.7, abs=0.15)), (None, pytest.approx(2.7, abs=0.15)), (2.0, None)]
 )
-def test_ranges_that_stay_late_are_of_a_clock_that_stood_still_unless_the_answers_are_as_late(
-    make_rig, say, round_trip, believed
-):
+def test_ranges_that_stay_late_are_of_a_clock_that_stood_still_unless_the_answers_are_as_late(round_trip, believed):
     """Silent for 2 s, and as late from then on. A vehicle that never answered TIMESYNC tells nothing."""
-    rig = make_rig()
-    rig.round_trip = 0.0 if round_trip is not None else None
-    rig.run(15.0)
-    rig.round_trip = round_trip
-    rig.ranges, since = False, rig.now
-    rig.run(2.0)
+    rig = Rig().run(15.0, round_trip=0.0 if round_trip is not None else None)
+    since = rig.now
+    rig.run(2.0, round_trip=round_trip, ranges=False)
     behind = None
     for _ in range(120):
         rig.run(0.05)
         if rig.tick % 2 == 0:
-            rig.hear(say.distance(15000, 1_000_000 + round((rig.now - 2.0) * 1000)))
+            rig.hear(scattering(15000, 1_000_000 + round((rig.now - 2.0) * 1000)))
         if behind is None and rig.pilot.tracker.newest.time > since + 0.1:
             behind = rig.now - since
     assert behind == believed
@@ -175,55 +153,47 @@ def test_ranges_that_stay_late_are_of_a_clock_that_stood_still_unless_the_answer
     assert bool(rig.pilot.tracker.ranging.rejected["too_old"] > 10) == (believed is None)
 
 
-def test_ranges_that_scatter_over_half_the_radius_are_lost_ranges(make_rig, say):
+def test_ranges_that_scatter_over_half_the_radius_are_lost_ranges():
     """The measured scatter is no standard deviation to fly by."""
-    rng = Random(3)
-    rig = make_rig(ranging=replace(say.mission.ranging, max_sigma=50.0), exit="rtl").engage()
-    rig.ranges, since = False, rig.now
-    for _ in range(600):
-        rig.run(0.05)
-        if rig.tick % 2 == 0:
-            rig.range(cm=rng.randrange(3000, 60000))
+    draw, rig = Random(3), Rig(ranging=ranging(max_sigma=50.0), exit="rtl").engage()
+    since = rig.now
+    rig.run(30.0, lambda: rig.tick % 2 or rig.range(draw.randrange(3000, 60000)), ranges=False)
     steered = [time for time, sent in rig.sent if time > since + 1.0 and getattr(sent, "vx", 0) > 0]
     assert rig.pilot.outcome is not None and rig.pilot.outcome.reason.startswith("no range for")
     assert steered and steered[-1] - since < 15.0
 
 
-def test_ranges_without_an_estimate_name_the_estimator(make_rig):
-    rig = make_rig(estimator="drift").run(10.0)
+def test_ranges_without_an_estimate_name_the_estimator():
+    rig = Rig(estimator="drift").run(10.0)
     assert "estimator drift has not converged" in rig.pilot.waits_for(rig.now)
 
 
 # --- delay ---
 
 
-def test_a_link_that_gets_slower_in_flight_than_ranges_may_be_old_is_a_lost_range(make_rig):
+def test_a_link_that_gets_slower_in_flight_than_ranges_may_be_old_is_a_lost_range():
     """Stamps cannot show a constant delay; answers to TIMESYNC do."""
-    rig = make_rig(exit="rtl").engage()
-    rig.round_trip = 2.0
-    rig.run(6.0)
+    rig = Rig(exit="rtl").engage().run(6.0, round_trip=2.0)
     assert rig.pilot.session.timesync.typical == pytest.approx(2.0)
     assert rig.pilot.phase is Phase.HOLDING
-    rig.run(10.0)
-    assert rig.pilot.outcome.reason.startswith("no range for")
+    assert rig.run(10.0).pilot.outcome.reason.startswith("no range for")
 
 
-def test_a_link_that_gets_slow_within_what_ranges_may_be_old_is_no_reason_to_let_the_vehicle_go(make_rig, say):
-    ranging = replace(say.mission.ranging, max_age=1.5)
-    rig = make_rig(ranging=ranging, timing=replace(say.mission.timing, stale=1.5)).engage()
-    rig.round_trip = 2.0
-    rig.run(20.0)
+def test_a_link_that_gets_slow_within_what_ranges_may_be_old_is_no_reason_to_let_the_vehicle_go():
+    rig = Rig(ranging=ranging(max_age=1.5), timing=timing(stale=1.5)).engage().run(10.0, round_trip=2.0)
+    assert rig.pilot.session.timesync.typical == pytest.approx(2.0)
     assert rig.pilot.phase is Phase.ENGAGED
 
 
-def test_the_delay_of_the_vehicles_link_is_not_that_of_a_radio_with_a_link_of_its_own(make_rig, say):
-    rig = make_rig(ranging_apart=True)
-    rig.ranges = False
-    for _ in range(400):
-        rig.run(0.05)
+def test_the_delay_of_the_vehicles_link_is_not_that_of_a_radio_with_a_link_of_its_own():
+    rig = Rig(ranging_apart=True)
+
+    def by_radio():
         if rig.tick % 2 == 0:
-            rig.hear(say.distance(15000, 1_000_000 + round(rig.now * 1000)), link=RANGING)
-        rig.round_trip = 2.0 if rig.pilot.engaged_at is not None else 0.0
+            rig.range(link=RANGING)
+
+    assert rig.run(3.0, by_radio, ranges=False).pilot.phase is Phase.ENGAGED
+    rig.run(15.0, by_radio, round_trip=2.0)
     assert rig.pilot.session.timesync.typical == pytest.approx(2.0)
     assert rig.pilot.phase is Phase.ENGAGED
 
@@ -231,40 +201,31 @@ def test_the_delay_of_the_vehicles_link_is_not_that_of_a_radio_with_a_link_of_it
 # --- a link of its own ---
 
 
-def test_ranging_of_another_link_is_taken_from_there_and_from_nowhere_else(make_rig):
-    rig = make_rig(ranging_apart=True)
-    rig.run(3.0)
+def test_ranging_of_another_link_is_taken_from_there_and_from_nowhere_else():
+    rig = Rig(ranging_apart=True).run(3.0)
     assert rig.pilot.tracker.accepted == 0, "ranges on the vehicle's link are not the mission's"
-    rig.ranges = False
-    for _ in range(30):
-        rig.run(0.1)
-        rig.hear(rig_range(rig, 15000, 1_000_000 + round(rig.now * 1000)), link="ranging", source="radio")
+    rig.run(3.0, lambda: rig.tick % 2 or rig.range(link=RANGING, source="radio"), ranges=False)
     assert rig.pilot.phase is Phase.ENGAGED
 
 
-def test_a_ranging_link_is_greeted_once_a_second(make_rig, say):
-    rig = make_rig(ranging_apart=True)
-    hellos = [message for i in range(61) for message in say.decode(rig.pilot.hello(i / 20))]
+def test_a_ranging_link_is_greeted_once_a_second():
+    rig = Rig(ranging_apart=True)
+    hellos = [message for i in range(61) for message in decode(rig.pilot.hello(i / 20))]
     assert [message.get_type() for message in hellos] == ["HEARTBEAT"] * 4
 
 
-def test_a_vehicle_on_the_ranging_link_moves_nothing(make_rig, say):
-    rig = make_rig(ranging_apart=True)
-    rig.speaks = rig.ranges = False
-    for _ in range(20):
-        rig.run(0.1)
-        rig.hear(say.heartbeat(4), link="ranging", source="radio")
+def test_a_vehicle_on_the_ranging_link_moves_nothing():
+    rig = Rig(ranging_apart=True)
+    rig.run(2.0, lambda: rig.hear(heartbeat(GUIDED), link=RANGING, source="radio"), speaks=False, ranges=False)
     assert rig.pilot.phase is Phase.WAIT_LINK
 
 
-def test_a_reboot_of_the_autopilot_makes_the_estimate_forget_what_came_before(make_rig):
-    rig = make_rig(end_on_takeover=False).engage()
+def test_a_reboot_of_the_autopilot_makes_the_estimate_forget_what_came_before():
+    rig = Rig(end_on_takeover=False).engage()
     rig.hear(mavlink.MAVLink_system_time_message(0, 900_000))
-    rig.run(0.5)
-    rig.ranges = False
+    rig.run(0.5).now_is(ranges=False)
     assert rig.pilot.take_records()[-1].r == pytest.approx(150.0, abs=0.5)
     for boot_ms in (2_000, 2_050):
         rig.hear(mavlink.MAVLink_system_time_message(0, boot_ms))
-    rig.run(0.05)
-    assert [record.r for record in rig.pilot.take_records()] == [None]
+    assert [record.r for record in rig.run(0.05).pilot.take_records()] == [None]
     assert not rig.pilot.tracker.estimator.ready

@@ -1,13 +1,13 @@
 """The operator always wins: every way to take the vehicle from us, and what gives it back."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.pilot import Ending, Phase
-from tests.rig import Rig, heartbeat
+from tests.rig import Rig, Voice, heartbeat, timing
 
 GUIDED, LOITER, LAND, RTL = 4, 5, 9, 6
 ON_GROUND, IN_AIR = 1, 2
@@ -36,21 +36,13 @@ def told(rig: Rig, *beats: tuple[int, bool]) -> None:
 
 def stays(**changes: object) -> Callable[[Rig], None]:
     """The vehicle is so from now on, and says so at once."""
-
-    def take(rig: Rig) -> None:
-        for name, value in changes.items():
-            setattr(rig, name, value)
-        rig.heartbeat()
-
-    return take
+    return lambda rig: rig.now_is(**changes).heartbeat()
 
 
 def silent(rig: Rig) -> None:
     """An outage of vehicle and ranging."""
-    rig.speaks = rig.ranges = False
-    rig.run(5.0)
-    assert rig.pilot.phase is Phase.WAIT_LINK
-    rig.speaks = rig.ranges = True
+    assert rig.run(5.0, speaks=False, ranges=False).pilot.phase is Phase.WAIT_LINK
+    rig.now_is(speaks=True, ranges=True)
 
 
 def boot_time(rig: Rig) -> None:
@@ -89,16 +81,13 @@ def backlog(rig: Rig) -> None:
 
 
 def holds(rig: Rig) -> None:
-    rig.ranges = False
-    rig.run(2.0)
-    assert rig.pilot.phase is Phase.HOLDING
+    assert rig.run(2.0, ranges=False).pilot.phase is Phase.HOLDING
 
 
 def loses_heartbeats(rig: Rig) -> None:
     """PX4 sends one a second; CURRENT_MODE alone keeps the vehicle ours."""
-    rig.speaks = False
     for _ in range(20):
-        rig.run(0.5)
+        rig.run(0.5, speaks=False)
         rig.hear(mavlink.MAVLink_current_mode_message(0, GUIDED, GUIDED))
     assert rig.pilot.phase is Phase.ENGAGED
 
@@ -136,16 +125,13 @@ TAKEOVERS = {
 }  # fmt: skip
 
 
-def taken(make_rig, how: str, *, end: bool) -> tuple[Rig, float]:
+def taken(how: str, *, end: bool) -> tuple[Rig, float]:
     """A rig that flew and was taken over, after the step that heard of it; the moment before that."""
-    rig, takeover = make_rig(end_on_takeover=end, request_mode=True, exit="rtl"), TAKEOVERS[how]
+    rig, takeover = Rig(end_on_takeover=end, request_mode=True, exit="rtl"), TAKEOVERS[how]
     if "under way" in how:  # its acknowledgement was lost: a repeat would take the vehicle back
-        rig.mode = LOITER
         while not rig.commands(SET_MODE):
-            rig.run(0.05)
-        rig.mode = GUIDED
-        rig.run(0.6)
-        assert rig.pilot.phase is Phase.ENGAGED
+            rig.run(0.05, mode=LOITER)
+        assert rig.run(0.6, mode=GUIDED).pilot.phase is Phase.ENGAGED
     else:
         rig.engage()
     takeover.before(rig)
@@ -160,199 +146,141 @@ def taken(make_rig, how: str, *, end: bool) -> tuple[Rig, float]:
 
 @pytest.mark.parametrize("end", [True, False], ids=["ends", "waits"])
 @pytest.mark.parametrize("how", TAKEOVERS)
-def test_from_the_step_that_hears_of_a_takeover_nothing_is_commanded_any_more(make_rig, how, end):
+def test_from_the_step_that_hears_of_a_takeover_nothing_is_commanded_any_more(how, end):
     """No setpoint, not even the safe one, no mode and no exit action: the vehicle is not ours."""
-    rig, since = taken(make_rig, how, end=end)
+    rig, since = taken(how, end=end)
     rig.run(0.3)
     assert rig.pilot.phase in ({Phase.ENDED} if end else {Phase.YIELDED, Phase.READY})
     rig.run(10.0 if end or TAKEOVERS[how].stays else 0.9)
     assert rig.setpoints(since) == [] and rig.commands(SET_MODE, since) == []
     assert "circnav: " + TAKEOVERS[how].reason.split(":")[0] in rig.texts(since)
-    if end:
-        assert (rig.pilot.outcome.ending, rig.pilot.outcome.reason) == (Ending.ABORTED, TAKEOVERS[how].reason)
-    else:
-        assert rig.pilot.outcome is None
+    outcome = rig.pilot.outcome
+    assert (outcome and (outcome.ending, outcome.reason)) == ((Ending.ABORTED, TAKEOVERS[how].reason) if end else None)
 
 
 @pytest.mark.parametrize("how", TAKEOVERS)
-def test_only_the_guided_mode_entered_anew_gives_the_vehicle_back(make_rig, how):
-    rig, since = taken(make_rig, how, end=False)
+def test_only_the_guided_mode_entered_anew_gives_the_vehicle_back(how):
+    rig, since = taken(how, end=False)
     rig.run(1.0)
-    rig.speaks = rig.ranges = rig.armed = True
+    rig.now_is(speaks=True, ranges=True, armed=True)
     if TAKEOVERS[how].stays or not TAKEOVERS[how].left:
-        rig.mode = GUIDED
-        rig.run(1.25)
+        rig.run(1.25, mode=GUIDED)
         assert rig.setpoints(since) == [], "a switch may only pass through the mode"
         rig.run(4.0)
     else:
         rig.run(GIVEN_BACK)
     assert (rig.pilot.phase is Phase.ENGAGED) == TAKEOVERS[how].left
     for _ in range(3):  # and again, as often as it is taken
-        rig.mode = LOITER
-        rig.run(0.3)
-        since = rig.now
+        since = rig.run(0.3, mode=LOITER).now
         rig.run(0.7)
         assert rig.setpoints(since) == []
-        rig.mode = GUIDED
-        rig.run(GIVEN_BACK)
-        assert rig.pilot.phase is Phase.ENGAGED
+        assert rig.run(GIVEN_BACK, mode=GUIDED).pilot.phase is Phase.ENGAGED
 
 
 # --- what is no hand-over, and what is no takeover ---
 
 
-def test_a_switch_that_passes_through_the_guided_mode_gives_nothing_back(make_rig):
-    rig = make_rig(end_on_takeover=False).engage()
-    since = rig.now
+@pytest.fixture
+def waiting() -> Rig:
+    """A rig that flies, and waits to be given the vehicle again after a takeover."""
+    return Rig(end_on_takeover=False).engage()
+
+
+def test_a_switch_that_passes_through_the_guided_mode_gives_nothing_back(waiting):
+    since = waiting.now
     for mode, seconds in ((LOITER, 1.0), (GUIDED, 0.5), (LOITER, 0.5), (GUIDED, 1.25), (LOITER, 1.0)):
-        rig.mode = mode
-        rig.run(seconds)
-    assert rig.setpoints(since + 0.2) == [], "0.2 s until the next heartbeat tells"
+        waiting.run(seconds, mode=mode)
+    assert waiting.setpoints(since + 0.2) == [], "0.2 s until the next heartbeat tells"
 
 
 @pytest.mark.parametrize(("silence", "after"), [(2.5, LOITER), (4.0, LOITER), (4.0, GUIDED)])
-def test_a_silence_in_the_guided_mode_gives_nothing_back(make_rig, silence, after):
+def test_a_silence_in_the_guided_mode_gives_nothing_back(waiting, silence, after):
     """The switch may have gone on in it."""
-    rig = make_rig(end_on_takeover=False).engage()
-    rig.mode = LOITER
-    rig.run(1.0)
-    since = rig.now
-    rig.mode = GUIDED
-    rig.run(1.0)
-    rig.speaks = False
-    rig.run(silence)
-    rig.speaks, rig.mode = True, after
-    rig.run(1.0)
-    assert rig.setpoints(since) == []
-    rig.mode = GUIDED
-    rig.run(2.0)
-    assert rig.pilot.phase is Phase.ENGAGED
+    since = waiting.run(1.0, mode=LOITER).now
+    waiting.run(1.0, mode=GUIDED).run(silence, speaks=False).run(1.0, speaks=True, mode=after)
+    assert waiting.setpoints(since) == []
+    assert waiting.run(2.0, mode=GUIDED).pilot.phase is Phase.ENGAGED
 
 
-def test_what_was_given_back_and_cannot_be_steered_yet_may_be_taken_again(make_rig):
+def test_what_was_given_back_and_cannot_be_steered_yet_may_be_taken_again(waiting):
     """Given back on the ground; then a switch passes through the guided mode in the air."""
-    rig = make_rig(end_on_takeover=False).engage()
-    rig.mode, rig.landed_state = LAND, ON_GROUND
-    rig.run(3.0)
-    rig.mode = GUIDED
-    rig.run(3.0)
-    assert rig.pilot.waits_for(rig.now) == "the vehicle is on the ground"
-    rig.mode, rig.landed_state = LOITER, IN_AIR
-    rig.run(3.0)
-    since = rig.now
-    rig.mode = GUIDED
-    rig.run(1.0)
-    rig.mode = LOITER
-    rig.run(1.0)
-    assert rig.setpoints(since) == []
-    rig.mode = GUIDED
-    rig.run(2.0)
-    assert rig.pilot.phase is Phase.ENGAGED
+    waiting.run(3.0, mode=LAND, landed_state=ON_GROUND).run(3.0, mode=GUIDED)
+    assert waiting.pilot.waits_for(waiting.now) == "the vehicle is on the ground"
+    since = waiting.run(3.0, mode=LOITER, landed_state=IN_AIR).now
+    waiting.run(1.0, mode=GUIDED).run(1.0, mode=LOITER)
+    assert waiting.setpoints(since) == []
+    assert waiting.run(2.0, mode=GUIDED).pilot.phase is Phase.ENGAGED
 
 
 @pytest.mark.parametrize("offset", [20, 60, 100, 150, 200, 250])
-def test_a_second_way_of_the_same_vehicle_whose_words_come_late_gives_nothing_back(make_rig, voice, say, offset):
+def test_a_second_way_of_the_same_vehicle_whose_words_come_late_gives_nothing_back(offset):
     """A heartbeat a second by each way, with counters of their own; the second way takes 1.2 s."""
-    rig, late = make_rig(end_on_takeover=False), voice(1, 1)
+    rig, late = Rig(end_on_takeover=False), Voice(1, 1)
     for _ in range(offset):
-        late.say(say.heartbeat(GUIDED))
-    rig.engage()
-    rig.speaks, left = False, rig.now + 3.0
-    for step in range(200):
-        if step % 20 == 0:
-            rig.hear(say.heartbeat(LOITER if rig.now >= left else GUIDED))
-        if step % 20 == 4:
-            rig.hear(say.heartbeat(LOITER if rig.now - 1.2 >= left else GUIDED), voice=late)
-        rig.run(0.05)
+        late.say(heartbeat(GUIDED))
+    began = rig.engage().tick
+    left = rig.now + 3.0
+
+    def both_ways() -> None:
+        if (rig.tick - began) % 20 == 0:
+            rig.hear(heartbeat(LOITER if rig.now >= left else GUIDED))
+        if (rig.tick - began) % 20 == 4:
+            rig.hear(heartbeat(LOITER if rig.now - 1.2 >= left else GUIDED), voice=late)
+
+    rig.run(10.0, both_ways, speaks=False)
     assert rig.setpoints(left + 0.05) == []
     assert rig.pilot.phase is Phase.YIELDED
 
 
-def test_a_vehicle_that_has_landed_meanwhile_is_not_engaged_again_before_it_flies(make_rig):
-    rig = make_rig(end_on_takeover=False).engage()
-    rig.mode = LAND
-    rig.run(5.0)
-    rig.landed_state, rig.armed = ON_GROUND, False
-    rig.run(5.0)
-    since = rig.now
-    rig.mode, rig.armed = GUIDED, True
-    rig.run(5.0)
-    assert rig.setpoints(since) == []
-    assert rig.pilot.waits_for(rig.now) == "the vehicle is on the ground"
-    rig.landed_state = IN_AIR
-    rig.run(2.0)
-    assert rig.setpoints(since) != []
+def test_a_vehicle_that_has_landed_meanwhile_is_not_engaged_again_before_it_flies(waiting):
+    waiting.run(5.0, mode=LAND)
+    since = waiting.run(5.0, landed_state=ON_GROUND, armed=False).now
+    waiting.run(5.0, mode=GUIDED, armed=True)
+    assert waiting.setpoints(since) == []
+    assert waiting.pilot.waits_for(waiting.now) == "the vehicle is on the ground"
+    assert waiting.run(2.0, landed_state=IN_AIR).setpoints(since) != []
 
 
 def test_a_current_mode_of_zero_is_no_mode(rig):
     """Nothing was filled in: neither another mode nor a proof that the vehicle is there."""
-    rig.engage()
-    for _ in range(10):
-        rig.hear(mavlink.MAVLink_current_mode_message(0, 0, 0))
-        rig.run(0.05)
+    nothing = mavlink.MAVLink_current_mode_message(0, 0, 0)
+    rig.engage().run(0.5, lambda: rig.hear(nothing))
     assert (rig.pilot.phase, rig.pilot.session.vehicle.mode) == (Phase.ENGAGED, GUIDED)
-    rig.speaks = False
-    for _ in range(80):
-        rig.hear(mavlink.MAVLink_current_mode_message(0, 0, 0))
-        rig.run(0.05)
-    assert rig.pilot.phase is Phase.WAIT_LINK
+    assert rig.run(4.0, lambda: rig.hear(nothing), speaks=False).pilot.phase is Phase.WAIT_LINK
 
 
-def test_a_vehicle_that_the_operator_took_is_not_taken_back_after_a_lost_link(make_rig):
-    rig = make_rig(request_mode=True, end_on_takeover=False).engage()
-    rig.mode = LOITER
-    rig.run(2.0)
-    assert rig.pilot.phase is Phase.YIELDED
-    rig.speaks = False
-    rig.run(4.0)
-    rig.speaks = True
-    since = rig.now
-    rig.run(10.0)
+def test_a_vehicle_that_the_operator_took_is_not_taken_back_after_a_lost_link():
+    rig = Rig(request_mode=True, end_on_takeover=False).engage()
+    assert rig.run(2.0, mode=LOITER).pilot.phase is Phase.YIELDED
+    since = rig.run(4.0, speaks=False).now
+    rig.run(10.0, speaks=True)
     assert rig.commands(SET_MODE, since) == []
     assert rig.setpoints(since) == []
 
 
-def test_an_outage_before_a_takeover_does_not_end_the_mission_that_waits(make_rig):
-    rig = make_rig(end_on_takeover=False).engage()
-    rig.speaks = False
-    rig.run(5.0)
-    rig.speaks, rig.mode = True, LOITER
-    rig.run(100.0)
+def test_an_outage_before_a_takeover_does_not_end_the_mission_that_waits():
+    rig = Rig(end_on_takeover=False, timing=timing(outage=10.0)).engage()
+    rig.run(5.0, speaks=False).run(12.0, speaks=True, mode=LOITER)
     assert rig.pilot.outcome is None and rig.pilot.phase is Phase.YIELDED
 
 
-@pytest.mark.parametrize("how", ["operator has it", "link is gone"])
-def test_a_mission_whose_time_runs_out_in_other_hands_is_not_completed(make_rig, say, how):
-    rig = make_rig(end_on_takeover=False, timing=replace(say.mission.timing, duration=20.0)).engage()
-    if how == "operator has it":
-        rig.mode = LOITER
-    else:
-        rig.speaks = False
-    rig.run(25.0)
+@pytest.mark.parametrize("how", [{"mode": LOITER}, {"speaks": False}], ids=["operator has it", "link is gone"])
+def test_a_mission_whose_time_runs_out_in_other_hands_is_not_completed(how):
+    rig = Rig(end_on_takeover=False, timing=timing(duration=10.0)).engage().run(12.0, **how)
     assert rig.pilot.outcome.ending is Ending.ABORTED
 
 
-def test_after_a_takeover_another_radio_may_take_the_place_of_ours(make_rig, voice, say):
-    rig, other = make_rig(end_on_takeover=False).engage(), voice(system=77, component=192)
-    rig.mode, rig.ranges = LOITER, False
-    rig.run(6.0)
-    rig.mode = GUIDED
-    for i in range(100):
-        if i % 2:
-            rig.hear(say.distance(15000, 1_000_000 + round(rig.now * 1000)), voice=other)
-        rig.run(0.05)
-    assert rig.pilot.phase is Phase.ENGAGED
+def test_after_a_takeover_another_radio_may_take_the_place_of_ours(waiting):
+    other = Voice(system=77, component=192)
+    waiting.run(6.0, mode=LOITER, ranges=False)
+    waiting.run(5.0, lambda: waiting.tick % 2 and waiting.range(voice=other), mode=GUIDED)
+    assert waiting.pilot.phase is Phase.ENGAGED
 
 
-def test_the_first_setpoint_after_a_takeover_is_not_slewed_from_the_last_one_before_it(make_rig):
+def test_the_first_setpoint_after_a_takeover_is_not_slewed_from_the_last_one_before_it():
     """0.05 rad/s^2 over the 2 s that the operator had it would leave 0.25 rad/s of the turn that was flown before."""
-    rig = make_rig(end_on_takeover=False, max_yaw_acceleration=0.05)
-    rig.range_cm = 59000
-    rig.engage()
+    rig = Rig(end_on_takeover=False, max_yaw_acceleration=0.05).engage(range_cm=59000)
     assert rig.setpoints()[-1].yaw_rate == pytest.approx(0.35)
-    rig.mode, rig.range_cm = LOITER, 5000
-    rig.run(1.0)
-    since = rig.now
-    rig.mode = 4
-    rig.run(2.0)
+    since = rig.run(1.0, mode=LOITER, range_cm=5000).now
+    rig.run(2.0, mode=GUIDED)
     assert rig.setpoints(since)[0].yaw_rate == 0.0, "inside the circle it is straight on"
