@@ -163,6 +163,17 @@ def test_the_ranges_of_another_autopilot_are_given_up_when_its_heartbeat_tells_w
 # --- words that come late ---
 
 
+def test_a_heartbeat_that_was_overtaken_does_not_begin_a_flight(rig, say):
+    rig.mode = LOITER
+    rig.run(4.0)
+    late = rig.vehicle.say(say.heartbeat(GUIDED))
+    rig.run(0.5)
+    for _ in range(3):
+        rig.pilot.receive(late, rig.now, rig.source)
+        rig.run(0.1)
+    assert rig.setpoints() == []
+
+
 def test_a_heartbeat_that_was_overtaken_proves_nothing_after_a_stall(rig, say):
     rig.engage()
     late = rig.vehicle.say(say.heartbeat(GUIDED))
