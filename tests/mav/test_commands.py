@@ -45,12 +45,11 @@ def test_a_command_goes_out_with_its_parameters_and_zeros(asked):
 def test_an_unanswered_command_is_repeated_three_times_counting_and_then_given_up(sender):
     sender.send(SET_MODE)
     sent = poll_until(sender, 1.95)
-    assert not sender.idle
+    assert sender.take_results() == []
     sent += poll_until(sender, 5.0, start=2.0)
     assert [(now, message.confirmation) for now, message in sent] == [(0.0, 0), (0.5, 1), (1.0, 2), (1.5, 3)]
     (result,) = sender.take_results()
     assert (result.command, result.result, result.accepted, result.said) == (SET_MODE, None, False, "no answer")
-    assert sender.idle
     assert sender.take_results() == []
 
 
@@ -73,17 +72,15 @@ def test_an_answer_ends_the_repeats_and_is_told_in_words(sender, asked, result, 
 )
 def test_only_an_answer_to_our_command_and_to_us_or_nobody_in_particular_counts(sender, asked, answer, ours):
     sender.acknowledge(answer, US, 0.1)
-    assert (sender.idle, len(sender.take_results())) == (ours, ours)
+    assert (poll_until(sender, 0.6) == [], len(sender.take_results())) == (ours, ours)
 
 
 def test_in_progress_stops_the_repeats_for_three_seconds_and_three_times_at_most(sender, asked):
     sender.acknowledge(ack(result=IN_PROGRESS), US, 0.2)
-    assert poll_until(sender, 3.15, start=0.25) == []
-    assert not sender.idle
+    assert poll_until(sender, 3.15, start=0.25) == sender.take_results() == []
     for now in (3.18, 6.1, 9.0):
         sender.acknowledge(ack(result=IN_PROGRESS), US, now)
-    assert poll_until(sender, 9.05, start=3.2) == []
-    assert not sender.idle
+    assert poll_until(sender, 9.05, start=3.2) == sender.take_results() == []
     assert poll_until(sender, 9.15, start=9.1) == []
     assert sender.take_results()[0].said == "no answer"
 
@@ -105,11 +102,10 @@ def test_the_same_command_is_not_queued_twice(sender):
     sender.poll(TARGET, 0.0)
     sender.send(SET_MODE)
     sender.acknowledge(ack(), US, 0.1)
-    assert sender.idle
+    assert poll_until(sender, 3.0, start=0.1) == []
 
 
 def test_clearing_drops_what_waits_and_what_is_under_way(sender, asked):
     sender.send(Command(176, (1.0, 5.0)))
     sender.clear()
-    assert sender.idle
     assert poll_until(sender, 3.0) == []
