@@ -14,8 +14,6 @@ class Grade(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One line of the check."""
-
     grade: Grade
     subject: str
     says: str

@@ -116,18 +116,17 @@ class Decoder:
 
     def _believed(self, frame: Frame, data: bytes) -> bool:
         """Whether the frame counts; its refusal is counted, too."""
-        refusal = None if self._signing is None else self._refusal(self._signing, frame, data)
+        refusal = None
+        if self._signing is not None and frame.signed:
+            refusal = self._signing.check(data)
+        elif self._signing is not None and not self._accept_unsigned and frame.ident != _NEVER_SIGNED:
+            refusal = Refusal.UNSIGNED
         if refusal is not None:
             self.counts.refused[refusal.value] += 1
             self.behind |= refusal is Refusal.BEHIND
         elif frame.ident != _NEVER_LOGGED:
             self.frames.append(data)
         return refusal is None
-
-    def _refusal(self, signing: Signing, frame: Frame, data: bytes) -> Refusal | None:
-        if frame.signed:
-            return signing.check(data)
-        return None if self._accept_unsigned or frame.ident == _NEVER_SIGNED else Refusal.UNSIGNED
 
     def _read(self, data: bytes) -> Message | None:
         """The message in a frame whose CRC is right, None if pymavlink cannot read it all the same."""
@@ -159,7 +158,6 @@ class Encoder:
 
     @property
     def system(self) -> int:
-        """System id that frames go out under."""
         return int(self._dialect.srcSystem)
 
     @system.setter

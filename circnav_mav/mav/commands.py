@@ -34,7 +34,6 @@ class CommandResult:
 
     @property
     def accepted(self) -> bool:
-        """Whether the vehicle accepted it."""
         return self.result == 0  # MAV_RESULT_ACCEPTED
 
     @property
@@ -44,7 +43,6 @@ class CommandResult:
 
     @property
     def said(self) -> str:
-        """The answer in words."""
         return "no answer" if self.result is None else RESULT_NAMES.get(self.result, f"result {self.result}")
 
 
@@ -64,11 +62,6 @@ class CommandSender:
         self._pending: dict[int, _Pending] = {}
         self._results: list[CommandResult] = []
 
-    @property
-    def idle(self) -> bool:
-        """Whether every command has been answered or given up."""
-        return not self._queue and not self._pending
-
     def send(self, command: Command) -> None:
         """Queue a command; one that is already waiting is not queued twice."""
         under_way = self._pending.get(command.number)
@@ -87,7 +80,6 @@ class CommandSender:
         return self._pending.pop(number, None) is not None or waited
 
     def take_results(self) -> list[CommandResult]:
-        """The commands that ended since the last call."""
         results, self._results = self._results, []
         return results
 
@@ -107,30 +99,27 @@ class CommandSender:
 
     def poll(self, target: tuple[int, int], now: float) -> list[Message]:
         """The messages due now: first tries and repeats, with `confirmation` counting the repeats."""
+        messages = []
         for number, pending in list(self._pending.items()):
-            if now >= pending.due and pending.tries >= RETRIES:
+            if now < pending.due:
+                continue
+            if pending.tries >= RETRIES:
                 del self._pending[number]
                 self._results.append(CommandResult(pending.command, None))
-        messages = []
-        for number, pending in self._pending.items():
-            if now >= pending.due:
+            else:
                 self._pending[number] = replace(pending, tries=pending.tries + 1, due=now + ACK_TIMEOUT)
-                messages.append(_command_long(pending.command, target, pending.tries + 1))
+                messages.append(once(pending.command, target, pending.tries + 1))
         waiting, self._queue = self._queue, []
         for command in waiting:
             if command.number in self._pending:
                 self._queue.append(command)
             else:
                 self._pending[command.number] = _Pending(command, 0, now + ACK_TIMEOUT)
-                messages.append(_command_long(command, target, 0))
+                messages.append(once(command, target))
         return messages
 
 
-def once(command: Command, target: tuple[int, int]) -> Message:
-    """A command for which nobody will wait."""
-    return _command_long(command, target, 0)
-
-
-def _command_long(command: Command, target: tuple[int, int], confirmation: int) -> Message:
+def once(command: Command, target: tuple[int, int], confirmation: int = 0) -> Message:
+    """A COMMAND_LONG, whether anybody waits for its answer or not. confirmation: how often it was sent before."""
     params = command.params + (0.0,) * (7 - len(command.params))
     return dialect.MAVLink_command_long_message(*target, command.number, confirmation, *params)

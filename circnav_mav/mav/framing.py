@@ -19,6 +19,7 @@ CRC, SIGNATURE = 2, 13
 """Lengths of the tails of a frame, bytes."""
 _HEADER_1 = Struct("<xBxBBB")
 _HEADER_2 = Struct("<xBBxxBBHB")
+HEADERS = {V1: _HEADER_1, V2: _HEADER_2}
 _EXTRA = {ident: bytes((message.crc_extra,)) for ident, message in dialect.mavlink_map.items()}
 
 

@@ -8,8 +8,8 @@ from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mav.autopilots.interface import Autopilot
 from circnav_mav.mav.codec import Message
+from circnav_mav.mav.framing import V2
 
-V2_MAGIC = 0xFD
 SPEAKS_1 = "speaks MAVLink 1 only: set its port to MAVLink 2 (ArduPilot: SERIALn_PROTOCOL = 2)"
 AUTOPILOT_COMPONENT = dialect.MAV_COMP_ID_AUTOPILOT1
 NO_AUTOPILOT = (dialect.MAV_AUTOPILOT_INVALID, dialect.MAV_AUTOPILOT_GENERIC)
@@ -47,12 +47,10 @@ class Peer:
 
     @property
     def ids(self) -> Ids:
-        """(system, component)."""
         return (self.system, self.component)
 
     @property
     def sender(self) -> Sender:
-        """(system, component, source)."""
         return (self.system, self.component, self.source)
 
 
@@ -66,7 +64,6 @@ class Rivals:
         """By name: the rival, the trusted one, and when the rival was last heard."""
 
     def heard(self, name: str, rival: Sender, trusted: Sender, now: float) -> None:
-        """Somebody else has used the name."""
         self.counts[name] += 1
         self._newest[name] = (rival, trusted, now)
 
@@ -162,13 +159,14 @@ class Identity:
             return
         adapter = next((one for one in self._adapters if _fits(one, heartbeat)), None)
         reason = self._misfit(heartbeat, ids, adapter)
-        if reason is None and heartbeat.get_msgbuf()[0] != V2_MAGIC:
+        if reason is None and heartbeat.get_msgbuf()[0] != V2:
             reason = f"system {ids[0]} {SPEAKS_1}"
             self.reply_to = source  # our MAVLink 2 heartbeat makes many autopilots switch over
-        if reason is not None or adapter is None:
-            if reason is not None and len(self.misfits) < MOST_MISFITS:
+        if reason is not None:
+            if len(self.misfits) < MOST_MISFITS:
                 self.misfits[ids] = reason
             return
+        assert adapter is not None  # else it is a misfit
         if self.peer is None:
             self.adapter, self.since = adapter, now
         self.peer, self.first, self.reply_to = Peer(source, *ids), ids, source
@@ -201,12 +199,11 @@ def spelt(source: Hashable) -> str:
 
 
 def describe_sender(sender: Sender) -> str:
-    """Ids and address for people."""
     return f"{sender[0]}/{sender[1]} at {spelt(sender[2])}"
 
 
 def _fits(adapter: Autopilot, heartbeat: Message) -> bool:
-    return heartbeat.autopilot == adapter.autopilot and heartbeat.type in adapter.vehicle_types
+    return heartbeat.autopilot == adapter.firmware.autopilot and heartbeat.type in adapter.vehicle_types
 
 
 def describe_vehicle(heartbeat: Message) -> str:

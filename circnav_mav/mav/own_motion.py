@@ -77,11 +77,10 @@ class OwnMotionSensor:
 
     def __init__(self, slower: Slower = nobody_tells) -> None:
         """slower: tells of the vehicle's link."""
-        self._attitude: Motion | None = None
+        self._body: Attitude | None = None
         self._attitude_at = float("-inf")
         self._air = Motion()
         self._air_at = float("-inf")
-        self._body: Attitude | None = None
         self._accelerations = Accelerations()
         self._clock = RemoteClock(slower, wrap=BOOT_WRAP)
 
@@ -106,8 +105,7 @@ class OwnMotionSensor:
         measured = self._measured(message.time_boot_ms, now)
         if measured is None:
             return False
-        self._body = body = Attitude(message.time_boot_ms / 1e3, *values)
-        self._attitude = Motion(body.roll, body.pitch, body.yaw, body.yaw_rate)
+        self._body = Attitude(message.time_boot_ms / 1e3, *values)
         self._attitude_at = max(measured, self._attitude_at)
         return True
 
@@ -148,13 +146,11 @@ class OwnMotionSensor:
 
     def at(self, now: float) -> Motion:
         """The motion as far as it is known at a moment."""
-        attitude = self._attitude if now - self._attitude_at <= ATTITUDE_MAX_AGE else None
         air = self._air if now - self._air_at <= AIR_MAX_AGE else Motion()
-        if attitude is None:
+        body = self._body if now - self._attitude_at <= ATTITUDE_MAX_AGE else None
+        if body is None:
             return air
-        return Motion(
-            attitude.roll, attitude.pitch, attitude.yaw, attitude.yaw_rate, air.airspeed, air.altitude, air.climb
-        )
+        return replace(air, roll=body.roll, pitch=body.pitch, yaw=body.yaw, yaw_rate=body.yaw_rate)
 
 
 def _angles(message: Message) -> tuple[float, float, float] | None:

@@ -10,13 +10,13 @@ from collections.abc import Iterable
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mav.codec import Message
+from circnav_mav.mav.framing import HEADERS
 from circnav_mav.mav.statustext import plain_text
 
 ANSWER_TIMEOUT = 0.7
 TRIES = 3
 AT_ONCE = 5
 BY_NAME = -1
-V2_MAGIC, V2_HEADER, V1_HEADER = 0xFD, 10, 6
 _FORMATS = {
     dialect.MAV_PARAM_TYPE_UINT8: "<Bxxx",
     dialect.MAV_PARAM_TYPE_INT8: "<bxxx",
@@ -37,7 +37,7 @@ def parameter_value(message: Message, *, bytewise: bool) -> float:
     if not bytewise or layout is None:
         return float(message.param_value)
     frame = bytes(message.get_msgbuf())
-    return float(struct.unpack_from(layout, frame, V2_HEADER if frame[0] == V2_MAGIC else V1_HEADER)[0])
+    return float(struct.unpack_from(layout, frame, HEADERS[frame[0]].size)[0])
 
 
 class ParameterReader:
@@ -77,8 +77,6 @@ class ParameterReader:
         for name in due + new:
             self._tries[name] = self._tries.get(name, 0) + 1
             self._due[name] = now + ANSWER_TIMEOUT
-        return [_request(name, target) for name in due + new]
-
-
-def _request(name: str, target: tuple[int, int]) -> Message:
-    return dialect.MAVLink_param_request_read_message(*target, name.encode("ascii"), BY_NAME)
+        return [
+            dialect.MAVLink_param_request_read_message(*target, name.encode("ascii"), BY_NAME) for name in due + new
+        ]

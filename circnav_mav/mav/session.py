@@ -73,7 +73,6 @@ class Session:
 
     @property
     def up(self) -> bool:
-        """Whether a vehicle is pinned."""
         return self.identity.peer is not None
 
     @property
@@ -92,7 +91,6 @@ class Session:
         return self.identity.reply_to
 
     def heartbeat_age(self, now: float) -> float:
-        """Seconds since the vehicle last reported its mode."""
         return now - self.vehicle.heard_at
 
     @property
@@ -190,7 +188,6 @@ class Session:
         return messages
 
     def take_mode_results(self) -> list[CommandResult]:
-        """Answers to mode requests since the last call."""
         results = list(self._mode_results)
         self._mode_results.clear()
         return results

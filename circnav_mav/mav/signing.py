@@ -92,7 +92,6 @@ def _signature(key: bytes, body: bytes) -> bytes:
 
 
 def is_signed_with(key: bytes, frame: bytes) -> bool:
-    """Whether the signature of a signed frame is this key's."""
     return compare_digest(_signature(key, frame[:-_SIGNATURE]), frame[-_SIGNATURE:])
 
 

@@ -31,7 +31,6 @@ class Announcer:
         self._waiting[kind] = (severity, f"circnav: {text}")
 
     def texts(self, now: float) -> list[Message]:
-        """The STATUSTEXT messages due now."""
         due = [kind for kind in self._waiting if now - self._last_text.get(kind, float("-inf")) >= TEXT_INTERVAL]
         messages = []
         for kind in due:
@@ -41,7 +40,6 @@ class Announcer:
         return messages
 
     def plots_due(self, now: float) -> bool:
-        """Whether it is time for values to plot."""
         return now - self._last_plot >= PLOT_INTERVAL
 
     def _chunks(self, severity: int, text: str) -> list[Message]:

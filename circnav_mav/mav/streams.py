@@ -36,12 +36,9 @@ class StreamRequests:
     @property
     def refused(self) -> list[str]:
         """Names of the streams that the vehicle has denied."""
-        return [
-            dialect.mavlink_map[message_id].msgname for message_id, stream in self._streams.items() if stream.denied
-        ]
+        return [dialect.mavlink_map[ident].msgname for ident, stream in self._streams.items() if stream.denied]
 
     def heard(self, message_id: int) -> None:
-        """Count a message of the vehicle."""
         stream = self._streams.get(message_id)
         if stream is not None:
             stream.heard += 1
@@ -57,7 +54,6 @@ class StreamRequests:
             stream.denied = True
 
     def poll(self, now: float) -> list[Command]:
-        """The requests due now."""
         if self._since is None:
             self._since = now
             for stream in self._streams.values():
@@ -66,17 +62,16 @@ class StreamRequests:
         if now - self._since < CHECK_EVERY:
             return []
         elapsed, self._since = now - self._since, now
-        return [request for item in self._streams.items() if (request := self._check(*item, elapsed)) is not None]
+        requests = []
+        for message_id, stream in self._streams.items():
+            stream.rate, stream.heard = stream.heard / elapsed, 0
+            if stream.rate < LOW * stream.wanted and not stream.denied:
+                requests.append(_interval(message_id, stream.wanted))
+        return requests
 
     def give_back(self) -> list[Command]:
         """The requests that restore the vehicle's own rates."""
         return [Command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, (message_id, 0)) for message_id in self._streams]
-
-    @staticmethod
-    def _check(message_id: int, stream: _Stream, elapsed: float) -> Command | None:
-        stream.rate, stream.heard = stream.heard / elapsed, 0
-        low = stream.rate < LOW * stream.wanted and not stream.denied
-        return _interval(message_id, stream.wanted) if low else None
 
 
 def _interval(message_id: int, rate: float) -> Command:

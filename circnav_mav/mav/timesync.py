@@ -90,16 +90,16 @@ class Timesync:
 
     def heard(self, stamp: int, now: float) -> None:
         """An answer that mirrors a stamp; one to somebody else's question is nothing."""
-        for asked in self._asked:
-            if asked[0] == stamp:
-                self._asked.remove(asked)
-                if asked[1] == self._waiting_since:
-                    self._waiting_since = None
-                self._repeats = 0
-                if now - asked[1] <= PATIENCE:
-                    self.trips.append(now - asked[1])
-                    self._answers.append((now, now - asked[1]))
-                return
+        at = dict(self._asked).get(stamp)
+        if at is None:
+            return
+        self._asked.remove((stamp, at))
+        self._repeats = 0
+        if at == self._waiting_since:
+            self._waiting_since = None
+        if now - at <= PATIENCE:
+            self.trips.append(now - at)
+            self._answers.append((now, now - at))
 
     def _overdue(self, now: float) -> bool:
         """Whether the newest question should have been answered by now."""

@@ -66,7 +66,6 @@ class VehicleState:
 
     @property
     def mode_name(self) -> str:
-        """The vehicle's mode for people."""
         return "unknown" if self.mode is None else self._adapter.mode_names.get(self.mode, f"mode {self.mode}")
 
     @property
@@ -89,7 +88,6 @@ class VehicleState:
         self.mode, self.armed = None, False
 
     def receive(self, message: Message, now: float) -> None:
-        """Take one message of the vehicle in."""
         self._late = self._overtaken(message.get_seq())
         if message.get_type() == "HEARTBEAT":
             self._late = self._is_late_heartbeat(message.get_seq(), now)

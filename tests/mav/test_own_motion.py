@@ -49,12 +49,6 @@ def test_motion_never_goes_back_in_time():
     assert times == sorted(set(times))
 
 
-def test_a_repeated_attitude_is_no_news():
-    sensor = OwnMotionSensor()
-    assert sensor.receive(attitude(1000), 1.0)
-    assert not sensor.receive(attitude(1000), 1.02)
-
-
 @pytest.mark.parametrize("jump_ms", [3_600_000, -3_600_000])
 def test_a_vehicles_clock_that_is_set_anew_costs_two_attitudes_at_most(jump_ms):
     sensor, used = OwnMotionSensor(), []
@@ -67,25 +61,18 @@ def test_a_vehicles_clock_that_is_set_anew_costs_two_attitudes_at_most(jump_ms):
 
 
 def test_a_quaternion_is_an_attitude_where_no_other_comes_and_no_news_beside_it():
-    """By the definition of ATTITUDE_QUATERNION: w, x, y, z; a yaw of .6 rad is (cos .3, 0, 0, sin .3)."""
+    """By the definition of ATTITUDE_QUATERNION: w, x, y, z; a yaw of .6 rad is (cos .3, 0, 0, sin .3). Heading and turn
+    are the paper's: counter-clockwise, from east."""
     q = {"q1": cos(0.3), "q2": 0.0, "q3": 0.0, "q4": sin(0.3), "rollspeed": 0.0, "pitchspeed": 0.0, "yawspeed": RATE}
     sensor = OwnMotionSensor()
     assert sensor.receive(mavlink.MAVLink_attitude_quaternion_message(time_boot_ms=1000, **q), 1.0)
     own = sensor.own(1.0, 15.0)
-    assert (own.heading, own.turn_rate) == pytest.approx((pi / 2 - 0.6, -RATE))
+    assert (own.heading, own.turn_rate, own.airspeed) == pytest.approx((pi / 2 - 0.6, -RATE, 15.0))
     assert sensor.receive(attitude(1050, 0.61), 1.05)
+    assert not sensor.receive(attitude(1050, 0.61), 1.07)
     assert not sensor.receive(mavlink.MAVLink_attitude_quaternion_message(time_boot_ms=1050, **q), 1.05)
     for wrong in ({"q1": 0.0, "q4": 0.0}, {"q1": nan}):
         assert not sensor.receive(mavlink.MAVLink_attitude_quaternion_message(time_boot_ms=1100, **q | wrong), 1.1)
-
-
-def test_turn_and_heading_are_the_papers_and_need_no_ground_speed():
-    sensor = OwnMotionSensor()
-    sensor.receive(attitude(0, yaw=pi / 2), 0.0)  # east
-    own = sensor.own(0.0, 15.0)
-    assert own.heading == pytest.approx(0.0)  # the paper's x axis
-    assert own.turn_rate == pytest.approx(-RATE)  # counter-clockwise positive
-    assert own.airspeed == 15.0
 
 
 @pytest.mark.parametrize(("altitude", "density"), [(0.0, 1.225), (1000.0, 1.1117), (3000.0, 0.90925)])
@@ -109,58 +96,50 @@ def test_what_is_stale_or_not_a_number_is_not_known():
     assert sensor.at(2.4).airspeed == 15.0 and sensor.at(2.6).airspeed is None
 
 
-@pytest.mark.parametrize("hz", [10, 20, 50])
-@pytest.mark.parametrize("ahead_ms", [250, 800, 3_600_000])
-def test_one_stamp_of_the_future_does_not_take_the_heading_away(ahead_ms, hz):
+FUTURE_STAMPS = [lambda t, ms=ms: t + (ms if t == 5000 else 0) for ms in (250, 800, 3_600_000)]
+WRONG_CLOCKS = [lambda t: 0, lambda t: 5000, lambda t: t // 2, lambda t: 5 * t]
+
+
+@pytest.mark.parametrize("hz", [10, 50])
+@pytest.mark.parametrize("stamp", FUTURE_STAMPS + WRONG_CLOCKS)
+def test_one_stamp_of_the_future_or_a_clock_that_stands_or_runs_wrong_does_not_take_the_heading_away(stamp, hz):
     sensor, known = OwnMotionSensor(), []
     for i in range(20 * hz):
-        sensor.receive(attitude(10_000 + round(1000 * i / hz) + (ahead_ms if i == 5 * hz else 0)), i / hz)
+        sensor.receive(attitude(10_000 + stamp(1000 * i // hz)), i / hz)
         known.append(sensor.own(i / hz, 15.0) is not None)
     assert all(known)
 
 
-@pytest.mark.parametrize("stamp", [lambda t: 0, lambda t: 5000, lambda t: 500 * t, lambda t: 5000 * t])
-def test_a_clock_that_stands_or_runs_wrong_does_not_take_the_heading_away(stamp):
-    sensor, known = OwnMotionSensor(), []
-    for i in range(1200):
-        sensor.receive(attitude(round(stamp(i / 20))), i / 20)
-        known.append(sensor.own(i / 20, 15.0) is not None)
-    assert all(known)
-
-
-def test_of_a_backlog_the_newest_counts():
+def test_of_a_backlog_the_newest_counts_and_a_frame_that_comes_seconds_late_is_rejected():
     sensor = OwnMotionSensor()
-    for i in range(100):
-        sensor.receive(attitude(50 * i), i / 20)
-    for i in range(100, 130):
-        sensor.receive(attitude(50 * i, yaw=0.01 * i), 6.5)
+    for i in range(130):
+        sensor.receive(attitude(10_000 + 50 * i, yaw=0.01 * i), i / 20 if i < 100 else 6.5)
     assert sensor.at(6.5).yaw == pytest.approx(1.29)
+    assert not sensor.receive(attitude(11_000, yaw=3.0), 6.52)
+    assert sensor.receive(attitude(16_550, yaw=0.5), 6.55)
+    assert sensor.at(6.55).yaw == 0.5
 
 
-def test_one_frame_that_comes_seconds_late_by_another_way_is_refused():
-    sensor = OwnMotionSensor()
-    for i in range(100):
-        sensor.receive(attitude(10_000 + 50 * i), i / 20)
-    assert not sensor.receive(attitude(11_000, yaw=3.0), 5.0)
-    assert sensor.receive(attitude(15_000, yaw=0.5), 5.01)
-    assert sensor.at(5.01).yaw == 0.5
-
-
-@pytest.mark.parametrize("rubbish", [{"airspeed": 3.4e38}, {"airspeed": 201.0}, {"alt": -2e5}, {"climb": 1e12}])
-def test_rubbish_from_an_air_data_computer_is_not_known(rubbish):
+@pytest.mark.parametrize(
+    ("rubbish", "unknown"),
+    [
+        ({"airspeed": 3.4e38}, "airspeed"),
+        ({"airspeed": 201.0}, "airspeed"),
+        ({"alt": -2e5}, "altitude"),
+        ({"climb": 1e12}, "climb"),
+    ],
+)
+def test_rubbish_from_an_air_data_computer_is_not_known(rubbish, unknown):
     sensor = OwnMotionSensor()
     sensor.receive(hud(**rubbish), 0.0)
-    name = {"alt": "altitude"}.get(*rubbish, *rubbish)
-    told = {"airspeed": 15.0, "altitude": 50.0, "climb": 0.1}
-    known = {key: getattr(sensor.at(0.1), key) for key in told}
-    assert known == pytest.approx({**told, name: None})
+    motion = sensor.at(0.1)
+    known = {"airspeed": motion.airspeed, "altitude": motion.altitude, "climb": motion.climb}
+    assert known == pytest.approx({"airspeed": 15.0, "altitude": 50.0, "climb": 0.1, unknown: None})
 
 
 @pytest.mark.parametrize("rubbish", [{"yaw": 7.0}, {"roll": -1e30}, {"pitchspeed": 51.0}, {"yawspeed": -3e38}])
 def test_an_attitude_that_cannot_be_is_none(rubbish):
-    sensor = OwnMotionSensor()
-    assert not sensor.receive(attitude(0, **rubbish), 0.0)
-    assert sensor.own(0.1, 15.0) is None
+    assert not OwnMotionSensor().receive(attitude(0, **rubbish), 0.0)
 
 
 @pytest.mark.parametrize("pitch", [0.0, 0.5, -1.0])

@@ -41,22 +41,15 @@ def here(line):
 # --- whom we fly ---
 
 
-def test_the_first_vehicle_that_fits_is_pinned_and_answered_where_it_spoke(line):
+def test_the_first_vehicle_that_fits_is_pinned_under_its_system_id_and_answered_where_it_spoke(line, voice):
     here = line()
-    here.beat(now=1.0, mode=5, source=("10.0.0.1", 14550))
+    here.beat(now=1.0, voice=voice(42, 1), source=("10.0.0.1", 14550))
     session = here.session
     assert session.up
-    assert session.peer.ids == (1, 1)
+    assert session.peer.ids == session.vehicle_ids == (42, 1)
+    assert session.encoder.system == 42
     assert session.reply_to == ("10.0.0.1", 14550)
-    assert (session.vehicle.mode, session.vehicle.mode_name, session.vehicle.armed) == (5, "LOITER", True)
     assert session.heartbeat_age(2.5) == 1.5
-
-
-def test_we_take_on_the_system_id_of_the_vehicle(line, voice):
-    here = line()
-    here.beat(voice=voice(42, 1))
-    assert here.session.encoder.system == 42
-    assert here.session.vehicle_ids == (42, 1)
 
 
 def test_a_second_vehicle_is_ignored_and_counted(line, voice):
@@ -100,24 +93,22 @@ def test_heartbeats_that_are_no_vehicles_pin_nothing_and_move_nothing(line, voic
     assert here.session.misfits == {}
 
 
-def test_the_wrong_system_id_is_told_and_not_pinned(line, voice):
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({}, "system 1 is not the mission's vehicle.system_id 7"),
+        ({"autopilot": 12}, "system 7 is px4 quadrotor, the mission is for ardupilot copter"),
+        ({"kind": 1}, "system 7 is ardupilotmega fixed_wing, the mission is for ardupilot copter"),
+    ],
+    ids=["system", "autopilot", "kind"],
+)
+def test_a_vehicle_that_is_not_the_missions_is_told_and_not_pinned(line, voice, fields, words):
     here = line(system_id=7)
-    here.beat(voice=voice(1, 1))
+    here.beat(voice=voice(7 if fields else 1, 1), **fields)
     assert not here.session.up
-    assert here.session.misfits == {(1, 1): "system 1 is not the mission's vehicle.system_id 7"}
+    assert list(here.session.misfits.values()) == [words]
     here.beat(voice=voice(7, 1))
     assert here.session.peer.ids == (7, 1)
-
-
-@pytest.mark.parametrize(
-    ("fields", "words"), [({"autopilot": 12}, "px4 quadrotor"), ({"kind": 1}, "ardupilotmega fixed_wing")]
-)
-def test_a_vehicle_of_another_kind_is_told_and_not_pinned(line, fields, words):
-    here = line()
-    here.beat(**fields)
-    assert not here.session.up
-    (reason,) = here.session.misfits.values()
-    assert reason.startswith(f"system 1 is {words}, the mission is for ardupilot copter")
 
 
 def test_a_peer_that_speaks_mavlink_1_only_is_told_what_to_set_and_sent_our_mavlink_2(line, voice):
@@ -149,16 +140,6 @@ def test_messages_of_strangers_move_nothing(here, voice):
     assert here.session.vehicle.reboots == 0
 
 
-def test_a_vehicle_that_is_let_go_is_no_longer_ours(line):
-    here = line()
-    here.beat(mode=4)
-    assert here.session.vehicle.in_our_mode
-    here.session.lose()
-    assert not here.session.up
-    assert not here.session.vehicle.in_our_mode
-    assert here.session.vehicle.mode is None
-
-
 # --- its mode ---
 
 
@@ -168,38 +149,40 @@ def test_a_vehicle_that_is_let_go_is_no_longer_ours(line):
         (4, True, True, "GUIDED"),
         (4, False, False, "GUIDED"),
         (5, True, False, "LOITER"),
-        (20, True, False, "GUIDED_NOGPS"),
         (77, True, False, "mode 77"),
     ],
 )
-def test_the_vehicle_is_ours_when_armed_in_guided_by_its_own_heartbeat(line, mode, armed, ours, name):
+def test_the_vehicle_is_ours_when_armed_in_guided_by_its_own_heartbeat_until_it_is_let_go(
+    line, mode, armed, ours, name
+):
     here = line()
-    assert here.session.vehicle.mode_name == "unknown"
+    vehicle = here.session.vehicle
+    assert vehicle.mode_name == "unknown"
     here.beat(mode=mode, armed=armed)
-    assert (here.session.vehicle.in_our_mode, here.session.vehicle.mode_name) == (ours, name)
+    assert (vehicle.in_our_mode, vehicle.mode_name) == (ours, name)
+    here.session.lose()
+    assert (here.session.up, vehicle.in_our_mode, vehicle.mode) == (False, False, None)
 
 
 # --- reboots ---
 
 
 @pytest.mark.parametrize("carrier", ["SYSTEM_TIME", "ATTITUDE"])
-def test_a_boot_time_that_steps_back_is_a_reboot(here, carrier):
-    def boot(ms):
-        if carrier == "SYSTEM_TIME":
-            return mavlink.MAVLink_system_time_message(0, ms)
-        return mavlink.MAVLink_attitude_message(ms, 0, 0, 0, 0, 0, 0)
-
-    for ms in (500_000, 500_100, 499_200, 499_300, 500_200):
-        here.hear(boot(ms))
-    assert here.session.vehicle.reboots == 0, "0.9 s back are messages that came late"
-    for ms in (3_000, 500_300, 3_000, 3_000, 500_400):
-        here.hear(boot(ms))
-    assert here.session.vehicle.reboots == 0, "single frames that came late by another way, one of them twice"
-    here.hear(boot(3_000))
-    here.hear(boot(3_100))
-    assert here.session.vehicle.reboots == 1
-    here.hear(boot(3_200))
-    assert here.session.vehicle.reboots == 1
+@pytest.mark.parametrize(
+    ("times", "reboots"),
+    [
+        ([500_000, 500_100, 499_200, 499_300, 500_200], 0),  # 0.9 s back are messages that came late
+        ([500_000, 3_000, 500_300, 3_000, 3_000, 500_400], 0),  # single frames by another way, one of them twice
+        ([2**32 - 200, 2**32 - 100, 0, 100], 0),  # the wrap after 49.7 days
+        ([500_000, 3_000, 3_100, 3_200], 1),
+    ],
+    ids=["late", "by another way", "wrap", "reboot"],
+)
+def test_a_boot_time_that_steps_back_and_goes_on_from_there_is_a_reboot(here, carrier, times, reboots):
+    for ms in times:
+        clock, attitude = mavlink.MAVLink_system_time_message(0, ms), mavlink.MAVLink_attitude_message(ms, *[0] * 6)
+        here.hear(clock if carrier == "SYSTEM_TIME" else attitude)
+    assert here.session.vehicle.reboots == reboots
 
 
 def test_the_vehicle_heard_first_is_the_only_one_that_may_come_back(here, voice):
@@ -209,12 +192,6 @@ def test_the_vehicle_heard_first_is_the_only_one_that_may_come_back(here, voice)
     assert "not the vehicle heard first, system 1" in here.session.misfits[2, 1]
     here.beat(source="elsewhere")
     assert here.session.up
-
-
-def test_the_wrap_of_the_boot_time_is_no_reboot(here):
-    for ms in (2**32 - 200, 2**32 - 100, 0, 100):
-        here.hear(mavlink.MAVLink_system_time_message(0, ms))
-    assert here.session.vehicle.reboots == 0
 
 
 def test_a_rebooted_vehicle_is_asked_for_its_streams_again(here):
@@ -229,13 +206,13 @@ def test_a_rebooted_vehicle_is_asked_for_its_streams_again(here):
 # --- what we say ---
 
 
-def answer_all(here, now):
+def answer_all(here, now, result=0):
     """Poll and acknowledge until nothing is under way; the commands that were sent."""
     sent = []
     while commands := here.poll(now, "COMMAND_LONG"):
         sent += commands
         for command in commands:
-            here.hear(mavlink.MAVLink_command_ack_message(command.command, 0), now)
+            here.hear(mavlink.MAVLink_command_ack_message(command.command, result), now)
     return sent
 
 
@@ -251,11 +228,12 @@ def test_our_heartbeat_is_that_of_an_onboard_controller_and_never_of_a_ground_st
     assert (beat.type, beat.autopilot, beat.base_mode) == (COMPANION, INVALID, 0)
 
 
-def test_a_new_vehicle_is_asked_for_its_streams_and_its_version(here):
+def test_a_new_vehicle_is_asked_for_its_streams_and_its_version_which_is_not_the_pilots_business(here):
     asked = answer_all(here, 0.0)
     assert {message.param1 for message in asked if message.command == SET_INTERVAL} == set(here.session.streams.rates)
     assert [message.param1 for message in asked if message.command == REQUEST_MESSAGE] == [148]
     assert all((message.target_system, message.target_component) == (1, 1) for message in asked)
+    assert here.session.take_mode_results() == []
 
 
 def test_timesync_requests_are_answered_with_our_clock_when_heard_and_theirs_mirrored(here):
@@ -299,14 +277,6 @@ def test_farewell_gives_every_stream_back_in_one_go(here):
     assert all((message.command, message.param2) == (SET_INTERVAL, 0) for message in farewell)
 
 
-def test_answers_to_the_sessions_own_commands_are_not_the_pilots_business(here):
-    answer_all(here, 0.0)
-    here.poll(0.1)
-    assert here.session.take_mode_results() == []
-
-
 def test_a_refused_stream_is_not_asked_for_again(here):
-    while commands := here.poll(0.0, "COMMAND_LONG"):
-        for command in commands:
-            here.hear(mavlink.MAVLink_command_ack_message(command.command, 2))  # MAV_RESULT_DENIED
+    answer_all(here, 0.0, result=2)  # MAV_RESULT_DENIED
     assert here.poll(3.1, "COMMAND_LONG") == []

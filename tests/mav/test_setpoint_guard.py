@@ -4,8 +4,6 @@ import math
 from dataclasses import replace
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.mav.autopilots.interface import VehicleFacts
@@ -28,11 +26,6 @@ def steer(yaw_rate=0.1, speed=15.0):
 @pytest.fixture
 def message(copter):
     return copter.setpoint(steer(), FOR, 1.0)
-
-
-@given(yaw_rate=st.floats(-0.35, 0.35), speed=st.floats(0, 15))
-def test_what_is_within_the_limits_passes_unchanged(yaw_rate, speed):
-    assert SetpointGuard(LIMITS).admit(steer(yaw_rate, speed), 0.0) == steer(yaw_rate, speed)
 
 
 NO_NUMBERS = (math.nan, math.inf, -math.inf)
@@ -74,38 +67,24 @@ def test_no_field_of_a_message_may_be_no_number(copter, message, field, number):
 
 @pytest.mark.parametrize("sign", [1, -1])
 def test_a_turn_changes_no_faster_than_the_mission_allows(sign):
-    """0.5 rad/s^2 over 0.1 s: 0.05 rad/s a step, both ways, and the goal is met exactly."""
+    """0.5 rad/s^2 over 0.1 s: 0.05 rad/s a step, both ways, and the goal is met exactly. The first is not held back."""
     guard = SetpointGuard(SLEWED)
-    assert guard.admit(steer(0.0), 0.0).yaw_rate == 0.0
-    rates = [guard.admit(steer(sign * 0.12), 0.1 * i).yaw_rate for i in range(1, 5)]
-    assert rates == pytest.approx([sign * 0.05, sign * 0.10, sign * 0.12, sign * 0.12])
-
-
-def test_the_first_setpoint_of_a_stream_is_not_held_back_nor_any_without_a_mission_limit():
-    guard = SetpointGuard(SLEWED)
-    assert guard.admit(steer(0.3), 0.0).yaw_rate == 0.3
+    rates = [guard.admit(steer(rate), 0.1 * i).yaw_rate for i, rate in enumerate([sign * 0.3, *[sign * 0.18] * 4])]
+    assert rates == pytest.approx([sign * rate for rate in (0.3, 0.25, 0.20, 0.18, 0.18)])
     guard.reset()
-    assert guard.admit(steer(-0.3), 0.1).yaw_rate == -0.3
+    assert guard.admit(steer(-sign * 0.3), 0.6).yaw_rate == -sign * 0.3
+
+
+def test_without_a_limit_of_the_mission_any_turn_within_the_limits_passes_at_once():
     guard = SetpointGuard(LIMITS)
-    guard.admit(steer(-0.35), 0.0)
-    assert guard.admit(steer(0.35), 0.001).yaw_rate == 0.35
+    wanted = [steer(-0.35), steer(0.35, 0.0), steer(0.1, 7.5)]
+    assert [guard.admit(one, 0.001 * i) for i, one in enumerate(wanted)] == wanted
 
 
 def test_time_that_stands_still_or_steps_back_allows_no_change():
     guard = SetpointGuard(SLEWED)
     guard.admit(steer(0.1), 5.0)
     assert [guard.admit(steer(0.3), now).yaw_rate for now in (5.0, 4.0)] == [0.1, 0.1]
-
-
-@given(st.lists(st.tuples(st.floats(-0.35, 0.35), st.floats(0, 1)), max_size=30))
-def test_no_sequence_leaves_the_limits_or_the_slew(wanted):
-    guard, now, before = SetpointGuard(SLEWED), 0.0, None
-    for rate, wait in wanted:
-        now += wait
-        out = guard.admit(steer(rate), now).yaw_rate
-        assert abs(out) <= 0.35
-        assert before is None or abs(out - before) <= 0.5 * wait + 1e-9
-        before = out
 
 
 # --- what each kind of message may ask for ---
@@ -116,14 +95,14 @@ ATTITUDE = [("ardupilot", "plane"), ("px4", "plane attitude")]
 STICK = [("px4", "plane")]
 
 
-def passes(key, **fields):
+def passes(key, limits=ALL, **fields):
     """Whether an adapter's own message passes with some fields changed; only the limits may stop it."""
     adapter = AUTOPILOTS[key](VehicleFacts(speed=15.0))
     message = adapter.setpoint(steer(), FOR, 1.0)
     for name, value in fields.items():
         setattr(message, name, value)
     try:
-        return SetpointGuard(ALL).check_message(message, adapter.shapes) is message
+        return SetpointGuard(limits).check_message(message, adapter.shapes) is message
     except UnsafeSetpointError as error:
         assert "outside the limits" in str(error)
         return False
@@ -163,25 +142,16 @@ def test_each_field_of_a_setpoint_has_its_own_bound(keys, field, inside, outside
         assert [passes(key, **{field: value}) for value in outside] == [False] * len(outside)
 
 
-@pytest.mark.parametrize("sign", [1, -1])
-@pytest.mark.parametrize(("angle", "most"), [("roll", 0.7), ("pitch", 0.26)])
+@pytest.mark.parametrize(("angle", "most"), [("roll", 0.7), ("roll", -0.7), ("pitch", 0.26), ("pitch", -0.26)])
 @pytest.mark.parametrize("key", ATTITUDE)
-def test_bank_and_pitch_of_a_setpoint_have_a_bound_each(key, angle, most, sign):
-    def tilted(by):
-        angles = {"roll": 0.0, "pitch": 0.0, angle: sign * by}
-        return passes(key, q=quaternion_from_euler(**angles, yaw=0.5))
-
-    assert tilted(most)
-    assert not tilted(most + 1e-4)
+def test_bank_and_pitch_of_a_setpoint_have_a_bound_each(key, angle, most):
+    q, beyond = (
+        quaternion_from_euler(**{"roll": 0.0, "pitch": 0.0, angle: by}, yaw=0.5) for by in (most, most * 1.001)
+    )
+    assert passes(key, q=q)
+    assert not passes(key, q=beyond)
 
 
 def test_the_stick_goes_no_farther_than_the_missions_bank():
-    adapter = AUTOPILOTS["px4", "plane"](VehicleFacts(speed=15.0))
-    message, guard = adapter.setpoint(steer(), FOR, 1.0), SetpointGuard(replace(ALL, max_stick=800))
-    for y in (800, -800):
-        message.y = y
-        assert guard.check_message(message, adapter.shapes) is message
-    for y in (801, -801):
-        message.y = y
-        with pytest.raises(UnsafeSetpointError, match="outside the limits"):
-            guard.check_message(message, adapter.shapes)
+    tight = replace(ALL, max_stick=800)
+    assert [passes(*STICK, tight, y=y) for y in (800, -800, 801, -801)] == [True, True, False, False]

@@ -30,20 +30,13 @@ def test_every_stream_is_asked_for_at_once_in_microseconds(streams):
     assert streams.rates == {ATTITUDE: None, TIME: None}
 
 
-def test_streams_that_flow_are_left_alone_and_measured(streams):
-    streams.poll(0.0)
-    hear(streams, 3.0)
-    assert streams.poll(2.9) == []
-    assert streams.poll(3.0) == []
-    assert streams.rates == {ATTITUDE: pytest.approx(10.0), TIME: pytest.approx(1.0)}
-
-
 @pytest.mark.parametrize(("rate", "again"), [(4.9, True), (5.1, False), (0.0, True)])
-def test_a_stream_that_falls_below_half_its_rate_later_is_asked_for_again(streams, rate, again):
+def test_streams_are_measured_and_one_that_falls_below_half_its_rate_later_is_asked_for_again(streams, rate, again):
     """Other clients reset rates: gh:ArduPilot/ardupilot#19761."""
     streams.poll(0.0)
     hear(streams, 3.0)
-    assert streams.poll(3.0) == []
+    assert streams.poll(2.9) == streams.poll(3.0) == []
+    assert streams.rates == pytest.approx({ATTITUDE: 10.0, TIME: 1.0})
     hear(streams, 100, attitude=rate)
     assert asked(streams.poll(103.0)) == ([(ATTITUDE, 100_000)] if again else [])
     assert streams.rates[ATTITUDE] == pytest.approx(rate)
@@ -54,18 +47,16 @@ def test_a_denied_stream_is_not_asked_for_again_before_a_restart(streams):
     for check in range(1, 5):
         assert asked(streams.poll(3.0 * check)) == [(TIME, 1_000_000)]
     streams.restart()
-    assert asked(streams.poll(13.0)) == [(ATTITUDE, 100_000), (TIME, 1_000_000)]
-    assert streams.rates == {ATTITUDE: None, TIME: None}
+    assert len(streams.poll(13.0)) == 2
 
 
-def test_messages_heard_before_the_restart_do_not_count_after_it_and_others_never(streams):
+def test_messages_heard_before_a_restart_do_not_count_after_it_and_others_never(streams):
     streams.poll(0.0)
     hear(streams, 100.0)
-    for ident in range(1000, 2000):
-        streams.heard(ident)
-    assert set(streams.rates) == {ATTITUDE, TIME}
+    streams.heard(1000)
     streams.restart()
     streams.poll(1.0)
+    assert streams.rates == {ATTITUDE: None, TIME: None}
     assert len(streams.poll(4.0)) == 2
 
 

@@ -5,9 +5,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
+from pymavlink.dialects.v20 import all as dialect
+
 from circnav_mav.guidance.velocity_loop import VelocityLoop
 from circnav_mav.mav.autopilots.parameters import Rule
-from circnav_mav.mav.autopilots.targets import Addressee, coordinated_bank, custom_mode_request
+from circnav_mav.mav.autopilots.targets import Addressee, coordinated_bank
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.commands import Command
 from circnav_mav.mav.setpoint_guard import Steer
@@ -128,11 +130,6 @@ class Autopilot(ABC):
         self._doubts_airspeed = False
 
     @property
-    def autopilot(self) -> int:
-        """MAV_AUTOPILOT of its HEARTBEAT."""
-        return self.firmware.autopilot
-
-    @property
     def guided_name(self) -> str:
         """The mode that is ours, for people."""
         return self.mode_names[self.guided_mode]
@@ -142,8 +139,9 @@ class Autopilot(ABC):
         return False
 
     def request_mode(self, mode: int) -> Command:
-        """The command that asks for a mode."""
-        return custom_mode_request(*self.firmware.mode_numbers(mode))
+        """The command that asks for a mode, by the autopilot's own numbers."""
+        numbers = self.firmware.mode_numbers(mode)
+        return Command(dialect.MAV_CMD_DO_SET_MODE, (dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, *numbers))
 
     @abstractmethod
     def setpoint(self, steer: Steer, to: Addressee, now: float) -> Message:

@@ -43,7 +43,6 @@ class Rule:
     unit: str = ""
 
     def check(self, context: Context) -> Check | None:
-        """Its line."""
         for name, factor in self.names:
             if name in context.values:
                 value = context.values[name]

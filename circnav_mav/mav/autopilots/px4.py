@@ -78,10 +78,6 @@ class PX4Vehicle(Autopilot):
         return True
 
 
-def _manual_loss(value: float, context: Context) -> Verdict:
-    return PASS, f"a transmitter silent for {value:g} s counts as lost"
-
-
 def _offboard_loss(value: float, context: Context) -> Verdict:
     modes = ("POSCTL", "ALTCTL", "STABILIZED", "RTL", "LAND", "LOITER")
     if not 0 <= value < len(modes):
@@ -115,6 +111,6 @@ OFFBOARD_RULES = (
             (PASS, "in OFFBOARD the pilot's sticks do nothing; a change of mode takes the vehicle"),
         ),
     ),
-    rule("COM_RC_LOSS_T", _manual_loss),
+    rule("COM_RC_LOSS_T", lambda value, context: (PASS, f"a transmitter silent for {value:g} s counts as lost")),
 )
 """Of every vehicle flown in OFFBOARD."""

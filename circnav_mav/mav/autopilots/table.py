@@ -44,7 +44,6 @@ MISSION_EXITS = ("stop", *dict.fromkeys(name for vehicle in AUTOPILOTS.values() 
 
 
 def table_key(autopilot: str, kind: str, method: str | None) -> tuple[str, str]:
-    """The row that a mission file means."""
     return autopilot, kind if method in (None, DEFAULT_METHODS.get(kind)) else f"{kind} {method}"
 
 
@@ -58,5 +57,4 @@ def allowed(autopilot: str, kind: str | None) -> dict[tuple[str, str], type[Auto
 
 
 def adapters(autopilot: str, kind: str | None, facts: VehicleFacts) -> tuple[Autopilot, ...]:
-    """The adapters that a mission allows."""
     return tuple(vehicle(facts) for vehicle in allowed(autopilot, kind).values())

@@ -7,7 +7,6 @@ from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mav.clocks import our_boot_ms
 from circnav_mav.mav.codec import Message
-from circnav_mav.mav.commands import Command
 from circnav_mav.mav.frames import GRAVITY, quaternion_from_euler
 from circnav_mav.mav.own_motion import Motion
 
@@ -15,15 +14,8 @@ VELOCITY_AND_YAW_RATE = 0x5C7
 """SET_POSITION_TARGET_LOCAL_NED: ignore position (bits 0..2), acceleration (6..8) and yaw (10); use all three
 velocities (3..5: masking any one masks all on Copter and PX4) and yaw rate (11)."""
 COPTER_TYPES = frozenset(
-    (
-        dialect.MAV_TYPE_QUADROTOR,
-        dialect.MAV_TYPE_COAXIAL,
-        dialect.MAV_TYPE_HELICOPTER,
-        dialect.MAV_TYPE_HEXAROTOR,
-        dialect.MAV_TYPE_OCTOROTOR,
-        dialect.MAV_TYPE_TRICOPTER,
-        dialect.MAV_TYPE_DODECAROTOR,
-    )
+    getattr(dialect, f"MAV_TYPE_{kind}")
+    for kind in ("QUADROTOR", "COAXIAL", "HELICOPTER", "HEXAROTOR", "OCTOROTOR", "TRICOPTER", "DODECAROTOR")
 )
 PLANE_TYPES = frozenset((dialect.MAV_TYPE_FIXED_WING,))
 
@@ -85,8 +77,3 @@ def attitude(mask: int, to: Addressee, now: float, *, roll: float, pitch: float 
 def coordinated_bank(yaw_rate: float, airspeed: float, max_bank: float) -> float:
     """Bank of a coordinated turn, rad, right positive: atan(w V/g), cut to +-max_bank."""
     return min(max(atan(yaw_rate * airspeed / GRAVITY), -max_bank), max_bank)
-
-
-def custom_mode_request(*numbers: int) -> Command:
-    """MAV_CMD_DO_SET_MODE with the custom-mode flag and the autopilot's own mode numbers."""
-    return Command(dialect.MAV_CMD_DO_SET_MODE, (dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, *numbers))

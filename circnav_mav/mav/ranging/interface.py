@@ -111,19 +111,16 @@ class RangingMessage:
     why_never: Callable[[RangingSettings], str] = lambda settings: ""
 
     def mark_values(self, message: Message) -> dict[str, int | str]:
-        """The marks of one message, by field."""
-        return {mark: _text(getattr(message, mark)) for mark in self.marks}
+        return {mark: as_text(getattr(message, mark)) for mark in self.marks}
 
     def picked(self, message: Message, settings: RangingSettings) -> bool:
         """Whether a message is of the sensor that the mission picks."""
-        for mark, key in self.marks.items():
-            wanted = getattr(settings, key)
-            if wanted is not None and wanted != _text(getattr(message, mark)):
-                return False
-        return True
+        values = self.mark_values(message)
+        return all(getattr(settings, key) in (None, values[mark]) for mark, key in self.marks.items())
 
 
-def _text(value: bytes | int | str) -> int | str:
+def as_text(value: bytes | int | str) -> int | str:
+    """The value of a field, its bytes as text."""
     return value.decode("ascii", "replace") if isinstance(value, bytes) else value
 
 

@@ -8,7 +8,7 @@ from circnav_mav.guidance.rate_check import RateCheck
 from circnav_mav.guidance.slant import horizontal_rate
 from circnav_mav.guidance.types import SAME_TIME, RangeSample, RateSample
 from circnav_mav.mav.codec import Message
-from circnav_mav.mav.ranging.interface import RangingSettings, boot_stamp
+from circnav_mav.mav.ranging.interface import RangingSettings, as_text, boot_stamp
 from circnav_mav.mav.ranging.reader import RangeReader
 
 MOST = 3.0
@@ -33,9 +33,8 @@ class RangeRateReader:
         return "" if self._check.trusted else self._check.why
 
     def carries(self, message: Message) -> bool:
-        """Whether a message carries the range rate."""
         name = self._settings.rate_name
-        return name is not None and message.get_type() == "NAMED_VALUE_FLOAT" and _name(message) == name
+        return name is not None and message.get_type() == "NAMED_VALUE_FLOAT" and as_text(message.name) == name
 
     def range_taken(self, sample: RangeSample) -> None:
         """A range was taken, by which the rates are judged."""
@@ -66,8 +65,3 @@ class RangeRateReader:
             return None
         flat = horizontal_rate(ranging.slant, rate - self._check.bias, self._sigma, height or 0.0)
         return None if flat is None else RateSample(stamp, time, *flat)
-
-
-def _name(message: Message) -> str:
-    name = message.name
-    return name.decode("ascii", "replace") if isinstance(name, bytes) else str(name)

@@ -56,12 +56,6 @@ def test_a_repeated_stamp_is_a_repeated_measurement_for_ever():
     assert ear.rejected == {"repeat": 3}
 
 
-def test_an_equal_value_with_a_new_stamp_is_a_new_measurement():
-    """On a converged circle the range is constant by design."""
-    ear = Ear()
-    assert all(ear.distance(10000, now=1 + 0.1 * i) is not None for i in range(50))
-
-
 @given(order=st.permutations(range(12)))
 def test_whatever_the_order_of_arrival_stamps_only_rise(order):
     ear, stamps = Ear(), []
