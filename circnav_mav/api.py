@@ -110,7 +110,7 @@ class Guidance:
 
 
 def _own(law: OwnLaw, orbit: Orbit) -> Callable[..., TurnCommand]:
-    return lambda estimate, **_: limit(TurnRate(law(estimate)), orbit.max_turn_rate)
+    return lambda estimate, *_: limit(TurnRate(law(estimate)), orbit.max_turn_rate)
 
 
 def _known(what: str, name: str, table: Mapping[str, object]) -> None:
