@@ -44,7 +44,7 @@ def _survey(summary: dict[str, Any]) -> list[str]:
         lines.append(f"  target     {where}{moves}, {tall}")
     for alarm in summary.get("gps_watch") or ():
         lines.append(f"  WARNING    GPS watch, {alarm['time_s']:.0f} s: {alarm['text']}")
-    if back and back.get("sent"):
+    if back and back["sent"]:
         lines.append(f"  hand-back  {back['sent']} positions sent, {back['accepted']} accepted; {back['ended']}")
     return lines
 

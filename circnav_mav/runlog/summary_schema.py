@@ -11,6 +11,7 @@ YEAR_2100_US = 4_102_444_800_000_000
 Text = Annotated[str, Field(strict=True)]
 Flag = Annotated[bool, Field(strict=True)]
 Number = Annotated[float, Field(strict=True, gt=-MOST, lt=MOST)]
+Length = Annotated[float, Field(strict=True, gt=0, lt=MOST)]
 Count = Annotated[int, Field(strict=True, ge=0, lt=MOST)]
 Moment = Annotated[int, Field(strict=True, gt=0, lt=YEAR_2100_US)]
 
@@ -39,12 +40,53 @@ class TrueFigures(Figures):
 class Circle(Figures):
     """The figures of the circle belong together: all or none."""
 
-    desired_radius_m: Annotated[float, Field(strict=True, gt=0, lt=MOST)]
+    desired_radius_m: Length
     direction: Text
     direction_commanded: Text | None
     engaged_s: Number | None
     flown_s: Number
     truth: TrueFigures | None
+
+
+class CircleFlown(Figures):
+    """One of several circles, in the order flown."""
+
+    desired_radius_m: Length
+    begun_s: Number
+
+
+class SurveyedPlace(BaseModel):
+    """Where the target was found to be. What moves has a course."""
+
+    latitude_deg: Number
+    longitude_deg: Number
+    altitude_m: Number | None
+    sigma_m: Number
+    time_s: Number
+    moves: Flag
+    speed_mps: Number
+    course_deg: Number | None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.moves and self.course_deg is None:
+            raise ValueError("what moves has a course")
+        return self
+
+
+class PositionsSent(BaseModel):
+    """What the hand-back has sent."""
+
+    sent: Count
+    accepted: Count
+    ended: Text
+
+
+class Alarm(BaseModel):
+    """What the GPS watch has said."""
+
+    time_s: Number
+    text: Text
 
 
 def _table(kinds: dict[Any, str]) -> dict[str, TypeAdapter[Any]]:
@@ -61,8 +103,10 @@ SUMMARY = _table({
     Number | None: "height_min_m height_max_m turn_std_deg_s turn_at_limit turn_variation_rad_s2 turn_gain "
                    "turn_delay_s gain_share clock_speed",
     Flag | None: "turn_limit_cycle",
-    dict[Text, Any] | None: "place handback",
-    list[dict[Text, Any]]: "gps_watch circles",
+    SurveyedPlace | None: "place",
+    PositionsSent | None: "handback",
+    list[Alarm]: "gps_watch",
+    list[CircleFlown]: "circles",
     list[Number]: "circles_wanted_m",
 })  # fmt: skip
 MANIFEST = _table({

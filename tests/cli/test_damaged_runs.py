@@ -12,7 +12,7 @@ import pytest
 
 from circnav_mav.runlog.ticks import read_truth
 from circnav_mav.runlog.tlog import read_tlog
-from tests.cli.test_verdict import SUMMARY
+from tests.cli.test_verdict import FIGURES, PLACE, SUMMARY
 from tests.flight.recorded import EPOCH_US
 from tests.process import ROOT
 
@@ -109,7 +109,9 @@ def page_with(told, run, summary):
         {"outcome": 5, "reason": None, "samples_rejected": [1], "setpoints_sent": 10**400, "frames_refused": "none",
          "recording_problem": {"a": 1}},
         {"samples_rejected": {"gated": "many"}}, {"engaged_s": "soon"}, {"truth": {}}, {"truth": [1]},
-        {"desired_radius_m": 0}, {"flown_s": float("nan")}, {"radius_mean_m": None},
+        {"desired_radius_m": 0}, {"flown_s": float("nan")}, {"radius_mean_m": None}, {"place": {"latitude_deg": 47.5}},
+        {"place": PLACE | {"moves": True, "course_deg": None}}, {"handback": {"sent": 3}}, {"gps_watch": [{}]},
+        {"circles": [{}, {}]}, {"circles": [{**FIGURES, "desired_radius_m": 0, "begun_s": 1.0}] * 2},
     ],
     ids=str,
 )  # fmt: skip

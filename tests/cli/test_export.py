@@ -122,7 +122,8 @@ def test_a_position_that_the_vehicle_reports_is_a_fix_on_the_map(exported, run):
     assert at == (EPOCH_US + 19_000_000) * 1000
 
 
-PLACE = {"latitude_deg": -35.3632621, "longitude_deg": 149.1652374, "altitude_m": None, "sigma_m": 1.5, "time_s": 18}
+PLACE = {"latitude_deg": -35.3632621, "longitude_deg": 149.1652374, "altitude_m": None, "sigma_m": 1.5, "time_s": 18,
+         "moves": False, "speed_mps": 0.0, "course_deg": None}  # fmt: skip
 
 
 def test_the_surveyed_place_of_the_target_is_a_fix_on_the_map(exported, run):

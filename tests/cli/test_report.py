@@ -13,6 +13,7 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.mission.load import load_mission
 from circnav_mav.runlog.tlog import message_id, read_tlog
+from tests.cli.test_verdict import PLACE
 from tests.flight.lockstep import CONFIG
 from tests.flight.recorded import recorded_flight
 from tests.runlog.conftest import rewrite_ticks
@@ -167,8 +168,8 @@ def test_ten_minutes_stay_under_a_megabyte(page_of, run):
 
 
 def test_a_surveyed_place_is_a_map_in_the_page(page_of, run):
-    place = {"latitude_deg": -35.36, "longitude_deg": 149.16, "sigma_m": 1.5, "ellipse_95": {"semi_major_m": 3.7}}
-    (run / "summary.json").write_text(json.dumps({"place": {**place, "altitude_m": None, "moves": False}}))
+    place = PLACE | {"latitude_deg": -35.36, "longitude_deg": 149.16, "ellipse_95": {"semi_major_m": 3.7}}
+    (run / "summary.json").write_text(json.dumps({"place": place}))
     point = {"type": "Point", "coordinates": [149.16, -35.36]}
     features = [{"geometry": point, "properties": {"name": "target", "ellipse_95": place["ellipse_95"]}}]
     (run / "target.geojson").write_text(json.dumps({"features": features}))

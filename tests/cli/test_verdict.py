@@ -18,7 +18,7 @@ SUMMARY: dict[str, Any] = {
 TURN = {"turn_std_deg_s": 7.31, "turn_at_limit": 0.112}
 GAIN = {"turn_gain": 0.98, "turn_delay_s": 0.31, "law_changes": 2}
 PLACE = {"latitude_deg": 47.5, "longitude_deg": 8.25, "sigma_m": 1.44, "altitude_m": None, "moves": False,
-         "speed_mps": 2.0, "course_deg": 45.0}  # fmt: skip
+         "speed_mps": 2.0, "course_deg": 45.0, "time_s": 60.0}  # fmt: skip
 
 
 def told(**changes: Any) -> str:
