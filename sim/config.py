@@ -3,12 +3,13 @@
 import math
 import tomllib
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
+
+from pydantic import Field
 
 from .autopilots.modes import MODES, PROFILES
-from .schema import ConfigError, key, nearest, place, read_table
+from .schema import ConfigError, Interval, Table, nearest, place, read_table
 from .signing import read_key
 
 __all__ = ["ConfigError", "VehicleConfig", "load_vehicle", "parse_vehicle"]
@@ -26,8 +27,7 @@ ACTIONS = (
 )
 
 
-@dataclass(frozen=True)
-class Airframe:
+class Airframe(Table):
     """[vehicle]: which autopilot and how it moves. Where a default is None it depends on the profile.
 
     dynamics: the arducopter's default is the ideal "unicycle", which holds its speed over the ground; "airborne" holds
@@ -36,53 +36,50 @@ class Airframe:
     odometry: velocity without GPS (optical flow, wheel encoders), usable once somebody has set an origin (message 48).
     """
 
-    profile: str = key("arducopter", choices=PROFILES)
-    system_id: int = key(1, low=1, high=255)
-    mavlink_version: int = key(2, low=1, high=2)
-    dynamics: str | None = key(None, choices=("unicycle", "airborne", "realistic"))
-    max_turn_rate_deg_s: float = key(60.0, low=0.0, above=0.0, high=720.0)
-    turn_lag_s: float = key(0.2, low=0.0, high=10.0)
-    speed_lag_s: float = key(0.0, low=0.0, high=30.0)
-    max_bank_deg: float | None = key(None, above=0.0, high=80.0)
-    cruise_speed_mps: float | None = key(None, above=0.0, high=100.0)
-    turn_effectiveness: float | None = key(None, low=0.1, high=2.0)
-    airspeed_scale: float | None = key(None, low=0.5, high=2.0)
-    drag_per_s: float = key(1.0, low=0.0, high=10.0)
-    boot_age_s: float = key(0.0, low=0.0, high=1e8)
-    setpoint_timeout_s: float | None = key(None, low=0.1, high=60.0)
+    profile: Literal[PROFILES] = "arducopter"  # type: ignore[valid-type]
+    system_id: int = Field(default=1, ge=1, le=255)
+    mavlink_version: int = Field(default=2, ge=1, le=2)
+    dynamics: Literal["unicycle", "airborne", "realistic"] | None = None
+    max_turn_rate_deg_s: float = Field(default=60.0, gt=0.0, le=720.0)
+    turn_lag_s: float = Field(default=0.2, ge=0.0, le=10.0)
+    speed_lag_s: float = Field(default=0.0, ge=0.0, le=30.0)
+    max_bank_deg: float | None = Field(default=None, gt=0.0, le=80.0)
+    cruise_speed_mps: float | None = Field(default=None, gt=0.0, le=100.0)
+    turn_effectiveness: float | None = Field(default=None, ge=0.1, le=2.0)
+    airspeed_scale: float | None = Field(default=None, ge=0.5, le=2.0)
+    drag_per_s: float = Field(default=1.0, ge=0.0, le=10.0)
+    boot_age_s: float = Field(default=0.0, ge=0.0, le=1e8)
+    setpoint_timeout_s: float | None = Field(default=None, ge=0.1, le=60.0)
     gps: bool = True
     odometry: bool = False
     airspeed_sensor: bool = False
     default_streams: bool = True
 
 
-@dataclass(frozen=True)
-class RandomStart:
+class RandomStart(Table):
     """[start.random]: bounds from which the seed draws; what is not named stays as in [start]."""
 
-    north_m: tuple[float, float] | None = None
-    east_m: tuple[float, float] | None = None
-    heading_deg: tuple[float, float] | None = None
-    range_m: tuple[float, float] | None = key(None, low=0.0)
-    bearing_deg: tuple[float, float] | None = None
+    north_m: Interval | None = None
+    east_m: Interval | None = None
+    heading_deg: Interval | None = None
+    range_m: Interval | None = None
+    bearing_deg: Interval | None = None
 
 
-@dataclass(frozen=True)
-class Start:
+class Start(Table):
     """[start]: the vehicle at time zero; north and east of home, height above home."""
 
     north_m: float = -200.0
     east_m: float = 0.0
-    altitude_m: float | None = key(None, low=0.0)
+    altitude_m: float | None = Field(default=None, ge=0.0)
     heading_deg: float = 0.0
-    speed_mps: float | None = key(None, low=0.0, high=300.0)
+    speed_mps: float | None = Field(default=None, ge=0.0, le=300.0)
     mode: str | None = None
     armed: bool = True
     random: RandomStart = RandomStart()
 
 
-@dataclass(frozen=True)
-class Target:
+class Target(Table):
     """[target]: what is circled; height above home, as the vehicle's. Turns and speeds up along its own course."""
 
     north_m: float = 0.0
@@ -91,61 +88,57 @@ class Target:
     velocity_north_mps: float = 0.0
     velocity_east_mps: float = 0.0
     acceleration_mps2: float = 0.0
-    turn_rate_deg_s: float = key(0.0, low=-360.0, high=360.0)
+    turn_rate_deg_s: float = Field(default=0.0, ge=-360.0, le=360.0)
 
 
-@dataclass(frozen=True)
-class Wind:
+class Wind(Table):
     """[wind]: where it comes from, as weather reports say."""
 
-    speed_mps: float = key(0.0, low=0.0, high=100.0)
+    speed_mps: float = Field(default=0.0, ge=0.0, le=100.0)
     from_deg: float = 0.0
-    gust_rms_mps: float = key(0.0, low=0.0, high=30.0)
-    gust_time_s: float = key(3.0, low=0.1, high=600.0)
+    gust_rms_mps: float = Field(default=0.0, ge=0.0, le=30.0)
+    gust_time_s: float = Field(default=3.0, ge=0.1, le=600.0)
 
 
-@dataclass(frozen=True)
-class Ranging:
+class Ranging(Table):
     """[ranging]: the radio: how it measures and by which message and way it is heard.
 
     rate_name: it also measures the range rate and sends it as a NAMED_VALUE_FLOAT of that name. rate_noise_mps: white.
     rate_bias_mps: rms of the carrier's offset, which changes within a minute.
     """
 
-    message: str = key("distance_sensor", choices=MESSAGES)
-    via: str = key("forwarded", choices=VIAS)
-    preset: str = key("gaussian", choices=PRESETS)
-    rate_hz: float = key(10.0, low=0.0, high=1000.0)
-    noise_m: float = key(0.5, low=0.0)
+    message: Literal[MESSAGES] = "distance_sensor"  # type: ignore[valid-type]
+    via: Literal[VIAS] = "forwarded"  # type: ignore[valid-type]
+    preset: Literal[PRESETS] = "gaussian"  # type: ignore[valid-type]
+    rate_hz: float = Field(default=10.0, ge=0.0, le=1000.0)
+    noise_m: float = Field(default=0.5, ge=0.0)
     bias_m: float = 0.0
-    outlier_fraction: float = key(0.0, low=0.0, high=1.0)
-    outlier_m: float = key(30.0, low=0.0)
-    dropout_fraction: float = key(0.0, low=0.0, high=1.0)
-    latency_s: float = key(0.0, low=0.0, high=10.0)
-    clock_offset_s: float = key(0.0, low=0.0)
-    max_range_m: float = key(1000.0, above=0.0)
-    system_id: int = key(1, low=1, high=255)
-    component_id: int = key(192, low=1, high=255)
-    beacon_id: int = key(1, low=0, high=65535)
-    sensor_id: int = key(0, low=0, high=255)
-    orientation: int = key(24, low=0, high=255)
-    name: str = key("RANGE", longest=10)
+    outlier_fraction: float = Field(default=0.0, ge=0.0, le=1.0)
+    outlier_m: float = Field(default=30.0, ge=0.0)
+    dropout_fraction: float = Field(default=0.0, ge=0.0, le=1.0)
+    latency_s: float = Field(default=0.0, ge=0.0, le=10.0)
+    clock_offset_s: float = Field(default=0.0, ge=0.0)
+    max_range_m: float = Field(default=1000.0, gt=0.0)
+    system_id: int = Field(default=1, ge=1, le=255)
+    component_id: int = Field(default=192, ge=1, le=255)
+    beacon_id: int = Field(default=1, ge=0, le=65535)
+    sensor_id: int = Field(default=0, ge=0, le=255)
+    orientation: int = Field(default=24, ge=0, le=255)
+    name: str = Field(default="RANGE", max_length=10)
     report_accuracy: bool = False
-    rate_name: str | None = key(None, longest=10)
-    rate_sign: str = key("opening", choices=("opening", "closing"))
-    rate_noise_mps: float = key(0.1, low=0.0)
-    rate_bias_mps: float = key(0.05, low=0.0)
+    rate_name: str | None = Field(default=None, max_length=10)
+    rate_sign: Literal["opening", "closing"] = "opening"
+    rate_noise_mps: float = Field(default=0.1, ge=0.0)
+    rate_bias_mps: float = Field(default=0.05, ge=0.0)
 
 
-@dataclass(frozen=True)
-class TruthStream:
+class TruthStream(Table):
     """[truth]: what really happens, sent unasked beside the autopilot's own messages; 0 turns it off."""
 
-    rate_hz: float = key(10.0, low=0.0, high=100.0)
+    rate_hz: float = Field(default=10.0, ge=0.0, le=100.0)
 
 
-@dataclass(frozen=True)
-class Sensors:
+class Sensors(Table):
     """[sensors]: how what is reported differs from the truth.
 
     accel_noise_mps2, gyro_noise_deg_s: rms of each reading; None: 0.2 and 0, what PX4's SIH shows on a realistic px4_*.
@@ -157,31 +150,29 @@ class Sensors:
     dead_reckoning_mps: speed in each axis, drawn, at which the reported position drifts away without GPS.
     """
 
-    heading_bias_deg: float = key(0.0, low=-180.0, high=180.0)
-    heading_drift_deg_s: float = key(0.0, low=-10.0, high=10.0)
-    gyro_scale: float = key(1.0, low=0.5, high=1.5)
-    airspeed_noise_mps: float = key(0.0, low=0.0, high=10.0)
-    accel_noise_mps2: float | None = key(None, low=0.0, high=50.0)
-    gyro_noise_deg_s: float | None = key(None, low=0.0, high=50.0)
-    accel_bias_mps2: float | None = key(None, low=0.0, high=10.0)
-    accel_vibration_mps2: float = key(0.0, low=0.0, high=100.0)
-    imu: str = key("good", choices=IMU_STATES)
-    attitude_error_deg: float | None = key(None, low=0.0, high=20.0)
-    gps_error_m: float = key(0.0, low=0.0, high=1000.0)
-    gps_error_time_s: float = key(60.0, low=0.1, high=10_000.0)
-    dead_reckoning_mps: float = key(0.3, low=0.0, high=20.0)
+    heading_bias_deg: float = Field(default=0.0, ge=-180.0, le=180.0)
+    heading_drift_deg_s: float = Field(default=0.0, ge=-10.0, le=10.0)
+    gyro_scale: float = Field(default=1.0, ge=0.5, le=1.5)
+    airspeed_noise_mps: float = Field(default=0.0, ge=0.0, le=10.0)
+    accel_noise_mps2: float | None = Field(default=None, ge=0.0, le=50.0)
+    gyro_noise_deg_s: float | None = Field(default=None, ge=0.0, le=50.0)
+    accel_bias_mps2: float | None = Field(default=None, ge=0.0, le=10.0)
+    accel_vibration_mps2: float = Field(default=0.0, ge=0.0, le=100.0)
+    imu: Literal[IMU_STATES] = "good"  # type: ignore[valid-type]
+    attitude_error_deg: float | None = Field(default=None, ge=0.0, le=20.0)
+    gps_error_m: float = Field(default=0.0, ge=0.0, le=1000.0)
+    gps_error_time_s: float = Field(default=60.0, ge=0.1, le=10_000.0)
+    dead_reckoning_mps: float = Field(default=0.3, ge=0.0, le=20.0)
 
 
-@dataclass(frozen=True)
-class Battery:
+class Battery(Table):
     """[battery]: what is left at the start and how fast it goes."""
 
-    percent: float = key(100.0, low=0.0, high=100.0)
-    drain_percent_per_min: float = key(0.0, low=0.0)
+    percent: float = Field(default=100.0, ge=0.0, le=100.0)
+    drain_percent_per_min: float = Field(default=0.0, ge=0.0)
 
 
-@dataclass(frozen=True)
-class Signing:
+class Signing(Table):
     """[signing]: the key of vehicle and radio, 64 hex digits or 32 bytes; None: they sign nothing and believe all.
 
     accept_unsigned: as on ArduPilot's USB port.
@@ -191,18 +182,16 @@ class Signing:
     accept_unsigned: bool = False
 
 
-@dataclass(frozen=True)
-class Event:
+class Event(Table):
     """[[events]]: something that happens to the vehicle at a time."""
 
-    at_s: float = key(0.0, low=0.0)
-    action: str = key("mode", choices=ACTIONS)
+    at_s: float = Field(default=0.0, ge=0.0)
+    action: Literal[ACTIONS] = "mode"  # type: ignore[valid-type]
     mode: str | None = None
     value: float | None = None
 
 
-@dataclass(frozen=True)
-class VehicleConfig:
+class VehicleConfig(Table):
     """One vehicle file, validated."""
 
     seed: int = 0
@@ -215,7 +204,7 @@ class VehicleConfig:
     sensors: Sensors = Sensors()
     battery: Battery = Battery()
     signing: Signing = Signing()
-    events: tuple[Event, ...] = ()
+    events: tuple[Event, ...] = Field(default=(), strict=False)
 
     @property
     def sih(self) -> bool:
@@ -232,10 +221,11 @@ class VehicleConfig:
     def rebooted(self) -> "VehicleConfig":
         """As the autopilot finds itself after a reset: disarmed, in its first mode."""
         first = next(iter(MODES[self.vehicle.profile]))
-        return replace(self, start=replace(self.start, armed=False, mode=first, speed_mps=None))
+        start = self.start.model_copy(update={"armed": False, "mode": first, "speed_mps": None})
+        return self.model_copy(update={"start": start})
 
     def seeded(self, seed: int) -> "VehicleConfig":
-        return replace(self, seed=seed)
+        return self.model_copy(update={"seed": seed})
 
 
 def parse_vehicle(table: Mapping[str, Any], where: str) -> VehicleConfig:
@@ -268,7 +258,7 @@ def load_vehicle(path: str | Path) -> VehicleConfig:
     config = read_table(VehicleConfig, table.get("sim", table), where)
     if config.signing.key_file:
         key_file = str(Path(path).parent / Path(config.signing.key_file).expanduser())
-        config = replace(config, signing=replace(config.signing, key_file=key_file))
+        config = config.model_copy(update={"signing": config.signing.model_copy(update={"key_file": key_file})})
     return _checked(config, where)
 
 
@@ -286,6 +276,8 @@ def _conflicts(config: VehicleConfig) -> Iterator[tuple[str, str]]:
             yield name, f'"{mode}" is no mode of {airframe.profile}{hint}'
     if airframe.dynamics == "airborne" and airframe.profile not in ("arducopter", "arducopter_nogps"):
         yield "vehicle.dynamics", f'"airborne" is an arducopter, not an {airframe.profile}'
+    if config.start.random.range_m and config.start.random.range_m[0] < 0:
+        yield "start.random.range_m", "begins below 0"
     if not config.start.armed and (config.start.altitude_m or 0.0) > 0:
         yield "start.armed", "false needs altitude_m = 0: nothing flies disarmed"
     if ranging.via == "forwarded" and ranging.message == "ranging_beacon":

@@ -10,7 +10,6 @@ import click
 from circnav_mav.cli.bundled import bundled, names
 from circnav_mav.cli.exits import Exit, Refused, refusing
 from circnav_mav.emulator.config import VehicleConfig
-from circnav_mav.emulator.schema import json_schema
 from circnav_mav.experiments.campaign.file import CampaignFile
 from circnav_mav.mission.schema import MissionFile
 
@@ -52,7 +51,8 @@ def schema_text(kind: str) -> str:
     table: dict[str, Any] = CampaignFile.model_json_schema()
     if kind == "mission":
         table = MissionFile.model_json_schema()
-        table["properties"]["sim"] = json_schema(VehicleConfig)
+        table["properties"]["sim"] = sim = VehicleConfig.model_json_schema()
+        table["$defs"] |= sim.pop("$defs")
     return json.dumps({"$schema": DRAFT, **_plain(table)}, indent=1, ensure_ascii=False) + "\n"
 
 

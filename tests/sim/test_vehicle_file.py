@@ -1,6 +1,5 @@
 """Vehicle files: defaults that fly, and mistakes named in one line with the remedy."""
 
-import dataclasses
 import math
 import tomllib
 from pathlib import Path
@@ -22,20 +21,26 @@ def test_an_empty_file_flies():
     [
         ({"vehicel": {}}, 'f.toml: vehicel: unknown key, did you mean "vehicle"?'),
         ({"ranging": {"noise": 1.0}}, 'f.toml: ranging.noise: unknown key, did you mean "noise_m"?'),
-        ({"ranging": {"rate_hz": "fast"}}, 'f.toml: ranging.rate_hz: must be a number, not "fast"'),
-        ({"ranging": {"rate_hz": True}}, "f.toml: ranging.rate_hz: must be a number, not True"),
-        ({"ranging": {"dropout_fraction": 1.5}}, "f.toml: ranging.dropout_fraction: 1.5 is outside 0 .. 1"),
-        ({"ranging": {"noise_m": math.nan}}, "f.toml: ranging.noise_m: must be a finite number"),
-        ({"ranging": {"name": "MUCHTOOLONG"}}, "f.toml: ranging.name: longer than 10 characters"),
-        ({"vehicle": {"system_id": 0}}, "f.toml: vehicle.system_id: 0 is outside 1 .. 255"),
-        ({"vehicle": {"system_id": 1.5}}, "f.toml: vehicle.system_id: must be a whole number, not 1.5"),
-        ({"vehicle": {"max_turn_rate_deg_s": 0}}, "f.toml: vehicle.max_turn_rate_deg_s: 0 must be greater than 0"),
+        ({"ranging": {"rate_hz": "fast"}}, "f.toml: ranging.rate_hz: should be a valid number, not 'fast'"),
+        ({"ranging": {"rate_hz": True}}, "f.toml: ranging.rate_hz: should be a valid number, not 'True'"),
+        (
+            {"ranging": {"dropout_fraction": 1.5}},
+            "f.toml: ranging.dropout_fraction: should be less than or equal to 1, not '1.5'",
+        ),
+        ({"ranging": {"noise_m": math.nan}}, "f.toml: ranging.noise_m: should be a finite number"),
+        ({"ranging": {"name": "MUCHTOOLONG"}}, "f.toml: ranging.name: string should have at most 10 characters"),
+        ({"vehicle": {"system_id": 0}}, "f.toml: vehicle.system_id: should be greater than or equal to 1, not '0'"),
+        ({"vehicle": {"system_id": 1.5}}, "f.toml: vehicle.system_id: should be a valid integer, not '1.5'"),
+        (
+            {"vehicle": {"max_turn_rate_deg_s": 0}},
+            "f.toml: vehicle.max_turn_rate_deg_s: should be greater than 0, not '0'",
+        ),
         ({"start": {"random": {"north_m": [5, 1]}}}, "f.toml: start.random.north_m: [5, 1] is empty"),
-        ({"start": {"random": {"north_m": [5]}}}, "f.toml: start.random.north_m: must have 2 numbers, has 1"),
-        ({"start": 5}, "f.toml: start: must be a table of keys and values, not 5"),
+        ({"start": {"random": {"north_m": [5]}}}, "f.toml: start.random.north_m[1]: field required"),
+        ({"start": 5}, "f.toml: start: should be a table of keys and values, not 5"),
         ({"start": {"mode": "GUIDE"}}, 'f.toml: start.mode: "GUIDE" is no mode of arducopter, did you mean "GUIDED"?'),
         ({"start": {"armed": False, "altitude_m": 10}}, "f.toml: start.armed: false needs altitude_m = 0"),
-        ({"events": [{"action": "explode"}]}, 'f.toml: events[0].action: "explode" is not one of'),
+        ({"events": [{"action": "explode"}]}, "f.toml: events[0].action: should be 'mode', 'arm', "),
         ({"events": [{"action": "mode"}]}, "f.toml: events[0].mode: is missing"),
     ],
 )
@@ -95,5 +100,5 @@ def test_the_documented_file_flies():
     vehicle.advance(1.0)
     documented = {f"{section}.{key}" for section, table in example.items() if isinstance(table, dict) for key in table}
     for section in ("vehicle", "start", "target", "wind", "ranging", "truth", "sensors", "battery"):
-        for field in dataclasses.fields(getattr(vehicle.config, section)):
-            assert f"{section}.{field.name}" in documented or f"{field.name}" in text, f"{section}.{field.name}"
+        for name in type(getattr(vehicle.config, section)).model_fields:
+            assert f"{section}.{name}" in documented or name in text, f"{section}.{name}"

@@ -1,7 +1,6 @@
 """Which flights may be flown in a batch, and which of them together. Whatever else is varied flies in lockstep."""
 
 from collections.abc import Iterator
-from dataclasses import asdict
 
 from circnav_mav.experiments.campaign.emulated import white_noise
 from circnav_mav.experiments.campaign.plan import Run
@@ -33,7 +32,7 @@ def obstacle(run: Run) -> str | None:
 def group(run: Run) -> tuple[tuple[str, str], ...]:
     """What must be the same in all flights of a batch."""
     own = OWN_OF_KALMAN if run.mission.estimator == "kalman" else OWN
-    values = dict(flat(run.mission.file.model_dump(exclude={"sim"}) | {"sim": asdict(run.vehicle)}))
+    values = dict(flat(run.mission.file.model_dump(exclude={"sim"}) | {"sim": run.vehicle.model_dump()}))
     shared = (key for key in values if key not in own and not key.startswith(OWN_TABLES))
     return tuple((key, repr(values[key])) for key in sorted(shared))
 
