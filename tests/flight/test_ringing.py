@@ -96,9 +96,9 @@ def test_the_copter_swings_with_the_gains_that_swing_on_firmware(monkeypatch: py
     assert crossings / 40 == pytest.approx(1.0, abs=0.2)  # Hz
 
 
-@pytest.mark.parametrize(("mission", "most", "quiet"), [("arduplane", 0.3, 0.75), ("arducopter", 0.25, 1.2)])
+@pytest.mark.parametrize(("mission", "most", "quiet"), [("arduplane", 0.3, 0.5), ("arducopter", 0.12, 0.5)])
 def test_the_gains_of_today_fly_quietly_and_truly(mission: str, most: float, quiet: float) -> None:
-    """Turn sd on firmware: plane .5, copter .8 deg/s; the emulator agrees within half."""
+    """Turn sd on firmware: .2 deg/s of either. A bank without a model of a drift that stands still flies .8, .15 m."""
     flown = laps(mission, 3)
     rms, sd, turns, _ = last_two_laps(flown, mission)
     assert sd < quiet and rms < most

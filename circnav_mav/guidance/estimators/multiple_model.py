@@ -11,7 +11,6 @@ Every array has a last axis B over flights; in the air B = 1.
 
 from dataclasses import dataclass
 from enum import IntEnum
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -36,9 +35,9 @@ class BankSettings:
 
     trusted, kept, lost: bounds of the position's standard deviation over the range: an estimate steers from the first
     up to the second, and is given up at the third. missed: share of recent samples outside the gate that ends the
-    track; recent: memory of it, s. drift_most: largest drift that makes sense, in V. winds, noises: the models, all
-    pairs of (m^2/s^3 of d, gust in V, noise of the nose in V, whether accelerations count) and (white, drifting) parts
-    of sigma. search: how to search, None for the defaults.
+    track; recent: memory of it, s. drift_most: largest drift that makes sense, in V. models: m^2/s^3 of d, gust in V,
+    noise of the nose in V, whether accelerations count, white and drifting part of sigma. A drifting range error shows
+    only where the drift is steady. search: how to search, None for the defaults.
     """
 
     speed: float
@@ -49,15 +48,15 @@ class BankSettings:
     missed: float = 0.6
     recent: float = 3.0
     drift_most: float = 0.85
-    winds: tuple[tuple[float, float, float, float], ...] = (
-        (3e-4, 0, 0, 0), (5e-2, 0, 0, 0), (1e-2, 0.1, 0, 0), (3e-4, 0.05, 0.03, 1),
+    models: tuple[tuple[float, ...], ...] = (
+        (1e-7, 0, 0, 0, 1, 0), (1e-7, 0, 0, 0, 0.4, 0.9), (3e-4, 0, 0, 0, 1, 0), (3e-4, 0, 0, 0, 0.4, 0.9),
+        (5e-2, 0, 0, 0, 1, 0), (1e-2, 0.1, 0, 0, 1, 0), (3e-4, 0.05, 0.03, 1, 1, 0),
     )  # fmt: skip
-    noises: tuple[tuple[float, float], ...] = ((1.0, 0.0), (0.4, 0.9))
     search: SearchSettings | None = None
 
     def noise(self) -> Noise:
         """All models, arrays (M, 1)."""
-        models = np.array([(*wind, *noise) for wind, noise in product(self.winds, self.noises)])
+        models = np.array(self.models)
         models[:, 1:3] *= self.speed
         psd, gust, nose, feels, white, drifting = models.T[..., None]
         return Noise(psd, gust, white, drifting, nose, feels)
