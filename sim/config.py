@@ -221,11 +221,10 @@ class VehicleConfig(Table):
     def rebooted(self) -> "VehicleConfig":
         """As the autopilot finds itself after a reset: disarmed, in its first mode."""
         first = next(iter(MODES[self.vehicle.profile]))
-        start = self.start.model_copy(update={"armed": False, "mode": first, "speed_mps": None})
-        return self.model_copy(update={"start": start})
+        return self.changed(start=self.start.changed(armed=False, mode=first, speed_mps=None))
 
     def seeded(self, seed: int) -> "VehicleConfig":
-        return self.model_copy(update={"seed": seed})
+        return self.changed(seed=seed)
 
 
 def parse_vehicle(table: Mapping[str, Any], where: str) -> VehicleConfig:
@@ -258,7 +257,7 @@ def load_vehicle(path: str | Path) -> VehicleConfig:
     config = read_table(VehicleConfig, table.get("sim", table), where)
     if config.signing.key_file:
         key_file = str(Path(path).parent / Path(config.signing.key_file).expanduser())
-        config = config.model_copy(update={"signing": config.signing.model_copy(update={"key_file": key_file})})
+        config = config.changed(signing=config.signing.changed(key_file=key_file))
     return _checked(config, where)
 
 

@@ -2,9 +2,9 @@
 
 import difflib
 from collections.abc import Iterable
-from typing import Annotated, Any, TypeVar, get_args
+from typing import Annotated, Any, Self, TypeVar, get_args
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, WithJsonSchema
 
 
 class ConfigError(ValueError):
@@ -16,6 +16,10 @@ class Table(BaseModel):
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
+    def changed(self, **values: Any) -> Self:
+        """The same with other values, which nobody checks again."""
+        return self.model_copy(update=values)
+
 
 Section = TypeVar("Section", bound=Table)
 
@@ -26,7 +30,8 @@ def _ordered(pair: tuple[float, float]) -> tuple[float, float]:
     return pair
 
 
-Interval = Annotated[tuple[float, float], Field(strict=False), AfterValidator(_ordered)]
+_NUMBERS = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}
+Interval = Annotated[tuple[float, float], Field(strict=False), AfterValidator(_ordered), WithJsonSchema(_NUMBERS)]
 """Lower and upper bound; TOML has lists, no tuples."""
 
 

@@ -74,8 +74,8 @@ def keeps_to(schema, value, root) -> None:
 
 
 def test_the_schema_of_the_vehicle_has_the_bounds_that_the_vehicle_keeps():
-    sim = json.loads(schema_text("mission"))["properties"]["sim"]["properties"]
-    bank = sim["vehicle"]["properties"]["max_bank_deg"]
+    vehicle = json.loads(schema_text("mission"))["definitions"]["Airframe"]["properties"]
+    bank = vehicle["max_bank_deg"]
     assert bank == {"type": "number", "exclusiveMinimum": 0.0, "maximum": 80.0}
 
 

@@ -27,11 +27,10 @@ def opening(run: Run) -> tuple[float, float] | None:
     would never be engaged."""
     vehicle, target = run.vehicle, run.vehicle.target
     beside = target.north_m + run.mission.orbit.radius
-    clean = replace(
-        vehicle,
-        start=replace(vehicle.start, random=RandomStart(), north_m=beside, east_m=target.east_m),
-        target=replace(target, velocity_north_mps=0.0, velocity_east_mps=0.0, acceleration_mps2=0.0),
-        ranging=replace(vehicle.ranging, preset="gaussian", noise_m=0.0, outlier_fraction=0.0, dropout_fraction=0.0),
+    clean = vehicle.changed(
+        start=vehicle.start.changed(random=RandomStart(), north_m=beside, east_m=target.east_m),
+        target=target.changed(velocity_north_mps=0.0, velocity_east_mps=0.0, acceleration_mps2=0.0),
+        ranging=vehicle.ranging.changed(preset="gaussian", noise_m=0.0, outlier_fraction=0.0, dropout_fraction=0.0),
     )
     flight = Flight(replace(run, vehicle=clean))
     patience = 2 * run.mission.file.link.wait_s
