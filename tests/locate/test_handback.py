@@ -9,6 +9,7 @@ from pymavlink.dialects.v20 import all as mavlink
 from circnav_mav.guidance.types import OwnMotion
 from circnav_mav.locate.geodesy import Plane
 from circnav_mav.locate.handback import DeadReckoning, HandBack, HandBackSettings, Where
+from sim.world import to_degrees
 from tests.locate.flown import Surveyed, surveyed
 
 POSITION = mavlink.MAV_CMD_EXTERNAL_POSITION_ESTIMATE
@@ -56,6 +57,18 @@ def test_off_by_default_nothing_is_given_and_the_same_autopilot_drifts_away() ->
     flown.fly(END)
     assert commands(flown) == []
     assert own_error(flown) > 30.0
+
+
+def test_a_place_that_the_mission_gives_needs_no_survey() -> None:
+    """The GPS is lost before anybody could have found the target."""
+    lost = 'sim.events=[{at_s=10.0, action="gps_off"}]'
+    back = HandBackSettings(place=to_degrees(0.0, 0.0))
+    flown = surveyed("arduplane", lost, *PLANE[1:], "sim.target.north_m=0", "sim.target.east_m=0", law="auto",
+                     handback=back)  # fmt: skip
+    flown.solve_from = 1e9
+    flown.fly(70.0)
+    assert commands(flown)[0][0] < 45.0
+    assert own_error(flown) < 10.0
 
 
 def give(
