@@ -9,7 +9,7 @@ from typing import Any, Literal
 from pydantic import Field
 
 from .autopilots.modes import MODES, PROFILES
-from .schema import ConfigError, Interval, Table, nearest, place, read_table
+from .schema import ConfigError, Interval, Name, Table, nearest, place, read_table
 from .signing import read_key
 
 __all__ = ["ConfigError", "VehicleConfig", "load_vehicle", "parse_vehicle"]
@@ -124,9 +124,9 @@ class Ranging(Table):
     beacon_id: int = Field(default=1, ge=0, le=65535)
     sensor_id: int = Field(default=0, ge=0, le=255)
     orientation: int = Field(default=24, ge=0, le=255)
-    name: str = Field(default="RANGE", max_length=10)
+    name: Name = "RANGE"
     report_accuracy: bool = False
-    rate_name: str | None = Field(default=None, max_length=10)
+    rate_name: Name | None = None
     rate_sign: Literal["opening", "closing"] = "opening"
     rate_noise_mps: float = Field(default=0.1, ge=0.0)
     rate_bias_mps: float = Field(default=0.05, ge=0.0)

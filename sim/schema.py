@@ -6,6 +6,8 @@ from typing import Annotated, Any, Self, TypeVar, get_args
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, WithJsonSchema
 
+LONGEST_NAME = 10
+
 
 class ConfigError(ValueError):
     """A vehicle file that cannot be flown: one line naming the file, the key and the remedy."""
@@ -35,6 +37,16 @@ Interval = Annotated[tuple[float, float], Field(strict=False), AfterValidator(_o
 """Lower and upper bound; TOML has lists, no tuples."""
 
 
+def _fits(name: str) -> str:
+    if len(name.encode()) > LONGEST_NAME:
+        raise ValueError(f"longer than {LONGEST_NAME} characters")
+    return name
+
+
+Name = Annotated[str, AfterValidator(_fits)]
+"""Of a NAMED_VALUE_FLOAT: so many bytes."""
+
+
 def nearest(word: str, known: Iterable[str]) -> str:
     close = difflib.get_close_matches(word, known, n=1, cutoff=0.5)
     return f', did you mean "{close[0]}"?' if close else ""
@@ -58,8 +70,9 @@ def read_table(kind: type[Section], table: object, where: str) -> Section:
     if wrong["type"] == "model_type":
         raise ConfigError(f"{here}: should be a table of keys and values, not {given!r}")
     said = wrong["msg"].removeprefix("Input ").lower().replace("tuple", "list")
+    said = "is missing" if wrong["type"] == "missing" else f"{said}, not {repr(given)[:40]}"
     meant = nearest(str(given), context.get("expected", "").split("'"))
-    raise ConfigError(f"{here}: {said}, not {str(given)[:40]!r}{meant}")
+    raise ConfigError(f"{here}: {said}{meant}")
 
 
 def _inner(kind: type[BaseModel], names: Iterable[Any]) -> type[BaseModel]:

@@ -37,7 +37,7 @@ class BankSettings:
     up to the second, and is given up at the third. missed: share of recent samples outside the gate that ends the
     track; recent: memory of it, s. drift_most: largest drift that makes sense, in V. models: m^2/s^3 of d, gust in V,
     noise of the nose in V, whether accelerations count, white and drifting part of sigma. A drifting range error shows
-    only where the drift is steady. search: how to search, None for the defaults.
+    only where the drift stands still or changes slowly. search: how to search, None for the defaults.
     """
 
     speed: float
@@ -49,9 +49,14 @@ class BankSettings:
     recent: float = 3.0
     drift_most: float = 0.85
     models: tuple[tuple[float, ...], ...] = (
-        (1e-7, 0, 0, 0, 1, 0), (1e-7, 0, 0, 0, 0.4, 0.9), (3e-4, 0, 0, 0, 1, 0), (3e-4, 0, 0, 0, 0.4, 0.9),
-        (5e-2, 0, 0, 0, 1, 0), (1e-2, 0.1, 0, 0, 1, 0), (3e-4, 0.05, 0.03, 1, 1, 0),
-    )  # fmt: skip
+        (1e-7, 0, 0, 0, 1, 0),  # the drift stands still
+        (1e-7, 0, 0, 0, 0.4, 0.9),
+        (3e-4, 0, 0, 0, 1, 0),  # changes slowly
+        (3e-4, 0, 0, 0, 0.4, 0.9),
+        (5e-2, 0, 0, 0, 1, 0),  # changes quickly
+        (1e-2, 0.1, 0, 0, 1, 0),  # gusts
+        (3e-4, 0.05, 0.03, 1, 1, 0),  # gusts that accelerations tell
+    )
     search: SearchSettings | None = None
 
     def noise(self) -> Noise:

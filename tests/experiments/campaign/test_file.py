@@ -75,7 +75,10 @@ def test_bounds_that_leave_no_number_to_draw_are_refused(write, kind, numbers):
     ("vary", "says"),
     [
         ('"guidance.law" = ["smooth", "smoth"]', "guidance.law: 'smoth' is not one of"),
-        ('"guidance.law" = ["smooth"]\n"sim.ranging.preset" = ["gaussian", "gausian"]', 'did you mean "gaussian"?'),
+        (
+            '"guidance.law" = ["smooth"]\n"sim.ranging.preset" = ["gaussian", "gausian"]',
+            "not 'gausian', did you mean \"gaussian\"?",
+        ),
         ('"orbit.radius_m" = [80.0, -1.0]', "orbit.radius_m: must be above 0, not -1"),
         ('"orbit.radius_m.x" = [80]', "vary: orbit.radius_m.x: radius_m is a value, not a table"),
     ],
