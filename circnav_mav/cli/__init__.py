@@ -1,23 +1,26 @@
 """The command line: commands, printing, exit codes. Nothing else prints or exits.
 
-Imports of the rooms stand inside the commands, so that `circnav --help` does not wait for numpy and filterpy.
+The commands are described here and carried out in modules of their own, loaded when a command runs, so that
+`circnav --help` does not wait for numpy and filterpy.
 """
 
 import gc
 import sys
 import warnings
+from collections.abc import Callable
+from functools import wraps
+from pkgutil import resolve_name
 from typing import Any
 
 import click
 
 from circnav_mav import __version__
 from circnav_mav.cli.bundled import FileOrName
-from circnav_mav.cli.exits import Exit, Refused
-from circnav_mav.cli.terminal import mind_output
+from circnav_mav.cli.exits import Exit, Refused, mind_output
 
-CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
+CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100, "show_default": True}
 
-MISSION, CAMPAIGN = FileOrName("mission"), FileOrName("campaign")
+MISSION = click.argument("path", metavar="MISSION", type=FileOrName("mission"))
 SET = click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True,
                    help="Override a mission value, e.g. --set orbit.radius_m=80. May be repeated.")  # fmt: skip
 ENDPOINT = click.option(
@@ -83,8 +86,22 @@ def circnav() -> None:
     """
 
 
-@circnav.command(short_help="Fly a mission, show it live, record it.")
-@click.argument("mission", type=MISSION)
+def command(does: str, group: click.Group = circnav, **words: str) -> Callable[[Callable[[], None]], click.Command]:
+    """A command with the name, the help and the options of a function. does: `module:function` of this package, which
+    is imported when it runs, gets the options by name and answers with the exit code."""
+
+    def make(described: Callable[[], None]) -> click.Command:
+        @wraps(described)
+        def run(**options: Any) -> Any:
+            return resolve_name(f"{__name__}.{does}")(**options)
+
+        return group.command(**words)(run)
+
+    return make
+
+
+@command("fly:fly_mission", short_help="Fly a mission, show it live, record it.")
+@MISSION
 @ENDPOINT
 @SET
 @click.option("--speed", type=float, metavar="N", help=SPEED_HELP)
@@ -93,7 +110,7 @@ def circnav() -> None:
 @click.option("--dry-run", is_flag=True, help="Compute and log everything, but send no setpoint and request no mode.")
 @click.option("--shadow", is_flag=True, help="Like --dry-run, and send nothing but our heartbeat and the plot values.")
 @click.option("--web", is_flag=False, flag_value="8080", metavar="[PORT]", help=WEB_HELP)
-def fly(mission: str, **options: Any) -> int:
+def fly() -> None:
     """Fly MISSION, show it live, and record it in a run folder.
 
     MISSION is a file, or the name of a bundled mission: quickstart, copter, plane, px4-copter.
@@ -106,15 +123,12 @@ def fly(mission: str, **options: Any) -> int:
         circnav fly quickstart --web
         circnav fly my.toml --endpoint udpin:0.0.0.0:14550
     """
-    from circnav_mav.cli.fly import fly_mission
-
-    return fly_mission(mission, **options)
 
 
-@circnav.command(short_help="Write a commented mission file of your own.")
+@command("init:write_mission", short_help="Write a commented mission file of your own.")
 @click.argument("vehicle")
 @click.argument("file", required=False, type=click.Path())
-def init(vehicle: str, file: str | None) -> int:
+def init() -> None:
     """Write a commented mission for VEHICLE to FILE. [default: VEHICLE.toml] It flies on the bundled emulator at once;
     nothing is ever overwritten.
 
@@ -125,32 +139,26 @@ def init(vehicle: str, file: str | None) -> int:
     Example:
         circnav init plane survey.toml
     """
-    from circnav_mav.cli.init import write_mission
-
-    return write_mission(vehicle, file)
 
 
-@circnav.command(short_help="Check a mission without flying it.")
-@click.argument("mission", type=MISSION)
+@command("check:check_file", short_help="Check a mission without flying it.")
+@MISSION
 @SET
-def check(mission: str, overrides: tuple[str, ...]) -> int:
+def check() -> None:
     """Check MISSION without flying it. Prints PASS, WARN or FAIL for each point, with the number and its limit.
 
     \b
     Example:
         circnav check quickstart --set guidance.law=smooth --set guidance.gain=1e-5
     """
-    from circnav_mav.cli.check import check_file
-
-    return check_file(mission, overrides)
 
 
-@circnav.command(short_help="Listen to vehicle and ranging; command nothing.")
-@click.argument("mission", type=MISSION)
+@command("preflight:preflight_file", short_help="Listen to vehicle and ranging; command nothing.")
+@MISSION
 @ENDPOINT
 @SET
-@click.option("--seconds", type=float, default=10.0, show_default=True, metavar="N", help="How long to listen.")
-def preflight(mission: str, endpoint: str | None, overrides: tuple[str, ...], seconds: float) -> int:
+@click.option("--seconds", type=float, default=10.0, metavar="N", help="How long to listen.")
+def preflight() -> None:
     """Listen to vehicle and ranging of MISSION; command nothing. Prints PASS, WARN or FAIL for each point.
 
     Checks identity, mode, streams, range noise and age, clocks, and the parameters that matter. Exit codes: 0 no FAIL,
@@ -160,15 +168,12 @@ def preflight(mission: str, endpoint: str | None, overrides: tuple[str, ...], se
     Example:
         circnav preflight my.toml --endpoint udpin:0.0.0.0:14550
     """
-    from circnav_mav.cli.preflight import preflight_file
-
-    return preflight_file(mission, endpoint, overrides, seconds)
 
 
-@circnav.command(short_help="Draw the report of a run again.")
-@click.argument("run", type=click.Path())
+@command("report:report_run", short_help="Draw the report of a run again.")
+@click.argument("folder", type=click.Path(), metavar="RUN")
 @click.option("--after-flight", is_flag=True, hidden=True, help="As fly ends: a line for each that cannot be made.")
-def report(run: str, after_flight: bool) -> int:
+def report() -> None:
     """Draw the report of RUN, a run folder, again: report.html (one page, opens offline, prints) and flight.png. `fly`
     draws both by itself.
 
@@ -176,19 +181,16 @@ def report(run: str, after_flight: bool) -> int:
     Example:
         circnav report runs/20260101-120000-quickstart
     """
-    from circnav_mav.cli.report import report_flight, report_run
-
-    return report_flight(run) if after_flight else report_run(run)
 
 
-@circnav.command(short_help="Run a recorded flight through the pilot again.")
+@command("replay:replay_log", short_help="Run a recorded flight through the pilot again.")
 @click.argument("log", type=click.Path(), metavar="RUN_OR_TLOG")
-@click.option("--mission", type=MISSION, metavar="FILE", help="Another mission; a plain tlog needs one.")
+@click.option("--mission", type=FileOrName("mission"), metavar="FILE", help="Another mission; a plain tlog needs one.")
 @SET
 @click.option("--estimator", metavar="NAME", help="Another estimator: guidance.estimator.")
 @click.option("--law", metavar="NAME", help="Another law: guidance.law.")
 @click.option("--out", type=Folder(), metavar="DIR", help="Write the replay's ticks.csv and replay.png there.")
-def replay(**options: Any) -> int:
+def replay() -> None:
     """Run a recorded flight through the pilot again, and compare. Estimates and commands are set against those of the
     flight.
 
@@ -201,43 +203,31 @@ def replay(**options: Any) -> int:
         circnav replay runs/20260101-120000-quickstart --law switching
         circnav replay yesterday.tlog --mission my.toml --out what-if
     """
-    from circnav_mav.cli.replay import ReplayOptions, replay_log
-
-    return replay_log(ReplayOptions(**options))
 
 
-@circnav.command(short_help="Convert a run for Foxglove or PlotJuggler.")
-@click.argument("run", type=click.Path())
+@command("export:export_run", short_help="Convert a run for Foxglove or PlotJuggler.")
+@click.argument("folder", type=click.Path(), metavar="RUN")
 @click.option("--mcap", "mcap", is_flag=False, flag_value="", metavar="[FILE]", help="MCAP. [default: RUN/flight.mcap]")
-def export(run: str, mcap: str | None) -> int:
+def export() -> None:
     """Convert RUN, a run folder, for Foxglove or PlotJuggler. The file holds ticks, truth and events.
 
     \b
     Example:
         circnav export runs/20260101-120000-quickstart --mcap
     """
-    if mcap is None:
-        raise Refused("export: say what to write: --mcap")
-    from circnav_mav.cli.export import export_run
-
-    return export_run(run, mcap or None)
 
 
-@circnav.command(short_help="Tell where the targets of a log are.")
-@click.argument("log", type=click.Path(), metavar="RUN|TLOG|CSV")
+@command("locate:locate_log", short_help="Tell where the targets of a log are.")
+@click.argument("path", type=click.Path(), metavar="RUN|TLOG|CSV")
 @click.option("--tag", "tags", multiple=True, metavar="ID", help="Only this tag. May be repeated. [default: all]")
 @click.option(
     "--sigma", type=ABOVE_ZERO, metavar="M", help="Noise of the ranges, where the log says none. [default: as it shows]"
 )
-@click.option(
-    "--gps-sigma", type=ABOVE_ZERO, default=1.5, show_default=True, metavar="M", help="Error of the positions."
-)
-@click.option(
-    "--bias", type=ABOVE_ZERO, default=2.0, show_default=True, metavar="M", help="How far ranges may be off together."
-)
+@click.option("--gps-sigma", type=ABOVE_ZERO, default=1.5, metavar="M", help="Error of the positions.")
+@click.option("--bias", type=ABOVE_ZERO, default=2.0, metavar="M", help="How far ranges may be off together.")
 @click.option("--altitude", type=float, metavar="M", help="Of the target, where it is known; as the log counts it.")
 @click.option("--out", type=Folder(), metavar="DIR", help="Where to write. [default: beside the log]")
-def locate(log: str, **options: Any) -> int:
+def locate() -> None:
     """Tell where the targets of a log are. Writes GeoJSON, KML and a picture.
 
     A log is a run folder, a tlog with positions and ranges, or a CSV whose first line names time (s), latitude,
@@ -249,9 +239,6 @@ def locate(log: str, **options: Any) -> int:
         circnav locate runs/20260101-120000-quickstart
         circnav locate collar.csv --tag 17 --out map
     """
-    from circnav_mav.cli.locate import locate_log
-
-    return locate_log(log, **options)
 
 
 @circnav.group(short_help="Try a ranging radio and its driver.")
@@ -264,10 +251,10 @@ def ranging() -> None:
     """
 
 
-@ranging.command()
-@click.argument("radio", metavar="DRIVER:PORT")
+@command("ranging:watch_radio", group=ranging)
+@click.argument("endpoint", metavar="DRIVER:PORT")
 @click.option("--seconds", type=click.FloatRange(1), metavar="N", help="How long. [default: until Ctrl-C]")
-def watch(radio: str, seconds: float | None) -> int:
+def watch() -> None:
     """Show what a radio measures: a line a second for each beacon, over the last ten seconds.
 
     DRIVER is dwm1001, lines, linktrack or one of an installed package; PORT a device (/dev/ttyUSB0, or with its baud
@@ -279,19 +266,14 @@ def watch(radio: str, seconds: float | None) -> int:
         circnav ranging watch linktrack:/dev/ttyUSB0
         circnav ranging watch lines:udpin:0.0.0.0:5005 --seconds 10
     """
-    from circnav_mav.cli.ranging import watch_radio
-
-    return watch_radio(radio, seconds)
 
 
-@circnav.command(short_help="Run the bundled vehicle alone, for any client.")
-@click.argument("vehicle", required=False, type=MISSION, metavar="[VEHICLE]")
-@click.option(
-    "--endpoint", default="udpout:127.0.0.1:14550", show_default=True, metavar="URL", help="Where it sends to."
-)
+@command("emulate:run_emulator", short_help="Run the bundled vehicle alone, for any client.")
+@click.argument("vehicle", required=False, type=FileOrName("mission"), metavar="[VEHICLE]")
+@click.option("--endpoint", default="udpout:127.0.0.1:14550", metavar="URL", help="Where it sends to.")
 @click.option("--ranging-endpoint", metavar="URL", help='Where its radio sends to, for ranging that goes "direct".')
-@click.option("--speed", type=float, default=1.0, show_default=True, metavar="N", help="Times real time.")
-def emulate(vehicle: str | None, endpoint: str, ranging_endpoint: str | None, speed: float) -> int:
+@click.option("--speed", type=float, default=1.0, metavar="N", help="Times real time.")
+def emulate() -> None:
     """Run the bundled simulated vehicle alone, in real time. Any ground station or client may connect; Ctrl-C ends it.
 
     VEHICLE is a vehicle file, or a mission (file or name) with a [sim] table; without it, a copter hovers.
@@ -301,18 +283,15 @@ def emulate(vehicle: str | None, endpoint: str, ranging_endpoint: str | None, sp
         circnav emulate quickstart --endpoint udpout:127.0.0.1:14550
         circnav fly quickstart --endpoint udpin:0.0.0.0:14550
     """
-    from circnav_mav.cli.emulate import run_emulator
-
-    return run_emulator(vehicle, endpoint, ranging_endpoint, speed)
 
 
-@circnav.command(short_help="Compare the laws over many flights.")
-@click.option("--flights", type=int, default=1000, show_default=True, metavar="N", help="Flights of each cell.")
+@command("experiments:fly_bench", short_help="Compare the laws over many flights.")
+@click.option("--flights", type=int, default=1000, metavar="N", help="Flights of each cell.")
 @click.option("--law", "laws", multiple=True, metavar="NAME", help="Only this law (law+estimator). May be repeated.")
 @click.option("--situation", "situations", multiple=True, metavar="NAME", help="Only this situation. May be repeated.")
-@click.option("--seed", type=int, default=1, show_default=True, metavar="N", help="Of all random numbers.")
+@click.option("--seed", type=int, default=1, metavar="N", help="Of all random numbers.")
 @click.option("--out", type=Folder(), metavar="DIR", help="Write table.csv, table.md and table.png there.")
-def bench(flights: int, laws: tuple[str, ...], situations: tuple[str, ...], seed: int, out: str | None) -> int:
+def bench() -> None:
     """Compare the laws over many flights. Wind, gusts, moving targets, bad sensors; the result is one table.
 
     \b
@@ -320,19 +299,16 @@ def bench(flights: int, laws: tuple[str, ...], situations: tuple[str, ...], seed
         circnav bench --flights 50 --out bench
         circnav bench --law auto --situation "wind .33 V"
     """
-    from circnav_mav.cli.bench import fly_bench
-
-    return fly_bench(flights, laws, situations, seed, out)
 
 
-@circnav.command(short_help="Fly a mission many times with varied values.")
-@click.argument("file", type=CAMPAIGN, metavar="CAMPAIGN")
+@command("experiments:fly_campaign", short_help="Fly a mission many times with varied values.")
+@click.argument("file", type=FileOrName("campaign"), metavar="CAMPAIGN")
 @click.option("--runs", type=click.IntRange(1), metavar="N", help="Flights. [default: as the file says]")
 @click.option("--out", type=Folder(), metavar="DIR", help="Folder. [default: campaigns/<time>-<name>]")
 @click.option("--resume", is_flag=True, help="Go on with the campaign in DIR where it stopped.")
 @click.option("--processes", type=click.IntRange(1), metavar="N", help="Processes. [default: all cores]")
 @click.option("--scheduler", metavar="ADDR", help="Fly on a Dask scheduler's workers, e.g. tcp://host:8786.")
-def campaign(file: str, **options: Any) -> int:
+def campaign() -> None:
     """Fly a mission many times with varied values. CAMPAIGN, a file or the name of a bundled one, says which; the
     result is a table, a summary and plots.
 
@@ -341,25 +317,19 @@ def campaign(file: str, **options: Any) -> int:
         circnav campaign wind
         circnav campaign wind --runs 20000 --out wind --resume
     """
-    from circnav_mav.cli.campaign import fly_campaign
-
-    return fly_campaign(file, **options)
 
 
-@circnav.command(short_help="Reproduce the paper's three examples.")
-@click.option("--out", type=Folder(), default="paper", show_default=True, metavar="DIR", help="Where to write.")
-@click.option("--starts", type=int, default=200, show_default=True, metavar="N", help="Random starts of each example.")
-@click.option("--seed", type=int, default=1, show_default=True, metavar="N", help="Of the random starts.")
-def paper(out: str, starts: int, seed: int) -> int:
+@command("experiments:reproduce_paper", short_help="Reproduce the paper's three examples.")
+@click.option("--out", type=Folder(), default="paper", metavar="DIR", help="Where to write.")
+@click.option("--starts", type=int, default=200, metavar="N", help="Random starts of each example.")
+@click.option("--seed", type=int, default=1, metavar="N", help="Of the random starts.")
+def paper() -> None:
     """Reproduce the three examples of the paper. Draws six figures, and prints a table of predicted and reached radius.
 
     \b
     Example:
         circnav paper --out paper --starts 500
     """
-    from circnav_mav.cli.paper import reproduce
-
-    return reproduce(out, starts, seed)
 
 
 @circnav.group(short_help="Delete old run folders.")
@@ -372,12 +342,12 @@ def runs() -> None:
     """
 
 
-@runs.command(short_help="Delete old run folders; asks first.")
+@command("runs:clean_runs", group=runs, short_help="Delete old run folders; asks first.")
 @click.argument("folder", type=click.Path(exists=True, file_okay=False), default="runs")
-@click.option("--older-than", default="30d", show_default=True, metavar="AGE", help="Such as 12h, 30d or 4w.")
-@click.option("--keep", type=click.IntRange(0), default=5, show_default=True, metavar="N", help="The newest N stay.")
+@click.option("--older-than", default="30d", metavar="AGE", help="Such as 12h, 30d or 4w.")
+@click.option("--keep", type=click.IntRange(0), default=5, metavar="N", help="The newest N stay.")
 @click.option("--yes", is_flag=True, help="Delete without asking.")
-def clean(folder: str, older_than: str, keep: int, yes: bool) -> int:
+def clean() -> None:
     """Show the old runs of FOLDER [default: runs], and delete them if you say so. Only folders that circnav recorded a
     flight in, and that hold nothing else.
 
@@ -385,14 +355,11 @@ def clean(folder: str, older_than: str, keep: int, yes: bool) -> int:
     Example:
         circnav runs clean --older-than 30d --keep 5
     """
-    from circnav_mav.cli.runs import clean_runs
-
-    return clean_runs(folder, older_than, keep, yes)
 
 
-@circnav.command(short_help="Print the JSON schema of a file, for editors.")
+@command("init:print_schema", short_help="Print the JSON schema of a file, for editors.")
 @click.argument("kind", type=click.Choice(["mission", "campaign"]))
-def schema(kind: str) -> int:
+def schema() -> None:
     """Print the JSON schema of mission or campaign files. Editors with TOML support (Even Better TOML, taplo, tombi)
     complete and check a file whose first line names it: #:schema mission.schema.json
 
@@ -400,10 +367,6 @@ def schema(kind: str) -> int:
     Example:
         circnav schema mission > mission.schema.json
     """
-    from circnav_mav.cli.init import schema_text
-
-    click.echo(schema_text(kind), nl=False)
-    return Exit.DONE
 
 
 @circnav.command(short_help="Print what a shell needs to complete commands.")

@@ -1,11 +1,13 @@
 """What is kept of a flight at its end. Nothing of it can be lost because something else cannot be made."""
 
 import os
+import platform
 import subprocess
 import sys
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -16,38 +18,56 @@ from circnav_mav.locate.export import geojson, kml
 from circnav_mav.locate.locator import Locator
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import Ending, Pilot
-from circnav_mav.runlog.atomic_write import write_text
+from circnav_mav.runlog.atomic_write import write_json, write_text
 from circnav_mav.runlog.summary import FlightFacts, summarise, write_summary
 from circnav_mav.runlog.ticks import NO_TICKS, Ticks, Truth, read_ticks, read_truth
-from circnav_mav.runtime.clock import Clock
-from circnav_mav.runtime.manifest import Manifest
 from circnav_mav.runtime.recorder import Recorder
 
 OUTCOMES = {Ending.COMPLETED: "completed", Ending.INTERRUPTED: "interrupted"}
 """The outcome in summary.json; every other ending is "aborted"."""
+LIBRARIES = ("pymavlink", "numpy", "filterpy")
+"""What takes part in a flight, besides ourselves and Python."""
+
+
+def write_manifest(
+    folder: Path, *, mission: str, voice: str, epoch_us: int, seeds: dict[str, int], **end: object
+) -> None:
+    """manifest.json: what a run folder says of itself. Written before the first turn of the loop, so that a run whose
+    process was killed still opens, and again with its end: autopilot, outcome, reason, exit. Raises OSError."""
+    versions: dict[str, str | None] = {"circnav": __version__, "python": platform.python_version()}
+    for library in LIBRARIES:
+        with suppress(PackageNotFoundError):
+            versions[library] = version(library)
+    facts = {"mission": mission, "voice": voice, "epoch_us": epoch_us, "seeds": seeds, "versions": versions}
+    write_json(folder / "manifest.json", facts | dict.fromkeys(("autopilot", "outcome", "reason", "exit")) | end)
 
 
 def close_flight(
     pilot: Pilot,
     recorder: Recorder,
     mission: Mission,
-    clock: Clock,
-    manifest: Manifest,
+    epoch_us: int,
+    manifest: Callable[..., None],
     code: Exit,
     locator: Locator | None = None,
 ) -> tuple[dict[str, Any], Exit]:
     """The summary, written as summary.json, and the rest of manifest.json, if the disk takes them; and the exit code: a
-    flight that went well is not done if it was not recorded, for whoever flew it for its record."""
+    flight that went well is not done if it was not recorded, for whoever flew it for its record. manifest: writes it
+    with the end of the flight."""
     gaps = recorder.problem is not None  # from here on it may also be that what was recorded is not understood
-    summary = _summary(pilot, recorder, mission, clock)
+    summary = _summary(pilot, recorder, mission, epoch_us)
     if locator is not None:
         summary |= _located(recorder, locator)
     gaps |= not _written(summary, f"{recorder.folder}:", lambda: write_summary(recorder.folder, summary))
-    if code is Exit.DONE and gaps:
-        code = Exit.NOT_RECORDED
-    if not _written(summary, "manifest.json", lambda: _complete(manifest, pilot, summary, code)) and code is Exit.DONE:
-        code = Exit.NOT_RECORDED
-    return summary, code
+    code = Exit.NOT_RECORDED if gaps and code is Exit.DONE else code
+    session, end = pilot.session, {"outcome": summary["outcome"], "reason": summary["reason"], "exit": int(code)}
+    autopilot: dict[str, Any] | None = None
+    if session.up:
+        system, component = session.vehicle_ids
+        autopilot = {"system": system, "component": component, "name": session.adapter.name}
+        autopilot["firmware"] = session.vehicle.firmware
+    gaps = not _written(summary, "manifest.json", lambda: manifest(autopilot=autopilot, **end))
+    return summary, Exit.NOT_RECORDED if gaps and code is Exit.DONE else code
 
 
 def _written(summary: dict[str, Any], name: str, write: Callable[[], None]) -> bool:
@@ -86,10 +106,11 @@ def _located(recorder: Recorder, locator: Locator) -> dict[str, Any]:
     }
 
 
-def _summary(pilot: Pilot, recorder: Recorder, mission: Mission, clock: Clock) -> dict[str, Any]:
+def _summary(pilot: Pilot, recorder: Recorder, mission: Mission, epoch_us: int) -> dict[str, Any]:
+    """The figures that can be worked out; the rest is unknown."""
     outcome = pilot.outcome
     assert outcome is not None
-    ticks, truth = _recorded(recorder, clock.epoch_us, pilot.session.vehicle_ids[0] or None)
+    ticks, truth = _recorded(recorder, epoch_us, pilot.session.vehicle_ids[0] or None)
     facts = FlightFacts(
         mission=mission.file.name,
         outcome=OUTCOMES.get(outcome.ending, "aborted"),
@@ -101,7 +122,7 @@ def _summary(pilot: Pilot, recorder: Recorder, mission: Mission, clock: Clock) -
         setpoints_sent=pilot.setpoints_sent,
         firmware=pilot.session.vehicle.firmware,
         version=__version__,
-        epoch_us=clock.epoch_us,
+        epoch_us=epoch_us,
         recording_problem=recorder.problem,
         voice=pilot.settings.output_mode.value,
         clock_speed=pilot.session.clock_speed.noticed,
@@ -109,15 +130,13 @@ def _summary(pilot: Pilot, recorder: Recorder, mission: Mission, clock: Clock) -
         until_s=recorder.until,
         later_radii=mission.radii[1:],
     )
-    return _summarised(facts, ticks, truth)
-
-
-def _complete(manifest: Manifest, pilot: Pilot, summary: dict[str, Any], code: Exit) -> None:
-    """The rest of manifest.json. Raises OSError."""
-    system, component = pilot.session.vehicle_ids
-    known = {"system": system, "component": component, "name": pilot.session.adapter.name}
-    autopilot = known | {"firmware": pilot.session.vehicle.firmware} if pilot.session.up else None
-    manifest.complete(autopilot=autopilot, outcome=summary["outcome"], reason=summary["reason"], exit=int(code))
+    for known in ((ticks, truth), (ticks, None)):
+        try:
+            return summarise(facts, *known)
+        except Exception as error:
+            problem = f"not all figures could be worked out: {error}"
+            facts = replace(facts, recording_problem=facts.recording_problem or problem)
+    return summarise(facts, NO_TICKS, None)
 
 
 def _recorded(recorder: Recorder, epoch_us: int, system: int | None) -> tuple[Ticks, Truth | None]:
@@ -133,17 +152,6 @@ def _recorded(recorder: Recorder, epoch_us: int, system: int | None) -> tuple[Ti
     except Exception as error:
         recorder.problem = recorder.problem or f"flight.tlog: {error}"
     return ticks, truth
-
-
-def _summarised(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str, Any]:
-    """A summary with the figures that can be worked out; the rest is unknown."""
-    for known in ((ticks, truth), (ticks, None)):
-        try:
-            return summarise(facts, *known)
-        except Exception as error:
-            problem = f"not all figures could be worked out: {error}"
-            facts = replace(facts, recording_problem=facts.recording_problem or problem)
-    return summarise(facts, NO_TICKS, None)
 
 
 def draw_flight(folder: Path) -> list[str]:

@@ -12,9 +12,11 @@ MAGIC = b"\x89MCAP0\r\n"
 """How an MCAP file begins."""
 
 
-def export_run(folder: str, out: str | None) -> int:
-    """Write the MCAP file and say what is in it. Raises Refused."""
-    path = Path(out) if out else Path(folder) / "flight.mcap"
+def export_run(folder: str, mcap: str | None) -> int:
+    """Write the MCAP file, by default in the folder, and say what is in it. Raises Refused."""
+    if mcap is None:
+        raise Refused("export: say what to write: --mcap")
+    path = Path(mcap) if mcap else Path(folder) / "flight.mcap"
     with refusing(path, RunError):
         _check_place(path)
         run = open_run(Path(folder))

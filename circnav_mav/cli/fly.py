@@ -15,10 +15,9 @@ import click
 from rich.console import Console
 
 from circnav_mav.cli.check import all_checks, read_mission, show_checks
-from circnav_mav.cli.closing import close_flight, draw_flight
+from circnav_mav.cli.closing import close_flight, draw_flight, write_manifest
 from circnav_mav.cli.connect import link_troubles, open_links, open_locating, open_page, open_signing, start_clock
-from circnav_mav.cli.exits import Exit, Refused, refusing
-from circnav_mav.cli.terminal import outlive_terminal
+from circnav_mav.cli.exits import Exit, Refused, outlive_terminal, refusing
 from circnav_mav.cli.verdict import verdict
 from circnav_mav.mav.check_result import Grade
 from circnav_mav.mission.mission import Mission
@@ -27,7 +26,6 @@ from circnav_mav.runtime.clock import Clock, local_time_name
 from circnav_mav.runtime.display import display_for
 from circnav_mav.runtime.links import Link
 from circnav_mav.runtime.lockstep import Lockstep
-from circnav_mav.runtime.manifest import Manifest
 from circnav_mav.runtime.recorder import Recorder, RecorderError, TakenError
 from circnav_mav.runtime.runner import Onlookers, Show, StopRequest, run
 
@@ -88,7 +86,15 @@ def fly_mission(
             recorder.start(clock.epoch_us, at_once=isinstance(clock, Lockstep))
             if locating is not None:
                 locating.epoch_us = clock.epoch_us
-            manifest = _manifest(mission, output_mode, folder, clock)
+            seed = (mission.file.sim or {}).get("seed")
+            manifest = partial(
+                write_manifest, folder, mission=mission.file.name, voice=output_mode.value, epoch_us=clock.epoch_us,
+                seeds={} if seed is None else {"sim": seed},
+            )  # fmt: skip
+            try:
+                manifest()
+            except OSError as error:
+                raise Refused(f"{folder}: cannot be written: {error.strerror or error}") from None
             display = display_for(Console(), pilot, mission.file.name, min(clock.speed, MOST_WATCHED), locator)
             open_things.callback(display.close)
             shows: dict[str, Show] = {"display": lambda new, step: display.show(new, step.time, recorder.problem)}
@@ -102,7 +108,7 @@ def fly_mission(
             crash = _crash_of(loop, pilot, links, clock, folder)
         assert pilot.outcome is not None
         code = Exit.INTERNAL if crash is not None else EXITS[pilot.outcome.ending]
-        summary, code = close_flight(pilot, recorder, mission, clock, manifest, code, locator)
+        summary, code = close_flight(pilot, recorder, mission, clock.epoch_us, manifest, code, locator)
         words = verdict(summary, folder)
         if page is not None:
             page.finish(words)
@@ -156,21 +162,6 @@ def _recorder(out: str | None, mission: Mission) -> Recorder:
                 raise Refused(f"--out {error}") from None
         except RecorderError as error:
             raise Refused(str(error)) from None
-
-
-def _manifest(mission: Mission, output_mode: OutputMode, folder: Path, clock: Clock) -> Manifest:
-    """manifest.json as far as it is known before the flight. Raises Refused."""
-    seed = (mission.file.sim or {}).get("seed")
-    try:
-        return Manifest(
-            folder,
-            mission=mission.file.name,
-            voice=output_mode.value,
-            epoch_us=clock.epoch_us,
-            seeds={} if seed is None else {"sim": seed},
-        )
-    except OSError as error:
-        raise Refused(f"{folder}: cannot be written: {error.strerror or error}") from None
 
 
 def _crash_of(

@@ -17,12 +17,12 @@ SCHEMA = "mission.schema.json"
 DRAFT = "http://json-schema.org/draft-07/schema#"
 
 
-def write_mission(vehicle: str, out: str | None) -> int:
+def write_mission(vehicle: str, file: str | None) -> int:
     """Write the bundled mission of a vehicle under a name of one's own, never over anything. Raises Refused."""
     source = bundled("mission", vehicle)
     if source is None:
         raise Refused(f"init {vehicle}: is not one of {', '.join(names('mission'))}")
-    path = Path(out or f"{vehicle}.toml")
+    path = Path(file or f"{vehicle}.toml")
     if not re.fullmatch(r"[A-Za-z0-9._-]+", path.stem):
         raise Refused(f"init: {path.name}: a mission's name has letters, digits, '.', '_' and '-' only")
     text = source.read_text(encoding="utf-8")
@@ -31,8 +31,8 @@ def write_mission(vehicle: str, out: str | None) -> int:
     text = text.replace(f'\nname = "{source.stem}"\n', f'\nname = "{path.stem}"\n', 1)
     with refusing(path):
         try:
-            with path.open("x", encoding="utf-8") as file:
-                file.write(text)
+            with path.open("x", encoding="utf-8") as fresh:
+                fresh.write(text)
         except FileExistsError:
             raise Refused(f"init: {path}: is there already, name another file: circnav init {vehicle} FILE") from None
         schema = path.with_name(SCHEMA)
@@ -43,6 +43,12 @@ def write_mission(vehicle: str, out: str | None) -> int:
     click.echo(f"{path}: {about}\nEvery value is commented. Change what is yours, then:")
     click.echo(f"  circnav check {path}    # each value against its limits")
     click.echo(f"  circnav fly {path}      # {where}")
+    return Exit.DONE
+
+
+def print_schema(kind: str) -> int:
+    """Print the JSON schema of mission or campaign files."""
+    click.echo(schema_text(kind), nl=False)
     return Exit.DONE
 
 

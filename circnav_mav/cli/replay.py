@@ -1,22 +1,23 @@
 """`circnav replay`: a flight that already happened, through the same pilot."""
 
 import time
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import click
 
 from circnav_mav.cli.exits import Exit, Refused, refusing
-from circnav_mav.cli.replay_who import say_who
+from circnav_mav.mav.autopilots.interface import Autopilot
 from circnav_mav.mav.ranging.interface import describe_rejected
+from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.mission.load import MissionError, load_mission, parse_mission
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import OutputMode, Pilot, PilotSettings
 from circnav_mav.report.plots import plot_replay
 from circnav_mav.runlog.atomic_write import atomic_write
-from circnav_mav.runlog.log_sources import LogSources
+from circnav_mav.runlog.log_sources import LogSources, RangeSource
 from circnav_mav.runlog.loop_steps import LogClock, LoopStep, recorded_steps, tlog_steps
 from circnav_mav.runlog.replay import Replayed, as_ticks, differences, held_gain, replay, without_timeouts
 from circnav_mav.runlog.run_folder import Run, RunError, open_run, printable
@@ -31,35 +32,34 @@ TICKS, PICTURE = "ticks.csv", "replay.png"
 """What a replay leaves behind."""
 LAST_DIGIT = 1e-6
 """ticks.csv holds six decimals."""
+MOST_NAMED = 6
+"""Senders that are named; a ground station may plot dozens of values."""
 
 
-@dataclass(frozen=True, slots=True)
-class ReplayOptions:
-    """The command line of `replay`."""
-
-    log: str
-    mission: str | None
-    overrides: tuple[str, ...]
-    estimator: str | None
-    law: str | None
-    out: str | None
-
-
-def replay_log(options: ReplayOptions) -> int:
+def replay_log(
+    log: str, mission: str | None = None, overrides: Sequence[str] = (), estimator: str | None = None,
+    law: str | None = None, out: str | None = None,
+) -> int:  # fmt: skip
     """Replay, print what came of it, and return the exit code. Raises Refused."""
-    path = Path(options.log)
+    path, chosen = Path(log), {"estimator": estimator, "law": law}
+    overrides = [*overrides, *(f'guidance.{key}="{name}"' for key, name in chosen.items() if name is not None)]
     with refusing(path, RunError, MissionError):
-        _check_out(options.out)
+        _check_out(out)
         if path.is_file() and path.name != "flight.tlog":
-            return _replay_plain(path, options)
-        return _replay_run(open_run(path.parent if path.is_file() else path), options)
+            _replay_plain(log, mission, overrides, out)
+        else:
+            _replay_run(log, mission, overrides, out)
+    return Exit.DONE
 
 
-def _replay_run(run: Run, options: ReplayOptions) -> int:
-    """A run folder: every step of the loop as it was."""
+def _replay_run(log: str, other: str | None, overrides: Sequence[str], out: str | None) -> None:
+    """A run folder: every step of the loop as it was, under its own mission or another."""
+    run = open_run(Path(log).parent if Path(log).is_file() else Path(log))
     if not (run.folder / "turns.csv").is_file():
         raise Refused(f"{run.folder}: has no turns.csv; copy its flight.tlog out and replay that with --mission")
-    mission = _mission(run.mission_text, str(run.folder / "mission.toml"), options)
+    own = str(run.folder / "mission.toml")
+    parse = partial(load_mission, other) if other else partial(parse_mission, run.mission_text, own)
+    mission = _mission(other or own, parse, overrides)
     try:
         voice = OutputMode(run.voice)
     except ValueError:
@@ -73,33 +73,32 @@ def _replay_run(run: Run, options: ReplayOptions) -> int:
         click.echo(f"  turn gain  held at {gain:.3g}, as at the end of the flight, which flew other turns")
     _say_setpoints(done, whole)
     _say_ticks(done, pilot, run.ticks)
-    _write(options, done, run.ticks, mission)
+    _write(log, out, done, run.ticks, mission)
     _check_steered(run.folder, pilot)
-    return Exit.DONE
 
 
-def _replay_plain(path: Path, options: ReplayOptions) -> int:
+def _replay_plain(log: str, path: str | None, overrides: Sequence[str], out: str | None) -> None:
     """A tlog of anybody's: dry, with ticks added, and without patience running out."""
-    if options.mission is None:
-        raise Refused(f"{path}: a plain tlog needs --mission: which vehicle, circle and ranging to replay it with")
-    mission = _mission("", str(path), options)
+    if path is None:
+        raise Refused(f"{Path(log)}: a plain tlog needs --mission: which vehicle, circle and ranging to replay it with")
+    mission = _mission(path, partial(load_mission, path), overrides)
     pilot = Pilot(without_timeouts(mission.pilot_settings(OutputMode.DRY_RUN)))
     clock, sources = LogClock(), LogSources(pilot.settings.ranging)
-    steps = sources.watch(tlog_steps(path, mission.file.link.component_id, clock), pilot)
+    tlog = Path(log)
+    steps = sources.watch(tlog_steps(tlog, mission.file.link.component_id, clock), pilot)
     empty = "no MAVLink frame in it: not a tlog, or an empty one"
-    done = _replayed(path, pilot, steps, ticking=True, empty=empty)
-    if damage := find_damage(path):
-        until = f": replayed up to {done.until:.1f} s" if damage.cut else ""
-        click.echo(f"  WARNING    {path.name}: {damage}{until}")
+    done = _replayed(tlog, pilot, steps, ticking=True, empty=empty)
+    problems = []
+    if damage := find_damage(tlog):
+        problems.append(f"{damage}: replayed up to {done.until:.1f} s" if damage.cut else str(damage))
     if spoilt := pilot.counts().bad:
-        click.echo(f"  WARNING    {path.name}: left out as damaged: {spoilt} of the frames")
-    if said := str(clock):
-        click.echo(f"  WARNING    {path.name}: {said}")
-    say_who(sources, pilot.session.adapter)
-    _check_steered(path, pilot)
+        problems.append(f"left out as damaged: {spoilt} of the frames")
+    for problem in filter(None, (*problems, str(clock))):
+        click.echo(f"  WARNING    {tlog.name}: {problem}")
+    _say_who(sources, pilot.session.adapter)
+    _check_steered(tlog, pilot)
     _say_ticks(done, pilot, None)
-    _write(options, done, None, mission)
-    return Exit.DONE
+    _write(log, out, done, None, mission)
 
 
 def _replayed(name: Path, pilot: Pilot, steps: Iterable[LoopStep], *, empty: str, ticking: bool = False) -> Replayed:
@@ -115,16 +114,13 @@ def _replayed(name: Path, pilot: Pilot, steps: Iterable[LoopStep], *, empty: str
     return done
 
 
-def _mission(text: str, where: str, options: ReplayOptions) -> Mission:
-    """The mission to replay with: the run's own or another, with the changes asked for. Raises MissionError."""
-    chosen = {"estimator": options.estimator, "law": options.law}
-    overrides = [*options.overrides, *(f'guidance.{key}="{name}"' for key, name in chosen.items() if name is not None)]
-    parse = partial(load_mission, options.mission) if options.mission else partial(parse_mission, text, where)
+def _mission(where: str, parse: Callable[..., Mission], overrides: Sequence[str]) -> Mission:
+    """The mission to replay with, with the changes asked for. Raises MissionError, Refused."""
     as_it_is, mission = parse(), parse(overrides=overrides)
     gain = as_it_is.file.guidance.gain
     if gain is not None and mission.law.name != as_it_is.law.name and mission.file.guidance.gain == gain:
         raise Refused(
-            f"{options.mission or where}: guidance.gain {gain:g} belongs to the law {as_it_is.law.name}: "
+            f"{where}: guidance.gain {gain:g} belongs to the law {as_it_is.law.name}: "
             f"give one for {mission.law.name} with --set guidance.gain=..."
         )
     return mission
@@ -201,14 +197,14 @@ def _say_ticks(done: Replayed, pilot: Pilot, was: Ticks | None) -> None:
         click.echo(f"  outcome    {pilot.outcome.ending.value}: {pilot.outcome.reason}{until}")
 
 
-def _write(options: ReplayOptions, done: Replayed, was: Ticks | None, mission: Mission) -> None:
+def _write(log: str, out: str | None, done: Replayed, was: Ticks | None, mission: Mission) -> None:
     """The replay's own picture and ticks, where they are asked for. The picture comes first: it tells the ticks for
     those of a replay."""
-    if options.out is None:
+    if out is None:
         return
-    folder = Path(options.out)
+    folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
-    plot_replay(folder / PICTURE, was, as_ticks(done.ticks), mission.orbit, f"{printable(options.log)}, replayed")
+    plot_replay(folder / PICTURE, was, as_ticks(done.ticks), mission.orbit, f"{printable(log)}, replayed")
     with atomic_write(folder / TICKS) as fresh:
         write_ticks(fresh, done.ticks)
     click.echo(f"  written    {folder}/{TICKS}, {folder}/{PICTURE}")
@@ -221,3 +217,43 @@ def _check_out(out: str | None) -> None:
         return
     if (folder / "flight.tlog").exists() or ((folder / TICKS).exists() and not (folder / PICTURE).exists()):
         raise Refused(f"--out {out}: holds a recorded flight, name another folder for the replay")
+
+
+def _say_who(sources: LogSources, adapter: Autopilot) -> None:
+    """The vehicle and the source of ranges that were used, and who else speaks in the log."""
+    if sources.vehicle is not None:
+        system, component = sources.vehicle
+        kind = sources.vehicles.get(sources.vehicle, "unknown")
+        click.echo(f"  vehicle    system {system}, component {component}: {kind}, flown as {adapter.name}")
+    ranging = sources.ranging
+    for source, counts in ranging.items():
+        if counts.taken:
+            click.echo(f"  ranging    {_name(source)}: {counts.taken} of {counts.messages} usable")
+    idle = ((counts.messages, source) for source, counts in ranging.items() if not counts.taken)
+    unused = (f"{_name(source)}: {count}" for count, source in sorted(idle, key=lambda each: -each[0]))
+    others = (
+        f"system {system}, component {component}: {kind}, {sources.heartbeats[system, component]} heartbeats"
+        for (system, component), kind in sources.vehicles.items()
+        if (system, component) != sources.vehicle
+    )
+    for title, senders in (("unused", unused), ("others", others)):
+        if said := _some(senders):
+            click.echo(f"  {title:<10} {said}")
+    if candidates := sources.candidates:
+        keys = " or ".join(sources.distinguishing_keys)
+        mixed = sum(ranging[candidate].taken > 0 for candidate in candidates) > 1
+        done = "their ranges were mixed" if mixed else "the first heard was taken"
+        click.echo(f"  WARNING    {len(candidates)} sensors fit the mission, {done}: name yours with {keys}")
+
+
+def _name(source: RangeSource) -> str:
+    fields = RANGING_MESSAGES[source.message].marks
+    marks = ", ".join(f"{mark} {value}" for mark, value in zip(fields, source.marks, strict=True))
+    return f"{source.message.upper()} of {source.system}/{source.component} ({marks})"
+
+
+def _some(names: Iterable[str]) -> str:
+    """The first of them, and how many more there are."""
+    every = list(names)
+    more = [f"and {len(every) - MOST_NAMED} more"] if len(every) > MOST_NAMED else []
+    return "; ".join(every[:MOST_NAMED] + more)

@@ -20,8 +20,11 @@ from circnav_mav.runlog.run_folder import Run, RunError, open_run
 from circnav_mav.runlog.summary import FlightFacts, summarise
 
 
-def report_run(folder: str) -> int:
-    """Write report.html and flight.png into a run folder. Raises Refused."""
+def report_run(folder: str, after_flight: bool) -> int:
+    """Write report.html and flight.png into a run folder. after_flight: as a flight ends, a line for whatever goes
+    wrong with one of them changes nothing else. Raises Refused."""
+    if after_flight:
+        return _report_flight(folder)
     with refusing(folder, RunError, MissionError):
         run = open_run(Path(folder))
         if not len(run.ticks.time):
@@ -37,8 +40,7 @@ def report_run(folder: str) -> int:
     return Exit.DONE
 
 
-def report_flight(folder: str) -> int:
-    """The same at the end of a flight. Whatever goes wrong with one of them is a line, and changes nothing else."""
+def _report_flight(folder: str) -> int:
     for name, make in (("flight.png", _picture), ("report.html", _page)):
         try:
             run = open_run(Path(folder))

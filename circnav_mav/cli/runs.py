@@ -29,11 +29,11 @@ class RunFolder(NamedTuple):
     foreign: list[str]
 
 
-def clean_runs(runs: str, older_than: str, keep: int, yes: bool) -> int:
+def clean_runs(folder: str, older_than: str, keep: int, yes: bool) -> int:
     """Show what would go, and delete it if that is wanted. Raises Refused."""
     age = _seconds(older_than)
-    with refusing(runs):
-        found = sorted(find_runs(Path(runs)), key=lambda run: -run.written)
+    with refusing(folder):
+        found = sorted(find_runs(Path(folder)), key=lambda run: -run.written)
         old = [run for run in found[keep:] if unix_time() - run.written > age]
         doomed = [run for run in old if not run.foreign]
         for run in old:

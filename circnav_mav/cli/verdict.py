@@ -10,20 +10,20 @@ NOTABLE = 1.0
 
 
 def verdict(summary: dict[str, Any], folder: Path) -> str:
-    """What a person wants to know, in a few lines."""
+    """What a person wants to know, in a few lines. summary: as `summarise` makes it, and what the survey adds."""
     lines = [f"{summary['outcome'].upper()}: {summary['reason']}"]
-    if summary.get("voice", "fly") != "fly":
-        would = f"would have steered for {_steered(summary):.0f} s"
-        lines.append(f"  {summary['voice'].upper():<9}  no setpoint sent, {would}")
+    if summary["voice"] != "fly":
+        voice = f"{summary['voice'].upper():<9}"
+        lines.append(f"  {voice}  no setpoint sent, would have steered for {summary['steered_s']:.0f} s")
     elif summary["engaged_s"] is not None:
         lines += _circle(summary)
     lines.append(f"  ranges     {summary['samples_accepted']} accepted, {_refused(summary['samples_rejected'])}")
-    if refused := summary.get("frames_refused"):
+    if refused := summary["frames_refused"]:
         why = ", ".join(f"{count} {reason}" for reason, count in sorted(refused.items()))
         lines.append(f"  frames     rejected by their signature: {why}")
     lines.append(f"  setpoints  {summary['setpoints_sent']} sent")
     lines += _survey(summary)
-    if summary.get("clock_speed") is not None:
+    if summary["clock_speed"] is not None:
         cure = 'for a simulator set link.clock = "autopilot"'
         lines.append(f"  WARNING    autopilot time ran {summary['clock_speed']:.2g} times as fast as ours: {cure}")
     if summary["recording_problem"]:
@@ -49,11 +49,6 @@ def _survey(summary: dict[str, Any]) -> list[str]:
     return lines
 
 
-def _steered(summary: dict[str, Any]) -> float:
-    """Seconds in which we steered; older summaries know only how long the flight was."""
-    return float(summary.get("steered_s", summary["flown_s"]))
-
-
 def _refused(rejected: dict[str, int]) -> str:
     """Ranges that did not count; those of other senders, which do no harm, apart."""
     own = {reason: count for reason, count in sorted(rejected.items()) if reason not in OTHERS}
@@ -64,10 +59,10 @@ def _refused(rejected: dict[str, int]) -> str:
 
 def _circle(summary: dict[str, Any]) -> list[str]:
     """Settling and radius, by our own estimate and by the simulator's truth."""
-    desired = summary["desired_radius_m"]
-    flown, steered = summary["flown_s"], _steered(summary)
+    desired, truth = summary["desired_radius_m"], summary["truth"]
+    flown, steered = summary["flown_s"], summary["steered_s"]
     of_these = f" ({steered:.0f} s steered)" if flown - steered > NOTABLE else ""
-    circles, wanted = summary.get("circles") or [], summary.get("circles_wanted_m") or []
+    circles, wanted = summary["circles"], summary["circles_wanted_m"]
     lines = [
         f"  before     {circle['desired_radius_m']:g} m, {circle['begun_s']:.0f} s on: "
         f"{_figures(circle, circle['desired_radius_m'])}"
@@ -78,7 +73,6 @@ def _circle(summary: dict[str, Any]) -> list[str]:
         lines.append(f"  WARNING    circle of {left} not begun: the one before was not flown to its end")
     lines.append(f"  desired    {desired:g} m {summary['direction']}, flown {flown:.0f} s{of_these}; last third:")
     lines.append(f"  estimated  {_figures(summary, desired)}")
-    truth = summary["truth"]
     if truth is not None:
         lines.append(f"  truth      {_figures(truth, desired)}")
         right = "as desired" if truth["direction"] == summary["direction"] else "NOT AS DESIRED"
@@ -91,7 +85,7 @@ def _circle(summary: dict[str, Any]) -> list[str]:
 
 
 def _turn(summary: dict[str, Any]) -> list[str]:
-    """The turn command; older summaries do not know its variation, nor whether it was in a limit cycle."""
+    """The turn command, how the vehicle answered it, and whether either was in a limit cycle."""
     std, at_limit, variation = map(summary.get, ("turn_std_deg_s", "turn_at_limit", "turn_variation_rad_s2"))
     if std is None or at_limit is None:
         return []
@@ -99,9 +93,9 @@ def _turn(summary: dict[str, Any]) -> list[str]:
     lines = [f"  turn       command std {std:.1f} deg/s, at the limit {100 * at_limit:.0f} %{varies}"]
     gain, delay, share = map(summary.get, ("turn_gain", "turn_delay_s", "gain_share"))
     if gain is not None and delay is not None:
-        changes = summary.get("law_changes", 0)
+        changes = summary["law_changes"]
         lines.append(f"  vehicle    turn gain {gain:.2f}, turn delay {delay:.2f} s; law changes {changes}")
-    if summary.get("turn_limit_cycle"):
+    if summary["turn_limit_cycle"]:
         lines.append("  WARNING    limit cycle: the turn command oscillates, however small the radius error is")
     if share is not None and share < 1:
         lines.append(f"  WARNING    limit cycle in flight: the gains were reduced to {100 * share:.0f} %")

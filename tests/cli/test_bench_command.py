@@ -1,7 +1,5 @@
 """`circnav bench`: a cell by its names, and the table."""
 
-import importlib
-
 CELL = ("bench", "--law", "pd", "--situation", "calm")
 
 
@@ -14,6 +12,6 @@ def test_a_cell_is_flown_and_written(circnav, tmp_path):
 
 
 def test_a_place_that_cannot_be_written_is_found_out_before_anything_flies(circnav, tmp_path, monkeypatch):
-    monkeypatch.setattr(importlib.import_module("circnav_mav.cli.bench"), "run", None)
+    monkeypatch.setattr("circnav_mav.experiments.bench.run", None)
     (tmp_path / "out" / "table.csv").mkdir(parents=True)
     assert "Is a directory" in circnav(*CELL, "--out", tmp_path / "out").refused

@@ -12,7 +12,8 @@ TRUTH: dict[str, Any] = {**FIGURES, "direction": "clockwise", "closest_approach_
 SUMMARY: dict[str, Any] = {
     "voice": "fly", "outcome": "completed", "reason": "flown to its end", "desired_radius_m": 100.0,
     "direction": "clockwise", "direction_commanded": "clockwise", "engaged_s": 2.0, "flown_s": 60.0, **FIGURES,
-    "samples_accepted": 600, "samples_rejected": {"gated": 3}, "frames_refused": {}, "setpoints_sent": 1200,
+    "steered_s": 60.0, "circles": [{}], "circles_wanted_m": [100.0], "clock_speed": None, "law_changes": 0,
+    "turn_limit_cycle": False, "samples_accepted": 600, "samples_rejected": {"gated": 3}, "frames_refused": {}, "setpoints_sent": 1200,
     "truth": TRUTH, "recording_problem": None,
 }  # fmt: skip
 TURN = {"turn_std_deg_s": 7.31, "turn_at_limit": 0.112}
@@ -80,8 +81,3 @@ def test_a_flight_that_sent_nothing_says_so_and_is_given_no_marks(voice: str) ->
     words = told(voice=voice, reason="dry run to its end", setpoints_sent=0)
     assert f"  {voice.upper():<9}  no setpoint sent, would have steered for 60 s" == words.splitlines()[1]
     assert not any(mark in words for mark in ("settled", "RMS", "rotation"))
-
-
-def test_a_summary_of_before_there_were_voices_is_of_a_flight() -> None:
-    older = {name: value for name, value in SUMMARY.items() if name != "voice"}
-    assert "settled after 20 s" in verdict(older, Path("run"))

@@ -10,7 +10,7 @@ from pathlib import Path
 from random import Random
 
 from circnav_mav.cli.exits import Refused
-from circnav_mav.cli.replay import ReplayOptions, replay_log
+from circnav_mav.cli.replay import replay_log
 from circnav_mav.emulator.config import ConfigError, load_vehicle, parse_vehicle
 from circnav_mav.emulator.faults.intruders import tlog_frames
 from circnav_mav.experiments.campaign.batchable import obstacle
@@ -104,7 +104,7 @@ def read_run(folder: Path, files: dict[str, bytes]) -> None:
     list(tlog_steps(folder / "flight.tlog", 191))
     run = open_run(folder)
     with redirect_stdout(StringIO()):
-        replay_log(ReplayOptions(str(folder), None, (), None, None, None))
+        replay_log(str(folder))
     len(run.ticks.time), run.truth, events(run)
 
 

@@ -5,9 +5,9 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
+from circnav_mav.cli.closing import write_manifest
 from circnav_mav.mission.load import load_mission
 from circnav_mav.pilot import OutputMode, Pilot
-from circnav_mav.runtime.manifest import Manifest
 from circnav_mav.runtime.recorder import LoopStep, Recorder
 from sim.config import parse_vehicle
 from sim.vehicle import Vehicle
@@ -47,7 +47,7 @@ def recorded_flight(folder: Path, mission: str, *overrides: str, output: OutputM
     loaded = load_mission(CONFIG / f"{mission}.toml", overrides)
     assert loaded.file.sim is not None
     recorder = Recorder(folder, loaded.text)
-    Manifest(folder, mission=mission, voice=output.value, epoch_us=EPOCH_US, seeds={})
+    write_manifest(folder, mission=mission, voice=output.value, epoch_us=EPOCH_US, seeds={})
     recorder.start(EPOCH_US)
     vehicle = Vehicle(parse_vehicle(loaded.file.sim, mission))
     return RecordedFlight(Pilot(loaded.pilot_settings(output)), vehicle, recorder=recorder)

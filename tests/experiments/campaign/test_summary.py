@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from circnav_mav.cli.campaign import _say
+from circnav_mav.cli.experiments import _say
 from circnav_mav.experiments.campaign.plots import _against, _distributions, _starts, plot_campaign
 from circnav_mav.experiments.campaign.summary import figures, median_interval, percentile, summarise, wilson
 

@@ -1,9 +1,10 @@
-"""`circnav campaign`: thousands of flights, a table, a summary and pictures."""
+"""`circnav bench`, `circnav campaign`, `circnav paper`: many flights, and their tables and pictures."""
 
+import os
 import signal
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from circnav_mav.cli.exits import Exit, Refused, refusing
 from circnav_mav.emulator.config import ConfigError
+from circnav_mav.experiments import bench, paper
+from circnav_mav.experiments.batch.guidance import POLICIES
+from circnav_mav.experiments.batch.situations import SITUATIONS
 from circnav_mav.experiments.campaign.batchable import obstacle
 from circnav_mav.experiments.campaign.execute import ExecutionError, cores, on_cores, on_scheduler
 from circnav_mav.experiments.campaign.file import CampaignError, load_campaign
@@ -22,26 +26,76 @@ from circnav_mav.experiments.campaign.plan import Campaign, hopeless, prepare
 from circnav_mav.experiments.campaign.plots import plot_campaign
 from circnav_mav.experiments.campaign.store import TABLE, Store, StoreError
 from circnav_mav.experiments.campaign.summary import SUMMARY, summarise
+from circnav_mav.experiments.ideal import random_starts
+from circnav_mav.experiments.worker_pool import WorkerDiedError
 from circnav_mav.mission.load import MissionError
-from circnav_mav.runlog.atomic_write import write_json
+from circnav_mav.runlog.atomic_write import write_json, write_text
 from circnav_mav.runlog.run_folder import printable
 from circnav_mav.runtime.clock import local_time_name
 
+SHOWN = 2
+"""The start that the paper's figures show, where there are as many."""
 MOST_JUDGED = 200
 """Flights of which it is found out beforehand which engine they need."""
+SETTLED = ("settled_median", "settled_p95")
 TELL_EVERY = 10.0
 """Time, s, between two lines of progress where there is no terminal."""
+
+
+def fly_bench(flights: int, laws: tuple[str, ...], situations: tuple[str, ...], seed: int, out: str | None) -> int:
+    """Fly the cells asked for, all by default, and print a line for each. Raises Refused."""
+    _at_least("--flights", flights, 1)
+    _at_least("--seed", seed, 0)
+    _known("--law", laws, POLICIES)
+    _known("--situation", situations, SITUATIONS)
+    folder = Path(out) if out else None
+    cells = [(situation, law) for situation in situations or SITUATIONS for law in laws or POLICIES]
+    with refusing(out or "bench"):
+        if folder is not None:
+            folder.mkdir(parents=True, exist_ok=True)
+            (folder / "table.csv").open("ab").close()  # better now than after hours of flight
+        try:
+            bench.run(cells, flights, seed, folder, tell=click.echo, cores=os.cpu_count() or 1)
+        except WorkerDiedError:
+            raise Refused("a worker process died (out of memory?): ask for fewer --flights", Exit.INTERNAL) from None
+    return Exit.DONE
+
+
+def reproduce_paper(out: str, starts: int, seed: int) -> int:
+    """Fly the examples, draw, print. Raises Refused."""
+    _at_least("--starts", starts, 1)
+    _at_least("--seed", seed, 0)
+    folder, found = Path(out), []
+    with refusing(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        for example in paper.EXAMPLES:
+            findings, tracks = paper.study(example, random_starts(starts, seed))
+            found.append(findings)
+            for path in paper.draw(folder, example, tracks, min(SHOWN, starts - 1)):
+                click.echo(path)
+        write_text(folder / "table.md", paper.table(found) + "\n")
+    click.echo(f"{folder / 'table.md'}\n\n{paper.table(found)}")
+    return Exit.DONE
+
+
+def _at_least(option: str, value: int, least: int) -> None:
+    if value < least:
+        raise Refused(f"{option}: must be at least {least}, not {value}")
+
+
+def _known(option: str, names: tuple[str, ...], table: Iterable[str]) -> None:
+    for name in names:
+        if name not in table:
+            raise Refused(f'{option}: "{name}" is not one of: {"; ".join(table)}')
 
 
 def fly_campaign(
     file: str, *, runs: int | None, out: str | None, resume: bool, scheduler: str | None, processes: int | None
 ) -> int:
-    """Fly what is missing, tell what came of it, and return the exit code: the command line of `campaign`. Raises
-    Refused."""
+    """Fly what is missing, tell what came of it, and return the exit code. Raises Refused."""
     with refusing(file, CampaignError, StoreError, ExecutionError):
         campaign = load_campaign(file, runs)
-        reason = hopeless(campaign)
-        if reason is not None:
+        if reason := hopeless(campaign):
             raise Refused(reason)
         if resume and out is None:
             raise Refused("--resume: name the folder to go on with: --out DIR")
@@ -79,10 +133,10 @@ def _fly(campaign: Campaign, store: Store, scheduler: str | None, processes: int
     if not torn:
         return False
     done = frozenset(store.done)
-    if scheduler is not None:
-        results = on_scheduler(campaign, torn, scheduler, done)
-    else:
+    if scheduler is None:
         results = on_cores(campaign, torn, processes or cores(), done)
+    else:
+        results = on_scheduler(campaign, torn, scheduler, done)
     try:
         with _progress(len(store.done), campaign.runs) as show, closing(results):
             for rows in results:
@@ -94,7 +148,7 @@ def _fly(campaign: Campaign, store: Store, scheduler: str | None, processes: int
 
 
 @contextmanager
-def _progress(done: int, total: int) -> Iterator[Any]:
+def _progress(done: int, total: int) -> Iterator[Callable[[int, list[Row]], None]]:
     """A bar with the time left on a terminal, else a line from time to time."""
     console = Console()
     if not console.is_terminal:
@@ -114,7 +168,7 @@ def _progress(done: int, total: int) -> Iterator[Any]:
         yield show
 
 
-def _lines(before: int, total: int) -> Any:
+def _lines(before: int, total: int) -> Callable[[int, list[Row]], None]:
     began = told = time.monotonic()
 
     def show(done: int, rows: list[Row]) -> None:
@@ -162,13 +216,10 @@ def _say(what: str, figures: dict[str, Any]) -> None:
         low, high = figures["rms_interval"]
         sure = "" if low is None else f" ({low:.3g} .. {high:.3g})"
         line += f"  RMS {figures['rms_median']:.3g} m{sure}, p95 {figures['rms_p95']:.3g} m"
-        line += f"  settled {_seconds(figures['settled_median'])}, p95 {_seconds(figures['settled_p95'])}"
+        median, late = ("never" if time is None else f"{time:.0f} s" for time in map(figures.get, SETTLED))
+        line += f"  settled {median}, p95 {late}"
     if figures["turn_std_deg_s"] is not None:
         line += f"  turn sd {figures['turn_std_deg_s']:.1f} deg/s, at the limit {100 * figures['turn_at_limit']:.0f} %"
     for name in ("limit_cycles", "wrong_way", "not_engaged", "failed"):
         line += f"  {name.replace('_', ' ')}: {figures[name]}" if figures[name] else ""
     click.echo(line)
-
-
-def _seconds(value: float | None) -> str:
-    return "never" if value is None else f"{value:.0f} s"
