@@ -14,8 +14,8 @@ from circnav_mav.mav.check_result import Check, Grade
 from circnav_mav.mission.checks import check_mission, drift_allowed
 from circnav_mav.mission.load import MissionError, load_mission
 from circnav_mav.mission.mission import SIM, Mission
+from circnav_mav.runtime.endpoint import LinkError, parse_endpoint
 from circnav_mav.runtime.keys import KeyFileError, read_key
-from circnav_mav.runtime.links import LinkError, parse_endpoint
 from circnav_mav.runtime.radio_link import radio_port
 
 COLOURS = {Grade.PASS: "green", Grade.WARN: "yellow", Grade.FAIL: "red"}

@@ -18,8 +18,9 @@ from circnav_mav.mission.mission import SIM, Mission
 from circnav_mav.pilot import RANGING, VEHICLE, Pilot
 from circnav_mav.runlog.metrics import TOLERANCE
 from circnav_mav.runtime.clock import AutopilotClock, Clock
+from circnav_mav.runtime.endpoint import LinkError
 from circnav_mav.runtime.keys import KeyFileError, SigningTime, read_key, timestamp_path
-from circnav_mav.runtime.links import Link, LinkError, open_link
+from circnav_mav.runtime.links import Link, open_link
 from circnav_mav.runtime.locating import Locating
 from circnav_mav.runtime.lockstep import Lockstep
 from circnav_mav.runtime.radio_link import open_radio

@@ -12,7 +12,7 @@ from circnav_mav.mav.clocks import quick_span, span_speed
 from circnav_mav.mission.preflight_ranging import outliers_among, residuals_of, spread_of
 from circnav_mav.pilot.survey import RangeHeard
 from circnav_mav.runtime.clock import Clock
-from circnav_mav.runtime.links import LinkError
+from circnav_mav.runtime.endpoint import LinkError
 from circnav_mav.runtime.radio_link import RadioLink, open_radio
 from circnav_mav.runtime.runner import StopRequest, wait
 

@@ -1,4 +1,5 @@
-"""How endpoints are written, and what is said of one that cannot be opened."""
+"""Endpoints as mavutil (`udpin:host:port`) and MAVSDK (`udpin://host:port`) write them, and what is said of one that
+cannot be opened."""
 
 import errno
 import socket
@@ -6,11 +7,6 @@ import termios
 from dataclasses import dataclass
 from ipaddress import IPv6Address
 from typing import Any
-
-MOST_BYTES = 1 << 15
-"""Bytes taken in one call, up to the end of a datagram: what is left stays in the socket for the next turn of the loop,
-which follows at once. A radio brings a hundredth of that in 50 ms, a simulator at twenty times real time some 20 kB; to
-decode it takes 5 ms, and 0.05 s of frames that somebody made up to take long, where 0.5 s without a step is a stall."""
 
 MOST_DIGITS = 9
 """Of a port or a baud rate; Python reads no numbers of thousands."""

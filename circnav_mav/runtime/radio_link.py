@@ -11,8 +11,8 @@ from circnav_mav.mav.codec import Encoder
 from circnav_mav.mav.identity import spelt
 from circnav_mav.radios.interface import Driver, RadioReading
 from circnav_mav.radios.table import DriverError, make_driver, split_driver
-from circnav_mav.runtime.endpoint import LinkError
-from circnav_mav.runtime.links import Link, open_link, parse_endpoint
+from circnav_mav.runtime.endpoint import LinkError, parse_endpoint
+from circnav_mav.runtime.links import Link, open_link
 
 SYSTEM, COMPONENT = 1, dialect.MAV_COMP_ID_ONBOARD_COMPUTER2
 """The ids under which a driver's readings are logged: those of a radio on the companion in docs/own-vehicle.md."""

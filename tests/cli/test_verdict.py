@@ -13,8 +13,8 @@ SUMMARY: dict[str, Any] = {
     "voice": "fly", "outcome": "completed", "reason": "flown to its end", "desired_radius_m": 100.0,
     "direction": "clockwise", "direction_commanded": "clockwise", "engaged_s": 2.0, "flown_s": 60.0, **FIGURES,
     "steered_s": 60.0, "circles": [{}], "circles_wanted_m": [100.0], "clock_speed": None, "law_changes": 0,
-    "turn_limit_cycle": False, "samples_accepted": 600, "samples_rejected": {"gated": 3}, "frames_refused": {}, "setpoints_sent": 1200,
-    "truth": TRUTH, "recording_problem": None,
+    "turn_limit_cycle": False, "samples_accepted": 600, "samples_rejected": {"gated": 3}, "frames_refused": {},
+    "setpoints_sent": 1200, "truth": TRUTH, "recording_problem": None,
 }  # fmt: skip
 TURN = {"turn_std_deg_s": 7.31, "turn_at_limit": 0.112}
 GAIN = {"turn_gain": 0.98, "turn_delay_s": 0.31, "law_changes": 2}

@@ -9,9 +9,8 @@ from contextlib import closing
 
 import pytest
 
-from circnav_mav.runtime.endpoint import MOST_BYTES, LinkError
-from circnav_mav.runtime.links import open_link
-from circnav_mav.runtime.udp_link import LONGEST, MOST_DATAGRAMS
+from circnav_mav.runtime.endpoint import LinkError
+from circnav_mav.runtime.links import LONGEST, MOST_BYTES, MOST_DATAGRAMS, open_link
 from tests.process import PATIENCE
 
 UDP = (socket.AF_INET, socket.SOCK_DGRAM)

@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import all as mavlink
 from circnav_mav.radios.interface import RadioReading
 from circnav_mav.radios.lines import Lines
 from circnav_mav.radios.linktrack import LinkTrack
-from circnav_mav.runtime.links import LinkError
+from circnav_mav.runtime.endpoint import LinkError
 from circnav_mav.runtime.radio_link import RadioLink, open_radio, radio_port
 from tests.radios.recorded import NODE_FRAME_2
 
