@@ -1,31 +1,77 @@
-"""What is told of a flight: why it waits, what is wrong, how much comes in."""
+"""What is told of a flight: why it waits, what is wrong, how much comes in; and the picture of it, of 80 by 24."""
 
+import io
 import re
 from dataclasses import replace
 
 import pytest
+from rich.console import Console
 
 from circnav_mav.pilot import OutputMode
+from circnav_mav.runtime.display import LiveScreen
+from circnav_mav.runtime.picture import Picture
 from circnav_mav.runtime.status import Watch
 from tests.flight.lockstep import flight
+
+SETTINGS = flight("quickstart").pilot.settings
+GROUND = ("sim.start.altitude_m=0.0", "sim.start.armed=false", 'sim.start.mode="STABILIZE"')
+BACK = "the operator has the vehicle: enter GUIDED again to hand it back"
+STALE = r"RANGE STALE 4\.\d s: holding the circle's turn rate, ends at 10\.5 s"
+
+
+def drawn(status, *, ascii_only=False, settings=SETTINGS):
+    """The picture of a status as lines of text."""
+    console = Console(width=80, file=io.StringIO(), color_system=None)
+    console.print(Picture(settings, "small", ascii_only=ascii_only).draw(status))
+    return console.file.getvalue().splitlines()
+
+
+@pytest.mark.parametrize(
+    ("seconds", "overrides", "event", "phase", "waits", "alarms"),
+    [
+        (0.1, [], None, "waiting for ranging", "no ranging: no usable DISTANCE_SENSOR", ""),
+        (4.0, ["sim.ranging.rate_hz=0.0"], None, "waiting for ranging", "no ranging: no usable DISTANCE_SENSOR", ""),
+        (4.0, ["engage.request_mode=false"], None, "ready", "mode GUIDED: the operator must enter it", ""),
+        (4.0, GROUND, None, "ready", "the vehicle is on the ground", ""),
+        (12.0, [], None, "engaged", "", ""),
+        (10.2, [], "outage", "holding", "", STALE),
+        (9.0, ['engage.on_takeover="wait"'], "takeover", "yielded", BACK, "OPERATOR HAS THE VEHICLE, mode LOITER"),
+        (9.0, [], "takeover", "ended", "", "ABORTED: GUIDED left for LOITER.*"),
+        (8.0, ["ranging.max_range_m=50.0"], None, "waiting for ranging", "no ranging: ",
+         "MOST RANGES REJECTED: .* per second"),
+        (9.0, [], "silence", "waiting for the link", "", r"LINK SILENT for [23]\.\d s; .*"),
+    ],
+    ids=["waiting", "no ranging", "mode", "ground", "engaged", "outage", "takeover", "ended", "rejected", "silent"],
+)  # fmt: skip
+def test_what_it_waits_for_and_what_is_wrong_is_told_in_words_that_fit_a_small_terminal(
+    statuses, seconds, overrides, event, phase, waits, alarms
+):
+    last = statuses(seconds, *overrides, event=event)[-1]
+    assert last.phase == phase
+    assert last.waits.startswith(waits)
+    assert re.fullmatch(alarms, "; ".join(last.alarms))
+    lines = drawn(last)
+    assert len(lines) <= 24
+    assert {len(line) for line in lines} == {80}
+    shown = re.sub(r"[│\s]+", " ", "\n".join(lines))
+    for words in (f" {phase.upper()} ", f"mode {last.tick.mode}", waits, *(alarm[:40] for alarm in last.alarms)):
+        assert words in shown
+    assert ("alarms none" in shown) is (alarms == "")
+    assert "".join(drawn(last, ascii_only=True)[1:-1]).replace("│", "").isascii(), "a terminal without Unicode"
 
 
 def during(statuses, phase):
     return [status for status in statuses if status.tick.phase.value == phase]
 
 
-def test_a_flight_that_goes_well_raises_no_alarm_and_tells_its_rates(statuses):
-    flown = statuses(12.0)
-    assert [status.alarms for status in flown if status.alarms] == []
-    last = flown[-1]
-    assert (last.tick.phase.value, last.phase, last.waits) == ("engaged", "engaged", "")
+def test_a_flight_that_goes_well_raises_no_alarm_tells_its_rates_and_counts_from_the_moment_of_engaging(statuses):
+    told = statuses(12.0)
+    assert [status.alarms for status in told if status.alarms] == []
+    last = told[-1]
     assert 9 < last.rates.taken <= 11  # 10 Hz
     assert 40 < last.rates.frames < 100
     assert last.rates.setpoints > 9
-
-
-def test_the_time_flown_counts_from_the_moment_of_engaging(statuses):
-    told = statuses(12.0)
+    assert "law         smooth" in "\n".join(drawn(last))
     flown = during(told, "engaged")
     assert [status.flown for status in told if status.time < flown[0].time] == [None] * told.index(flown[0])
     engaged = flown[0].time - flown[0].flown
@@ -44,37 +90,18 @@ def test_before_anything_is_heard_it_says_so():
     assert flight("quickstart").pilot.waits_for(0.0) == "no autopilot heartbeat, 0 bytes heard"
 
 
-GROUND = ("sim.start.altitude_m=0.0", "sim.start.armed=false", 'sim.start.mode="STABILIZE"')
-BACK = "the operator has the vehicle: enter GUIDED again to hand it back"
-
-
-@pytest.mark.parametrize(
-    ("seconds", "overrides", "event", "waits", "alarms"),
-    [
-        (4.0, ["engage.request_mode=false"], None, "mode GUIDED: the operator must enter it", ""),
-        (4.0, GROUND, None, "the vehicle is on the ground", ""),
-        (4.0, ["sim.ranging.rate_hz=0.0"], None, "no ranging: no usable DISTANCE_SENSOR", ""),
-        (10.2, [], "outage", "", r"RANGE STALE 4\.\d s: holding the circle's turn rate, ends at 10\.5 s"),
-        (9.0, ['engage.on_takeover="wait"'], "takeover", BACK, "OPERATOR HAS THE VEHICLE, mode LOITER"),
-        (8.0, ["ranging.max_range_m=50.0"], None, "no ranging: ", "MOST RANGES REJECTED: .* per second"),
-        (9.0, [], "silence", "", r"LINK SILENT for [23]\.\d s; .*"),
-    ],
-    ids=["mode", "ground", "ranging", "outage", "takeover", "rejected", "silent"],
-)
-def test_it_says_what_it_waits_for_and_what_is_wrong(statuses, seconds, overrides, event, waits, alarms):
-    last = statuses(seconds, *overrides, event=event)[-1]
-    assert last.waits.startswith(waits)
-    assert re.fullmatch(alarms, "; ".join(last.alarms))
-
-
 def test_ranges_that_are_refused_are_counted_by_reason_and_those_of_an_outage_not_at_all(statuses):
-    assert list(statuses(8.0, "ranging.max_range_m=50.0")[-1].rejected) == ["above_max"]
+    rejecting = statuses(8.0, "ranging.max_range_m=50.0")[-1]
+    assert list(rejecting.rejected) == ["above_max"]
+    assert re.search(r"rejected +\d+ of \d+: \d+ above_max", "\n".join(drawn(rejecting)))
     assert statuses(10.2, event="outage")[-1].rates.taken == 0
 
 
 def test_a_dry_run_would_steer_without_the_mode(statuses):
     dry = statuses(6.0, output_mode=OutputMode.DRY_RUN)[-1]
     assert (dry.phase, dry.setpoints) == ("would steer", 0)
+    shown = "\n".join(drawn(dry, settings=replace(SETTINGS, output_mode=OutputMode.DRY_RUN)))
+    assert "DRY RUN: no setpoint" in shown
 
 
 def test_a_vehicle_that_is_gone_leaves_no_range_that_counts_down(statuses):
@@ -96,7 +123,41 @@ def test_ranges_of_other_senders_are_counted_apart_and_raise_no_alarm():
 def test_the_target_is_told_as_seen_from_the_vehicle_and_drift_by_where_it_goes_and_a_recording_that_stopped():
     """Vehicle 30 m east and 40 m south of the target, carried north: by hand."""
     flown = flight("quickstart").fly(6.0)
-    tick = replace(flown.ticks[-1], x=30.0, y=-40.0, drift_x=0.0, drift_y=2.0)
+    tick = replace(flown.ticks[-1], x=30.0, y=-40.0, drift_x=0.0, drift_y=2.0, turn_gain=0.72, turn_delay=0.46)
     status = Watch(flown.pilot).status(tick, 6.0, "disk full")
     assert status.target == "bearing 323 deg, drift 2.0 m/s towards 000 deg"
     assert status.alarms == ("NOT RECORDING: disk full",)
+    lines = "\n".join(drawn(status))
+    assert " m horizontal   desired 100.0 m" in lines
+    assert "deg/s (limit 20.0), gain 0.72, delay 0.46 s" in lines
+    assert f"target      {status.target}" in lines
+
+
+@pytest.mark.parametrize("height", [6, 14])
+def test_a_low_terminal_shows_phase_and_alarm(statuses, height):
+    """It has no room for all rows, and leaves out the last. Nothing is written before the first picture: by the
+    display's own thread, for it may have to wait for ever."""
+    console = Console(width=80, height=height, file=io.StringIO(), color_system=None, force_terminal=True)
+    screen = LiveScreen(console, Picture(SETTINGS, "small", ascii_only=False))
+    assert console.file.getvalue() == ""
+    screen.draw(statuses(10.2, event="outage")[-1])
+    seen = console.file.getvalue()
+    screen.close()
+    assert [words in seen for words in (" HOLDING ", "RANGE STALE", "Ctrl-C ends")] == [True, True, False]
+
+
+def test_bars_lean_to_the_side_that_is_flown_and_the_sparkline_falls_with_the_error(statuses):
+    """A clockwise circle turns right; the vehicle comes from outside the circle."""
+    far = next(line for line in drawn(statuses(6.0)[-1]) if line.startswith("│             0 "))
+    assert far.rstrip(" │").endswith("> 200 m")
+    picture, flown = Picture(SETTINGS, "small", ascii_only=False), statuses(40.0)
+    for status in flown:
+        lines = picture.draw(status).renderable.plain.splitlines()
+    turn = next(line for line in lines if "left " in line)
+    assert flown[-1].tick.turn_rate < 0
+    assert turn.index("●") > turn.index("┼")
+    error = next(line for line in lines if line.startswith("error"))
+    levels = ["▁▂▃▄▅▆▇█".index(mark) for mark in error if mark in "▁▂▃▄▅▆▇█"]
+    assert len(levels) == 27  # 1.5 s each
+    assert (levels[0], levels[-1]) == (7, 0)
+    assert "full 21" in error

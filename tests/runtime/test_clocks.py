@@ -1,0 +1,294 @@
+"""The clocks: ours, one that goes with the autopilot through gaps, reboots, pauses and the wrap of its counter, and
+simulated time, which goes from event to event."""
+
+import math
+import random
+import re
+import time
+from itertools import pairwise
+
+import pytest
+
+from circnav_mav.runtime import clock as clock_module
+from circnav_mav.runtime import lockstep
+from circnav_mav.runtime.clock import AutopilotClock, Clock, local_time_name
+from circnav_mav.runtime.lockstep import Lockstep
+
+BOTH = pytest.mark.parametrize("make", [Clock, lambda: AutopilotClock(lambda: None)], ids=["ours", "the autopilot's"])
+WRAP = 2**32 / 1000
+
+
+@pytest.fixture
+def ticking(monkeypatch):
+    """A clock of the computer that the test moves."""
+    times = {"now": 1000.0}
+    for module in (clock_module, lockstep):
+        monkeypatch.setattr(module, "steady", lambda: times["now"])
+    return times
+
+
+def whole_microseconds(moment):
+    return moment * 1e6 == pytest.approx(round(moment * 1e6), abs=1e-4)
+
+
+# --- ours ---
+
+
+@pytest.mark.parametrize("speed", [1.0, 10.0])
+def test_seconds_count_from_the_start_at_the_runs_speed_and_waits_are_real(ticking, speed):
+    clock = Clock(speed)
+    began = clock.real()
+    assert clock.now() == 0.0
+    ticking["now"] += 2.5
+    assert (clock.now(), clock.real() - began) == (2.5 * speed, 2.5)
+    assert clock.until(5.0 * speed) == pytest.approx(2.5)
+    assert clock.until(2.0 * speed) == 0.0
+    ticking["now"] += 0.1234567891
+    assert whole_microseconds(clock.now())
+
+
+@pytest.mark.skipif(not hasattr(time, "CLOCK_BOOTTIME"), reason="only Linux tells how long it slept")
+@BOTH
+def test_time_goes_on_while_the_computer_sleeps(make, monkeypatch):
+    """The lid is closed for ten minutes: the pilot has to see the gap."""
+    clock, slept = make(), {time.CLOCK_BOOTTIME: 600.0}
+    before, tell = clock.now(), time.clock_gettime
+    monkeypatch.setattr(time, "clock_gettime", lambda which: tell(which) + slept.get(which, 0.0))
+    assert clock.now() - before == pytest.approx(600.0, abs=1.0)
+
+
+@BOTH
+def test_the_epoch_is_the_wall_clock_at_second_0_whose_jumps_move_nothing(make, ticking, monkeypatch):
+    monkeypatch.setattr(time, "time_ns", lambda: 1_790_000_000_123_456_789)
+    clock = make()
+    assert clock.epoch_us == 1_790_000_000_123_456
+    monkeypatch.setattr(time, "time_ns", lambda: 0)
+    monkeypatch.setattr(time, "time", lambda: 0.0)
+    ticking["now"] += 1.0
+    assert clock.now() == 1.0
+
+
+def test_run_folders_sort_by_time():
+    assert re.fullmatch(r"20\d{6}-\d{6}", local_time_name())
+
+
+# --- the autopilot's ---
+
+
+class Autopilot:
+    """One that flies `speed` times as fast as the real time, which the test moves, and the clock that hears it."""
+
+    def __init__(self, ticking):
+        self.ticking, self.boot, self.speed = ticking, 100.0, 1.0
+        self.told, self.times = None, []
+        self.clock = AutopilotClock(lambda: self.told)
+
+    def run(self, seconds, *, every=0.05, late=None):
+        """Let real time pass; the clock is read each 10 ms and hears each `every` s of the autopilot's time, `late` by
+        some. Returns how far the clock went."""
+        before, due = self.clock.now(), self.boot + every
+        for _ in range(round(seconds / 0.01)):
+            self.ticking["now"] += 0.01
+            self.boot += 0.01 * self.speed
+            if self.boot >= due:
+                self.told = (self.boot - (late() if late else 0.0)) % WRAP
+                due += every * max(1, (self.boot - due) // every + 1)
+            self.times.append(self.clock.now())
+        assert self.times == sorted(self.times)
+        return self.times[-1] - before
+
+    def silent(self, seconds):
+        return self.run(seconds, every=float("inf"))
+
+
+@pytest.fixture
+def autopilot(ticking):
+    return Autopilot(ticking)
+
+
+def lateness(seed):
+    """Of messages, s: 50 ms in the mean."""
+    draw = random.Random(seed)
+    return lambda: draw.expovariate(1 / 0.05)
+
+
+def test_before_the_first_boot_time_it_is_the_local_clock(autopilot):
+    assert autopilot.silent(3.0) == pytest.approx(3.0)
+    assert autopilot.clock.until(4.0) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("speed", [0.2, 1.0, 5.0])
+def test_a_boot_time_once_a_second_is_enough(autopilot, speed):
+    """SYSTEM_TIME alone, before ATTITUDE was asked for."""
+    autopilot.speed = speed
+    autopilot.run(15.0, every=1.0)
+    assert autopilot.run(20.0, every=1.0) == pytest.approx(20.0 * speed, rel=0.02)
+
+
+def test_it_does_not_drift_away_in_the_long_run(autopilot):
+    """A simulator that cannot quite hold its speed, heard late: within a second in 1500."""
+    autopilot.speed, draw, late = 5.0, random.Random(2), lateness(2)
+    autopilot.run(5.0)
+    lead = autopilot.clock.now() - autopilot.boot
+    for _ in range(30):
+        autopilot.speed = draw.uniform(4.5, 5.5)
+        autopilot.run(10.0, late=late)
+    autopilot.speed = 5.0
+    autopilot.run(5.0)
+    assert autopilot.clock.now() - autopilot.boot == pytest.approx(lead, abs=1.0)
+
+
+def test_late_messages_make_it_neither_jump_nor_stand_still(autopilot):
+    autopilot.speed, late = 5.0, lateness(1)
+    autopilot.run(3.0, late=late)
+    autopilot.times.clear()
+    autopilot.run(20.0, late=late)
+    steps = [after - before for before, after in pairwise(autopilot.times)]
+    assert 0.4 * 0.05 < min(steps) < max(steps) < 2 * 0.05
+    assert sum(steps) == pytest.approx(5.0 * 20.0, rel=0.01)
+
+
+@pytest.mark.parametrize("speed", [1.0, 5.0])
+def test_time_goes_on_through_a_silence_and_after_it_without_a_jump(autopilot, speed):
+    autopilot.speed = speed
+    autopilot.run(5.0)
+    assert autopilot.silent(10.0) == pytest.approx(10.0 * speed, rel=0.02)
+    assert autopilot.run(5.0) == pytest.approx(5.0 * speed, rel=0.05)
+
+
+def reboots(autopilot):
+    autopilot.boot = 0.0
+
+
+def stands_still(autopilot):
+    """A simulator that is paused: silence, and then the boot time goes on where it stopped."""
+    stood = autopilot.boot
+    autopilot.silent(10.0)
+    autopilot.boot = stood
+
+
+@pytest.mark.parametrize(
+    ("boot", "jump"),
+    [(100.0, reboots), (WRAP - 25.0, lambda autopilot: None), (100.0, stands_still)],
+    ids=["a reboot", "the wrap of 32 bits of milliseconds", "a pause"],
+)
+def test_a_jump_of_the_boot_time_moves_nothing(autopilot, boot, jump):
+    autopilot.boot, autopilot.speed = boot, 5.0
+    autopilot.run(3.0)
+    jump(autopilot)
+    for _ in range(2):
+        assert autopilot.run(5.0) == pytest.approx(25.0, rel=0.02)
+    assert autopilot.clock.speed == pytest.approx(5.0, rel=0.01)
+
+
+def test_a_reboot_before_the_speed_is_known_moves_nothing_either(autopilot):
+    autopilot.run(0.15)
+    autopilot.boot = 0.0
+    assert autopilot.run(1.0) == pytest.approx(1.0, rel=0.02)
+
+
+@pytest.mark.parametrize("speeds", [(1.0, 5.0), (5.0, 1.0), (1.0, 100.0), (20.0, 0.2), (1 / 3, 1.0)])
+def test_it_takes_the_autopilots_speed_and_follows_a_change_within_seconds(autopilot, speeds):
+    for autopilot.speed in speeds:
+        autopilot.run(5.0)
+        assert autopilot.run(5.0) == pytest.approx(5.0 * autopilot.speed, rel=0.01)
+        assert autopilot.clock.speed == pytest.approx(autopilot.speed, rel=0.01)
+    assert all(map(whole_microseconds, autopilot.times))
+
+
+def test_two_messages_that_changed_places_change_nothing(autopilot):
+    autopilot.run(5.0)
+    before = autopilot.clock.now()
+    autopilot.told -= 0.2
+    assert autopilot.clock.now() == before
+    assert autopilot.run(2.0) == pytest.approx(2.0, rel=0.02)
+    assert autopilot.clock.speed == pytest.approx(1.0, rel=0.01)
+
+
+# --- simulated time ---
+
+
+class Metronome:
+    """A vehicle that does something every 20 ms, and notes what it is asked."""
+
+    def __init__(self):
+        self.time, self.heard = 0.0, []
+
+    @property
+    def next_event(self):
+        return (math.floor(self.time * 50 + 1e-6) + 1) / 50
+
+    def advance(self, until):
+        self.time = until
+
+    def receive(self, data, link):
+        self.heard.append((link, data))
+
+    def outgoing(self, link):
+        return [link.encode()]
+
+
+def test_without_a_pace_time_goes_to_whatever_comes_first_however_long_the_computer_takes(ticking):
+    clock = Lockstep(Metronome())
+    seen = []
+    for moment in (0.05, 0.05, 0.05, 0.1):
+        assert clock.until(moment) == 0.0
+        ticking["now"] += 100.0
+        clock.advance(moment)
+        seen.append((clock.now(), clock.real()))
+    assert seen == [(0.02, 0.02), (0.04, 0.04), (0.05, 0.05), (0.06, 0.06)]
+
+
+def test_a_pace_waits_in_real_seconds_and_ends_at_the_same_times(ticking):
+    clock = Lockstep(Metronome(), speed=0.5)
+    for expected in (0.02, 0.04, 0.06):
+        wait = clock.until(1.0)
+        assert wait == pytest.approx(0.04, abs=1e-9)
+        ticking["now"] += wait - 1e-4  # as a wait may end
+        clock.advance(1.0)
+        assert clock.now() == expected
+        ticking["now"] = 1000.0 + expected / 0.5
+
+
+@pytest.mark.parametrize(
+    ("others", "passed"),
+    [(False, 0.005), (True, 0.3)],
+    ids=["a wait cut short by a signal does not run ahead", "beside a real radio it keeps up, also after a pause"],
+)
+def test_a_pace_keeps_to_real_time(ticking, others, passed):
+    clock = Lockstep(Metronome(), speed=1.0, others=others)
+    ticking["now"] += passed
+    clock.advance(1.0)
+    assert clock.now() == pytest.approx(passed, abs=2e-6)
+
+
+def test_a_paced_run_does_not_race_after_a_night_of_sleep(ticking):
+    clock = Lockstep(Metronome(), speed=1.0)
+    ticking["now"] += 3600.0
+    clock.advance(1.0)
+    assert clock.now() == 0.02
+    while clock.until(1e9) == 0.0:
+        clock.advance(1e9)
+    assert clock.now() < 1.0
+
+
+def test_every_tick_that_is_due_is_reached_in_whole_microseconds():
+    """A product rounded down would be a time before the tick, and the loop would turn there for ever."""
+    clock = Lockstep(Metronome())
+    for tick in range(1, 2_000):
+        moment = math.nextafter(tick * 1e-6, 1.0)
+        clock.advance(moment)
+        assert clock.now() >= moment
+        assert whole_microseconds(clock.now())
+
+
+def test_the_links_are_the_vehicles_and_nobody_waits_on_them():
+    vehicle = Metronome()
+    clock = Lockstep(vehicle)
+    assert list(clock.links(ranging_apart=False)) == ["vehicle"]
+    links = clock.links(ranging_apart=True)
+    heard = {name: link.receive(0.0) for name, link in links.items()}
+    assert heard == {"vehicle": [(b"main", "sim")], "ranging": [(b"ranging", "sim")]}
+    links["vehicle"].send(b"go", "sim")
+    assert vehicle.heard == [("main", b"go")]
+    assert links["vehicle"].fileno() is None
