@@ -5,6 +5,7 @@ import re
 import shlex
 from dataclasses import fields
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 from pydantic import BaseModel
@@ -19,6 +20,7 @@ from circnav_mav.pilot import TickRecord
 from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.runlog.summary import FlightFacts, summarise
 from circnav_mav.runlog.ticks import NO_TICKS
+from circnav_mav.runtime.recorder import TICK_COLUMNS
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -155,3 +157,14 @@ def test_every_message_of_the_troubleshooting_page_is_printed_by_the_code():
     for message in quoted:
         for piece in filter(None, (piece.strip(" ,;:?()") for piece in message.split("..."))):
             assert any(piece in text for text in texts), message
+
+
+def test_every_curve_of_plotjugglers_layout_is_a_column_of_numbers_that_a_flight_records():
+    layout = ElementTree.parse(DOCS / "plotjuggler.xml").getroot()
+    curves = list(layout.iter("curve"))
+    named = {name for curve in curves for name in (curve.get("curve_x"), curve.get("curve_y")) if name}
+    named |= {curve.get("name") for curve in curves if curve.get("curve_x") is None}
+    assert len(curves) > 20
+    assert named <= set(TICK_COLUMNS) - {"phase", "law", "mode"}
+    assert {"r", "measured", "turn_rate", "yaw_rate_sent", "range_age", "x", "y"} <= named
+    assert layout.find(".//plugin[@ID='DataLoad CSV']/parameters").get("time_axis") == TICK_COLUMNS[0]

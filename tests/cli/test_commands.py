@@ -1,0 +1,179 @@
+"""Help, check, preflight, emulate, bench and paper: what they print and how they end."""
+
+import signal
+import time
+import tomllib
+
+import pytest
+
+from circnav_mav import __version__
+from circnav_mav.cli import circnav as cli
+from tests.process import PATIENCE, ROOT, UNHURRIED
+from tests.process import circnav as process_of
+
+MISSIONS = sorted(path.stem for path in (ROOT / "config").glob("*.toml"))
+
+
+# --- help and version ---
+
+
+@pytest.mark.parametrize("flag", ["--help", "-h"])
+def test_the_help_names_the_commands_in_the_order_of_a_newcomer_and_the_exit_codes(circnav, flag):
+    out = circnav(flag).done
+    for word in ("Exit codes", "130", "circnav fly quickstart"):
+        assert word in out
+    commands = [line.split()[0] for line in out.partition("Commands:\n")[2].splitlines()]
+    assert commands[:4] == ["fly", "init", "check", "preflight"]
+
+
+@pytest.mark.parametrize("command", cli.commands)
+def test_every_command_has_help_with_an_example(circnav, command):
+    out = circnav(command, "--help").done
+    assert "Example" in out
+    assert f"    circnav {command} " in out
+
+
+def test_the_version_is_that_of_the_package(circnav):
+    assert circnav("--version").done == f"circnav, version {__version__}\n"
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    assert project["project"]["version"] == __version__
+
+
+# --- check ---
+
+
+@pytest.mark.parametrize("name", MISSIONS)
+def test_every_mission_that_ships_can_be_flown(circnav, name):
+    """The vehicle in its [sim] table, too, is one that the emulator knows."""
+    assert "0 FAIL" in circnav("check", name).done
+
+
+def test_every_line_has_its_grade_and_the_last_one_counts(circnav, mission):
+    *lines, count = circnav("check", mission).done.splitlines()
+    grades = [line.split()[0] for line in lines]
+    assert set(grades) <= {"PASS", "WARN", "FAIL"}
+    told = ", ".join(f"{grades.count(grade)} {grade}" for grade in ("PASS", "WARN", "FAIL"))
+    assert count == f"{mission}: {told}"
+
+
+def test_an_impossible_gain_fails_with_the_number_and_its_bound(circnav, mission):
+    ran = circnav("check", mission, "--set", "guidance.gain=1e-5")
+    assert ran.code == 2
+    (line,) = [line for line in ran.out.splitlines() if line.startswith("FAIL")]
+    assert "k = 1e-05 1/m^2 (given), needs k > 1/(2 r_d^2) = 5e-05" in line
+    assert "1 FAIL" in ran.out
+    assert "\x1b" not in ran.out, "colours stay out of a pipe"
+
+
+@pytest.mark.parametrize(
+    ("name", "overrides", "says"),
+    [
+        ("plane", ["vehicle.profile=arducopter"], "FAIL sim.vehicle.profile arducopter is no ardupilot plane"),
+        ("px4-copter", ["vehicle.profile=arducopter"], "FAIL sim.vehicle.profile arducopter is no px4 copter"),
+        ("plane", ["wind.speed_mps=30"], "WARN sim.wind less the target's motion is 30.0 m/s, more than the"),
+        ("copter", ["target.velocity_east_mps=30"], "WARN sim.wind less the target's motion is 30.0 m/s"),
+        ("plane", ["vehicle.cruise_speed_mps=18"], "WARN the bundled plane cruises at 18 m/s"),
+        ("copter", ["wind.speed_mps=30"], None),
+        ("plane", ["wind.speed_mps=30", "wind.from_deg=0", "target.velocity_north_mps=-30"], None),
+    ],
+    ids=["autopilot", "kind", "wind", "target", "cruise speed",
+         "wind and a copter that holds its speed over the ground", "a target that goes with the wind"],
+)  # fmt: skip
+def test_a_bundled_vehicle_is_told_of_where_it_does_not_fit_the_mission(circnav, name, overrides, says):
+    out = circnav("check", name, *(part for key in overrides for part in ("--set", f"sim.{key}"))).out
+    told = [line[:5] + line[18:] for line in out.splitlines() if line[6:].startswith("sim ")]
+    assert [line.startswith(says) for line in told] == ([True] if says else [])
+
+
+def test_a_bundled_vehicle_that_is_not_flown_need_not_fit(circnav):
+    elsewhere = ("--set", "link.endpoint=udpin:0.0.0.0:14550", "--set", "sim.vehicle.profile=arducopter")
+    assert "  sim " not in circnav("check", "plane", *elsewhere).done
+
+
+# --- preflight ---
+
+
+def test_the_bundled_vehicle_passes_after_the_check_of_its_mission(circnav):
+    printed = circnav("preflight", "copter", "--seconds", "3").done
+    assert printed.index("turn rate") < printed.index("listening on sim") < printed.index("firmware")
+    assert "PASS  ranging" in printed
+    assert printed.splitlines()[-1].endswith("0 FAIL")
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "says"),
+    [("--seconds 4 --set sim.ranging.rate_hz=0.0", 4, "FAIL  ranging"),
+     ("--endpoint udpin:127.0.0.1:{port} --set link.wait_s=1", 3, "0 bytes heard")],
+    ids=["a failing line", "silence"],
+)  # fmt: skip
+def test_a_preflight_that_fails_says_why_in_its_exit_code_too(circnav, port, options, code, says):
+    ran = circnav("preflight", "copter", *options.format(port=port).split())
+    assert (ran.code, says in ran.out) == (code, True)
+
+
+def test_a_fast_simulator_passes_by_its_own_clock(circnav, port):
+    with process_of("emulate", "copter", "--endpoint", f"udpin:127.0.0.1:{port}", "--speed", "2") as vehicle:
+        vehicle.stdout.readline()
+        endpoint = ("--endpoint", f"udpout:127.0.0.1:{port}")
+        follows = ("--set", 'link.clock="autopilot"')
+        ran = circnav("preflight", "copter", *endpoint, "--seconds", "8", *follows, *UNHURRIED)
+        vehicle.terminate()
+        vehicle.communicate(timeout=PATIENCE)
+    assert "and the run follows it" in ran.done
+
+
+# --- what ends when it is asked ---
+
+
+@pytest.mark.parametrize(
+    ("command", "number", "code"),
+    [
+        ("preflight copter --endpoint udpin:127.0.0.1:{port}", signal.SIGINT, 130),
+        ("emulate --endpoint udpout:127.0.0.1:{port}", signal.SIGINT, 0),
+        ("emulate --endpoint udpout:127.0.0.1:{port}", signal.SIGTERM, 0),
+    ],
+)
+def test_a_signal_ends_a_command_that_listens(port, command, number, code):
+    with process_of(*command.format(port=port).split()) as process:
+        try:
+            assert any("listening" in line or "udpout" in line for line in process.stdout)
+            time.sleep(0.5)
+            process.send_signal(number)
+            _, err = process.communicate(timeout=PATIENCE)
+        finally:
+            process.kill()
+    assert (process.returncode, err) == (code, "circnav: stopped by SIGINT\n" if code else "")
+
+
+def test_an_emulator_at_another_speed_says_how_to_be_flown(circnav, busy_port, monkeypatch):
+    monkeypatch.setattr("circnav_mav.emulator.server._fly", lambda *_arguments: None)
+    emulate = ("emulate", "--endpoint", f"udpout:127.0.0.1:{busy_port}")
+    _, how = circnav(*emulate, "--speed", "8").done.splitlines()
+    assert how == """8 times real time: fly it with --set 'link.clock="autopilot"'"""
+    assert len(circnav(*emulate).done.splitlines()) == 1
+
+
+# --- bench and paper ---
+
+
+CELL = ("bench", "--law", "pd", "--situation", "calm")
+
+
+def test_a_cell_is_flown_and_written(circnav, tmp_path):
+    out = circnav(*CELL, "--flights", "4", "--out", tmp_path).done
+    assert "kept    4 of 4" in out
+    assert "ideal times" in out
+    assert (tmp_path / "table.csv").read_text().startswith("situation,policy,flights,kept")
+    assert (tmp_path / "table.png").exists()
+
+
+def test_a_place_that_cannot_be_written_is_found_out_before_anything_flies(circnav, tmp_path, monkeypatch):
+    monkeypatch.setattr("circnav_mav.experiments.bench.run", None)
+    (tmp_path / "out" / "table.csv").mkdir(parents=True)
+    assert "Is a directory" in circnav(*CELL, "--out", tmp_path / "out").refused
+
+
+def test_the_paper_is_six_figures_and_a_table(circnav, tmp_path):
+    assert "10.98684 m" in circnav("paper", "--out", tmp_path / "paper", "--starts", "4").done
+    names = {path.name for path in (tmp_path / "paper").iterdir()}
+    assert names == {f"example_{n}_{kind}.png" for n in (1, 2, 3) for kind in ("track", "error")} | {"table.md"}

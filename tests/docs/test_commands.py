@@ -1,0 +1,152 @@
+"""What the documents print to be run: tutorials, transcripts and drivers, as they stand there, in an empty folder."""
+
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import tty
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+
+from circnav_mav.mission.load import load_mission
+from tests.process import COPTER, PATIENCE, ROOT, UNHURRIED, circnav
+
+LEAVES = {
+    "pilot": ("beacon.toml", "runs/*-beacon/report.html"),
+    "researcher": ("bench/table.csv", "run/ticks.csv", "again/ticks.csv"),
+    "integrator": ("mine.toml", "run/flight.mcap", "run/flight.tlog"),
+}
+RADIO = "import random\n\ndef read_range():\n    time.sleep(0.1)\n    return random.choice((123.2, 123.4, 123.6))\n"
+ANSWER = b"+OK\r\n+ANCHOR_RCV=DAVID123,5,HELLO,40 cm,-72\r\n"
+"""Of REYAX's RYUW122 AT command guide."""
+
+
+def blocks(page: str, language: str) -> list[str]:
+    text = (ROOT / "docs" / f"{page}.md").read_text()
+    return re.findall(rf"^```{language}\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+
+
+def block(page: str, language: str, holding: str = "") -> str:
+    return next(one for one in blocks(page, language) if holding in one)
+
+
+def printed_by(script: str, folder: Path) -> str:
+    """What commands print that go well, in the shell."""
+    ran = subprocess.run(
+        ["sh", "-e", "-c", re.sub(r"^circnav ", f"{sys.executable} -m circnav_mav ", script, flags=re.MULTILINE)],
+        cwd=folder, capture_output=True, text=True, timeout=PATIENCE, check=False,
+        env={"PYTHONPATH": str(ROOT), "PATH": "/usr/bin:/bin"},
+    )  # fmt: skip
+    assert (ran.returncode, ran.stderr) == (0, ""), ran.stdout
+    return ran.stdout
+
+
+@pytest.mark.parametrize("reader", LEAVES)
+def test_the_commands_of_a_tutorial_run_as_printed_and_leave_what_it_speaks_of(reader, tmp_path):
+    printed_by("".join(blocks(f"tutorial-{reader}", "sh")), tmp_path)
+    for name in LEAVES[reader]:
+        assert list(tmp_path.glob(name)), name
+
+
+def test_the_transcripts_of_the_first_minute_are_what_the_commands_print(tmp_path):
+    page, flown = (ROOT / "docs" / "first-minute.md").read_text(), 0
+    for shown in re.findall(r"^\$ .+?(?=^\$ |^```)", page, re.MULTILINE | re.DOTALL):
+        line, *expected = shown.splitlines()
+        command = re.sub(r" +\(\d+ s\)$", "", line.removeprefix("$ "))
+        if command.startswith(("python3 -m venv", "pip install")):
+            continue
+        printed = printed_by(command, tmp_path).splitlines()
+        for one in expected:
+            if one != "  ..." and "run folder" not in one:
+                assert one in printed, command
+        flown += "fly" in command
+    assert flown == 2
+
+
+def test_the_printed_driver_is_heard_under_the_printed_mission_lines(tmp_path, port):
+    driver = tmp_path / "driver.py"
+    program = block("own-vehicle", "python").replace("link = ", f"{RADIO}\nlink = ", 1)
+    driver.write_text(program.replace("14560", str(port)))
+    lines = re.findall(r"^(\w+) = (\S+)", block("own-vehicle", "toml").replace("14560", str(port)), re.MULTILINE)
+    assert len(lines) == 5
+    overrides = [word for key, value in lines for word in ("--set", f"ranging.{key}={value}")]
+    radio = subprocess.Popen([sys.executable, str(driver)])
+    try:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as wire:  # until it speaks
+            wire.bind(("127.0.0.1", port))
+            wire.settimeout(PATIENCE)
+            wire.recv(1000)
+        survey = circnav("preflight", COPTER, *overrides, "--set", "link.sim_speed=1.0", "--seconds", "3", *UNHURRIED)
+        printed, problem = survey.communicate(timeout=PATIENCE)
+    finally:
+        radio.terminate()
+        radio.wait(PATIENCE)
+    assert survey.returncode == 0, printed + problem
+    judged = printed.split("listening")[1]
+    for subject in ("ranging", "rejected", "noise", "stamps"):
+        assert re.search(rf"^PASS  {subject} ", judged, re.MULTILINE), printed
+    assert re.search(r"newest 123\.[246]0 m", judged)
+
+
+@pytest.fixture
+def module():
+    """A radio module on a serial line, which answers what it is asked."""
+    pytest.importorskip("serial")
+    ours, theirs = os.openpty()
+    tty.setraw(theirs)
+
+    def answer() -> None:
+        heard = b""
+        with suppress(OSError):  # once the test has closed the line
+            while data := os.read(ours, 1000):
+                *questions, heard = (heard + data).split(b"\r\n")
+                os.write(ours, ANSWER * questions.count(b"AT+ANCHOR_SEND=DAVID123,4,RNGE"))
+
+    threading.Thread(target=answer, daemon=True).start()
+    yield os.ttyname(theirs)
+    os.close(theirs)
+
+
+def test_the_driver_of_the_radios_page_is_found_once_installed_and_reads_as_printed(tmp_path, module):
+    driver = block("radios", "python", "Ryuw122")
+    assert len(driver.splitlines()) <= 60
+    (tmp_path / "circnav_ryuw122.py").write_text(driver)
+    entry = re.search(r"\[project.entry-points.\"(.+)\"\]\n(.+)", block("radios", "toml", "entry-points"))
+    installed = tmp_path / "circnav_ryuw122-0.1.0.dist-info"  # what pip makes of pyproject.toml
+    installed.mkdir()
+    (installed / "METADATA").write_text("Metadata-Version: 2.1\nName: circnav-ryuw122\nVersion: 0.1.0\n")
+    (installed / "entry_points.txt").write_text(f"[{entry[1]}]\n{entry[2].replace(chr(34), '')}\n")
+    command, *lines = block("radios", "console", "ranging watch").split("$ ")[2].splitlines()
+    words = command.replace("/dev/ttyUSB0", module).replace("--seconds 2", "--seconds 60").split()
+    watch = subprocess.Popen(
+        [sys.executable, "-m", "circnav_mav", *words[1:]], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        cwd=ROOT, env={**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{tmp_path}"},
+    )  # fmt: skip
+    told = next((line for line in watch.stdout if "scatter" in line), "")
+    watch.send_signal(signal.SIGINT)
+    _, problem = watch.communicate(timeout=PATIENCE)
+    assert (watch.returncode, problem) == (0, "")
+    assert len(lines) == 2
+    for printed in lines:
+        assert plain(told) == plain(printed)
+
+
+def plain(line: str) -> list[str]:
+    """A line without its times and rates."""
+    return re.sub(r"[\d.]+ (s|Hz)", "# \\1", line).split()
+
+
+def test_the_mission_of_the_radios_page_is_one():
+    lines = re.findall(r"^(\w+) = (\S+)", block("radios", "toml", "linktrack:"), re.MULTILINE)
+    mission = load_mission(COPTER, [f"ranging.{key}={value}" for key, value in lines])
+    assert mission.ranging_driver == "linktrack"
+    settings = mission.pilot_settings()
+    assert (settings.ranging.beacon_id, settings.ranging.sigma, settings.ranging_apart) == (3, 0.1, True)
+    assert settings.unsigned_links == {"ranging"}
+    without = [f"ranging.{key}={value}" for key, value in lines if key != "beacon_id"]
+    assert load_mission(COPTER, without).pilot_settings().ranging.beacon_id is None
