@@ -16,9 +16,8 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.runtime.recorder import LoopStep
 from circnav_mav.runtime.web import feed
-from circnav_mav.runtime.web.__main__ import MOST_BROWSERS
+from circnav_mav.runtime.web.__main__ import COLUMNS, MOST_BROWSERS, MOST_POINTS, NEWEST, History
 from circnav_mav.runtime.web.feed import LivePage, WebError
-from circnav_mav.runtime.web.history import COLUMNS, MOST_POINTS, NEWEST, History
 from tests.flight.lockstep import flight
 from tests.process import PATIENCE
 

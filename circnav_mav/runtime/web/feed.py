@@ -11,7 +11,7 @@ import select
 import socket
 import subprocess
 import sys
-from dataclasses import fields
+from dataclasses import asdict
 from enum import Enum
 from math import isfinite
 from pathlib import Path
@@ -78,8 +78,7 @@ class LivePage:
         place = relative_truth(self._truth) if self._truth else None
         if place is not None and all(map(isfinite, place)):  # anybody may send a frame that holds no numbers
             self._place = place
-        east, north = map(_plain, self._place)
-        status = self._watch.status(newest, step.time, problem)
+        status, (east, north) = self._watch.status(newest, step.time, problem), map(_plain, self._place)
         self._tell({"kind": "tick", **_told(status), "east": east, "north": north})
 
     def finish(self, verdict: str) -> None:
@@ -161,11 +160,9 @@ def _facts(pilot: Pilot, name: str, tolerance: float) -> dict[str, Any]:
 
 def _told(status: Status) -> dict[str, Any]:
     """A status as JSON holds it."""
-    tick = {field.name: _plain(getattr(status.tick, field.name)) for field in fields(TickRecord)}
-    rates = None if status.rates is None else {name: _plain(rate) for name, rate in status.rates._asdict().items()}
-    return tick | {
+    about = {
         "now": status.time,
-        "flown": _plain(status.flown),
+        "flown": status.flown,
         "state": status.phase,
         "waits": status.waits[:LONGEST_TEXT],
         "why": status.why,
@@ -174,12 +171,15 @@ def _told(status: Status) -> dict[str, Any]:
         "alarms": [alarm[:LONGEST_TEXT] for alarm in status.alarms],
         "reasons": status.rejected,
         "others": status.others,
-        "rates": rates,
+        "rates": None if status.rates is None else status.rates._asdict(),
         "setpoints": status.setpoints,
     }
+    return {name: _plain(value) for name, value in (asdict(status.tick) | about).items()}
 
 
 def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {name: _plain(part) for name, part in value.items()}
     if isinstance(value, Enum):
         return value.value
     if isinstance(value, float):
