@@ -1,6 +1,7 @@
 """The command line run inside the test, with its exit code and what it printed; and a flight for it to read."""
 
 import importlib
+import json
 import shutil
 import signal
 import socket
@@ -90,6 +91,20 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def run(flown: Path, tmp_path: Path) -> Path:
     """A copy of it."""
     return shutil.copytree(flown, tmp_path / "run")
+
+
+@pytest.fixture
+def with_manifest(run: Path) -> Callable[..., None]:
+    """Changes values of the run's manifest.json: with_manifest(voice="shadow")."""
+    path = run / "manifest.json"
+    return lambda **changed: path.write_text(json.dumps(json.loads(path.read_text()) | changed)) and None
+
+
+@pytest.fixture
+def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Reports without flight.png, which takes nearly all of their time to draw."""
+    module = importlib.import_module("circnav_mav.cli.report")  # the package's `report` is the command
+    monkeypatch.setattr(module, "plot_flight", lambda path, *what: path.write_bytes(b"a picture"))
 
 
 @pytest.fixture

@@ -1,6 +1,5 @@
 """Run folders that were damaged in every way: report, export and replay tell what there is, or refuse in one line."""
 
-import importlib
 import json
 import os
 import re
@@ -17,13 +16,6 @@ from tests.flight.recorded import EPOCH_US
 from tests.process import ROOT
 
 COMMANDS = ("report", "export --mcap", "replay")
-
-
-@pytest.fixture
-def no_pictures(monkeypatch):
-    """Where only words are looked at: drawing takes nearly all of a report's time."""
-    module = importlib.import_module("circnav_mav.cli.report")  # the package's `report` is the command
-    monkeypatch.setattr(module, "plot_flight", lambda path, *what: path.write_bytes(b"a picture"))
 
 
 @pytest.fixture
@@ -89,12 +81,6 @@ def test_a_number_that_no_flight_has_is_unknown(told, run, cells):
     assert told("report").done
 
 
-def test_a_run_of_a_single_tick_is_called_that(told, run):
-    write(run, rows(run)[:2])
-    ran = told("report")
-    assert (ran.code, ran.line) == (3, f"circnav: {run}: a single tick was recorded, too little for a report")
-
-
 def page_with(told, run, summary):
     """What the report says of the outcome, and below."""
     (run / "summary.json").write_text(summary)
@@ -125,21 +111,16 @@ def test_a_summary_that_a_full_disk_left_half_written_is_no_obstacle(told, run, 
     assert "no whole summary.json: the figures are of what was recorded" in page_with(told, run, text)
 
 
-def with_manifest(run, **changed):
-    manifest = json.loads((run / "manifest.json").read_text())
-    (run / "manifest.json").write_text(json.dumps(manifest | changed))
-
-
 @pytest.mark.usefixtures("no_pictures")
 @pytest.mark.parametrize("command", COMMANDS)
-def test_a_manifest_with_values_of_another_kind_is_unknown_there(told, run, command):
-    with_manifest(run, autopilot="x", seeds=[1], versions=None, exit="y", mission=5, outcome=5, reason=[])
+def test_a_manifest_with_values_of_another_kind_is_unknown_there(told, with_manifest, command):
+    with_manifest(autopilot="x", seeds=[1], versions=None, exit="y", mission=5, outcome=5, reason=[])
     assert told(command).done
 
 
 @pytest.mark.parametrize("epoch", [-1, 2**63, 10**30, 0, "now", None, 1.5, True])
-def test_a_beginning_that_is_no_moment_is_refused(told, run, epoch):
-    with_manifest(run, epoch_us=epoch)
+def test_a_beginning_that_is_no_moment_is_refused(told, with_manifest, epoch):
+    with_manifest(epoch_us=epoch)
     assert "tells when the run began (epoch_us)" in told("report").refused
 
 
@@ -209,11 +190,6 @@ def test_zeros_in_a_log_are_told_with_their_place_and_what_is_behind_them_is_in_
     assert read_truth(run, EPOCH_US).time[-1] == newest
 
 
-def test_a_frame_whose_check_fails_is_told(told, run):
-    spoil_check(run / "flight.tlog")
-    assert "flight.tlog: left out as damaged: 1 of the frames that came in" in told("replay").done
-
-
 @pytest.fixture
 def log(run):
     """A tlog of anybody's, without the rest of a run folder."""
@@ -240,8 +216,10 @@ def test_a_plain_log_that_was_cut_is_replayed_up_to_there(circnav, log):
     assert re.search(rf"cut off or damaged at byte {middle} of {middle + 10}: replayed up to \d\.\d s\n", out)
 
 
-def test_frames_of_a_plain_log_whose_check_fails_are_counted(circnav, log):
-    spoil_check(log)
+def test_frames_whose_check_fails_are_counted_in_a_run_and_in_a_plain_log(circnav, told, run):
+    spoil_check(run / "flight.tlog")
+    assert "flight.tlog: left out as damaged: 1 of the frames that came in\n" in told("replay").done
+    log = (run / "flight.tlog").rename(run.parent / "yesterday.tlog")
     out = circnav("replay", log, "--mission", "quickstart").done
     assert "WARNING    yesterday.tlog: left out as damaged: 1 of the frames\n" in out
 
@@ -255,10 +233,10 @@ def test_a_log_of_which_every_stamp_is_wild_is_none(circnav, log):
 # --- names ---
 
 
-def test_a_folder_whose_name_is_no_utf_8_is_told_of_all_the_same(run, tmp_path):
+def test_a_folder_whose_name_is_no_utf_8_is_told_of_all_the_same(run, with_manifest, tmp_path):
     """In a process of its own: pytest's own streams bear every name."""
+    with_manifest(mission="")
     odd = run.rename(Path(os.fsdecode(os.fsencode(tmp_path) + b"/bad\xff\xfename")))
-    with_manifest(odd, mission="")
     for command in (["report", odd], ["replay", odd, "--out", odd / "what-if"]):
         ran = subprocess.run(
             [sys.executable, "-m", "circnav_mav", *command], capture_output=True, text=True, check=False,

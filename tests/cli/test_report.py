@@ -32,13 +32,10 @@ def flown(tmp_path_factory):
 
 
 @pytest.fixture
-def page_of(circnav, run, monkeypatch):
-    """The page of the run, with or without drawing flight.png, which takes nearly all of the time; and what its charts
-    are drawn from."""
+def page_of(circnav, run):
+    """The page of the run, and what its charts are drawn from."""
 
-    def page_of(picture=False):
-        if not picture:
-            monkeypatch.setattr(cli_report, "plot_flight", lambda path, *what: path.write_bytes(b"a picture"))
+    def page_of():
         assert circnav("report", run).done
         page = (run / "report.html").read_text()
         return page, json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', page)[1])
@@ -46,13 +43,8 @@ def page_of(circnav, run, monkeypatch):
     return page_of
 
 
-def with_manifest(run, **changed):
-    manifest = json.loads((run / "manifest.json").read_text())
-    (run / "manifest.json").write_text(json.dumps(manifest | changed))
-
-
 def test_the_page_holds_every_part_and_needs_nobody(page_of, run):
-    page, data = page_of(picture=True)
+    page, data = page_of()
     columns = "measured r true_r r_dot true_r_dot turn_rate true_turn innovation accepted rejected drift_x"
     assert set(columns.split()) <= set(data["columns"])
     assert '<div class="outcome bad">UNFINISHED: ' in page, "the outcome in words and colour, first"
@@ -71,25 +63,27 @@ def test_a_run_without_truth_tells_ranges_and_no_track(page_of, run):
     shutil.rmtree(run)
     overrides = ("limits.duration_s=8", "sim.truth.rate_hz=0", 'guidance.estimator="kalman"', 'guidance.law="smooth"')
     recorded_flight(run, "quickstart", *overrides).fly(15).recorder.close()
-    page, data = page_of(picture=True)
+    page, data = page_of()
     assert "Range alone does not tell where it flew" in page
     assert "differenced" in data["columns"]
     assert data["ways"] == []
 
 
+@pytest.mark.usefixtures("no_pictures")
 @pytest.mark.parametrize(
     ("voice", "phase", "curve"),
     [("fly", "engaged", "commanded"), ("dry run", "would steer", "would command"),
      ("shadow", "would steer", "would command")],
 )  # fmt: skip
-def test_what_never_left_is_called_so(page_of, run, voice, phase, curve):
-    with_manifest(run, voice=voice)
+def test_what_never_left_is_called_so(page_of, with_manifest, voice, phase, curve):
+    with_manifest(voice=voice)
     _, data = page_of()
     words = {word for _, _, word in data["bands"]["phase"]}
     assert words & {"engaged", "would steer"} == {phase}
     assert data["flight"]["commanded"] == curve
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_an_estimated_track_says_when_it_was_first_believed_and_breaks_where_it_was_not(page_of, run):
     """Believed from second 10 to 12, and from 14 on; the vehicle tells no truth."""
     frames = list(read_tlog(run / "flight.tlog"))
@@ -109,6 +103,7 @@ def test_an_estimated_track_says_when_it_was_first_believed_and_breaks_where_it_
     assert not [time for time in known if 12 <= time < 14]
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_lines_break_where_no_tick_was_made(page_of, run):
     """A stall of 1.5 s at second 15, in a chart of what was estimated: no ramp leads over it."""
     rewrite_ticks(run, lambda time, row: not 15 < time < 16.5)
@@ -117,6 +112,7 @@ def test_lines_break_where_no_tick_was_made(page_of, run):
     assert unknown == [pytest.approx(15.75, abs=0.1)]
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_innovations_and_ranges_are_dots_of_new_ranges_alone(page_of, run):
     """The first second of every ten has its ranges, the others repeat the last."""
     last = {}
@@ -134,6 +130,7 @@ def test_innovations_and_ranges_are_dots_of_new_ranges_alone(page_of, run):
         assert all((time + 0.2) % 10 < 1.5 for time in times)
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_of_very_many_events_the_first_and_the_last_are_told(page_of, run):
     def flapping(time, row):
         if time > 1:
@@ -152,13 +149,15 @@ def test_of_very_many_events_the_first_and_the_last_are_told(page_of, run):
     assert times == sorted(times)
 
 
-def test_names_are_no_markup_and_no_placeholders(page_of, run):
-    with_manifest(run, mission="<script>alert(1)</script>@EVENTS@")
+@pytest.mark.usefixtures("no_pictures")
+def test_names_are_no_markup_and_no_placeholders(page_of, with_manifest):
+    with_manifest(mission="<script>alert(1)</script>@EVENTS@")
     page, _ = page_of()
     assert "<script>alert" not in page
     assert "<h1>&lt;script&gt;alert(1)&lt;/script&gt;@EVENTS@</h1>" in page
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_ten_minutes_stay_under_a_megabyte(page_of, run):
     """The ticks of the flight twenty times over, one after the other: 600 s."""
     header, *rows = (run / "ticks.csv").read_text().splitlines()
@@ -167,6 +166,7 @@ def test_ten_minutes_stay_under_a_megabyte(page_of, run):
     assert len(page_of()[0]) < 1_000_000
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_a_surveyed_place_is_a_map_in_the_page(page_of, run):
     place = PLACE | {"latitude_deg": -35.36, "longitude_deg": 149.16, "ellipse_95": {"semi_major_m": 3.7}}
     (run / "summary.json").write_text(json.dumps({"place": place}))
@@ -188,12 +188,14 @@ def test_a_surveyed_place_is_a_map_in_the_page(page_of, run):
         (lambda run: (run / "ticks.csv").write_text(""), 2, "has no header"),
         (lambda run: (run / "ticks.csv").unlink(), 2, "No such file"),
         (lambda run: (run / "ticks.csv").write_text("time,phase\n"), 3, "an empty run"),
+        (lambda run: (run / "ticks.csv").write_text("".join((run / "ticks.csv").open().readlines()[:2])), 3,
+         "a single tick was recorded, too little for a report"),
         (lambda run: (run / "mission.toml").write_text("nonsense"), 2, "not valid TOML"),
         (lambda run: (run / "manifest.json").write_text("{"), 2, "manifest.json"),
         (lambda run: (run / "report.html").mkdir(), 2, "Is a directory"),
     ],
-    ids=["no log", "no header", "no ticks", "no tick", "mission", "manifest", "no place"],
-)
+    ids=["no log", "no header", "no ticks", "no tick", "one tick", "mission", "manifest", "no place"],
+)  # fmt: skip
 def test_a_run_that_cannot_be_told_is_one_line(circnav, run, spoil, code, says):
     spoil(run)
     ran = circnav("report", run)
@@ -218,7 +220,7 @@ def test_a_picture_that_fails_at_the_end_of_a_flight_is_a_line_and_nothing_more(
 
 def test_a_browser_draws_it_zooms_all_charts_and_tells_values_and_logs_no_error(browser, page_of, run):
     """On a phone and on a desk; dragging over a chart zooms all of them, and pointing at it tells the values there."""
-    _, data = page_of(picture=True)
+    _, data = page_of()
     for width in (390, 1100):
         browser.open((run / "report.html").as_uri(), width=width, dark=True)
         assert browser.value("document.documentElement.scrollWidth <= innerWidth")
