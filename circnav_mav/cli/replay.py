@@ -33,7 +33,7 @@ TICKS, PICTURE = "ticks.csv", "replay.png"
 LAST_DIGIT = 1e-6
 """ticks.csv holds six decimals."""
 MOST_NAMED = 6
-"""Senders that are named; a ground station may plot dozens of values."""
+"""Senders that are named, before "and more": a ground station may plot dozens of values."""
 
 
 def replay_log(
@@ -237,8 +237,11 @@ def _say_who(sources: LogSources, adapter: Autopilot) -> None:
         if (system, component) != sources.vehicle
     )
     for title, senders in (("unused", unused), ("others", others)):
-        if said := _some(senders):
-            click.echo(f"  {title:<10} {said}")
+        said = list(senders)
+        if more := said[MOST_NAMED:]:
+            said[MOST_NAMED:] = [f"and {len(more)} more"]
+        if said:
+            click.echo(f"  {title:<10} {'; '.join(said)}")
     if candidates := sources.candidates:
         keys = " or ".join(sources.distinguishing_keys)
         mixed = sum(ranging[candidate].taken > 0 for candidate in candidates) > 1
@@ -250,10 +253,3 @@ def _name(source: RangeSource) -> str:
     fields = RANGING_MESSAGES[source.message].marks
     marks = ", ".join(f"{mark} {value}" for mark, value in zip(fields, source.marks, strict=True))
     return f"{source.message.upper()} of {source.system}/{source.component} ({marks})"
-
-
-def _some(names: Iterable[str]) -> str:
-    """The first of them, and how many more there are."""
-    every = list(names)
-    more = [f"and {len(every) - MOST_NAMED} more"] if len(every) > MOST_NAMED else []
-    return "; ".join(every[:MOST_NAMED] + more)

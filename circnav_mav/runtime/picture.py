@@ -54,9 +54,17 @@ class Picture:
         self._errors: deque[tuple[int, float]] = deque(maxlen=CELLS)
 
     def draw(self, status: Status) -> Panel:
-        """The picture of now."""
-        rows = [*self._phase(status), *_alarms(status), *_steering(status)]
-        rows += [*self._circle(status.tick, status.target), *_place(status), *_traffic(status, self._settings)]
+        """The picture of now. Alarms are near the top: a terminal that is too low shows no more than the first rows."""
+        alarms: list[Row] = [(ALARM, Text(line, "bold reverse red")) for line in _folded(status.alarms[:MOST_ALARMS])]
+        rows: list[Row] = [
+            *self._phase(status),
+            *(alarms or [("alarms", "none")]),
+            ("law", status.why or status.tick.law or "-"),
+            *zip(("waiting", ""), _folded([status.waits]), strict=False),
+            *self._circle(status.tick, status.target),
+            *(("place", line) for line in _folded([status.place])[:1]),  # there is no room for more
+            *_traffic(status, self._settings),
+        ]
         text = Text(no_wrap=True, overflow="crop")
         for name, value in rows:
             text.append(f"{name:<{LABEL}}", "bold red" if name == ALARM else "").append(value).append("\n")
@@ -126,23 +134,6 @@ class Picture:
         for at, size in recent:
             line[at - recent[0][0]] = levels[min(int(size / full * len(levels)), len(levels) - 1) if full else 0]
         return f"{error:+.2f} m   {''.join(line)} full {full:.1f} m"
-
-
-def _alarms(status: Status) -> list[Row]:
-    """Near the top: a terminal that is too low shows no more than the first rows."""
-    lines = _folded(status.alarms[:MOST_ALARMS])
-    return [(ALARM, Text(line, "bold reverse red")) for line in lines] or [("alarms", "none")]
-
-
-def _place(status: Status) -> list[Row]:
-    """Where the target is on the map; one line, for there is no room for more."""
-    return [("place", line) for line in _folded([status.place])[:1]]
-
-
-def _steering(status: Status) -> list[Row]:
-    """The law, and what is waited for."""
-    waiting = zip(("waiting", ""), _folded([status.waits]), strict=False)
-    return [("law", status.why or status.tick.law or "-"), *waiting]
 
 
 def _traffic(status: Status, settings: PilotSettings) -> list[Row]:

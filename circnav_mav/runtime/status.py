@@ -8,7 +8,7 @@ from typing import NamedTuple
 from circnav_mav.locate.locator import Locator
 from circnav_mav.mav.frames import compass_from_vector
 from circnav_mav.mav.ranging.interface import OTHERS
-from circnav_mav.pilot import Ending, Outcome, OutputMode, Pilot, TickRecord, phase_name
+from circnav_mav.pilot import Ending, OutputMode, Pilot, TickRecord, phase_name
 from circnav_mav.pilot.mission_state import Phase
 
 RATE_SPAN = 3.0
@@ -52,8 +52,7 @@ class Status:
     others: int
     rates: Rates | None
     setpoints: int
-    outcome: Outcome | None
-    place: str = ""
+    place: str
 
 
 class Watch:
@@ -65,30 +64,33 @@ class Watch:
 
     def status(self, tick: TickRecord, now: float, problem: str | None = None) -> Status:
         """The status with this newest tick. problem: what is wrong with the recording."""
-        pilot = self._pilot
-        rates = self._rates(now)
+        pilot, locator, rates = self._pilot, self._locator, self._rates(now)
+        alarms, place, timing = _alarms(pilot, tick, now, rates, problem), "", pilot.settings.timing
+        if locator is not None:
+            place = locator.why if locator.place is None else locator.place.at(now).words()
+            if alarm := locator.watch.alarm:
+                alarms.append(f"GPS WATCH: {alarm.text}")
+            if locator.handback and locator.handback.words:
+                alarms.append(f"HAND-BACK: {locator.handback.words}")
+        if tick.range_age is not None and tick.range_age > timing.stale + timing.hold:
+            # the prediction stands for no range any more: by now it would not hold the turn either
+            tick = replace(tick, r=None, r_dot=None, r_sigma=None, r_dot_sigma=None)
         return Status(
             time=now,
-            tick=tick if self._believed(tick) else replace(tick, r=None, r_dot=None, r_sigma=None, r_dot_sigma=None),
+            tick=tick,
             flown=None if pilot.engaged_at is None else now - pilot.engaged_at,
             phase=phase_name(tick.phase, pilot.settings.output_mode),
             waits=pilot.waits_for(now),
             why=pilot.why if tick.law else "",
             target=_target(tick),
             believed=pilot.believed,
-            place=_place(self._locator, now),
-            alarms=tuple(_alarms(pilot, tick, now, rates, problem) + _watch_alarms(self._locator)),
+            place=place,
+            alarms=tuple(alarms),
             rejected={why: count for why, count in pilot.tracker.ranging.rejected.most_common() if why not in OTHERS},
             others=sum(pilot.tracker.ranging.rejected[why] for why in OTHERS),
             rates=rates,
             setpoints=pilot.setpoints_sent,
-            outcome=pilot.outcome,
         )
-
-    def _believed(self, tick: TickRecord) -> bool:
-        """Whether the prediction still stands for a range: not when it would no longer hold the turn either."""
-        timing = self._pilot.settings.timing
-        return tick.range_age is None or tick.range_age <= timing.stale + timing.hold
 
     def _rates(self, now: float) -> Rates | None:
         pilot, seen = self._pilot, self._seen
@@ -145,22 +147,6 @@ def _alarms(pilot: Pilot, tick: TickRecord, now: float, rates: Rates | None, pro
     if problem is not None:
         found.append(f"NOT RECORDING: {problem}")
     return found
-
-
-def _place(locator: Locator | None, now: float) -> str:
-    """Where the target is on the map, or why that is not known; empty where nobody surveys."""
-    if locator is None:
-        return ""
-    return locator.why if locator.place is None else locator.place.at(now).words()
-
-
-def _watch_alarms(locator: Locator | None) -> list[str]:
-    """What the watch over GPS, ranges and compass says, and the hand-back."""
-    if locator is None:
-        return []
-    alarm = locator.watch.alarm
-    said = [] if alarm is None else [f"GPS WATCH: {alarm.text}"]
-    return said + ([f"HAND-BACK: {locator.handback.words}"] if locator.handback and locator.handback.words else [])
 
 
 def _target(tick: TickRecord) -> str:
