@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -57,7 +58,7 @@ def close_flight(
     gaps = recorder.problem is not None  # from here on it may also be that what was recorded is not understood
     summary = _summary(pilot, recorder, mission, epoch_us)
     if locator is not None:
-        summary |= _located(recorder, locator)
+        gaps |= not _located(summary, recorder.folder, locator)
     gaps |= not _written(summary, f"{recorder.folder}:", lambda: write_summary(recorder.folder, summary))
     code = Exit.NOT_RECORDED if gaps and code is Exit.DONE else code
     session, end = pilot.session, {"outcome": summary["outcome"], "reason": summary["reason"], "exit": int(code)}
@@ -81,29 +82,28 @@ def _written(summary: dict[str, Any], name: str, write: Callable[[], None]) -> b
     return True
 
 
-def _located(recorder: Recorder, locator: Locator) -> dict[str, Any]:
-    """What the survey found, for the summary; and target.geojson and target.kml where there is a place."""
-    place, handback = locator.place, locator.handback
+def _located(summary: dict[str, Any], folder: Path, locator: Locator) -> bool:
+    """What the survey found, into the summary; target.geojson and target.kml where there is a place, handback.csv where
+    positions were sent. Tells whether the disk took them."""
+    place, handback, files = locator.place, locator.handback, {}
     if place is not None:
-        try:
-            write_text(recorder.folder / "target.geojson", geojson({"target": place}, locator.track))
-            write_text(recorder.folder / "target.kml", kml({"target": place}))
-        except OSError as error:
-            recorder.problem = recorder.problem or f"{recorder.folder}: {error.strerror or error}"
+        files["target.geojson"] = geojson({"target": place}, locator.track)
+        files["target.kml"] = kml({"target": place})
     if handback is not None and handback.given:
-        rows = ["time,latitude_deg,longitude_deg,sigma_m,by,answer,reported_off_m"]
-        rows += [
+        rows = [
             f"{one.time:.2f},{one.latitude:.7f},{one.longitude:.7f},{one.sigma:.1f},{one.by},{one.answer},"
             + ("" if one.off is None else f"{one.off:.1f}")
             for one in handback.given
         ]
-        with suppress(OSError):
-            write_text(recorder.folder / "handback.csv", "\n".join(rows) + "\n")
-    return {
+        head = "time,latitude_deg,longitude_deg,sigma_m,by,answer,reported_off_m"
+        files["handback.csv"] = "\n".join([head, *rows]) + "\n"
+    summary |= {
         "place": None if place is None else place.plain(),
         "gps_watch": [{"time_s": round(time, 1), "text": text} for time, text in locator.watch.told],
         "handback": None if handback is None else handback.plain(),
     }
+    taken = [_written(summary, name, partial(write_text, folder / name, text)) for name, text in files.items()]
+    return all(taken)
 
 
 def _summary(pilot: Pilot, recorder: Recorder, mission: Mission, epoch_us: int) -> dict[str, Any]:
