@@ -6,6 +6,7 @@ import select
 import socket
 import termios
 from contextlib import closing
+from unittest.mock import Mock
 
 import pytest
 
@@ -143,14 +144,13 @@ def test_a_datagram_that_no_router_sends_is_not_read(udp, udpin):
     assert udpin.troubles.total() == 2
 
 
-def test_udpout_speaks_to_its_own_address_only(udp, udpout):
+def test_udpout_speaks_to_its_own_address_only_and_hears_no_other(udp, udpout):
+    """As a vehicle that still speaks to our fixed port, when we have gone on to another: else the one would be heard
+    and the other commanded. A second link cannot have that port, and takes another."""
     udpout.send(b"again", ("127.0.0.1", 9))
     assert udp.recv(100) == b"again"
-
-
-def test_udpout_hears_nobody_but_whom_it_speaks_to(udp, udpout):
-    """As a vehicle that still speaks to our fixed port, when we have gone on to another: else the one would be heard
-    and the other commanded."""
+    with closing(open_link(f"udpout:127.0.0.1:{udp.getsockname()[1]}")) as second:
+        assert second.port != udpout.port
     with closing(socket.socket(*UDP)) as other:
         for _ in range(MOST_DATAGRAMS):
             other.sendto(b"stranger", ("127.0.0.1", udpout.port))
@@ -179,11 +179,6 @@ def test_a_crowd_of_strangers_is_told_in_few_words(udpout):
     while udpout.troubles.total() < 20:
         assert receive(udpout) == []
     assert len(udpout.troubles) <= 5
-
-
-def test_two_udpout_links_can_be_open_at_once(request, udp, udpout):
-    """The second cannot have the fixed local port and takes another."""
-    assert opened(request, f"udpout:127.0.0.1:{udp.getsockname()[1]}").port != udpout.port
 
 
 def test_a_peer_that_refuses_is_silence_and_counted_and_may_come_back(request, port):
@@ -358,7 +353,7 @@ def test_a_serial_device_that_vanishes_while_it_is_opened_again_is_tried_on(line
     serial._port.close()
     assert serial.receive(0.0) == []
     with monkeypatch.context() as vanishing:
-        vanishing.setattr(termios, "tcflush", raising(error))
+        vanishing.setattr(termios, "tcflush", Mock(side_effect=error))
         for now in (1.0, 2.0, 3.0):
             assert serial.receive(now) == []
             assert serial.fileno() is None
@@ -371,7 +366,7 @@ def test_a_serial_device_that_vanishes_while_it_is_opened_again_is_tried_on(line
 def test_a_serial_device_may_fail_in_every_way_while_it_is_read_written_and_closed(serial, monkeypatch, error):
     with monkeypatch.context() as failing:
         for action in ("read", "close", "fileno"):
-            failing.setattr(serial._port, action, raising(error))
+            failing.setattr(serial._port, action, Mock(side_effect=error))
         serial.send(b"lost", None)
         assert serial.receive(0.0) == []
     assert serial.troubles.total() == 2
@@ -379,15 +374,6 @@ def test_a_serial_device_may_fail_in_every_way_while_it_is_read_written_and_clos
 
 
 def test_a_serial_device_that_vanishes_while_it_is_first_opened_is_refused_in_one_line(line, monkeypatch):
-    monkeypatch.setattr(termios, "tcflush", raising(FAILURES[0]))
+    monkeypatch.setattr(termios, "tcflush", Mock(side_effect=FAILURES[0]))
     with pytest.raises(LinkError, match=rf"^endpoint serial:{line.name}:57600: input/output error$"):
         open_link(f"serial:{line.name}:57600")
-
-
-def raising(error):
-    """A function that fails."""
-
-    def fail(*arguments):
-        raise error
-
-    return fail

@@ -103,16 +103,11 @@ class FakePilot:
 class FakeRecorder:
     def __init__(self):
         self.ticked, self.steps = [], []
+        self.step, self.ticks = self.steps.append, self.ticked.extend
 
     @property
     def kept(self):
         return [words for step in self.steps for words in step.said]
-
-    def step(self, step):
-        self.steps.append(step)
-
-    def ticks(self, records):
-        self.ticked += records
 
 
 @pytest.fixture
