@@ -1,5 +1,6 @@
-"""Standard output that cannot be written is named as such, and a reader that goes away is nobody's error."""
+"""Standard output or a disk that takes no more is named as such, and a reader that goes away is nobody's error."""
 
+import json
 import os
 import subprocess
 import sys
@@ -19,16 +20,23 @@ COMMANDS = ["replay run", "campaign c.toml --processes 1", "preflight quickstart
 FULL = "circnav: standard output cannot be written: No space left on device\n"
 
 
+def ended(place, command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, *, kilobytes="unlimited", **environment):
+    """How `circnav COMMAND` ends in a process whose files may not be longer, which the kernel answers like a full disk;
+    bytecode would be cut off, too."""
+    words = [sys.executable, "-B", "-m", "circnav_mav", *command.split()]
+    return subprocess.run(
+        ["bash", "-c", f'ulimit -f {kilobytes}; exec "$@"', "bash", *words], cwd=place, stdout=stdout, stderr=stderr,
+        text=True, check=False, env={"PYTHONPATH": str(ROOT), "PATH": "/bin"} | environment, timeout=PATIENCE,
+    )  # fmt: skip
+
+
 @pytest.fixture
 def told(run):
     """Exit code and standard error of a command whose standard output, or error, is a file of ours."""
     (run.parent / "c.toml").write_text(CAMPAIGN)
 
-    def told(command, stdout, stderr=subprocess.PIPE, **environment):
-        ran = subprocess.run(
-            [sys.executable, "-m", "circnav_mav", *command.split()], cwd=run.parent, stdout=stdout, stderr=stderr,
-            text=True, check=False, env={"PYTHONPATH": str(ROOT), "PATH": "/bin"} | environment, timeout=PATIENCE,
-        )  # fmt: skip
+    def told(command, *streams, **environment):
+        ran = ended(run.parent, command, *streams, **environment)
         return ran.returncode, ran.stderr
 
     return told
@@ -65,3 +73,29 @@ def test_a_reader_that_went_away_ends_the_command_without_a_word(told, command):
     said = told(command, theirs)
     os.close(theirs)
     assert said == (1, "")
+
+
+# --- disks ---
+
+
+@pytest.mark.parametrize(
+    ("options", "kilobytes", "code", "outcome"),
+    [("--duration 10", 60, 5, "completed"),
+     ("--set bounds.max_range_m=340 --set orbit.direction=counterclockwise", 8, 4, "aborted")],
+    ids=["a flight that went well has an exit code of its own", "one that did not keeps its own"],
+)  # fmt: skip
+def test_a_flight_that_was_not_recorded_to_its_end_says_so(tmp_path, options, kilobytes, code, outcome):
+    ran = ended(tmp_path, f"fly quickstart {options} --out run", kilobytes=kilobytes)
+    assert (ran.returncode, ran.stderr) == (code, "")
+    assert f"{outcome.upper()}: " in ran.stdout
+    assert "WARNING    run: recording stopped: File too large" in ran.stdout
+    assert json.loads((tmp_path / "run" / "manifest.json").read_text())["exit"] == code
+    assert json.loads((tmp_path / "run" / "summary.json").read_text())["outcome"] == outcome
+
+
+def test_a_picture_that_finds_no_room_leaves_the_older_one_as_it_is(tmp_path):
+    (tmp_path / "p").mkdir()
+    (tmp_path / "p" / "example_1_track.png").write_text("older")
+    ran = ended(tmp_path, "paper --starts 1 --out p", kilobytes=10)
+    assert (ran.returncode, ran.stderr) == (2, "circnav: p/example_1_track.png: File too large\n")
+    assert [(path.name, path.read_text()) for path in (tmp_path / "p").iterdir()] == [("example_1_track.png", "older")]

@@ -1,0 +1,219 @@
+"""`circnav fly` where no vehicle is: exit code 3, and what was heard; with a signing key; with its page."""
+
+import json
+import re
+import socket
+import threading
+from contextlib import closing, contextmanager
+
+import pytest
+from pymavlink.dialects.v20 import all as mavlink
+
+from circnav_mav.runtime.web.feed import LivePage
+from tests.flight.lockstep import flight
+from tests.mav.test_signing import KEY
+from tests.process import PATIENCE
+from tests.process import circnav as process_of
+
+pytestmark = pytest.mark.usefixtures("undrawn")
+
+
+def test_a_tcp_endpoint_where_nobody_listens(circnav, mission):
+    with socket.socket() as unused:
+        unused.bind(("127.0.0.1", 0))
+        endpoint = f"tcp:127.0.0.1:{unused.getsockname()[1]}"
+        ran = circnav("fly", mission, "--endpoint", endpoint)
+    assert (ran.code, ran.line) == (3, f"circnav: endpoint {endpoint}: nobody listens there (connection refused)")
+
+
+def summary(folder):
+    return json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+
+
+def test_no_heartbeat_at_all_is_recorded_in_a_folder_named_after_time_and_mission(circnav, mission, tmp_path):
+    ran = circnav("fly", mission, "--set", "orbit.radius_m=80.0", "--duration", "7")
+    assert (ran.code, ran.err) == (3, "")
+    assert "no vehicle: no autopilot heartbeat, 0 bytes heard" in ran.out
+    (folder,) = (tmp_path / "runs").iterdir()
+    assert folder.name.endswith("-small")
+    assert {"summary.json", "ticks.csv", "flight.tlog", "mission.toml"} <= {path.name for path in folder.iterdir()}
+    made = summary(folder)
+    assert (made["outcome"], made["settled_s"], made["truth"], made["setpoints_sent"]) == ("aborted", None, None, 0)
+    assert made["reason"].startswith("no vehicle: ")
+    text = (folder / "mission.toml").read_text(encoding="utf-8")
+    assert "radius_m = 80.0" in text, "as flown, with its overrides"
+    assert "duration_s = 7.0" in text
+
+
+PATIENTLY = "--set", "link.wait_s=1.5"
+"""Heard is who speaks fifty times a second, also where this process stands still for a second."""
+
+
+@contextmanager
+def speaking(port, datagram):
+    """A datagram comes to a port again and again."""
+    over = threading.Event()
+
+    def speak():
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
+            while not over.wait(0.02):
+                out.sendto(datagram, ("127.0.0.1", port))
+
+    speaker = threading.Thread(target=speak)
+    speaker.start()
+    yield
+    over.set()
+    speaker.join()
+
+
+def heartbeat(system=1):
+    message = mavlink.MAVLink_heartbeat_message(2, 3, base_mode=129, custom_mode=4, system_status=4, mavlink_version=3)
+    return bytes(message.pack(mavlink.MAVLink(None, srcSystem=system, srcComponent=1)))
+
+
+@pytest.mark.parametrize(
+    ("datagram", "told"),
+    [
+        (b"GET / HTTP/1.1", "0 frames"),
+        (heartbeat(system=9), "system 9 is not the mission's vehicle.system_id 1"),
+        (heartbeat(), "no ranging: no usable DISTANCE_SENSOR, rejected: none"),
+    ],
+    ids=["junk", "wrong system id", "no ranging"],
+)
+def test_what_was_heard_instead_of_the_vehicle_is_told(circnav, mission, port, datagram, told):
+    endpoint = ("--endpoint", f"udpin:127.0.0.1:{port}", *PATIENTLY)
+    with speaking(port, datagram):
+        ran = circnav("fly", mission, *endpoint, "--set", "vehicle.system_id=1")
+    assert (ran.code, ran.err) == (3, "")
+    assert told in ran.out
+
+
+@pytest.mark.parametrize(("command", "said"), [("fly", "WARNING    "), ("preflight", "WARN  endpoint    ")])
+def test_what_goes_wrong_on_an_endpoint_is_told(circnav, mission, port, command, said):
+    endpoint = f"udpin:127.0.0.1:{port}"
+    with speaking(port, heartbeat()):
+        ran = circnav(command, mission, "--endpoint", endpoint, *PATIENTLY, "--set", "link.peer=192.0.2.7")
+    assert ran.code == 3
+    assert re.search(rf"{said}{endpoint}: ignored: sent by 127\.0\.0\.1:\d+ \(\d+ times\)\n", ran.out)
+
+
+def test_a_sigterm_ends_the_process_with_130_and_whole_files(mission, tmp_path):
+    folder = tmp_path / "out"
+    with process_of("fly", str(mission), "--set", "link.wait_s=30.0", "--out", str(folder)) as process:
+        try:
+            assert any("waiting for the link" in line for line in process.stdout), "a plain line a second"
+            process.terminate()
+            out, err = process.communicate(timeout=PATIENCE)
+        finally:
+            process.kill()
+    assert (process.returncode, err) == (130, "")
+    assert "INTERRUPTED: SIGTERM" in out
+    assert summary(folder)["outcome"] == "interrupted"
+
+
+# --- with a signing key ---
+
+
+@pytest.fixture
+def key(mission):
+    """The mission's key, 64 hex digits beside it."""
+    with mission.open("a") as file:
+        file.write('[signing]\nkey_file = "drone.key"\n')
+    path = mission.with_name("drone.key")
+    path.touch(0o600)
+    path.write_text(KEY.hex())
+    return path
+
+
+@pytest.fixture
+def unsigned(circnav, mission, key, port):
+    """How a command ends that hears unsigned heartbeats alone: unsigned("fly")."""
+
+    def unsigned(command, *options):
+        with speaking(port, heartbeat()):
+            return circnav(command, mission, "--endpoint", f"udpin:127.0.0.1:{port}", *PATIENTLY, *options)
+
+    return unsigned
+
+
+def test_a_key_that_others_can_read_is_refused_before_anything_is_opened(circnav, mission, key):
+    key.chmod(0o644)
+    says = f"{key}: others can read this key (mode 644): chmod 600 {key}"
+    assert circnav("fly", mission).refused == f"{mission}: signing.key_file: {says}"
+
+
+def test_a_damaged_timestamp_is_refused(circnav, mission, key):
+    key.with_name("drone.key.timestamp").write_text("yesterday")
+    assert "drone.key.timestamp: is not a timestamp" in circnav("fly", mission).refused
+
+
+def test_a_vehicle_that_is_not_believed_is_told_in_one_line_and_the_key_to_nobody(unsigned, key, tmp_path):
+    ran = unsigned("fly", "--out", tmp_path / "out")
+    assert (ran.code, ran.err) == (3, "")
+    (line,) = [line for line in ran.out.splitlines() if line.startswith("ABORTED")]
+    assert "every frame heard is unsigned or wrongly signed" in line
+    assert "check signing.key_file" in line
+    made = summary(tmp_path / "out")
+    assert (set(made["frames_refused"]), made["setpoints_sent"]) == ({"unsigned"}, 0)
+    kept = b"".join(path.read_bytes() for path in (tmp_path / "out").iterdir()) + ran.out.encode()
+    assert str(key).encode() in kept
+    assert not any(secret in kept for secret in (KEY, KEY.hex().encode(), repr(KEY).encode()))
+
+
+def test_preflight_says_whom_it_does_not_believe(unsigned):
+    ran = unsigned("preflight", "--seconds", "1")
+    assert ran.code == 3
+    assert "every frame heard is unsigned or wrongly signed" in ran.out
+
+
+# --- with its page ---
+
+
+def test_a_port_in_use_is_refused_before_anything_flies(circnav, mission, tmp_path):
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        port = other.getsockname()[1]
+        line = circnav("fly", mission, "--web", port, "--out", tmp_path / "out").refused
+    assert line.startswith(f"--web {port}: 127.0.0.1:{port} cannot be had: Address already in use")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_flight_without_a_vehicle_ends_as_it_does_without_the_page(circnav, mission):
+    ran = circnav("fly", mission, "--web", 0)
+    assert (ran.code, ran.err) == (3, "")
+    assert re.search(r"live page at http://127\.0\.0\.1:\d+/\n", ran.out)
+
+
+DESIRED_ON_TOP = """
+[...document.querySelectorAll("#track circle.level, #track path.line")].at(-1).matches("circle")"""
+
+
+def test_a_browser_follows_a_flight_to_its_verdict_and_logs_no_error(browser, tmp_path):
+    options = ("--web", "0", "--speed", "2", "--duration", "12", "--out", str(tmp_path / "run"))
+    with process_of("fly", "quickstart", *options) as flown:
+        said = next(line for line in flown.stdout if line.startswith("live page at "))
+        browser.open(said.split()[-1])
+        browser.until("document.getElementById('phase').innerText.toLowerCase() === 'engaged'")
+        browser.until("document.querySelectorAll('#charts svg.strip').length === 7")
+        browser.until("points.length > 20 && document.querySelector('#track path.line.true')")
+        longest = "svg => Math.max(...[...svg.querySelectorAll('path.line')].map(path => path.getTotalLength()))"
+        lines = "[...document.querySelectorAll('#charts svg.strip')].filter(svg => svg.querySelector('.line'))"
+        drawn = browser.value(f"{lines}.map({longest})")
+        assert len(drawn) == 4
+        assert min(drawn) > 300  # px of line in every chart
+        assert browser.value("document.getElementById('link').innerText") == "live"
+        assert browser.value(DESIRED_ON_TOP)
+        assert re.fullmatch(r"\d{3} deg", browser.value("document.getElementById('heading').innerText"))
+        browser.until("!document.getElementById('outcome').hidden")
+        assert "COMPLETED: flown to its end" in browser.value("document.getElementById('outcome').innerText")
+        assert browser.value("document.getElementById('link').innerText") == "stream ended"
+        assert browser.complaints == []
+        flown.communicate(timeout=PATIENCE)
+    assert flown.returncode == 0
+
+
+def test_the_page_says_when_the_connection_is_lost(browser):
+    with closing(LivePage(flight("quickstart").pilot, 0, name="small", tolerance=5.0, speed=1.0)) as page:
+        browser.open(page.url)
+        browser.until("document.getElementById('name').innerText === 'small'")
+        page._process.kill()
+        browser.until("document.getElementById('link').innerText === 'connection lost, trying again'")
