@@ -140,8 +140,7 @@ def _summary(pilot: Pilot, recorder: Recorder, mission: Mission, epoch_us: int) 
 
 
 def _recorded(recorder: Recorder, epoch_us: int, system: int | None) -> tuple[Ticks, Truth | None]:
-    """Ticks and truth as far as they can be read: a disk that filled up before the first line was written leaves
-    none."""
+    """Ticks and truth as far as they can be read: a disk that was full from the first line on leaves none."""
     ticks, truth = NO_TICKS, None
     try:
         ticks = read_ticks(recorder.folder)

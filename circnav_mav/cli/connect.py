@@ -1,5 +1,4 @@
-"""What `fly` and `preflight` share: the mission's links and key opened, the bundled vehicle put on its links, the clock
-of the run."""
+"""What `fly` and `preflight` open: links, key and clock of a mission, and the bundled vehicle at their other end."""
 
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -104,8 +103,7 @@ def open_page(
 
 
 def start_clock(mission: Mission, session: Session, links: dict[str, Link], *, page: bool = False) -> Clock:
-    """The clock that the mission asks for; it starts the run. With the bundled vehicle that is simulated time, and the
-    vehicle's links join the others."""
+    """The mission's clock, started: simulated time with the bundled vehicle, whose links join the others."""
     if mission.flies_sim and mission.file.sim is not None:
         vehicle = Vehicle(parse_vehicle(mission.file.sim, "sim"))
         clock = Lockstep(vehicle, run_speed(mission, page=page), others=bool(links))

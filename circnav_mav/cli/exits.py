@@ -72,8 +72,7 @@ class _Unheard(io.FileIO):
 
 
 class _Refusing(io.FileIO):
-    """A descriptor that says whose fault it is when it cannot be written, once. A reader that went away (`| head`) is
-    nobody's: click ends the process quietly for it."""
+    """A descriptor that says once whose fault it is when it cannot be written; `| head` that went away is nobody's."""
 
     _told = False
 

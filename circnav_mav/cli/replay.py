@@ -198,8 +198,7 @@ def _say_ticks(done: Replayed, pilot: Pilot, was: Ticks | None) -> None:
 
 
 def _write(log: str, out: str | None, done: Replayed, was: Ticks | None, mission: Mission) -> None:
-    """The replay's own picture and ticks, where they are asked for. The picture comes first: it tells the ticks for
-    those of a replay."""
+    """Picture and ticks, where they are asked for; the picture first: it shows that the ticks are a replay's."""
     if out is None:
         return
     folder = Path(out)

@@ -19,10 +19,8 @@ def steady() -> float:
 
 
 class Clock:
-    """Seconds since it was made, in whole microseconds, monotonic.
-
-    Whole microseconds are what a tlog can hold, so that a replay sees the very times that the flight saw.
-    """
+    """Seconds since it was made, monotonic; in whole microseconds, as a tlog holds them: a replay sees the very times
+    that the flight saw."""
 
     longest_wait = 0.05
     """Real time, s, that is waited in one go: meanwhile a link may be back, or the autopilot's time go faster."""
@@ -53,13 +51,12 @@ class Clock:
 class AutopilotClock(Clock):
     """Goes as fast as the autopilot's boot time, so that a simulator faster or slower than real time is flown.
 
-    `boot_time` tells the newest time since boot that was heard, s, None before. Until then, and between messages, the
-    clock goes on at the speed last measured (at first `speed`). Only the flow of the boot time counts: a reboot, a
-    pause or the wrap of its 32 bits moves nothing here, and time goes on through the autopilot's silence, so that the
-    silence is noticed.
+    Between messages it goes on at the speed last measured (at first `speed`), and so the autopilot's silence is
+    noticed. Only the flow of the boot time counts: a reboot, a pause or the wrap of its 32 bits moves nothing here.
     """
 
     def __init__(self, boot_time: Callable[[], float | None], speed: float = 1.0) -> None:
+        """boot_time: the newest time since boot that was heard, s, None before."""
         super().__init__(speed)
         self._boot_time = boot_time
         self._local = self._now = 0.0

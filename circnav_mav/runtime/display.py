@@ -1,7 +1,5 @@
-"""What a person sees while flying: a live picture on a terminal, one plain line a second elsewhere.
-
-A thread of its own draws: a terminal that is stopped (Ctrl-S) or gone, or a slow pipe, never delays a tick.
-"""
+"""What a person sees while flying: a live picture on a terminal, one plain line a second elsewhere. A thread of its own
+draws: a terminal that is stopped (Ctrl-S) or gone, or a slow pipe, never delays a tick."""
 
 import threading
 from collections import deque

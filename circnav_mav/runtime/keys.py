@@ -53,11 +53,8 @@ def timestamp_path(key_file: Path) -> Path:
 
 
 class SigningTime:
-    """Takes a signing timestamp along with the wall clock, and keeps it across restarts.
-
-    A thread of its own writes, so that a slow disk never delays a tick; a disk that fails is noted in `problem`, and
-    the flight goes on.
-    """
+    """Takes a signing timestamp along with the wall clock, and keeps it across restarts. A thread of its own writes, so
+    that a slow disk never delays a tick; a disk that fails is noted in `problem`."""
 
     def __init__(self, signing: Signing, path: Path, clock: Callable[[], float] = unix_time) -> None:
         """Begin with the later of the clock and the file. Raises KeyFileError where the file cannot be kept."""

@@ -1,8 +1,5 @@
-"""Simulated time: a vehicle in this process and the pilot, one step at a time, with MAVLink bytes between them.
-
-Time goes on only when both sides have answered, so that a flight is the same to the last digit on any computer, busy or
-idle. A pace only waits; it changes nothing.
-"""
+"""Simulated time: a vehicle in this process and the pilot, one step at a time, with MAVLink bytes between them. It goes
+on only when both have answered: a flight is the same to the last digit on any computer. A pace only waits."""
 
 from collections import Counter
 from collections.abc import Hashable

@@ -1,7 +1,5 @@
-"""The server of the live page, which the flight starts: `python -m circnav_mav.runtime.web FD`, its feed on stdin.
-
-FD is a listening socket. It says "ready" and serves until its input ends.
-"""
+"""The server of the live page, which the flight starts: `python -m circnav_mav.runtime.web FD`, a listening socket; its
+feed is on stdin. It says "ready" and serves until its input ends."""
 
 import asyncio
 import json

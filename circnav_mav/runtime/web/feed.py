@@ -1,8 +1,6 @@
-"""The flight's side of the live page: what it tells, and the pipe to the server's process.
-
-The pipe is the queue, bounded by the kernel: a line that does not fit at once is dropped. A server that is slow,
-stopped or dead therefore never delays a tick, and there is nothing on the page that reaches back into the flight.
-"""
+"""The flight's side of the live page: what it tells, and the pipe to the server's process. The pipe is the queue, which
+the kernel bounds: a line that does not fit at once is dropped, so that no server, slow, stopped or dead, delays a tick.
+Nothing on the page reaches back into the flight."""
 
 import importlib.util
 import json
