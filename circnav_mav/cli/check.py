@@ -1,6 +1,6 @@
 """`circnav check`: the mission, and whether the bundled vehicle is the one that it means to fly."""
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from math import cos, hypot, radians, sin
 from pathlib import Path
 
@@ -59,6 +59,15 @@ def all_checks(mission: Mission) -> list[Check]:
         misfits = _misfits(mission, parse_vehicle(mission.file.sim, "sim"))
         lines += [Check(grade, "sim", says) for grade, says in misfits]
     return lines
+
+
+def refuse_failing(path: str, mission: Mission, shown: Collection[Grade] = tuple(Grade)) -> None:
+    """Print the lines of these grades; or all, where one of them fails. Raises Refused."""
+    lines = all_checks(mission)
+    failed = any(line.grade is Grade.FAIL for line in lines)
+    show_checks([line for line in lines if failed or line.grade in shown])
+    if failed:
+        raise Refused(f"{path}: refused by its checks, see FAIL above")
 
 
 def check_file(path: str, overrides: tuple[str, ...]) -> int:

@@ -14,7 +14,7 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from circnav_mav.cli.check import all_checks, read_mission, show_checks
+from circnav_mav.cli.check import read_mission, refuse_failing
 from circnav_mav.cli.closing import close_flight, draw_flight, write_manifest
 from circnav_mav.cli.connect import link_troubles, open_links, open_locating, open_page, open_signing, start_clock
 from circnav_mav.cli.exits import Exit, Refused, outlive_terminal, refusing
@@ -61,11 +61,7 @@ def fly_mission(
     mission = read_mission(path, (*overrides, *given))
     if speed is not None and not mission.flies_sim:
         raise Refused(f"--speed: only the bundled vehicle flies at another speed, not {mission.file.link.endpoint}")
-    lines = all_checks(mission)
-    if any(line.grade is Grade.FAIL for line in lines):
-        show_checks(lines)
-        raise Refused(f"{path}: refused by its checks, see FAIL above")
-    show_checks([line for line in lines if line.grade is Grade.WARN])
+    refuse_failing(path, mission, shown=[Grade.WARN])
     _run_folder(out, mission)  # refused before anything is opened
     loading = threading.Thread(target=_load_filter, name="load filterpy", daemon=True)
     loading.start()

@@ -4,7 +4,7 @@ from contextlib import ExitStack
 
 import click
 
-from circnav_mav.cli.check import all_checks, read_mission, show_checks, show_counts
+from circnav_mav.cli.check import read_mission, refuse_failing, show_checks, show_counts
 from circnav_mav.cli.connect import link_troubles, open_links, open_signing, start_clock
 from circnav_mav.cli.exits import Exit, Refused
 from circnav_mav.mav.check_result import Check, Grade
@@ -19,10 +19,7 @@ def preflight_file(path: str, endpoint: str | None, overrides: tuple[str, ...], 
     if not 1 <= seconds <= 600:
         raise Refused(f"--seconds: must be at least 1 and at most 600, not {seconds:g}")
     mission = read_mission(path, overrides if endpoint is None else (*overrides, f'link.endpoint="{endpoint}"'))
-    lines = all_checks(mission)
-    show_checks(lines)
-    if any(line.grade is Grade.FAIL for line in lines):
-        raise Refused(f"{path}: refused by its checks, see FAIL above")
+    refuse_failing(path, mission)
     click.echo(f"listening on {mission.file.link.endpoint} for {seconds:g} s, no setpoint is sent ...")
     with ExitStack() as open_things:
         signing, signing_time = open_signing(mission, open_things)
