@@ -15,6 +15,8 @@ from circnav_mav.mav.signing import ZERO_KEY, Refusal, Signing, is_signed_with
 
 Message = Any
 """A pymavlink message object: MAVLink_*_message of the `all` dialect."""
+Ids = tuple[int, int]
+"""(system, component)."""
 
 _NEVER_SIGNED = dialect.MAVLINK_MSG_ID_RADIO_STATUS
 """Telemetry radios put it into the stream and have no key; nothing here is steered by it."""
@@ -24,6 +26,11 @@ _MOST_SYSTEMS = 32
 _MOST_FAILURES = 64
 """Bytes that seemed to begin a frame and did not, after which the rest of a datagram is left: bounds the work that a
 hostile one can cause. Each counts, also one that a look at its header rules out: a search for the next is not free."""
+
+
+def ids(message: Message) -> Ids:
+    """Whose name a message came in."""
+    return message.get_srcSystem(), message.get_srcComponent()
 
 
 @dataclass(slots=True)

@@ -6,17 +6,16 @@ from collections.abc import Hashable, Mapping
 
 from pymavlink.dialects.v20 import all as dialect
 
-from circnav_mav.mav.accelerations import UNITS
 from circnav_mav.mav.autopilots.interface import Autopilot
-from circnav_mav.mav.codec import Encoder, Message
+from circnav_mav.mav.codec import Encoder, Ids, Message, ids
 from circnav_mav.mav.commands import Command, CommandResult, CommandSender, once
-from circnav_mav.mav.identity import OUR_NAME, Identity, LinkSettings, Peer, sender
-from circnav_mav.mav.own_motion import OwnMotionSensor
+from circnav_mav.mav.identity import OUR_NAME, Identity, LinkSettings, Sender
+from circnav_mav.mav.own_motion import ACCELERATIONS, OwnMotionSensor
 from circnav_mav.mav.signing import Signing
 from circnav_mav.mav.statustext import Announcer
 from circnav_mav.mav.streams import StreamRequests
 from circnav_mav.mav.timesync import Timesync
-from circnav_mav.mav.vehicle_state import TELLING, VehicleState
+from circnav_mav.mav.vehicle_state import READ, VehicleState
 
 HEARTBEAT_PERIOD = 1.0
 LOST_AFTER = 3.0
@@ -28,7 +27,7 @@ TWIN_FRAMES, TWIN_WITHIN = 4, 10.0
 heartbeat a second. A stray one now and then is nobody's."""
 MOST_REPLIES = 4
 HANDLED = frozenset(
-    getattr(dialect, f"MAVLINK_MSG_ID_{name}") for name in (*TELLING, "COMMAND_ACK", "TIMESYNC", "VFR_HUD", *UNITS)
+    getattr(dialect, f"MAVLINK_MSG_ID_{name}") for name in (*READ, "COMMAND_ACK", "TIMESYNC", "VFR_HUD", *ACCELERATIONS)
 )
 """Ids of the messages that a session or the motion sensor reads."""
 
@@ -64,16 +63,19 @@ class Session:
         self.ignored, self.misfits = self.identity.ignored, self.identity.misfits
         self.clock_speed, self.texts = self.vehicle.clock_speed, self.vehicle.texts
 
-    # --- of the vehicle, as everybody asks it ---
-
     @property
-    def peer(self) -> Peer | None:
+    def peer(self) -> Sender | None:
         """The pinned vehicle, None while there is none."""
         return self.identity.peer
 
     @property
     def up(self) -> bool:
-        return self.identity.peer is not None
+        return self.peer is not None
+
+    @property
+    def us(self) -> Ids:
+        """In whose name we speak."""
+        return self.encoder.system, self._component
 
     @property
     def adapter(self) -> Autopilot:
@@ -81,7 +83,7 @@ class Session:
         return self.identity.adapter
 
     @property
-    def vehicle_ids(self) -> tuple[int, int]:
+    def vehicle_ids(self) -> Ids:
         """(system, component) to address; (0, 0) when there is no vehicle."""
         return self.peer.ids if self.peer else (0, 0)
 
@@ -108,35 +110,33 @@ class Session:
 
     def receive(self, message: Message, now: float, source: Hashable) -> bool:
         """Take one message in; tells whether it is of the pinned vehicle. Nobody else moves anything here."""
-        if self.peer is not None and sender(message) == (self.encoder.system, self._component):
-            self._in_our_name(bytes(message.get_msgbuf()), self.peer, source, now)
+        before, silence = self.peer, self.heartbeat_age(now)
+        if before is not None and ids(message) == self.us:
+            self._in_our_name(bytes(message.get_msgbuf()), before, source, now)
             return False
-        kind = message.get_type()
-        if kind == "HEARTBEAT":
-            before = self.peer
-            self.identity.hear(message, source, now, silence=self.heartbeat_age(now))
-            if self.peer is not None and self.peer != before:
-                self._pinned(self.peer, anew=before is None)
-        if not self.identity.speaks(message, source, now, silence=self.heartbeat_age(now)):
+        ours = self.identity.receive(message, source, now, silence=silence)
+        if self.peer is not None and self.peer != before:
+            self._pinned(self.peer, anew=before is None)
+        if not ours:
             return False
         self.streams.heard(message.get_msgId())
         reboots = self.vehicle.reboots
         self.vehicle.receive(message, now)
         if self.vehicle.reboots > reboots:
             self.streams.restart()
-        if kind == "COMMAND_ACK":
-            self.commands.acknowledge(message, (self.encoder.system, self._component), now)
-        elif kind == "TIMESYNC":
+        if message.get_type() == "COMMAND_ACK":
+            self.commands.acknowledge(message, self.us, now)
+        elif message.get_type() == "TIMESYNC":
             self._on_timesync(message, now)
         return True
 
     def lose(self) -> None:
         """The vehicle has fallen silent: let go of it."""
         self.vehicle.lost()
-        self.identity.let_go()
+        self.identity.peer = None
         self.commands.clear()
 
-    def _in_our_name(self, frame: bytes, peer: Peer, source: Hashable, now: float) -> None:
+    def _in_our_name(self, frame: bytes, peer: Sender, source: Hashable, now: float) -> None:
         """An echo, or another companion. What the vehicle forwards was said to it; from elsewhere anybody says that."""
         if frame in self._sent:
             self.ignored["echo"] += 1
@@ -144,10 +144,9 @@ class Session:
             self.ignored["twin"] += 1
             self._twin_heard.append(now)
         else:
-            ours = (self.encoder.system, self._component)
-            self.identity.rivals.heard(OUR_NAME, (*ours, source), (*ours, "this computer"), now)
+            self.identity.rivals.heard(OUR_NAME, Sender(*self.us, source), Sender(*self.us, "this computer"), now)
 
-    def _pinned(self, peer: Peer, *, anew: bool) -> None:
+    def _pinned(self, peer: Sender, *, anew: bool) -> None:
         """The vehicle was found, or speaks from another address."""
         self.encoder.system = peer.system
         if not anew:

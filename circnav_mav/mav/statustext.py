@@ -6,7 +6,7 @@ from itertools import cycle
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mav.clocks import our_boot_ms
-from circnav_mav.mav.codec import Message
+from circnav_mav.mav.codec import Ids, Message, ids
 
 TEXT_INTERVAL = 2.0
 PLOT_INTERVAL = 0.25
@@ -69,11 +69,11 @@ class TextReader:
     much was read."""
 
     def __init__(self) -> None:
-        self._newest: dict[tuple[int, int], tuple[int, int, str]] = {}
+        self._newest: dict[Ids, tuple[int, int, str]] = {}
 
     def read(self, message: Message) -> tuple[str, str | None]:
         """The text so far, and the shorter text that it continues, None where it begins."""
-        sender = (message.get_srcSystem(), message.get_srcComponent())
+        sender = ids(message)
         ident, number, before = self._newest.get(sender, (0, 0, ""))
         continues = message.id != 0 and (message.id, message.chunk_seq) == (ident, number + 1)
         text = (before if continues else "") + plain_text(message.text)

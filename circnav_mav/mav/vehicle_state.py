@@ -186,5 +186,5 @@ _HANDLERS = {
     "STATUSTEXT": VehicleState._on_text,
     "AUTOPILOT_VERSION": VehicleState._on_version,
 }
-TELLING = tuple(_HANDLERS)
+READ = tuple(_HANDLERS)
 """Types of the messages that are read here."""

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from circnav_mav.guidance.types import Direction, TurnRate
-from circnav_mav.mav.autopilots.interface import Autopilot, VehicleFacts
+from circnav_mav.mav.autopilots.interface import Addressee, Autopilot, VehicleFacts
 from circnav_mav.mav.autopilots.table import AUTOPILOTS
-from circnav_mav.mav.autopilots.targets import Addressee
 from circnav_mav.mav.codec import Encoder
 from circnav_mav.mav.frames import yaw_rate_from_turn_rate
 from circnav_mav.mav.own_motion import Motion

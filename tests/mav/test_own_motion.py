@@ -6,8 +6,7 @@ from math import atan2, cos, nan, pi, sin, sqrt
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.mav.accelerations import Attitude
-from circnav_mav.mav.own_motion import OwnMotionSensor
+from circnav_mav.mav.own_motion import Attitude, OwnMotionSensor
 
 RATE = 0.3
 """Yaw rate of the vehicle, rad/s."""

@@ -6,9 +6,8 @@ from dataclasses import replace
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.mav.autopilots.interface import VehicleFacts
+from circnav_mav.mav.autopilots.interface import Addressee, VehicleFacts
 from circnav_mav.mav.autopilots.table import AUTOPILOTS
-from circnav_mav.mav.autopilots.targets import Addressee
 from circnav_mav.mav.frames import YawRate, quaternion_from_euler
 from circnav_mav.mav.own_motion import Motion
 from circnav_mav.mav.setpoint_guard import Limits, SetpointGuard, Steer, UnsafeSetpointError

@@ -7,8 +7,8 @@ from circnav_mav.guidance.range_noise import NoiseCheck
 from circnav_mav.guidance.rate_check import RateCheck
 from circnav_mav.guidance.slant import horizontal_rate
 from circnav_mav.guidance.types import SAME_TIME, RangeSample, RateSample
-from circnav_mav.mav.codec import Message
-from circnav_mav.mav.ranging.interface import RangingSettings, as_text, boot_stamp
+from circnav_mav.mav.codec import Message, ids
+from circnav_mav.mav.ranging.interface import RangingSettings, boot_stamp
 from circnav_mav.mav.ranging.reader import RangeReader
 
 MOST = 3.0
@@ -34,7 +34,7 @@ class RangeRateReader:
 
     def carries(self, message: Message) -> bool:
         name = self._settings.rate_name
-        return name is not None and message.get_type() == "NAMED_VALUE_FLOAT" and as_text(message.name) == name
+        return name is not None and message.get_type() == "NAMED_VALUE_FLOAT" and message.name == name
 
     def range_taken(self, sample: RangeSample) -> None:
         """A range was taken, by which the rates are judged."""
@@ -49,8 +49,7 @@ class RangeRateReader:
     ) -> RateSample | None:
         """The sample of a message that carries a rate; None where it does not count. height: above the target, m."""
         settings, ranging = self._settings, self._ranging
-        sender = (message.get_srcSystem(), message.get_srcComponent(), source)
-        if sender != ranging.trusted or not isfinite(message.value) or abs(message.value) > self._most:
+        if (*ids(message), source) != ranging.trusted or not isfinite(message.value) or abs(message.value) > self._most:
             return None
         carried = boot_stamp(message) if settings.sensor_stamps else None
         stamp = now if carried is None else ranging.clock.unwrapped(carried)
