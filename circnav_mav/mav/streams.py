@@ -39,9 +39,8 @@ class StreamRequests:
         return [dialect.mavlink_map[ident].msgname for ident, stream in self._streams.items() if stream.denied]
 
     def heard(self, message_id: int) -> None:
-        stream = self._streams.get(message_id)
-        if stream is not None:
-            stream.heard += 1
+        if message_id in self._streams:
+            self._streams[message_id].heard += 1
 
     def restart(self) -> None:
         """Ask for everything anew: a new link or a rebooted vehicle."""
@@ -49,20 +48,19 @@ class StreamRequests:
 
     def denied(self, command: Command) -> None:
         """The vehicle denied a stream: asking again would only fill the link."""
-        stream = self._streams.get(int(command.params[0]))
-        if stream is not None:
+        if stream := self._streams.get(int(command.params[0])):
             stream.denied = True
 
     def poll(self, now: float) -> list[Command]:
+        """The requests due now."""
         if self._since is None:
             self._since = now
-            for stream in self._streams.values():
-                stream.heard, stream.rate, stream.denied = 0, None, False
+            self._streams = {message_id: _Stream(stream.wanted) for message_id, stream in self._streams.items()}
             return [_interval(message_id, stream.wanted) for message_id, stream in self._streams.items()]
-        if now - self._since < CHECK_EVERY:
+        elapsed = now - self._since
+        if elapsed < CHECK_EVERY:
             return []
-        elapsed, self._since = now - self._since, now
-        requests = []
+        self._since, requests = now, []
         for message_id, stream in self._streams.items():
             stream.rate, stream.heard = stream.heard / elapsed, 0
             if stream.rate < LOW * stream.wanted and not stream.denied:
