@@ -10,7 +10,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import all as dialect
 
-from circnav_mav.mav.framing import Frame, frame_at, is_good, must_wait, next_start
+from circnav_mav.mav.framing import V1, Frame, frame_at, is_good, must_wait, next_start
 from circnav_mav.mav.signing import ZERO_KEY, Refusal, Signing, is_signed_with
 
 Message = Any
@@ -147,7 +147,7 @@ class Decoder:
         counts = self.counts
         zero_key = frame.signed and not counts.has_key and is_signed_with(ZERO_KEY, data)
         counts.frames += 1
-        counts.version_1 += frame.version == 1
+        counts.version_1 += data[0] == V1
         counts.signed += frame.signed and not zero_key
         counts.zero_key += zero_key
         if not frame.known:

@@ -51,7 +51,6 @@ class Frame(NamedTuple):
     ident: int = 0
     system: int = 0
     component: int = 0
-    version: int = 2
     signed: bool = False
 
     @property
@@ -69,10 +68,10 @@ def frame_at(buffer: bytes, at: int) -> Frame | None:
         return Frame(at, len(buffer) + 1)
     if magic == V1:
         length, system, component, ident = _HEADER_1.unpack_from(buffer, at)
-        return Frame(at, at + _HEADER_1.size + length + CRC, ident, system, component, 1)
+        return Frame(at, at + _HEADER_1.size + length + CRC, ident, system, component)
     length, flags, system, component, low, high = _HEADER_2.unpack_from(buffer, at)
     end = at + _HEADER_2.size + length + CRC + (SIGNATURE if flags else 0)
-    return Frame(at, end, low | high << 16, system, component, 2, bool(flags))
+    return Frame(at, end, low | high << 16, system, component, bool(flags))
 
 
 def next_start(buffer: bytes, at: int) -> int:

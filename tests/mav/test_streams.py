@@ -2,7 +2,7 @@
 
 import pytest
 
-from circnav_mav.mav.streams import StreamRequests
+from circnav_mav.mav.commands import StreamRequests
 
 ATTITUDE, TIME = 30, 2
 INTERVAL = 511

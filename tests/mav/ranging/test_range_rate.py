@@ -7,8 +7,7 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.guidance.range_noise import NoiseCheck
 from circnav_mav.mav.ranging.interface import RangingSettings
-from circnav_mav.mav.ranging.range_rate import RangeRateReader
-from circnav_mav.mav.ranging.reader import RangeReader
+from circnav_mav.mav.ranging.reader import RangeRateReader, RangeReader
 from tests.rig import Voice
 
 RADIO = Voice(1, 192)
