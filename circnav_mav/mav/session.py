@@ -125,8 +125,11 @@ class Session:
             self.streams.restart()
         if message.get_type() == "COMMAND_ACK":
             self.commands.acknowledge(message, self.us, now)
-        elif message.get_type() == "TIMESYNC":
-            self._on_timesync(message, now)
+        elif message.get_type() == "TIMESYNC" and message.tc1:
+            self.timesync.heard(message.ts1, now)
+        elif message.get_type() == "TIMESYNC" and len(self._replies) < MOST_REPLIES:
+            # a question (tc1 = 0) is answered with our clock, in ns, and the asker's mirrored
+            self._replies.append(dialect.MAVLink_timesync_message(int(now * 1e9) or 1, message.ts1))
         return True
 
     def lose(self) -> None:
@@ -157,13 +160,6 @@ class Session:
         if self.vehicle.unproven:
             self.commands.send(Command(dialect.MAV_CMD_REQUEST_MESSAGE, (dialect.MAVLINK_MSG_ID_SYSTEM_TIME,)))
 
-    def _on_timesync(self, message: Message, now: float) -> None:
-        """Answer a request (tc1 = 0) with our clock, in ns, mirroring the asker's; else it may be an answer to ours."""
-        if message.tc1:
-            self.timesync.heard(message.ts1, now)
-        elif len(self._replies) < MOST_REPLIES:
-            self._replies.append(dialect.MAVLink_timesync_message(int(now * 1e9) or 1, message.ts1))
-
     # --- out ---
 
     def encode(self, message: Message) -> bytes:
@@ -174,11 +170,13 @@ class Session:
 
     def poll(self, now: float) -> list[Message]:
         """The messages due now: our heartbeat, commands, texts. Called by the healthy tick only."""
-        messages = self.heartbeats_due(now)
-        messages += self._replies
-        self._replies.clear()
+        messages, self._replies = self.heartbeats_due(now) + self._replies, []
         if self.peer is not None:
-            self._note_results()
+            for result in self.commands.take_results():
+                if result.command.number == dialect.MAV_CMD_DO_SET_MODE:
+                    self._mode_results.append(result)  # for whoever asked
+                elif result.command.number == dialect.MAV_CMD_SET_MESSAGE_INTERVAL and result.refused:
+                    self.streams.denied(result.command)
             for request in self.streams.poll(now):
                 self.commands.send(request)
             messages += self.commands.poll(self.peer.ids, now) + self.timesync.poll(now)
@@ -214,11 +212,3 @@ class Session:
         return dialect.MAVLink_heartbeat_message(
             dialect.MAV_TYPE_ONBOARD_CONTROLLER, dialect.MAV_AUTOPILOT_INVALID, 0, 0, dialect.MAV_STATE_ACTIVE, 3
         )
-
-    def _note_results(self) -> None:
-        """Refused streams are not asked for again; answers to mode requests wait for whoever asked."""
-        for result in self.commands.take_results():
-            if result.command.number == dialect.MAV_CMD_DO_SET_MODE:
-                self._mode_results.append(result)
-            elif result.command.number == dialect.MAV_CMD_SET_MESSAGE_INTERVAL and result.refused:
-                self.streams.denied(result.command)

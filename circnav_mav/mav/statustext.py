@@ -31,16 +31,13 @@ class Announcer:
         self._waiting[kind] = (severity, f"circnav: {text}")
 
     def texts(self, now: float) -> list[Message]:
-        due = [kind for kind in self._waiting if now - self._last_text.get(kind, float("-inf")) >= TEXT_INTERVAL]
+        """The messages that may go out now."""
         messages = []
-        for kind in due:
-            severity, text = self._waiting.pop(kind)
-            self._last_text[kind] = now
-            messages += self._chunks(severity, text)
+        for kind in list(self._waiting):
+            if now - self._last_text.get(kind, float("-inf")) >= TEXT_INTERVAL:
+                self._last_text[kind] = now
+                messages += self._chunks(*self._waiting.pop(kind))
         return messages
-
-    def plots_due(self, now: float) -> bool:
-        return now - self._last_plot >= PLOT_INTERVAL
 
     def _chunks(self, severity: int, text: str) -> list[Message]:
         """The messages of one text. The last chunk has a zero in it, which ends the text; it may hold nothing else."""
@@ -53,15 +50,20 @@ class Announcer:
             for number, at in enumerate(starts)
         ]
 
+    def plots_due(self, now: float) -> bool:
+        return now - self._last_plot >= PLOT_INTERVAL
+
     def plots(self, values: dict[str, float], now: float) -> list[Message]:
         """NAMED_VALUE_FLOAT messages for any ground station's graphs, when due. Names have at most 9 characters: PX4
         cuts the tenth."""
         if not self.plots_due(now) or not values:
             return []
         self._last_plot = now
-        stamp = our_boot_ms(now)
-        plotted = {name: value for name, value in values.items() if abs(value) < MOST_PLOTTED}
-        return [dialect.MAVLink_named_value_float_message(stamp, n.encode(), v) for n, v in plotted.items()]
+        return [
+            dialect.MAVLink_named_value_float_message(our_boot_ms(now), name.encode(), value)
+            for name, value in values.items()
+            if abs(value) < MOST_PLOTTED
+        ]
 
 
 class TextReader:
@@ -82,7 +84,6 @@ class TextReader:
         return text, before if continues else None
 
 
-def plain_text(text: str | bytes) -> str:
+def plain_text(text: str) -> str:
     """A text that somebody else has made, up to its terminating zero, with nothing in it that a terminal would obey."""
-    text = text.decode("ascii", "replace") if isinstance(text, bytes) else text
     return "".join(letter if letter.isprintable() else "?" for letter in text.partition("\0")[0])
