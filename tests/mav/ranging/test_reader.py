@@ -5,22 +5,9 @@ from dataclasses import replace
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.mav.ranging.interface import RangingSettings
-from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from tests.mav.ranging.ear import DISTANCE, Ear
 from tests.rig import Voice
-
-
-def test_the_messages_are_those_of_mavlink():
-    for kind in RANGING_MESSAGES.values():
-        assert mavlink.mavlink_map[kind.id].msgname == kind.type
-        assert set(kind.marks) <= set(mavlink.mavlink_map[kind.id].fieldnames)
-    other = Ear(RangingSettings(message="ranging_beacon"))
-    assert other.distance() is None
-    assert other.rejected == {}
-
 
 # --- whose ranges ---
 
