@@ -62,12 +62,10 @@ class Rivals:
     ours, the ranging radio's."""
 
     def __init__(self) -> None:
-        self.counts: Counter[str] = Counter()
         self._newest: dict[str, tuple[Sender, Sender, float]] = {}
         """By name: the rival, the trusted one, and when the rival was last heard."""
 
     def heard(self, name: str, rival: Sender, trusted: Sender, now: float) -> None:
-        self.counts[name] += 1
         self._newest[name] = (rival, trusted, now)
 
     def recent(self, now: float) -> list[str]:
