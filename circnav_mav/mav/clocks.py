@@ -45,11 +45,10 @@ class RemoteClock:
     from a clock difference and stays in.
 
     A remote clock that stands still (a paused simulator, a controller that writes its log) raises all later lags at
-    once by the length of the pause. A queue that drains raises them too, but they fall from sample to sample;
-    congestion raises them bit by bit. A link that has turned slower in one step looks just the same: the round trip
-    (`slower`) tells, and the offset follows only what the round trip does not explain. Where nothing measures the link,
-    the step is taken for the clock's: pauses are common, a route that is suddenly slower by a constant time is rare,
-    and one that is slow from the start has never shown there.
+    once by the length of the pause. In a queue that drains they fall from sample to sample; congestion raises them bit
+    by bit. A link that has turned slower in one step looks just the same: the round trip (`slower`) tells, and the
+    offset follows only what it does not explain. Where nothing measures the link, the step is taken for the clock's:
+    pauses are common, a route that is suddenly slower by a constant time is rare.
     """
 
     def __init__(self, slower: Slower = nobody_tells, *, wrap: float | None = None) -> None:

@@ -125,7 +125,7 @@ class Identity:
 
     def greet(self, source: Hashable) -> None:
         """Speak to somebody who signs as we do, by a clock far behind ours (an autopilot without GPS has none): he
-        takes our timestamp over, and can be believed from then on. Nobody else is, once the vehicle was heard."""
+        takes our timestamp over, and can be believed from then on. Only until the vehicle was heard."""
         if self.first is None:
             self.reply_to = source
 

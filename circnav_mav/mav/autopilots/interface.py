@@ -134,13 +134,11 @@ class Autopilot(ABC):
     banks: ClassVar[bool] = False
     """Whether it turns by banking, and a mission must limit its bank."""
     measures_airspeed: ClassVar[bool] = False
-    """Whether VFR_HUD.airspeed is an airspeed. A copter without a sensor sends its ground speed there, which is a
-    velocity and not to be used; it holds the commanded speed instead."""
+    """Whether VFR_HUD.airspeed is one. A copter without a sensor sends its ground speed there, which is not to be used."""
     cruises: ClassVar[bool] = False
     """Whether it flies the airspeed that the autopilot itself holds, whatever the mission says."""
     ground_speed_sigma: ClassVar[float | None] = None
-    """Share by which the speed over the ground may differ from the commanded one, where the autopilot holds that and
-    the wind does not carry the vehicle; None where it does."""
+    """Share by which the ground speed may differ from the commanded one; None where the wind carries the vehicle."""
     velocity_loop: ClassVar[VelocityLoop | None] = None
     """How its velocity follows its nose; None where the nose shows the way."""
     least_turn_gain: ClassVar[float] = 1.0
@@ -175,8 +173,8 @@ class Autopilot(ABC):
         return self.setpoint(Steer(YawRate(0.0), 0.0), to, now)
 
     def airspeed(self, measured: float | None) -> float:
-        """The indicated airspeed to reckon with, m/s: the measured one, or the commanded one where that is missing or
-        cannot be. Asked again with the same number, it says the same."""
+        """The indicated airspeed to reckon with, m/s: as measured, or as commanded where that is missing or cannot be.
+        Asked again with the same number, it says the same."""
         commanded = self._facts.speed
         if measured is None:
             return commanded

@@ -59,6 +59,7 @@ class RangeReader:
         self.slant = 0.0
         """The newest slant range, m."""
         self.restarted = False
+        """Whether the sensor's clock was found to have jumped with the newest message."""
         self.stepped = 0.0
         """By how much the sensor's clock was found to have stood still with the newest message, s; 0 if not."""
         self.moving = False
@@ -86,11 +87,9 @@ class RangeReader:
         """The sample that a message carries, or None; a rejection is counted in `rejected`.
 
         height: of the vehicle above the target, m; None: ranges are taken as horizontal. strangers: systems of other
-        vehicles, whose ranges are theirs unless the mission names one of them. one_way: how long messages of this link
-        are under way at least, s, as far as anybody can tell: stamps alone cannot. source: where it came from. vehicle:
-        where the vehicle's frames come from, None where that is not known; a radio that the autopilot forwards moves
-        with it.
-        `restarted` tells whether the sensor's clock was found to have jumped with this sample.
+        vehicles, whose ranges are theirs unless the mission names one of them. one_way: the least that messages are
+        under way on this link, s: stamps alone cannot tell. source: where it came from. vehicle: where the vehicle's
+        frames come from, if known: a radio that the autopilot forwards moves with it.
         """
         self.restarted, self.stepped, self.rival = False, 0.0, None
         if message.get_type() != self._kind.type:
