@@ -134,7 +134,7 @@ class Autopilot(ABC):
     banks: ClassVar[bool] = False
     """Whether it turns by banking, and a mission must limit its bank."""
     measures_airspeed: ClassVar[bool] = False
-    """Whether VFR_HUD.airspeed is one. A copter without a sensor sends its ground speed there, which is not to be used."""
+    """Whether VFR_HUD.airspeed is one: a copter without a sensor sends its ground speed there, not to be used."""
     cruises: ClassVar[bool] = False
     """Whether it flies the airspeed that the autopilot itself holds, whatever the mission says."""
     ground_speed_sigma: ClassVar[float | None] = None
