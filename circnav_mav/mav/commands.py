@@ -15,6 +15,7 @@ IN_PROGRESS_TIMEOUT = 3.0
 MOST_IN_PROGRESS = 3
 RETRIES = 3
 CHECK_EVERY = 3.0
+"""Time, s, over which the rates of streams are measured."""
 LOW = 0.5
 """Fraction of the wanted rate below which a stream is asked for again."""
 RESULT_NAMES = {

@@ -1,7 +1,7 @@
 """Ranging telemetry to samples of range and range rate: which messages count, and why the others do not.
 
 The order of the checks is source, id, finite, "no range" codes, limits, quality, stamp; the innovation gate comes
-later, in the estimator. See the messages' own files for what each says.
+later, in the estimator. See `table` for what each message says.
 """
 
 from collections import Counter
