@@ -54,17 +54,38 @@ STUMPS = [frame[:length] for frame in GOOD for length in (10, 12, len(frame) - 5
 PLACES = st.lists(st.integers(0, 10_000), max_size=20)
 
 
-@given(data=st.lists(st.sampled_from([*GOOD, *STARTS, *STUMPS, unknown_frame()]), max_size=30), places=PLACES)
-@example(data=[b"\xfd", *GOOD], places=[])
-@example(data=[*GOOD[:6], b"\xfd\xff\x00\x00", *GOOD[6:]], places=[])
-@example(data=[STUMP, BEAT, BEAT], places=[25])
-@example(data=[b"\xfe", *[BEAT] * 10, GOOD[2]], places=[])  # 0xFE claims most of the datagram
-def test_no_good_frame_is_lost_to_false_starts_stumps_and_junk_round_it_in_whatever_chunks_a_stream_comes(data, places):
-    """The parser of pymavlink loses the 14 frames inside the length that a stray 0xFD claims (mavlink.md, rule 2). Of a
-    stream the claimed length must have come."""
-    good, whole = [piece for piece in data if piece in GOOD], b"".join(data)
-    assert decoded(Decoder(), [whole]) == good
-    assert decoded(Decoder(stream=True), cut(whole + bytes(600), places)) == good
+@given(data=st.lists(st.sampled_from([*GOOD, *STARTS, *STUMPS, unknown_frame()]), max_size=30))
+@example(data=[b"\xfd", *GOOD])
+@example(data=[*GOOD[:6], b"\xfd\xff\x00\x00", *GOOD[6:]])
+@example(data=[STUMP, BEAT, BEAT])
+@example(data=[b"\xfe", *[BEAT] * 10, GOOD[2]])  # 0xFE claims most of the datagram
+def test_no_good_frame_of_a_datagram_is_lost_to_false_starts_stumps_and_junk_round_it(data):
+    """The parser of pymavlink loses the 14 frames inside the length that a stray 0xFD claims (mavlink.md, rule 2)."""
+    assert decoded(Decoder(), [b"".join(data)]) == [piece for piece in data if piece in GOOD]
+
+
+@given(data=st.lists(st.sampled_from([BEAT, STUMP, b"\xfe", b"\x00", unknown_frame()]), max_size=20), places=PLACES)
+def test_even_a_damaged_stream_is_read_alike_in_any_chunks(data, places):
+    whole = b"".join(data) + bytes(600)
+    assert decoded(Decoder(stream=True), cut(whole, places)) == decoded(Decoder(stream=True), [whole])
+
+
+quiet_junk = st.binary(max_size=40).map(lambda data: data.translate(bytes.maketrans(b"\xfd\xfe", b"\x00\x00")))
+"""Junk without a byte that could start a frame."""
+
+
+@given(junk=st.lists(quiet_junk, min_size=12, max_size=12), places=PLACES)
+def test_junk_between_the_frames_loses_none_of_a_stream_in_any_chunks(junk, places):
+    data = b"".join(noise + frame for noise, frame in zip(junk, GOOD, strict=True))
+    assert decoded(Decoder(stream=True), cut(data, places)) == GOOD
+
+
+@pytest.mark.parametrize("start", [b"\xfd", b"\xfe", b"\xfd\xff\x00\x00", STUMP])
+def test_a_false_start_costs_no_frame_of_a_stream_once_its_claimed_length_has_come(start):
+    first, late = [BEAT, *GOOD], frames(40)
+    got = decoded(Decoder(stream=True), [start + b"".join(first), *late])
+    assert got[: len(first)] == first
+    assert set(late[:25]) <= set(got)
 
 
 def test_a_frame_that_nobody_knows_is_believed_in_a_stream_only_when_another_follows_it():
