@@ -75,8 +75,10 @@ quiet_junk = st.binary(max_size=40).map(lambda data: data.translate(bytes.maketr
 
 
 @given(junk=st.lists(quiet_junk, min_size=12, max_size=12), places=PLACES)
-def test_junk_between_the_frames_loses_none_of_a_stream_in_any_chunks(junk, places):
-    data = b"".join(noise + frame for noise, frame in zip(junk, GOOD, strict=True))
+def test_junk_between_the_frames_loses_none_of_a_datagram_nor_of_a_stream_in_any_chunks(junk, places):
+    data, decoder = b"".join(noise + frame for noise, frame in zip(junk, GOOD, strict=True)), Decoder()
+    assert decoded(decoder, [data]) == GOOD
+    assert decoder.counts.bad == any(junk)
     assert decoded(Decoder(stream=True), cut(data, places)) == GOOD
 
 
