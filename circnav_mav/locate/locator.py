@@ -22,12 +22,11 @@ from circnav_mav.locate.watch import Culprit, GpsWatch, Look, angle_between
 from circnav_mav.mav.autopilots.interface import PLAUSIBLE_AIRSPEED
 from circnav_mav.mav.clocks import BOOT_WRAP, RemoteClock
 from circnav_mav.mav.codec import Decoder, Encoder, Message
-from circnav_mav.mav.commands import Command, CommandSender
+from circnav_mav.mav.commands import Command, CommandSender, StreamRequests
 from circnav_mav.mav.frames import course_from_yaw
 from circnav_mav.mav.framing import frame_at
 from circnav_mav.mav.signing import Signing
 from circnav_mav.mav.statustext import Announcer
-from circnav_mav.mav.streams import StreamRequests
 from circnav_mav.pilot import VEHICLE, OutputMode, Pilot
 
 WANTED = frozenset({dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, dialect.MAVLINK_MSG_ID_GPS_RAW_INT,

@@ -5,7 +5,6 @@ All that is known is that no message arrives before it was sent; what the link a
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from math import inf
 
 BOOT_WRAP = 2**32 / 1000
@@ -39,36 +38,6 @@ def our_boot_ms(now: float) -> int:
     return int(now * 1000) & 0xFFFFFFFF
 
 
-@dataclass(slots=True)
-class _Raised:
-    """The newest samples in a row whose lags are above the offset: (arrival, lag), s, over STEADY."""
-
-    samples: deque[tuple[float, float]]
-    by_link: bool = False
-
-    def add(self, arrival: float, lag: float) -> None:
-        """What was before STEADY no longer counts: a computer that stalls may shake lags for seconds."""
-        self.samples.append((arrival, lag))
-        while len(self.samples) > STEADY_SAMPLES and arrival - self.samples[1][0] >= STEADY:
-            self.samples.popleft()
-
-    @property
-    def since(self) -> float:
-        return self.samples[0][0]
-
-    @property
-    def first(self) -> float:
-        return self.samples[0][1]
-
-    @property
-    def least(self) -> float:
-        return min(lag for _, lag in self.samples)
-
-    @property
-    def most(self) -> float:
-        return max(lag for _, lag in self.samples)
-
-
 class RemoteClock:
     """Local time = remote stamp + offset, where the offset is the least seen of (arrival - stamp).
 
@@ -76,11 +45,10 @@ class RemoteClock:
     from a clock difference and stays in.
 
     A remote clock that stands still (a paused simulator, a controller that writes its log) raises all later lags at
-    once by the length of the pause. A queue that drains raises them too, but they fall from sample to sample;
-    congestion raises them bit by bit. A link that has turned slower in one step looks just the same: the round trip
-    (`slower`) tells, and the offset follows only what the round trip does not explain. Where nothing measures the link,
-    the step is taken for the clock's: pauses are common, a route that is suddenly slower by a constant time is rare,
-    and one that is slow from the start has never shown there.
+    once by the length of the pause. In a queue that drains they fall from sample to sample; congestion raises them bit
+    by bit. A link that has turned slower in one step looks just the same: the round trip (`slower`) tells, and the
+    offset follows only what it does not explain. Where nothing measures the link, the step is taken for the clock's:
+    pauses are common, a route that is suddenly slower by a constant time is rare.
     """
 
     def __init__(self, slower: Slower = nobody_tells, *, wrap: float | None = None) -> None:
@@ -95,20 +63,19 @@ class RemoteClock:
         """The newest stamp, on a line that does not wrap, s; `newest_at`: when it came."""
         self.newest_at = -inf
         self._off_line: tuple[float, float] | None = None
-        self._offset: float | None = None
-        self._candidate = inf
+        self._offset = self._candidate = self._lag = inf
         self._count = 0
-        self._lag = inf
-        self._raised: _Raised | None = None
+        self._raised: deque[tuple[float, float]] = deque()
+        """The newest samples in a row whose lags are above the offset: (arrival, lag), s, over STEADY."""
+        self._by_link = False
+        """Whether the link accounts for them."""
         self.followed = 0.0
         """The step that was followed with the newest sample, s."""
 
     @property
     def doubted(self) -> bool:
         """Whether the newest stamps look like a step of the remote clock that is not followed yet."""
-        raised = self._raised
-        stepped = raised is not None and len(raised.samples) > 1 and not raised.by_link and self._steady(raised)
-        return stepped or self._off_line is not None
+        return self._off_line is not None or (len(self._raised) > 1 and not self._by_link and self._steady())
 
     # --- the order of stamps ---
 
@@ -136,51 +103,54 @@ class RemoteClock:
 
     def ahead(self, stamp: float, arrival: float) -> float:
         """By how much a stamp is newer than any can be by the offset, s; negative: how late it is."""
-        return 0.0 if self._offset is None else self._offset - (arrival - stamp)
+        return 0.0 if self._offset == inf else self._offset - (arrival - stamp)
 
     def local(self, stamp: float, arrival: float) -> float:
         """The local time of a sample that was stamped `stamp` there and arrived at `arrival` here, s."""
         lag = arrival - stamp
-        self._candidate = min(self._candidate, lag)
+        self._offset, self._candidate = min(self._offset, lag), min(self._candidate, lag)
         self._count += 1
-        if self._offset is None or lag < self._offset:
-            self._offset = lag
         self.followed = 0.0
-        self._watch(lag, arrival, lag - self._offset)
-        if self._raised is not None:
-            self._follow(self._raised, arrival)
+        self._watch(lag, arrival)
+        if len(self._raised) >= STEADY_SAMPLES and arrival - self._raised[0][0] >= STEADY and self._steady():
+            self._follow(arrival)
         if self._count >= WINDOW:
             self._offset, self._candidate, self._count = self._candidate, inf, 0
         return min(stamp + self._offset, arrival)
 
-    def _watch(self, lag: float, arrival: float, late: float) -> None:
-        """Keep what is known of lags that have risen at once and stay high. late: above the offset, s."""
-        raised, rise, self._lag = self._raised, lag - self._lag, lag
+    def _watch(self, lag: float, arrival: float) -> None:
+        """Keep what is known of lags that have risen at once and stay high."""
+        late, rise, self._lag = lag - self._offset, lag - self._lag, lag
         if late < STEP:
-            self._raised = None
-        elif rise >= max(STEP, RISE * late) or (raised is not None and lag < raised.first - FALL):
-            self._raised = _Raised(deque([(arrival, lag)]))
-        elif raised is not None:
-            raised.add(arrival, lag)
+            self._raised.clear()
+        elif rise >= max(STEP, RISE * late) or (self._raised and lag < self._raised[0][1] - FALL):
+            self._begin(arrival)
+        elif self._raised:
+            self._raised.append((arrival, lag))
+            # what was before STEADY no longer counts: a computer that stalls may shake lags for seconds
+            while len(self._raised) > STEADY_SAMPLES and arrival - self._raised[1][0] >= STEADY:
+                self._raised.popleft()
 
-    def _follow(self, raised: _Raised, arrival: float) -> None:
+    def _begin(self, arrival: float) -> None:
+        """The newest sample is the first that is raised."""
+        self._raised, self._by_link = deque([(arrival, self._lag)]), False
+
+    def _steady(self) -> bool:
+        lags = [lag for _, lag in self._raised]
+        return max(lags) - min(lags) <= SPREAD * (min(lags) - self._offset)
+
+    def _follow(self, arrival: float) -> None:
         """Follow a step that has lasted, as far as the link does not account for it."""
-        assert self._offset is not None
-        if arrival - raised.since < STEADY or len(raised.samples) < STEADY_SAMPLES or not self._steady(raised):
-            return
-        step, by_link = raised.least - self._offset, self._slower(raised.since, arrival)
+        step = min(lag for _, lag in self._raised) - self._offset
+        by_link = self._slower(self._raised[0][0], arrival)
         if by_link < inf:  # else what was measured last still counts
-            raised.by_link = SPREAD * step < by_link
+            self._by_link = SPREAD * step < by_link
         if by_link <= SPREAD * step:
             self.followed = step - by_link
             self._offset += self.followed
             self._candidate, self._count = self._offset, 0
             # what is left of it, where the link was slow meanwhile, shows in the lags to come, not in those of the rise
-            self._raised = _Raised(deque([(arrival, self._lag)]))
-
-    def _steady(self, raised: _Raised) -> bool:
-        assert self._offset is not None
-        return raised.most - raised.least <= SPREAD * (raised.least - self._offset)
+            self._begin(arrival)
 
 
 # --- how fast it runs ---

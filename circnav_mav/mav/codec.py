@@ -10,11 +10,13 @@ from typing import Any
 
 from pymavlink.dialects.v20 import all as dialect
 
-from circnav_mav.mav.framing import Frame, frame_at, is_good, must_wait, next_start
+from circnav_mav.mav.framing import V1, Frame, frame_at, is_good, must_wait, next_start
 from circnav_mav.mav.signing import ZERO_KEY, Refusal, Signing, is_signed_with
 
 Message = Any
 """A pymavlink message object: MAVLink_*_message of the `all` dialect."""
+Ids = tuple[int, int]
+"""(system, component)."""
 
 _NEVER_SIGNED = dialect.MAVLINK_MSG_ID_RADIO_STATUS
 """Telemetry radios put it into the stream and have no key; nothing here is steered by it."""
@@ -24,6 +26,11 @@ _MOST_SYSTEMS = 32
 _MOST_FAILURES = 64
 """Bytes that seemed to begin a frame and did not, after which the rest of a datagram is left: bounds the work that a
 hostile one can cause. Each counts, also one that a look at its header rules out: a search for the next is not free."""
+
+
+def ids(message: Message) -> Ids:
+    """Whose name a message came in."""
+    return message.get_srcSystem(), message.get_srcComponent()
 
 
 @dataclass(slots=True)
@@ -140,7 +147,7 @@ class Decoder:
         counts = self.counts
         zero_key = frame.signed and not counts.has_key and is_signed_with(ZERO_KEY, data)
         counts.frames += 1
-        counts.version_1 += frame.version == 1
+        counts.version_1 += data[0] == V1
         counts.signed += frame.signed and not zero_key
         counts.zero_key += zero_key
         if not frame.known:

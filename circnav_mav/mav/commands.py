@@ -1,15 +1,23 @@
-"""COMMAND_LONG with retries and matched acknowledgements (timings of MAVSDK: 0.5 s, three retries, 3 s in progress)."""
+"""COMMAND_LONG with retries and matched acknowledgements (timings of MAVSDK: 0.5 s, three retries, 3 s in progress).
 
-from dataclasses import dataclass, replace
+And the telemetry streams: asked for with SET_MESSAGE_INTERVAL, measured, asked for again when they fall away.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 from pymavlink.dialects.v20 import all as dialect
 
-from circnav_mav.mav.codec import Message
+from circnav_mav.mav.codec import Ids, Message
 
 ACK_TIMEOUT = 0.5
 IN_PROGRESS_TIMEOUT = 3.0
 MOST_IN_PROGRESS = 3
 RETRIES = 3
+CHECK_EVERY = 3.0
+"""Time, s, over which the rates of streams are measured."""
+LOW = 0.5
+"""Fraction of the wanted rate below which a stream is asked for again."""
 RESULT_NAMES = {
     value: entry.name.removeprefix("MAV_RESULT_").lower().replace("_", " ")
     for value, entry in dialect.enums["MAV_RESULT"].items()
@@ -46,11 +54,11 @@ class CommandResult:
         return "no answer" if self.result is None else RESULT_NAMES.get(self.result, f"result {self.result}")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class _Pending:
     command: Command
-    tries: int
     due: float
+    sent: int = 0
     in_progress: int = 0
 
 
@@ -75,51 +83,112 @@ class CommandSender:
 
     def drop(self, number: int) -> bool:
         """Ask no more for what a command number stands for; tells whether anything was under way."""
-        others = [command for command in self._queue if command.number != number]
-        waited, self._queue = len(others) < len(self._queue), others
-        return self._pending.pop(number, None) is not None or waited
+        waited = [command for command in self._queue if command.number == number]
+        self._queue = [command for command in self._queue if command.number != number]
+        return self._pending.pop(number, None) is not None or bool(waited)
 
     def take_results(self) -> list[CommandResult]:
         results, self._results = self._results, []
         return results
 
-    def acknowledge(self, ack: Message, us: tuple[int, int], now: float) -> None:
+    def acknowledge(self, ack: Message, us: Ids, now: float) -> None:
         """Match a COMMAND_ACK of our vehicle; one that is addressed to somebody else is not ours."""
         pending = self._pending.get(ack.command)
         if pending is None or ack.target_system not in (0, us[0]) or ack.target_component not in (0, us[1]):
             return
-        if ack.result == dialect.MAV_RESULT_IN_PROGRESS:
-            if pending.in_progress < MOST_IN_PROGRESS:
-                self._pending[ack.command] = replace(
-                    pending, due=now + IN_PROGRESS_TIMEOUT, in_progress=pending.in_progress + 1, tries=RETRIES
-                )
-            return
-        del self._pending[ack.command]
-        self._results.append(CommandResult(pending.command, ack.result))
+        if ack.result != dialect.MAV_RESULT_IN_PROGRESS:
+            self._end(pending.command, ack.result)
+        elif pending.in_progress < MOST_IN_PROGRESS:
+            pending.due, pending.sent = now + IN_PROGRESS_TIMEOUT, 1 + RETRIES
+            pending.in_progress += 1
 
-    def poll(self, target: tuple[int, int], now: float) -> list[Message]:
+    def poll(self, target: Ids, now: float) -> list[Message]:
         """The messages due now: first tries and repeats, with `confirmation` counting the repeats."""
-        messages = []
-        for number, pending in list(self._pending.items()):
-            if now < pending.due:
-                continue
-            if pending.tries >= RETRIES:
-                del self._pending[number]
-                self._results.append(CommandResult(pending.command, None))
-            else:
-                self._pending[number] = replace(pending, tries=pending.tries + 1, due=now + ACK_TIMEOUT)
-                messages.append(once(pending.command, target, pending.tries + 1))
+        for pending in list(self._pending.values()):
+            if now >= pending.due and pending.sent > RETRIES:
+                self._end(pending.command, None)
         waiting, self._queue = self._queue, []
         for command in waiting:
             if command.number in self._pending:
                 self._queue.append(command)
             else:
-                self._pending[command.number] = _Pending(command, 0, now + ACK_TIMEOUT)
-                messages.append(once(command, target))
-        return messages
+                self._pending[command.number] = _Pending(command, now)
+        due = [pending for pending in self._pending.values() if now >= pending.due]
+        for pending in due:
+            pending.due, pending.sent = now + ACK_TIMEOUT, pending.sent + 1
+        return [once(pending.command, target, pending.sent - 1) for pending in due]
+
+    def _end(self, command: Command, result: int | None) -> None:
+        del self._pending[command.number]
+        self._results.append(CommandResult(command, result))
 
 
-def once(command: Command, target: tuple[int, int], confirmation: int = 0) -> Message:
+def once(command: Command, target: Ids, confirmation: int = 0) -> Message:
     """A COMMAND_LONG, whether anybody waits for its answer or not. confirmation: how often it was sent before."""
     params = command.params + (0.0,) * (7 - len(command.params))
     return dialect.MAVLink_command_long_message(*target, command.number, confirmation, *params)
+
+
+@dataclass(slots=True)
+class _Stream:
+    wanted: float
+    heard: int = 0
+    rate: float | None = None
+    denied: bool = False
+
+
+class StreamRequests:
+    """Keeps the wanted streams flowing: other clients reset rates, and a reboot forgets them."""
+
+    def __init__(self, wanted: Mapping[int, float]) -> None:
+        """wanted: message id -> Hz."""
+        self._streams = {message_id: _Stream(rate) for message_id, rate in wanted.items()}
+        self._since: float | None = None
+
+    @property
+    def rates(self) -> dict[int, float | None]:
+        """Measured rate of each wanted stream in Hz, None before the first check."""
+        return {message_id: stream.rate for message_id, stream in self._streams.items()}
+
+    @property
+    def refused(self) -> list[str]:
+        """Names of the streams that the vehicle has denied."""
+        return [dialect.mavlink_map[ident].msgname for ident, stream in self._streams.items() if stream.denied]
+
+    def heard(self, message_id: int) -> None:
+        if message_id in self._streams:
+            self._streams[message_id].heard += 1
+
+    def restart(self) -> None:
+        """Ask for everything anew: a new link or a rebooted vehicle."""
+        self._since = None
+
+    def denied(self, command: Command) -> None:
+        """The vehicle denied a stream: asking again would only fill the link."""
+        if stream := self._streams.get(int(command.params[0])):
+            stream.denied = True
+
+    def poll(self, now: float) -> list[Command]:
+        """The requests due now."""
+        if self._since is None:
+            self._since = now
+            self._streams = {message_id: _Stream(stream.wanted) for message_id, stream in self._streams.items()}
+            return [_interval(message_id, stream.wanted) for message_id, stream in self._streams.items()]
+        elapsed = now - self._since
+        if elapsed < CHECK_EVERY:
+            return []
+        self._since, requests = now, []
+        for message_id, stream in self._streams.items():
+            stream.rate, stream.heard = stream.heard / elapsed, 0
+            if stream.rate < LOW * stream.wanted and not stream.denied:
+                requests.append(_interval(message_id, stream.wanted))
+        return requests
+
+    def give_back(self) -> list[Command]:
+        """The requests that restore the vehicle's own rates."""
+        return [Command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, (message_id, 0)) for message_id in self._streams]
+
+
+def _interval(message_id: int, rate: float) -> Command:
+    """MAV_CMD_SET_MESSAGE_INTERVAL: p1 id, p2 microseconds."""
+    return Command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, (message_id, round(1e6 / rate)))

@@ -36,11 +36,7 @@ def _known_start() -> re.Pattern[bytes]:
     return re.compile(version_2 + b"|" + version_1, re.DOTALL)
 
 
-def _slow_crc(data: bytes) -> int:
-    return int(dialect.x25crc(data).crc)
-
-
-_crc: Callable[[bytes], int] = dialect.mcrf4xx or _slow_crc
+_crc: Callable[[bytes], int] = dialect.mcrf4xx or (lambda data: int(dialect.x25crc(data).crc))
 """CRC of MAVLink: what pymavlink itself takes, None where its package for it is missing."""
 _START = re.compile(_one_of(MAGICS))
 _KNOWN_START = _known_start()
@@ -55,7 +51,6 @@ class Frame(NamedTuple):
     ident: int = 0
     system: int = 0
     component: int = 0
-    version: int = 2
     signed: bool = False
 
     @property
@@ -67,20 +62,16 @@ class Frame(NamedTuple):
 def frame_at(buffer: bytes, at: int) -> Frame | None:
     """The frame that starts here, as far as its header claims; None: no frame starts here."""
     magic, left = buffer[at], len(buffer) - at
-    if magic == V2:
-        if left > 2 and buffer[at + 2] & ~SIGNED:
-            return None
-        if left < _HEADER_2.size:
-            return Frame(at, len(buffer) + 1)
-        length, flags, system, component, low, high = _HEADER_2.unpack_from(buffer, at)
-        end = at + _HEADER_2.size + length + CRC + (SIGNATURE if flags else 0)
-        return Frame(at, end, low | high << 16, system, component, 2, bool(flags))
-    if magic != V1:
+    if magic not in MAGICS or (magic == V2 and left > 2 and buffer[at + 2] & ~SIGNED):
         return None
-    if left < _HEADER_1.size:
-        return Frame(at, len(buffer) + 1, version=1)
-    length, system, component, ident = _HEADER_1.unpack_from(buffer, at)
-    return Frame(at, at + _HEADER_1.size + length + CRC, ident, system, component, 1)
+    if left < HEADERS[magic].size:
+        return Frame(at, len(buffer) + 1)
+    if magic == V1:
+        length, system, component, ident = _HEADER_1.unpack_from(buffer, at)
+        return Frame(at, at + _HEADER_1.size + length + CRC, ident, system, component)
+    length, flags, system, component, low, high = _HEADER_2.unpack_from(buffer, at)
+    end = at + _HEADER_2.size + length + CRC + (SIGNATURE if flags else 0)
+    return Frame(at, end, low | high << 16, system, component, bool(flags))
 
 
 def next_start(buffer: bytes, at: int) -> int:

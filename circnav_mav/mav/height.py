@@ -54,15 +54,12 @@ class Height:
     def hear(self, message: Message, altitude: float | None, now: float) -> bool:
         """Take in one message of the vehicle. altitude: what is believed of VFR_HUD, None: nothing. Tells whether the
         altitude has jumped."""
-        kind, above_home = message.get_type(), self._settings.target_above_home
-        if kind == "VFR_HUD" and altitude is not None:
-            return self._take(altitude, now)
-        if kind == "HOME_POSITION" and above_home is not None and not self._engaged:
+        above_home = self._settings.target_above_home
+        if message.get_type() == "HOME_POSITION" and above_home is not None and not self._engaged:
             home = message.altitude / 1000
             self._zero = home + above_home if abs(home) <= MOST_ALTITUDE else self._zero
-        return False
-
-    def _take(self, altitude: float, now: float) -> bool:
+        if message.get_type() != "VFR_HUD" or altitude is None:
+            return False
         before, waited = self._altitude, max(now - self._heard_at, BUNCHED)
         self._altitude, self._heard_at = altitude, now
         if not self._engaged:  # a home that is set late moves the altitude by hundreds of metres, and rightly so

@@ -3,11 +3,12 @@
 from collections import Counter
 from collections.abc import Collection, Hashable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mav.autopilots.interface import Autopilot
-from circnav_mav.mav.codec import Message
+from circnav_mav.mav.codec import Ids, Message, ids
 from circnav_mav.mav.framing import V2
 
 SPEAKS_1 = "speaks MAVLink 1 only: set its port to MAVLink 2 (ArduPilot: SERIALn_PROTOCOL = 2)"
@@ -23,10 +24,29 @@ STRANGERS_RATE, STRANGERS_BURST = 64_000.0, 32_000.0
 vehicles say less. In the worst case they take 2 % of the processor's time, and leave the socket to the vehicle."""
 VEHICLE_NAME, OUR_NAME, RADIO_NAME = "the vehicle", "circnav", "the ranging radio"
 """Whose name a second sender uses, for people."""
-Ids = tuple[int, int]
-"""(system, component)."""
-Sender = tuple[int, int, Hashable]
-"""(system, component, where its frames come from)."""
+
+
+class Sender(NamedTuple):
+    """Whose name a message came in, and from where."""
+
+    system: int
+    component: int
+    source: Hashable
+
+    @property
+    def ids(self) -> Ids:
+        return (self.system, self.component)
+
+    def __str__(self) -> str:
+        return f"{self.system}/{self.component} at {spelt(self.source)}"
+
+
+def spelt(source: Hashable) -> str:
+    """An address as endpoints are written; what is no address of a socket as it is."""
+    if not isinstance(source, tuple):
+        return str(source)
+    host, port = source[:2]
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,40 +57,21 @@ class LinkSettings:
     component_id: int = 191
 
 
-@dataclass(frozen=True, slots=True)
-class Peer:
-    """The pinned vehicle: where its frames come from, and its ids."""
-
-    source: Hashable
-    system: int
-    component: int
-
-    @property
-    def ids(self) -> Ids:
-        return (self.system, self.component)
-
-    @property
-    def sender(self) -> Sender:
-        return (self.system, self.component, self.source)
-
-
 class Rivals:
     """Second senders: who says from elsewhere what counts from one address only. By whose name is used: the vehicle's,
     ours, the ranging radio's."""
 
     def __init__(self) -> None:
-        self.counts: Counter[str] = Counter()
         self._newest: dict[str, tuple[Sender, Sender, float]] = {}
         """By name: the rival, the trusted one, and when the rival was last heard."""
 
     def heard(self, name: str, rival: Sender, trusted: Sender, now: float) -> None:
-        self.counts[name] += 1
         self._newest[name] = (rival, trusted, now)
 
     def recent(self, now: float) -> list[str]:
         """What the operator is told, a line for each name."""
         return [
-            f"{name} has a second sender: {describe_sender(rival)} is rejected, {describe_sender(trusted)} counts"
+            f"{name} has a second sender: {rival} is rejected, {trusted} counts"
             for name, (rival, trusted, at) in self._newest.items()
             if now - at <= RIVAL_KEPT
         ]
@@ -104,7 +105,8 @@ class Identity:
         self._settings = settings
         self._adapters = adapters
         self.adapter = adapters[0]
-        self.peer: Peer | None = None
+        self.peer: Sender | None = None
+        """The pinned vehicle; None while there is none, or it is silent."""
         self.first: Ids | None = None
         """The vehicle heard first, also while it is silent."""
         self.reply_to: Hashable = None
@@ -123,83 +125,56 @@ class Identity:
 
     def greet(self, source: Hashable) -> None:
         """Speak to somebody who signs as we do, by a clock far behind ours (an autopilot without GPS has none): he
-        takes our timestamp over, and can be believed from then on. Nobody else is, once the vehicle was heard."""
+        takes our timestamp over, and can be believed from then on. Only until the vehicle was heard."""
         if self.first is None:
             self.reply_to = source
 
-    def let_go(self) -> None:
-        """The vehicle has fallen silent."""
-        self.peer = None
-
-    def hear(self, heartbeat: Message, source: Hashable, now: float, *, silence: float) -> None:
-        """Take a HEARTBEAT in: it may be our vehicle's first, or its first from another address after a silence (s)."""
-        ids = sender(heartbeat)
-        if ids[1] == AUTOPILOT_COMPONENT and heartbeat.autopilot not in NO_AUTOPILOT:  # else a radio with a heartbeat
-            self.vehicles.add(ids[0])
-        if self.peer is None or (ids == self.peer.ids and silence > MOVES_AFTER):
-            self._consider(heartbeat, ids, source, now)
-
-    def speaks(self, message: Message, source: Hashable, now: float, *, silence: float) -> bool:
-        """Whether a message is our vehicle's; heartbeats of other vehicles are counted, and so is whoever speaks in its
-        name from another address while it is not silent (s)."""
-        if self.peer is None:
-            return False
-        if sender(message) == self.peer.ids:
-            if source == self.peer.source:
-                return True
-            if silence <= MOVES_AFTER:
-                self.rivals.heard(VEHICLE_NAME, (*self.peer.ids, source), self.peer.sender, now)
-        if message.get_type() == "HEARTBEAT" and message.autopilot != dialect.MAV_AUTOPILOT_INVALID:
+    def receive(self, message: Message, source: Hashable, now: float, *, silence: float) -> bool:
+        """Whether a message is our vehicle's. A HEARTBEAT may be its first, or its first from another address after a
+        silence (s). Counted are heartbeats of other vehicles, and who speaks in its name from elsewhere meanwhile."""
+        who, is_heartbeat = Sender(*ids(message), source), message.get_type() == "HEARTBEAT"
+        if is_heartbeat and who.component == AUTOPILOT_COMPONENT and message.autopilot not in NO_AUTOPILOT:
+            self.vehicles.add(who.system)  # else it is a radio with a heartbeat
+        if is_heartbeat and (self.peer is None or (who.ids == self.peer.ids and silence > MOVES_AFTER)):
+            self._consider(message, who, now)
+        if self.peer is None or who == self.peer:
+            return self.peer is not None
+        if who.ids == self.peer.ids and silence <= MOVES_AFTER:
+            self.rivals.heard(VEHICLE_NAME, who, self.peer, now)
+        if is_heartbeat and message.autopilot != dialect.MAV_AUTOPILOT_INVALID:
             self.ignored["other_vehicle"] += 1
         return False
 
-    def _consider(self, heartbeat: Message, ids: Ids, source: Hashable, now: float) -> None:
+    def _consider(self, heartbeat: Message, who: Sender, now: float) -> None:
         """Pin the sender of this heartbeat if it is the vehicle that the mission means; else note why not."""
         if heartbeat.autopilot == dialect.MAV_AUTOPILOT_INVALID or heartbeat.type == dialect.MAV_TYPE_GCS:
             return
         adapter = next((one for one in self._adapters if _fits(one, heartbeat)), None)
-        reason = self._misfit(heartbeat, ids, adapter)
-        if reason is None and heartbeat.get_msgbuf()[0] != V2:
-            reason = f"system {ids[0]} {SPEAKS_1}"
-            self.reply_to = source  # our MAVLink 2 heartbeat makes many autopilots switch over
-        if reason is not None:
+        reason = self._misfit(heartbeat, who, adapter)
+        if reason or adapter is None:
             if len(self.misfits) < MOST_MISFITS:
-                self.misfits[ids] = reason
+                self.misfits[who.ids] = reason
             return
-        assert adapter is not None  # else it is a misfit
         if self.peer is None:
             self.adapter, self.since = adapter, now
-        self.peer, self.first, self.reply_to = Peer(source, *ids), ids, source
+        self.peer, self.first, self.reply_to = who, who.ids, who.source
 
-    def _misfit(self, heartbeat: Message, ids: Ids, adapter: Autopilot | None) -> str | None:
-        wanted = self._settings.system_id
-        if self.first is not None and ids != self.first:
-            return f"system {ids[0]} is not the vehicle heard first, system {self.first[0]}"
-        if wanted is not None and ids[0] != wanted:
-            return f"system {ids[0]} is not the mission's vehicle.system_id {wanted}"
+    def _misfit(self, heartbeat: Message, who: Sender, adapter: Autopilot | None) -> str:
+        """Why this is not our vehicle, for people; empty where it is."""
+        wanted, system = self._settings.system_id, f"system {who.system}"
+        if self.first is not None and who.ids != self.first:
+            return f"{system} is not the vehicle heard first, system {self.first[0]}"
+        if wanted is not None and who.system != wanted:
+            return f"{system} is not the mission's vehicle.system_id {wanted}"
         if adapter is None:
             known = " or ".join(one.name for one in self._adapters)
-            return f"system {ids[0]} is {describe_vehicle(heartbeat)}, the mission is for {known}"
+            return f"{system} is {describe_vehicle(heartbeat)}, the mission is for {known}"
         if self.first is not None and adapter is not self.adapter:
-            return f"system {ids[0]} is {describe_vehicle(heartbeat)} now, not the vehicle heard first"
-        return None
-
-
-def sender(message: Message) -> Ids:
-    """Whose name a message came in."""
-    return (message.get_srcSystem(), message.get_srcComponent())
-
-
-def spelt(source: Hashable) -> str:
-    """An address as endpoints are written; what is no address of a socket as it is."""
-    if not isinstance(source, tuple):
-        return str(source)
-    host, port = source[:2]
-    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
-
-
-def describe_sender(sender: Sender) -> str:
-    return f"{sender[0]}/{sender[1]} at {spelt(sender[2])}"
+            return f"{system} is {describe_vehicle(heartbeat)} now, not the vehicle heard first"
+        if heartbeat.get_msgbuf()[0] != V2:
+            self.reply_to = who.source  # our MAVLink 2 heartbeat makes many autopilots switch over
+            return f"{system} {SPEAKS_1}"
+        return ""
 
 
 def _fits(adapter: Autopilot, heartbeat: Message) -> bool:
@@ -208,7 +183,6 @@ def _fits(adapter: Autopilot, heartbeat: Message) -> bool:
 
 def describe_vehicle(heartbeat: Message) -> str:
     """Autopilot and vehicle type of a HEARTBEAT in words."""
-    autopilot = dialect.enums["MAV_AUTOPILOT"].get(heartbeat.autopilot)
-    kind = dialect.enums["MAV_TYPE"].get(heartbeat.type)
-    names = (entry.name.split("_", 2)[-1].lower() if entry else "unknown" for entry in (autopilot, kind))
-    return " ".join(names)
+    kinds = (("MAV_AUTOPILOT", heartbeat.autopilot), ("MAV_TYPE", heartbeat.type))
+    entries = (dialect.enums[name].get(value) for name, value in kinds)
+    return " ".join(entry.name.split("_", 2)[-1].lower() if entry else "unknown" for entry in entries)

@@ -1,14 +1,14 @@
-"""The vehicle's own motion without position: attitude, heading rate, airspeed, height. Never a position or a velocity.
+"""The vehicle's own motion without position: attitude, heading rate, airspeed, height, measured accelerations. Never a
+position or a velocity that the autopilot worked out.
 
-Read from ATTITUDE or ATTITUDE_QUATERNION, VFR_HUD (of which the ground speed is not read) and the IMU messages
-(`accelerations`). A value that is missing or older than its bound is None; who needs it says so.
+Read from ATTITUDE or ATTITUDE_QUATERNION, VFR_HUD (of which the ground speed is not read) and the IMU messages. A value
+that is missing or older than its bound is None; who needs it says so.
 """
 
 from dataclasses import dataclass, replace
-from math import hypot, inf, nan, tan
+from math import cos, hypot, inf, nan, sin, tan
 
-from circnav_mav.guidance.types import OwnMotion
-from circnav_mav.mav.accelerations import Accelerations, Attitude
+from circnav_mav.guidance.types import FeltVelocity, OwnMotion
 from circnav_mav.mav.clocks import BOOT_WRAP, RemoteClock, Slower, nobody_tells
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.frames import (
@@ -16,8 +16,10 @@ from circnav_mav.mav.frames import (
     YawRate,
     course_from_yaw,
     euler_from_quaternion,
+    level_from_body,
     push_from_tilt,
     turn_rate_from_yaw_rate,
+    vector_from_level,
 )
 
 MOST_TILT = 1.2
@@ -38,6 +40,16 @@ FLOWN_ALTITUDES = -500.0, 6_000.0
 """Altitudes, m, whose thin air is believed."""
 REPEATED = 0.2
 """The same stamp again within this time, s, is the same attitude again; later, it is a clock that stands still."""
+ACCELERATIONS = {"HIGHRES_IMU": 1.0, "RAW_IMU": GRAVITY / 1000, "SCALED_IMU": GRAVITY / 1000}
+"""Message types by preference, and what their numbers are multiplied by, m/s^2."""
+LONGEST_STEP = 0.2
+"""Longest time between two measurements, s, over which they are integrated: 5 Hz. After a longer one it begins anew."""
+OLDEST_ATTITUDE = 0.2
+"""Oldest attitude that turns them level, s."""
+MOST_FORCE = 16 * GRAVITY
+"""Full scale of autopilots' accelerometers, m/s^2."""
+OTHER_SOURCE = 2.0
+"""Time, s, after which another message type is taken when the first one has ended."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,9 +75,32 @@ class Motion:
         return indicated / root_of_density
 
 
-def coordinated_yaw_rate(roll: float, airspeed: float) -> YawRate:
-    """Yaw rate of a coordinated turn, rad/s clockwise positive. roll: rad, right positive. airspeed: m/s."""
-    return YawRate(GRAVITY * tan(roll) / max(airspeed, 1.0))
+@dataclass(frozen=True, slots=True)
+class Attitude:
+    """As in an ATTITUDE: time (s, the vehicle's clock), roll, pitch, yaw (rad, NED), body rates p, q, r (rad/s)."""
+
+    time: float
+    roll: float
+    pitch: float
+    yaw: float
+    p: float
+    q: float
+    r: float
+
+    @property
+    def yaw_rate(self) -> YawRate:
+        """Heading rate, rad/s clockwise positive: (q sin(roll) + r cos(roll))/cos(pitch).
+
+        ATTITUDE.yawspeed is the body z rate r: taking it for the heading rate cost 7 m of radius in flight.
+        """
+        return YawRate((self.q * sin(self.roll) + self.r * cos(self.roll)) / max(cos(self.pitch), 0.1))
+
+    def at(self, time: float) -> tuple[float, float, float]:
+        """Roll, pitch and yaw at another moment, by the rates."""
+        dt, up = time - self.time, tan(min(max(self.pitch, -1.2), 1.2))
+        roll_rate = self.p + (self.q * sin(self.roll) + self.r * cos(self.roll)) * up
+        pitch_rate = self.q * cos(self.roll) - self.r * sin(self.roll)
+        return self.roll + roll_rate * dt, self.pitch + pitch_rate * dt, self.yaw + self.yaw_rate * dt
 
 
 class OwnMotionSensor:
@@ -141,7 +176,8 @@ class OwnMotionSensor:
             return own
         roll, pitch = (min(max(angle, -MOST_TILT), MOST_TILT) for angle in (motion.roll, motion.pitch))
         if banks:
-            return replace(own, bank_turn=turn_rate_from_yaw_rate(coordinated_yaw_rate(roll, airspeed)))
+            coordinated = YawRate(GRAVITY * tan(roll) / max(airspeed, 1.0))
+            return replace(own, bank_turn=turn_rate_from_yaw_rate(coordinated))
         return replace(own, push=push_from_tilt(roll, pitch, psi))
 
     def at(self, now: float) -> Motion:
@@ -167,3 +203,39 @@ def _angles(message: Message) -> tuple[float, float, float] | None:
 def _real(value: float, most: float, above: float = float("-inf")) -> float | None:
     """A value that can be, above a bound, else None: PX4's copter sends NaN airspeed, ArduPilot 0 before take-off."""
     return value if abs(value) <= most and value > above else None
+
+
+class Accelerations:
+    """Integrates the specific force in the body frame (ArduPilot sends it in milli-g), turned level by the newest
+    attitude, carried on to the moment of the measurement: 1 deg of attitude is .17 m/s^2. After a gap, or what cannot
+    be, it begins anew: `felt` says since when."""
+
+    def __init__(self) -> None:
+        self._type, self._heard_at, self._time = "", float("-inf"), float("-inf")
+        self.felt: FeltVelocity | None = None
+
+    def receive(self, message: Message, attitude: Attitude | None, now: float) -> None:
+        """Take in one message of the vehicle, if it is one of accelerations."""
+        kind = message.get_type()
+        if kind not in ACCELERATIONS or (kind != self._type and now - self._heard_at < OTHER_SOURCE):
+            return
+        if kind != self._type:
+            self._type, self.felt = kind, None
+        self._heard_at = now
+        unit = ACCELERATIONS[kind]
+        force = unit * message.xacc, unit * message.yacc, unit * message.zacc
+        time = message.time_boot_ms / 1e3 if kind == "SCALED_IMU" else message.time_usec / 1e6
+        step, self._time = time - self._time, time
+        sound = all(abs(value) < MOST_FORCE for value in force)  # NaN is not
+        if (
+            not sound
+            or not 0 <= step <= LONGEST_STEP
+            or attitude is None
+            or abs(time - attitude.time) > OLDEST_ATTITUDE
+        ):
+            self.felt = None
+            return
+        roll, pitch, yaw = attitude.at(time)
+        ax, ay = vector_from_level(*level_from_body(force, roll, pitch), course_from_yaw(yaw))
+        was = self.felt or FeltVelocity(0.0, 0.0, now)
+        self.felt = FeltVelocity(was.x + ax * step, was.y + ay * step, was.since)

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 
 from pymavlink.dialects.v20 import all as dialect
 
-from circnav_mav.mav.codec import Message
+from circnav_mav.mav.codec import Ids, Message
 from circnav_mav.mav.framing import HEADERS
 from circnav_mav.mav.statustext import plain_text
 
@@ -47,36 +47,36 @@ class ParameterReader:
         """bytewise: how integers travel, see `parameter_value`."""
         self._bytewise = bytewise
         self._waiting = list(dict.fromkeys(names))
-        self._tries: dict[str, int] = {}
-        self._due: dict[str, float] = {}
+        self._asked: dict[str, tuple[int, float]] = {}
+        """How often each name under way was asked for, and when it is due again, s."""
         self.values: dict[str, float] = {}
         self.unanswered: set[str] = set()
 
     @property
     def done(self) -> bool:
         """Whether nothing more will be asked."""
-        return not self._waiting and not self._due
+        return not self._waiting and not self._asked
 
     def receive(self, message: Message) -> None:
         """Take in a PARAM_VALUE of our vehicle. Values that others have asked for are welcome, if wanted."""
         name = plain_text(message.param_id)
-        if name in self._due or name in self._waiting or name in self.unanswered:
+        if name in self._asked or name in self._waiting or name in self.unanswered:
             self.values[name] = parameter_value(message, bytewise=self._bytewise)
-            self._due.pop(name, None)
+            self._asked.pop(name, None)
             self.unanswered.discard(name)
             self._waiting = [other for other in self._waiting if other != name]
 
-    def poll(self, target: tuple[int, int], now: float) -> list[Message]:
+    def poll(self, target: Ids, now: float) -> list[Message]:
         """The requests due now: repeats first, then new ones as far as there is room."""
-        for name in [name for name, due in self._due.items() if now >= due and self._tries[name] >= TRIES]:
-            del self._due[name]
-            self.unanswered.add(name)
-        due = [name for name, when in self._due.items() if now >= when]
-        room = AT_ONCE - len(self._due)
+        due = [name for name, (_, when) in self._asked.items() if now >= when]
+        given_up = [name for name in due if self._asked[name][0] >= TRIES]
+        for name in given_up:
+            del self._asked[name]
+        self.unanswered.update(given_up)
+        room = AT_ONCE - len(self._asked)
         new, self._waiting = self._waiting[:room], self._waiting[room:]
-        for name in due + new:
-            self._tries[name] = self._tries.get(name, 0) + 1
-            self._due[name] = now + ANSWER_TIMEOUT
-        return [
-            dialect.MAVLink_param_request_read_message(*target, name.encode("ascii"), BY_NAME) for name in due + new
-        ]
+        names = [name for name in due if name in self._asked] + new
+        for name in names:
+            tries, _ = self._asked.get(name, (0, now))
+            self._asked[name] = tries + 1, now + ANSWER_TIMEOUT
+        return [dialect.MAVLink_param_request_read_message(*target, name.encode("ascii"), BY_NAME) for name in names]

@@ -6,17 +6,15 @@ from collections.abc import Hashable, Mapping
 
 from pymavlink.dialects.v20 import all as dialect
 
-from circnav_mav.mav.accelerations import UNITS
 from circnav_mav.mav.autopilots.interface import Autopilot
-from circnav_mav.mav.codec import Encoder, Message
-from circnav_mav.mav.commands import Command, CommandResult, CommandSender, once
-from circnav_mav.mav.identity import OUR_NAME, Identity, LinkSettings, Peer, sender
-from circnav_mav.mav.own_motion import OwnMotionSensor
+from circnav_mav.mav.codec import Encoder, Ids, Message, ids
+from circnav_mav.mav.commands import Command, CommandResult, CommandSender, StreamRequests, once
+from circnav_mav.mav.identity import OUR_NAME, Identity, LinkSettings, Sender
+from circnav_mav.mav.own_motion import ACCELERATIONS, OwnMotionSensor
 from circnav_mav.mav.signing import Signing
 from circnav_mav.mav.statustext import Announcer
-from circnav_mav.mav.streams import StreamRequests
 from circnav_mav.mav.timesync import Timesync
-from circnav_mav.mav.vehicle_state import TELLING, VehicleState
+from circnav_mav.mav.vehicle_state import READ, VehicleState
 
 HEARTBEAT_PERIOD = 1.0
 LOST_AFTER = 3.0
@@ -28,7 +26,7 @@ TWIN_FRAMES, TWIN_WITHIN = 4, 10.0
 heartbeat a second. A stray one now and then is nobody's."""
 MOST_REPLIES = 4
 HANDLED = frozenset(
-    getattr(dialect, f"MAVLINK_MSG_ID_{name}") for name in (*TELLING, "COMMAND_ACK", "TIMESYNC", "VFR_HUD", *UNITS)
+    getattr(dialect, f"MAVLINK_MSG_ID_{name}") for name in (*READ, "COMMAND_ACK", "TIMESYNC", "VFR_HUD", *ACCELERATIONS)
 )
 """Ids of the messages that a session or the motion sensor reads."""
 
@@ -64,16 +62,19 @@ class Session:
         self.ignored, self.misfits = self.identity.ignored, self.identity.misfits
         self.clock_speed, self.texts = self.vehicle.clock_speed, self.vehicle.texts
 
-    # --- of the vehicle, as everybody asks it ---
-
     @property
-    def peer(self) -> Peer | None:
+    def peer(self) -> Sender | None:
         """The pinned vehicle, None while there is none."""
         return self.identity.peer
 
     @property
     def up(self) -> bool:
-        return self.identity.peer is not None
+        return self.peer is not None
+
+    @property
+    def us(self) -> Ids:
+        """In whose name we speak."""
+        return self.encoder.system, self._component
 
     @property
     def adapter(self) -> Autopilot:
@@ -81,7 +82,7 @@ class Session:
         return self.identity.adapter
 
     @property
-    def vehicle_ids(self) -> tuple[int, int]:
+    def vehicle_ids(self) -> Ids:
         """(system, component) to address; (0, 0) when there is no vehicle."""
         return self.peer.ids if self.peer else (0, 0)
 
@@ -108,35 +109,36 @@ class Session:
 
     def receive(self, message: Message, now: float, source: Hashable) -> bool:
         """Take one message in; tells whether it is of the pinned vehicle. Nobody else moves anything here."""
-        if self.peer is not None and sender(message) == (self.encoder.system, self._component):
-            self._in_our_name(bytes(message.get_msgbuf()), self.peer, source, now)
+        before, silence = self.peer, self.heartbeat_age(now)
+        if before is not None and ids(message) == self.us:
+            self._in_our_name(bytes(message.get_msgbuf()), before, source, now)
             return False
-        kind = message.get_type()
-        if kind == "HEARTBEAT":
-            before = self.peer
-            self.identity.hear(message, source, now, silence=self.heartbeat_age(now))
-            if self.peer is not None and self.peer != before:
-                self._pinned(self.peer, anew=before is None)
-        if not self.identity.speaks(message, source, now, silence=self.heartbeat_age(now)):
+        ours = self.identity.receive(message, source, now, silence=silence)
+        if self.peer is not None and self.peer != before:
+            self._pinned(self.peer, anew=before is None)
+        if not ours:
             return False
         self.streams.heard(message.get_msgId())
         reboots = self.vehicle.reboots
         self.vehicle.receive(message, now)
         if self.vehicle.reboots > reboots:
             self.streams.restart()
-        if kind == "COMMAND_ACK":
-            self.commands.acknowledge(message, (self.encoder.system, self._component), now)
-        elif kind == "TIMESYNC":
-            self._on_timesync(message, now)
+        if message.get_type() == "COMMAND_ACK":
+            self.commands.acknowledge(message, self.us, now)
+        elif message.get_type() == "TIMESYNC" and message.tc1:
+            self.timesync.heard(message.ts1, now)
+        elif message.get_type() == "TIMESYNC" and len(self._replies) < MOST_REPLIES:
+            # a question (tc1 = 0) is answered with our clock, in ns, and the asker's mirrored
+            self._replies.append(dialect.MAVLink_timesync_message(int(now * 1e9) or 1, message.ts1))
         return True
 
     def lose(self) -> None:
         """The vehicle has fallen silent: let go of it."""
         self.vehicle.lost()
-        self.identity.let_go()
+        self.identity.peer = None
         self.commands.clear()
 
-    def _in_our_name(self, frame: bytes, peer: Peer, source: Hashable, now: float) -> None:
+    def _in_our_name(self, frame: bytes, peer: Sender, source: Hashable, now: float) -> None:
         """An echo, or another companion. What the vehicle forwards was said to it; from elsewhere anybody says that."""
         if frame in self._sent:
             self.ignored["echo"] += 1
@@ -144,10 +146,9 @@ class Session:
             self.ignored["twin"] += 1
             self._twin_heard.append(now)
         else:
-            ours = (self.encoder.system, self._component)
-            self.identity.rivals.heard(OUR_NAME, (*ours, source), (*ours, "this computer"), now)
+            self.identity.rivals.heard(OUR_NAME, Sender(*self.us, source), Sender(*self.us, "this computer"), now)
 
-    def _pinned(self, peer: Peer, *, anew: bool) -> None:
+    def _pinned(self, peer: Sender, *, anew: bool) -> None:
         """The vehicle was found, or speaks from another address."""
         self.encoder.system = peer.system
         if not anew:
@@ -159,13 +160,6 @@ class Session:
         if self.vehicle.unproven:
             self.commands.send(Command(dialect.MAV_CMD_REQUEST_MESSAGE, (dialect.MAVLINK_MSG_ID_SYSTEM_TIME,)))
 
-    def _on_timesync(self, message: Message, now: float) -> None:
-        """Answer a request (tc1 = 0) with our clock, in ns, mirroring the asker's; else it may be an answer to ours."""
-        if message.tc1:
-            self.timesync.heard(message.ts1, now)
-        elif len(self._replies) < MOST_REPLIES:
-            self._replies.append(dialect.MAVLink_timesync_message(int(now * 1e9) or 1, message.ts1))
-
     # --- out ---
 
     def encode(self, message: Message) -> bytes:
@@ -176,11 +170,13 @@ class Session:
 
     def poll(self, now: float) -> list[Message]:
         """The messages due now: our heartbeat, commands, texts. Called by the healthy tick only."""
-        messages = self.heartbeats_due(now)
-        messages += self._replies
-        self._replies.clear()
+        messages, self._replies = self.heartbeats_due(now) + self._replies, []
         if self.peer is not None:
-            self._note_results()
+            for result in self.commands.take_results():
+                if result.command.number == dialect.MAV_CMD_DO_SET_MODE:
+                    self._mode_results.append(result)  # for whoever asked
+                elif result.command.number == dialect.MAV_CMD_SET_MESSAGE_INTERVAL and result.refused:
+                    self.streams.denied(result.command)
             for request in self.streams.poll(now):
                 self.commands.send(request)
             messages += self.commands.poll(self.peer.ids, now) + self.timesync.poll(now)
@@ -216,11 +212,3 @@ class Session:
         return dialect.MAVLink_heartbeat_message(
             dialect.MAV_TYPE_ONBOARD_CONTROLLER, dialect.MAV_AUTOPILOT_INVALID, 0, 0, dialect.MAV_STATE_ACTIVE, 3
         )
-
-    def _note_results(self) -> None:
-        """Refused streams are not asked for again; answers to mode requests wait for whoever asked."""
-        for result in self.commands.take_results():
-            if result.command.number == dialect.MAV_CMD_DO_SET_MODE:
-                self._mode_results.append(result)
-            elif result.command.number == dialect.MAV_CMD_SET_MESSAGE_INTERVAL and result.refused:
-                self.streams.denied(result.command)

@@ -17,7 +17,6 @@ MOST_DAMPED = 1.25
 """Acceleration to the side, in units of speed times turn rate, for a loop that damps what comes of it."""
 EVERYBODY = 0
 BODY_NED = dialect.MAV_FRAME_BODY_NED
-NUMBER = (float, int)
 
 
 class Steer(NamedTuple):
@@ -55,24 +54,29 @@ class SetpointGuard:
 
     def admit(self, steer: Steer, now: float) -> Steer:
         """The steer as it may be flown. Raises UnsafeSetpointError for a number that no vehicle must see."""
-        limits = self._limits
-        if not (isfinite(steer.yaw_rate) and isfinite(steer.speed)):
+        limits, rate = self._limits, steer.yaw_rate
+        if not (isfinite(rate) and isfinite(steer.speed)):
             raise UnsafeSetpointError(f"not finite: {steer}")
-        if abs(steer.yaw_rate) > limits.max_yaw_rate * (1 + 1e-9) or not 0 <= steer.speed <= limits.max_speed:
+        if abs(rate) > limits.max_yaw_rate * (1 + 1e-9) or not 0 <= steer.speed <= limits.max_speed:
             raise UnsafeSetpointError(f"outside the limits {limits}: {steer}")
-        yaw_rate = self._slewed(steer.yaw_rate, now)
-        self._last = (now, yaw_rate)
-        return Steer(yaw_rate, steer.speed)
+        if limits.max_yaw_acceleration is not None and self._last is not None:
+            then, before = self._last
+            reach = limits.max_yaw_acceleration * max(now - then, 0.0)
+            rate = YawRate(min(max(rate, before - reach), before + reach))
+        self._last = (now, rate)
+        return Steer(rate, steer.speed)
 
     def check_message(self, message: Message, shapes: frozenset[tuple[str, int | None]]) -> Message:
         """The message as it will leave, if its type and mask stand in the adapter's table, all its numbers are finite,
-        and what it makes the vehicle do is within the limits. Raises UnsafeSetpointError."""
+        it speaks to one vehicle, and what it makes that one do is within the limits. Raises UnsafeSetpointError."""
         shape = (message.get_type(), getattr(message, "type_mask", None))
         if shape not in shapes:
             raise UnsafeSetpointError(f"{shape[0]} with mask {shape[1]} is not in the adapter's table")
-        if not isfinite(_sum(message)):
+        values = [getattr(message, name) for name in message.get_fieldnames()]
+        if not all(isfinite(value if isinstance(value, float | int) else sum(value)) for value in values):
             raise UnsafeSetpointError(f"not finite: {message}")
-        if not _within(message, self._limits):
+        within, address = _CHECKS[message.get_type()]
+        if getattr(message, address) == EVERYBODY or not within(message, self._limits):
             raise UnsafeSetpointError(f"outside the limits {self._limits}: {message}")
         return message
 
@@ -80,20 +84,8 @@ class SetpointGuard:
         """Forget the last setpoint: the next one starts a stream."""
         self._last = None
 
-    def _slewed(self, wanted: YawRate, now: float) -> YawRate:
-        limit = self._limits.max_yaw_acceleration
-        if limit is None or self._last is None:
-            return wanted
-        then, before = self._last
-        reach = limit * max(now - then, 0.0)
-        return YawRate(min(max(wanted, before - reach), before + reach))
 
-
-def _within(message: Message, limits: Limits) -> bool:
-    """Whether a message speaks to one vehicle, and the speeds, rates and angles that it commands are within the limits:
-    all that its mask lets the vehicle use."""
-    judge, address = _JUDGES[message.get_type()]
-    return bool(getattr(message, address) != EVERYBODY and judge(message, limits))
+# --- whether the speeds, rates and angles that a message commands are within the limits: all that its mask lets through
 
 
 def _velocity_within(message: Message, limits: Limits) -> bool:
@@ -117,15 +109,9 @@ def _stick_within(message: Message, limits: Limits) -> bool:
     return bool(untouched and abs(message.y) <= limits.max_stick and 0 <= message.z <= 1000)
 
 
-_JUDGES: Mapping[str, tuple[Callable[[Message, Limits], bool], str]] = {
+_CHECKS: Mapping[str, tuple[Callable[[Message, Limits], bool], str]] = {
     "SET_POSITION_TARGET_LOCAL_NED": (_velocity_within, "target_system"),
     "SET_ATTITUDE_TARGET": (_attitude_within, "target_system"),
     "MANUAL_CONTROL": (_stick_within, "target"),
 }
-"""By message type: who judges it, and the field that says whom it is for."""
-
-
-def _sum(message: Message) -> float:
-    """Of every number in a message, those in its arrays too: finite only if each of them is."""
-    values = [getattr(message, name) for name in message.get_fieldnames()]
-    return sum([value if isinstance(value, NUMBER) else sum(value) for value in values])
+"""By message type: its check, and the field that says whom it is for."""

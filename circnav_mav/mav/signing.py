@@ -15,6 +15,8 @@ from hmac import compare_digest
 
 from pymavlink.dialects.v20 import all as dialect
 
+from circnav_mav.mav.framing import SIGNATURE, SIGNED, V2
+
 KEY_LENGTH = 32
 ZERO_KEY = bytes(KEY_LENGTH)
 """What PX4 (main of 2026) signs with until it is given a key: anybody's, so it proves and protects nothing."""
@@ -23,8 +25,9 @@ EPOCH = 1_420_070_400
 SECOND = 100_000
 MINUTE = 60 * SECOND
 LATEST = 2**48 - 1
-_V2, _FLAGS_AT, _SIGNED = 0xFD, 2, 0x01
-_SIGNATURE, _TAIL = 6, 13
+_FLAGS_AT = 2
+_HASH = 6
+"""Bytes of the hash, which ends a signature, and of the timestamp before it."""
 
 
 class Refusal(Enum):
@@ -62,8 +65,8 @@ class Signing:
     def sign(self, frame: bytes) -> bytes:
         """One of our MAVLink 2 frames, signed; each gets a timestamp of its own."""
         self._reach(self.timestamp + 1)
-        body = _flag_changed(frame) + bytes((self._link_id,)) + self.timestamp.to_bytes(_SIGNATURE, "little")
-        return body + _signature(self._key, body)
+        body = _flag_changed(frame) + bytes((self._link_id,)) + self.timestamp.to_bytes(_HASH, "little")
+        return body + sha256(self._key + body).digest()[:_HASH]
 
     def check(self, frame: bytes) -> Refusal | None:
         """Why a signed frame is not to be believed; None: it is, and it counts as heard.
@@ -72,8 +75,8 @@ class Signing:
         """
         if not is_signed_with(self._key, frame):
             return Refusal.WRONG
-        stream = (frame[5], frame[6], frame[-_TAIL])
-        timestamp = int.from_bytes(frame[1 - _TAIL : -_SIGNATURE], "little")
+        stream = (frame[5], frame[6], frame[-SIGNATURE])
+        timestamp = int.from_bytes(frame[1 - SIGNATURE : -_HASH], "little")
         newest = self._newest.get(stream)
         if newest is None and timestamp + MINUTE < self.timestamp:
             return Refusal.BEHIND
@@ -87,28 +90,24 @@ class Signing:
         self.timestamp = max(self.timestamp, min(timestamp, LATEST))
 
 
-def _signature(key: bytes, body: bytes) -> bytes:
-    return sha256(key + body).digest()[:_SIGNATURE]
-
-
 def is_signed_with(key: bytes, frame: bytes) -> bool:
-    return compare_digest(_signature(key, frame[:-_SIGNATURE]), frame[-_SIGNATURE:])
+    return compare_digest(sha256(key + frame[:-_HASH]).digest()[:_HASH], frame[-_HASH:])
 
 
 def is_signed(frame: bytes) -> bool:
     """Whether a whole frame carries a signature, true or not."""
-    return frame[0] == _V2 and bool(frame[_FLAGS_AT] & _SIGNED)
+    return frame[0] == V2 and bool(frame[_FLAGS_AT] & SIGNED)
 
 
 def without_signature(frame: bytes) -> bytes:
     """The frame as if it had never been signed: for logs, as MAVLink's guide wants them. Its CRC is right again."""
-    return _flag_changed(frame[:-_TAIL]) if is_signed(frame) else frame
+    return _flag_changed(frame[:-SIGNATURE]) if is_signed(frame) else frame
 
 
 def _flag_changed(frame: bytes) -> bytes:
     """A frame without signature, its flag changed over, and its CRC with it."""
     crc = int.from_bytes(frame[-2:], "little") ^ _flag_in_crc(frame[1])
-    flags = bytes((frame[_FLAGS_AT] ^ _SIGNED,))
+    flags = bytes((frame[_FLAGS_AT] ^ SIGNED,))
     return frame[:_FLAGS_AT] + flags + frame[_FLAGS_AT + 1 : -2] + crc.to_bytes(2, "little")
 
 
@@ -118,5 +117,5 @@ def _flag_in_crc(payload: int) -> int:
     need be known, nor its id."""
     covered = bytearray(9 + payload + 1)
     plain = dialect.x25crc(bytes(covered)).crc
-    covered[_FLAGS_AT - 1] = _SIGNED
+    covered[_FLAGS_AT - 1] = SIGNED
     return int(plain ^ dialect.x25crc(bytes(covered)).crc)

@@ -6,7 +6,7 @@ from itertools import cycle
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mav.clocks import our_boot_ms
-from circnav_mav.mav.codec import Message
+from circnav_mav.mav.codec import Ids, Message, ids
 
 TEXT_INTERVAL = 2.0
 PLOT_INTERVAL = 0.25
@@ -31,16 +31,13 @@ class Announcer:
         self._waiting[kind] = (severity, f"circnav: {text}")
 
     def texts(self, now: float) -> list[Message]:
-        due = [kind for kind in self._waiting if now - self._last_text.get(kind, float("-inf")) >= TEXT_INTERVAL]
+        """The messages that may go out now."""
         messages = []
-        for kind in due:
-            severity, text = self._waiting.pop(kind)
-            self._last_text[kind] = now
-            messages += self._chunks(severity, text)
+        for kind in list(self._waiting):
+            if now - self._last_text.get(kind, float("-inf")) >= TEXT_INTERVAL:
+                self._last_text[kind] = now
+                messages += self._chunks(*self._waiting.pop(kind))
         return messages
-
-    def plots_due(self, now: float) -> bool:
-        return now - self._last_plot >= PLOT_INTERVAL
 
     def _chunks(self, severity: int, text: str) -> list[Message]:
         """The messages of one text. The last chunk has a zero in it, which ends the text; it may hold nothing else."""
@@ -53,15 +50,20 @@ class Announcer:
             for number, at in enumerate(starts)
         ]
 
+    def plots_due(self, now: float) -> bool:
+        return now - self._last_plot >= PLOT_INTERVAL
+
     def plots(self, values: dict[str, float], now: float) -> list[Message]:
         """NAMED_VALUE_FLOAT messages for any ground station's graphs, when due. Names have at most 9 characters: PX4
         cuts the tenth."""
         if not self.plots_due(now) or not values:
             return []
         self._last_plot = now
-        stamp = our_boot_ms(now)
-        plotted = {name: value for name, value in values.items() if abs(value) < MOST_PLOTTED}
-        return [dialect.MAVLink_named_value_float_message(stamp, n.encode(), v) for n, v in plotted.items()]
+        return [
+            dialect.MAVLink_named_value_float_message(our_boot_ms(now), name.encode(), value)
+            for name, value in values.items()
+            if abs(value) < MOST_PLOTTED
+        ]
 
 
 class TextReader:
@@ -69,11 +71,11 @@ class TextReader:
     much was read."""
 
     def __init__(self) -> None:
-        self._newest: dict[tuple[int, int], tuple[int, int, str]] = {}
+        self._newest: dict[Ids, tuple[int, int, str]] = {}
 
     def read(self, message: Message) -> tuple[str, str | None]:
         """The text so far, and the shorter text that it continues, None where it begins."""
-        sender = (message.get_srcSystem(), message.get_srcComponent())
+        sender = ids(message)
         ident, number, before = self._newest.get(sender, (0, 0, ""))
         continues = message.id != 0 and (message.id, message.chunk_seq) == (ident, number + 1)
         text = (before if continues else "") + plain_text(message.text)
@@ -82,7 +84,6 @@ class TextReader:
         return text, before if continues else None
 
 
-def plain_text(text: str | bytes) -> str:
+def plain_text(text: str) -> str:
     """A text that somebody else has made, up to its terminating zero, with nothing in it that a terminal would obey."""
-    text = text.decode("ascii", "replace") if isinstance(text, bytes) else text
     return "".join(letter if letter.isprintable() else "?" for letter in text.partition("\0")[0])

@@ -33,9 +33,10 @@ class Timesync:
     """Asks the vehicle the time. What is known outlives a loss of the link: only the same vehicle may come back."""
 
     def __init__(self) -> None:
-        self._asked: deque[tuple[int, float]] = deque(maxlen=OUTSTANDING)
+        self._asked: dict[int, float] = {}
+        """When each question that waits for its answer was asked, s, by its stamp; `_newest`: of the last one."""
+        self._newest = 0
         self._next = float("-inf")
-        self._waiting_since: float | None = None
         self._repeats = 0
         self._began: float | None = None
         self._answers: deque[tuple[float, float]] = deque(maxlen=REMEMBERED)
@@ -67,7 +68,7 @@ class Timesync:
             return max(min(after) - before, 0.0)
         if not self._answers or now - max(since, self._answers[-1][0]) > PATIENCE:
             return 0.0
-        if self._asked and self._asked[-1][1] < since:
+        if max(self._asked.values(), default=since) < since:
             self._next = now
         return float("inf")
 
@@ -83,26 +84,25 @@ class Timesync:
         self._repeats += overdue
         self._began = now if self._began is None else self._began
         self._next = now + (LATER_EVERY if len(self.trips) == KEPT else EVERY)
-        stamp = max(int(now * 1e9), 0) + 1
-        self._asked.append((stamp, now))
-        self._waiting_since = now
-        return [dialect.MAVLink_timesync_message(0, stamp)]
+        self._newest = max(int(now * 1e9), 0) + 1
+        self._asked[self._newest] = now
+        if len(self._asked) > OUTSTANDING:
+            del self._asked[next(iter(self._asked))]
+        return [dialect.MAVLink_timesync_message(0, self._newest)]
 
     def heard(self, stamp: int, now: float) -> None:
         """An answer that mirrors a stamp; one to somebody else's question is nothing."""
-        at = dict(self._asked).get(stamp)
+        at = self._asked.pop(stamp, None)
         if at is None:
             return
-        self._asked.remove((stamp, at))
         self._repeats = 0
-        if at == self._waiting_since:
-            self._waiting_since = None
         if now - at <= PATIENCE:
             self.trips.append(now - at)
             self._answers.append((now, now - at))
 
     def _overdue(self, now: float) -> bool:
         """Whether the newest question should have been answered by now."""
-        if self._waiting_since is None or not self.trips or self._repeats >= MOST_REPEATS:
+        asked = self._asked.get(self._newest)
+        if asked is None or not self.trips or self._repeats >= MOST_REPEATS:
             return False
-        return now - self._waiting_since > max(max(self.trips), AGAIN)
+        return now - asked > max(*self.trips, AGAIN)

@@ -26,6 +26,11 @@ NOT_FLYING = (
     dialect.MAV_LANDED_STATE_LANDING,
 )
 """EXTENDED_SYS_STATE.landed_state in which an aircraft is not to be steered."""
+READ = (
+    *("HEARTBEAT", "CURRENT_MODE", "SYS_STATUS", "EXTENDED_SYS_STATE", "SYSTEM_TIME", "ATTITUDE"),
+    *("ATTITUDE_QUATERNION", "STATUSTEXT", "AUTOPILOT_VERSION"),
+)
+"""Types of the messages that are read here."""
 
 
 class VehicleState:
@@ -88,12 +93,30 @@ class VehicleState:
         self.mode, self.armed = None, False
 
     def receive(self, message: Message, now: float) -> None:
+        kind = message.get_type()
         self._late = self._overtaken(message.get_seq())
-        if message.get_type() == "HEARTBEAT":
+        if kind == "HEARTBEAT":
             self._late = self._is_late_heartbeat(message.get_seq(), now)
-        handle = _HANDLERS.get(message.get_type())
-        if handle is not None:
-            handle(self, message, now)
+            self._tells_mode(message.custom_mode, bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED), now)
+            self.heartbeats += not self._late
+        elif kind == "CURRENT_MODE" and message.custom_mode:
+            # proves the mode and the link as a heartbeat does: PX4 sends those once a second only, and some are lost
+            self._tells_mode(message.custom_mode, self.armed, now)
+        elif kind in ("SYSTEM_TIME", "ATTITUDE", "ATTITUDE_QUATERNION"):
+            self._tells_boot_time(message.time_boot_ms / 1000, now)
+        elif kind == "SYS_STATUS":
+            self.battery = float(message.battery_remaining) if message.battery_remaining >= 0 else None
+        elif kind == "EXTENDED_SYS_STATE":
+            unknown = message.landed_state == dialect.MAV_LANDED_STATE_UNDEFINED
+            self.on_ground = None if unknown else message.landed_state in NOT_FLYING
+        elif kind == "STATUSTEXT":
+            text, before = self._text_reader.read(message)
+            if before is not None and self.texts:
+                self.texts.pop()
+            self.texts.append(text)
+        elif kind == "AUTOPILOT_VERSION":
+            version = message.flight_sw_version
+            self.firmware = f"{version >> 24}.{version >> 16 & 255}.{version >> 8 & 255}"
 
     def _overtaken(self, sequence: int) -> bool:
         """Whether a frame of the vehicle was sent before one that is here already."""
@@ -114,16 +137,6 @@ class VehicleState:
             return before is None or not 0 < (sequence - before[0]) % 256 < 128
         return self._late
 
-    def _on_heartbeat(self, message: Message, now: float) -> None:
-        armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
-        self._tells_mode(message.custom_mode, armed, now)
-        self.heartbeats += not self._late
-
-    def _on_current_mode(self, message: Message, now: float) -> None:
-        """Proves the mode and the link as a heartbeat does: PX4 sends those once a second only, and some are lost."""
-        if message.custom_mode:
-            self._tells_mode(message.custom_mode, self.armed, now)
-
     def _tells_mode(self, mode: int, armed: bool, now: float) -> None:
         """The vehicle's mode, and whether that takes it out of our hands. What was overtaken may take it, and never
         gives it: the operator may have it by now."""
@@ -136,55 +149,19 @@ class VehicleState:
             self.departures += 1
             self.left_for = None if mode == self._adapter.guided_mode else self.mode_name
 
-    def _on_battery(self, message: Message, now: float) -> None:
-        self.battery = float(message.battery_remaining) if message.battery_remaining >= 0 else None
-
-    def _on_landed(self, message: Message, now: float) -> None:
-        unknown = message.landed_state == dialect.MAV_LANDED_STATE_UNDEFINED
-        self.on_ground = None if unknown else message.landed_state in NOT_FLYING
-
-    def _on_boot_time(self, message: Message, now: float) -> None:
-        """A boot time that steps back is a reboot; the counter's own wrap after 49.7 days is not."""
-        boot = self._boot.unwrapped(message.time_boot_ms / 1000)
-        step = 0.0 if self._boot.newest is None else boot - self._boot.newest
+    def _tells_boot_time(self, stamp: float, now: float) -> None:
+        """A boot time that steps back is a reboot; the counter's own wrap after 49.7 days is not. After a silence one
+        that has gone on by more than ours is another vehicle's."""
+        boot, newest = self._boot.unwrapped(stamp), self._boot.newest
+        step = 0.0 if newest is None else boot - newest
         if step < -REBOOT_STEP:
             if not self._boot.set_anew(boot, now):
                 return
             self.reboots += 1
         else:
-            self.reboots += self.unproven and self._is_ahead(step, now)
+            if self.unproven and newest is not None and self.clock_speed.noticed is None:
+                silence = now - self._boot.newest_at
+                self.reboots += step - silence > AHEAD + AHEAD_SHARE * silence
             self.clock_speed.heard(boot, now)
         self._boot.take(boot, now)
         self.unproven = False
-
-    def _is_ahead(self, step: float, now: float) -> bool:
-        """Whether the vehicle's time has gone on (s) by more than ours: then it is another vehicle's."""
-        if self._boot.newest is None or self.clock_speed.noticed is not None:
-            return False
-        silence = now - self._boot.newest_at
-        return step - silence > AHEAD + AHEAD_SHARE * silence
-
-    def _on_text(self, message: Message, now: float) -> None:
-        text, before = self._text_reader.read(message)
-        if before is not None and self.texts:
-            self.texts.pop()
-        self.texts.append(text)
-
-    def _on_version(self, message: Message, now: float) -> None:
-        version = message.flight_sw_version
-        self.firmware = f"{version >> 24}.{version >> 16 & 255}.{version >> 8 & 255}"
-
-
-_HANDLERS = {
-    "HEARTBEAT": VehicleState._on_heartbeat,
-    "CURRENT_MODE": VehicleState._on_current_mode,
-    "SYS_STATUS": VehicleState._on_battery,
-    "EXTENDED_SYS_STATE": VehicleState._on_landed,
-    "SYSTEM_TIME": VehicleState._on_boot_time,
-    "ATTITUDE": VehicleState._on_boot_time,
-    "ATTITUDE_QUATERNION": VehicleState._on_boot_time,
-    "STATUSTEXT": VehicleState._on_text,
-    "AUTOPILOT_VERSION": VehicleState._on_version,
-}
-TELLING = tuple(_HANDLERS)
-"""Types of the messages that are read here."""

@@ -10,8 +10,8 @@ from circnav_mav.guidance.step import compensate_turn_gain, holding
 from circnav_mav.guidance.turn_gain import TurnGain, TurnGainSettings, learn
 from circnav_mav.guidance.turn_response import PendingTurn, Response, ResponseLearner
 from circnav_mav.guidance.types import SAME_TIME, Orbit, OwnMotion, RangeEstimate, TurnCommand, TurnRate
+from circnav_mav.mav.autopilots.interface import Addressee
 from circnav_mav.mav.autopilots.table import allowed
-from circnav_mav.mav.autopilots.targets import Addressee
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.frames import YawRate, yaw_rate_from_turn_rate
 from circnav_mav.mav.session import Session

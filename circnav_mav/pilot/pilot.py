@@ -18,7 +18,7 @@ from circnav_mav.mav.clocks import nobody_tells
 from circnav_mav.mav.codec import LinkCounts, Message
 from circnav_mav.mav.frames import YawRate
 from circnav_mav.mav.height import HEARD
-from circnav_mav.mav.identity import RADIO_NAME, Allowance, describe_sender
+from circnav_mav.mav.identity import RADIO_NAME, Allowance
 from circnav_mav.mav.session import LOST_AFTER
 from circnav_mav.mav.setpoint_guard import UnsafeSetpointError
 from circnav_mav.mav.signing import Signing
@@ -97,7 +97,7 @@ class Pilot:
         peer, radio = self.session.peer, self.tracker.ranging.trusted
         unknown = peer is None if link == VEHICLE else radio is None
         trusted = link == VEHICLE and peer is not None and source == peer.source
-        trusted |= link == self._connection.ranging_link and radio is not None and source == radio[2]
+        trusted |= link == self._connection.ranging_link and radio is not None and source == radio.source
         return unknown or trusted or self.allowance.take(size, now)
 
     def _take_range(self, message: Message, now: float, source: Hashable) -> None:
@@ -427,10 +427,10 @@ class Pilot:
         peer, radio = self.session.peer, self.tracker.ranging.trusted
         if peer is None:
             return ""
-        ranges = "" if radio is None else f", ranges of {radio[0]}/{radio[1]}"
-        if radio is not None and radio[2] != peer.source:
-            ranges = f", ranges of {describe_sender(radio)}"
-        return f"{describe_sender(peer.sender)}{ranges}"
+        ranges = "" if radio is None else f", ranges of {radio.system}/{radio.component}"
+        if radio is not None and radio.source != peer.source:
+            ranges = f", ranges of {radio}"
+        return f"{peer}{ranges}"
 
     def waits_for(self, now: float) -> str:
         """What the vehicle is not steered for now, for people; empty where nothing is missing."""

@@ -10,8 +10,7 @@ from circnav_mav.mav.clocks import Slower
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.height import Height
 from circnav_mav.mav.ranging.interface import Reject
-from circnav_mav.mav.ranging.range_rate import RangeRateReader
-from circnav_mav.mav.ranging.reader import RangeReader
+from circnav_mav.mav.ranging.reader import RangeRateReader, RangeReader
 from circnav_mav.pilot.mission_state import Say
 from circnav_mav.pilot.settings import PilotSettings
 

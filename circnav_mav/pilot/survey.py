@@ -19,8 +19,7 @@ from circnav_mav.mav.height import Height
 from circnav_mav.mav.identity import RADIO_NAME, describe_vehicle
 from circnav_mav.mav.own_motion import Motion
 from circnav_mav.mav.params import ParameterReader
-from circnav_mav.mav.ranging.range_rate import RangeRateReader
-from circnav_mav.mav.ranging.reader import RangeReader
+from circnav_mav.mav.ranging.reader import RangeRateReader, RangeReader
 from circnav_mav.mav.signing import Signing
 from circnav_mav.mav.statustext import TextReader, plain_text
 from circnav_mav.pilot.connection import Connection

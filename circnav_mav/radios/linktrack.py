@@ -39,10 +39,7 @@ class LinkTrack:
     def receive(self, data: bytes, now: float) -> list[RadioReading]:
         """The readings of the frames that these bytes complete."""
         buffer, at, readings = self._rest + data, 0, []
-        while at < len(buffer):
-            size = _frame_size(buffer, at)
-            if size is None:
-                break
+        while at < len(buffer) and (size := _frame_size(buffer, at)) is not None:
             frame = buffer[at : at + size]
             if size and sum(frame[:-1]) % 256 == frame[-1]:
                 readings += _read(frame)

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from circnav_mav.guidance.types import Direction, TurnRate
-from circnav_mav.mav.autopilots.interface import Autopilot, VehicleFacts
+from circnav_mav.mav.autopilots.interface import Addressee, VehicleFacts
 from circnav_mav.mav.autopilots.table import AUTOPILOTS
-from circnav_mav.mav.autopilots.targets import Addressee
 from circnav_mav.mav.codec import Encoder
 from circnav_mav.mav.frames import yaw_rate_from_turn_rate
 from circnav_mav.mav.own_motion import Motion
@@ -128,27 +127,23 @@ def test_planes_are_commanded_the_bank_of_the_coordinated_turn(side: str) -> Non
 
 
 def test_hold_is_standing_still_or_wings_level() -> None:
+    """Our clock in it wraps like a boot time."""
     assert sent(("ardupilot", "copter"), None) == velocity_frame(0x407, forward=0.0, down=0.0, yaw_rate=0.0)
     assert sent(("ardupilot", "rover"), None) == velocity_frame(0x5C7, forward=0.0, down=0.0, yaw_rate=0.0)
     assert sent(("px4", "copter"), None) == velocity_frame(0x407, forward=0.0, down=0.5, yaw_rate=0.0)
     assert sent(("ardupilot", "plane"), None) == attitude_frame(0xC6, roll=0.0)
     assert sent(("px4", "plane"), None) == stick_frame(0)
     assert_alike(sent(("px4", "plane attitude"), None), attitude_frame(0x07, roll=0.0, pitch=-0.04, thrust=0.63))
+    for key in (("ardupilot", "copter"), ("ardupilot", "plane")):
+        assert AUTOPILOTS[key](FACTS).safe_setpoint(STATE, now=2**32 / 1000 + 1.0).time_boot_ms == 1000
 
 
-def test_our_clock_in_a_setpoint_wraps_like_a_boot_time() -> None:
-    copter = AUTOPILOTS["ardupilot", "copter"](FACTS)
-    assert copter.safe_setpoint(STATE, now=2**32 / 1000 + 1.0).time_boot_ms == 1000
-
-
-@pytest.mark.parametrize(
-    ("key", "numbers"), [(("ardupilot", "copter"), (4,)), (("ardupilot", "plane"), (15,)), (("px4", "plane"), (2, 0))]
-)
-def test_the_guided_mode_is_asked_for_by_its_numbers(key: tuple[str, str], numbers: tuple[int, ...]) -> None:
+def test_the_guided_mode_is_asked_for_by_its_numbers() -> None:
     """DO_SET_MODE (176): p1 = 1, custom mode enabled; then ArduPilot's mode, or PX4's main and sub mode."""
-    vehicle = AUTOPILOTS[key](FACTS)
-    command = vehicle.request_mode(vehicle.guided_mode)
-    assert (command.number, command.params) == (176, (1, *numbers))
+    for key, numbers in ((("ardupilot", "copter"), (4,)), (("ardupilot", "plane"), (15,)), (("px4", "plane"), (2, 0))):
+        vehicle = AUTOPILOTS[key](FACTS)
+        command = vehicle.request_mode(vehicle.guided_mode)
+        assert (command.number, command.params) == (176, (1, *numbers))
 
 
 @pytest.mark.parametrize(
@@ -192,15 +187,10 @@ def test_bank_and_stick_stay_within_the_mission_s_limit(key: tuple[str, str]) ->
         assert abs(struct.unpack_from("<h", hard, 12)[0]) == round(1000 * 0.7 / 0.8)
 
 
-PLANES = [("ardupilot", "plane"), ("px4", "plane"), ("px4", "plane attitude")]
-LIES = [None, 0.1, 1.0, 4.99, 16.01, 150.0, nan]
-"""Airspeeds that are none of a plane commanded to fly 10 m/s."""
-
-
-@pytest.mark.parametrize("airspeed", LIES)
-@pytest.mark.parametrize("key", PLANES)
+@pytest.mark.parametrize("airspeed", [None, 0.1, 1.0, 4.99, 16.01, 150.0, nan])
+@pytest.mark.parametrize("key", [("ardupilot", "plane"), ("px4", "plane"), ("px4", "plane attitude")])
 def test_an_airspeed_that_cannot_be_is_not_used(key: tuple[str, str], airspeed: float | None) -> None:
-    """The commanded one stands in, for the bank and for the thrust."""
+    """The plane is commanded to fly 10 m/s, which stands in for the bank and for the thrust."""
     assert sent(key, TURN, at_airspeed(airspeed)) == sent(key, TURN)
     assert sent(key, None, at_airspeed(airspeed)) == sent(key, None)
 
@@ -222,18 +212,18 @@ def test_thin_air_makes_the_bank_steeper() -> None:
     assert sent(("px4", "plane"), TURN, thin) == stick_frame(-round(1000 * bank / 0.8))
 
 
-def thrust_at(adapter: Autopilot, airspeed: float | None) -> float:
-    return float(adapter.safe_setpoint(at_airspeed(airspeed), AT).thrust)
-
-
 @pytest.mark.parametrize(("bound", "within", "again"), [(16.0, 15.6, 15.0), (5.0, 5.9, 6.0)])
 def test_an_airspeed_at_the_bound_of_what_can_be_does_not_make_the_thrust_step_each_time(
     bound: float, within: float, again: float
 ) -> None:
     """Once doubted, at 1.6 V or at .5 V, it is used again within 1.5 V or .6 V only."""
     adapter = AUTOPILOTS["px4", "plane attitude"](FACTS)
-    assert thrust_at(adapter, bound) != 0.63
+
+    def thrust(airspeed: float | None) -> float:
+        return float(adapter.safe_setpoint(at_airspeed(airspeed), AT).thrust)
+
+    believed = {V: pytest.approx(min(max(0.63 + 0.08 * (SPEED - V), 0.0), 1.0), abs=1e-6) for V in (bound, again)}
     outside = bound + (0.01 if bound > SPEED else -0.01)
-    assert [thrust_at(adapter, V) for V in (outside, bound, within, outside, None, within)] == [0.63] * 6
-    assert thrust_at(adapter, again) == pytest.approx(min(0.63 + 0.08 * (SPEED - again), 1.0), abs=1e-6)
-    assert thrust_at(adapter, bound) == pytest.approx(min(max(0.63 + 0.08 * (SPEED - bound), 0.0), 1.0), abs=1e-6)
+    assert thrust(bound) == believed[bound]
+    assert [thrust(V) for V in (outside, bound, within, outside, None, within)] == [0.63] * 6
+    assert [thrust(again), thrust(bound)] == [believed[again], believed[bound]]

@@ -1,55 +1,46 @@
-"""COMMAND_LONG: retries, acknowledgements, bounded time (MAVSDK: 0.5 s, three retries, 3 s in progress)."""
+"""COMMAND_LONG: retries, acknowledgements, bounded time (MAVSDK: 0.5 s, three retries, 3 s in progress). And telemetry
+rates: asked for, measured, asked for again."""
 
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.mav.commands import Command, CommandSender
+from circnav_mav.mav.commands import Command, CommandSender, StreamRequests
 
 US, TARGET = (1, 191), (1, 1)
-SET_MODE = Command(176, (1.0, 4.0))
+SET_MODE, SET_INTERVAL = 176, 511
+GUIDED = Command(SET_MODE, (1.0, 4.0))
 ACCEPTED, IN_PROGRESS = 0, 5
 
 
-def ack(number=176, result=ACCEPTED, target=(0, 0)):
+def ack(number=SET_MODE, result=ACCEPTED, target=(0, 0)):
     return mavlink.MAVLink_command_ack_message(number, result, 0, 0, *target)
 
 
 def poll_until(sender, end, start=0.0, step=0.05):
     """(time, message) of everything that is sent."""
-    sent = []
-    for i in range(round((end - start) / step) + 1):
-        now = round(start + i * step, 6)
-        sent += [(now, message) for message in sender.poll(TARGET, now)]
-    return sent
+    times = [round(start + i * step, 6) for i in range(round((end - start) / step) + 1)]
+    return [(now, message) for now in times for message in sender.poll(TARGET, now)]
 
 
 @pytest.fixture
 def sender():
-    return CommandSender()
-
-
-@pytest.fixture
-def asked(sender):
-    """SET_MODE went out at 0 s."""
-    sender.send(SET_MODE)
-    return sender.poll(TARGET, 0.0)
-
-
-def test_a_command_goes_out_with_its_parameters_and_zeros(asked):
-    (message,) = asked
-    assert (message.target_system, message.target_component, message.command) == (1, 1, 176)
-    assert [getattr(message, f"param{i}") for i in range(1, 8)] == [1, 4, 0, 0, 0, 0, 0]
-    assert message.confirmation == 0
+    """GUIDED is waiting to go out."""
+    sender = CommandSender()
+    sender.send(GUIDED)
+    return sender
 
 
 def test_an_unanswered_command_is_repeated_three_times_counting_and_then_given_up(sender):
-    sender.send(SET_MODE)
     sent = poll_until(sender, 1.95)
     assert sender.take_results() == []
     sent += poll_until(sender, 5.0, start=2.0)
     assert [(now, message.confirmation) for now, message in sent] == [(0.0, 0), (0.5, 1), (1.0, 2), (1.5, 3)]
+    for _, message in sent:
+        assert (message.target_system, message.target_component, message.command) == (1, 1, SET_MODE)
+        assert [getattr(message, f"param{i}") for i in range(1, 8)] == [1, 4, 0, 0, 0, 0, 0]
     (result,) = sender.take_results()
-    assert (result.command, result.result, result.accepted, result.said) == (SET_MODE, None, False, "no answer")
+    assert (result.command, result.result, result.accepted, result.said) == (GUIDED, None, False, "no answer")
+    assert not result.refused
     assert sender.take_results() == []
 
 
@@ -57,11 +48,12 @@ def test_an_unanswered_command_is_repeated_three_times_counting_and_then_given_u
     ("result", "said"),
     [(0, "accepted"), (1, "temporarily rejected"), (2, "denied"), (3, "unsupported"), (4, "failed"), (99, "result 99")],
 )
-def test_an_answer_ends_the_repeats_and_is_told_in_words(sender, asked, result, said):
+def test_an_answer_ends_the_repeats_and_is_told_in_words(sender, result, said):
+    sender.poll(TARGET, 0.0)
     sender.acknowledge(ack(result=result), US, 0.1)
     assert poll_until(sender, 3.0, start=0.25) == []
     (ended,) = sender.take_results()
-    assert (ended.accepted, ended.said) == (result == ACCEPTED, said)
+    assert (ended.accepted, ended.refused, ended.said) == (result == ACCEPTED, result != ACCEPTED, said)
 
 
 @pytest.mark.parametrize(
@@ -70,12 +62,14 @@ def test_an_answer_ends_the_repeats_and_is_told_in_words(sender, asked, result, 
     + [(ack(target=target), False) for target in ((255, 190), (1, 190), (2, 191), (255, 0))]
     + [(ack(number), False) for number in (400, 511)],
 )
-def test_only_an_answer_to_our_command_and_to_us_or_nobody_in_particular_counts(sender, asked, answer, ours):
+def test_only_an_answer_to_our_command_and_to_us_or_nobody_in_particular_counts(sender, answer, ours):
+    sender.poll(TARGET, 0.0)
     sender.acknowledge(answer, US, 0.1)
     assert (poll_until(sender, 0.6) == [], len(sender.take_results())) == (ours, ours)
 
 
-def test_in_progress_stops_the_repeats_for_three_seconds_and_three_times_at_most(sender, asked):
+def test_in_progress_stops_the_repeats_for_three_seconds_and_three_times_at_most(sender):
+    sender.poll(TARGET, 0.0)
     sender.acknowledge(ack(result=IN_PROGRESS), US, 0.2)
     assert poll_until(sender, 3.15, start=0.25) == sender.take_results() == []
     for now in (3.18, 6.1, 9.0):
@@ -85,27 +79,81 @@ def test_in_progress_stops_the_repeats_for_three_seconds_and_three_times_at_most
     assert sender.take_results()[0].said == "no answer"
 
 
-def test_one_command_of_a_number_is_under_way_at_a_time_and_those_of_others_do_not_wait(sender):
-    first, second = Command(511, (30, 100_000)), Command(511, (74, 100_000))
-    for command in (first, second, SET_MODE):
+def test_one_command_of_a_number_is_under_way_at_a_time_and_those_of_others_do_not_wait():
+    sender, first, second = CommandSender(), Command(SET_INTERVAL, (30, 1e5)), Command(SET_INTERVAL, (74, 1e5))
+    for command in (first, second, GUIDED):
         sender.send(command)
     assert [message.param1 for message in sender.poll(TARGET, 0.0)] == [30, 1]
-    sender.acknowledge(ack(511), US, 0.1)
+    sender.acknowledge(ack(SET_INTERVAL), US, 0.1)
     assert [message.param1 for message in sender.poll(TARGET, 0.1)] == [74]
-    sender.acknowledge(ack(511), US, 0.2)
+    sender.acknowledge(ack(SET_INTERVAL), US, 0.2)
     assert [result.command for result in sender.take_results()] == [first, second]
 
 
 def test_the_same_command_is_not_queued_twice(sender):
-    for _ in range(3):
-        sender.send(SET_MODE)
+    sender.send(GUIDED)
     sender.poll(TARGET, 0.0)
-    sender.send(SET_MODE)
+    sender.send(GUIDED)
     sender.acknowledge(ack(), US, 0.1)
     assert poll_until(sender, 3.0, start=0.1) == []
 
 
-def test_clearing_drops_what_waits_and_what_is_under_way(sender, asked):
-    sender.send(Command(176, (1.0, 5.0)))
+def test_dropping_a_number_drops_what_waits_and_what_is_under_way_and_clearing_drops_all(sender):
+    stream = Command(SET_INTERVAL, (30, 1e5))
+    for _ in range(2):
+        sender.send(stream)
+        sender.send(Command(SET_MODE, (1.0, 5.0)))
+        assert sender.drop(SET_MODE)
+        assert not sender.drop(SET_MODE)
+        assert [message.command for message in sender.poll(TARGET, 0.0)] in ([SET_INTERVAL], [])
+        sender.send(GUIDED)
+        sender.poll(TARGET, 0.0)
     sender.clear()
     assert poll_until(sender, 3.0) == []
+
+
+# --- streams ---
+
+ATTITUDE, TIME = 30, 2
+
+
+@pytest.fixture
+def streams():
+    return StreamRequests({ATTITUDE: 10.0, TIME: 1.0})
+
+
+def hear(streams, seconds, attitude=10.0):
+    for message_id, rate in ((ATTITUDE, attitude), (TIME, 1.0), (1000, 5.0)):
+        for _ in range(round(seconds * rate)):
+            streams.heard(message_id)
+
+
+def asked(commands):
+    assert all(command.number == SET_INTERVAL for command in commands)
+    return [command.params for command in commands]
+
+
+@pytest.mark.parametrize(("rate", "again"), [(4.9, True), (5.1, False), (0.0, True)])
+def test_streams_are_asked_for_in_microseconds_measured_and_below_half_their_rate_asked_for_again(streams, rate, again):
+    """Other clients reset rates: gh:ArduPilot/ardupilot#19761."""
+    assert asked(streams.poll(0.0)) == [(ATTITUDE, 100_000), (TIME, 1_000_000)]
+    assert streams.rates == {ATTITUDE: None, TIME: None}
+    hear(streams, 3.0)
+    assert streams.poll(2.9) == streams.poll(3.0) == []
+    assert streams.rates == pytest.approx({ATTITUDE: 10.0, TIME: 1.0})
+    hear(streams, 100, attitude=rate)
+    assert asked(streams.poll(103.0)) == ([(ATTITUDE, 100_000)] if again else [])
+    assert streams.rates[ATTITUDE] == pytest.approx(rate)
+    assert asked(streams.give_back()) == [(ATTITUDE, 0), (TIME, 0)], "an interval of zero is the vehicle's own"
+
+
+def test_a_denied_stream_is_not_asked_for_again_before_a_restart_after_which_all_begins_anew(streams):
+    streams.denied(streams.poll(0.0)[0])
+    assert streams.refused == ["ATTITUDE"]
+    for check in range(1, 5):
+        assert asked(streams.poll(3.0 * check)) == [(TIME, 1_000_000)]
+    hear(streams, 100.0)
+    streams.restart()
+    assert len(streams.poll(13.0)) == 2
+    assert streams.rates == {ATTITUDE: None, TIME: None}
+    assert len(streams.poll(16.0)) == 2, "what was heard before does not count"

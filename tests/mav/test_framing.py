@@ -34,9 +34,9 @@ def good_by_every_byte(buffer, frame):
 
 
 @st.composite
-def known(draw):
+def known(draw, longest=40):
     """A good frame: of any length, version and id, signed or not."""
-    ident, payload = draw(st.sampled_from(IDS)), draw(st.binary(max_size=40))
+    ident, payload = draw(st.sampled_from(IDS)), draw(st.binary(max_size=longest))
     if ident < 256 and draw(st.booleans()):
         frame = bytes((0xFE, len(payload), 1, 2, 3, ident)) + payload + bytes(2)
         return frame[:-2] + right_crc(frame)
@@ -75,6 +75,19 @@ def test_what_is_good_is_what_a_look_at_every_byte_says(buffer):
         frame = frame_at(buffer, at)
         if frame is not None:
             assert is_good(buffer, frame) == good_by_every_byte(buffer, frame), at
+
+
+@settings(max_examples=300)
+@given(frame=known(longest=255))
+def test_no_payload_with_a_right_crc_raises(frame):
+    """Fuzz with wrong CRCs and you hit nothing."""
+    decoder = Decoder()
+    messages = decoder.decode(frame)
+    assert decoder.counts.frames == 1
+    assert len(messages) + decoder.counts.bad == 1
+    for message in messages:
+        ident = frame[5] if frame[0] == 0xFE else int.from_bytes(frame[7:10], "little")
+        assert (message.get_msgId(), bool(str(message))) == (ident, True)
 
 
 def cost(data):

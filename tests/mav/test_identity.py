@@ -1,11 +1,10 @@
 """Attacks by strangers, of our ids or of others, and by the vehicle's own words that come late."""
 
-from dataclasses import replace
-
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.pilot.mission_state import Phase
+from tests.rig import Voice, heartbeat, scattering, timing
 
 GUIDED, LOITER = 4, 5
 PLANE_GUIDED = 15
@@ -27,36 +26,31 @@ def flying(rig):
 
 def outage(rig, seconds):
     """Our vehicle falls silent, and speaks again."""
-    rig.speaks = False
-    rig.run(seconds)
-    rig.speaks = True
+    rig.run(seconds, speaks=False).now_is(speaks=True)
 
 
-def test_nobody_else_is_told_to_change_his_streams_when_our_vehicle_is_gone(make_rig, say):
+def test_nobody_else_is_told_to_change_his_streams_when_our_vehicle_is_gone(make_rig):
     """System 0 is everybody behind the endpoint."""
-    rig = make_rig(timing=replace(say.mission.timing, outage=10.0)).engage()
-    rig.speaks = rig.ranges = False
-    rig.run(20.0)
+    rig = make_rig(timing=timing(outage=10.0)).engage().run(20.0, speaks=False, ranges=False)
     assert rig.pilot.done
     assert {message.target_system for message in rig.of("COMMAND_LONG")} == {1}
 
 
 @pytest.mark.parametrize("version", [1, 2])
-def test_a_stranger_heard_while_our_vehicle_is_silent_is_not_spoken_to(rig, voice, say, version):
+def test_a_stranger_heard_while_our_vehicle_is_silent_is_not_spoken_to(rig, version):
     outage(rig.engage(), 4.0)
     assert rig.pilot.phase is Phase.WAIT_LINK
-    rig.hear(say.heartbeat(GUIDED), voice=voice(2, 1, version=version), source="elsewhere")
+    rig.hear(heartbeat(GUIDED), voice=Voice(2, 1, version=version), source="elsewhere")
     rig.step()
     assert rig.pilot.reply_to == "vehicle"
 
 
-def test_a_vehicle_of_another_kind_that_comes_back_under_our_ids_is_not_ours(make_rig, say):
+def test_a_vehicle_of_another_kind_that_comes_back_under_our_ids_is_not_ours(make_rig):
     rig = make_rig(kind=None).engage()
-    rig.speaks = False
-    rig.run(4.0)
+    rig.run(4.0, speaks=False)
     since = rig.now
     for _ in range(40):
-        rig.hear(say.heartbeat(PLANE_GUIDED, kind=1), source="elsewhere")
+        rig.hear(heartbeat(PLANE_GUIDED, kind=1), source="elsewhere")
         rig.hear(mavlink.MAVLink_vfr_hud_message(15.0, 15.0, 0, 50, 100.0, 0.0), source="elsewhere")
         rig.run(0.2)
     assert rig.setpoints(since) + rig.of("SET_ATTITUDE_TARGET", since) == []
@@ -66,16 +60,15 @@ def test_a_vehicle_of_another_kind_that_comes_back_under_our_ids_is_not_ours(mak
 @pytest.mark.parametrize("seconds", [2.0, 5.0])
 @pytest.mark.parametrize("offset", [5000.0, 30.0, -30.0])
 def test_another_vehicle_that_has_the_ids_of_ours_by_default_is_not_steered_when_ours_falls_silent(
-    flying, voice, say, offset, seconds
+    flying, offset, seconds
 ):
     """Its heartbeats name GUIDED, too: only its time tells that it is another one."""
-    rig, twin = flying, voice(1, 1)
-    rig.speaks = False
-    rig.run(seconds)
+    rig, twin = flying, Voice(1, 1)
+    rig.run(seconds, speaks=False)
     since = rig.now
     for i in range(100):
         if i % 5 == 0:
-            rig.hear(say.heartbeat(GUIDED), voice=twin, source="elsewhere")
+            rig.hear(heartbeat(GUIDED), voice=twin, source="elsewhere")
         if i % 20 == 15:
             rig.hear(boot_time(1000.0 + rig.now + offset), voice=twin, source="elsewhere")
         rig.run(0.05)
@@ -88,8 +81,7 @@ def test_another_vehicle_that_has_the_ids_of_ours_by_default_is_not_steered_when
 def test_our_own_vehicle_goes_on_being_ours_after_a_silence_as_soon_as_its_time_is_heard(flying, source, seconds):
     rig = flying
     outage(rig, seconds)
-    rig.source = source
-    rig.run(1.0)
+    rig.run(1.0, source=source)
     since = rig.now
     rig.hear(boot_time(1000.0 + rig.now - 0.3))
     rig.run(1.0)
@@ -101,16 +93,14 @@ def test_a_pause_in_its_heartbeats_alone_does_not_make_our_vehicle_doubtful(flyi
     """From the same address, all else goes on: a lossy link."""
     outage(flying, 2.0)
     since = flying.now
-    flying.run(1.0)
-    assert len(flying.setpoints(since)) >= 15
+    assert len(flying.run(1.0).setpoints(since)) >= 15
 
 
-def test_a_vehicle_that_has_moved_and_never_tells_its_time_is_waited_for_as_for_a_lost_one(make_rig, say):
-    rig = make_rig(timing=replace(say.mission.timing, outage=20.0)).engage()
+def test_a_vehicle_that_has_moved_and_never_tells_its_time_is_waited_for_as_for_a_lost_one(make_rig):
+    rig = make_rig(timing=timing(outage=20.0)).engage()
     rig.hear(boot_time(1000.0 + rig.now))
     outage(rig, 2.0)
-    rig.source = "elsewhere"
-    rig.run(0.25)
+    rig.run(0.25, source="elsewhere")
     since = rig.now
     rig.run(1.0)
     assert rig.pilot.phase is Phase.WAIT_LINK
@@ -127,8 +117,7 @@ def test_last_words_that_could_not_be_said_are_told_of(make_rig):
     outage(rig, 2.0)
     rig.pilot.interrupt(rig.now, "SIGTERM")
     rig.step()
-    rig.source = "elsewhere"
-    rig.run(1.0)
+    rig.run(1.0, source="elsewhere")
     assert rig.pilot.last_words(rig.now) == b"", "not after an error of ours either"
     rig.run(13.0)
     assert rig.pilot.phase is Phase.ENDED
@@ -145,17 +134,13 @@ def test_a_simulator_that_hurries_is_no_other_vehicle_after_a_silence(rig):
         outage(rig, 20.0)
 
 
-def test_the_ranges_of_another_autopilot_are_given_up_when_its_heartbeat_tells_what_it_is(make_rig, voice, say):
+def test_the_ranges_of_another_autopilot_are_given_up_when_its_heartbeat_tells_what_it_is(make_rig):
     """They were heard, and flown on, before the first of its heartbeats got through."""
-    rig, other = make_rig(), voice(2, 1)
-    rig.ranges = False
-    for i in range(140):
-        if i % 2:
-            rig.hear(say.distance(4000, 1_000_000 + round(rig.now * 1000)), voice=other)
-        if i == 80:
-            assert rig.pilot.phase is Phase.ENGAGED
-            rig.hear(say.heartbeat(GUIDED), voice=other)
-        rig.run(0.05)
+    rig, other = make_rig(), Voice(2, 1)
+    rig.run(4.0, lambda: rig.range(4000, voice=other), ranges=False)
+    assert rig.pilot.phase is Phase.ENGAGED
+    rig.hear(heartbeat(GUIDED), voice=other)
+    rig.run(3.0, lambda: rig.range(4000, voice=other))
     assert rig.pilot.phase is Phase.HOLDING
     assert rig.pilot.tracker.newest.time < 5.0
 
@@ -163,10 +148,9 @@ def test_the_ranges_of_another_autopilot_are_given_up_when_its_heartbeat_tells_w
 # --- words that come late ---
 
 
-def test_a_heartbeat_that_was_overtaken_does_not_begin_a_flight(rig, say):
-    rig.mode = LOITER
-    rig.run(4.0)
-    late = rig.vehicle.say(say.heartbeat(GUIDED))
+def test_a_heartbeat_that_was_overtaken_does_not_begin_a_flight(rig):
+    rig.run(4.0, mode=LOITER)
+    late = rig.vehicle.say(heartbeat(GUIDED))
     rig.run(0.5)
     for _ in range(3):
         rig.pilot.receive(late, rig.now, rig.source)
@@ -174,9 +158,9 @@ def test_a_heartbeat_that_was_overtaken_does_not_begin_a_flight(rig, say):
     assert rig.setpoints() == []
 
 
-def test_a_heartbeat_that_was_overtaken_proves_nothing_after_a_stall(rig, say):
+def test_a_heartbeat_that_was_overtaken_proves_nothing_after_a_stall(rig):
     rig.engage()
-    late = rig.vehicle.say(say.heartbeat(GUIDED))
+    late = rig.vehicle.say(heartbeat(GUIDED))
     rig.range()
     rig.speaks = False
     rig.pass_time(0.6)
@@ -187,31 +171,30 @@ def test_a_heartbeat_that_was_overtaken_proves_nothing_after_a_stall(rig, say):
     assert rig.setpoints(since) == []
 
 
-def test_a_heartbeat_that_was_overtaken_takes_the_vehicle_and_does_not_give_it_back(make_rig, say):
+def test_a_heartbeat_that_was_overtaken_takes_the_vehicle_and_does_not_give_it_back(make_rig):
     rig = make_rig(end_on_takeover=False).engage()
-    guided, loiter = (rig.vehicle.say(say.heartbeat(mode)) for mode in (GUIDED, LOITER))
+    guided, loiter = (rig.vehicle.say(heartbeat(mode)) for mode in (GUIDED, LOITER))
     rig.run(0.5)
     since = rig.now
     rig.pilot.receive(loiter, rig.now, rig.source)
-    rig.mode = LOITER
-    rig.run(0.5)
+    rig.run(0.5, mode=LOITER)
     assert rig.pilot.phase is Phase.YIELDED
     rig.pilot.receive(guided, rig.now, rig.source)
     rig.run(2.0)
     assert rig.setpoints(since) == []
 
 
-def test_a_vehicle_whose_heartbeats_have_a_counter_of_their_own_is_believed(rig, voice):
+def test_a_vehicle_whose_heartbeats_have_a_counter_of_their_own_is_believed(rig):
     """Home-made ones: pymavlink's `pack` does not advance the sequence, so that all else comes with 0."""
     attitude = mavlink.MAVLink_attitude_message(0, 0, 0, 0, 0, 0, 0)
     rig.engage()
     for _ in range(160):
         rig.hear(attitude)
-    rig.hear(attitude, voice=voice(1, 1))
+    rig.hear(attitude, voice=Voice(1, 1))
     rig.pass_time(0.6)
     since, heard = rig.now, rig.pilot.session.vehicle.heartbeats
     for _ in range(40):
-        rig.hear(attitude, voice=voice(1, 1))
+        rig.hear(attitude, voice=Voice(1, 1))
         rig.run(0.05)
     assert rig.pilot.session.vehicle.heartbeats > heard
     assert rig.setpoints(since)
@@ -221,8 +204,8 @@ def test_a_vehicle_whose_heartbeats_have_a_counter_of_their_own_is_believed(rig,
 
 
 @pytest.mark.parametrize(("apart", "ends"), [(0.05, True), (1.0, True), (3.0, True), (3.6, False), (60.0, False)])
-def test_another_companion_ends_the_flight_and_a_stray_frame_now_and_then_does_not(make_rig, voice, say, apart, ends):
-    rig, twin = make_rig().engage(), voice(1, 191)
+def test_another_companion_ends_the_flight_and_a_stray_frame_now_and_then_does_not(make_rig, apart, ends):
+    rig, twin = make_rig().engage(), Voice(1, 191)
     for _ in range(4):
         assert rig.pilot.outcome is None
         rig.hear(mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 3, 3), voice=twin)
@@ -232,9 +215,9 @@ def test_another_companion_ends_the_flight_and_a_stray_frame_now_and_then_does_n
         assert "another companion sends as 1/191" in rig.pilot.outcome.reason
 
 
-def test_frames_in_our_name_that_the_vehicle_did_not_forward_end_nothing_and_are_told_of(make_rig, voice):
+def test_frames_in_our_name_that_the_vehicle_did_not_forward_end_nothing_and_are_told_of(make_rig):
     """Anybody on the network can send them."""
-    rig, twin = make_rig().engage(), voice(1, 191)
+    rig, twin = make_rig().engage(), Voice(1, 191)
     for _ in range(20):
         rig.hear(mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 3, 3), voice=twin, source=("10.9.9.9", 6666))
         rig.run(0.1)
@@ -246,19 +229,22 @@ def test_frames_in_our_name_that_the_vehicle_did_not_forward_end_nothing_and_are
     assert rig.pilot.session.identity.rivals.recent(rig.now) == []
 
 
-@pytest.mark.parametrize("kind", ["HEARTBEAT", "COMMAND_ACK", "TIMESYNC", "PARAM_VALUE", "ATTITUDE"])
-def test_what_is_said_in_the_vehicles_name_from_elsewhere_counts_for_nothing(rig, say, kind):
-    messages = {
-        "HEARTBEAT": say.heartbeat(LOITER),
-        "COMMAND_ACK": mavlink.MAVLink_command_ack_message(511, 2),
-        "TIMESYNC": mavlink.MAVLink_timesync_message(1, 1),
-        "PARAM_VALUE": mavlink.MAVLink_param_value_message(b"X", 1.0, 9, 1, 0),
-        "ATTITUDE": mavlink.MAVLink_attitude_message(1, 0, 0, 0, 0, 0, 0),
-    }
+@pytest.mark.parametrize(
+    "message",
+    [
+        heartbeat(LOITER),
+        mavlink.MAVLink_command_ack_message(511, 2),
+        mavlink.MAVLink_timesync_message(1, 1),
+        mavlink.MAVLink_param_value_message(b"X", 1.0, 9, 1, 0),
+        mavlink.MAVLink_attitude_message(1, 0, 0, 0, 0, 0, 0),
+    ],
+    ids=lambda message: message.get_type(),
+)
+def test_what_is_said_in_the_vehicles_name_from_elsewhere_counts_for_nothing(rig, message):
     session = rig.engage().pilot.session
-    message = rig.vehicle.message(messages[kind])
+    message = rig.vehicle.message(message)
     assert session.receive(message, rig.now, "elsewhere") is False
-    assert session.identity.rivals.counts == {"the vehicle": 1}
+    assert session.identity.rivals.recent(rig.now)[0].startswith("the vehicle has a second sender: 1/1 at elsewhere is")
     assert session.receive(message, rig.now, "vehicle") is True
 
 
@@ -276,15 +262,11 @@ def test_of_strangers_so_much_is_read_as_leaves_time_for_the_vehicle(rig):
     assert rig.pilot.counts().bytes - before == 1000
 
 
-def test_a_radio_of_its_own_address_is_not_followed_to_another_in_flight(rig, voice, say):
+def test_a_radio_of_its_own_address_is_not_followed_to_another_in_flight(rig):
     """That of the vehicle is, as the vehicle may move."""
-    radio, at = voice(1, 192), ("10.0.0.7", 7)
-    rig.ranges = False
-    for i in range(200):
-        if i % 2:
-            rig.hear(say.distance(15000, 1_000_000 + round(rig.now * 1000)), voice=radio, source=at)
-        at = at if i < 120 else ("10.0.0.7", 8)
-        rig.run(0.05)
+    radio, at = Voice(1, 192), ("10.0.0.7", 7)
+    rig.run(6.0, lambda: rig.range(voice=radio, source=at), ranges=False)
+    rig.run(4.0, lambda: rig.range(voice=radio, source=("10.0.0.7", 8)))
     assert rig.pilot.tracker.newest.time < 6.1
     assert rig.pilot.believed == "1/1 at vehicle, ranges of 1/192 at 10.0.0.7:7"
     before = rig.pilot.counts().bytes
@@ -293,24 +275,22 @@ def test_a_radio_of_its_own_address_is_not_followed_to_another_in_flight(rig, vo
     assert rig.pilot.counts().bytes - before == 500_000, "nor is it a stranger, whose bytes are counted"
 
 
-def test_a_second_sender_is_told_of_once_and_only_if_his_ranges_fit_the_mission(rig, voice, say):
+def test_a_second_sender_is_told_of_once_and_only_if_his_ranges_fit_the_mission(rig):
     """From another address: beside ours, on our own link, other sensors are common."""
     rig.engage()
     told = ["circnav: the ranging radio: second sender rejected"]
-    for orientation, source, texts in (
-        (24, "vehicle", []), (0, "elsewhere", []), (24, "elsewhere", told)
-    ):  # fmt: skip
-        other = voice(1, 193)
+    for orientation, source, texts in ((24, "vehicle", []), (0, "elsewhere", []), (24, "elsewhere", told)):
+        other = Voice(1, 193)
         for _ in range(60):
-            message = say.distance(15000, 1_000_000 + round(rig.now * 1000), orientation=orientation)
+            message = scattering(15000, 1_000_000 + round(rig.now * 1000), orientation=orientation)
             rig.hear(message, voice=other, source=source)
             rig.run(0.1)
         assert [text for text in rig.texts() if "ranging radio" in text] == texts
 
 
-def test_where_two_speak_as_the_vehicle_neither_is_engaged_until_one_is_silent(rig, say):
+def test_where_two_speak_as_the_vehicle_neither_is_engaged_until_one_is_silent(rig):
     for _ in range(40):
-        rig.hear(say.heartbeat(GUIDED), source="elsewhere")
+        rig.hear(heartbeat(GUIDED), source="elsewhere")
         rig.run(0.1)
     assert rig.pilot.phase is Phase.READY
     assert "the vehicle has a second sender: 1/1 at vehicle is rejected" in rig.pilot.waits_for(rig.now)

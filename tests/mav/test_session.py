@@ -3,6 +3,8 @@
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
+from tests.rig import Voice, heartbeat
+
 GCS, COMPANION = 6, 18
 INVALID = 8
 SET_INTERVAL, REQUEST_MESSAGE = 511, 512
@@ -11,23 +13,31 @@ SET_INTERVAL, REQUEST_MESSAGE = 511, 512
 class Line:
     """A session and the voices on its line."""
 
-    def __init__(self, session, voice, say):
-        self.session, self.voice, self.say = session, voice, say
-        self.vehicle = voice(1, 1)
+    def __init__(self, session):
+        self.session, self.vehicle = session, Voice(1, 1)
 
     def hear(self, message, now=0.0, voice=None, source="vehicle"):
         self.session.receive((voice or self.vehicle).message(message), now, source)
 
     def beat(self, now=0.0, voice=None, source="vehicle", **fields):
-        self.hear(self.say.heartbeat(**fields), now, voice, source)
+        self.hear(heartbeat(**fields), now, voice, source)
 
     def poll(self, now, kind=None):
         return [message for message in self.session.poll(now) if kind in (None, message.get_type())]
 
+    def answer_all(self, now, result=0):
+        """Poll and acknowledge until nothing is under way; the commands that were sent."""
+        sent = []
+        while commands := self.poll(now, "COMMAND_LONG"):
+            sent += commands
+            for command in commands:
+                self.hear(mavlink.MAVLink_command_ack_message(command.command, result), now)
+        return sent
+
 
 @pytest.fixture
-def line(make_session, voice, say):
-    return lambda **settings: Line(make_session(**settings), voice, say)
+def line(make_session):
+    return lambda **settings: Line(make_session(**settings))
 
 
 @pytest.fixture
@@ -41,9 +51,9 @@ def here(line):
 # --- whom we fly ---
 
 
-def test_the_first_vehicle_that_fits_is_pinned_under_its_system_id_and_answered_where_it_spoke(line, voice):
+def test_the_first_vehicle_that_fits_is_pinned_under_its_system_id_and_answered_where_it_spoke(line):
     here = line()
-    here.beat(now=1.0, voice=voice(42, 1), source=("10.0.0.1", 14550))
+    here.beat(now=1.0, voice=Voice(42, 1), source=("10.0.0.1", 14550))
     session = here.session
     assert session.up
     assert session.peer.ids == session.vehicle_ids == (42, 1)
@@ -52,26 +62,35 @@ def test_the_first_vehicle_that_fits_is_pinned_under_its_system_id_and_answered_
     assert session.heartbeat_age(2.5) == 1.5
 
 
-def test_a_second_vehicle_is_ignored_and_counted(line, voice):
-    here = line()
+def test_a_second_vehicle_and_strangers_of_its_ids_are_counted_and_move_nothing(line):
+    here, other, camera = line(), Voice(2, 1), Voice(1, 154)
     here.beat(now=0.0, mode=5)
-    other = voice(2, 1)
     for i in range(5):
         here.beat(now=0.1 * i, voice=other, mode=4, source="elsewhere")
     here.beat(now=0.6, mode=4, source="elsewhere")  # of the same ids on another address
-    assert here.session.peer.ids == (1, 1)
-    assert here.session.vehicle.mode == 5
-    assert here.session.ignored["other_vehicle"] == 6
+    here.hear(mavlink.MAVLink_statustext_message(6, b"not the autopilot"), voice=camera)
+    here.hear(mavlink.MAVLink_statustext_message(6, b"forged"), source="elsewhere")
+    for ms in (10_000_000, 1_000, 1_100):
+        here.hear(mavlink.MAVLink_system_time_message(0, ms), voice=camera)
+    session = here.session
+    assert (session.peer.ids, session.vehicle.mode, session.vehicle.reboots) == ((1, 1), 5, 0)
+    assert session.ignored["other_vehicle"] == 6
+    assert list(session.texts) == []
 
 
-def test_our_vehicle_may_come_back_from_another_address_once_it_was_silent(line):
+def test_our_vehicle_may_come_back_from_another_address_once_it_was_silent_and_no_other_vehicle_may(line):
     here = line()
     here.beat(now=0.0, source="port 1")
     here.beat(now=1.4, source="port 2")
     assert here.session.reply_to == "port 1"
     here.beat(now=1.6, source="port 2", mode=5)
-    assert here.session.reply_to == "port 2"
-    assert here.session.vehicle.mode == 5
+    assert (here.session.reply_to, here.session.vehicle.mode) == ("port 2", 5)
+    here.session.lose()
+    here.beat(now=2.0, voice=Voice(2, 1))
+    assert not here.session.up
+    assert "not the vehicle heard first, system 1" in here.session.misfits[2, 1]
+    here.beat(now=2.1, source="elsewhere")
+    assert here.session.up
 
 
 @pytest.mark.parametrize(
@@ -82,38 +101,42 @@ def test_our_vehicle_may_come_back_from_another_address_once_it_was_silent(line)
         ({"kind": GCS, "autopilot": 3}, False),  # a ground station that claims an autopilot
     ],
 )
-def test_heartbeats_that_are_no_vehicles_pin_nothing_and_move_nothing(line, voice, fields, movable):
+def test_heartbeats_that_are_no_vehicles_pin_nothing_and_move_nothing(line, fields, movable):
     here = line()
-    here.beat(voice=voice(255, 190), **fields)
+    here.beat(voice=Voice(255, 190), **fields)
     assert not here.session.up
     here.beat(now=0.1, mode=4)
-    here.beat(now=0.2, voice=voice(1, 100), mode=5, **fields)
+    here.beat(now=0.2, voice=Voice(1, 100), mode=5, **fields)
     assert here.session.vehicle.mode == 4
     assert here.session.ignored["other_vehicle"] == (not movable)
     assert here.session.misfits == {}
 
 
 @pytest.mark.parametrize(
-    ("fields", "words"),
+    ("voice", "fields", "words"),
     [
-        ({}, "system 1 is not the mission's vehicle.system_id 7"),
-        ({"autopilot": 12}, "system 7 is px4 quadrotor, the mission is for ardupilot copter"),
-        ({"kind": 1}, "system 7 is ardupilotmega fixed_wing, the mission is for ardupilot copter"),
+        ((1, 1), {}, "system 1 is not the mission's vehicle.system_id 7"),
+        ((7, 1), {"autopilot": 12}, "system 7 is px4 quadrotor, the mission is for ardupilot copter"),
+        ((7, 1), {"kind": 1}, "system 7 is ardupilotmega fixed_wing, the mission is for ardupilot copter"),
+        ((7, 1), {"autopilot": 99}, "system 7 is unknown quadrotor, the mission is for ardupilot copter"),
     ],
-    ids=["system", "autopilot", "kind"],
+    ids=["system", "autopilot", "kind", "an autopilot that nobody knows"],
 )
 def test_a_vehicle_that_is_not_the_missions_is_told_and_not_pinned(line, voice, fields, words):
     here = line(system_id=7)
-    here.beat(voice=voice(7 if fields else 1, 1), **fields)
+    here.beat(voice=Voice(*voice), **fields)
     assert not here.session.up
     assert list(here.session.misfits.values()) == [words]
-    here.beat(voice=voice(7, 1))
+    for system in range(10, 250):
+        here.beat(voice=Voice(system, 1))
+    assert len(here.session.misfits) == 16, "a flood of misfits is remembered in part"
+    here.beat(voice=Voice(7, 1))
     assert here.session.peer.ids == (7, 1)
 
 
-def test_a_peer_that_speaks_mavlink_1_only_is_told_what_to_set_and_sent_our_mavlink_2(line, voice):
+def test_a_peer_that_speaks_mavlink_1_only_is_told_what_to_set_and_sent_our_mavlink_2(line):
     here = line()
-    here.beat(voice=voice(1, 1, version=1), source="old port")
+    here.beat(voice=Voice(1, 1, version=1), source="old port")
     assert not here.session.up
     (reason,) = here.session.misfits.values()
     assert "MAVLink 1 only" in reason
@@ -123,24 +146,7 @@ def test_a_peer_that_speaks_mavlink_1_only_is_told_what_to_set_and_sent_our_mavl
     assert here.session.up
 
 
-def test_a_flood_of_misfits_is_remembered_in_part(line, voice):
-    here = line(system_id=255)
-    for system in range(1, 251):
-        here.beat(voice=voice(system, 1))
-    assert len(here.session.misfits) == 16
-
-
-def test_messages_of_strangers_move_nothing(here, voice):
-    stranger = voice(1, 154)
-    here.hear(mavlink.MAVLink_statustext_message(6, b"not the autopilot"), voice=stranger)
-    here.hear(mavlink.MAVLink_statustext_message(6, b"forged"), source="elsewhere")
-    here.hear(mavlink.MAVLink_system_time_message(0, 10_000_000), voice=stranger)
-    here.hear(mavlink.MAVLink_system_time_message(0, 1_000), voice=stranger)
-    assert list(here.session.texts) == []
-    assert here.session.vehicle.reboots == 0
-
-
-# --- its mode ---
+# --- what it reports ---
 
 
 @pytest.mark.parametrize(
@@ -164,9 +170,6 @@ def test_the_vehicle_is_ours_when_armed_in_guided_by_its_own_heartbeat_until_it_
     assert (here.session.up, vehicle.in_our_mode, vehicle.mode) == (False, False, None)
 
 
-# --- reboots ---
-
-
 @pytest.mark.parametrize("carrier", ["SYSTEM_TIME", "ATTITUDE"])
 @pytest.mark.parametrize(
     ("times", "reboots"),
@@ -178,48 +181,35 @@ def test_the_vehicle_is_ours_when_armed_in_guided_by_its_own_heartbeat_until_it_
     ],
     ids=["late", "by another way", "wrap", "reboot"],
 )
-def test_a_boot_time_that_steps_back_and_goes_on_from_there_is_a_reboot(here, carrier, times, reboots):
+def test_a_boot_time_that_steps_back_and_goes_on_from_there_is_a_reboot_and_streams_are_asked_for_again(
+    here, carrier, times, reboots
+):
+    here.answer_all(0.0)
     for ms in times:
         clock, attitude = mavlink.MAVLink_system_time_message(0, ms), mavlink.MAVLink_attitude_message(ms, *[0] * 6)
         here.hear(clock if carrier == "SYSTEM_TIME" else attitude)
     assert here.session.vehicle.reboots == reboots
+    again = {message.param1 for message in here.answer_all(1.0) if message.command == SET_INTERVAL}
+    assert again == (set(here.session.streams.rates) if reboots else set())
 
 
-def test_the_vehicle_heard_first_is_the_only_one_that_may_come_back(here, voice):
-    here.session.lose()
-    here.beat(voice=voice(2, 1))
-    assert not here.session.up
-    assert "not the vehicle heard first, system 1" in here.session.misfits[2, 1]
-    here.beat(source="elsewhere")
-    assert here.session.up
-
-
-def test_a_rebooted_vehicle_is_asked_for_its_streams_again(here):
-    here.hear(mavlink.MAVLink_system_time_message(0, 500_000))
-    answer_all(here, 0.0)
-    here.hear(mavlink.MAVLink_system_time_message(0, 1_000))
-    here.hear(mavlink.MAVLink_system_time_message(0, 1_050))
-    again = answer_all(here, 1.0)
-    assert set(here.session.streams.rates) <= {message.param1 for message in again if message.command == SET_INTERVAL}
+def test_the_vehicles_own_texts_are_kept_the_newest_eight_and_its_version_is_read(here):
+    for i in range(20):
+        here.hear(mavlink.MAVLink_statustext_message(3, f"text {i}".encode()))
+    assert list(here.session.texts) == [f"text {i}" for i in range(12, 20)]
+    version = 4 << 24 | 6 << 16 | 3 << 8
+    here.hear(mavlink.MAVLink_autopilot_version_message(0, version, 0, 0, 0, *([bytes(8)] * 3), 0, 0, 0))
+    assert here.session.vehicle.firmware == "4.6.3"
 
 
 # --- what we say ---
 
 
-def answer_all(here, now, result=0):
-    """Poll and acknowledge until nothing is under way; the commands that were sent."""
-    sent = []
-    while commands := here.poll(now, "COMMAND_LONG"):
-        sent += commands
-        for command in commands:
-            here.hear(mavlink.MAVLink_command_ack_message(command.command, result), now)
-    return sent
-
-
-def test_our_heartbeat_goes_out_once_a_second_even_before_a_vehicle_is_heard(line):
+def test_without_a_vehicle_nothing_but_a_heartbeat_a_second_is_said(line):
     here = line()
-    beats = [now for i in range(101) if here.poll(now := i / 20, "HEARTBEAT")]
-    assert beats == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
+    here.session.announcer.say("range", "range lost")
+    said = [(i / 20, message.get_type()) for i in range(101) for message in here.poll(i / 20)]
+    assert said == [(now, "HEARTBEAT") for now in (0.0, 1.0, 2.0, 3.0, 4.0, 5.0)]
 
 
 def test_our_heartbeat_is_that_of_an_onboard_controller_and_never_of_a_ground_station(here):
@@ -228,12 +218,20 @@ def test_our_heartbeat_is_that_of_an_onboard_controller_and_never_of_a_ground_st
     assert (beat.type, beat.autopilot, beat.base_mode) == (COMPANION, INVALID, 0)
 
 
-def test_a_new_vehicle_is_asked_for_its_streams_and_its_version_which_is_not_the_pilots_business(here):
-    asked = answer_all(here, 0.0)
-    assert {message.param1 for message in asked if message.command == SET_INTERVAL} == set(here.session.streams.rates)
+def test_a_new_vehicle_is_asked_for_its_streams_and_its_version_and_gets_its_streams_back_in_one_go(here):
+    asked, streams = here.answer_all(0.0), set(here.session.streams.rates)
+    assert {message.param1 for message in asked if message.command == SET_INTERVAL} == streams
     assert [message.param1 for message in asked if message.command == REQUEST_MESSAGE] == [148]
     assert all((message.target_system, message.target_component) == (1, 1) for message in asked)
-    assert here.session.take_mode_results() == []
+    assert here.session.take_mode_results() == [], "which is not the pilot's business"
+    farewell = here.session.farewell()
+    assert {message.param1 for message in farewell} == streams
+    assert all((message.command, message.param2) == (SET_INTERVAL, 0) for message in farewell)
+
+
+def test_a_refused_stream_is_not_asked_for_again(here):
+    here.answer_all(0.0, result=2)  # MAV_RESULT_DENIED
+    assert here.poll(3.1, "COMMAND_LONG") == []
 
 
 def test_timesync_requests_are_answered_with_our_clock_when_heard_and_theirs_mirrored(here):
@@ -251,32 +249,3 @@ def test_the_vehicles_answer_to_our_question_is_its_round_trip(here):
     (question,) = here.poll(1.0, "TIMESYNC")
     here.hear(mavlink.MAVLink_timesync_message(10**12, question.ts1), 1.3)
     assert here.session.timesync.typical == pytest.approx(0.3)
-
-
-def test_without_a_vehicle_nothing_but_heartbeats_is_said(line):
-    here = line()
-    here.session.announcer.say("range", "range lost")
-    assert [message.get_type() for i in range(100) for message in here.poll(i / 20)] == ["HEARTBEAT"] * 5
-
-
-def test_the_vehicles_own_texts_are_kept_the_newest_eight(here):
-    for i in range(20):
-        here.hear(mavlink.MAVLink_statustext_message(3, f"text {i}".encode()))
-    assert list(here.session.texts) == [f"text {i}" for i in range(12, 20)]
-
-
-def test_the_firmware_is_read_from_the_version(here):
-    version = 4 << 24 | 6 << 16 | 3 << 8
-    here.hear(mavlink.MAVLink_autopilot_version_message(0, version, 0, 0, 0, *([bytes(8)] * 3), 0, 0, 0))
-    assert here.session.vehicle.firmware == "4.6.3"
-
-
-def test_farewell_gives_every_stream_back_in_one_go(here):
-    farewell = here.session.farewell()
-    assert {message.param1 for message in farewell} == set(here.session.streams.rates)
-    assert all((message.command, message.param2) == (SET_INTERVAL, 0) for message in farewell)
-
-
-def test_a_refused_stream_is_not_asked_for_again(here):
-    answer_all(here, 0.0, result=2)  # MAV_RESULT_DENIED
-    assert here.poll(3.1, "COMMAND_LONG") == []

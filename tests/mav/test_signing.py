@@ -1,11 +1,16 @@
-"""Signatures against pymavlink's own, both ways; and what moves the timestamps, and what does not."""
+"""Signatures against pymavlink's own, both ways; what moves the timestamps, and what does not; and signed links."""
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import all as mavlink
 
+from circnav_mav.mav.codec import Decoder
+from circnav_mav.mav.framing import split_frames
 from circnav_mav.mav.signing import EPOCH, LATEST, MINUTE, Refusal, Signing, is_signed, without_signature
+from circnav_mav.pilot import RANGING, Pilot
+from tests.mav.test_codec import decoded
+from tests.rig import MISSION, heartbeat
 
 KEY, OTHER = bytes(range(32)), bytes(range(1, 33))
 NOW = 37_000_000_000_000
@@ -119,10 +124,110 @@ def test_after_a_quiet_hour_a_peer_that_has_restarted_still_believes_us():
 
 
 @pytest.mark.parametrize("key", [b"", b"short", bytes(33)])
-def test_a_key_has_32_bytes(key):
+def test_a_key_has_32_bytes_and_is_not_printed(key):
     with pytest.raises(ValueError, match="32 bytes"):
         Signing(key)
-
-
-def test_a_key_is_not_printed():
     assert repr(KEY) not in repr(Signing(KEY))
+
+
+# --- through the decoder and the pilot: what is believed, counted, logged and told ---
+
+
+def believing(**options):
+    return Decoder(signing=Signing(KEY, timestamp=NOW), **options)
+
+
+def test_unsigned_and_wrongly_signed_frames_are_refused_counted_and_not_logged_and_cost_no_other():
+    decoder, theirs = believing(), peer()
+    version_1 = bytes(heartbeat().pack(peer(None), force_mavlink1=True))
+    for frame in (said(peer(None)), version_1, said(peer(OTHER))):
+        assert decoder.decode(frame) == []
+        assert decoder.frames == []
+    assert decoder.counts.refused == {"unsigned": 2, "wrong_signature": 1}
+    assert "every frame heard is unsigned or wrongly signed" in decoder.counts.describe()
+    assert "check signing.key_file" in decoder.counts.describe()
+    good = [said(theirs, number) for number in range(4)]
+    assert decoded(decoder, [said(peer(None)).join(good)]) == good
+    assert decoder.frames == good
+    assert "every frame" not in decoder.counts.describe()
+    assert "5 unsigned" in decoder.counts.describe()
+
+
+def test_radio_status_needs_no_signature_but_a_wrong_one_is_wrong():
+    status = mavlink.MAVLink_radio_status_message(200, 190, 100, 10, 12, 0, 0)
+    decoder = believing()
+    for version_1 in (False, True):
+        (message,) = decoder.decode(bytes(status.pack(peer(None), force_mavlink1=version_1)))
+        assert message.get_type() == "RADIO_STATUS"
+    assert decoder.decode(bytes(status.pack(peer(OTHER)))) == []
+
+
+def test_without_a_key_everybody_is_believed_and_with_one_unsigned_frames_where_the_mission_says_so():
+    frames = said(peer()) + said(peer(OTHER)) + said(peer(None))
+    decoder = Decoder()
+    assert len(decoder.decode(frames)) == 3
+    assert (decoder.counts.signed, decoder.counts.refused) == (2, {})
+    assert "2 of the frames are signed, and ours may be refused" in decoder.counts.describe()
+    assert len(believing(accept_unsigned=True).decode(frames)) == 2
+
+
+def test_somebodys_key_does_not_get_into_a_log():
+    setup = mavlink.MAVLink_setup_signing_message(1, 1, list(KEY), NOW)
+    for decoder, frame in ((Decoder(), setup.pack(peer(None))), (believing(), setup.pack(peer()))):
+        decoder.decode(bytes(frame))
+        assert (decoder.counts.frames, decoder.frames) == (1, [])
+
+
+def pilot_with(key=KEY, **options):
+    return Pilot(MISSION, key and Signing(key, timestamp=NOW, **options))
+
+
+def beat(pilot, theirs, now=0.0, source="vehicle"):
+    pilot.receive(bytes(heartbeat().pack(theirs)), now, source)
+
+
+def test_all_that_a_pilot_says_is_signed_with_one_running_timestamp_and_without_a_key_the_same_is_unsigned():
+    pilot, plain = pilot_with(link_id=9), pilot_with(None)
+    beat(pilot, peer())
+    beat(plain, peer(None))
+    out, same = (
+        [frame for now in range(5) for frame in split_frames(one.step(float(now)) + one.hello(float(now)))]
+        for one in (pilot, plain)
+    )
+    assert len(out) > 10
+    assert all(map(is_signed, out))
+    assert list(map(without_signature, out)) == same
+    stamps = [int.from_bytes(frame[-12:-6], "little") for frame in out]
+    assert stamps == sorted(set(stamps))
+    listener = peer(timestamp=NOW)
+    assert all(listener.decode(bytearray(frame)).get_link_id() == 9 for frame in out)
+
+
+def test_an_echo_of_our_signed_frames_is_no_twin():
+    pilot = pilot_with()
+    beat(pilot, peer())
+    pilot.receive(pilot.step(0.0), 0.01, "vehicle")
+    assert pilot.session.ignored["echo"] > 0
+    assert pilot.session.ignored["twin"] == 0
+
+
+def test_a_vehicle_whose_clock_is_hours_behind_is_greeted_takes_our_time_over_and_is_heard():
+    """An autopilot without GPS begins where it last ended. We wait on a port, and know nobody to speak to yet."""
+    pilot, vehicle = pilot_with(), peer(timestamp=NOW - 120 * MINUTE)
+    beat(pilot, vehicle, source="vehicle's address")
+    assert not pilot.session.up
+    assert pilot.frames_refused() == {"clock_behind": 1}
+    assert pilot.reply_to == "vehicle's address"
+    for frame in split_frames(pilot.step(0.0)):
+        vehicle.decode(bytearray(frame))
+    beat(pilot, vehicle, 1.0, "vehicle's address")
+    assert pilot.session.up
+
+
+def test_a_frame_that_is_not_believed_gets_no_answer_and_ranges_are_judged_by_the_same_key():
+    pilot = pilot_with()
+    for key in (None, OTHER):
+        beat(pilot, peer(key))
+    pilot.receive(said(peer(None, component=192)), 0.0, "radio", RANGING)
+    assert pilot.reply_to is None
+    assert pilot.frames_refused() == {"unsigned": 2, "wrong_signature": 1}

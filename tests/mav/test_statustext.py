@@ -11,20 +11,14 @@ def announcer():
     return Announcer()
 
 
-def texts(announcer, now):
-    return [message.text for message in announcer.texts(now)]
-
-
 def test_a_text_goes_out_at_once_its_kind_once_in_two_seconds_and_the_newest_is_kept(announcer):
     announcer.say("range", "range lost")
     (message,) = announcer.texts(0.0)
     assert (message.text, message.severity) == ("circnav: range lost", 5)  # MAV_SEVERITY_NOTICE
-    for text in ("range regained", "range lost again"):
-        announcer.say("range", text)
-    announcer.say("end", "ended")
-    assert texts(announcer, 1.99) == ["circnav: ended"], "another kind does not wait"
-    assert texts(announcer, 2.0) == ["circnav: range lost again"]
-    assert texts(announcer, 10.0) == []
+    for kind, text in (("range", "range regained"), ("range", "range lost again"), ("end", "ended")):
+        announcer.say(kind, text)
+    told = {now: [message.text for message in announcer.texts(now)] for now in (1.99, 2.0, 10.0)}
+    assert told == {1.99: ["circnav: ended"], 2.0: ["circnav: range lost again"], 10.0: []}
 
 
 def on_the_wire(messages, system=1, component=191):
@@ -50,17 +44,17 @@ def test_a_text_of_more_than_fifty_bytes_is_told_in_chunks_whose_last_has_a_zero
     assert whole == f"circnav: {text}".encode("ascii", "replace").decode()[:200]
 
 
-def test_chunks_are_put_together_by_sender_and_a_lost_one_costs_the_rest():
-    announcer, reader = Announcer(), TextReader()
+def test_chunks_are_put_together_by_sender_and_a_lost_one_costs_the_rest(announcer):
+    reader = TextReader()
     announcer.say("end", "a" * 41 + "b" * 50 + "c" * 9)
     announcer.say("law", "d" * 60)
     chunks = announcer.texts(0.0)
     assert [(one.id, one.chunk_seq) for one in chunks] == [(1, 0), (1, 1), (1, 2), (2, 0), (2, 1)]
     ours, theirs = on_the_wire(chunks[:3]), on_the_wire(chunks[:3], component=192)
     a, b, c = "circnav: " + "a" * 41, "b" * 50, "c" * 9
-    assert [reader.read(one) for pair in zip(ours, theirs, strict=True) for one in pair] == [
-        (a, None), (a, None), (a + b, a), (a + b, a), (a + b + c, a + b), (a + b + c, a + b)
-    ]  # fmt: skip
+    read = [(a, None), (a + b, a), (a + b + c, a + b)]
+    for pair, expected in zip(zip(ours, theirs, strict=True), read, strict=True):
+        assert [reader.read(one) for one in pair] == [expected] * 2
     assert [reader.read(ours[0]), reader.read(ours[2])] == [(a, None), (c, None)]
     short = on_the_wire([mavlink.MAVLink_statustext_message(6, b"short")] * 2)
     assert [reader.read(one) for one in short] == [("short", None)] * 2
@@ -79,5 +73,5 @@ def test_numbers_to_plot_come_at_four_hertz_with_their_names_and_our_clock(annou
 
 def test_a_text_of_others_obeys_no_terminal():
     """ESC, BEL and the C1 controls command one; U+202E turns what follows round; C ends a text at its zero."""
-    assert plain_text(b"PreArm: \x1b[2J\x07ok\0\x1b") == "PreArm: ?[2J?ok"
+    assert plain_text("PreArm: \x1b[2J\x07ok\0\x1b") == "PreArm: ?[2J?ok"
     assert plain_text("a\x9b31m\u202eb\r\n") == "a?31m?b??"

@@ -5,7 +5,7 @@ import pytest
 
 from circnav_mav.guidance.types import OwnMotion, RangeEstimate, TurnCommand, TurnRate
 from circnav_mav.mav.autopilots.table import adapters
-from circnav_mav.mav.identity import Peer
+from circnav_mav.mav.identity import Sender
 from circnav_mav.mav.session import Session
 from circnav_mav.mission.load import parse_mission
 from circnav_mav.pilot.controller import DEAF_AFTER, LONGEST_GAP, SPEED_UP, Controller
@@ -22,7 +22,7 @@ class Vehicle:
     def __init__(self, *overrides: str) -> None:
         settings = parse_mission(TEXT, "small.toml", overrides).pilot_settings()
         session = Session(settings.link, adapters(settings.autopilot, settings.kind, settings.facts))
-        session.identity.peer = Peer("here", 1, 1)
+        session.identity.peer = Sender(1, 1, "here")
         self.controller, self.now, self.heading = Controller(settings), 0.0, 0.0
         command = TurnCommand(TOLD, TOLD, saturated=False)
         self.controller.setpoint(command, session, 0.0)

@@ -47,10 +47,8 @@ def test_an_anchor_whose_piece_of_the_line_is_missing_is_not_guessed():
     driver = Dwm1001()
     driver.receive(b"\r\n", 0.0)
     assert ranges(driver.receive(LEC_OVERRUN, 0.1)) == {0x0090: 3.25, 0xD91E: 3.33, 0x0487: 0.18, 0x15BA: 0.0}
-    assert ranges(driver.receive(LEC[: LEC.index(b"AN2,111C,5.00")] + b"AN2,111C,5.\r\n", 0.2)) == {
-        0x1151: 6.44,
-        0x0CA8: 6.5,
-    }
+    cut = LEC[: LEC.index(b"AN2,111C,5.00")] + b"AN2,111C,5.\r\n"
+    assert ranges(driver.receive(cut, 0.2)) == {0x1151: 6.44, 0x0CA8: 6.5}
     for run_together in (b"DIST,1,AN0,1151,5.00,8.00,2.25,6.446.50\r\n", b"1151[5.00,8.00,2.25]=6.486.51\r\n"):
         assert driver.receive(run_together, 0.3) == []
 

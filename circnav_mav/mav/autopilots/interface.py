@@ -1,17 +1,20 @@
-"""What every vehicle offers, and what it is given to make a setpoint of."""
+"""What every vehicle offers, what it is given to make a setpoint of, and the setpoint messages themselves."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from math import atan
 from typing import ClassVar
 
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.guidance.velocity_loop import VelocityLoop
 from circnav_mav.mav.autopilots.parameters import Rule
-from circnav_mav.mav.autopilots.targets import Addressee, coordinated_bank
+from circnav_mav.mav.clocks import our_boot_ms
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.commands import Command
+from circnav_mav.mav.frames import GRAVITY, YawRate, quaternion_from_euler
+from circnav_mav.mav.own_motion import Motion
 from circnav_mav.mav.setpoint_guard import Steer
 
 PLAUSIBLE_AIRSPEED = (0.5, 1.6)
@@ -20,6 +23,11 @@ PLAUSIBLE_AIRSPEED = (0.5, 1.6)
 TRUSTED_AGAIN = (0.6, 1.5)
 """Shares between which a doubted sensor is used again: at the bound itself thrust and bank would step each time that
 noise crosses it."""
+COPTER_TYPES = frozenset(
+    getattr(dialect, f"MAV_TYPE_{kind}")
+    for kind in ("QUADROTOR", "COAXIAL", "HELICOPTER", "HEXAROTOR", "OCTOROTOR", "TRICOPTER", "DODECAROTOR")
+)
+PLANE_TYPES = frozenset((dialect.MAV_TYPE_FIXED_WING,))
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +68,21 @@ class VehicleFacts:
 
 
 @dataclass(frozen=True, slots=True)
+class Addressee:
+    """Whom a setpoint is for, and what may be used beside the command.
+
+    target_system, target_component: its ids. motion: what is known of the vehicle's own motion. height: altitude to
+    hold, m above sea level, None when the vehicle holds it or nothing is known. drag: of a copter, 1/s, as learnt.
+    """
+
+    target_system: int
+    target_component: int
+    motion: Motion
+    height: float | None
+    drag: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
 class Firmware:
     """What the vehicles of one autopilot share.
 
@@ -86,7 +109,7 @@ class Autopilot(ABC):
     firmware: ClassVar[Firmware]
     name: ClassVar[str]
     """For people."""
-    bundled: ClassVar[tuple[str, ...]] = ()
+    bundled: ClassVar[tuple[str, ...]]
     """Profiles of the bundled vehicle that imitate it."""
     vehicle_types: ClassVar[frozenset[int]]
     """MAV_TYPE values of its HEARTBEAT."""
@@ -111,13 +134,11 @@ class Autopilot(ABC):
     banks: ClassVar[bool] = False
     """Whether it turns by banking, and a mission must limit its bank."""
     measures_airspeed: ClassVar[bool] = False
-    """Whether VFR_HUD.airspeed is an airspeed. A copter without a sensor sends its ground speed there, which is a
-    velocity and not to be used; it holds the commanded speed instead."""
+    """Whether VFR_HUD.airspeed is one: a copter without a sensor sends its ground speed there, not to be used."""
     cruises: ClassVar[bool] = False
     """Whether it flies the airspeed that the autopilot itself holds, whatever the mission says."""
     ground_speed_sigma: ClassVar[float | None] = None
-    """Share by which the speed over the ground may differ from the commanded one, where the autopilot holds that and
-    the wind does not carry the vehicle; None where it does."""
+    """Share by which the ground speed may differ from the commanded one; None where the wind carries the vehicle."""
     velocity_loop: ClassVar[VelocityLoop | None] = None
     """How its velocity follows its nose; None where the nose shows the way."""
     least_turn_gain: ClassVar[float] = 1.0
@@ -147,13 +168,13 @@ class Autopilot(ABC):
     def setpoint(self, steer: Steer, to: Addressee, now: float) -> Message:
         """The message that flies a steer."""
 
-    @abstractmethod
     def safe_setpoint(self, to: Addressee, now: float) -> Message:
-        """The message to leave behind before falling silent."""
+        """The message to leave behind before falling silent: stand still, or fly straight on with the wings level."""
+        return self.setpoint(Steer(YawRate(0.0), 0.0), to, now)
 
     def airspeed(self, measured: float | None) -> float:
-        """The indicated airspeed to reckon with, m/s: the measured one, or the commanded one where that is missing or
-        cannot be. Asked again with the same number, it says the same."""
+        """The indicated airspeed to reckon with, m/s: as measured, or as commanded where that is missing or cannot be.
+        Asked again with the same number, it says the same."""
         commanded = self._facts.speed
         if measured is None:
             return commanded
@@ -162,6 +183,32 @@ class Autopilot(ABC):
         return commanded if self._doubts_airspeed else measured
 
     def bank(self, steer: Steer, to: Addressee) -> float:
-        """The bank of the coordinated turn within the mission's limit, rad, right positive."""
-        airspeed = to.motion.true_airspeed(self.airspeed(to.motion.airspeed))
-        return coordinated_bank(steer.yaw_rate, airspeed, self._facts.max_bank)
+        """The bank of the coordinated turn, atan(w V/g), within the mission's limit; rad, right positive."""
+        airspeed, most = to.motion.true_airspeed(self.airspeed(to.motion.airspeed)), self._facts.max_bank
+        return min(max(atan(steer.yaw_rate * airspeed / GRAVITY), -most), most)
+
+
+def body_velocity(
+    mask: int,
+    to: Addressee,
+    now: float,
+    steer: Steer,
+    *,
+    down: float = 0.0,
+    fed: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> Message:
+    """SET_POSITION_TARGET_LOCAL_NED in BODY_NED. down: m/s. fed: acceleration forward, right, down in the body frame,
+    m/s^2. What the mask leaves out is sent as zero."""
+    where = our_boot_ms(now), to.target_system, to.target_component, dialect.MAV_FRAME_BODY_NED
+    position, velocity = (0.0, 0.0, 0.0), (steer.speed, 0.0, down)
+    return dialect.MAVLink_set_position_target_local_ned_message(
+        *where, mask, *position, *velocity, *fed, 0.0, steer.yaw_rate
+    )
+
+
+def attitude(mask: int, to: Addressee, now: float, *, roll: float, pitch: float = 0.0, thrust: float = 0.0) -> Message:
+    """SET_ATTITUDE_TARGET: roll and pitch in rad (right and nose-up positive), thrust 0..1, no rates, yaw 0."""
+    q, rates = quaternion_from_euler(roll, pitch, 0.0), (0.0, 0.0, 0.0)
+    return dialect.MAVLink_set_attitude_target_message(
+        our_boot_ms(now), to.target_system, to.target_component, mask, q, *rates, thrust
+    )

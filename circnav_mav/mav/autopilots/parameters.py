@@ -77,11 +77,6 @@ def one_of(special: Mapping[int, Verdict], otherwise: Verdict) -> Judge:
     return lambda value, context: special.get(int(value), otherwise)
 
 
-def bit(mask: int, when_set: Verdict, otherwise: Verdict) -> Judge:
-    """By any bit of a mask."""
-    return lambda value, context: when_set if int(value) & mask else otherwise
-
-
 def at_least(wanted: Callable[[Context], float], fits: str, lacks: str, grade: Grade = FAIL) -> Judge:
     """The value must reach what the mission wants; {:g} in the words is that."""
 

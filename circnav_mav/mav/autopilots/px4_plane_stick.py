@@ -4,6 +4,7 @@ from types import MappingProxyType
 
 from pymavlink.dialects.v20 import all as dialect
 
+from circnav_mav.mav.autopilots.interface import PLANE_TYPES, Addressee
 from circnav_mav.mav.autopilots.parameters import (
     FAIL,
     PASS,
@@ -19,7 +20,6 @@ from circnav_mav.mav.autopilots.parameters import (
     rule,
 )
 from circnav_mav.mav.autopilots.px4 import ALTCTL, AUTO, PX4Vehicle, custom_mode, main_and_sub
-from circnav_mav.mav.autopilots.targets import PLANE_TYPES, Addressee
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.setpoint_guard import Steer
 
@@ -31,6 +31,8 @@ _STOCK_STICK_LOSS = 2.0
 _HOLD_EXCEPTED = 2
 """COM_RCL_EXCEPT, bit 1."""
 _NO_STICKS = (FAIL, "sticks from MAVLink are ignored: set it to 1 (MAVLink only)")
+_OUR_STICKS = (PASS, "only sticks from MAVLink count: the pilot's own do nothing, changing the mode does")
+_OTHER_STICKS = (WARN, "the pilot's transmitter may count instead of us: 1 (MAVLink only) is sure")
 
 
 def _stick_loss(value: float, context: Context) -> Verdict:
@@ -84,22 +86,10 @@ class PX4PlaneStick(PX4Vehicle):
     exits = MappingProxyType({name: mode for name, mode in PX4Vehicle.exits.items() if name != "hold"})
     shapes = frozenset({("MANUAL_CONTROL", None)})
     needs = frozenset({"airspeed"})
-    banks = True
-    measures_airspeed = True
-    cruises = True
+    banks = measures_airspeed = cruises = slips = True
     least_turn_gain = 0.72  # as ArduPlane, not flown long enough to know better
-    slips = True
     parameters = (
-        rule(
-            "COM_RC_IN_MODE",
-            one_of(
-                {
-                    **dict.fromkeys((0, 4), _NO_STICKS),
-                    1: (PASS, "only sticks from MAVLink count: the pilot's own do nothing, changing the mode does"),
-                },
-                (WARN, "the pilot's transmitter may count instead of us: 1 (MAVLink only) is sure"),
-            ),
-        ),
+        rule("COM_RC_IN_MODE", one_of({0: _NO_STICKS, 1: _OUR_STICKS, 4: _NO_STICKS}, _OTHER_STICKS)),
         rule("COM_RC_LOSS_T", _stick_loss),
         rule("NAV_RCL_ACT", _stick_loss_action),
         rule("COM_RCL_EXCEPT", _stick_loss_exceptions),
@@ -115,12 +105,5 @@ class PX4PlaneStick(PX4Vehicle):
 
     def setpoint(self, steer: Steer, to: Addressee, now: float) -> Message:
         """The stick that holds the bank of the coordinated turn."""
-        return self._stick(self.bank(steer, to), to)
-
-    def safe_setpoint(self, to: Addressee, now: float) -> Message:
-        """Stick in the middle: wings level."""
-        return self._stick(0.0, to)
-
-    def _stick(self, roll: float, to: Addressee) -> Message:
-        y = round(self._facts.stick(roll))
+        y = round(self._facts.stick(self.bank(steer, to)))
         return dialect.MAVLink_manual_control_message(to.target_system, 0, y, 500, 0, 0)

@@ -1,11 +1,8 @@
 """The vehicles by (autopilot, kind) of the mission file, and why the others are not there."""
 
-from circnav_mav.mav.autopilots.ardupilot_copter import ArduCopter
-from circnav_mav.mav.autopilots.ardupilot_plane import ArduPlane
-from circnav_mav.mav.autopilots.ardupilot_rover import ArduRover
+from circnav_mav.mav.autopilots.ardupilot import ArduCopter, ArduPlane, ArduRover
 from circnav_mav.mav.autopilots.interface import Autopilot, VehicleFacts
-from circnav_mav.mav.autopilots.px4_copter import PX4Copter
-from circnav_mav.mav.autopilots.px4_plane_attitude import PX4PlaneAttitude
+from circnav_mav.mav.autopilots.px4 import PX4Copter, PX4PlaneAttitude
 from circnav_mav.mav.autopilots.px4_plane_stick import PX4PlaneStick
 
 AUTOPILOTS: dict[tuple[str, str], type[Autopilot]] = {
@@ -37,7 +34,7 @@ _KEYS = (*AUTOPILOTS, *REFUSED)
 MISSION_AUTOPILOTS = (*dict.fromkeys(autopilot for autopilot, _ in _KEYS), "auto")
 MISSION_KINDS = tuple(dict.fromkeys(kind.split()[0] for _, kind in _KEYS))
 MISSION_METHODS = tuple(
-    dict.fromkeys((*DEFAULT_METHODS.values(), *(kind.split()[1] for _, kind in _KEYS if " " in kind)))
+    dict.fromkeys((*DEFAULT_METHODS.values(), *(method for _, kind in _KEYS for method in kind.split()[1:])))
 )
 MISSION_EXITS = ("stop", *dict.fromkeys(name for vehicle in AUTOPILOTS.values() for name in vehicle.exits))
 """The words of a mission file."""

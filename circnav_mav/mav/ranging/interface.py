@@ -111,17 +111,11 @@ class RangingMessage:
     why_never: Callable[[RangingSettings], str] = lambda settings: ""
 
     def mark_values(self, message: Message) -> dict[str, int | str]:
-        return {mark: as_text(getattr(message, mark)) for mark in self.marks}
+        return {mark: getattr(message, mark) for mark in self.marks}
 
     def picked(self, message: Message, settings: RangingSettings) -> bool:
         """Whether a message is of the sensor that the mission picks."""
-        values = self.mark_values(message)
-        return all(getattr(settings, key) in (None, values[mark]) for mark, key in self.marks.items())
-
-
-def as_text(value: bytes | int | str) -> int | str:
-    """The value of a field, its bytes as text."""
-    return value.decode("ascii", "replace") if isinstance(value, bytes) else value
+        return all(getattr(settings, key) in (None, getattr(message, mark)) for mark, key in self.marks.items())
 
 
 def boot_stamp(message: Message) -> float | None:

@@ -1,24 +1,25 @@
-"""Ranging telemetry to range samples: which messages count, and why the others do not.
+"""Ranging telemetry to samples of range and range rate: which messages count, and why the others do not.
 
 The order of the checks is source, id, finite, "no range" codes, limits, quality, stamp; the innovation gate comes
-later, in the estimator. See the messages' own files for what each says.
+later, in the estimator. See `table` for what each message says.
 """
 
 from collections import Counter
 from collections.abc import Collection, Hashable
+from math import isfinite
 
 from circnav_mav.guidance.range_noise import NoiseCheck
-from circnav_mav.guidance.slant import horizontal
-from circnav_mav.guidance.types import SAME_TIME, RangeSample
+from circnav_mav.guidance.rate_check import RateCheck
+from circnav_mav.guidance.slant import horizontal, horizontal_rate
+from circnav_mav.guidance.types import SAME_TIME, RangeSample, RateSample
 from circnav_mav.mav.clocks import RemoteClock, Slower, nobody_tells
-from circnav_mav.mav.codec import Message
-from circnav_mav.mav.identity import Sender
-from circnav_mav.mav.ranging.interface import OTHERS, RangingSettings, Reading, Reject
+from circnav_mav.mav.codec import Message, ids
+from circnav_mav.mav.identity import AUTOPILOT_COMPONENT, Sender
+from circnav_mav.mav.ranging.interface import OTHERS, RangingSettings, Reading, Reject, boot_stamp
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 
 MISSED = 2.5
 """Ranges of the usual rate that must have failed to come by the old clock before a new one is followed."""
-AUTOPILOT_COMPONENT = 1
 EPOCH_JUMP = 1.0
 """A stamp that is newer than the sensor's clock allows, or older than the newest, by more than this, s, is of a clock
 that was set. One that is merely late is not: RemoteClock tells a clock that stood still from a slow link."""
@@ -29,6 +30,8 @@ the old one any more."""
 DOUBT = 0.5
 """Time, s, after such a stamp in which those by the old clock do not count either: if the way has become quicker, they
 are older than they seem."""
+MOST_RATE = 3.0
+"""A range rate of more than so many times V is none of this vehicle and its target."""
 SOURCE_SILENT = 5.0
 """Silence of the first sensor heard, s, after which another one may take its place."""
 
@@ -56,6 +59,7 @@ class RangeReader:
         self.slant = 0.0
         """The newest slant range, m."""
         self.restarted = False
+        """Whether the sensor's clock was found to have jumped with the newest message."""
         self.stepped = 0.0
         """By how much the sensor's clock was found to have stood still with the newest message, s; 0 if not."""
         self.moving = False
@@ -83,17 +87,15 @@ class RangeReader:
         """The sample that a message carries, or None; a rejection is counted in `rejected`.
 
         height: of the vehicle above the target, m; None: ranges are taken as horizontal. strangers: systems of other
-        vehicles, whose ranges are theirs unless the mission names one of them. one_way: how long messages of this link
-        are under way at least, s, as far as anybody can tell: stamps alone cannot. source: where it came from. vehicle:
-        where the vehicle's frames come from, None where that is not known; a radio that the autopilot forwards moves
-        with it.
-        `restarted` tells whether the sensor's clock was found to have jumped with this sample.
+        vehicles, whose ranges are theirs unless the mission names one of them. one_way: the least that messages are
+        under way on this link, s: stamps alone cannot tell. source: where it came from. vehicle: where the vehicle's
+        frames come from, if known: a radio that the autopilot forwards moves with it.
         """
         self.restarted, self.stepped, self.rival = False, 0.0, None
         if message.get_type() != self._kind.type:
             return None
         if self._with_vehicle and self.trusted is not None and vehicle is not None:
-            self.trusted = (*self.trusted[:2], vehicle)
+            self.trusted = self.trusted._replace(source=vehicle)
         answer = self._judge(message, now, height, strangers, source)
         if isinstance(answer, RangeSample) and vehicle is not None:
             self._with_vehicle = source == vehicle
@@ -111,10 +113,11 @@ class RangeReader:
     def _judge(
         self, message: Message, now: float, height: float | None, strangers: Collection[int], source: Hashable
     ) -> RangeSample | Reject | None:
-        reading, picked = self._kind.read(message), self._kind.picked(message, self._settings)
+        settings = self._settings
+        reading, picked = self._kind.read(message), self._kind.picked(message, settings)
         if reading is None or (self._kind.for_anything and not picked):
             return None
-        sender = (message.get_srcSystem(), message.get_srcComponent(), source)
+        sender = Sender(*ids(message), source)
         if not self._from_our_sensor(sender, now, strangers):
             self.rival = self.rival if picked and not isinstance(reading, Reject) else None
             return Reject.WRONG_SOURCE
@@ -122,14 +125,14 @@ class RangeReader:
             return Reject.OTHER_SENSOR
         if isinstance(reading, Reject):
             return reading
-        if reading.slant < self._settings.min_range:
+        if reading.slant < settings.min_range:
             return Reject.BELOW_MIN
-        if reading.slant > self._settings.max_range:
+        if reading.slant > settings.max_range:
             return Reject.ABOVE_MAX
         if self.trusted not in (None, sender):
             self._begin_anew()
             self._with_vehicle = False
-        carried = reading.stamp if self._settings.sensor_stamps else None
+        carried = reading.stamp if settings.sensor_stamps else None
         stamp = now if carried is None else self.clock.unwrapped(carried)
         rejection = self._order(reading, stamp, now)
         if rejection is not None:
@@ -141,77 +144,117 @@ class RangeReader:
 
     def _sample(self, reading: Reading, stamp: float, now: float, height: float | None) -> RangeSample | Reject:
         """The sample of a reading that is new, unless it is too old or the target is overhead."""
-        settings = self._settings
+        settings, noise = self._settings, self._noise
         time = self.clock.local(stamp, now)
         self.stepped = self.clock.followed
         if now - time > settings.max_age:
             return Reject.CLOCK if self.clock.doubted else Reject.TOO_OLD
-        sigma, noise = reading.sigma or settings.sigma, self._noise
+        sigma = reading.sigma or settings.sigma
         if noise is not None:
             sigma = noise.corrected(stamp, reading.slant, sigma, moving=self.moving)
             if noise.repeated:
                 return Reject.FROZEN
-        flat = reading.slant, sigma
-        if flat[1] > settings.max_sigma:
+        if sigma > settings.max_sigma:
             return Reject.TOO_NOISY
-        if height:
-            answer = horizontal(*flat, height)
-            if answer is None:
-                return Reject.OVERHEAD
-            flat = answer
-        return RangeSample(stamp, time, *flat, source=self._kind.type)
+        flat = horizontal(reading.slant, sigma, height) if height else (reading.slant, sigma)
+        return Reject.OVERHEAD if flat is None else RangeSample(stamp, time, *flat, source=self._kind.type)
 
     def _from_our_sensor(self, sender: Sender, now: float, strangers: Collection[int]) -> bool:
         """One sensor only, of the configured ids, from one address: the first heard, until it falls silent."""
         settings = self._settings
-        if settings.system not in (None, sender[0]) or settings.component not in (None, sender[1]):
+        if settings.system not in (None, sender.system) or settings.component not in (None, sender.component):
             return False
         # an autopilot's also where they were heard, and believed, before its heartbeat told what it is
-        stays = self.sender_stays and sender == self.trusted and sender[1] != AUTOPILOT_COMPONENT
-        if settings.system is None and sender[0] in strangers and not stays:
+        stays = self.sender_stays and sender == self.trusted and sender.component != AUTOPILOT_COMPONENT
+        if settings.system is None and sender.system in strangers and not stays:
             return False
         if self.trusted in (None, sender):
             return True
         silent = now - self.clock.newest_at > SOURCE_SILENT
-        self.rival = None if silent or sender[2] == self.trusted[2] else sender
+        self.rival = None if silent or sender.source == self.trusted.source else sender
         return silent and not self.sender_stays
 
     def _order(self, reading: Reading, stamp: float, now: float) -> Reject | None:
         """Why a reading is not a newer measurement than the last, or None."""
-        if self.clock.newest is None:
+        clock, settings = self.clock, self._settings
+        if clock.newest is None:
             return None
-        step, waited = stamp - self.clock.newest, now - self.clock.newest_at
-        ahead = self.clock.ahead(stamp, now)
-        if self._taken > KNOWN_AFTER and FUTURE < ahead <= EPOCH_JUMP:
+        step, ahead = stamp - clock.newest, clock.ahead(stamp, now)
+        future = self._taken > KNOWN_AFTER and FUTURE < ahead <= EPOCH_JUMP
+        if future:
             self._ahead_at = now
-            return self._jump(stamp, now)
-        if step <= -EPOCH_JUMP or ahead > EPOCH_JUMP:
-            return self._jump(stamp, now)
+        if future or step <= -EPOCH_JUMP or ahead > EPOCH_JUMP:
+            # of another clock: followed when the next one agrees with it, a glitch must not reset us; and when no range
+            # came by the old clock meanwhile, which a looped route does not silence
+            anew = clock.set_anew(stamp, now, within=EPOCH_JUMP)
+            if not anew or now - clock.newest_at < MISSED / settings.rate:
+                return Reject.STAMP_JUMP
+            self._begin_anew()
+            return None
         if now - self._ahead_at < DOUBT:
-            self.clock.newest_at = now
+            clock.newest_at = now
             return Reject.CLOCK
-        self.clock.on_line()
+        clock.on_line()
         if step < 0:
             return Reject.OLDER
-        if step == 0 or (reading.sequence is not None and reading.sequence == self._sequence and waited < 10):
-            return Reject.REPEAT
-        settings = self._settings
-        if settings.resent and reading.slant == self.slant and step < 0.9 / settings.rate:
-            return Reject.REPEAT
-        return None
-
-    def _jump(self, stamp: float, now: float) -> Reject | None:
-        """A stamp of another clock: followed when the next one agrees with it, a glitch must not reset us; and when no
-        range came by the old clock meanwhile, which a looped route does not silence."""
-        anew = self.clock.set_anew(stamp, now, within=EPOCH_JUMP)
-        if not anew or now - self.clock.newest_at < MISSED / self._settings.rate:
-            return Reject.STAMP_JUMP
-        self._begin_anew()
-        return None
+        again = reading.sequence is not None and reading.sequence == self._sequence and now - clock.newest_at < 10
+        resent = settings.resent and reading.slant == self.slant and step < 0.9 / settings.rate
+        return Reject.REPEAT if step == 0 or again or resent else None
 
     def _begin_anew(self) -> None:
         """Another clock, or another sensor: what was known of the old one says nothing of it."""
         self.clock.reset()
-        self._sequence, self._taken = None, 0
-        self._ahead_at = float("-inf")
+        self._sequence, self._taken, self._ahead_at = None, 0, float("-inf")
         self.restarted = True
+
+
+class RangeRateReader:
+    """The range rate that a radio measures: a NAMED_VALUE_FLOAT beside its ranges, of the same sender and clock. Only
+    those count that go with the ranges."""
+
+    def __init__(self, settings: RangingSettings, ranging: RangeReader, noise: NoiseCheck, speed: float) -> None:
+        """ranging: reads the ranges beside them. noise: of rates. speed: V, m/s."""
+        self._settings, self._ranging, self._noise, self._most = settings, ranging, noise, MOST_RATE * speed
+        self._check = RateCheck()
+        self._stamp: float | None = None
+        self._sigma = settings.rate_sigma
+
+    @property
+    def trouble(self) -> str:
+        """Why measured rates do not count now, for people; empty where they do."""
+        if self._noise.repeated:
+            return f"frozen, the same number for {self._noise.repeated:.0f} s"
+        return "" if self._check.trusted else self._check.why
+
+    def carries(self, message: Message) -> bool:
+        name = self._settings.rate_name
+        return name is not None and message.get_type() == "NAMED_VALUE_FLOAT" and message.name == name
+
+    def range_taken(self, sample: RangeSample) -> None:
+        """A range was taken, by which the rates are judged."""
+        if self._ranging.restarted:
+            self._check.reset()
+            self._stamp = None
+        if self._settings.rate_name is not None:
+            self._check.add_range(sample.stamp, self._ranging.slant, sample.sigma, self._sigma)
+
+    def read(
+        self, message: Message, now: float, *, height: float | None = None, source: Hashable = None
+    ) -> RateSample | None:
+        """The sample of a message that carries a rate; None where it does not count. height: above the target, m."""
+        settings, ranging = self._settings, self._ranging
+        if (*ids(message), source) != ranging.trusted or not isfinite(message.value) or abs(message.value) > self._most:
+            return None
+        carried = boot_stamp(message) if settings.sensor_stamps else None
+        stamp = now if carried is None else ranging.clock.unwrapped(carried)
+        time = now + min(ranging.clock.ahead(stamp, now), 0.0)
+        if now - time > settings.max_age - SAME_TIME or (self._stamp is not None and stamp <= self._stamp):
+            return None
+        self._stamp = stamp
+        rate = settings.rate_sign * message.value
+        self._sigma = self._noise.corrected(stamp, rate, settings.rate_sigma, moving=ranging.moving)
+        self._check.add_rate(stamp, rate)
+        if self.trouble:
+            return None
+        flat = horizontal_rate(ranging.slant, rate - self._check.bias, self._sigma, height or 0.0)
+        return None if flat is None else RateSample(stamp, time, *flat)

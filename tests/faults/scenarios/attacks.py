@@ -75,7 +75,7 @@ def state(course: Course, now: float, n: int) -> list[bytes]:
 
 def answers(course: Course, now: float, n: int) -> list[bytes]:
     """To our questions and commands: all denied, and every answer to TIMESYNC quicker than light, or hours late."""
-    asked = [stamp for stamp, _ in course.pilot.session.timesync._asked]
+    asked = [*course.pilot.session.timesync._asked]
     said = [write(mavlink.MAVLink_timesync_message(1 + n, stamp), *VEHICLE, n & 255) for stamp in asked]
     return said + [acknowledgement(number, 2, OURS) for number in (176, 511, 512)]
 

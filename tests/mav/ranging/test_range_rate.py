@@ -7,8 +7,7 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.guidance.range_noise import NoiseCheck
 from circnav_mav.mav.ranging.interface import RangingSettings
-from circnav_mav.mav.ranging.range_rate import RangeRateReader
-from circnav_mav.mav.ranging.reader import RangeReader
+from circnav_mav.mav.ranging.reader import RangeRateReader, RangeReader
 from tests.rig import Voice
 
 RADIO = Voice(1, 192)
@@ -57,11 +56,10 @@ def test_it_counts_only_from_the_sender_of_the_ranges_and_after_the_first_of_the
     assert pair.rate(1.0, 1.3, speaker=Voice(1, 1)) is None
 
 
-@pytest.mark.parametrize("value", [math.nan, math.inf, 46.0, -46.0])
-def test_a_value_that_is_no_range_rate_of_this_vehicle_is_left_out(value):
+def test_a_value_that_is_no_range_rate_of_this_vehicle_is_left_out():
     pair = Pair()
     pair.range(100.0, 1.0)
-    assert pair.rate(value, 1.0) is None
+    assert [pair.rate(value, 1.0) for value in (math.nan, math.inf, 46.0, -46.0)] == [None] * 4
     assert pair.rate(3.0, 1.0) is not None
 
 

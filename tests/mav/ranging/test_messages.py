@@ -1,0 +1,150 @@
+"""What each message says of a range, by its definition (mavlink.md 1.1 to 1.3), and when it says that there is none."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import all as mavlink
+
+from circnav_mav.mav.ranging.interface import RangingSettings
+from circnav_mav.mav.ranging.table import RANGING_MESSAGES
+from tests.mav.ranging.ear import Ear
+from tests.rig import beacon, distance
+
+NONE = 2**32 - 1
+DISTANCE = RangingSettings(message="distance_sensor", sigma=0.5)
+BEACON = RangingSettings(message="ranging_beacon", beacon_id=3, sigma=0.5)
+NAMED = RangingSettings(message="named_value_float", name="RADIO", sigma=0.5, min_range=5.0, max_range=400.0)
+
+
+def sensor(cm, stamp_ms=501_000, **fields):
+    return distance(cm, stamp_ms, **fields)
+
+
+def radio(mm, stamp_us=501_000_000, sequence=0, **fields):
+    return beacon(mm, stamp_us, sequence, **{"beacon_id": 3, **fields})
+
+
+def named(metres, name="RADIO"):
+    return mavlink.MAVLink_named_value_float_message(501_000, name.encode(), metres)
+
+
+def test_the_messages_are_those_of_mavlink_and_their_longest_range_is_that_of_their_field():
+    for kind in RANGING_MESSAGES.values():
+        assert mavlink.mavlink_map[kind.id].msgname == kind.type
+        assert set(kind.marks) <= set(mavlink.mavlink_map[kind.id].fieldnames)
+    assert RANGING_MESSAGES["distance_sensor"].farthest == 655.34  # u16 centimetres of which 65535 means none
+    assert RANGING_MESSAGES["ranging_beacon"].farthest == 4_294_967.0  # u32 millimetres of which the last means none
+    other = Ear(BEACON)
+    assert other.distance() is None
+    assert other.rejected == {}
+
+
+@pytest.mark.parametrize(
+    ("settings", "message", "expected"),
+    [
+        (DISTANCE, sensor(12345, covariance=100), (123.45, 0.10, 501.0)),  # cm, cm^2, ms
+        (DISTANCE, sensor(12345, covariance=0), (123.45, 0.5, 501.0)),  # ArduPilot fills in 0 always: the mission's
+        (DISTANCE, sensor(12345, covariance=255), (123.45, 0.5, 501.0)),  # not known, by the definition
+        (BEACON, radio(1_234_567, range_accuracy=120), (1234.567, 0.120, 501.0)),  # mm, us
+        (BEACON, radio(1_234_567, range_accuracy=0), (1234.567, 0.5, 501.0)),
+        (BEACON, radio(1_234_567, range_accuracy=NONE), (1234.567, 0.5, 501.0)),
+        (BEACON, radio(1000, 1_700_000_000_250_000), (1.0, 0.5, 1_700_000_000.25)),  # since 1970
+        (NAMED, named(321.5), (321.5, 0.5, 501.0)),  # m, ms
+    ],
+)
+def test_it_counts_in_the_units_of_its_definition(settings, message, expected):
+    sample = Ear(settings).hear(message, 2.0)
+    assert (sample.r, sample.sigma, sample.stamp) == pytest.approx(expected, rel=1e-12)
+    assert (sample.time, sample.source) == (2.0, message.get_type())
+
+
+@pytest.mark.parametrize(
+    ("settings", "message", "reason"),
+    [
+        (DISTANCE, sensor(0), "no_range"),
+        (DISTANCE, sensor(1, min_distance=0), None),
+        (DISTANCE, sensor(19, min_distance=20), "below_min"),
+        (DISTANCE, sensor(20, min_distance=20), None),
+        (DISTANCE, sensor(59999, max_distance=60000), None),
+        (DISTANCE, sensor(60000, max_distance=60000), "no_range"),
+        (DISTANCE, sensor(60001, max_distance=60000), "no_range"),
+        (DISTANCE, sensor(65534, max_distance=65535), None),
+        (DISTANCE, sensor(65534, max_distance=0), None),
+        (DISTANCE, sensor(65535, max_distance=65535), "no_range"),
+        (DISTANCE, sensor(65535, max_distance=0), "no_range"),
+        (DISTANCE, sensor(10000, signal_quality=0), None),
+        (DISTANCE, sensor(10000, signal_quality=1), "poor_quality"),
+        (DISTANCE, sensor(10000, signal_quality=2), None),
+        (BEACON, radio(0), "no_range"),
+        (BEACON, radio(NONE), "no_range"),
+        (BEACON, radio(100_000, status=1), "poor_quality"),
+        (BEACON, radio(100_000, status=255), "poor_quality"),
+        (BEACON, radio(100_000, status=0xFE), None),
+        (BEACON, radio(100_000, beacon_id=4), "other_sensor"),
+        *((NAMED, named(value), "not_finite") for value in (math.nan, math.inf, -math.inf)),
+        *((NAMED, named(value), "no_range") for value in (0.0, -1.0)),
+        *((NAMED, named(value), None) for value in (5.0, 400.0)),
+        (NAMED, named(4.99), "below_min"),
+        (NAMED, named(400.1), "above_max"),
+    ],
+)
+def test_a_range_within_its_limits_is_taken_and_another_rejected_by_its_reason(settings, message, reason):
+    ear = Ear(settings)
+    assert (ear.hear(message) is None) == (reason is not None)
+    assert ear.rejected == ({reason: 1} if reason else {})
+
+
+@pytest.mark.parametrize(
+    ("wanted", "message", "taken"),
+    [
+        ({"sensor_id": 2, "orientation": 24}, sensor(10000, id=2), True),
+        ({"sensor_id": 2, "orientation": 24}, sensor(10000, id=3), False),
+        ({"sensor_id": 2, "orientation": 24}, sensor(10000, id=2, orientation=0), False),
+        ({"sensor_id": 0, "orientation": 0}, sensor(10000, id=0, orientation=0), True),
+        ({"sensor_id": 0, "orientation": 0}, sensor(10000, id=1, orientation=0), False),
+        ({"sensor_id": 0, "orientation": 0}, sensor(10000, id=0, orientation=24), False),
+        ({}, sensor(10000, orientation=25), None),  # downward: it measures height
+        ({"orientation": 25}, sensor(10000, orientation=25), None),
+        ({"name": "RADIO"}, named(100.0, "RADIO2"), None),  # values of any kind come under names
+        ({"name": "R" * 10}, named(100.0, "R" * 10), True),
+    ],
+)
+def test_it_is_picked_by_the_missions_marks_and_what_is_no_ranging_radio_at_all_is_not_even_counted(
+    wanted, message, taken
+):
+    ear = Ear(RangingSettings(message=message.get_type().lower(), **wanted))
+    assert (ear.hear(message) is not None) == bool(taken)
+    assert ear.rejected == ({"other_sensor": 1} if taken is False else {})
+    assert ear.reader.refused == 0, "another sensor is nobody's error"
+
+
+def test_a_repeated_sequence_is_a_repeated_measurement_whatever_its_stamp():
+    ear = Ear(BEACON)
+    messages = [radio(100_000, 501_000_000 + 100_000 * i, number) for i, number in enumerate((255, 255, 0, 1))]
+    assert [ear.hear(one, 1 + 0.1 * i) is not None for i, one in enumerate(messages)] == [True, False, True, True]
+    assert ear.rejected == {"repeat": 1}
+
+
+@given(
+    cm=st.integers(0, 65535), low=st.integers(0, 65535), high=st.integers(0, 65535), stamp=st.integers(0, 2**32 - 1),
+    quality=st.integers(0, 255), covariance=st.integers(0, 255), way=st.integers(0, 255), height=st.floats(0, 700),
+)  # fmt: skip
+def test_whatever_a_sensor_says_a_sample_is_finite_and_positive(cm, low, high, stamp, quality, covariance, way, height):
+    ear = Ear(height=height)
+    fields = {"min_distance": low, "max_distance": high, "signal_quality": quality, "covariance": covariance}
+    sample = ear.distance(cm, stamp=stamp, orientation=way, **fields)
+    if sample is None:
+        assert sum(ear.rejected.values()) == (way != 25)
+    else:
+        assert 0 < sample.r <= 655.34
+        assert 0 < sample.sigma < math.inf
+
+
+@given(readings=st.lists(st.tuples(st.integers(0, NONE), st.integers(0, 2**64 - 1), st.integers(0, 255)), max_size=20))
+def test_whatever_a_beacon_says_is_taken_or_counted_once(readings):
+    ear = Ear(BEACON)
+    samples = [ear.hear(radio(*reading), 1 + 0.1 * i) for i, reading in enumerate(readings)]
+    assert all(sample is None or sample.time <= 1 + 0.1 * i for i, sample in enumerate(samples))
+    assert samples.count(None) == sum(ear.rejected.values())
