@@ -4,8 +4,8 @@ from math import sqrt
 
 import pytest
 
-from circnav_mav.guidance.drift_alarm import DriftAlarm, watch_drift
 from circnav_mav.guidance.types import Direction, Orbit, RangeEstimate
+from circnav_mav.guidance.watches import DriftAlarm, watch_drift
 from tests.guidance.relative import known
 
 V, R, LIMIT = 15.0, 100.0, 0.35

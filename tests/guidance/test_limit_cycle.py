@@ -4,7 +4,7 @@ from math import pi, sin
 
 import pytest
 
-from circnav_mav.guidance.limit_cycle import LEAST, CommandWatch
+from circnav_mav.guidance.watches import LEAST, CommandWatch
 
 LIMIT, STEP = 0.45, 0.05
 

@@ -8,9 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from circnav_mav.guidance.air_path import chord
-from circnav_mav.guidance.estimators.multiple_model import BankSettings, DriftBank, Stage
+from circnav_mav.guidance.estimators.interface import EstimatorSettings
+from circnav_mav.guidance.estimators.multiple_model import DriftBank, Stage
 from circnav_mav.guidance.estimators.relative_ekf import CLOSEST, KAPPA, STATES, R, update
+from circnav_mav.guidance.geometry import chord
 from tests.guidance.relative import hypothesis, noise
 
 V, TURN, STEP = 15.0, 0.15, 0.05
@@ -23,7 +24,7 @@ class Flown:
     """A bank and the vehicle that it listens to, which turns steadily in the wind."""
 
     def __init__(self, flights=1):
-        self.bank, self.t, self.p = DriftBank(BankSettings(V), flights), 0.0, np.array(TARGET)
+        self.bank, self.t, self.p = DriftBank(EstimatorSettings(V, 0.35), flights), 0.0, np.array(TARGET)
 
     def hear(self, dt, sigma, r=None, error=0.0, valid=True):
         """Fly on for dt, s, and hear a range of standard deviation sigma, m: r, or the true one and its error, m."""
@@ -122,9 +123,9 @@ def test_a_variance_that_rounding_has_made_negative_is_none():
     x, P = np.zeros(STATES), 1e-3 * np.eye(STATES)
     x[R], x[KAPPA], P[R, R], P[5, 5] = 100.0, 1.0, -2e-9, 1e-9
     one = np.array([100.0]), np.array([1e-6]), np.array([True])
-    after, said = update(hypothesis(x, P), noise(1e-2, 0.0, 1.0, 0.0), *one, 5.0)
+    after, nis, _ = update(hypothesis(x, P), noise(1e-2, 0.0, 1.0, 0.0), *one, 5.0)
     assert np.isfinite(after.P).all() and np.isfinite(after.log_weight).all()
-    assert said.nis[0, 0] >= 0.0
+    assert nis[0, 0] >= 0.0
     assert after.x[R, 0, 0] >= CLOSEST
 
 

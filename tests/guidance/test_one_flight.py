@@ -1,16 +1,16 @@
 """The one flight in the air is worked out in plain floats; the same as in arrays, to the last bits."""
 
-from math import inf, nan, pi
+from math import inf, nan, pi, remainder
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from circnav_mav.guidance import floats
+from circnav_mav.guidance import maths
 from circnav_mav.guidance.estimators.prediction import Belief, predict_belief
 from circnav_mav.guidance.estimators.relative_ekf import KAPPA, STATES, THETA, R, predict
-from circnav_mav.guidance.law_selector import ONE_AT_START, at_start, hand_over
+from circnav_mav.guidance.law_selector import Handover, hand_over
 from circnav_mav.guidance.turn_response import Pending
 from circnav_mav.guidance.vector_field import drift, drift_gains, orbit_turn_rate
 from tests.guidance.relative import hypothesis, noise
@@ -46,45 +46,46 @@ def test_one_flight_is_predicted_as_the_bank_predicts_it(seed, dt, heading, airs
 def test_the_drift_law_is_the_same_for_one_flight(x, y, wind, psi, omega):
     facts = {"V": 15.0, "r_d": 100.0, "max_turn_rate": 0.35, "gains": drift_gains(15.0, 0.4, 2.5)}
     pending = Pending(np.array([0.4 * omega]), 0.4)
-    many = drift(np.array([[x], [y]]), np.array(wind)[:, None], np.array([psi]), pending, **facts)
-    one = drift((x, y), wind, psi, Pending(0.4 * omega, 0.4), **facts, xp=floats)
+    d = np.array(wind)[:, None]
+    (many,) = drift(np.array([[x], [y]]), d, np.array([psi]), pending, **facts)
+    off = drift((x, y), wind, psi, Pending(0.4 * omega, 0.4), **facts) - many
     # next to the cut of the heading error at pi both ways round are right
-    cut = 2 * pi * facts["gains"].heading
-    assert abs(remainder_of(one - float(many[0]), cut)) < 1e-6
-    circle = {"V": 15.0, "r_d": 100.0}
-    assert orbit_turn_rate(wind, psi, **circle, xp=floats) == pytest.approx(float(orbit_turn_rate(wind, psi, **circle)))
-
-
-def remainder_of(value, cut):
-    return value - cut * round(value / cut)
+    assert abs(remainder(off, 2 * pi * facts["gains"].heading)) < 1e-6
+    (circles,) = orbit_turn_rate(d, np.array([psi]), V=15.0, r_d=100.0)
+    assert orbit_turn_rate(wind, psi, V=15.0, r_d=100.0) == pytest.approx(circles)
 
 
 steps = st.tuples(
     st.floats(0, 0.5), st.booleans(), st.integers(-1, 3), st.floats(-0.4, 0.4), st.floats(-0.4, 0.4), st.floats(1, 400)
-)  # fmt: skip
+)
 
 
 @given(st.lists(steps, max_size=40))
 def test_the_handover_is_the_same_for_one_flight(steps):
-    one, many = ONE_AT_START, at_start()
-    for dt, trusted, favourite, by_range, by_bank, r in steps:
-        say = {"by_range": by_range, "by_bank": by_bank, "limit": 0.35, "r": r, "r_d": 100.0}
-        one = hand_over(one, dt, trusted=trusted, favourite=favourite, **say, xp=floats)
-        many = hand_over(many, dt, trusted=np.array([trusted]), favourite=np.array([favourite]), **say)
+    one, many = Handover(), Handover()
+    for dt, *said in steps:
+        trusted, favourite, by_range, by_bank, r = said
+        facts = {"trusted": trusted, "favourite": favourite, "by_range": by_range, "by_bank": by_bank, "r": r}
+        one = hand_over(one, dt, **facts, limit=0.35, r_d=100.0)
+        many = hand_over(many, dt, **{name: np.array([fact]) for name, fact in facts.items()}, limit=0.35, r_d=100.0)
         assert (one.flies, one.favourite) == (many.flies[0], many.favourite[0])
-        assert one.command == pytest.approx(float(many.command[0]), abs=1e-12)
+        assert one.command == pytest.approx(many.command[0], abs=1e-12)
 
 
-@given(x=st.floats(-1e6, 1e6), y=st.floats(-1e6, 1e6))
-def test_plain_floats_answer_as_numpy_does(x, y):
-    for name in ("arctan2", "hypot", "minimum", "maximum"):
-        assert getattr(floats, name)(x, y) == pytest.approx(float(getattr(np, name)(x, y)), rel=1e-15, abs=1e-15)
-    assert floats.sinc(x / 1e3) == pytest.approx(float(np.sinc(x / 1e3)), abs=1e-12)
-    assert floats.clip(x, -abs(y), abs(y)) == np.clip(x, -abs(y), abs(y))
-    assert floats.where(x > y, x, y) == np.where(x > y, x, y)
-    assert floats.logical_not(x > y) == np.logical_not(x > y)
+ONE = ("cos", "sin", "exp", "tanh", "rint", "sign", "sinc", "logical_not")
+SHARE = ("arccos", "arcsin")
+TWO = ("arctan2", "hypot", "minimum", "maximum")
+
+
+@given(x=st.floats(-600, 600), y=st.floats(-1e6, 1e6))
+def test_a_float_is_answered_as_numpy_answers_an_array(x, y):
+    values = [*((n, (x,)) for n in ONE), *((n, (x / 600,)) for n in SHARE), *((n, (y, x)) for n in TWO)]
+    for name, operands in [*values, ("sqrt", (abs(y),)), ("clip", (x, -abs(y), abs(y))), ("where", (x > y, x, y))]:
+        function, expected = getattr(maths, name), getattr(np, name)(*operands)
+        assert function(*operands) == pytest.approx(expected, rel=1e-12, abs=1e-12), name
+        assert function(*map(np.array, operands)) == expected, name
 
 
 def test_a_number_that_is_none_is_not_hidden_by_a_bound():
-    assert np.isnan([floats.clip(nan, -1.0, 1.0), floats.minimum(nan, 1.0), floats.maximum(nan, 0.0)]).all()
-    assert floats.clip(inf, -1.0, 1.0) == 1.0
+    assert np.isnan([maths.clip(nan, -1.0, 1.0), maths.minimum(nan, 1.0), maths.maximum(nan, 0.0)]).all()
+    assert maths.clip(inf, -1.0, 1.0) == 1.0

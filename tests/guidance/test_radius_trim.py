@@ -4,7 +4,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from circnav_mav.guidance.radius_trim import MOST, NEAR, next_trim
+from circnav_mav.guidance.circles import MOST_TRIM as MOST
+from circnav_mav.guidance.circles import TRIM_NEAR as NEAR
+from circnav_mav.guidance.circles import next_trim
 
 R_D = 100.0
 FAR = 1.1 * NEAR * R_D

@@ -20,7 +20,7 @@ def test_the_median_of_what_is_there_is_numpys(rows):
 
 def listened(steps, ranges, valid, path=(0.0, 0.0)):
     """A window of two flights: steps (N,) in s, ranges (N, 2) in m, valid (N, 2); path: m in each step."""
-    window = RangeWindow(2, V, 0.0)
+    window = RangeWindow(2, V)
     for dt, z, arrived in zip(steps, ranges, valid, strict=True):
         window.add(np.full(2, dt), np.array(path)[:, None] + np.zeros(2), z, np.full(2, SIGMA), arrived)
     return window
@@ -60,7 +60,8 @@ def test_a_bin_is_the_mean_of_a_quarter_of_a_second_without_what_is_far_off():
     assert bins.age[0] == pytest.approx([7.5 * 0.05, 3 * 0.05])
     assert bins.path[0, 0] == pytest.approx([7.5 * 0.5, 3 * 0.5])
     assert bins.path[1, 0] == pytest.approx([7.5 * -0.25, 3 * -0.25])
-    assert bins.variance[0] == pytest.approx([SIGMA**2 / 4, SIGMA**2 / 5])
+    # of the mean, and what the drift may do meanwhile, .01 m^2/s^3 of it: .01 age^3/3
+    assert bins.variance[0] == pytest.approx([SIGMA**2 / 4 + 0.375**3 / 300, SIGMA**2 / 5 + 0.15**3 / 300])
 
 
 def test_a_bin_without_a_range_says_nothing():

@@ -112,9 +112,9 @@ def test_many_flights_are_filtered_as_filterpy_filters_one(rates):
         rate = {"r_dot": rng.normal(-6.0, 0.2), "r_dot_sigma": 0.2} if rates else {}
         kalman.observe(sample(now, measured, epoch=0.0, **rate))
         kalman.settle()
-        many = observe(many, SETTINGS, h=now - before, z=np.full(3, measured), sigma=0.5, xp=np)
+        many = observe(many, SETTINGS, h=now - before, z=np.full(3, measured), sigma=0.5)
         if rates:
-            many = observe_rate(many, SETTINGS, h=0.0, z=rate["r_dot"], sigma=0.2, xp=np)
+            many = observe_rate(many, SETTINGS, h=0.0, z=rate["r_dot"], sigma=0.2)
         for field in fields(many):
             one = getattr(kalman._state, field.name)
             assert np.broadcast_to(getattr(many, field.name), 3)[1] == pytest.approx(one, rel=1e-9, abs=1e-9)

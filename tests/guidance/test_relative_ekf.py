@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from filterpy.kalman import ExtendedKalmanFilter
 
-from circnav_mav.guidance.air_path import chord
 from circnav_mav.guidance.estimators.relative_ekf import (
     BIAS_TIME,
     FELT_BIAS_PSD,
@@ -23,6 +22,7 @@ from circnav_mav.guidance.estimators.relative_ekf import (
     update,
     update_rate,
 )
+from circnav_mav.guidance.geometry import chord
 from tests.guidance.relative import hypothesis, noise
 
 DT, SIGMA = 0.1, 0.7
@@ -86,15 +86,15 @@ def test_one_hypothesis_is_filterpys_extended_kalman_filter():
         z = float(reference.x[0, 0] + rng.normal(0, 1.0))
         reference.update(np.array([[z]]), lambda _: H, lambda s: H @ s, R=(WHITE * SIGMA) ** 2)
         ours = predict(ours, NOISE, np.array([DT]), path[:, None], np.array([SIGMA]))
-        ours, _ = update(ours, NOISE, np.array([z]), np.array([SIGMA]), np.array([True]), gate=1e3)
+        ours, *_ = update(ours, NOISE, np.array([z]), np.array([SIGMA]), np.array([True]), gate=1e3)
     assert ours.x[:, 0, 0] == pytest.approx(reference.x[:, 0], rel=1e-6, abs=1e-6)
     assert ours.P[:, :, 0, 0] == pytest.approx(reference.P, rel=1e-4, abs=1e-7)
 
 
 def test_an_outlier_is_refused_and_changes_nothing():
     before = hypothesis([100.0, 0, 0, 0, 1, *[0] * 7], 0.01 * np.eye(STATES))
-    after, said = update(before, NOISE, np.array([120.0]), np.array([SIGMA]), np.array([True]), 5.0)
-    assert not said.taken[0, 0]
+    after, _, taken = update(before, NOISE, np.array([120.0]), np.array([SIGMA]), np.array([True]), 5.0)
+    assert not taken[0, 0]
     assert np.array_equal(after.x, before.x)
 
 

@@ -12,12 +12,12 @@ from circnav_mav.experiments.batch.estimators import Auto
 from circnav_mav.experiments.batch.flight import Situation, fly_situation
 from circnav_mav.experiments.batch.guidance import Guidance
 from circnav_mav.experiments.batch.sensors import ImuNoise
-from circnav_mav.guidance.air_path import chord
 from circnav_mav.guidance.estimators.interface import EstimatorSettings, Fused
-from circnav_mav.guidance.estimators.multiple_model import BankSettings, DriftBank, Stage
+from circnav_mav.guidance.estimators.multiple_model import DriftBank, Stage
 from circnav_mav.guidance.estimators.relative_ekf import GX, GY, KAPPA
 from circnav_mav.guidance.estimators.relative_motion import AutoEstimator, DriftEstimator
 from circnav_mav.guidance.estimators.unicycle import UnicycleEstimator
+from circnav_mav.guidance.geometry import chord
 from circnav_mav.guidance.types import FeltVelocity, OwnMotion, RangeSample
 
 V, OMEGA, WIND = 15.0, 0.15, (3.0, -2.0)
@@ -285,7 +285,7 @@ def test_unicycle_lives_on_a_slow_radio_while_the_vehicle_turns_slowly():
 
 
 def test_a_bank_in_the_mirror_believes_the_mirror_image():
-    rng, bank, all_ = np.random.default_rng(5), DriftBank(BankSettings(V), 2), np.ones(2)
+    rng, bank, all_ = np.random.default_rng(5), DriftBank(SETTINGS, 2), np.ones(2)
     p, psi = np.array([140.0, 60.0]), 1.0
     for i in range(600):
         turn = 0.05 * (0.15 + 0.15 * sin(0.05 * i))
@@ -333,7 +333,7 @@ def test_a_reset_forgets_that_the_bank_was_trusted():
 
 
 def test_the_spread_is_that_of_the_place_over_the_range_from_the_first_step_of_a_track_on():
-    bank, world = DriftBank(BankSettings(V)), Circling()
+    bank, world = DriftBank(SETTINGS), Circling()
     tracked = 0
     for t in np.arange(0.0, 40.0, 0.1):
         dt, z = np.array([0.1 if t else 0.0]), np.array([world.range(t).r])
@@ -349,7 +349,7 @@ def test_the_spread_is_that_of_the_place_over_the_range_from_the_first_step_of_a
 def test_flights_that_hear_at_their_own_times_are_what_each_is_alone():
     """One starts late, one loses half of its ranges; a search has bins and a track has filters of its own time."""
     worlds, rng = [Circling(rng=np.random.default_rng(n)) for n in range(3)], np.random.default_rng(1)
-    together, alone = DriftBank(BankSettings(V), 3), [DriftBank(BankSettings(V)) for _ in worlds]
+    together, alone = DriftBank(SETTINGS, 3), [DriftBank(SETTINGS) for _ in worlds]
     heard = np.full(3, np.nan)
     stages = []
     for t in np.arange(0.0, 30.0, 0.1):

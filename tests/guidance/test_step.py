@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from circnav_mav.guidance.air_path import chord
+from circnav_mav.guidance.geometry import chord
 from circnav_mav.guidance.laws import pi as pi_law
-from circnav_mav.guidance.step import LawChoice, compensate_turn_gain, holding, limit, steering
+from circnav_mav.guidance.step import LawChoice, compensate_turn_gain, holding, limited, steering
 from circnav_mav.guidance.turn_response import Pending
-from circnav_mav.guidance.types import Direction, Orbit, RangeEstimate, TurnRate
+from circnav_mav.guidance.types import Direction, Orbit, RangeEstimate
 from circnav_mav.guidance.vector_field import drift, drift_gains
 from tests.guidance.relative import guessed, known
 
@@ -51,7 +51,7 @@ def test_a_gain_without_a_correction_is_refused_at_once(gain):
 @given(gain=st.floats(0.5, 1.5), demanded=st.floats(-10, 10), bound=st.floats(1e-3, 10))
 def test_a_vehicle_that_turns_less_than_it_is_told_is_told_more(gain, demanded, bound):
     """Told w/gain, it turns at w; the limit is that of what it is told."""
-    command = compensate_turn_gain(limit(TurnRate(demanded), 20.0), bound, gain)
+    command = compensate_turn_gain(limited(demanded, 20.0), bound, gain)
     assert abs(command.turn_rate) <= bound
     assert command.demanded == demanded
     if not command.saturated:
@@ -60,7 +60,7 @@ def test_a_vehicle_that_turns_less_than_it_is_told_is_told_more(gain, demanded, 
 
 @given(demanded=st.one_of(st.floats(-1e6, 1e6), st.sampled_from([-inf, inf])), bound=st.floats(1e-3, 10))
 def test_the_limit_cuts_what_is_beyond_it_and_says_so(demanded, bound):
-    command = limit(TurnRate(demanded), bound)
+    command = limited(demanded, bound)
     assert command.demanded == demanded
     assert command.saturated == (abs(demanded) > bound)
     assert command.turn_rate == (np.copysign(bound, demanded) if command.saturated else demanded)

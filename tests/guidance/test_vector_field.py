@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from circnav_mav.guidance import floats
-from circnav_mav.guidance.air_path import chord, chord_parts
+from circnav_mav.guidance.geometry import chord, chord_parts
+from circnav_mav.guidance.maths import clip
 from circnav_mav.guidance.turn_response import Pending, PendingTurn, Response
 from circnav_mav.guidance.vector_field import (
     drift,
@@ -117,14 +117,14 @@ def swing(dead, known):
     the part that the law knows of."""
     dt, x, y, psi, rate, worst = 0.02, 1.15 * R_D, 0.0, pi / 2, 0.0, 0.0
     response, under_way, told = Response(known * dead, LAG, 1 / LAG), PendingTurn(), [0.0] * (round(dead / dt) + 1)
-    facts = {"V": V, "r_d": R_D, "max_turn_rate": LIMIT, "xp": floats}
-    gains = drift_gains(V, response.delay, response.settles, xp=floats)
+    facts = {"V": V, "r_d": R_D, "max_turn_rate": LIMIT}
+    gains = drift_gains(V, response.delay, response.settles)
     for i in range(10_000):
         pending = under_way.at(i * dt, response, rate)
-        told.append(floats.clip(drift((x, y), (0.0, 0.0), psi, pending, gains=gains, **facts), -LIMIT, LIMIT))
+        told.append(clip(drift((x, y), (0.0, 0.0), psi, pending, gains=gains, **facts), -LIMIT, LIMIT))
         under_way.command(i * dt, told[-1])
         rate += (told[-1 - round(dead / dt)] - rate) * dt / LAG
-        east, north = chord_parts(V, psi, rate * dt, dt, floats)
+        east, north = chord_parts(V, psi, rate * dt, dt)
         x, y, psi = x + east, y + north, psi + rate * dt
         worst = max(worst, abs(hypot(x, y) - R_D)) if i > 7000 else 0.0
     return worst

@@ -2,10 +2,10 @@
 
 from collections import deque
 from dataclasses import dataclass, replace
+from math import cos, sin
 from typing import NamedTuple
 
-from circnav_mav.guidance import floats
-from circnav_mav.guidance.air_path import chord_parts, wrap
+from circnav_mav.guidance.geometry import chord_parts, wrap
 from circnav_mav.guidance.types import FeltVelocity, OwnMotion
 
 KEPT = 64
@@ -110,10 +110,10 @@ def _between(before: Knot, after: Knot, time: float) -> Knot:
 
 def _carried(knot: Knot, motion: OwnMotion, airspeed: float, turned: float, step: float) -> Knot:
     """The knot of a motion `step` seconds later, along an arc through the angle `turned`."""
-    x, y = chord_parts(airspeed, knot.motion.heading, turned, step, floats)
+    x, y = chord_parts(airspeed, knot.motion.heading, turned, step)
     nose_x, nose_y = _along(knot.motion.heading + turned / 2, step)  # the middle of the arc stands for it
     return Knot(motion, knot.x + x, knot.y + y, knot.piece, knot.nose_x + nose_x, knot.nose_y + nose_y)
 
 
 def _along(angle: float, length: float) -> tuple[float, float]:
-    return length * floats.cos(angle), length * floats.sin(angle)
+    return length * cos(angle), length * sin(angle)

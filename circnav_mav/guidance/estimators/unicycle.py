@@ -9,16 +9,15 @@ likelier one counts. Arrays: x (2, 2, B), P (2, 2, 2, B) for state, hypothesis, 
 
 from copy import copy
 from math import pi, sqrt
-from typing import Any
 
 import numpy as np
 
-from circnav_mav.guidance.air_path import wrap
 from circnav_mav.guidance.estimators.dead_reckoning import Knot, OwnPath
 from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings, Fused
+from circnav_mav.guidance.geometry import wrap
+from circnav_mav.guidance.maths import Array
 from circnav_mav.guidance.types import OwnMotion, RangeEstimate, RangeSample, RateSample
 
-Array = Any
 POSITION_PSD, ANGLE_PSD = 0.05**2, 0.03**2
 """Process noise of r (m^2/s) and eta (rad^2/s): what wind and slip leave over."""
 CLOSEST = 5.0

@@ -3,9 +3,9 @@
 from collections.abc import Hashable
 from math import isfinite
 
+from circnav_mav.guidance.geometry import horizontal_rate
 from circnav_mav.guidance.range_noise import NoiseCheck
 from circnav_mav.guidance.rate_check import RateCheck
-from circnav_mav.guidance.slant import horizontal_rate
 from circnav_mav.guidance.types import SAME_TIME, RangeSample, RateSample
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.ranging.interface import RangingSettings, as_text, boot_stamp

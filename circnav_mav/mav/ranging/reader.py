@@ -7,8 +7,8 @@ later, in the estimator. See the messages' own files for what each says.
 from collections import Counter
 from collections.abc import Collection, Hashable
 
+from circnav_mav.guidance.geometry import horizontal
 from circnav_mav.guidance.range_noise import NoiseCheck
-from circnav_mav.guidance.slant import horizontal
 from circnav_mav.guidance.types import SAME_TIME, RangeSample
 from circnav_mav.mav.clocks import RemoteClock, Slower, nobody_tells
 from circnav_mav.mav.codec import Message
