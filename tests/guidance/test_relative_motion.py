@@ -298,6 +298,18 @@ def test_a_bank_in_the_mirror_believes_the_mirror_image():
     assert other == pytest.approx(one * [1, -1, 1, -1, 1, 1, 1, -1, 1, -1, 1, -1], abs=1e-3)
 
 
+def test_ranges_that_a_new_search_goes_by_are_not_rejected():
+    world, estimator = listened()
+    world.target = (-250.0, 300.0)
+    said = []
+    for t in np.arange(30.0, 34.0, 0.05):
+        estimator.move(world.motion(t))
+        said.append(estimator.observe(world.range(t)))
+    lost = next(i for i, one in enumerate(said) if one is not Fused.GATED)
+    assert lost > 0 and Fused.GATED not in said[lost:]
+    assert estimator.bank.stage[0] == Stage.SEARCH
+
+
 def test_auto_goes_on_hearing_ranges_while_its_bank_has_lost_the_target():
     world, estimator = listened(AutoEstimator)
     world.target = (-250.0, 300.0)

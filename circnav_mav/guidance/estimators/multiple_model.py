@@ -207,7 +207,8 @@ class DriftBank:
         h = self._tracks
         self._tracks = Hypotheses(h.x[..., stay], h.P[..., stay], h.log_weight[..., stay])
         self._tracking = self._tracking[stay]
-        self.stage[lost], self.spread[lost], self.trusted[lost] = Stage.EMPTY, np.inf, False
+        self.stage[lost], self.spread[lost] = Stage.EMPTY, np.inf
+        self.trusted[lost] = self.refused[lost] = False
         self.mean[:, ~sound], self.covariance[:, :, ~sound] = 0.0, 0.0
         self._search.forget()
         return True
