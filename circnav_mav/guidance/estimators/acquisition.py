@@ -9,6 +9,7 @@ Arrays have the axes B flights, M guesses, N bins. Frame and symbols as in `rela
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -70,8 +71,7 @@ class Prior:
         return (x[..., 2] - self.dx) ** 2 + (x[..., 3] - self.dy) ** 2
 
 
-@dataclass(frozen=True, slots=True)
-class Guesses:
+class Guesses(NamedTuple):
     """M guesses for each of B flights: x (B, M, 5) of p, d, kappa now; cost (B, M) there; damping (B, M)."""
 
     x: Array
@@ -80,7 +80,7 @@ class Guesses:
 
     def some(self, of: Array) -> "Guesses":
         """Those of some flights."""
-        return Guesses(self.x[of], self.cost[of], self.damping[of])
+        return Guesses(*(part[of] for part in self))
 
 
 class RingSearch:
@@ -109,8 +109,8 @@ class RingSearch:
         self._carry()
         self.at = np.concatenate([self.at, at])
         self.favourite = np.concatenate([self.favourite, np.zeros(at.size, int)])
-        old, new = self._guesses, all_round(r, self._prior)
-        self._guesses = Guesses(*(np.concatenate([getattr(g, name) for g in (old, new)]) for name in Guesses.__slots__))
+        both = zip(self._guesses, all_round(r, self._prior), strict=True)
+        self._guesses = Guesses(*(np.concatenate(parts) for parts in both))
 
     def go_on(self, due: Array, sigma: Array) -> tuple[Array, Array, Array] | None:
         """Improve the guesses of flights that are due on the window; the answers that became clear leave the search:

@@ -204,8 +204,7 @@ class DriftBank:
         if not lost.any():
             return False
         stay = ~lost[self._tracking]
-        h = self._tracks
-        self._tracks = Hypotheses(h.x[..., stay], h.P[..., stay], h.log_weight[..., stay])
+        self._tracks = Hypotheses(*(part[..., stay] for part in self._tracks))
         self._tracking = self._tracking[stay]
         self.stage[lost], self.spread[lost] = Stage.EMPTY, np.inf
         self.trusted[lost] = self.refused[lost] = False
@@ -230,8 +229,8 @@ class DriftBank:
         covariance[ekf.GX, ekf.GX] = covariance[ekf.GY, ekf.GY] = (0.02 * self._settings.speed) ** 2
         covariance[ekf.FORWARD, ekf.FORWARD] = covariance[ekf.LEFT, ekf.LEFT] = ekf.FELT_BIAS**2
         mean, covariance = ekf.polar(mean, covariance)
-        both = [(h.x, h.P, h.log_weight) for h in (self._tracks, _copies(mean, covariance))]
-        self._tracks = Hypotheses(*(np.concatenate(parts, axis=-1) for parts in zip(*both, strict=True)))
+        both = zip(self._tracks, _copies(mean, covariance), strict=True)
+        self._tracks = Hypotheses(*(np.concatenate(parts, axis=-1) for parts in both))
         self._tracking = np.concatenate([self._tracking, at])
         self._believe(at, mean, covariance)
         self.stage[at], self.missed[at] = Stage.TRACK, 0.0

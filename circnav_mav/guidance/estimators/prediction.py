@@ -1,18 +1,16 @@
 """What the belief of a flight says of a moment soon after its newest range: as `relative_ekf.predict`, but only what is
 asked, and in plain floats."""
 
-from dataclasses import dataclass
 from math import cos, exp, sin
+from typing import NamedTuple
 
 import numpy as np
 
 from circnav_mav.guidance.estimators import relative_ekf as ekf
-from circnav_mav.guidance.estimators.dead_reckoning import FeltStep
 from circnav_mav.guidance.maths import Array
 
 
-@dataclass(frozen=True, slots=True)
-class Belief:
+class Belief(NamedTuple):
     """mean: the state of `relative_ekf`, 12 numbers. covariance (12, 12). drift_psd (m^2/s^3), gust (m/s), feels
     (0 .. 1): what it assumes."""
 
@@ -23,8 +21,7 @@ class Belief:
     feels: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class Prediction:
+class Prediction(NamedTuple):
     """p = vehicle - target = (x, y), m, at range r. drift: m/s. airspeed: true, m/s. r_dot: m/s. Variances: of r (m^2),
     of the direction (rad^2), of r_dot (m^2/s^2)."""
 
@@ -41,7 +38,7 @@ class Prediction:
 
 def predict_belief(
     belief: Belief, dt: float, chord: tuple[float, float], *, heading: float, airspeed: float,
-    felt: FeltStep | None = None,
+    felt: ekf.Felt | None = None,
 ) -> Prediction:  # fmt: skip
     """The belief carried on by dt (s) along an air path (m, at the measured airspeed) to where the vehicle flies with
     that heading (rad) and that measured airspeed (m/s). felt: what was felt meanwhile, see `Knot.felt_since`."""

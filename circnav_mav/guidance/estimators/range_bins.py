@@ -1,7 +1,7 @@
 """The last seconds of ranges, averaged in short bins, and how rough they are. The last axis B is over flights, each
 with a clock of its own."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,8 +23,7 @@ DRIFT_PSD = 0.01
 """How fast the drift may change, m^2/s^3."""
 
 
-@dataclass(frozen=True, slots=True)
-class Bins:
+class Bins(NamedTuple):
     """N averaged ranges of B flights, newest last, shape (B, N): age (s) and path (2, B, N; m) since, both counted
     back from now, z (m) and its variance (m^2; infinite for an empty bin)."""
 

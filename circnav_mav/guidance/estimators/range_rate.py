@@ -176,9 +176,7 @@ class KalmanRangeRate(Estimator):
         self._state, self._unsettled, self._newest = taken_in(), partial(taken_in, by=filtered_by_filterpy), sample
         if sample.rate is not None:
             self.observe_rate(sample.rate)
-        if self._state.refused:
-            return Fused.GATED
-        return Fused.RESTARTED if before.samples and self._state.samples == 1 else Fused.ACCEPTED
+        return Fused.GATED if self._state.refused else Fused.ACCEPTED
 
     def settle(self) -> None:
         """Let filterpy take the newest range in."""

@@ -18,16 +18,13 @@ exact (the air path comes in as a chord) and linearised about the mean. Source: 
 coordinates, as Aidala and Hammel, "Utilization of modified polar coordinates for bearings-only tracking" (1983).
 """
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from circnav_mav.guidance.geometry import wrap
 from circnav_mav.guidance.maths import Array, arctan2, cos, exp, maximum, sin
 
-Row = tuple[tuple[int, Array], ...]
-"""Entries of a row of a matrix, by state."""
 R, THETA, DX, DY, KAPPA, B, GX, GY, FORWARD, LEFT, EX, EY = range(12)
 STATES = 12
 BIAS_TIME = 2.0
@@ -56,8 +53,7 @@ WEIGHT_MEMORY = 20.0
 """Time, s, after which the evidence for a hypothesis counts 1/e."""
 
 
-@dataclass(frozen=True, slots=True)
-class Noise:
+class Noise(NamedTuple):
     """What each of M hypotheses assumes, arrays of shape (M, 1).
 
     drift_psd: of d', m^2/s^3. gust: standard deviation of each component of g, m/s. white, drifting: the two parts of
@@ -73,12 +69,11 @@ class Noise:
     feels: Array = 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class Felt:
-    """What was measured of the acceleration over a step of B flights, arrays (2, B) in the paper's frame.
+class Felt(NamedTuple):
+    """What was measured of the acceleration over a step, arrays (2, B), or pairs of one flight.
 
     change: its integral, m/s. air: the change of V u(psi) at the measured airspeed meanwhile, m/s. nose: the integral
-    of u(psi), s. across: of shape (B,), airspeed times turn rate, m/s^2.
+    of u(psi), s. across: of shape (B,), or one number: airspeed times turn rate, m/s^2.
     """
 
     change: Array
@@ -88,11 +83,10 @@ class Felt:
 
     def of(self, flights: Any) -> "Felt":
         """Some of the flights."""
-        return Felt(*(part[..., flights] for part in (self.change, self.air, self.nose, self.across)))
+        return Felt(*(part[..., flights] for part in self))
 
 
-@dataclass(frozen=True, slots=True)
-class Rates:
+class Rates(NamedTuple):
     """Measured range rates of B flights, arrays (B,): r_dot and its sigma, m/s, where valid. air (2, B): V u(psi) of
     that moment at the measured airspeed, m/s."""
 
@@ -103,11 +97,10 @@ class Rates:
 
     def of(self, flights: Any) -> "Rates":
         """Some of the flights."""
-        return Rates(*(part[..., flights] for part in (self.r_dot, self.sigma, self.valid, self.air)))
+        return Rates(*(part[..., flights] for part in self))
 
 
-@dataclass(frozen=True, slots=True)
-class Hypotheses:
+class Hypotheses(NamedTuple):
     """M filters for each of B flights: x (12, M, B), P (12, 12, M, B), log_weight (M, B) with maximum 0 per flight."""
 
     x: Array
@@ -207,7 +200,7 @@ def _within_bounds(x: Array) -> None:
     np.minimum(np.maximum(x[KAPPA], least), most, out=x[KAPPA])
 
 
-def motion(x: Any, dt: Array, chord: Any) -> tuple[Array, Array, Row]:
+def motion(x: Any, dt: Array, chord: Any) -> tuple[Array, Array, tuple[tuple[int, Array], ...]]:
     """Range and direction after dt along a chord, and their row of the Jacobian: what an error of each state does to
     the range, and, as the imaginary part, to the direction times the range. States that do nothing are left out.
 
@@ -239,11 +232,11 @@ def wandered(steady: Array, gusty: Array, dt: Array) -> Array:
     return (steady + gusty) * (dt**2 / 3) + POSITION_PSD * dt
 
 
-Fused = tuple[Hypotheses, Array, Array]
+Updated = tuple[Hypotheses, Array, Array]
 """The hypotheses after a measurement; for each, (M, B), its normalised innovation squared and whether it was taken."""
 
 
-def update(h: Hypotheses, noise: Noise, z: Array, sigma: Array, valid: Array, gate: float) -> Fused:
+def update(h: Hypotheses, noise: Noise, z: Array, sigma: Array, valid: Array, gate: float) -> Updated:
     """Take in one range per flight, z and sigma (B,), where valid (B,); per hypothesis refuse it outside the gate."""
     PH = h.P[:, R] + h.P[:, B]
     S = np.maximum(PH[R] + PH[B], 0.0) + (noise.white * sigma) ** 2
@@ -264,7 +257,7 @@ def update_rate(h: Hypotheses, rates: Rates, gate: float) -> Hypotheses:
     return _fused(h, PH, rates.r_dot - along, S, rates.valid, gate, RATE_SPREAD)[0]
 
 
-def _fused(h: Hypotheses, PH: Array, nu: Array, S: Array, valid: Array, gate: float, spread: float) -> Fused:
+def _fused(h: Hypotheses, PH: Array, nu: Array, S: Array, valid: Array, gate: float, spread: float) -> Updated:
     """After a measurement with innovation nu of variance S; PH: covariance of the states with it. spread: an outlier is
     anywhere within."""
     nis = nu**2 / S

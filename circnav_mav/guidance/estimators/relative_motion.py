@@ -76,7 +76,7 @@ class DriftEstimator(Estimator):
             before = None
         if before is not None and (sample.time <= self._range_at or sample.time < before.motion.time):
             return Fused.GATED
-        was, self._range_at = self.bank.stage[0], sample.time
+        self._range_at = sample.time
         ranges = np.array([sample.r]), np.array([sample.sigma]), np.array([True])
         self.bank.observe(*_step(before or knot, knot), *ranges, _felt(before, knot))
         self._used, self._sigma, self._astray = knot, sample.sigma, False
@@ -84,8 +84,6 @@ class DriftEstimator(Estimator):
         self._remember(sample.time)
         if sample.rate is not None:
             self.observe_rate(sample.rate)
-        if was == Stage.TRACK and self.bank.stage[0] != Stage.TRACK:
-            return Fused.RESTARTED
         return Fused.GATED if self.bank.refused[0] else Fused.ACCEPTED
 
     def observe_rate(self, sample: RateSample) -> None:
@@ -234,9 +232,6 @@ def _step(before: Knot, after: Knot) -> tuple[Array, Array]:
 
 
 def _felt(before: Knot | None, after: Knot) -> Felt | None:
-    """What was felt meanwhile."""
+    """What was felt meanwhile, of one flight of a bank."""
     felt = None if before is None else after.felt_since(before)
-    if felt is None:
-        return None
-    change, air, nose = (np.array(part)[:, None] for part in felt[:3])
-    return Felt(change, air, nose, np.array([felt.across]))
+    return None if felt is None else Felt(*(np.array(part)[..., None] for part in felt))

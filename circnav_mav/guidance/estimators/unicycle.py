@@ -144,14 +144,11 @@ class UnicycleEstimator(Estimator):
                 return Fused.GATED
             self._carry(self.filter, before, knot)
         self._range_at = sample.time
-        started = self.filter.samples[0]
         one, sigma = np.array([True]), np.array([sample.sigma])
         self.filter.update(np.array([sample.r]), sigma, one)
         self._used = knot
         if sample.rate is not None:
             self.observe_rate(sample.rate)
-        if started and self.filter.samples[0] == 1:
-            return Fused.RESTARTED
         return Fused.GATED if self.filter.refused[0] else Fused.ACCEPTED
 
     def observe_rate(self, sample: RateSample) -> None:
