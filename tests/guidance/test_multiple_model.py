@@ -75,7 +75,9 @@ def test_no_sequence_of_ranges_leaves_numbers_that_are_none_or_covariances_that_
         bank = flown.bank
         assert np.isfinite(bank.mean).all()
         assert np.isfinite(bank.covariance).all()
-        assert np.isfinite(bank.spread[0]) == (bank.stage[0] == Stage.TRACK)
+        x, P = bank.mean[:, 0], bank.covariance[..., 0]
+        spread = hypot(np.sqrt(P[R, R]) / x[R], np.sqrt(P[1, 1])) if bank.stage[0] == Stage.TRACK else np.inf
+        assert bank.spread[0] == pytest.approx(spread)
         P = np.moveaxis(bank._tracks.P[..., 0], -1, 0) if bank._tracks.P.size else np.eye(STATES)[None]
         assert np.array_equal(P, P.swapaxes(1, 2))
         deviation = np.sqrt(np.einsum("nii->ni", P))
