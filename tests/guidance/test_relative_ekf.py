@@ -1,19 +1,27 @@
-"""The relative-motion filters against filterpy's, and what they believe in flight."""
+"""The relative-motion filters against filterpy's, and what they predict of the one flight in the air."""
+
+from math import pi
 
 import numpy as np
 import pytest
 from filterpy.kalman import ExtendedKalmanFilter
+from hypothesis import given
+from hypothesis import strategies as st
 
+from circnav_mav.guidance.estimators.prediction import Belief, predict_belief
 from circnav_mav.guidance.estimators.relative_ekf import (
     BIAS_TIME,
     FELT_BIAS_PSD,
     FELT_PSD,
     GUST_TIME,
+    KAPPA,
     KAPPA_PSD,
     POSITION_PSD,
     STATES,
+    THETA,
     Felt,
     Hypotheses,
+    R,
     Rates,
     mixture,
     polar,
@@ -116,20 +124,39 @@ def test_a_range_rate_corrects_by_the_derivatives_of_its_equation():
     assert after.P[:, :, 0, 0] == pytest.approx(P - np.outer(P @ H, H @ P) / S, abs=1e-7)
 
 
-def test_directions_are_averaged_across_the_cut_at_pi():
+def test_directions_are_averaged_across_the_cut_at_pi_and_a_place_is_the_same_in_polar_coordinates():
     x = np.zeros((STATES, 2, 1))
     x[0], x[1, 0], x[1, 1] = 100.0, np.pi - 0.01, -np.pi + 0.01
     mean, P = mixture(Hypotheses(x, np.zeros((STATES, STATES, 2, 1)), np.zeros((2, 1))))
     assert abs(np.cos(mean[1, 0]) + 1) < 1e-6
     assert P[1, 1, 0] == pytest.approx(1e-4, rel=1e-6)
-
-
-def test_polar_keeps_the_position_and_its_uncertainty():
-    p = np.array([30.0, -40.0, 1, 2, 1, *[0] * 7])[:, None]
-    P = np.diag([4.0, 4.0, *[1] * 10])[..., None]
+    p, P = np.array([30.0, -40.0, 1, 2, 1, *[0] * 7])[:, None], np.diag([4.0, 4.0, *[1] * 10])[..., None]
     x, polar_P = polar(p, P)
     assert position(x)[:, 0] == pytest.approx([30.0, -40.0])
     assert (polar_P[0, 0, 0], polar_P[1, 1, 0]) == pytest.approx((4.0, 4.0 / 50**2))
+
+
+@given(seed=st.integers(0, 2**32 - 1), dt=st.floats(0.0, 20.0), heading=st.floats(-pi, pi), airspeed=st.floats(0.5, 30))
+def test_one_flight_is_predicted_as_the_bank_predicts_it(seed, dt, heading, airspeed):
+    rng = np.random.default_rng(seed)
+    mean = rng.normal(size=STATES) * [80, 2, 3, 3, 0.05, 0.3, 1, 1, 0.1, 0.1, 0, 0] + [150, 0, 0, 0, 1, *[0] * 7]
+    mean[R] = max(mean[R], 1.0)
+    root = rng.normal(size=(STATES, STATES)) * 0.1
+    P, chord, psd, gust = root @ root.T, rng.normal(size=2) * 10 * dt, 0.02, 1.3
+    after = predict(hypothesis(mean, P), noise(psd, gust, 0.7, 0.5), np.array([dt]), chord[:, None], np.array([0.5]))
+    x, Q = after.x[:, 0, 0], after.P[:, :, 0, 0]
+
+    belief = Belief(tuple(mean.tolist()), P, psd, gust)
+    ours = predict_belief(belief, dt, (chord[0], chord[1]), heading=heading, airspeed=airspeed)
+
+    n, air = np.array([np.cos(x[THETA]), np.sin(x[THETA])]), airspeed * np.array([np.cos(heading), np.sin(heading)])
+    v = x[KAPPA] * air + x[2:4] + x[6:8]
+    gradient = np.array([0.0, n[0] * v[1] - n[1] * v[0], *n, n @ air, 0.0, *n, 0, 0, 0, 0])
+    assert [ours.r, ours.x, ours.y, *ours.drift] == pytest.approx([x[R], *(x[R] * n), *(x[2:4] + x[6:8])], abs=1e-9)
+    assert (ours.r_dot, ours.airspeed) == pytest.approx((n @ v, x[KAPPA] * airspeed), abs=1e-9)
+    assert ours.r_variance == pytest.approx(Q[R, R], rel=1e-9)
+    assert ours.direction_variance == pytest.approx(Q[THETA, THETA], rel=1e-9)
+    assert ours.r_dot_variance == pytest.approx(gradient @ Q @ gradient, rel=1e-9)
 
 
 def test_a_measured_acceleration_is_bayes_rule_for_what_happened_in_the_step():
