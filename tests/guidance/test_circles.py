@@ -22,11 +22,13 @@ def trimmed(trim, error, saturated=False):
         (2.2, -22.0, False, 2.2),
         (-8.0, -22.0, False, -7.89),
         (0.1, 300.0, False, 0.0),
+        (15.0, -10.0, False, 15.0),
         (-1.0, 2.0, True, -1.0),
     ],
     ids=[
         "it grows against an error", "to either side", "it does not begin far from the circle", "nor grow there",
-        "nor inside", "it unwinds there", "to nothing and not beyond", "it stands still at the limit of the turn",
+        "nor inside", "it unwinds there", "to nothing and not beyond", "it is bounded",
+        "it stands still at the limit of the turn",
     ],
 )  # fmt: skip
 def test_the_trim_holds_the_mean_radius(trim, error, saturated, after):

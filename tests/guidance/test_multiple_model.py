@@ -96,28 +96,22 @@ def test_after_ranges_that_claim_what_none_can_the_target_is_known_again(trackin
     assert flown.off < 5.0
 
 
-def test_a_track_that_is_no_number_any_more_is_searched_anew(tracking):
-    flown = deepcopy(tracking)
-    flown.bank._tracks.x[KAPPA, 0] = np.nan
-    flown.hear(STEP, 0.5)
-    bank = flown.bank
-    assert (bank.stage[0], bank.trusted[0]) == (Stage.SEARCH, False)
-    assert np.isfinite(bank.mean).all() and np.isfinite(bank.covariance).all()
-    flown.listen(30.0)
-    assert flown.bank.trusted[0]
-    assert flown.off < 5.0
-
-
-def test_a_flight_whose_track_is_no_number_takes_no_other_with_it():
+@pytest.mark.parametrize("part", ["x", "P"])
+def test_a_track_that_is_no_number_any_more_is_searched_anew_and_takes_no_other_flight_with_it(part):
     """Two flights in one bank hear the same; the track of the first breaks."""
-    broken, whole = Flown(flights=2).listen(30.0), Flown(flights=2).listen(30.0)
+    broken, whole = Flown(flights=2).listen(25.0), Flown(flights=2).listen(25.0)
     assert (broken.bank.stage == Stage.TRACK).all()
-    broken.bank._tracks.P[R, R, :, 0] = np.nan
+    getattr(broken.bank._tracks, part)[KAPPA, ..., 0] = np.nan
     for flown in (broken, whole):
         flown.hear(STEP, 0.5)
     assert broken.bank.stage.tolist() == [Stage.SEARCH, Stage.TRACK]
+    assert broken.bank.trusted.tolist() == [False, True]
+    assert np.isfinite(broken.bank.mean).all() and np.isfinite(broken.bank.covariance).all()
     assert np.array_equal(broken.bank.mean[:, 1], whole.bank.mean[:, 1])
     assert np.array_equal(broken.bank.covariance[..., 1], whole.bank.covariance[..., 1])
+    broken.listen(30.0)
+    assert broken.bank.trusted.all()
+    assert broken.off < 5.0
 
 
 def test_a_variance_that_rounding_has_made_negative_is_none():

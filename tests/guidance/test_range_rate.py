@@ -88,6 +88,7 @@ def test_the_filter_is_its_matrix_form_over_uneven_steps_and_noises(rates):
         reference.expects(kalman.at(now))
     before = kalman.at(now).r_dot
     kalman.observe_rate(RateSample(EPOCH + now, now, before + 40.0, 0.3))  # an outlier
+    kalman.observe_rate(RateSample(EPOCH + now - 0.05, now - 0.05, before + 0.5, 0.3))  # of before the newest
     assert kalman.at(now).r_dot == before
     reference.step(0.4, 0.0, 1e9)  # a measurement worth nothing: a prediction of .4 s
     reference.expects(kalman.at(now + 0.4))
@@ -152,6 +153,14 @@ def test_scattered_outliers_never_restart_the_filter_and_time_passes():
         hear(kalman, last, [900.0] * 4 + [good] + [900.0] * 4)
         == [Fused.GATED] * 4 + [Fused.ACCEPTED] + [Fused.GATED] * 4
     )
+
+
+@pytest.mark.parametrize(("apart", "agree"), [(6.0, True), (7.0, False)])
+def test_samples_of_one_motion_are_no_farther_apart_than_twice_the_speed_and_the_noise_carry_it(apart, agree):
+    """2 V .1 s = 3 m, and five standard deviations of a difference of two, 3.5 m."""
+    kalman, last = settled()
+    said = hear(kalman, last, [900.0 - apart * i for i in range(5)])
+    assert said == [Fused.GATED] * 4 + [Fused.ACCEPTED if agree else Fused.GATED]
 
 
 def test_a_real_jump_restarts_the_filter_after_five_samples_that_agree():

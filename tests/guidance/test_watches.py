@@ -66,9 +66,14 @@ def test_a_command_that_swings_between_its_limits_is_a_cycle_and_lowers_the_gain
         lambda t: 0.3 + 0.2 * sin(2 * pi * t / 40),
         lambda t: 0.3 + 0.3 * sin(2 * pi * t / 1.5),
         lambda t: 0.7 * sin(2 * pi * t / 6),
-        lambda t: 1.0 if t < 3 else -1.0 if t < 6 else 1.0 if t < 8 else 0.3,
+        lambda t: 0.3 if t > 16 else 1.0 if t // 2.5 % 2 == 0 else -1.0,
     ],
-    ids=["the circle in wind", "restless, but far from the limits", "the weave of a search", "an approach"],
+    ids=[
+        "the circle in wind",
+        "restless, but far from the limits",
+        "the weave of a search",
+        "an approach, six times to and fro",
+    ],
 )
 def test_what_a_flight_needs_is_no_cycle(command):
     assert watched(command).share == 1.0

@@ -129,19 +129,17 @@ class DriftBank:
         if lost or self._tracking.size < self.stage.size:
             self._hear()  # a vehicle that searches is steered by what its search thinks most of
 
-    def settle(self) -> bool:
-        """Go on with the searches: what no track needs, and no vehicle before its setpoint. Tells whether there were
-        any."""
+    def settle(self) -> None:
+        """Go on with the searches: what no track needs, and no vehicle before its setpoint."""
         if self._unheard is not None:
             self._hear()
         if self._due is None:
-            return False
+            return
         (due, sigma), self._due = self._due, None
         found = self._search.go_on(due, sigma) if due.any() else None
         if found is not None:
             self._start(*found, sigma)
         self._tell_favourites()
-        return True
 
     def _hear(self) -> None:
         """Let the search take in the newest range, and begin for those that hear their first one."""

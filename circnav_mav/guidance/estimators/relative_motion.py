@@ -39,7 +39,6 @@ class DriftEstimator(Estimator):
 
     def reset(self) -> None:
         self.bank = DriftBank(self._settings)
-        self._note_belief()
         self._path = OwnPath()
         self._used: Knot | None = None
         self._range_at = float("-inf")
@@ -60,8 +59,7 @@ class DriftEstimator(Estimator):
 
     def settle(self) -> None:
         """Go on with the search; what it has found counts from the next estimate on."""
-        if self.bank.settle():
-            self._note_belief()
+        self.bank.settle()
 
     def move(self, motion: OwnMotion) -> None:
         self._path.move(motion)
@@ -80,7 +78,6 @@ class DriftEstimator(Estimator):
         ranges = np.array([sample.r]), np.array([sample.sigma]), np.array([True])
         self.bank.observe(*_step(before or knot, knot), *ranges, _felt(before, knot))
         self._used, self._sigma, self._astray = knot, sample.sigma, False
-        self._note_belief()
         self._remember(sample.time)
         if sample.rate is not None:
             self.observe_rate(sample.rate)
@@ -97,13 +94,14 @@ class DriftEstimator(Estimator):
         ranges = nothing, nothing + self._sigma, nothing > 0
         self.bank.step(*_step(before, knot), *ranges, _felt(before, knot), rates)
         self._used = knot
-        self._note_belief()
 
     def at(self, time: float) -> RangeEstimate | None:
         knot = self._path.at(time)
         if knot is None or self._used is None or knot.piece != self._used.piece or self.bank.stage[0] == Stage.EMPTY:
             return None
-        then, own, belief, tracks = self._used, knot.motion, self._belief, self.bank.stage[0] == Stage.TRACK
+        then, own, tracks = self._used, knot.motion, self.bank.stage[0] == Stage.TRACK
+        mean, covariance = tuple(self.bank.mean[:, 0].tolist()), self.bank.covariance[:, :, 0]
+        belief = Belief(mean, covariance, *self.bank.assumed[:, 0].tolist())
         dt, chord = max(own.time - then.motion.time, 0.0), (knot.x - then.x, knot.y - then.y)
         felt = knot.felt_since(then)
         at = predict_belief(belief, dt, chord, heading=own.heading, airspeed=own.airspeed, felt=felt)
@@ -131,11 +129,6 @@ class DriftEstimator(Estimator):
             sqrt(max(at.r_dot_variance, 0.0)) if tracks else self._settings.speed,
             eta=relative.eta, relative=relative, missed=float(self.bank.missed[0]),
         )  # fmt: skip
-
-    def _note_belief(self) -> None:
-        """What the bank believes now, as plain numbers."""
-        mean, covariance = tuple(self.bank.mean[:, 0].tolist()), self.bank.covariance[:, :, 0]
-        self._belief = Belief(mean, covariance, *self.bank.assumed[:, 0].tolist())
 
     def _restart(self, now: float) -> None:
         """Search anew. The wind, and the way of the target, are likely still what they were; as far as the bank has not
