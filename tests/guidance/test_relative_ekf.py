@@ -159,6 +159,19 @@ def test_one_flight_is_predicted_as_the_bank_predicts_it(seed, dt, heading, airs
     assert ours.r_dot_variance == pytest.approx(gradient @ Q @ gradient, rel=1e-9)
 
 
+@pytest.mark.parametrize("feels", [0.0, 1.0])
+def test_the_predicted_drift_has_the_felt_change_less_that_of_the_air_velocity_as_far_as_it_is_believed(feels):
+    """v = kappa V u(psi) + drift, so the drift changes by what v does less kappa times what V u(psi) does. What comes
+    and goes is not assumed to go where it is felt. (f, l) = (.1, -.2) is the accelerometer's error, for .1 s due up."""
+    belief = Belief(tuple(STATE.tolist()), np.eye(STATES), PSD, GUST, feels)
+    felt = Felt((0.35, 0.1), (-0.1, 0.2), (0.0, 0.1), 0.0)
+    ours = predict_belief(belief, DT, (0.5, 1.4), heading=pi / 2, airspeed=15.0, felt=felt)
+    stays = 1.0 if feels else np.exp(-DT / GUST_TIME)
+    measured = feels * np.array([0.35 + 1.02 * 0.1, 0.1 - 1.02 * 0.2])
+    left = np.array([1.0, -2.0]) + stays * np.array([0.3, -0.2]) + [0.3, 0.1] - np.array([0.02, 0.01])
+    assert ours.drift == pytest.approx(tuple(left + measured))
+
+
 def test_a_measured_acceleration_is_bayes_rule_for_what_happened_in_the_step():
     """The prediction conditioned on the measured change of velocity, with the noises of the step written out: states
     before (12), steps of d and g, new e, their effect on the place, and the accelerometer's own noise."""

@@ -12,6 +12,7 @@ from circnav_mav.guidance.geometry import chord, chord_parts
 from circnav_mav.guidance.maths import clip
 from circnav_mav.guidance.turn_response import Pending, PendingTurn, Response
 from circnav_mav.guidance.vector_field import (
+    DriftGains,
     drift,
     drift_gains,
     field_heading,
@@ -118,6 +119,16 @@ def swing(dead, known):
         x, y, psi = x + east, y + north, psi + rate * dt
         worst = max(worst, abs(hypot(x, y) - R_D)) if i > 7000 else 0.0
     return worst
+
+
+def test_of_the_heading_error_what_is_under_way_beyond_the_circles_own_turn_is_taken_off():
+    """On the circle with the right heading: no error, .3 rad under way. Without a gain the rotation alone is left."""
+    here, under_way = ((R_D, 0.0), (0.0, 0.0), pi / 2), Pending(0.3, LAG)
+    rotation, asked = (
+        drift(*here, under_way, V=V, r_d=R_D, max_turn_rate=LIMIT, gains=DriftGains(heading, GAINS.radial))
+        for heading in (0.0, 1.0)
+    )
+    assert asked == pytest.approx(rotation - (0.3 - rotation * LAG))
 
 
 def test_a_dead_time_swings_only_if_nobody_knows_of_it():

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from circnav_mav.guidance.estimators.relative_ekf import BIAS_TIME
 from circnav_mav.guidance.maths import Array
 
 WIDTH = 0.25
@@ -17,8 +18,6 @@ ROUGH, ROUGH_ENOUGH = 40, 16
 """Second differences kept to measure the white part of the noise, and how many it takes at least."""
 EVEN = 0.19
 """Share by which equal steps may differ; no ratio that lost samples make, or rounding would decide."""
-BIAS_TIME = 2.0
-"""Correlation time of the drifting range error, s."""
 DRIFT_PSD = 0.01
 """How fast the drift may change, m^2/s^3."""
 
