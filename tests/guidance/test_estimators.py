@@ -46,7 +46,9 @@ def test_measured_is_the_paper_with_no_filter_in_between():
     guidance.observe(RangeSample(1.1, 1.1, 148.0, 0.5, r_dot=-9.0))
     assert (guidance.estimate(1.15).r, guidance.estimate(1.15).r_dot) == (148.0, -9.0)
     assert guidance.command(1.15) is not None
-    for i in range(4):
+    guidance.observe(RangeSample(1.2, 1.2, 147.0, 0.5))
+    assert guidance.estimate(1.2).r_dot == -9.0
+    for i in range(1, 4):
         guidance.observe(RangeSample(1.2 + i / 10, 1.2 + i / 10, 147.0, 0.5))
     assert guidance.command(1.5) is None  # the rate is old
 
