@@ -9,10 +9,9 @@ from math import pi, remainder
 
 from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings, Fused
 from circnav_mav.guidance.estimators.table import ESTIMATORS, default_estimator
-from circnav_mav.guidance.laws import LAWS
-from circnav_mav.guidance.step import LawChoice, compensate_turn_gain, limit, steering
-from circnav_mav.guidance.tuning import default_gain, loop_lag
-from circnav_mav.guidance.turn_gain import TurnGain, TurnGainSettings, learn
+from circnav_mav.guidance.laws import LAWS, default_gain, loop_lag
+from circnav_mav.guidance.step import LawChoice, compensate_turn_gain, limited, steering
+from circnav_mav.guidance.turn_gain import TurnGain, learn
 from circnav_mav.guidance.turn_response import PendingTurn, ResponseLearner
 from circnav_mav.guidance.types import SAME_TIME, Orbit, OwnMotion, RangeEstimate, RangeSample, TurnCommand, TurnRate
 
@@ -66,7 +65,7 @@ class Guidance:
         self._newest: float | None = None
         self._commanded: TurnRate | None = None
         self._turned = 0.0
-        self._gain, self._settings = TurnGain(), TurnGainSettings(lag=turn_lag)
+        self._gain, self._lag = TurnGain(), turn_lag
         self._response, self._pending = ResponseLearner(turn_lag), PendingTurn()
 
     def observe(self, sample: RangeSample) -> bool:
@@ -82,7 +81,7 @@ class Guidance:
         self._turned += remainder(own.heading - self._turned, 2 * pi)
         if self._commanded is not None:
             self._response.feel(own.time, self._turned, link=0.0)
-            self._gain = learn(self._gain, self._settings, time=own.time, heading=own.heading, command=self._commanded)
+            self._gain = learn(self._gain, lag=self._lag, time=own.time, heading=own.heading, command=self._commanded)
 
     def estimate(self, now: float) -> RangeEstimate | None:
         """Range and range rate now, and in `relative` where the target is, where the estimator knows; None before the
@@ -110,7 +109,7 @@ class Guidance:
 
 
 def _own(law: OwnLaw, orbit: Orbit) -> Callable[..., TurnCommand]:
-    return lambda estimate, *_: limit(TurnRate(law(estimate)), orbit.max_turn_rate)
+    return lambda estimate, *_: limited(float(law(estimate)), orbit.max_turn_rate)
 
 
 def _known(what: str, name: str, table: Mapping[str, object]) -> None:

@@ -7,10 +7,10 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.guidance.bounds import Bounds
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
 from circnav_mav.guidance.step import LawChoice
 from circnav_mav.guidance.types import Direction, Orbit
+from circnav_mav.guidance.watches import Bounds
 from circnav_mav.mav.autopilots.interface import VehicleFacts
 from circnav_mav.mav.autopilots.table import AUTOPILOTS
 from circnav_mav.mav.identity import LinkSettings

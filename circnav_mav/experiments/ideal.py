@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from circnav_mav.guidance.air_path import chord
+from circnav_mav.guidance.geometry import chord
 
 Array = NDArray[np.float64]
 Law = Callable[[Array, Array], Array]

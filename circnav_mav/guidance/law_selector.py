@@ -1,23 +1,21 @@
-"""`auto`: feedforward on range and range rate at once, the drift law as soon as the bank can be trusted.
+"""`auto`: feedforward on range and range rate at once, the drift law as soon as the relative motion can be trusted.
 
-While the bank searches, its favourite guess is tried out: flying at a wrong guess contradicts it within seconds, where
-the straight approach of a law on range alone would leave all guesses alive. When even that tells nothing apart, the
-approach weaves. Whatever steers, every change is bumpless: the difference to the command before it fades out.
+While the target is searched for, the likeliest guess is tried out: flying at a wrong guess contradicts it within
+seconds, where the straight approach of a law on range alone would leave all guesses alive. When even that tells nothing
+apart, the approach weaves. Every change is bumpless: the difference to the command before it fades out.
 
-For the counter-clockwise orbit. Arrays of shape (B,) over flights; of the one in the air, plain numbers.
+For the counter-clockwise orbit. Numbers for the flight in the air, arrays (B,) for many.
 """
 
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any
+from math import inf, pi
 
-import numpy as np
-
+from circnav_mav.guidance.maths import Array, clip, exp, logical_not, minimum, sin, where
 from circnav_mav.guidance.types import SAME_TIME
 
-Array = Any
 FIRST_GUESS = 1.0
-"""Time, s, that a search needs before its favourite is worth trying."""
+"""Time, s, that a search needs before its likeliest guess is worth trying."""
 PATIENCE = 6.0
 """Time, s, of trying after which the approach weaves."""
 WEAVE_SHARE, WEAVE_PERIOD = 0.7, 6.0
@@ -36,13 +34,8 @@ class Flies(IntEnum):
     TRIAL = 1
     DRIFT = 2
 
-    @property
-    def why(self) -> str:
-        """For people."""
-        return _WHY[self]
 
-
-_WHY = {
+WHY = {
     Flies.FEEDFORWARD: "feedforward: the target is not found yet",
     Flies.TRIAL: "trying the likeliest place of the target",
     Flies.DRIFT: "drift: target and drift are known",
@@ -51,48 +44,41 @@ _WHY = {
 
 @dataclass(frozen=True, slots=True)
 class Handover:
-    """flies (B,): who steered last. favourite (B,): which guess was on trial. command (B,): what was flown, rad/s.
-    offset (B,): what is left of the last change, rad/s. untrusted (B,): s since the bank was last trusted. closest
-    (B,): range since then, m. astray (B,): whether trials have led away from there."""
+    """flies: who steered last; -1: nobody yet. favourite: which guess was on trial. command: what was flown, rad/s.
+    offset: what is left of the last change, rad/s. untrusted: s since the target was last known. closest: range since
+    then, m. astray: whether trials have led away from there."""
 
-    flies: Array
-    favourite: Array
-    command: Array
-    offset: Array
-    untrusted: Array
-    closest: Array
-    astray: Array
-
-
-ONE_AT_START = Handover(-1, -1, 0.0, 0.0, 0.0, np.inf, False)
-"""Before the first command of one flight."""
+    flies: Array = -1
+    favourite: Array = -1
+    command: Array = 0.0
+    offset: Array = 0.0
+    untrusted: Array = 0.0
+    closest: Array = inf
+    astray: Array = False
 
 
-def at_start(flights: int = 1) -> Handover:
-    """The same of B flights."""
-    return Handover(*(np.full(flights, value) for value in astuple(ONE_AT_START)))
+AT_START = Handover()
 
 
 def hand_over(
     before: Handover, dt: Array, *, trusted: Array, favourite: Array, by_range: Array, by_bank: Array, limit: Array,
-    r: Array, r_d: Array, xp: Any = np,
+    r: Array, r_d: Array,
 ) -> Handover:  # fmt: skip
-    """The command of this step. favourite (B,): number of the bank's guess while it searches, else -1.
+    """The command of this step. favourite: number of the likeliest guess while the target is searched for, else -1.
 
-    by_range, by_bank (B,): what feedforward and the drift law ask for, rad/s; by_bank counts only where it has grounds.
+    by_range, by_bank: what feedforward and the drift law ask for, rad/s; by_bank counts only where it has grounds.
     r: range, r_d: desired, m.
-    xp: numpy, or `floats` for one flight.
     """
-    untrusted = xp.where(trusted, 0.0, before.untrusted + dt)
-    closest = xp.where(trusted, r, xp.minimum(before.closest, r))
+    untrusted = where(trusted, 0.0, before.untrusted + dt)
+    closest = where(trusted, r, minimum(before.closest, r))
     gone = r - closest
-    astray = xp.logical_not(trusted) & ((gone > AWAY * r_d) | (before.astray & (gone > BACK * r_d)))
-    trial = xp.logical_not(trusted) & (favourite >= 0) & (untrusted >= FIRST_GUESS - SAME_TIME) & xp.logical_not(astray)
-    flies = xp.where(trusted, Flies.DRIFT, xp.where(trial, Flies.TRIAL, Flies.FEEDFORWARD))
-    on_trial = xp.where(trial, favourite, -1)
-    weave = WEAVE_SHARE * limit * xp.sin(2 * np.pi * untrusted / WEAVE_PERIOD)
-    by_bank = by_bank + xp.where(trial & (untrusted > PATIENCE + SAME_TIME), weave, 0.0)
-    wanted = xp.clip(xp.where(flies == Flies.FEEDFORWARD, by_range, by_bank), -limit, limit)
+    astray = logical_not(trusted) & ((gone > AWAY * r_d) | (before.astray & (gone > BACK * r_d)))
+    trial = logical_not(trusted) & (favourite >= 0) & (untrusted >= FIRST_GUESS - SAME_TIME) & logical_not(astray)
+    flies = where(trusted, Flies.DRIFT, where(trial, Flies.TRIAL, Flies.FEEDFORWARD))
+    on_trial = where(trial, favourite, -1)
+    weave = WEAVE_SHARE * limit * sin(2 * pi * untrusted / WEAVE_PERIOD)
+    by_bank = by_bank + where(trial & (untrusted > PATIENCE + SAME_TIME), weave, 0.0)
+    wanted = clip(where(flies == Flies.FEEDFORWARD, by_range, by_bank), -limit, limit)
     changed = (before.flies >= 0) & ((flies != before.flies) | (on_trial != before.favourite))
-    offset = xp.where(changed, before.command - wanted, before.offset * xp.exp(-dt / FADE))
-    return Handover(flies, on_trial, xp.clip(wanted + offset, -limit, limit), offset, untrusted, closest, astray)
+    offset = where(changed, before.command - wanted, before.offset * exp(-dt / FADE))
+    return Handover(flies, on_trial, clip(wanted + offset, -limit, limit), offset, untrusted, closest, astray)

@@ -1,22 +1,21 @@
-"""The guidance laws: one function per equation, and the table a mission picks from.
+"""The guidance laws: one function per equation, the table a mission picks from, and the default gains.
 
-Every law takes range r (m) and range rate r_dot (m/s), scalars or arrays of one shape, and returns the turn rate in
+Every law takes range r (m) and range rate r_dot (m/s), floats or arrays of one shape, and returns the turn rate in
 rad/s, counter-clockwise positive. The sign of the gain k chooses the sense of rotation: k > 0 clockwise, k < 0
-counter-clockwise (the paper's remark after its second theorem). A law knows nothing of the vehicle's limits. xp: numpy,
-or `floats` for one flight.
+counter-clockwise (the paper's remark after its second theorem). A law knows nothing of the vehicle's limits.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 from functools import wraps
-from types import ModuleType
-from typing import Protocol
 
 import numpy as np
 
 from circnav_mav.guidance import theory
-from circnav_mav.guidance.floats import Number, magnitude
+from circnav_mav.guidance.estimators.interface import EstimatorSettings
+from circnav_mav.guidance.estimators.range_rate import steady_state
+from circnav_mav.guidance.maths import Number, arcsin, clip, cos, magnitude, maximum, minimum, sign, sqrt, tanh, where
 
 LEAST = 1.2
 """Default gains stay this many times above the paper's bound."""
@@ -24,6 +23,8 @@ SMOOTH_LOOP = 0.35
 """What 2 k r_d V lag is for law 1 at the most; from about .45 on, vehicles limit-cycle."""
 LOOP_LAG = 0.55
 """Lag of turn and filter, s, that the gain of `bounded` and the boundary layer of `relay` are made for."""
+LawFunction = Callable[..., Number]
+"""The equation of a law: (r, r_dot, *, V, r_d, k) in the paper's symbols -> turn rate."""
 
 
 class Kind(Enum):
@@ -35,41 +36,28 @@ class Kind(Enum):
     AUTO = "nothing, but uses the relative motion as soon as it can be trusted"
 
 
-class LawFunction(Protocol):
-    """The equation of a law: the paper's symbols in, turn rate (rad/s, counter-clockwise positive) out."""
-
-    def __call__(
-        self, r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number, xp: ModuleType = np
-    ) -> Number: ...
+def smooth(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number) -> Number:
+    """Law 1 of the paper, smooth and unsaturated (eq. `omega`), k in 1/m^2:
+    omega = k [2 r V cos(pi - asin(r_d/r)) - 2 r r_dot] where r >= r_d, else 0."""
+    return where(r >= r_d, k * (2 * r * _tangent_rate(r, V, r_d) - 2 * r * r_dot), 0.0)
 
 
-def smooth(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number, xp: ModuleType = np) -> Number:
-    """Law 1 of the paper, smooth and unsaturated (eq. `omega`).
-
-    omega = k [2 r V cos(pi - asin(r_d/r)) - 2 r r_dot] where r >= r_d, else 0. k in 1/m^2.
-    """
-    return xp.where(r >= r_d, k * (2 * r * _tangent_rate(r, V, r_d, xp) - 2 * r * r_dot), 0.0)
+def switching(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number) -> Number:
+    """Law 2 of the paper, switching and saturated (eq. `omega-sign-version`), k in rad/s:
+    omega = k sign(V cos(pi - asin(r_d/r)) - r_dot) where r >= r_d, else 0."""
+    return where(r >= r_d, k * sign(_tangent_rate(r, V, r_d) - r_dot), 0.0)
 
 
-def switching(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number, xp: ModuleType = np) -> Number:
-    """Law 2 of the paper, switching and saturated (eq. `omega-sign-version`).
-
-    omega = k sign(V cos(pi - asin(r_d/r)) - r_dot) where r >= r_d, else 0. k in rad/s; |omega| <= |k|.
-    """
-    return xp.where(r >= r_d, k * xp.sign(_tangent_rate(r, V, r_d, xp) - r_dot), 0.0)
-
-
-def _tangent_rate(r: Number, V: Number, r_d: Number, xp: ModuleType) -> Number:
+def _tangent_rate(r: Number, V: Number, r_d: Number) -> Number:
     """Range rate while flying at the tangent point of the circle, m/s; inside the circle it is not used."""
-    return V * xp.cos(np.pi - xp.arcsin(xp.minimum(r_d / xp.maximum(r, 1e-9), 1.0)))
+    return V * cos(np.pi - arcsin(minimum(r_d / maximum(r, 1e-9), 1.0)))
 
 
 @dataclass(frozen=True, slots=True)
 class Law:
     """A law with what a mission and its check need to know of it.
 
-    default_gain: (V, r_d, lag of the loop in s) -> magnitude of k. gain_bound: (V, r_d) -> magnitude of k, exclusive:
-    the source's condition.
+    default_gain: (V, r_d, lag of the loop in s) -> magnitude of k. gain_bound: (V, r_d) -> magnitude of k, exclusive.
     reached_radius: (V, r_d, k) -> radius flown when fed r_d. fed_radius: the r_d to feed to fly a given radius.
     """
 
@@ -95,41 +83,41 @@ def counterclockwise(law: LawFunction) -> LawFunction:
     range rate do not change under reflection."""
 
     @wraps(law)
-    def either(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number, xp: ModuleType = np) -> Number:
-        return -xp.sign(k) * law(r, r_dot, V=V, r_d=r_d, k=magnitude(k), xp=xp)
+    def either(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number) -> Number:
+        return -sign(k) * law(r, r_dot, V=V, r_d=r_d, k=magnitude(k))
 
     return either
 
 
 @counterclockwise
-def bounded(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number, xp: ModuleType = np) -> Number:
+def bounded(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number) -> Number:
     """omega = k [r' + V sqrt(1 - (r_s/r)^2)] outside r_s = sqrt(r_d^2 - 1/k^2), k [r' - V sqrt(1 - (r/r_s)^2)] inside.
 
     k > 1/r_d, in 1/m; exact radius, |omega| <= 2 k V. Source: Cao, "UAV circumnavigating an unknown target under a
     GPS-denied environment with range-only measurements", Automatica 55 (2015); inside in its two-sided form.
     A smaller r_d, as a trim can make it, counts as 1/k, the smallest circle that this k flies (r_s = 0).
     """
-    r_s = xp.sqrt(xp.maximum(r_d**2 - 1 / k**2, 1e-12))  # not 0, by which the inside divides
-    outside = V * xp.sqrt(xp.maximum(1 - (r_s / xp.maximum(r, 1e-6)) ** 2, 0.0))
-    inside = V * xp.sqrt(xp.maximum(1 - (r / r_s) ** 2, 0.0))
-    return k * (r_dot + xp.where(r >= r_s, outside, -inside))
+    r_s = sqrt(maximum(r_d**2 - 1 / k**2, 1e-12))  # not 0, by which the inside divides
+    outside = V * sqrt(maximum(1 - (r_s / maximum(r, 1e-6)) ** 2, 0.0))
+    inside = V * sqrt(maximum(1 - (r / r_s) ** 2, 0.0))
+    return k * (r_dot + where(r >= r_s, outside, -inside))
 
 
 @counterclockwise
-def relay(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number, xp: ModuleType = np) -> Number:
+def relay(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number) -> Number:
     """omega = k sat((r' + chi)/phi) + V/r_d with chi = clip(V e/r_d, -V/2, V/2): sliding on r' = -chi. e = r - r_d.
 
     k > V/r_d, rad/s. The boundary layer phi (m/s), without which it chatters, makes the slope k/phi what the loop
     bears. Copes with a moving target. Source: Matveev, Teimoori, Savkin, "Range-only measurements based target
     following for wheeled mobile robots", Automatica 47 (2011).
     """
-    chi = xp.clip(V / r_d * (r - r_d), -0.5 * V, 0.5 * V)
-    phi = k / theory.rate_gain(V, r_d, LOOP_LAG, xp)
-    return k * xp.clip((r_dot + chi) / phi, -1.0, 1.0) + V / r_d
+    chi = clip(V / r_d * (r - r_d), -0.5 * V, 0.5 * V)
+    phi = k / theory.rate_gain(V, r_d, LOOP_LAG)
+    return k * clip((r_dot + chi) / phi, -1.0, 1.0) + V / r_d
 
 
 @counterclockwise
-def pd(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number, xp: ModuleType = np) -> Number:
+def pd(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number) -> Number:
     """omega = V/r_d + k_p sat(e) + k r'. k in rad/m; k_p = k^2 V/4, for a damping of 1.
 
     Source: Dong, You, Xie, Hu, coordinate-free circumnavigation with range-based PD control. Far out r' settles to
@@ -137,11 +125,11 @@ def pd(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number, xp: Modul
     """
     k_p = k**2 * V / 4
     e_max = k * 0.5 * V / k_p
-    return V / r_d + k_p * xp.clip(r - r_d, -e_max, e_max) + k * r_dot
+    return V / r_d + k_p * clip(r - r_d, -e_max, e_max) + k * r_dot
 
 
 @counterclockwise
-def feedforward(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number, xp: ModuleType = np) -> Number:
+def feedforward(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number) -> Number:
     """omega = sqrt(V^2 - r'^2)/max(r, .43 r_d) + k (r' + chi), chi = v* tanh(gamma e/v*). k in rad/m.
 
     The first term is the turn of the circle through the present point, so the radius has no bias for any k. v* = .55 V,
@@ -149,12 +137,12 @@ def feedforward(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number, 
     k V (course lag + filter lag) < about .5. Derived for this product.
     """
     gamma, v_star = k * V / 6, 0.55 * V
-    chi = v_star * xp.tanh(gamma * (r - r_d) / v_star)
-    return xp.sqrt(xp.maximum(V**2 - r_dot**2, 0.0)) / xp.maximum(r, 0.43 * r_d) + k * (r_dot + chi)
+    chi = v_star * tanh(gamma * (r - r_d) / v_star)
+    return sqrt(maximum(V**2 - r_dot**2, 0.0)) / maximum(r, 0.43 * r_d) + k * (r_dot + chi)
 
 
 def pi(
-    r: Number, r_dot: Number, memory: Number, dt: Number, *, V: Number, r_d: Number, k: Number, xp: ModuleType = np
+    r: Number, r_dot: Number, memory: Number, dt: Number, *, V: Number, r_d: Number, k: Number
 ) -> tuple[Number, Number]:
     """s = r' + c tanh(e/delta); omega = |k| s + k_i int s. Memory (the integral, m) in, turn rate and memory out.
 
@@ -163,9 +151,9 @@ def pi(
     Dong, You, Wang, isoline tracking with PI control: any field that falls with range will do.
     """
     k_i = magnitude(k) * V / r_d
-    s = r_dot + 0.5 * V * xp.tanh((r - r_d) / (0.5 * r_d))
-    memory = xp.clip(memory + s * dt, 0.0, 2 * V / (r_d * k_i))
-    return -xp.sign(k) * (magnitude(k) * s + k_i * memory), memory
+    s = r_dot + 0.5 * V * tanh((r - r_d) / (0.5 * r_d))
+    memory = clip(memory + s * dt, 0.0, 2 * V / (r_d * k_i))
+    return -sign(k) * (magnitude(k) * s + k_i * memory), memory
 
 
 def _smooth_gain(V: float, r_d: float, lag: float) -> float:
@@ -206,3 +194,16 @@ LAWS: dict[str, Law] = {
     )
 }  # fmt: skip
 """The laws by their mission names."""
+
+
+def default_gain(law: str, V: float, r_d: float, lag: float) -> float:
+    """Magnitude of a law's gain k at speed V (m/s) on a circle of r_d (m) with so much delay in the loop (s): what the
+    mission check, the pilot and the benchmark all fly by default. (`drift` and `auto` tune their heading loop in
+    flight, see `vector_field.drift_gains`.)"""
+    return float(LAWS[law].default_gain(V, r_d, lag))
+
+
+def loop_lag(turn_lag: float, settings: EstimatorSettings, *, r_d: float, sigma: float, period: float) -> float:
+    """Delay, s, from a change of the range rate to the vehicle's turn: the turn's own, and that of the filter on ranges
+    of noise sigma (m) every `period` (s)."""
+    return turn_lag + steady_state(settings, r=r_d, sigma=sigma, period=period).lag

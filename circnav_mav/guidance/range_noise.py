@@ -8,7 +8,7 @@ bends. The same of measured range rates.
 from bisect import bisect_left, insort
 from collections import deque
 from collections.abc import Callable
-from math import inf, sqrt
+from math import inf, nan, sqrt
 
 from circnav_mav.guidance.theory import max_range_acceleration
 
@@ -99,23 +99,20 @@ class NoiseCheck:
         newest.append((stamp, value))
         while newest[0][0] < stamp - 4 * WIDE and len(newest) > 2:
             newest.popleft()
-        if (there := self._before(stamp - WIDE)) is None:
-            return
-        middle, between = there
-        if (there := self._before(2 * middle - stamp)) is not None:
-            oldest, before = there
-            # a sensor that froze has not become quiet
-            if self._same < FEW and abs((stamp - middle) - (middle - oldest)) < EVEN * (stamp - middle):
-                self._wide.add(abs(value - 2 * between + before))
+        middle, between = self._before(stamp - WIDE)
+        oldest, before = self._before(2 * middle - stamp)
+        # a sensor that froze has not become quiet
+        if self._same < FEW and abs((stamp - middle) - (middle - oldest)) < EVEN * (stamp - middle):
+            self._wide.add(abs(value - 2 * between + before))
 
     def _resolve(self, difference: float) -> None:
         """Of a sensor that counts in steps every difference is some of them, and so is every bend."""
         if difference > ROUNDING:
             self._step = min(self._step, difference)
 
-    def _before(self, time: float) -> tuple[float, float] | None:
-        """The newest value that is not newer than a time."""
-        return next((one for one in reversed(self._newest) if one[0] <= time + 1e-6), None)
+    def _before(self, time: float) -> tuple[float, float]:
+        """The newest value that is not newer than a time; of no moment where there is none."""
+        return next((one for one in reversed(self._newest) if one[0] <= time + 1e-6), (nan, nan))
 
     def _repeat(self, stamp: float, value: float, sigma: float, moving: bool) -> None:
         """Count how often the same number came. A coarse sensor on a steady circle may repeat it for ever: it is frozen

@@ -79,7 +79,7 @@ class RateCheck:
             self._agreed = 0.0
             if self.trusted:
                 self.trusted, self._retry = False, min(2 * self._retry, LONGEST_RETRY)
-                self.why = _words(wrong)
+                self.why = wrong.words
             self._opposite = wrong.opposite(0.75)
             self.reset()
         elif slopes and not self.trusted:
@@ -113,16 +113,11 @@ class _Slope(NamedTuple):
     change: float
 
     @property
-    def said(self) -> float:
-        """The rate as reported, m/s."""
-        return self.change + self.off
+    def words(self) -> str:
+        """For people."""
+        advice = ", the opposite: see ranging.rate_sign" if self.opposite(0.25) else ""
+        return f"reported {self.change + self.off:+.1f} m/s, ranges change by {self.change:+.1f} m/s{advice}"
 
     def opposite(self, within: float) -> bool:
         """Whether the rate is that of the ranges with the other sign, within a share of it."""
-        return abs(self.said + self.change) < within * abs(self.change)
-
-
-def _words(wrong: _Slope) -> str:
-    """For people."""
-    advice = ", the opposite: see ranging.rate_sign" if wrong.opposite(0.25) else ""
-    return f"reported {wrong.said:+.1f} m/s, ranges change by {wrong.change:+.1f} m/s{advice}"
+        return abs(self.change + self.off + self.change) < within * abs(self.change)

@@ -1,12 +1,8 @@
 """What the paper proves about its laws: radius reached, gain conditions. SI units, radians."""
 
 from math import pi, sqrt
-from types import ModuleType
 
-import numpy as np
-
-from circnav_mav.guidance import floats
-from circnav_mav.guidance.floats import Number
+from circnav_mav.guidance.maths import Number, maximum, minimum
 
 
 def smooth_gain_bound(r_d: float) -> float:
@@ -35,20 +31,20 @@ def corrected_radius(r_d: float, k: float) -> float:
     return r_d * sqrt(inside)
 
 
-def max_range_acceleration(V: Number, max_turn_rate: Number, r: Number, xp: ModuleType = floats) -> Number:
+def max_range_acceleration(V: Number, max_turn_rate: Number, r: Number) -> Number:
     """Bound of |r''| = |V sin(theta_b) theta_b'| <= V^2/r + V omega_max, m/s^2.
 
     Nearer than the tightest turn, V/omega_max, the first term is held at its value there.
     """
-    return V**2 / xp.maximum(r, V / max_turn_rate) + V * max_turn_rate
+    return V**2 / maximum(r, V / max_turn_rate) + V * max_turn_rate
 
 
-def rate_gain(V: Number, r_d: Number, lag: Number, xp: ModuleType = np) -> Number:
+def rate_gain(V: Number, r_d: Number, lag: Number) -> Number:
     """Gain k of the range rate, rad/m, that a loop with so much lag (course + filter, s) bears: k V lag = 0.5.
 
     Above about that value the laws limit-cycle, as flown on real autopilots. No more than 6/r_d, where nothing is won.
     """
-    return xp.minimum(0.5 / (V * lag), 6 / r_d)
+    return minimum(0.5 / (V * lag), 6 / r_d)
 
 
 def tolerated_drift(V: float, r_d: float, max_turn_rate: float, turn_gain: float = 1.0) -> float:
@@ -60,10 +56,10 @@ def tolerated_drift(V: float, r_d: float, max_turn_rate: float, turn_gain: float
     return min(sqrt(r_d * V * max_turn_rate * turn_gain) - V, 0.99 * V)
 
 
-def settling_time(r: float, V: float, r_d: float, max_turn_rate: float, W: float = 0.0) -> float:
-    """Time, s, to the circle from range r at worst: half a turn, then upwind along the tangent (inside: outwards).
+def settling_time(r: float, V: float, r_d: float, max_turn_rate: float) -> float:
+    """Time, s, to the circle from range r in still air at worst: half a turn, then the tangent (inside: outwards).
 
-    Dubins: pi/omega_max + sqrt(r^2 - r_d^2)/(V - W); a prediction for `check`, not a bound.
+    Dubins: pi/omega_max + sqrt(r^2 - r_d^2)/V; a prediction for `check`, not a bound.
     """
     way = sqrt(r**2 - r_d**2) if r > r_d else r_d - r
-    return pi / max_turn_rate + way / max(V - W, 0.01 * V)
+    return pi / max_turn_rate + way / V

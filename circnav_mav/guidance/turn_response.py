@@ -2,17 +2,17 @@
 
 A dead time, then an answer of first order (a lag) or of second order (a frequency and a damping): the candidates span
 what real firmware showed (ArduPilot, PX4). The likely ones are found by least squares of the turned angle in short
-bins, with a prior about the mission's `turn_lag_s`; the gain is `core.turn_gain`.
+bins, with a prior about the mission's `turn_lag_s`; the gain is `turn_gain`.
 """
 
 from collections import deque
 from dataclasses import dataclass, replace
 from math import exp, sqrt
-from typing import Any
 
 import numpy as np
 
-Array = Any
+from circnav_mav.guidance.maths import Array
+
 DEADS = np.arange(0.0, 1.01, 0.1)
 """Candidates of the dead time, s."""
 FIRST_ORDER = (0.1, 0.2, 0.35, 0.6, 0.9, 1.3)
@@ -20,6 +20,7 @@ SECOND_ORDER = ((3.0, 0.3), (3.0, 0.6), (5.0, 0.3), (5.0, 0.6), (8.0, 0.4))
 """Candidates of the answer: lags (s); frequencies (rad/s) with dampings."""
 LAGS = np.array([*FIRST_ORDER, *(2 * damping / frequency for frequency, damping in SECOND_ORDER)])
 """Mean delay of each answer, s."""
+DELAYS = DEADS[:, None] + LAGS
 RINGING = np.array([*(1 / lag for lag in FIRST_ORDER), *(damping * frequency for frequency, damping in SECOND_ORDER)])
 """How fast each answer settles, 1/s."""
 _SECOND = [complex(-z * f, f * (1 - z * z) ** 0.5) for f, z in SECOND_ORDER]
@@ -126,17 +127,16 @@ class ResponseLearner:
     def __init__(self, expected: float, after: float = 0.0) -> None:
         """expected: dead time plus lag before the flight has told, s. after: how much later than what is felt the nose
         turns, s (a plane is felt by its bank, and slips)."""
-        total, share = DEADS[:, None] + LAGS, LAGS / (DEADS[:, None] + LAGS)
-        prior = np.log(np.maximum(total, 0.05) / max(expected, 0.05)) / PRIOR_SIGMA
-        self._prior = -0.5 * (prior**2 + ((share - 0.5) / SPLIT_SIGMA) ** 2)
+        prior = np.log(np.maximum(DELAYS, 0.05) / max(expected, 0.05)) / PRIOR_SIGMA
+        self._prior = -0.5 * (prior**2 + ((LAGS / DELAYS - 0.5) / SPLIT_SIGMA) ** 2)
         self._after = after
-        self._sums = np.zeros((6, *total.shape))
+        self._sums = np.zeros((6, *DELAYS.shape))
         self._turned: deque[tuple[float, Array]] = deque()
         self._mode = np.zeros(LAGS.size, complex)
         self._command: float | None = None
-        self._bin: tuple[float, float] | None = None
-        self._before: Array | None = None
-        self._fit: tuple[Any, float, float, float] | None = None
+        self._bin: tuple[float, float, Array | None] | None = None
+        """When it began, how far the vehicle had turned then, and how far each candidate says that it had."""
+        self._fit: tuple[Array, float, float, float] | None = None
         self._known = Response(0.5 * expected + after, 0.5 * expected, 2 / max(expected, 0.05))
 
     def response(self, link: float) -> Response:
@@ -156,22 +156,19 @@ class ResponseLearner:
 
     def reset(self) -> None:
         """The vehicle is not ours any more: what comes now is not our doing."""
-        self._command, self._bin, self._before = None, None, None
+        self._command, self._bin = None, None
         self._turned.clear()
 
     def feel(self, time: float, turned: float, link: float) -> None:
         """By how much the vehicle has turned (rad, from anywhere, unwrapped) by a time (s); link: there and back, s."""
-        if self._command is None:
+        if self._command is None or (self._bin is not None and time - self._bin[0] < BIN):
             return
-        if self._bin is not None and time - self._bin[0] < BIN:
-            return
-        angles = self._angles(time - link)
-        before, self._before = self._before, angles
-        begin, self._bin = self._bin, (time, turned)
-        if begin is None or before is None or angles is None or time - begin[0] > 2 * BIN:
+        begin, angles = self._bin, self._angles(time - link)
+        self._bin = time, turned, angles
+        if begin is None or begin[2] is None or angles is None or time - begin[0] > 2 * BIN:
             return
         width = time - begin[0]
-        self._learn((angles - before) / width, (turned - begin[1]) / width, width)
+        self._learn((angles - begin[2]) / width, (turned - begin[1]) / width, width)
 
     def _advance(self, time: float) -> None:
         """Carry the answers of all lags on to a time."""
@@ -230,15 +227,11 @@ class ResponseLearner:
         weight /= weight.sum()
         of_dead, of_answer = weight.sum(axis=1), weight.sum(axis=0)
         # what flight tells first is the sum of both; half of the prior's spread is a clear word
-        total = np.log(np.maximum(DEADS[:, None] + LAGS, 0.05))
+        total = np.log(np.maximum(DELAYS, 0.05))
         middle = (weight * total).sum()
         if (weight * (total - middle) ** 2).sum() > (0.5 * PRIOR_SIGMA) ** 2:
             return
         dead, lag = float(of_dead @ DEADS), float(of_answer @ LAGS)
         scale = float(np.exp(middle)) / (dead + lag)
-        self._known = Response(
-            dead=scale * dead + self._after,
-            lag=scale * lag,
-            settles=float(1 / (of_answer @ (1 / RINGING))),
-            learnt=True,
-        )
+        settles = float(1 / (of_answer @ (1 / RINGING)))
+        self._known = Response(scale * dead + self._after, scale * lag, settles, learnt=True)

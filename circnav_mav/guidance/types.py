@@ -1,4 +1,5 @@
-"""The values that flow through the guidance, frozen and in SI units."""
+"""The values that flow through the guidance, frozen and in SI units, in the paper's frame: x right, y up, angles and
+turn rates counter-clockwise positive seen from above."""
 
 from dataclasses import dataclass
 from enum import Enum
@@ -8,7 +9,7 @@ from typing import NewType
 SAME_TIME = 1e-6
 """Times are told to the microsecond, s; less apart is rounding."""
 TurnRate = NewType("TurnRate", float)
-"""Turn rate in rad/s, counter-clockwise positive seen from above (the paper's frame)."""
+"""Turn rate in rad/s."""
 
 
 class Direction(Enum):
@@ -19,7 +20,7 @@ class Direction(Enum):
 
     @property
     def turn_sign(self) -> int:
-        """Sign of the steady turn rate in the paper's frame: +1 counter-clockwise, -1 clockwise."""
+        """Sign of the steady turn rate: +1 counter-clockwise, -1 clockwise."""
         return 1 if self is Direction.COUNTERCLOCKWISE else -1
 
 
@@ -27,11 +28,9 @@ class Direction(Enum):
 class RangeSample:
     """One measured range.
 
-    stamp: time of the measurement on the sensor's clock, s (any epoch; only differences count).
-    time: the same moment on the local clock, s.
-    r: horizontal distance to the target, m. sigma: its standard deviation, m.
-    source: who measured it, for the log. r_dot: range rate by Doppler, m/s, where the radio gives one;
-    r_dot_sigma: its standard deviation, m/s.
+    stamp: time of the measurement on the sensor's clock, s (any epoch; only differences count). time: the same moment
+    on the local clock, s. r: horizontal distance to the target, m. sigma: its standard deviation, m. source: who
+    measured it, for the log. r_dot: range rate by Doppler, m/s, where the radio gives one; r_dot_sigma: of that, m/s.
     """
 
     stamp: float
@@ -50,8 +49,7 @@ class RangeSample:
 
 @dataclass(frozen=True, slots=True)
 class RateSample:
-    """One measured range rate, m/s, positive away from the target, horizontal. stamp, time: as of a RangeSample. sigma:
-    its standard deviation, m/s."""
+    """One measured range rate, m/s, horizontal, positive away from the target; the rest as of a RangeSample."""
 
     stamp: float
     time: float
@@ -61,7 +59,7 @@ class RateSample:
 
 @dataclass(frozen=True, slots=True)
 class FeltVelocity:
-    """The integral of the measured horizontal acceleration since a time, m/s (x, y) in the paper's frame."""
+    """The integral of the measured horizontal acceleration since a time, m/s."""
 
     x: float
     y: float
@@ -72,11 +70,10 @@ class FeltVelocity:
 class OwnMotion:
     """What the autopilot knows of itself without GPS.
 
-    time: local clock, s. heading: psi in the paper's frame (x right, y up, counter-clockwise), rad. turn_rate: of the
-    heading, rad/s, counter-clockwise positive (not the body's z rate). airspeed: as measured, m/s. bank_turn: turn rate
-    of the coordinated turn at this bank, rad/s; None for vehicles that do not bank to turn. push: horizontal
-    acceleration (x, y) by the tilt of the thrust, m/s^2, in the paper's frame; None for those that do not fly by it.
-    felt: what the accelerometers tell; None without them.
+    time: local clock, s. heading: rad. turn_rate: of the heading, rad/s (not the body's z rate). airspeed: as measured,
+    m/s. bank_turn: turn rate of the coordinated turn at this bank, rad/s; None for vehicles that do not bank to turn.
+    push: horizontal acceleration (x, y) by the tilt of the thrust, m/s^2; None for those that do not fly by it. felt:
+    what the accelerometers tell; None without them.
     """
 
     time: float
@@ -90,13 +87,13 @@ class OwnMotion:
 
 @dataclass(frozen=True, slots=True)
 class RelativeMotion:
-    """Where the vehicle is relative to the target and what carries it, in the paper's frame as the compass has it.
+    """Where the vehicle is relative to the target and what carries it, as the compass has it; experiments hold arrays.
 
     x, y: vehicle minus target, m. sigma: standard deviation of that, m. drift_x, drift_y: wind minus target velocity,
     m/s. heading (rad), turn_rate (rad/s): own motion at this moment. airspeed: true, m/s; scale: true over measured.
-    trusted: whether it may steer. trial: number of the guess, where it is no more than a guess; None without grounds.
-    drift_remembered: whether a search began with the drift known from before. feels: how far the measured accelerations
-    are believed, 0 .. 1.
+    trusted: whether it may steer. trial: number of the guess, where it is no more than a guess; None (in arrays -1)
+    where it is none. drift_remembered: whether a search began with the drift known from before. feels: how far the
+    measured accelerations are believed, 0 .. 1.
     """
 
     x: float
@@ -120,7 +117,7 @@ class RelativeMotion:
 
     @property
     def bearing(self) -> float:
-        """Direction from the vehicle to the target, rad, in the paper's frame."""
+        """Direction from the vehicle to the target, rad."""
         return atan2(-self.y, -self.x)
 
     @property
@@ -150,10 +147,8 @@ class RangeEstimate:
 
 @dataclass(frozen=True, slots=True)
 class Orbit:
-    """The circle to fly and the vehicle that flies it.
-
-    radius: r_d, m. direction: sense of rotation. speed: V, m/s. max_turn_rate: limit of the vehicle, rad/s.
-    """
+    """The circle to fly and the vehicle that flies it. radius: r_d, m. direction: sense of rotation. speed: V, m/s.
+    max_turn_rate: limit of the vehicle, rad/s."""
 
     radius: float
     direction: Direction
@@ -175,9 +170,9 @@ class Orbit:
 class TurnCommand:
     """A law's answer after the vehicle's limit.
 
-    turn_rate: what to tell the vehicle, rad/s. demanded: what the law wants it to turn at; the two differ by the
-    vehicle's turn-rate gain. saturated: whether the limit cut it.
-    flies, why: which of several laws it is and the reason, for people; empty where there is only one.
+    turn_rate: what to command, rad/s. demanded: what the law wants it to turn at; the two differ by the vehicle's
+    turn-rate gain. saturated: whether the limit cut it. flies, why: which of several laws it is and the reason, for
+    people; empty where there is only one.
     """
 
     turn_rate: TurnRate

@@ -4,27 +4,35 @@ A vector field of ground courses with the drift taken out by the wind triangle (
 Frew, Pisano 2008; wind: Frew 2007), followed with the field's own rotation as feedforward. Unlike exact linearisation
 of r it has no singular heading and can never ask for a closing speed that the wind forbids.
 
-All of this is for a counter-clockwise orbit, omega > 0 to the left; `mirrored` gives the clockwise one. xp: numpy, or
-`floats` for one flight.
+All of this is for a counter-clockwise orbit, omega > 0 to the left; `mirrored` gives the clockwise one.
 """
 
 from dataclasses import dataclass, replace
-from typing import Any
+from math import pi
 
-import numpy as np
-
-from circnav_mav.guidance.air_path import chord_parts, wrap
+from circnav_mav.guidance.geometry import chord_parts, wrap
+from circnav_mav.guidance.maths import (
+    Array,
+    arccos,
+    arcsin,
+    arctan2,
+    clip,
+    cos,
+    hypot,
+    maximum,
+    minimum,
+    sin,
+    sqrt,
+    where,
+)
 from circnav_mav.guidance.turn_response import Pending
 
-Array = Any
-Pair = Any
-"""Two components: an array of shape (2, ...), or a tuple of two floats or arrays."""
+Pair = tuple[Array, Array] | Array
+"""Two components: a tuple, or an array of shape (2, ...)."""
 STEP = 0.05
 """Half the interval of the central difference of the field along the path, s."""
 REACHABLE = 0.98
 """Largest sine of the drift angle: above it the ground course cannot be held, and the nose points nearly across."""
-
-
 CROSSOVER = 0.85
 """Crossover of the heading loop times the whole delay. What is under way is taken off, so only what the model of the
 delay leaves is felt: over the plants of real vehicles, delays known to a fifth, the gain margin stays above 6 dB and
@@ -37,7 +45,7 @@ FASTEST = 1.8
 RADIAL_SHARE = 0.4
 """Radius loop over heading loop: of all shares at these margins, two fifths hold slow errors down most: wind and
 turbulence push the radius below .4 rad/s, as flown on ArduPlane 4.6.3."""
-OUTWARD, FINISHED = 0.5 * np.pi, 1.0
+OUTWARD, FINISHED = 0.5 * pi, 1.0
 """How much longer, rad, a turn may be than one the other way: because it leads away from the target instead of past it;
 because it is under way at the limit."""
 
@@ -50,42 +58,41 @@ class DriftGains:
     radial: Array
 
 
-def drift_gains(V: Array, delay: Array, settles: Array, share: Array = 1.0, xp: Any = np) -> DriftGains:
+def drift_gains(V: Array, delay: Array, settles: Array, share: Array = 1.0) -> DriftGains:
     """The gains at speed V (m/s) of a vehicle that answers after `delay` (s; all of link, autopilot and airframe) and
     settles so fast (1/s). share: of the gains that the rule gives, where the command was found swinging."""
-    most = xp.minimum(SETTLING_SHARE * settles, FASTEST)
-    crossover = share * xp.minimum(CROSSOVER / xp.maximum(delay, 1e-3), most)
+    most = minimum(SETTLING_SHARE * settles, FASTEST)
+    crossover = share * minimum(CROSSOVER / maximum(delay, 1e-3), most)
     # the feedforward of the field's own rotation ahead adds radial V (1 + heading delay) to the heading loop
     heading = crossover / (1 + 1.5 * RADIAL_SHARE)
     return DriftGains(heading, RADIAL_SHARE * heading / V)
 
 
-def inward_angle(r: Array, *, r_d: Array, k: Array, sharpest: Array, xp: Any = np) -> Array:
+def inward_angle(r: Array, *, r_d: Array, k: Array, sharpest: Array) -> Array:
     """Angle of the ground course inward of the circle's tangent, rad.
 
     k (r - r_d) near the circle; far outside the straight line that touches the circle, acos(r_d/r); far inside the
     tightest turn that touches it from within, where `sharpest` is that turn's curvature, 1/m.
     """
     e = r - r_d
-    line = xp.arccos(xp.minimum(r_d / xp.maximum(r, 1e-6), 1.0))
-    turn = xp.minimum(xp.sqrt(2 * xp.maximum(-e, 0.0) * xp.maximum(sharpest - 1 / r_d, 0.1 / r_d)), 0.5 * np.pi)
-    most = xp.where(e > 0, line, turn)
-    return k * e * most / xp.sqrt(most**2 + (k * e) ** 2 + 1e-12)
+    line = arccos(minimum(r_d / maximum(r, 1e-6), 1.0))
+    turn = minimum(sqrt(2 * maximum(-e, 0.0) * maximum(sharpest - 1 / r_d, 0.1 / r_d)), 0.5 * pi)
+    most = where(e > 0, line, turn)
+    return k * e * most / sqrt(most**2 + (k * e) ** 2 + 1e-12)
 
 
-def field_heading(p: Pair, d: Pair, *, V: Array, r_d: Array, k: Array, max_turn_rate: Array, xp: Any = np) -> Array:
+def field_heading(p: Pair, d: Pair, *, V: Array, r_d: Array, k: Array, max_turn_rate: Array) -> Array:
     """Heading (rad) whose ground course follows the field at p (2, ...), drift d (2, ...), true airspeed V."""
-    r = xp.hypot(p[0], p[1])
-    sharpest = max_turn_rate / (V + xp.hypot(d[0], d[1]))
-    course = xp.arctan2(p[1], p[0]) + np.pi / 2 + inward_angle(r, r_d=r_d, k=k, sharpest=0.7 * sharpest, xp=xp)
-    across = xp.cos(course) * d[1] - xp.sin(course) * d[0]
-    return course - xp.arcsin(xp.clip(across / V, -REACHABLE, REACHABLE))
+    r = hypot(p[0], p[1])
+    sharpest = max_turn_rate / (V + hypot(d[0], d[1]))
+    course = arctan2(p[1], p[0]) + pi / 2 + inward_angle(r, r_d=r_d, k=k, sharpest=0.7 * sharpest)
+    across = cos(course) * d[1] - sin(course) * d[0]
+    return course - arcsin(clip(across / V, -REACHABLE, REACHABLE))
 
 
 def drift(
-    p: Pair, d: Pair, psi: Array, pending: Pending, *, V: Array, r_d: Array, max_turn_rate: Array, gains: DriftGains,
-    xp: Any = np,
-) -> Array:  # fmt: skip
+    p: Pair, d: Pair, psi: Array, pending: Pending, *, V: Array, r_d: Array, max_turn_rate: Array, gains: DriftGains
+) -> Array:
     """Turn rate (rad/s): the field's rotation, seen as far ahead as the vehicle's answer takes, plus the heading error
     times its gain, of which what is already under way is taken off. Outside the circle it turns away from the target
     rather than past it.
@@ -93,40 +100,40 @@ def drift(
     p = vehicle - target (2, ...), m. d = wind - target velocity (2, ...), m/s. psi: heading, rad. pending: what is
     commanded but not turned yet. V: true airspeed, m/s. Condition: r_d >= (V + W)^2/(V max_turn_rate) and W < V.
     """
-    ahead, rate = pending.ahead, pending.turn / xp.maximum(pending.ahead, STEP)
+    ahead, rate = pending.ahead, pending.turn / maximum(pending.ahead, STEP)
 
     def wanted(time: Array) -> Array:
-        x, y = chord_parts(V, psi, rate * time, time, xp)
+        x, y = chord_parts(V, psi, rate * time, time)
         there = p[0] + d[0] * time + x, p[1] + d[1] * time + y
-        return field_heading(there, d, V=V, r_d=r_d, k=gains.radial, max_turn_rate=max_turn_rate, xp=xp)
+        return field_heading(there, d, V=V, r_d=r_d, k=gains.radial, max_turn_rate=max_turn_rate)
 
     rotation = wrap(wanted(ahead + STEP) - wanted(ahead - STEP)) / (2 * STEP)
     # under way is what was commanded beyond the rotation: so a delay that is not quite known leaves no lasting error
     under_way = pending.turn - rotation * ahead
-    turning = xp.clip(rate / max_turn_rate, -1.0, 1.0)
-    favoured = _outward(xp.hypot(p[0], p[1]), V / max_turn_rate, r_d, xp) + FINISHED * turning
+    turning = clip(rate / max_turn_rate, -1.0, 1.0)
+    favoured = _outward(hypot(p[0], p[1]), V / max_turn_rate, r_d) + FINISHED * turning
     error = wrap(wanted(0.0 * ahead) - psi - favoured) + favoured
     return rotation + gains.heading * (error - under_way)
 
 
-def _outward(r: Array, turn_radius: Array, r_d: Array, xp: Any) -> Array:
+def _outward(r: Array, turn_radius: Array, r_d: Array) -> Array:
     """By how much a left turn, away from the target, is favoured over a right turn, rad. In full where half a turn to
     the right ends inside the circle; none one turn radius farther out, and none inside .9 r_d."""
-    beyond = xp.clip((r_d + 3 * turn_radius - r) / turn_radius, 0.0, 1.0)
-    outside = xp.clip((r - 0.9 * r_d) / (0.1 * r_d), 0.0, 1.0)
+    beyond = clip((r_d + 3 * turn_radius - r) / turn_radius, 0.0, 1.0)
+    outside = clip((r - 0.9 * r_d) / (0.1 * r_d), 0.0, 1.0)
     return OUTWARD * beyond * outside
 
 
-def orbit_turn_rate(d: Pair, psi: Array, *, V: Array, r_d: Array, xp: Any = np) -> Array:
+def orbit_turn_rate(d: Pair, psi: Array, *, V: Array, r_d: Array) -> Array:
     """Turn rate (rad/s) that stays on the counter-clockwise circle in drift d (2, ...), m/s, at heading psi, rad.
 
     The heading alone tells where on the circle a vehicle is: no range is used. chi' = v_g/r_d for the ground course,
     psi' = chi' v_g/(V cos(psi - chi)) by the wind triangle; V/r_d in still air. Condition: |d| < V.
     """
-    v = V * xp.cos(psi) + d[0], V * xp.sin(psi) + d[1]
-    ground = xp.maximum(xp.hypot(v[0], v[1]), 1e-9)
+    v = V * cos(psi) + d[0], V * sin(psi) + d[1]
+    ground = maximum(hypot(v[0], v[1]), 1e-9)
     across = (v[0] * d[1] - v[1] * d[0]) / ground
-    along_nose = V * xp.sqrt(1 - xp.clip(across / V, -REACHABLE, REACHABLE) ** 2)
+    along_nose = V * sqrt(1 - clip(across / V, -REACHABLE, REACHABLE) ** 2)
     return ground**2 / (r_d * along_nose)
 
 

@@ -4,9 +4,8 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from math import degrees, pi
 
-from circnav_mav.guidance.circles import LAPS
+from circnav_mav.guidance.circles import LAPS, MOST_TRIM
 from circnav_mav.guidance.laws import LAWS
-from circnav_mav.guidance.radius_trim import MOST
 from circnav_mav.guidance.theory import settling_time, tolerated_drift
 from circnav_mav.mav.autopilots.table import REFUSED, allowed
 from circnav_mav.mav.check_result import Check, Grade, graded
@@ -112,7 +111,7 @@ def _gain(mission: Mission) -> Iterator[Check]:
 def _trim(mission: Mission) -> Iterator[Check]:
     """A trim feeds the law a smaller radius than the mission's, for which its gain must do as well."""
     law, gain, orbit = LAWS[mission.law.name], mission.law.gain, mission.orbit
-    least = (1 - MOST) * orbit.radius
+    least = (1 - MOST_TRIM) * orbit.radius
     bound = law.gain_bound(orbit.speed, least)
     if mission.file.guidance.radius_trim_per_s > 0 and law.gain_bound(orbit.speed, orbit.radius) < gain <= bound:
         needs = f"may feed the law a radius down to {least:g} m, which needs {law.gain_condition} = {bound:.4g}"

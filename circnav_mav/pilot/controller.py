@@ -2,14 +2,13 @@
 
 from math import ceil, pi, remainder
 
-from circnav_mav.guidance.circles import Circles
+from circnav_mav.guidance.circles import Circles, next_trim
 from circnav_mav.guidance.law_selector import Flies
-from circnav_mav.guidance.limit_cycle import CommandWatch
-from circnav_mav.guidance.radius_trim import next_trim
 from circnav_mav.guidance.step import compensate_turn_gain, holding
-from circnav_mav.guidance.turn_gain import TurnGain, TurnGainSettings, learn
+from circnav_mav.guidance.turn_gain import TurnGain, learn
 from circnav_mav.guidance.turn_response import PendingTurn, Response, ResponseLearner
 from circnav_mav.guidance.types import SAME_TIME, Orbit, OwnMotion, RangeEstimate, TurnCommand, TurnRate
+from circnav_mav.guidance.watches import CommandWatch
 from circnav_mav.mav.autopilots.interface import Addressee
 from circnav_mav.mav.autopilots.table import allowed
 from circnav_mav.mav.codec import Message
@@ -59,7 +58,6 @@ class Controller:
                 max_stick=ceil(facts.stick(facts.max_bank)),
             )
         )
-        self._learning = TurnGainSettings(lag=settings.turn_lag)
         self._learnt = TurnGain(gain=settings.turn_gain or 1.0)
         self._banked: TurnGain | None = None
         slips = any(vehicle.slips for vehicle in allowed(settings.autopilot, settings.kind).values())
@@ -121,11 +119,12 @@ class Controller:
         self._response.feel(own.time, self._turned, self._link)
         if own.bank_turn is not None:
             # of the bank it has, not of the one it is told: an autopilot with a lower bank limit turns no worse for it
-            before, slips = self._banked or TurnGain(), TurnGainSettings(lag=SLIP)
-            self._banked = learn(before, slips, time=own.time, heading=own.heading, command=TurnRate(own.bank_turn))
+            before = self._banked or TurnGain()
+            self._banked = learn(before, lag=SLIP, time=own.time, heading=own.heading, command=own.bank_turn)
         if own.time - self._learnt.time > LONGEST_GAP:
             self._slow_at = self._followed_at = own.time
-        self._learnt = learn(self._learnt, self._learning, time=own.time, heading=own.heading, command=self._told)
+        lag = self._settings.turn_lag
+        self._learnt = learn(self._learnt, lag=lag, time=own.time, heading=own.heading, command=self._told)
         if self._learnt.followed:
             self._followed_at = own.time
         elif own.time - self._followed_at > DEAF_AFTER:

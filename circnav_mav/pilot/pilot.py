@@ -10,10 +10,9 @@ from collections import Counter
 from collections.abc import Hashable
 from dataclasses import replace
 
-from circnav_mav.guidance.bounds import breach
-from circnav_mav.guidance.drift_alarm import DriftAlarm, watch_drift
 from circnav_mav.guidance.types import Orbit, RangeEstimate, TurnCommand
 from circnav_mav.guidance.velocity_loop import CopterMotion
+from circnav_mav.guidance.watches import DriftAlarm, breach, watch_drift
 from circnav_mav.mav.clocks import nobody_tells
 from circnav_mav.mav.codec import LinkCounts, Message
 from circnav_mav.mav.frames import YawRate

@@ -3,10 +3,10 @@
 from dataclasses import dataclass, field
 from enum import Enum
 
-from circnav_mav.guidance.bounds import Bounds
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
 from circnav_mav.guidance.step import LawChoice
 from circnav_mav.guidance.types import Orbit
+from circnav_mav.guidance.watches import Bounds
 from circnav_mav.mav.autopilots.interface import VehicleFacts
 from circnav_mav.mav.height import HeightSettings
 from circnav_mav.mav.identity import LinkSettings

@@ -7,13 +7,13 @@ back, last two laps): ArduPlane 4.6.3 at R 150, V 22: radius RMS .8 .. 1.7 m, co
 
 from collections.abc import Callable
 from math import cos, degrees, inf, pi, remainder, sin
-from typing import Any
 
 import numpy as np
 import pytest
 
 from circnav_mav.guidance import step
-from circnav_mav.guidance.step import Found, Inputs, StepSettings
+from circnav_mav.guidance.step import Inputs, StepSettings
+from circnav_mav.guidance.types import RelativeMotion
 from circnav_mav.guidance.vector_field import field_heading
 from sim.faults.impairment import Impairment
 from sim.faults.pipe import Pipe
@@ -30,7 +30,7 @@ def as_shipped(mission: str, share_counts: bool = False) -> Callable[..., float]
 
     before = {"psi": 0.0, "time": -inf, "rate": 0.0}
 
-    def steer(settings: StepSettings, found: Found, inputs: Inputs, xp: Any) -> float:
+    def steer(settings: StepSettings, found: RelativeMotion, inputs: Inputs) -> float:
         lag, delay, sense = LAG[mission], 0.022, settings.sense
         V, r_d = found.airspeed, settings.r_d + inputs.trim
         lead = 1 - 2 * delay / lag

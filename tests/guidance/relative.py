@@ -1,12 +1,22 @@
-"""Relative motions for tests: a vehicle at 15 m/s, 100 m east of its target, known and trusted but where told else; and
-one flight with one hypothesis for the filters of many."""
+"""Shared by the tests of the guidance: relative motions of a vehicle at 15 m/s, 100 m east of its target, known and
+trusted but where told else; one flight with one hypothesis for the filters of many; and a vehicle that circles in wind,
+with estimators that listen to it."""
 
-from functools import partial
+from copy import deepcopy
+from dataclasses import dataclass, field
+from functools import cache, partial
+from math import cos, hypot, pi, sin
 
 import numpy as np
 
+from circnav_mav.guidance.estimators.interface import EstimatorSettings
 from circnav_mav.guidance.estimators.relative_ekf import Hypotheses, Noise
-from circnav_mav.guidance.types import RelativeMotion
+from circnav_mav.guidance.estimators.relative_motion import DriftEstimator
+from circnav_mav.guidance.types import OwnMotion, RangeSample, RelativeMotion
+
+V, OMEGA, WIND = 15.0, 0.15, (3.0, -2.0)
+SETTINGS = EstimatorSettings(speed=V, max_turn_rate=0.35)
+RADIUS = V / OMEGA
 
 known = partial(
     RelativeMotion, x=100.0, y=0.0, sigma=1.0, drift_x=0.0, drift_y=0.0, heading=0.0, turn_rate=0.0, airspeed=15.0,
@@ -23,3 +33,66 @@ def hypothesis(x, P):
 def noise(*values):
     """What one hypothesis assumes."""
     return Noise(*(np.array([[value]]) for value in values))
+
+
+@dataclass
+class Circling:
+    """A vehicle that turns steadily and drifts with the wind, round nobody in particular; its target can jump."""
+
+    target: tuple[float, float] = (150.0, 80.0)
+    wind: tuple[float, float] = WIND
+    rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(3))
+
+    def heading(self, t):
+        return OMEGA * t
+
+    def offset(self, t):
+        x = RADIUS * sin(OMEGA * t) + self.wind[0] * t - self.target[0]
+        y = RADIUS * (1 - cos(OMEGA * t)) + self.wind[1] * t - self.target[1]
+        return x, y
+
+    def range(self, t, sigma=0.5):
+        return RangeSample(t, t, hypot(*self.offset(t)) + self.rng.normal(0, sigma), sigma)
+
+    def motion(self, t):
+        return OwnMotion(t, (self.heading(t) + pi) % (2 * pi) - pi, OMEGA, V)
+
+
+def listen(estimator, world, start, end, every=0.05, motion_every=0.05, motion_delay=0.0):
+    """Ranges and own motion until `end`, each at its own rate; own motion arrives late by motion_delay."""
+    events = [(t, "range") for t in np.arange(start, end, every)]
+    events += [(t + motion_delay, "motion") for t in np.arange(start, end, motion_every)]
+    for t, kind in sorted(events, key=lambda event: (event[0], event[1] == "range")):
+        if kind == "range":
+            estimator.observe(world.range(float(t)))
+        else:
+            estimator.move(world.motion(float(t - motion_delay)))
+
+
+def error(estimator, world, t):
+    relative = estimator.at(t).relative
+    x, y = world.offset(t)
+    return hypot(relative.x - x, relative.y - y)
+
+
+@cache
+def _listened(make, seconds, world):
+    there, estimator = world(), make(SETTINGS)
+    listen(estimator, there, 0.0, seconds)
+    return there, estimator
+
+
+def listened(make=DriftEstimator, seconds=30.0, world=Circling):
+    """A world, and an estimator that has listened to it for some seconds."""
+    return deepcopy(_listened(make, seconds, world))
+
+
+def silent(estimator, world, start, end):
+    """Own motion, but no ranges."""
+    for t in np.arange(start, end, 0.05):
+        estimator.move(world.motion(t))
+
+
+def still():
+    """No wind, and a vehicle on its circle, where the range stays as it is."""
+    return Circling(target=(0.0, RADIUS), wind=(0.0, 0.0))

@@ -7,11 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from circnav_mav.guidance import floats, laws
+from circnav_mav.guidance import laws
+from circnav_mav.guidance.circles import MOST_TRIM
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
-from circnav_mav.guidance.laws import LAWS, Kind, smooth, switching
-from circnav_mav.guidance.radius_trim import MOST
-from circnav_mav.guidance.tuning import default_gain, loop_lag
+from circnav_mav.guidance.laws import LAWS, Kind, default_gain, loop_lag, smooth, switching
 
 V, R_D = 15.0, 100.0
 EXAMPLE = {"V": 1.0, "r_d": 10.0}
@@ -25,11 +24,6 @@ speeds, radii, lags = st.floats(0.5, 60), st.floats(5, 2000), st.floats(0.05, 10
 
 def each(laws):
     return pytest.mark.parametrize("law", laws, ids=lambda law: law.name)
-
-
-def bounded(r, r_dot, *, r_d=R_D, k):
-    """Counter-clockwise, as its source has it."""
-    return laws.bounded(r, r_dot, V=V, r_d=r_d, k=-k)
 
 
 def gain(law):
@@ -48,12 +42,12 @@ def test_the_other_sense_is_the_exact_mirror_image(law, r, r_dot):
 def test_many_flights_fly_the_law_of_one(law, points):
     r, r_dot = np.array(points).T
     values = {"V": V, "r_d": R_D, "k": gain(law)}
-    one_by_one = [law.function(*point, **values, xp=floats) for point in points]
+    one_by_one = [law.function(*point, **values) for point in points]
     np.testing.assert_allclose(law.function(r, r_dot, **values), one_by_one, rtol=1e-12, atol=1e-12)
 
 
 @each(STATELESS)
-@given(share=st.floats(1 - MOST, 1 + MOST), over=st.floats(1.001, 3), r=st.floats(0, 2000), r_dot=rates)
+@given(share=st.floats(1 - MOST_TRIM, 1 + MOST_TRIM), over=st.floats(1.001, 3), r=st.floats(0, 2000), r_dot=rates)
 def test_every_law_stays_finite_for_every_trim_of_its_radius_and_gain_that_is_allowed(law, share, over, r, r_dot):
     k = over * (law.gain_bound(V, R_D) or 0.5 * gain(law))
     assert isfinite(law.function(r, r_dot, V=V, r_d=share * R_D, k=k))
@@ -102,21 +96,16 @@ def test_far_out_an_approach_that_every_law_accepts_is_slower_than_the_vehicle(l
     assert -0.8 * V <= asked_for < -0.2 * V
 
 
-@pytest.mark.parametrize(("r", "asked"), [(120.0, sqrt(3) / 2), (60.0, 0.0), (30.0, -sqrt(3) / 2)])
+@pytest.mark.parametrize(("r", "asked"), [(120.0, sqrt(3) / 2), (100.0, 0.8), (60.0, 0.0), (30.0, -sqrt(3) / 2)])
 def test_bounded_asks_for_an_approach_outside_and_for_as_quick_a_way_out_inside(r, asked):
-    """r_s = 60 at r_d = 100 and k = 1/80: by hand at twice r_s, on it, and at half of it."""
-    assert bounded(r, 3.0, k=1 / 80) == pytest.approx((3.0 + V * asked) / 80)
+    """r_s = 60 at r_d = 100 and k = 1/80: by hand at twice r_s, on the circle, on r_s, and at half of it."""
+    assert laws.bounded(r, 3.0, V=V, r_d=R_D, k=-1 / 80) == pytest.approx((3.0 + V * asked) / 80)
 
 
-def test_bounded_holds_the_exact_radius():
-    assert bounded(R_D, 0.0, k=0.02) == pytest.approx(V / R_D)
-
-
-@pytest.mark.parametrize("fed", [85.0, 90.0, 100 / 1.1])
+@pytest.mark.parametrize("fed", [60.0, 72.0, 80.0])
 def test_bounded_fed_less_than_its_gain_can_fly_holds_the_smallest_circle_that_it_can(fed):
     """Its turn there is V k at r' = 0, the circle of radius 1/k."""
-    k = 1.1 / R_D
-    assert bounded(1 / k, 0.0, r_d=fed, k=k) == pytest.approx(V * k)
+    assert laws.bounded(80.0, 0.0, V=V, r_d=fed, k=-1 / 80) == pytest.approx(V / 80)
 
 
 def test_relay_changes_over_within_its_boundary_layer_and_not_at_once():

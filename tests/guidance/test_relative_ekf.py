@@ -1,20 +1,27 @@
-"""The relative-motion filters against filterpy's, and what they believe in flight."""
+"""The relative-motion filters against filterpy's, and what they predict of the one flight in the air."""
+
+from math import pi
 
 import numpy as np
 import pytest
 from filterpy.kalman import ExtendedKalmanFilter
+from hypothesis import given
+from hypothesis import strategies as st
 
-from circnav_mav.guidance.air_path import chord
+from circnav_mav.guidance.estimators.prediction import Belief, predict_belief
 from circnav_mav.guidance.estimators.relative_ekf import (
     BIAS_TIME,
     FELT_BIAS_PSD,
     FELT_PSD,
     GUST_TIME,
+    KAPPA,
     KAPPA_PSD,
     POSITION_PSD,
     STATES,
+    THETA,
     Felt,
     Hypotheses,
+    R,
     Rates,
     mixture,
     polar,
@@ -23,6 +30,7 @@ from circnav_mav.guidance.estimators.relative_ekf import (
     update,
     update_rate,
 )
+from circnav_mav.guidance.geometry import chord
 from tests.guidance.relative import hypothesis, noise
 
 DT, SIGMA = 0.1, 0.7
@@ -86,15 +94,15 @@ def test_one_hypothesis_is_filterpys_extended_kalman_filter():
         z = float(reference.x[0, 0] + rng.normal(0, 1.0))
         reference.update(np.array([[z]]), lambda _: H, lambda s: H @ s, R=(WHITE * SIGMA) ** 2)
         ours = predict(ours, NOISE, np.array([DT]), path[:, None], np.array([SIGMA]))
-        ours, _ = update(ours, NOISE, np.array([z]), np.array([SIGMA]), np.array([True]), gate=1e3)
+        ours, *_ = update(ours, NOISE, np.array([z]), np.array([SIGMA]), np.array([True]), gate=1e3)
     assert ours.x[:, 0, 0] == pytest.approx(reference.x[:, 0], rel=1e-6, abs=1e-6)
     assert ours.P[:, :, 0, 0] == pytest.approx(reference.P, rel=1e-4, abs=1e-7)
 
 
 def test_an_outlier_is_refused_and_changes_nothing():
     before = hypothesis([100.0, 0, 0, 0, 1, *[0] * 7], 0.01 * np.eye(STATES))
-    after, said = update(before, NOISE, np.array([120.0]), np.array([SIGMA]), np.array([True]), 5.0)
-    assert not said.taken[0, 0]
+    after, _, taken = update(before, NOISE, np.array([120.0]), np.array([SIGMA]), np.array([True]), 5.0)
+    assert not taken[0, 0]
     assert np.array_equal(after.x, before.x)
 
 
@@ -116,20 +124,52 @@ def test_a_range_rate_corrects_by_the_derivatives_of_its_equation():
     assert after.P[:, :, 0, 0] == pytest.approx(P - np.outer(P @ H, H @ P) / S, abs=1e-7)
 
 
-def test_directions_are_averaged_across_the_cut_at_pi():
+def test_directions_are_averaged_across_the_cut_at_pi_and_a_place_is_the_same_in_polar_coordinates():
     x = np.zeros((STATES, 2, 1))
     x[0], x[1, 0], x[1, 1] = 100.0, np.pi - 0.01, -np.pi + 0.01
     mean, P = mixture(Hypotheses(x, np.zeros((STATES, STATES, 2, 1)), np.zeros((2, 1))))
     assert abs(np.cos(mean[1, 0]) + 1) < 1e-6
     assert P[1, 1, 0] == pytest.approx(1e-4, rel=1e-6)
-
-
-def test_polar_keeps_the_position_and_its_uncertainty():
-    p = np.array([30.0, -40.0, 1, 2, 1, *[0] * 7])[:, None]
-    P = np.diag([4.0, 4.0, *[1] * 10])[..., None]
+    p, P = np.array([30.0, -40.0, 1, 2, 1, *[0] * 7])[:, None], np.diag([4.0, 4.0, *[1] * 10])[..., None]
     x, polar_P = polar(p, P)
     assert position(x)[:, 0] == pytest.approx([30.0, -40.0])
     assert (polar_P[0, 0, 0], polar_P[1, 1, 0]) == pytest.approx((4.0, 4.0 / 50**2))
+
+
+@given(seed=st.integers(0, 2**32 - 1), dt=st.floats(0.0, 20.0), heading=st.floats(-pi, pi), airspeed=st.floats(0.5, 30))
+def test_one_flight_is_predicted_as_the_bank_predicts_it(seed, dt, heading, airspeed):
+    rng = np.random.default_rng(seed)
+    mean = rng.normal(size=STATES) * [80, 2, 3, 3, 0.05, 0.3, 1, 1, 0.1, 0.1, 0, 0] + [150, 0, 0, 0, 1, *[0] * 7]
+    mean[R] = max(mean[R], 1.0)
+    root = rng.normal(size=(STATES, STATES)) * 0.1
+    P, chord, psd, gust = root @ root.T, rng.normal(size=2) * 10 * dt, 0.02, 1.3
+    after = predict(hypothesis(mean, P), noise(psd, gust, 0.7, 0.5), np.array([dt]), chord[:, None], np.array([0.5]))
+    x, Q = after.x[:, 0, 0], after.P[:, :, 0, 0]
+
+    belief = Belief(tuple(mean.tolist()), P, psd, gust)
+    ours = predict_belief(belief, dt, (chord[0], chord[1]), heading=heading, airspeed=airspeed)
+
+    n, air = np.array([np.cos(x[THETA]), np.sin(x[THETA])]), airspeed * np.array([np.cos(heading), np.sin(heading)])
+    v = x[KAPPA] * air + x[2:4] + x[6:8]
+    gradient = np.array([0.0, n[0] * v[1] - n[1] * v[0], *n, n @ air, 0.0, *n, 0, 0, 0, 0])
+    assert [ours.r, ours.x, ours.y, *ours.drift] == pytest.approx([x[R], *(x[R] * n), *(x[2:4] + x[6:8])], abs=1e-9)
+    assert (ours.r_dot, ours.airspeed) == pytest.approx((n @ v, x[KAPPA] * airspeed), abs=1e-9)
+    assert ours.r_variance == pytest.approx(Q[R, R], rel=1e-9)
+    assert ours.direction_variance == pytest.approx(Q[THETA, THETA], rel=1e-9)
+    assert ours.r_dot_variance == pytest.approx(gradient @ Q @ gradient, rel=1e-9)
+
+
+@pytest.mark.parametrize("feels", [0.0, 1.0])
+def test_the_predicted_drift_has_the_felt_change_less_that_of_the_air_velocity_as_far_as_it_is_believed(feels):
+    """v = kappa V u(psi) + drift, so the drift changes by what v does less kappa times what V u(psi) does. What comes
+    and goes is not assumed to go where it is felt. (f, l) = (.1, -.2) is the accelerometer's error, for .1 s due up."""
+    belief = Belief(tuple(STATE.tolist()), np.eye(STATES), PSD, GUST, feels)
+    felt = Felt((0.35, 0.1), (-0.1, 0.2), (0.0, 0.1), 0.0)
+    ours = predict_belief(belief, DT, (0.5, 1.4), heading=pi / 2, airspeed=15.0, felt=felt)
+    stays = 1.0 if feels else np.exp(-DT / GUST_TIME)
+    measured = feels * np.array([0.35 + 1.02 * 0.1, 0.1 - 1.02 * 0.2])
+    left = np.array([1.0, -2.0]) + stays * np.array([0.3, -0.2]) + [0.3, 0.1] - np.array([0.02, 0.01])
+    assert ours.drift == pytest.approx(tuple(left + measured))
 
 
 def test_a_measured_acceleration_is_bayes_rule_for_what_happened_in_the_step():

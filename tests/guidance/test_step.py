@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from circnav_mav.guidance.air_path import chord
+from circnav_mav.guidance.geometry import chord
 from circnav_mav.guidance.laws import pi as pi_law
-from circnav_mav.guidance.step import LawChoice, compensate_turn_gain, holding, limit, steering
+from circnav_mav.guidance.step import LawChoice, compensate_turn_gain, holding, limited, steering
 from circnav_mav.guidance.turn_response import Pending
-from circnav_mav.guidance.types import Direction, Orbit, RangeEstimate, TurnRate
+from circnav_mav.guidance.types import Direction, Orbit, RangeEstimate
 from circnav_mav.guidance.vector_field import drift, drift_gains
 from tests.guidance.relative import guessed, known
 
@@ -48,22 +48,23 @@ def test_a_gain_without_a_correction_is_refused_at_once(gain):
         steering(PAPER, LawChoice("smooth", gain))
 
 
-@given(gain=st.floats(0.5, 1.5), demanded=st.floats(-10, 10), bound=st.floats(1e-3, 10))
-def test_a_vehicle_that_turns_less_than_it_is_told_is_told_more(gain, demanded, bound):
+@given(
+    gain=st.floats(0.5, 1.5),
+    demanded=st.one_of(st.floats(-1e6, 1e6), st.sampled_from([-inf, inf])),
+    first=st.floats(1e-3, 10),
+    bound=st.floats(1e-3, 10),
+)
+def test_the_limit_cuts_what_is_beyond_it_and_a_vehicle_that_turns_less_than_it_is_told_is_told_more(
+    gain, demanded, first, bound
+):
     """Told w/gain, it turns at w; the limit is that of what it is told."""
-    command = compensate_turn_gain(limit(TurnRate(demanded), 20.0), bound, gain)
-    assert abs(command.turn_rate) <= bound
-    assert command.demanded == demanded
-    if not command.saturated:
-        assert command.turn_rate * gain == pytest.approx(demanded)
-
-
-@given(demanded=st.one_of(st.floats(-1e6, 1e6), st.sampled_from([-inf, inf])), bound=st.floats(1e-3, 10))
-def test_the_limit_cuts_what_is_beyond_it_and_says_so(demanded, bound):
-    command = limit(TurnRate(demanded), bound)
-    assert command.demanded == demanded
-    assert command.saturated == (abs(demanded) > bound)
-    assert command.turn_rate == (np.copysign(bound, demanded) if command.saturated else demanded)
+    wanted = limited(demanded, first)
+    assert wanted.saturated == (abs(demanded) > first)
+    assert wanted.turn_rate == (np.copysign(first, demanded) if wanted.saturated else demanded)
+    told = compensate_turn_gain(wanted, bound, gain)
+    assert told.saturated == (wanted.saturated or abs(wanted.turn_rate / gain) > bound)
+    assert told.turn_rate == pytest.approx(max(-bound, min(wanted.turn_rate / gain, bound)))
+    assert told.demanded == wanted.demanded == demanded
 
 
 def test_the_vehicles_limit_is_applied_after_the_law():
@@ -108,17 +109,13 @@ def test_a_gap_between_estimates_is_no_patience_with_a_search():
     assert flown == ["feedforward", "feedforward", "feedforward", "trial"]
 
 
-def test_auto_says_who_flies_and_why_and_needs_no_heading():
-    steer, feedforward = (steering(ORBIT, LawChoice(name, 0.06)) for name in ("auto", "feedforward"))
-    command = steer(estimate(150.0, -3.0))
+def test_auto_says_who_flies_and_why_and_needs_no_heading_and_the_law_drift_tries_no_guesses():
+    auto, feedforward, drift = (steering(ORBIT, LawChoice(name, 0.06)) for name in ("auto", "feedforward", "drift"))
+    command = auto(estimate(150.0, -3.0))
     assert command.turn_rate == feedforward(estimate(150.0, -3.0)).turn_rate < 0
     assert (command.flies, bool(command.why)) == ("feedforward", True)
-    assert steer(estimate(150.0, -3.0, 0.05, known(x=150.0))).flies == "drift"
-
-
-def test_the_law_drift_tries_no_guesses():
-    steer = steering(ORBIT, LawChoice("drift", 0.06))
-    assert {steer(estimate(150.0, -3.0, 0.1 * i, guessed())).flies for i in range(60)} == {"feedforward"}
+    assert auto(estimate(150.0, -3.0, 0.05, known(x=150.0))).flies == "drift"
+    assert {drift(estimate(150.0, -3.0, 0.1 * i, guessed())).flies for i in range(60)} == {"feedforward"}
 
 
 @pytest.mark.parametrize(
@@ -187,25 +184,19 @@ def test_holding_looks_ahead_by_the_turn_that_is_under_way():
     assert ahead == holding(ORBIT, known(drift_y=6.0, heading=1.0), AT_REST)
 
 
-CARRIED = known(drift_y=6.0, heading=pi / 2, turn_rate=0.1)
-NO_NUMBERS = [
-    {field: number} for field in ("drift_x", "drift_y", "heading", "turn_rate", "airspeed") for number in (nan, inf)
-]
-
-
 @pytest.mark.parametrize("direction", Direction)
 @pytest.mark.parametrize(
-    "motion",
+    "not_known",
     [
-        None, known(drift_y=6.0, heading=pi / 2, trusted=False), guessed(drift_y=6.0),
-        *(known(**{"drift_y": 6.0, "heading": pi / 2, **one}) for one in NO_NUMBERS),
+        {"trusted": False}, {"trusted": False, "trial": 4}, None,
+        *({one: number} for one in ("drift_x", "drift_y", "heading", "turn_rate", "airspeed") for number in (nan, inf)),
     ],
     ids=str,
 )  # fmt: skip
-def test_holding_without_a_trusted_motion_of_numbers_turns_at_v_over_r_in_the_missions_sense(direction, motion):
-    orbit = Orbit(R_D, direction, V, LIMIT)
-    assert holding(orbit, CARRIED, AT_REST).turn_rate != orbit.steady_turn_rate
-    held = holding(orbit, motion, Pending(-0.04, 0.4))
+def test_holding_without_a_trusted_motion_of_numbers_turns_at_v_over_r_in_the_missions_sense(direction, not_known):
+    orbit, motion = Orbit(R_D, direction, V, LIMIT), {"drift_y": 6.0, "heading": pi / 2}
+    assert holding(orbit, known(**motion), AT_REST).turn_rate != orbit.steady_turn_rate
+    held = holding(orbit, None if not_known is None else known(**motion | not_known), Pending(-0.04, 0.4))
     assert held.turn_rate == held.demanded == direction.turn_sign * V / R_D == orbit.steady_turn_rate
     assert not held.saturated
 

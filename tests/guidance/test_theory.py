@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from circnav_mav.guidance import theory
-from circnav_mav.guidance.slant import horizontal, horizontal_rate
+from circnav_mav.guidance.geometry import horizontal, horizontal_rate
 
 
 @pytest.mark.parametrize(

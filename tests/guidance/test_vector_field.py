@@ -1,17 +1,18 @@
 """The law on relative motion."""
 
 from itertools import product
-from math import hypot, pi, sqrt
+from math import acos, hypot, pi, sqrt
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from circnav_mav.guidance import floats
-from circnav_mav.guidance.air_path import chord, chord_parts
+from circnav_mav.guidance.geometry import chord, chord_parts
+from circnav_mav.guidance.maths import clip
 from circnav_mav.guidance.turn_response import Pending, PendingTurn, Response
 from circnav_mav.guidance.vector_field import (
+    DriftGains,
     drift,
     drift_gains,
     field_heading,
@@ -31,10 +32,6 @@ def turn(p, d, psi, omega):
     return drift(
         np.array(p), np.array(d), psi, Pending(LAG * omega, LAG), V=V, r_d=R_D, max_turn_rate=LIMIT, gains=GAINS
     )
-
-
-def test_on_the_circle_in_still_air_it_asks_for_the_circles_own_turn():
-    assert turn([R_D, 0.0], [0.0, 0.0], pi / 2, V / R_D) == pytest.approx(V / R_D, abs=1e-6)
 
 
 @given(r=st.floats(5, 900), at=angles, psi=angles, wind=st.floats(0, 10), blows=angles, omega=st.floats(-0.35, 0.35))
@@ -60,15 +57,12 @@ def test_the_field_is_followed_over_the_ground_whatever_the_wind(at, wind, blows
 
 
 @pytest.mark.parametrize(
-    ("r", "sharpest", "outward"), [(50.0, 0.02, 1.0), (98.0, 0.02, 0.2), (50.0, 0.01, sqrt(0.1)), (1.0, 0.05, pi / 2)]
+    ("r", "sharpest", "inward"),
+    [(50.0, 0.02, -1.0), (98.0, 0.02, -0.2), (50.0, 0.01, -sqrt(0.1)), (1.0, 0.05, -pi / 2), (400.0, 0.02, acos(0.25))],
 )
-def test_far_inside_the_course_leads_out_no_steeper_than_the_tightest_turn_can_follow(r, sharpest, outward):
+def test_far_inside_the_course_leads_out_as_the_tightest_turn_does_and_far_outside_it_touches(r, sharpest, inward):
     """sqrt(2 e (sharpest - 1/r_d)), by hand: sqrt(2 50 .01) = 1; as for .1/r_d at least, straight out at most."""
-    assert inward_angle(r, r_d=R_D, k=1e4, sharpest=sharpest) == pytest.approx(-outward, rel=1e-4)
-
-
-def test_far_outside_the_course_touches_the_circle():
-    assert inward_angle(400.0, r_d=R_D, k=1.0, sharpest=0.02) == pytest.approx(np.arccos(0.25), abs=1e-3)
+    assert inward_angle(r, r_d=R_D, k=1e4, sharpest=sharpest) == pytest.approx(inward, rel=1e-4)
 
 
 def flown(sense, start, psi, d, seconds, dt=0.05):
@@ -99,17 +93,14 @@ def test_outside_and_going_the_wrong_way_round_it_turns_away_from_the_target_and
     assert ranges[-1] == pytest.approx(R_D, abs=2.0)
 
 
-def test_it_reaches_the_circle_in_strong_wind_in_the_right_sense():
-    senses, starts = np.array([1.0, 1.0, -1.0, -1.0]), [(300.0, 0.0), (10.0, 5.0)] * 2
-    ranges, _, momentum = flown(senses, starts, [2.0] * 4, [(6.0, -3.0)] * 4, seconds=200.0)
+def test_it_reaches_the_circle_in_strong_wind_clockwise_in_the_exact_mirror_image_of_counterclockwise():
+    senses = np.array([1.0, 1.0, -1.0, -1.0])
+    mirror = np.stack([np.ones(4), senses], axis=1)
+    starts, wind = [(300.0, 0.0), (10.0, 5.0)] * 2 * mirror, (6.0, -3.0) * mirror
+    ranges, p, momentum = flown(senses, starts, 2.0 * senses, wind, seconds=200.0)
     assert ranges[-1] == pytest.approx(R_D, abs=0.1)
     assert (np.sign(momentum) == senses).all()
-
-
-def test_clockwise_is_the_exact_mirror_image_of_counterclockwise():
-    senses, mirror = np.array([1.0, -1.0]), np.array([[1, 1], [1, -1]])
-    _, p, _ = flown(senses, mirror * (250.0, 40.0), senses * 0.7, mirror * (4.0, 2.0), seconds=30.0)
-    assert p[:, 1] == pytest.approx([p[0, 0], -p[1, 0]], abs=1e-9)
+    assert p[:, 2:] == pytest.approx([[1.0], [-1.0]] * p[:, :2], abs=1e-6)
 
 
 def swing(dead, known):
@@ -117,25 +108,32 @@ def swing(dead, known):
     the part that the law knows of."""
     dt, x, y, psi, rate, worst = 0.02, 1.15 * R_D, 0.0, pi / 2, 0.0, 0.0
     response, under_way, told = Response(known * dead, LAG, 1 / LAG), PendingTurn(), [0.0] * (round(dead / dt) + 1)
-    facts = {"V": V, "r_d": R_D, "max_turn_rate": LIMIT, "xp": floats}
-    gains = drift_gains(V, response.delay, response.settles, xp=floats)
+    facts = {"V": V, "r_d": R_D, "max_turn_rate": LIMIT}
+    gains = drift_gains(V, response.delay, response.settles)
     for i in range(10_000):
         pending = under_way.at(i * dt, response, rate)
-        told.append(floats.clip(drift((x, y), (0.0, 0.0), psi, pending, gains=gains, **facts), -LIMIT, LIMIT))
+        told.append(clip(drift((x, y), (0.0, 0.0), psi, pending, gains=gains, **facts), -LIMIT, LIMIT))
         under_way.command(i * dt, told[-1])
         rate += (told[-1 - round(dead / dt)] - rate) * dt / LAG
-        east, north = chord_parts(V, psi, rate * dt, dt, floats)
+        east, north = chord_parts(V, psi, rate * dt, dt)
         x, y, psi = x + east, y + north, psi + rate * dt
         worst = max(worst, abs(hypot(x, y) - R_D)) if i > 7000 else 0.0
     return worst
 
 
-@pytest.mark.parametrize("dead", [0.3, 1.0])
-def test_a_dead_time_that_is_known_does_not_swing(dead):
-    assert swing(dead, 1.0) < 0.05
+def test_of_the_heading_error_what_is_under_way_beyond_the_circles_own_turn_is_taken_off():
+    """On the circle with the right heading: no error, .3 rad under way. Without a gain the rotation alone is left."""
+    here, under_way = ((R_D, 0.0), (0.0, 0.0), pi / 2), Pending(0.3, LAG)
+    rotation, asked = (
+        drift(*here, under_way, V=V, r_d=R_D, max_turn_rate=LIMIT, gains=DriftGains(heading, GAINS.radial))
+        for heading in (0.0, 1.0)
+    )
+    assert asked == pytest.approx(rotation - (0.3 - rotation * LAG))
 
 
-def test_a_dead_time_that_nobody_knows_of_swings():
+def test_a_dead_time_swings_only_if_nobody_knows_of_it():
+    assert swing(0.3, 1.0) < 0.05
+    assert swing(1.0, 1.0) < 0.05
     assert swing(1.5, 0.0) > 2.0
 
 

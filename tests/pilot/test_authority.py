@@ -3,7 +3,7 @@
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.guidance.bounds import Bounds
+from circnav_mav.guidance.watches import Bounds
 from circnav_mav.pilot import Ending, OutputMode, Phase
 from tests.rig import Rig, timing
 

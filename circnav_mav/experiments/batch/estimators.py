@@ -1,19 +1,18 @@
 """The estimators of the flight for B flights that are stepped together."""
 
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
 from circnav_mav.experiments.batch.world import Truth, along
-from circnav_mav.guidance.air_path import chord, wrap
-from circnav_mav.guidance.estimators.acquisition import SearchSettings
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
-from circnav_mav.guidance.estimators.multiple_model import BankSettings, DriftBank, Stage
+from circnav_mav.guidance.estimators.multiple_model import DriftBank, Stage
 from circnav_mav.guidance.estimators.range_rate import RangeRate, observe, observe_rate
 from circnav_mav.guidance.estimators.relative_ekf import KAPPA, Felt, R, Rates, drift, position
 from circnav_mav.guidance.estimators.unicycle import SURE, UnicycleFilter
-from circnav_mav.guidance.step import Found
+from circnav_mav.guidance.geometry import chord, wrap
+from circnav_mav.guidance.types import RelativeMotion
 
 Array = Any
 T = TypeVar("T")
@@ -40,14 +39,14 @@ class Seen:
 
 
 class Estimator(Protocol):
-    """r, r_dot (B,): the estimate. ready: who may be steered by it. taken: whose newest range was taken in. found: the
-    relative motion. belief: mean (2, B) and covariance (2, 2, B) of (r, theta), nan where there is no trust."""
+    """r, r_dot (B,): the estimate. ready: who may be steered by it. taken: whose newest range was taken in. relative:
+    the relative motion, in arrays. belief: mean (2, B) and covariance (2, 2, B) of (r, theta), nan without trust."""
 
     r: Array
     r_dot: Array
     ready: Array
     taken: Array
-    found: Found | None = None
+    relative: RelativeMotion | None = None
     belief: tuple[Array, Array] | None = None
 
     def observe(self, seen: Seen, true: Truth) -> None:
@@ -80,9 +79,9 @@ class Kalman(Estimator):
     def observe(self, seen: Seen, true: Truth) -> None:
         self._age = self._age + seen.dt
         if seen.arrived.any():
-            after = observe(self._state, self._settings, h=self._age, z=seen.z, sigma=seen.sigma, xp=np)
+            after = observe(self._state, self._settings, h=self._age, z=seen.z, sigma=seen.sigma)
             if seen.rate is not None:
-                after = observe_rate(after, self._settings, h=0.0, z=seen.rate[0], sigma=seen.rate[1], xp=np)
+                after = observe_rate(after, self._settings, h=0.0, z=seen.rate[0], sigma=seen.rate[1])
             self._state = merged(seen.arrived, after, self._state)
             self._age = np.where(seen.arrived, 0.0, self._age)
             self.ready = np.asarray(self._state.ready(self._settings))
@@ -117,8 +116,7 @@ class Auto(Estimator):
 
     def __init__(self, settings: EstimatorSettings, flights: int, speed: float) -> None:
         self._kalman = Kalman(settings, flights)
-        search = SearchSettings(speed, drift_sigma=settings.drift_sigma, scale_sigma=settings.scale_sigma)
-        cfg = BankSettings(speed, gate=float(np.max(settings.gate)), search=search)
+        cfg = replace(settings, speed=speed, gate=float(np.max(settings.gate)))
         self._parts = [slice(first, min(first + BLOCK, flights)) for first in range(0, flights, BLOCK)]
         self._banks = [DriftBank(cfg, part.stop - part.start) for part in self._parts]
         self._speed, self._before = speed, None
@@ -127,12 +125,12 @@ class Auto(Estimator):
 
     def observe(self, seen: Seen, true: Truth) -> None:
         self._kalman.observe(seen, true)
-        psi, V = self._before or (seen.psi, seen.airspeed)
+        psi, before = self._before or (seen.psi, seen.airspeed)
         dt = np.where(seen.flies, 0.0 if self._before is None else seen.dt, 0.0)
-        path = chord((V + seen.airspeed) / 2, psi, wrap(seen.psi - psi), dt)
+        path = chord((before + seen.airspeed) / 2, psi, wrap(seen.psi - psi), dt)
         felt = None
         if seen.felt is not None:
-            air, nose = seen.airspeed * along(seen.psi) - V * along(psi), (along(seen.psi) + along(psi)) / 2
+            air, nose = seen.airspeed * along(seen.psi) - before * along(psi), (along(seen.psi) + along(psi)) / 2
             felt = Felt(seen.felt, air, dt * nose, seen.airspeed * seen.turn_rate)
         self._before, valid = (seen.psi, seen.airspeed), seen.arrived & seen.flies
         rates = None
@@ -145,8 +143,11 @@ class Auto(Estimator):
             bank.step(dt[part], path[:, part], seen.z[part], seen.sigma[part], valid[part], theirs, measured)
         x, P, trusted, stage = (self._all(name) for name in ("mean", "covariance", "trusted", "stage"))
         p, d = position(x), drift(x)
-        V = np.where(stage == Stage.EMPTY, self._speed, x[KAPPA] * seen.airspeed)
-        self.found = Found(p[0], p[1], d[0], d[1], seen.psi, V, trusted, self._all("favourite"))
+        V: Array = np.where(stage == Stage.EMPTY, self._speed, x[KAPPA] * seen.airspeed)
+        sigma = np.sqrt(np.maximum(P[0, 0] + x[R] ** 2 * P[1, 1], 0.0))
+        self.relative = RelativeMotion(
+            p[0], p[1], sigma, d[0], d[1], seen.psi, seen.turn_rate, V, x[KAPPA], trusted, self._all("favourite")
+        )
         v = V * along(seen.psi) + d
         r_dot = (p * v).sum(axis=0) / np.maximum(x[R], 1.0)
         self.r, self.r_dot = np.where(trusted, x[R], self._kalman.r), np.where(trusted, r_dot, self._kalman.r_dot)
@@ -162,10 +163,12 @@ class FullInformation(Estimator):
     """The reference: the truth in place of an estimate."""
 
     def __init__(self, speed: Array, flights: int) -> None:
-        self._speed, self.ready = speed, np.ones(flights, bool)
+        self._speed = speed
+        self.ready: Array = np.ones(flights, bool)
 
     def observe(self, seen: Seen, true: Truth) -> None:
         self.r, self.taken = np.hypot(true.p[0], true.p[1]), self.ready
         v = self._speed * along(true.psi) + true.d
         self.r_dot = (true.p * v).sum(axis=0) / np.maximum(self.r, 1.0)
-        self.found = Found(true.p[0], true.p[1], true.d[0], true.d[1], true.psi, self._speed, self.ready)
+        (x, y), d = true.p, true.d
+        self.relative = RelativeMotion(x, y, 0.0, d[0], d[1], true.psi, seen.turn_rate, self._speed, 1.0, self.ready)

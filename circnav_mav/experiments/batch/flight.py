@@ -11,11 +11,10 @@ from circnav_mav.experiments.batch.guidance import POLICIES, Guidance, estimator
 from circnav_mav.experiments.batch.loop import Always, fly
 from circnav_mav.experiments.batch.sensors import ImuNoise, MotionNoise, OwnSenses, Radio, Ranging, RateNoise, Reading
 from circnav_mav.experiments.batch.world import Airframe, Surroundings, Truth, World, along
-from circnav_mav.guidance.air_path import wrap
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
-from circnav_mav.guidance.laws import LAWS
+from circnav_mav.guidance.geometry import wrap
+from circnav_mav.guidance.laws import LAWS, default_gain, loop_lag
 from circnav_mav.guidance.step import StepSettings
-from circnav_mav.guidance.tuning import default_gain, loop_lag
 
 Array = Any
 STALE = 0.5

@@ -9,10 +9,9 @@ from circnav_mav.experiments.batch.estimators import Auto, Estimator, FullInform
 from circnav_mav.experiments.batch.world import Truth
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
 from circnav_mav.guidance.estimators.table import default_estimator
-from circnav_mav.guidance.law_selector import at_start
 from circnav_mav.guidance.laws import LAWS
-from circnav_mav.guidance.step import Inputs, StepSettings, StepState, compensated, hold, step
-from circnav_mav.guidance.turn_gain import TurnGain, TurnGainSettings, learn
+from circnav_mav.guidance.step import Inputs, StepSettings, StepState, compensate_turn_gain, hold, step
+from circnav_mav.guidance.turn_gain import TurnGain, learn
 from circnav_mav.guidance.turn_response import Pending, PendingTurn, Response
 from circnav_mav.guidance.types import SAME_TIME
 
@@ -48,7 +47,7 @@ class Guidance:
         answers: float = 0.4, turn_gain: Array = 1.0, learns: Array = False,
     ) -> None:  # fmt: skip
         self.settings, self.estimator, self._stale = settings, estimator, stale
-        self._state = StepState(np.full(flights, -np.inf), np.zeros(flights), at_start(flights))
+        self._state = StepState()
         self._pending, self._pending_turn = Pending(0.0, lag), PendingTurn()
         self._lag, self._learns = lag, learns + np.zeros(flights, bool)
         self._response = Response(0.0, answers, 1 / max(answers, SHORTEST), learnt=True)
@@ -73,20 +72,18 @@ class Guidance:
     def feel(self, now: float, heading: Array, flies: Array) -> None:
         """Learn the turn gain from a heading (B,)."""
         if (flies & self._learns).any():
-            after = learn(
-                self._gain, TurnGainSettings(lag=self._lag), time=now, heading=heading, command=self._told, xp=np
-            )
+            after = learn(self._gain, lag=self._lag, time=now, heading=heading, command=self._told)
             self._gain = merged(flies & self._learns, after, self._gain)
 
     def command(self, steers: Array) -> tuple[Array, Array]:
         """The commanded turn rates (B,) and whether the limit cut them: the law's for those who steer, the circle's own
         for the others."""
         e, cfg = self.estimator, self.settings
-        after, wanted = step(self._state, cfg, Inputs(self._now, e.r, e.r_dot, self._pending, e.found), np)
+        after, wanted = step(self._state, cfg, Inputs(self._now, e.r, e.r_dot, self._pending, e.relative))
         self._state = merged(steers, after, self._state)
-        held = hold(cfg, e.found, self._pending, np)
-        told = compensated(merged(steers, wanted, held), cfg.limit, self._gain.gain, np)
-        self._told = told.turn
+        held = hold(cfg, e.relative, self._pending)
+        told: Any = compensate_turn_gain(merged(steers, wanted, held), cfg.limit, self._gain.gain)
+        self._told = told.turn_rate
         if cfg.law.flies_relative_motion:
-            self._pending_turn.command(self._now, told.turn * self._gain.gain)
-        return told.turn, told.cut
+            self._pending_turn.command(self._now, told.turn_rate * self._gain.gain)
+        return told.turn_rate, told.saturated

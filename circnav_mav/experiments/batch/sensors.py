@@ -8,7 +8,7 @@ import numpy as np
 
 from circnav_mav.experiments.batch.draws import Draws
 from circnav_mav.experiments.batch.world import turned
-from circnav_mav.guidance.slant import MAX_SIGMA_GROWTH
+from circnav_mav.guidance.geometry import MAX_SIGMA_GROWTH
 
 Array = Any
 

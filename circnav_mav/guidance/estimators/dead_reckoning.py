@@ -2,10 +2,10 @@
 
 from collections import deque
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from math import cos, sin
 
-from circnav_mav.guidance import floats
-from circnav_mav.guidance.air_path import chord_parts, wrap
+from circnav_mav.guidance.estimators.relative_ekf import Felt
+from circnav_mav.guidance.geometry import chord_parts, wrap
 from circnav_mav.guidance.types import FeltVelocity, OwnMotion
 
 KEPT = 64
@@ -16,16 +16,6 @@ HOLE = 3.0
 """A longer silence, s, breaks the path: where the vehicle went meanwhile is not known."""
 
 
-class FeltStep(NamedTuple):
-    """What was felt over a step, see `relative_ekf.Felt`: change of the velocity, of the air velocity by nose and
-    airspeed, m/s, integral of the nose, s, and airspeed times turn rate, m/s^2."""
-
-    change: tuple[float, float]
-    air: tuple[float, float]
-    nose: tuple[float, float]
-    across: float
-
-
 @dataclass(frozen=True, slots=True)
 class Knot:
     """A report and how far the path had come: x, y in m at the measured airspeed. piece: counts the holes before.
@@ -33,20 +23,27 @@ class Knot:
     accelerations are not carried on."""
 
     motion: OwnMotion
-    x: float
-    y: float
-    piece: int
+    x: float = 0.0
+    y: float = 0.0
+    piece: int = 0
     nose_x: float = 0.0
     nose_y: float = 0.0
     report: OwnMotion | None = None
 
-    def felt_since(self, before: "Knot") -> FeltStep | None:
+    def carried(self, motion: OwnMotion, airspeed: float, turned: float, step: float) -> "Knot":
+        """The knot of a motion `step` seconds later, along an arc through the angle `turned`."""
+        heading = self.motion.heading
+        x, y = chord_parts(airspeed, heading, turned, step)
+        nose_x, nose_y = _along(heading + turned / 2, step)  # the middle of the arc stands for it
+        return Knot(motion, self.x + x, self.y + y, self.piece, self.nose_x + nose_x, self.nose_y + nose_y)
+
+    def felt_since(self, before: "Knot") -> Felt | None:
         """What was felt from a knot to this one; None where the accelerations do not cover it."""
         new, old = self.report or self.motion, before.report or before.motion
         if new.felt is None or old.felt is None or new.felt.since != old.felt.since:
             return None
         (x, y), (old_x, old_y) = (_along(m.heading, m.airspeed) for m in (new, old))
-        return FeltStep(
+        return Felt(
             (new.felt.x - old.felt.x, new.felt.y - old.felt.y),
             (x - old_x, y - old_y),
             (self.nose_x - before.nose_x, self.nose_y - before.nose_y),
@@ -63,30 +60,28 @@ class OwnPath:
     def move(self, motion: OwnMotion) -> None:
         """Take in a report."""
         if not self._knots:
-            self._knots.append(Knot(motion, 0.0, 0.0, 0))
+            self._knots.append(Knot(motion))
             return
         last = self._knots[-1]
         step = motion.time - last.motion.time
-        if step <= 0:
-            return
         if step > HOLE:
             self._knots.append(Knot(motion, last.x, last.y, last.piece + 1))
-            return
-        turned = float(wrap(motion.heading - last.motion.heading))
-        self._knots.append(_carried(last, motion, (last.motion.airspeed + motion.airspeed) / 2, turned, step))
+        elif step > 0:
+            turned = float(wrap(motion.heading - last.motion.heading))
+            self._knots.append(last.carried(motion, (last.motion.airspeed + motion.airspeed) / 2, turned, step))
 
     def at(self, time: float) -> Knot | None:
         """Where the path was, or will soon be; None outside of what is known."""
         if not self._knots:
             return None
         newest = self._knots[-1]
-        ahead = time - newest.motion.time
+        last, ahead = newest.motion, time - newest.motion.time
+        if ahead > EXTRAPOLATED:
+            return None
         if ahead >= 0:
-            if ahead > EXTRAPOLATED:
-                return None
-            last, turned = newest.motion, newest.motion.turn_rate * ahead
+            turned = last.turn_rate * ahead
             motion = OwnMotion(last.time + ahead, last.heading + turned, last.turn_rate, last.airspeed)
-            carried = _carried(newest, motion, last.airspeed, turned, ahead)
+            carried = newest.carried(motion, last.airspeed, turned, ahead)
             return replace(carried, nose_x=newest.nose_x, nose_y=newest.nose_y, report=last)
         for after, before in zip(reversed(self._knots), list(self._knots)[-2::-1], strict=False):
             if before.motion.time <= time:
@@ -105,15 +100,8 @@ def _between(before: Knot, after: Knot, time: float) -> Knot:
         x, y = old.felt.x + share * (new.felt.x - old.felt.x), old.felt.y + share * (new.felt.y - old.felt.y)
         felt = FeltVelocity(x, y, new.felt.since)
     motion = OwnMotion(old.time + step, old.heading + turned, turn_rate, airspeed, felt=felt)
-    return _carried(before, motion, airspeed, turned, step)
-
-
-def _carried(knot: Knot, motion: OwnMotion, airspeed: float, turned: float, step: float) -> Knot:
-    """The knot of a motion `step` seconds later, along an arc through the angle `turned`."""
-    x, y = chord_parts(airspeed, knot.motion.heading, turned, step, floats)
-    nose_x, nose_y = _along(knot.motion.heading + turned / 2, step)  # the middle of the arc stands for it
-    return Knot(motion, knot.x + x, knot.y + y, knot.piece, knot.nose_x + nose_x, knot.nose_y + nose_y)
+    return before.carried(motion, airspeed, turned, step)
 
 
 def _along(angle: float, length: float) -> tuple[float, float]:
-    return length * floats.cos(angle), length * floats.sin(angle)
+    return length * cos(angle), length * sin(angle)

@@ -12,17 +12,16 @@ class Fused(Enum):
 
     ACCEPTED = "accepted"
     GATED = "gated"
-    RESTARTED = "restarted"
 
 
 @dataclass(frozen=True, slots=True)
 class EstimatorSettings:
     """What the estimators know of the vehicle and the sensor.
 
-    speed: V, m/s. max_turn_rate: rad/s. gate: innovation gate in standard deviations.
-    restart_after: samples in a row outside the gate, agreeing with each other, that restart the filter.
-    min_samples: samples before the estimate may steer. drift_sigma: usual drift, in V; scale_sigma: of true over
-    measured airspeed. A vehicle that holds its speed over the ground drifts only as its target moves.
+    speed: V, m/s. max_turn_rate: rad/s. gate: innovation gate in standard deviations. restart_after: samples in a row
+    outside the gate, agreeing with each other, that restart the filter. min_samples: before the estimate may steer.
+    drift_sigma: usual drift, in V; scale_sigma: of true over measured airspeed. A vehicle that holds its speed over the
+    ground drifts only as its target moves.
     """
 
     speed: float
@@ -63,8 +62,7 @@ class Estimator(Protocol):
         return
 
     def restamp(self) -> None:
-        """The sensor's clock has jumped: stamps before and after are not comparable, times of our clock are. Nothing to
-        do for an estimator that goes by our clock."""
+        """The sensor's clock has jumped: only an estimator that goes by stamps has to begin anew."""
         return
 
     def reset(self) -> None:

@@ -9,16 +9,16 @@ it has.
 Every array has a last axis B over flights; in the air B = 1.
 """
 
-from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
 
 import numpy as np
 
 from circnav_mav.guidance.estimators import relative_ekf as ekf
-from circnav_mav.guidance.estimators.acquisition import Found, RingSearch, SearchSettings
-from circnav_mav.guidance.estimators.acquisition_window import Prior
-from circnav_mav.guidance.estimators.relative_ekf import STATES, THETA, Array, Felt, Hypotheses, Noise, R, Rates
+from circnav_mav.guidance.estimators.acquisition import DRIFT_MOST, Prior, RingSearch
+from circnav_mav.guidance.estimators.interface import EstimatorSettings
+from circnav_mav.guidance.estimators.relative_ekf import STATES, THETA, Felt, Hypotheses, Noise, R, Rates
+from circnav_mav.guidance.maths import Array
 
 
 class Stage(IntEnum):
@@ -29,44 +29,22 @@ class Stage(IntEnum):
     TRACK = 2
 
 
-@dataclass(frozen=True, slots=True)
-class BankSettings:
-    """speed: V, m/s. gate: in standard deviations.
-
-    trusted, kept, lost: bounds of the position's standard deviation over the range: an estimate steers from the first
-    up to the second, and is given up at the third. missed: share of recent samples outside the gate that ends the
-    track; recent: memory of it, s. drift_most: largest drift that makes sense, in V. models: m^2/s^3 of d, gust in V,
-    noise of the nose in V, whether accelerations count, white and drifting part of sigma. A drifting range error shows
-    only where the drift stands still or changes slowly. search: how to search, None for the defaults.
-    """
-
-    speed: float
-    gate: float = 5.0
-    trusted: float = 0.25
-    kept: float = 0.5
-    lost: float = 0.6
-    missed: float = 0.6
-    recent: float = 3.0
-    drift_most: float = 0.85
-    models: tuple[tuple[float, ...], ...] = (
-        (1e-7, 0, 0, 0, 1, 0),  # the drift stands still
-        (1e-7, 0, 0, 0, 0.4, 0.9),
-        (3e-4, 0, 0, 0, 1, 0),  # changes slowly
-        (3e-4, 0, 0, 0, 0.4, 0.9),
-        (5e-2, 0, 0, 0, 1, 0),  # changes quickly
-        (1e-2, 0.1, 0, 0, 1, 0),  # gusts
-        (3e-4, 0.05, 0.03, 1, 1, 0),  # gusts that accelerations tell
-    )
-    search: SearchSettings | None = None
-
-    def noise(self) -> Noise:
-        """All models, arrays (M, 1)."""
-        models = np.array(self.models)
-        models[:, 1:3] *= self.speed
-        psd, gust, nose, feels, white, drifting = models.T[..., None]
-        return Noise(psd, gust, white, drifting, nose, feels)
-
-
+TRUSTED, KEPT, LOST = 0.25, 0.5, 0.6
+"""Bounds of the position's standard deviation over the range: an estimate steers from the first up to the second, and
+is given up at the third."""
+MISSED, RECENT = 0.6, 3.0
+"""Share of recent samples outside the gate that ends the track; memory of it, s."""
+MODELS = (
+    (1e-7, 0, 0, 0, 1, 0),  # the drift stands still
+    (1e-7, 0, 0, 0, 0.4, 0.9),
+    (3e-4, 0, 0, 0, 1, 0),  # changes slowly
+    (3e-4, 0, 0, 0, 0.4, 0.9),
+    (5e-2, 0, 0, 0, 1, 0),  # changes quickly
+    (1e-2, 0.1, 0, 0, 1, 0),  # gusts
+    (3e-4, 0.05, 0.03, 1, 1, 0),  # gusts that accelerations tell
+)
+"""m^2/s^3 of d, gust in V, noise of the nose in V, whether accelerations count, white and drifting part of sigma. A
+drifting range error shows only where the drift stands still or changes slowly."""
 LEAST_SIGMA, MOST_SIGMA = 1e-3, 1e3
 """What the standard deviation of a range counts as at least and at most, m: none is known better than the motion in
 between, worse ones tell nothing, and variances that are farther apart cancel to nothing in a covariance."""
@@ -83,10 +61,13 @@ class DriftBank:
     range (infinite before it is known where the target is), whether the estimate may steer.
     """
 
-    def __init__(self, settings: BankSettings, flights: int = 1, known: Prior | None = None) -> None:
+    def __init__(self, settings: EstimatorSettings, flights: int = 1, known: Prior | None = None) -> None:
         """known: of drift and airspeed scale, before the first range; forgotten with the first lost track."""
-        self.settings = settings
-        self.noise = settings.noise()
+        self._settings = settings
+        models = np.array(MODELS)
+        models[:, 1:3] *= settings.speed
+        psd, gust, nose, feels, white, drifting = models.T[..., None]
+        self.noise = Noise(psd, gust, white, drifting, nose, feels)
         self._feels = self.noise.feels[:, 0] > 0
         self._assumptions = np.hstack([self.noise.drift_psd, self.noise.gust, self.noise.feels]).T
         self.stage = np.full(flights, Stage.EMPTY)
@@ -102,9 +83,9 @@ class DriftBank:
         """The newest range (dt, chord, z, sigma, valid) that the search has not taken in."""
         self._due: tuple[Array, Array] | None = None
         """Whose search it is time to go on with, (B,), and the deviations of their ranges, m."""
-        self._search = RingSearch(settings.search or SearchSettings(settings.speed), flights, known)
+        self._search = RingSearch(settings, flights, known)
         self._tracking = np.zeros(0, int)
-        self._tracks = _copies(self.mean[:, :0], self.covariance[..., :0], len(self.noise.white))
+        self._tracks = _copies(self.mean[:, :0], self.covariance[..., :0])
 
     @property
     def favourite(self) -> Array:
@@ -148,19 +129,17 @@ class DriftBank:
         if lost or self._tracking.size < self.stage.size:
             self._hear()  # a vehicle that searches is steered by what its search thinks most of
 
-    def settle(self) -> bool:
-        """Go on with the searches: what no track needs, and no vehicle before its setpoint. Tells whether there were
-        any."""
+    def settle(self) -> None:
+        """Go on with the searches: what no track needs, and no vehicle before its setpoint."""
         if self._unheard is not None:
             self._hear()
         if self._due is None:
-            return False
+            return
         (due, sigma), self._due = self._due, None
         found = self._search.go_on(due, sigma) if due.any() else None
         if found is not None:
-            self._start(found, sigma)
+            self._start(*found, sigma)
         self._tell_favourites()
-        return True
 
     def _hear(self) -> None:
         """Let the search take in the newest range, and begin for those that hear their first one."""
@@ -186,11 +165,11 @@ class DriftBank:
         if dt[at].any():  # a rate has the very moment of its range
             h = ekf.predict(h, self.noise, dt[at], chord[:, at], sigma[at], theirs)
         if valid[at].any():
-            h, said = ekf.update(h, self.noise, z[at], sigma[at], valid[at], self.settings.gate)
+            h, nis, taken = ekf.update(h, self.noise, z[at], sigma[at], valid[at], self._settings.gate)
             heaviest = (h.log_weight.argmax(axis=0), np.arange(at.size))
-            self._count(at, said.nis[heaviest], said.taken[heaviest], valid[at])
+            self._count(at, nis[heaviest], taken[heaviest], valid[at])
         if rates is not None and rates.valid[at].any():
-            h = ekf.update_rate(h, rates.of(at), self.settings.gate)
+            h = ekf.update_rate(h, rates.of(at), self._settings.gate)
         mean, covariance = ekf.mixture(h)
         self._believe(at, mean, covariance)
         self._tracks = _revive(h, self._feels, mean, covariance)
@@ -201,13 +180,13 @@ class DriftBank:
         self.spread[at] = np.sqrt(np.maximum(variance, 0.0))
         # an estimate that steers goes on until it is much worse: a law on range alone holds the circle worse still,
         # and one bound for both would change the law at every wobble
-        bound = np.where(self.trusted[at], self.settings.kept, self.settings.trusted)
+        bound = np.where(self.trusted[at], KEPT, TRUSTED)
         self.trusted[at] = self.spread[at] < bound
 
     def _count(self, at: Array, nis: Array, taken: Array, valid: Array) -> None:
         """Keep the share of recent samples that were refused."""
         of = at[valid]
-        weight = np.minimum(self._since[of] / self.settings.recent, 0.2)
+        weight = np.minimum(self._since[of] / RECENT, 0.2)
         self.refused[at] = valid & ~taken
         self.missed[of] += (~taken[valid] - self.missed[of]) * weight
         self.nis[of] = nis[valid]
@@ -216,18 +195,17 @@ class DriftBank:
         """Send flights back to the ring whose track does not hold; tells whether there are any."""
         if not self._tracking.size:
             return False
-        cfg = self.settings
         drift = np.hypot(*ekf.drift(self.mean))
-        astray = (self.missed > cfg.missed) | (self.spread > cfg.lost) | (drift > cfg.drift_most * cfg.speed)
+        astray = (self.missed > MISSED) | (self.spread > LOST) | (drift > DRIFT_MOST * self._settings.speed)
         sound = np.isfinite(self.mean.sum(axis=0) + self.covariance.sum(axis=(0, 1)))
         lost = (self.stage == Stage.TRACK) & (astray | ~sound)
         if not lost.any():
             return False
         stay = ~lost[self._tracking]
-        h = self._tracks
-        self._tracks = Hypotheses(h.x[..., stay], h.P[..., stay], h.log_weight[..., stay])
+        self._tracks = Hypotheses(*(part[..., stay] for part in self._tracks))
         self._tracking = self._tracking[stay]
-        self.stage[lost], self.spread[lost], self.trusted[lost] = Stage.EMPTY, np.inf, False
+        self.stage[lost], self.spread[lost] = Stage.EMPTY, np.inf
+        self.trusted[lost] = self.refused[lost] = False
         self.mean[:, ~sound], self.covariance[:, :, ~sound] = 0.0, 0.0
         self._search.forget()
         return True
@@ -240,33 +218,26 @@ class DriftBank:
             self.mean[R, at], self.mean[THETA, at] = np.hypot(x[0], x[1]), np.arctan2(x[1], x[0])
             self.mean[ekf.DX : ekf.B, at], self.mean[ekf.B :, at] = x[ekf.DX :], 0.0
 
-    def _start(self, found: Found, sigma: Array) -> None:
+    def _start(self, at: Array, x: Array, P: Array, sigma: Array) -> None:
         """Start the tracks of flights whose search has ended."""
-        at, known = found.at, slice(0, ekf.B)
+        known = slice(0, ekf.B)
         mean, covariance = np.zeros((STATES, at.size)), np.zeros((STATES, STATES, at.size))
-        mean[known], covariance[known, known] = found.x, found.P
+        mean[known], covariance[known, known] = x, P
         covariance[ekf.B, ekf.B] = (0.5 * sigma[at]) ** 2
-        covariance[ekf.GX, ekf.GX] = covariance[ekf.GY, ekf.GY] = (0.02 * self.settings.speed) ** 2
+        covariance[ekf.GX, ekf.GX] = covariance[ekf.GY, ekf.GY] = (0.02 * self._settings.speed) ** 2
         covariance[ekf.FORWARD, ekf.FORWARD] = covariance[ekf.LEFT, ekf.LEFT] = ekf.FELT_BIAS**2
         mean, covariance = ekf.polar(mean, covariance)
-        old, new = self._tracks, _copies(mean, covariance, len(self.noise.white))
-        self._tracks = Hypotheses(
-            np.concatenate([old.x, new.x], axis=-1),
-            np.concatenate([old.P, new.P], axis=-1),
-            np.concatenate([old.log_weight, new.log_weight], axis=-1),
-        )
+        both = zip(self._tracks, _copies(mean, covariance), strict=True)
+        self._tracks = Hypotheses(*(np.concatenate(parts, axis=-1) for parts in both))
         self._tracking = np.concatenate([self._tracking, at])
         self._believe(at, mean, covariance)
         self.stage[at], self.missed[at] = Stage.TRACK, 0.0
 
 
-def _copies(mean: Array, covariance: Array, count: int) -> Hypotheses:
+def _copies(mean: Array, covariance: Array) -> Hypotheses:
     """The same belief under every model, equally likely."""
-    return Hypotheses(
-        np.repeat(mean[:, None], count, axis=1),
-        np.repeat(covariance[:, :, None], count, axis=2),
-        np.zeros((count, mean.shape[-1])),
-    )
+    x, P = np.repeat(mean[:, None], len(MODELS), axis=1), np.repeat(covariance[:, :, None], len(MODELS), axis=2)
+    return Hypotheses(x, P, np.zeros((len(MODELS), mean.shape[-1])))
 
 
 def _revive(h: Hypotheses, feels: Array, mean: Array, covariance: Array) -> Hypotheses:

@@ -1,13 +1,13 @@
 """The last seconds of ranges, averaged in short bins, and how rough they are. The last axis B is over flights, each
 with a clock of its own."""
 
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
-from circnav_mav.guidance.estimators.acquisition_window import Bins
+from circnav_mav.guidance.estimators.relative_ekf import BIAS_TIME
+from circnav_mav.guidance.maths import Array
 
-Array = Any
 WIDTH = 0.25
 """Width of a bin, s: in it the range bends by centimetres."""
 SLOTS = 8
@@ -18,14 +18,25 @@ ROUGH, ROUGH_ENOUGH = 40, 16
 """Second differences kept to measure the white part of the noise, and how many it takes at least."""
 EVEN = 0.19
 """Share by which equal steps may differ; no ratio that lost samples make, or rounding would decide."""
-BIAS_TIME = 2.0
+DRIFT_PSD = 0.01
+"""How fast the drift may change, m^2/s^3."""
+
+
+class Bins(NamedTuple):
+    """N averaged ranges of B flights, newest last, shape (B, N): age (s) and path (2, B, N; m) since, both counted
+    back from now, z (m) and its variance (m^2; infinite for an empty bin)."""
+
+    age: Array
+    path: Array
+    z: Array
+    variance: Array
 
 
 class RangeWindow:
     """Bins of B flights that are stepped together."""
 
-    def __init__(self, flights: int, speed: float, model_psd: float) -> None:
-        self._speed, self._model_psd = speed, model_psd
+    def __init__(self, flights: int, speed: float) -> None:
+        self._speed = speed
         self._open = np.full((4, SLOTS, flights), np.nan)
         self._filled, self._opened = np.zeros(flights, int), np.zeros(flights)
         self._bins = np.zeros((5, COUNT, flights))
@@ -65,7 +76,7 @@ class RangeWindow:
         age = self.now[at] - t
         white = self.white(sigma)[at]
         drifting = np.maximum(sigma[at] ** 2 - 2 * white**2, 0.0)
-        variance = white**2 * n + drifting * 2 * BIAS_TIME / WIDTH + self._model_psd * age**3 / 3
+        variance = white**2 * n + drifting * 2 * BIAS_TIME / WIDTH + DRIFT_PSD * age**3 / 3
         path = self.path[:, None, at] - np.stack([x, y])
         return Bins(age.T, np.swapaxes(path, 1, 2), z.T, np.maximum(variance, 1e-4).T)
 

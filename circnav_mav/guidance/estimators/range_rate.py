@@ -9,17 +9,14 @@ and variance V^2/2: what -V cos(theta_b) has for a bearing nobody knows.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from math import sqrt
-from types import ModuleType
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from circnav_mav.guidance import floats
+from circnav_mav.guidance import maths
 from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings, Fused
-from circnav_mav.guidance.floats import Flag, Number, magnitude
+from circnav_mav.guidance.maths import Flag, Number, logical_not, magnitude, where
 from circnav_mav.guidance.theory import max_range_acceleration
 from circnav_mav.guidance.types import RangeEstimate, RangeSample, RateSample
 
@@ -27,6 +24,14 @@ ACCELERATION_SIGMAS = 3.0
 """The physical bound on |r''| is taken as this many standard deviations of the process noise."""
 STEPS = 500
 """Samples after which the filter counts as settled."""
+Covariance = tuple[Number, Number, Number]
+"""rr, rv, vv of (r, r')."""
+Belief = tuple[Number, Number, Number, Number, Number]
+"""r (m), r_dot (m/s) and their covariance."""
+Filtered = tuple[Belief, Belief, Number]
+"""Before a measurement and after it, and its innovation squared over the variance of that."""
+RANGE, RATE = 0, 1
+"""What was measured: which component of the state."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,23 +59,15 @@ class RangeRate:
         return (self.samples >= settings.min_samples) & (self.vv < settings.speed**2 / 4)
 
 
-Covariance = tuple[Number, Number, Number]
-
-
-def acceleration_variance(settings: EstimatorSettings, r: Number, xp: ModuleType = floats) -> Number:
+def acceleration_variance(settings: EstimatorSettings, r: Number) -> Number:
     """Variance of the unknown acceleration at range r (m), m^2/s^4."""
-    bound = max_range_acceleration(settings.speed, settings.max_turn_rate, r, xp)
-    return (bound / ACCELERATION_SIGMAS) ** 2
+    return (max_range_acceleration(settings.speed, settings.max_turn_rate, r) / ACCELERATION_SIGMAS) ** 2
 
 
 def carried(P: Covariance, h: Number, q: Number) -> Covariance:
-    """The covariance (rr, rv, vv) after h seconds of an unknown acceleration with variance q."""
+    """The covariance after h seconds of an unknown acceleration with variance q."""
     rr, rv, vv = P
     return rr + 2 * h * rv + h**2 * vv + q * h**4 / 4, rv + h * vv + q * h**3 / 2, vv + q * h**2
-
-
-RANGE, RATE = 0, 1
-"""What was measured: which component of the state."""
 
 
 def fused(P: Covariance, gain_r: Number, gain_v: Number, of: int = RANGE) -> Covariance:
@@ -80,31 +77,14 @@ def fused(P: Covariance, gain_r: Number, gain_v: Number, of: int = RANGE) -> Cov
     return rr - gain_r * seen[0], rv - gain_r * seen[1], vv - gain_v * seen[1]
 
 
-class Filtered(NamedTuple):
-    """A measurement taken in or not: r (m), r_dot (m/s) and covariance before it and after it; its innovation squared
-    over the variance of that."""
-
-    r: Number
-    r_dot: Number
-    P: Covariance
-    after_r: Number
-    after_r_dot: Number
-    P_after: Covariance
-    nis: Number
-
-
 def filtered(before: RangeRate, h: Number, q: Number, z: Number, sigma: Number, of: int = RANGE) -> Filtered:
     """The equations, of floats or arrays (B,): h seconds of an acceleration with variance q, then a range z, or a range
     rate."""
     P = carried((before.rr, before.rv, before.vv), h, q)
-    r = before.r + before.r_dot * h
-    S, nu = P[2 * of] + sigma**2, z - (r if of == RANGE else before.r_dot)
+    r, r_dot = before.r + before.r_dot * h, before.r_dot
+    S, nu = P[2 * of] + sigma**2, z - (r, r_dot)[of]
     gain_r, gain_v = P[of] / S, P[1 + of] / S
-    after = fused(P, gain_r, gain_v, of)
-    return Filtered(r, before.r_dot, P, r + gain_r * nu, before.r_dot + gain_v * nu, after, nu**2 / S)
-
-
-H = np.eye(2)
+    return (r, r_dot, *P), (r + gain_r * nu, r_dot + gain_v * nu, *fused(P, gain_r, gain_v, of)), nu**2 / S
 
 
 def filtered_by_filterpy(before: RangeRate, h: float, q: float, z: float, sigma: float, of: int = RANGE) -> Filtered:
@@ -115,58 +95,46 @@ def filtered_by_filterpy(before: RangeRate, h: float, q: float, z: float, sigma:
     g = h * h / 2
     Q = np.array([[q * g * g, q * g * h], [q * h * g, q * h * h]])
     x, P = predict(x, P, F=np.array([[1.0, h], [0.0, 1.0]]), Q=Q)
-    after_x, P_after = update(x, P, z, sigma**2, H[of : of + 1])  # all that it could return costs twice as much again
-    (r, r_dot), (after_r, after_r_dot) = x.tolist(), after_x.tolist()
-    nis = (z - (r, r_dot)[of]) ** 2 / (float(P[of, of]) + sigma**2)
-    return Filtered(r, r_dot, _parts(P), after_r, after_r_dot, _parts(P_after), nis)
+    after = update(x, P, z, sigma**2, np.eye(2)[of : of + 1])  # all that it could return costs twice as much again
+    nis = (z - x.tolist()[of]) ** 2 / (float(P[of, of]) + sigma**2)
+    upper = (0, 0, 1), (0, 1, 1)
+    return (*x.tolist(), *P[upper].tolist()), (*after[0].tolist(), *after[1][upper].tolist()), nis
 
 
-def _parts(P: NDArray[np.float64]) -> Covariance:
-    (rr, rv), (_, vv) = P.tolist()
-    return rr, rv, vv
+Filter = Callable[..., Filtered]
 
 
 def observe(
-    before: RangeRate, settings: EstimatorSettings, *, h: Number, z: Number, sigma: Number, xp: ModuleType = floats,
-    filtered: Callable[..., Filtered] = filtered,
-) -> RangeRate:  # fmt: skip
+    before: RangeRate, settings: EstimatorSettings, *, h: Number, z: Number, sigma: Number, by: Filter = filtered
+) -> RangeRate:
     """The filter after a range z (m) of deviation sigma (m), measured h seconds after the sample before.
 
     A run of samples outside the gate that agree with each other means that the filter is the outlier: it starts anew.
     """
-    f = filtered(before, h, acceleration_variance(settings, before.r, xp), z, sigma)
+    ahead, after, nis = by(before, h, acceleration_variance(settings, before.r), z, sigma)
     started = before.samples > 0
-    taken = started & (f.nis <= settings.gate**2)
+    taken = started & (nis <= settings.gate**2)
     # of one motion: no farther apart than twice the speed carries, plus noise
-    reach = 2 * settings.speed * h + settings.gate * xp.sqrt(before.refused_sigma**2 + sigma**2)
+    reach = 2 * settings.speed * h + settings.gate * maths.sqrt(before.refused_sigma**2 + sigma**2)
     agree = (before.refused == 0) | (magnitude(z - before.refused_r) <= reach)
-    refused = xp.where(taken, 0, xp.where(agree, before.refused + 1, 1))
-    starts = xp.logical_not(started) | (refused >= settings.restart_after)
-    rr, rv, vv = (xp.where(taken, new, old) for new, old in zip(f.P_after, f.P, strict=True))
-    return RangeRate(
-        r=xp.where(starts, z, xp.where(taken, f.after_r, f.r)),
-        r_dot=xp.where(starts, 0.0, xp.where(taken, f.after_r_dot, f.r_dot)),
-        rr=xp.where(starts, sigma**2, rr),
-        rv=xp.where(starts, 0.0, rv),
-        vv=xp.where(starts, settings.speed**2 / 2, vv),
-        samples=xp.where(starts, 1, before.samples + taken),
-        refused=xp.where(starts, 0, refused),
-        refused_r=z,
-        refused_sigma=sigma,
-        nis=f.nis,
+    refused = where(taken, 0, where(agree, before.refused + 1, 1))
+    starts = logical_not(started) | (refused >= settings.restart_after)
+    at_start = z, 0.0, sigma**2, 0.0, settings.speed**2 / 2
+    r, r_dot, rr, rv, vv = (
+        where(starts, a, where(taken, b, c)) for a, b, c in zip(at_start, after, ahead, strict=True)
     )
+    samples, refused = where(starts, 1, before.samples + taken), where(starts, 0, refused)
+    return RangeRate(r, r_dot, rr, rv, vv, samples, refused, refused_r=z, refused_sigma=sigma, nis=nis)
 
 
 def observe_rate(
-    before: RangeRate, settings: EstimatorSettings, *, h: Number, z: Number, sigma: Number, xp: ModuleType = floats,
-    filtered: Callable[..., Filtered] = filtered,
-) -> RangeRate:  # fmt: skip
+    before: RangeRate, settings: EstimatorSettings, *, h: Number, z: Number, sigma: Number, by: Filter = filtered
+) -> RangeRate:
     """The filter h seconds after the sample before, with a measured range rate z (m/s) of deviation sigma. Outside the
     gate it is left out: the ranges tell who is wrong. Before the first range nothing of it counts."""
-    f = filtered(before, h, acceleration_variance(settings, before.r, xp), z, sigma, RATE)
-    taken = f.nis <= settings.gate**2
-    rr, rv, vv = (xp.where(taken, new, old) for new, old in zip(f.P_after, f.P, strict=True))
-    r, r_dot = xp.where(taken, f.after_r, f.r), xp.where(taken, f.after_r_dot, f.r_dot)
+    ahead, after, nis = by(before, h, acceleration_variance(settings, before.r), z, sigma, RATE)
+    taken = nis <= settings.gate**2
+    r, r_dot, rr, rv, vv = (where(taken, new, old) for new, old in zip(after, ahead, strict=True))
     return replace(before, r=r, r_dot=r_dot, rr=rr, rv=rv, vv=vv)
 
 
@@ -185,8 +153,8 @@ class KalmanRangeRate(Estimator):
         self._state, self._newest, self._unsettled = RangeRate(), None, None
 
     _newest: RangeSample | RateSample | None
-    _unsettled: tuple[RangeRate, float, RangeSample] | None
-    """The filter before the newest range, the time to it, s, and the range, until filterpy has taken it in."""
+    _unsettled: Callable[[], RangeRate] | None
+    """What filterpy makes of the newest range, until it is asked."""
 
     @property
     def ready(self) -> bool:
@@ -204,22 +172,16 @@ class KalmanRangeRate(Estimator):
         self.settle()
         before, newest = self._state, self._newest
         h = 0.0 if newest is None else max(sample.stamp - newest.stamp, 0.0)  # a rate may have come before its range
-        self._state = observe(before, self._settings, h=h, z=sample.r, sigma=sample.sigma)
-        self._newest, self._unsettled = sample, (before, h, sample)
+        taken_in = partial(observe, before, self._settings, h=h, z=sample.r, sigma=sample.sigma)
+        self._state, self._unsettled, self._newest = taken_in(), partial(taken_in, by=filtered_by_filterpy), sample
         if sample.rate is not None:
             self.observe_rate(sample.rate)
-        if self._state.refused:
-            return Fused.GATED
-        return Fused.RESTARTED if before.samples and self._state.samples == 1 else Fused.ACCEPTED
+        return Fused.GATED if self._state.refused else Fused.ACCEPTED
 
     def settle(self) -> None:
         """Let filterpy take the newest range in."""
-        if self._unsettled is None:
-            return
-        (before, h, sample), self._unsettled = self._unsettled, None
-        self._state = observe(
-            before, self._settings, h=h, z=sample.r, sigma=sample.sigma, filtered=filtered_by_filterpy
-        )
+        if self._unsettled is not None:
+            self._state, self._unsettled = self._unsettled(), None
 
     def observe_rate(self, sample: RateSample) -> None:
         """Take in a range rate, unless it is older than the newest sample."""
@@ -228,7 +190,7 @@ class KalmanRangeRate(Estimator):
             return
         h = sample.stamp - self._newest.stamp
         self._state = observe_rate(
-            self._state, self._settings, h=h, z=sample.r_dot, sigma=sample.sigma, filtered=filtered_by_filterpy
+            self._state, self._settings, h=h, z=sample.r_dot, sigma=sample.sigma, by=filtered_by_filterpy
         )
         self._newest = sample
 
@@ -240,8 +202,7 @@ class KalmanRangeRate(Estimator):
         if self._newest is None:
             return None
         state, ahead = self._state, max(time - self._newest.time, 0.0)
-        q = acceleration_variance(self._settings, state.r)
-        rr, _, vv = carried((state.rr, state.rv, state.vv), ahead, q)
+        rr, _, vv = carried((state.rr, state.rv, state.vv), ahead, acceleration_variance(self._settings, state.r))
         r, r_dot = float(state.r), float(state.r_dot)
         return RangeEstimate(time, r + r_dot * ahead, r_dot, sqrt(rr), sqrt(vv))
 

@@ -18,16 +18,13 @@ exact (the air path comes in as a chord) and linearised about the mean. Source: 
 coordinates, as Aidala and Hammel, "Utilization of modified polar coordinates for bearings-only tracking" (1983).
 """
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from circnav_mav.guidance.air_path import wrap
+from circnav_mav.guidance.geometry import wrap
+from circnav_mav.guidance.maths import Array, arctan2, cos, exp, maximum, sin
 
-Array = Any
-Row = tuple[tuple[int, Array], ...]
-"""Entries of a row of a matrix, by state."""
 R, THETA, DX, DY, KAPPA, B, GX, GY, FORWARD, LEFT, EX, EY = range(12)
 STATES = 12
 BIAS_TIME = 2.0
@@ -56,8 +53,7 @@ WEIGHT_MEMORY = 20.0
 """Time, s, after which the evidence for a hypothesis counts 1/e."""
 
 
-@dataclass(frozen=True, slots=True)
-class Noise:
+class Noise(NamedTuple):
     """What each of M hypotheses assumes, arrays of shape (M, 1).
 
     drift_psd: of d', m^2/s^3. gust: standard deviation of each component of g, m/s. white, drifting: the two parts of
@@ -73,12 +69,11 @@ class Noise:
     feels: Array = 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class Felt:
-    """What was measured of the acceleration over a step of B flights, arrays (2, B) in the paper's frame.
+class Felt(NamedTuple):
+    """What was measured of the acceleration over a step, arrays (2, B), or pairs of one flight.
 
     change: its integral, m/s. air: the change of V u(psi) at the measured airspeed meanwhile, m/s. nose: the integral
-    of u(psi), s. across: of shape (B,), airspeed times turn rate, m/s^2.
+    of u(psi), s. across: of shape (B,), or one number: airspeed times turn rate, m/s^2.
     """
 
     change: Array
@@ -88,11 +83,10 @@ class Felt:
 
     def of(self, flights: Any) -> "Felt":
         """Some of the flights."""
-        return Felt(self.change[:, flights], self.air[:, flights], self.nose[:, flights], self.across[flights])
+        return Felt(*(part[..., flights] for part in self))
 
 
-@dataclass(frozen=True, slots=True)
-class Rates:
+class Rates(NamedTuple):
     """Measured range rates of B flights, arrays (B,): r_dot and its sigma, m/s, where valid. air (2, B): V u(psi) of
     that moment at the measured airspeed, m/s."""
 
@@ -103,11 +97,10 @@ class Rates:
 
     def of(self, flights: Any) -> "Rates":
         """Some of the flights."""
-        return Rates(self.r_dot[flights], self.sigma[flights], self.valid[flights], self.air[:, flights])
+        return Rates(*(part[..., flights] for part in self))
 
 
-@dataclass(frozen=True, slots=True)
-class Hypotheses:
+class Hypotheses(NamedTuple):
     """M filters for each of B flights: x (12, M, B), P (12, 12, M, B), log_weight (M, B) with maximum 0 per flight."""
 
     x: Array
@@ -121,18 +114,11 @@ class Hypotheses:
         return weight / weight.sum(axis=0)
 
 
-@dataclass(frozen=True, slots=True)
-class Innovation:
-    """What a sample said to each hypothesis, shapes (M, B): normalised innovation squared, and whether it was taken."""
-
-    nis: Array
-    taken: Array
-
-
 def predict(h: Hypotheses, noise: Noise, dt: Array, chord: Array, sigma: Array, felt: Felt | None = None) -> Hypotheses:
     """Carry on by dt (B,), in s, along air paths whose chords are (2, B), in m at the measured airspeed; felt: where
     the acceleration was measured meanwhile."""
-    keep, x, P = kept(dt)[:, None], h.x, h.P
+    keep, x, P = np.ones((STATES, 1, dt.size)), h.x, h.P  # what is left of each state but range and direction
+    keep[B], keep[GX:FORWARD], keep[EX:] = np.exp(-dt / BIAS_TIME), np.exp(-dt / GUST_TIME), dt <= 0
     r, theta, row = motion(x, dt, chord)
     place = np.zeros(x.shape, complex)
     for state, entry in row:
@@ -214,18 +200,18 @@ def _within_bounds(x: Array) -> None:
     np.minimum(np.maximum(x[KAPPA], least), most, out=x[KAPPA])
 
 
-def motion(x: Any, dt: Array, chord: Any, xp: Any = np) -> tuple[Array, Array, Row]:
+def motion(x: Any, dt: Array, chord: Any) -> tuple[Array, Array, tuple[tuple[int, Array], ...]]:
     """Range and direction after dt along a chord, and their row of the Jacobian: what an error of each state does to
     the range, and, as the imaginary part, to the direction times the range. States that do nothing are left out.
 
-    The other states are multiplied by `kept`. x: by state, arrays or floats. xp: numpy, or `floats` for one flight.
-    East and north are the parts of complex numbers, and conj(u) turns them to along and across the line of sight u.
+    x: by state, arrays or floats. East and north are the parts of complex numbers, and conj(u) turns them to along and
+    across the line of sight u.
     """
-    towards, path = xp.cos(x[THETA]) - 1j * xp.sin(x[THETA]), chord[0] + 1j * chord[1]
+    towards, path = cos(x[THETA]) - 1j * sin(x[THETA]), chord[0] + 1j * chord[1]
     drifts = x[DX] + x[GX] + x[EX] / 2 + 1j * (x[DY] + x[GY] + x[EY] / 2)
     seen = x[R] + (x[KAPPA] * path + drifts * dt) * towards
-    turn = xp.arctan2(seen.imag, seen.real)
-    turned = xp.cos(turn) - 1j * xp.sin(turn)
+    turn = arctan2(seen.imag, seen.real)
+    turned = cos(turn) - 1j * sin(turn)
     after = towards * turned
     east = after * dt
     north = 1j * east
@@ -233,19 +219,12 @@ def motion(x: Any, dt: Array, chord: Any, xp: Any = np) -> tuple[Array, Array, R
         (R, turned), (THETA, 1j * x[R] * turned), (DX, east), (DY, north), (KAPPA, after * path), (GX, east),
         (GY, north), (EX, east / 2), (EY, north / 2),
     )  # fmt: skip
-    return xp.maximum(abs(seen), CLOSEST), x[THETA] + turn, row
+    return maximum(abs(seen), CLOSEST), x[THETA] + turn, row
 
 
-def kept(dt: Array) -> Array:
-    """What is left of each state but range and direction after dt (B,), (12, B)."""
-    keep = np.ones((STATES, dt.size))
-    keep[B], keep[GX:FORWARD], keep[EX:] = np.exp(-dt / BIAS_TIME), np.exp(-dt / GUST_TIME), dt <= 0
-    return keep
-
-
-def steps(drift_psd: Array, gust: Array, dt: Array, xp: Any = np) -> tuple[Array, Array]:
+def steps(drift_psd: Array, gust: Array, dt: Array) -> tuple[Array, Array]:
     """By how much the variances of d and g grow in dt, m^2/s^2."""
-    return drift_psd * dt, (1 - xp.exp(-2 * dt / GUST_TIME)) * gust**2
+    return drift_psd * dt, (1 - exp(-2 * dt / GUST_TIME)) * gust**2
 
 
 def wandered(steady: Array, gusty: Array, dt: Array) -> Array:
@@ -253,9 +232,11 @@ def wandered(steady: Array, gusty: Array, dt: Array) -> Array:
     return (steady + gusty) * (dt**2 / 3) + POSITION_PSD * dt
 
 
-def update(
-    h: Hypotheses, noise: Noise, z: Array, sigma: Array, valid: Array, gate: float
-) -> tuple[Hypotheses, Innovation]:
+Updated = tuple[Hypotheses, Array, Array]
+"""The hypotheses after a measurement; for each, (M, B), its normalised innovation squared and whether it was taken."""
+
+
+def update(h: Hypotheses, noise: Noise, z: Array, sigma: Array, valid: Array, gate: float) -> Updated:
     """Take in one range per flight, z and sigma (B,), where valid (B,); per hypothesis refuse it outside the gate."""
     PH = h.P[:, R] + h.P[:, B]
     S = np.maximum(PH[R] + PH[B], 0.0) + (noise.white * sigma) ** 2
@@ -276,9 +257,7 @@ def update_rate(h: Hypotheses, rates: Rates, gate: float) -> Hypotheses:
     return _fused(h, PH, rates.r_dot - along, S, rates.valid, gate, RATE_SPREAD)[0]
 
 
-def _fused(
-    h: Hypotheses, PH: Array, nu: Array, S: Array, valid: Array, gate: float, spread: float
-) -> tuple[Hypotheses, Innovation]:
+def _fused(h: Hypotheses, PH: Array, nu: Array, S: Array, valid: Array, gate: float, spread: float) -> Updated:
     """After a measurement with innovation nu of variance S; PH: covariance of the states with it. spread: an outlier is
     anywhere within."""
     nis = nu**2 / S
@@ -290,12 +269,12 @@ def _fused(
     P = h.P - learnt[:, None] * learnt[None, :]
     fits = (1 - OUTLIER_SHARE) * np.exp(-0.5 * np.minimum(nis, 1e3)) / np.sqrt(2 * np.pi * S)
     log_weight = h.log_weight + np.where(valid, np.log(fits + OUTLIER_SHARE / spread), 0.0)
-    return Hypotheses(x, P, log_weight - log_weight.max(axis=0)), Innovation(nis, taken)
+    return Hypotheses(x, P, log_weight - log_weight.max(axis=0)), nis, taken
 
 
-def axes(theta: Array, xp: Any = np) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+def axes(theta: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
     """Unit vectors along and across (left of) the line from the target."""
-    c, s = xp.cos(theta), xp.sin(theta)
+    c, s = cos(theta), sin(theta)
     return (c, s), (-s, c)
 
 

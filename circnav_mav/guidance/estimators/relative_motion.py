@@ -5,14 +5,14 @@ from math import sqrt
 
 import numpy as np
 
-from circnav_mav.guidance.estimators.acquisition import SearchSettings
-from circnav_mav.guidance.estimators.acquisition_window import Prior
+from circnav_mav.guidance.estimators.acquisition import Prior
 from circnav_mav.guidance.estimators.dead_reckoning import Knot, OwnPath
 from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings, Fused
-from circnav_mav.guidance.estimators.multiple_model import BankSettings, DriftBank, Stage
-from circnav_mav.guidance.estimators.prediction import Belief, Prediction, predict_belief
+from circnav_mav.guidance.estimators.multiple_model import TRUSTED, DriftBank, Stage
+from circnav_mav.guidance.estimators.prediction import Belief, predict_belief
 from circnav_mav.guidance.estimators.range_rate import KalmanRangeRate
-from circnav_mav.guidance.estimators.relative_ekf import KAPPA, Array, Felt, Rates, drift
+from circnav_mav.guidance.estimators.relative_ekf import KAPPA, Felt, Rates, drift
+from circnav_mav.guidance.maths import Array
 from circnav_mav.guidance.types import OwnMotion, RangeEstimate, RangeSample, RateSample, RelativeMotion
 
 GAP = 20.0
@@ -38,10 +38,7 @@ class DriftEstimator(Estimator):
         self.reset()
 
     def reset(self) -> None:
-        cfg = self._settings
-        search = SearchSettings(cfg.speed, drift_sigma=cfg.drift_sigma, scale_sigma=cfg.scale_sigma)
-        self.bank = DriftBank(BankSettings(cfg.speed, gate=cfg.gate, search=search))
-        self._note_belief()
+        self.bank = DriftBank(self._settings)
         self._path = OwnPath()
         self._used: Knot | None = None
         self._range_at = float("-inf")
@@ -53,7 +50,7 @@ class DriftEstimator(Estimator):
     @property
     def ready(self) -> bool:
         """Whether the bank may be trusted, and has had the newest range."""
-        return self._ready and not self._astray
+        return bool(self.bank.trusted[0]) and not self._astray
 
     @property
     def nis(self) -> float | None:
@@ -62,8 +59,7 @@ class DriftEstimator(Estimator):
 
     def settle(self) -> None:
         """Go on with the search; what it has found counts from the next estimate on."""
-        if self.bank.settle():
-            self._note_belief()
+        self.bank.settle()
 
     def move(self, motion: OwnMotion) -> None:
         self._path.move(motion)
@@ -78,15 +74,13 @@ class DriftEstimator(Estimator):
             before = None
         if before is not None and (sample.time <= self._range_at or sample.time < before.motion.time):
             return Fused.GATED
-        was, self._range_at = self.bank.stage[0], sample.time
-        self.bank.observe(*_step(before or knot, knot), *_arrays(sample), _felt(before, knot))
+        self._range_at = sample.time
+        ranges = np.array([sample.r]), np.array([sample.sigma]), np.array([True])
+        self.bank.observe(*_step(before or knot, knot), *ranges, _felt(before, knot))
         self._used, self._sigma, self._astray = knot, sample.sigma, False
-        self._note_belief()
         self._remember(sample.time)
         if sample.rate is not None:
             self.observe_rate(sample.rate)
-        if was == Stage.TRACK and self.bank.stage[0] != Stage.TRACK:
-            return Fused.RESTARTED
         return Fused.GATED if self.bank.refused[0] else Fused.ACCEPTED
 
     def observe_rate(self, sample: RateSample) -> None:
@@ -100,28 +94,31 @@ class DriftEstimator(Estimator):
         ranges = nothing, nothing + self._sigma, nothing > 0
         self.bank.step(*_step(before, knot), *ranges, _felt(before, knot), rates)
         self._used = knot
-        self._note_belief()
 
     def at(self, time: float) -> RangeEstimate | None:
         knot = self._path.at(time)
         if knot is None or self._used is None or knot.piece != self._used.piece or self.bank.stage[0] == Stage.EMPTY:
             return None
-        then, belief, tracks = self._used, self._belief, self.bank.stage[0] == Stage.TRACK
-        dt = max(knot.motion.time - then.motion.time, 0.0)
-        chord, own = (knot.x - then.x, knot.y - then.y), knot.motion
+        then, own, tracks = self._used, knot.motion, self.bank.stage[0] == Stage.TRACK
+        mean, covariance = tuple(self.bank.mean[:, 0].tolist()), self.bank.covariance[:, :, 0]
+        belief = Belief(mean, covariance, *self.bank.assumed[:, 0].tolist())
+        dt, chord = max(own.time - then.motion.time, 0.0), (knot.x - then.x, knot.y - then.y)
         felt = knot.felt_since(then)
         at = predict_belief(belief, dt, chord, heading=own.heading, airspeed=own.airspeed, felt=felt)
+        # without ranges a prediction gets worse
+        bound = max(TRUSTED, GROWN * float(self.bank.spread[0]))
+        steers = self.ready and at.r_variance / at.r**2 + at.direction_variance < bound**2
         relative = RelativeMotion(
             x=at.x,
             y=at.y,
             sigma=sqrt(max(at.r_variance + at.r**2 * at.direction_variance, 0.0)) if tracks else at.r,
             drift_x=at.drift[0],
             drift_y=at.drift[1],
-            heading=knot.motion.heading,
-            turn_rate=knot.motion.turn_rate,
+            heading=own.heading,
+            turn_rate=own.turn_rate,
             airspeed=at.airspeed,
             scale=belief.mean[KAPPA],
-            trusted=self.ready and self._still_trusted(at),
+            trusted=steers,
             trial=None if tracks else int(self.bank.favourite[0]),
             drift_remembered=self.bank.remembers,
             feels=belief.feels if tracks and felt is not None else 0.0,
@@ -130,20 +127,8 @@ class DriftEstimator(Estimator):
             time, at.r, at.r_dot,
             sqrt(max(at.r_variance, 0.0)) if tracks else self._sigma,
             sqrt(max(at.r_dot_variance, 0.0)) if tracks else self._settings.speed,
-            eta=relative.eta, relative=relative, missed=self._missed,
+            eta=relative.eta, relative=relative, missed=float(self.bank.missed[0]),
         )  # fmt: skip
-
-    def _still_trusted(self, at: Prediction) -> bool:
-        """Whether the prediction may steer, for without ranges it gets worse."""
-        bound = max(self.bank.settings.trusted, GROWN * float(self.bank.spread[0]))
-        return bool(at.r_variance / at.r**2 + at.direction_variance < bound**2)
-
-    def _note_belief(self) -> None:
-        """What the bank believes now, as plain numbers."""
-        bank = self.bank
-        mean, covariance = tuple(bank.mean[:, 0].tolist()), bank.covariance[:, :, 0]
-        self._belief = Belief(mean, covariance, *bank.assumed[:, 0].tolist())
-        self._ready, self._missed = bool(bank.trusted[0]), float(bank.missed[0])
 
     def _restart(self, now: float) -> None:
         """Search anew. The wind, and the way of the target, are likely still what they were; as far as the bank has not
@@ -157,7 +142,7 @@ class DriftEstimator(Estimator):
                 sigma = max(sigma, float(np.hypot(dx - known.dx, dy - known.dy)))
             known = replace(known, drift=sigma)
         self._lately = self._before
-        self.bank = DriftBank(self.bank.settings, known=known)
+        self.bank = DriftBank(self._settings, known=known)
 
     def _remember(self, now: float) -> None:
         """Keep what is known of the drift now and then, and what was known before that."""
@@ -240,13 +225,6 @@ def _step(before: Knot, after: Knot) -> tuple[Array, Array]:
 
 
 def _felt(before: Knot | None, after: Knot) -> Felt | None:
-    """What was felt meanwhile."""
+    """What was felt meanwhile, of one flight of a bank."""
     felt = None if before is None else after.felt_since(before)
-    if felt is None:
-        return None
-    change, air, nose = (np.array(part)[:, None] for part in felt[:3])
-    return Felt(change, air, nose, np.array([felt.across]))
-
-
-def _arrays(sample: RangeSample) -> tuple[Array, Array, Array]:
-    return np.array([sample.r]), np.array([sample.sigma]), np.array([True])
+    return None if felt is None else Felt(*(np.array(part)[..., None] for part in felt))

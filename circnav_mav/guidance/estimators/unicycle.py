@@ -9,16 +9,15 @@ likelier one counts. Arrays: x (2, 2, B), P (2, 2, 2, B) for state, hypothesis, 
 
 from copy import copy
 from math import pi, sqrt
-from typing import Any
 
 import numpy as np
 
-from circnav_mav.guidance.air_path import wrap
 from circnav_mav.guidance.estimators.dead_reckoning import Knot, OwnPath
 from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings, Fused
+from circnav_mav.guidance.geometry import wrap
+from circnav_mav.guidance.maths import Array
 from circnav_mav.guidance.types import OwnMotion, RangeEstimate, RangeSample, RateSample
 
-Array = Any
 POSITION_PSD, ANGLE_PSD = 0.05**2, 0.03**2
 """Process noise of r (m^2/s) and eta (rad^2/s): what wind and slip leave over."""
 CLOSEST = 5.0
@@ -145,14 +144,11 @@ class UnicycleEstimator(Estimator):
                 return Fused.GATED
             self._carry(self.filter, before, knot)
         self._range_at = sample.time
-        started = self.filter.samples[0]
         one, sigma = np.array([True]), np.array([sample.sigma])
         self.filter.update(np.array([sample.r]), sigma, one)
         self._used = knot
         if sample.rate is not None:
             self.observe_rate(sample.rate)
-        if started and self.filter.samples[0] == 1:
-            return Fused.RESTARTED
         return Fused.GATED if self.filter.refused[0] else Fused.ACCEPTED
 
     def observe_rate(self, sample: RateSample) -> None:

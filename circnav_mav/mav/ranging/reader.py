@@ -8,9 +8,9 @@ from collections import Counter
 from collections.abc import Collection, Hashable
 from math import isfinite
 
+from circnav_mav.guidance.geometry import horizontal, horizontal_rate
 from circnav_mav.guidance.range_noise import NoiseCheck
 from circnav_mav.guidance.rate_check import RateCheck
-from circnav_mav.guidance.slant import horizontal, horizontal_rate
 from circnav_mav.guidance.types import SAME_TIME, RangeSample, RateSample
 from circnav_mav.mav.clocks import RemoteClock, Slower, nobody_tells
 from circnav_mav.mav.codec import Message, ids

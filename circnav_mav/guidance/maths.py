@@ -1,0 +1,61 @@
+"""Elementary functions of a float or of an array: an equation is written once, and serves the one flight in the air as
+well as the flights of an experiment, which are the last axis of its arrays.
+
+A float is answered by `math`, several times as fast as numpy and the same but for the last bit. Of floats, arguments
+without a result raise ValueError, and NaN must stand first in `minimum`, `maximum` and `clip` to come through.
+"""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = Any
+Number = float | NDArray[np.float64]
+Flag = bool | NDArray[np.bool_]
+
+
+def _either(one: Callable[..., Any], many: Callable[..., Any]) -> Callable[[Any], Any]:
+    return lambda x: many(x) if isinstance(x, np.ndarray) else one(x)
+
+
+def _either_of_two(one: Callable[..., Any], many: Callable[..., Any]) -> Callable[[Any, Any], Any]:
+    return lambda x, y: many(x, y) if isinstance(x, np.ndarray) or isinstance(y, np.ndarray) else one(x, y)
+
+
+cos, sin, sqrt = _either(math.cos, np.cos), _either(math.sin, np.sin), _either(math.sqrt, np.sqrt)
+arccos, arcsin = _either(math.acos, np.arccos), _either(math.asin, np.arcsin)
+exp, tanh = _either(math.exp, np.exp), _either(math.tanh, np.tanh)
+logical_not = _either(lambda x: not x, np.logical_not)
+rint, sign = _either(round, np.rint), _either(lambda x: bool(x > 0) - bool(x < 0), np.sign)
+arctan2, hypot = _either_of_two(math.atan2, np.arctan2), _either_of_two(math.hypot, np.hypot)
+minimum, maximum = _either_of_two(min, np.minimum), _either_of_two(max, np.maximum)
+
+
+def magnitude(x: Number) -> Number:
+    """|x|: mypy knows no `abs` of either."""
+    return abs(x)  # type: ignore[return-value]
+
+
+def clip(value: Any, low: Any, high: Any) -> Any:
+    """The value, or the nearer bound."""
+    if isinstance(value, np.ndarray) or isinstance(low, np.ndarray):
+        return np.clip(value, low, high)
+    return min(max(value, low), high)
+
+
+def sinc(x: Any) -> Any:
+    """sin(pi x)/(pi x)."""
+    if isinstance(x, np.ndarray):
+        return np.sinc(x)
+    y = math.pi * x
+    return math.sin(y) / y if y else 1.0
+
+
+def where(condition: Any, then: Any, otherwise: Any) -> Any:
+    """One of two values, both worked out."""
+    if isinstance(condition, np.ndarray):
+        return np.where(condition, then, otherwise)
+    return then if condition else otherwise

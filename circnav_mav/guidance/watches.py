@@ -1,0 +1,116 @@
+"""What watches a flight beside the law: the mission's bounds, a drift that the circle does not allow, a turn command
+that swings from limit to limit."""
+
+from dataclasses import dataclass, replace
+from math import inf
+
+from circnav_mav.guidance.theory import tolerated_drift
+from circnav_mav.guidance.types import Orbit, RangeEstimate
+
+PERSISTS = 3.0
+"""Time, s, for which the drift must be too strong before the alarm is raised: the estimate follows single gusts."""
+ALLOWED_AGAIN = 0.9
+"""Share of the allowed drift below which the alarm ends."""
+SWING = 0.8
+"""A reversal counts where the command has come back by this many times the limit since its last turning point."""
+PERIOD = 5.2
+"""Longest time from a reversal to the one after the next, s: the slowest cycle seen, and a little. A search weaves in
+6 s."""
+REVERSALS = 8
+"""Reversals in a row that make a cycle: four periods, which no manoeuvre has."""
+LOWERED, LEAST = 0.7, 0.3
+"""What a cycle leaves of the gains, and what is always left: the rule has a gain margin of 6 dB, so at .3 of it a
+vehicle that still swings would have to turn more than six times as hard as it was learnt to."""
+
+
+@dataclass(frozen=True, slots=True)
+class Bounds:
+    """None: no such bound. Ranges in m, altitudes in m above sea level, battery in percent."""
+
+    closest: float | None = None
+    farthest: float | None = None
+    lowest: float | None = None
+    highest: float | None = None
+    battery: float | None = None
+
+
+def breach(bounds: Bounds, *, r: float | None, altitude: float | None, battery: float | None) -> str | None:
+    """What bound is broken, in words; what is not known breaks none."""
+    limits = (
+        (r, bounds.closest, -1, "range {:.1f} m is nearer than {:.1f} m"),
+        (r, bounds.farthest, 1, "range {:.1f} m is farther than {:.1f} m"),
+        (altitude, bounds.lowest, -1, "altitude {:.1f} m is below {:.1f} m"),
+        (altitude, bounds.highest, 1, "altitude {:.1f} m is above {:.1f} m"),
+        (battery, bounds.battery, -1, "battery {:.0f} % is below {:.0f} %"),
+    )
+    for value, bound, side, words in limits:
+        if value is not None and bound is not None and side * (value - bound) > 0:
+            return words.format(value, bound)
+    return None
+
+
+@dataclass(frozen=True, slots=True)
+class DriftAlarm:
+    """Whether the drift (wind less target motion) is more than the circle allows. on: whether it is raised. since: when
+    the drift became too strong, s; None while it is not. drift: as estimated last, m/s. allowed: the most in which the
+    circle can be held, m/s."""
+
+    on: bool = False
+    since: float | None = None
+    drift: float = 0.0
+    allowed: float = 0.0
+
+    @property
+    def text(self) -> str:
+        """For people, short enough for a STATUSTEXT with our name before it."""
+        return f"drift {self.drift:.1f} m/s, this circle allows {self.allowed:.1f}"
+
+
+def watch_drift(alarm: DriftAlarm, estimate: RangeEstimate | None, orbit: Orbit, turn_gain: float) -> DriftAlarm:
+    """The alarm after an estimate; unchanged by one that does not know the drift. turn_gain: realised over commanded
+    turn rate, as learnt."""
+    motion = estimate.relative if estimate is not None else None
+    if estimate is None or motion is None or not motion.trusted:
+        return alarm
+    V = max(motion.airspeed, 0.1 * orbit.speed)
+    allowed = max(tolerated_drift(V, orbit.radius, orbit.max_turn_rate, turn_gain), 0.0)
+    drift = motion.drift
+    if not drift > allowed * (ALLOWED_AGAIN if alarm.on else 1.0):
+        return DriftAlarm(False, None, drift, allowed)
+    since = estimate.time if alarm.since is None else alarm.since
+    return DriftAlarm(alarm.on or estimate.time - since >= PERSISTS, since, drift, allowed)
+
+
+@dataclass(frozen=True, slots=True)
+class CommandWatch:
+    """Recognises a turn command that swings from limit to limit, and lowers the gains until it stops.
+
+    A loop that is too quick for its vehicle does not diverge: the limit holds it in a cycle. On firmware such cycles
+    had periods of 1 .. 4.6 s; what wind, noise or a search ask for is slower or smaller.
+
+    share: of the gains that is left. cycles: how often they were lowered. extreme: the last turning point of the
+    command, in units of the limit; rising: where it goes from there. reversals: in a row, the last two at `reversed_at`
+    (s).
+    """
+
+    share: float = 1.0
+    cycles: int = 0
+    extreme: float = 0.0
+    rising: bool = True
+    reversals: int = 0
+    reversed_at: tuple[float, float] = (-inf, -inf)
+
+    def watch(self, time: float, command: float, limit: float) -> "CommandWatch":
+        """Take in a command (rad/s) of a time (s) to a vehicle with this limit (rad/s)."""
+        size = command / limit
+        if (size > self.extreme) == self.rising:
+            return replace(self, extreme=size)
+        if abs(size - self.extreme) < SWING:
+            return self
+        # of two reversals, for a cycle about a turn spends longer on one side
+        before, last = self.reversed_at
+        count = self.reversals + 1 if time - before <= PERIOD else min(self.reversals, 1) + 1
+        after = replace(self, extreme=size, rising=not self.rising, reversals=count, reversed_at=(last, time))
+        if count < REVERSALS:
+            return after
+        return replace(after, share=max(self.share * LOWERED, LEAST), cycles=self.cycles + 1, reversals=0)

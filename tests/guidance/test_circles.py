@@ -1,0 +1,44 @@
+"""The slow integral of the radius error; the circles themselves are flown in tests/flight."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from circnav_mav.guidance.circles import next_trim
+
+
+def trimmed(trim, error, saturated=False):
+    """After a tenth of a second off a circle of 100 m, with .05/s; it grows within 20 m, up to 15 m."""
+    return next_trim(trim, rate=0.05, r=100.0 + error, r_d=100.0, step=0.1, saturated=saturated)
+
+
+@pytest.mark.parametrize(
+    ("trim", "error", "saturated", "after"),
+    [
+        (0.0, 2.0, False, -0.01),
+        (-0.3, -2.0, False, -0.29),
+        (0.0, 22.0, False, 0.0),
+        (-2.2, 22.0, False, -2.2),
+        (2.2, -22.0, False, 2.2),
+        (-8.0, -22.0, False, -7.89),
+        (0.1, 300.0, False, 0.0),
+        (15.0, -10.0, False, 15.0),
+        (-1.0, 2.0, True, -1.0),
+    ],
+    ids=[
+        "it grows against an error", "to either side", "it does not begin far from the circle", "nor grow there",
+        "nor inside", "it unwinds there", "to nothing and not beyond", "it is bounded",
+        "it stands still at the limit of the turn",
+    ],
+)  # fmt: skip
+def test_the_trim_holds_the_mean_radius(trim, error, saturated, after):
+    assert trimmed(trim, error, saturated) == pytest.approx(after)
+
+
+@given(trim=st.floats(-15.0, 15.0), error=st.floats(-300.0, 300.0))
+def test_it_stays_within_its_bound_and_never_grows_outside_of_its_room(trim, error):
+    after = trimmed(trim, error)
+    assert abs(after) <= 15.0
+    if abs(error) > 20.0:
+        assert abs(after) <= abs(trim)
+        assert after * trim >= 0

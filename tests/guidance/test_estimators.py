@@ -1,0 +1,103 @@
+"""The estimators beside the bank: `unicycle`, `measured`, and what all of them make of a measured range rate."""
+
+from dataclasses import replace
+from math import cos, hypot, pi
+
+import numpy as np
+import pytest
+
+from circnav_mav import Direction, Guidance, Orbit
+from circnav_mav.guidance.estimators.relative_motion import DriftEstimator
+from circnav_mav.guidance.estimators.table import ESTIMATORS
+from circnav_mav.guidance.estimators.unicycle import UnicycleEstimator
+from circnav_mav.guidance.types import RangeSample, RateSample
+from tests.guidance.relative import RADIUS, SETTINGS, WIND, Circling, V, listen, listened, silent, still
+
+
+@pytest.mark.parametrize("rate_first", [True, False])
+@pytest.mark.parametrize("name", ["kalman", "unicycle", "drift"])
+def test_a_measured_rate_sharpens_every_estimate_before_or_after_its_range(name, rate_first):
+    wind = (0.0, 0.0) if name == "unicycle" else WIND
+
+    def error(with_rates):
+        rng, world, estimator, errors = np.random.default_rng(4), Circling(wind=wind), ESTIMATORS[name](SETTINGS), []
+        for i in range(900):
+            t = 0.05 * i
+            estimator.move(world.motion(t))
+            if i % 2 == 0:
+                rate = (hypot(*world.offset(t + 1e-4)) - hypot(*world.offset(t - 1e-4))) / 2e-4
+                measured = RateSample(t, t, rate + 0.1 * rng.normal(), 0.1)
+                if with_rates and rate_first:
+                    estimator.observe_rate(measured)
+                estimator.observe(world.range(t))
+                if with_rates and not rate_first:
+                    estimator.observe_rate(measured)
+                if t > 25.0:
+                    errors.append(estimator.at(t).r_dot - rate)
+        return float(np.sqrt(np.mean(np.square(errors))))
+
+    assert error(True) < (0.5 if name == "kalman" else 0.97) * error(False)
+
+
+def test_measured_is_the_paper_with_no_filter_in_between():
+    guidance = Guidance(Orbit(100.0, Direction.CLOCKWISE, V, 0.35), "smooth", "measured")
+    guidance.observe(RangeSample(1.0, 1.0, 150.0, 0.5))
+    assert guidance.command(1.0) is None
+    guidance.observe(RangeSample(1.1, 1.1, 148.0, 0.5, r_dot=-9.0))
+    assert (guidance.estimate(1.15).r, guidance.estimate(1.15).r_dot) == (148.0, -9.0)
+    assert guidance.command(1.15) is not None
+    guidance.observe(RangeSample(1.2, 1.2, 147.0, 0.5))
+    assert guidance.estimate(1.2).r_dot == -9.0
+    for i in range(1, 4):
+        guidance.observe(RangeSample(1.2 + i / 10, 1.2 + i / 10, 147.0, 0.5))
+    assert guidance.command(1.5) is None  # the rate is old
+
+
+@pytest.mark.parametrize("make", [DriftEstimator, UnicycleEstimator])
+def test_where_it_went_in_a_hole_of_its_own_motion_nobody_guesses(make):
+    """Four seconds without a word: nothing is predicted over them, and a range begins anew."""
+    world, estimator = listened(make, 30.0, still)
+    assert estimator.ready and estimator.at(30.0) is not None
+    for t in (34.0, 34.05, 34.1):
+        estimator.move(world.motion(t))
+        assert estimator.at(t) is None
+    estimator.observe(world.range(34.1))
+    assert not estimator.ready
+    listen(estimator, world, 34.15, 65.0)
+    assert estimator.ready
+    assert estimator.at(64.95).r == pytest.approx(RADIUS, abs=1.0)
+
+
+def test_unicycle_knows_the_angle_to_the_target_in_still_air():
+    world, estimator = Circling(wind=(0.0, 0.0)), UnicycleEstimator(SETTINGS)
+    listen(estimator, world, 0.0, 15.0)
+    x, y = world.offset(14.95)
+    true = (np.arctan2(-y, -x) - world.heading(14.95) + pi) % (2 * pi) - pi
+    assert estimator.ready
+    assert estimator.at(14.95).eta == pytest.approx(true, abs=0.05)
+    assert estimator.at(14.95).r_dot == pytest.approx(-V * cos(true), abs=0.5)
+
+
+@pytest.mark.parametrize("gap", [15.0, 60.0])
+def test_after_a_gap_in_which_it_may_have_turned_anywhere_unicycle_is_ready_only_when_it_knows_the_angle_again(gap):
+    """On its circle, where the range comes back as it was, whatever the angle is held to be."""
+    world, estimator = listened(UnicycleEstimator, 30.0, still)
+    silent(estimator, world, 30.0, 30.0 + gap)
+    errors = []
+    for t in np.arange(30.0 + gap, 45.0 + gap, 0.05):
+        listen(estimator, world, t, t + 0.04)
+        if estimator.ready:
+            errors.append(abs(estimator.at(float(t)).r_dot))
+    assert len(errors) > 200
+    assert max(errors) < 5.0
+
+
+def test_unicycle_lives_on_a_slow_radio_while_the_vehicle_turns_slowly():
+    """A range every 2.5 s, more than a quarter turn at the limit takes, on a circle of 62 s a lap."""
+    world, estimator = still(), UnicycleEstimator(replace(SETTINGS, max_turn_rate=0.7))
+    for step in range(1200):
+        estimator.move(world.motion(0.05 * step))
+        if step % 50 == 0:
+            estimator.observe(world.range(0.05 * step))
+    assert estimator.filter.samples == 24, "it never began anew"
+    assert estimator.ready
