@@ -1,10 +1,8 @@
 """Whose the vehicle is, and what we may send to it. The operator always wins.
 
-Two small tables beside the mission's phases: who holds the vehicle (`Holder`), and how well we know it now (`View`).
-`Authority.allowed` makes one answer of them: nothing, the safe setpoint, or setpoints that steer.
+Who holds the vehicle (`Holder`) and whether that is known for certain now make one answer: `Authority.allowed`.
 """
 
-from dataclasses import dataclass
 from enum import Enum
 
 from circnav_mav.mav.session import Session
@@ -13,17 +11,17 @@ from circnav_mav.pilot.mode_request import ModeRequest
 from circnav_mav.pilot.settings import OutputMode, PilotSettings
 
 GIVEN_AFTER = 1.5
-"""Time, s, for which the vehicle must have told nothing but the guided mode, from one word to a later one, before it is
-given back: a switch may pass through that mode, and what was said before it was left may come late by another way,
-between newer words."""
+"""Time, s, for which the vehicle must have reported nothing but the guided mode, from one report to a later one, before
+it is given back: a switch may pass through that mode, and what was reported before it was left may come late by another
+way, between newer reports."""
 LANDED_PATIENCE = 1.5
-"""Time, s, that a vehicle is given to tell whether it flies before the first engagement."""
+"""Time, s, that a vehicle is given to report whether it flies before the first engagement."""
 STALL = 0.5
 """Gap between two steps, s, after which everything that came in during it counts as stale."""
 CATCH_UP = 0.2
 """Time after it, s, in which what comes in may still be from before: it takes a few turns to read it all."""
 SILENT = 1.5
-"""Age of the vehicle's last word about its mode, s, above which it may be in other hands."""
+"""Age of the vehicle's newest report of its mode, s, above which it may be in other hands."""
 
 
 class Holder(Enum):
@@ -31,39 +29,7 @@ class Holder(Enum):
 
     US = "we: the guided mode means that we may steer"
     OPERATOR_IN_MODE = "the operator, and the guided mode was not left since (disarmed, rebooted)"
-    OPERATOR = "the operator, and the guided mode was left since"
-    RETURNING = "the operator, and the guided mode was entered again, not long ago"
-
-
-class Sight(Enum):
-    """What a look at the vehicle shows."""
-
-    IN_MODE = "armed in the guided mode since the last look"
-    LEFT = "in another mode, or was since the last look"
-    GONE = "disarmed or silent, or was since the last look"
-    BACK = "in the guided mode for long enough"
-    TAKEN_BY_MODE = "the guided mode was left while the vehicle was ours"
-    TAKEN_IN_MODE = "disarmed or rebooted while the vehicle was ours"
-
-
-HOLDERS: dict[tuple[Holder, Sight], Holder] = {
-    (Holder.OPERATOR_IN_MODE, Sight.LEFT): Holder.OPERATOR,
-    (Holder.OPERATOR, Sight.IN_MODE): Holder.RETURNING,
-    (Holder.RETURNING, Sight.LEFT): Holder.OPERATOR,
-    (Holder.RETURNING, Sight.GONE): Holder.OPERATOR,
-    (Holder.RETURNING, Sight.BACK): Holder.US,
-    **{(holder, Sight.TAKEN_BY_MODE): Holder.OPERATOR for holder in Holder},
-    **{(holder, Sight.TAKEN_IN_MODE): Holder.OPERATOR_IN_MODE for holder in Holder},
-}
-"""A pair that is not listed changes nothing."""
-
-
-class View(Enum):
-    """How well we know the vehicle since we last stood still."""
-
-    CURRENT = "its newest heartbeat tells who has it"
-    BACKLOG = "what comes in may have waited while we stood still"
-    UNCONFIRMED = "no heartbeat has told its mode since"
+    OPERATOR = "the operator, and the guided mode was left since: entering it again gives the vehicle back"
 
 
 class Allowed(Enum):
@@ -72,14 +38,6 @@ class Allowed(Enum):
     NOTHING = "nothing"
     SAFE = "the safe setpoint"
     STEER = "one that steers"
-
-
-@dataclass(frozen=True, slots=True)
-class Takeover:
-    """The vehicle was taken from us. what: for the air, as STATUSTEXT. reason: for the record."""
-
-    what: str
-    reason: str
 
 
 class Authority:
@@ -92,11 +50,12 @@ class Authority:
         self._flies = settings.output_mode is OutputMode.FLY
         self.holder = Holder.US
         self._departures = self._reboots = 0
-        self._back_since = 0.0
-        """When the vehicle told the guided mode again, s."""
-        self.view = View.CURRENT
+        self._back_since: float | None = None
+        """Since when the vehicle reports the guided mode that the operator had left, s."""
         self._stepped: float | None = None
-        self._caught_up = float("-inf")
+        self._backlog_until = float("-inf")
+        self._confirmed = True
+        """Whether the vehicle has reported its mode since we last stood still."""
         self._heartbeats = 0
         self._request = ModeRequest()
         self._left_before: int | None = None
@@ -118,7 +77,7 @@ class Authority:
     def certain(self) -> bool:
         """Whether the vehicle is known to be the one of before, and in whose hands it is; who sends no setpoints need
         not know."""
-        return not self._flies or (self.view is View.CURRENT and not self._session.vehicle.unproven)
+        return not self._flies or (self._confirmed and not self._session.vehicle.unproven)
 
     @property
     def in_our_hands(self) -> bool:
@@ -203,50 +162,57 @@ class Authority:
 
     # --- who holds the vehicle --------------------------------------------------------------------------------------
 
-    def watch_takeover(self) -> Takeover | None:
-        """What took the vehicle from us, if it was ours until now."""
-        session, told = self._session, self._session.vehicle
+    def watch_takeover(self) -> tuple[str, str] | None:
+        """What took the vehicle from us, if it was ours until now: as STATUSTEXT, and for the record."""
+        session, vehicle = self._session, self._session.vehicle
         # a vehicle that we held is ours also where it was lost, or was given back and cannot be steered yet
         ours = self.holder is Holder.US or self._mission.phase not in (Phase.WAIT_LINK, Phase.YIELDED)
-        departed, self._departures = told.departures > self._departures, told.departures
-        rebooted, self._reboots = told.reboots > self._reboots, told.reboots
-        outside = session.up and told.mode is not None and told.mode != session.adapter.guided_mode
-        left_for = told.mode_name if outside else told.left_for if departed else None
-        in_mode = told.in_our_mode and not departed
-        self._saw(Sight.LEFT if left_for is not None else Sight.IN_MODE if in_mode else Sight.GONE)
-        if self.holder is Holder.RETURNING and told.heard_at - self._back_since >= GIVEN_AFTER:
-            self._saw(Sight.BACK)
+        departed, self._departures = vehicle.departures > self._departures, vehicle.departures
+        rebooted, self._reboots = vehicle.reboots > self._reboots, vehicle.reboots
+        outside = session.up and vehicle.mode is not None and vehicle.mode != session.adapter.guided_mode
+        left_for = vehicle.mode_name if outside else vehicle.left_for if departed else None
+        in_mode = vehicle.in_our_mode and not departed
+        self._watch_return(left=left_for is not None, in_mode=in_mode)
         if not (ours and self._mission.begun and self._flies and session.up) or (in_mode and not rebooted):
             return None
-        self._saw(Sight.TAKEN_BY_MODE if left_for is not None else Sight.TAKEN_IN_MODE)
+        self.holder = Holder.OPERATOR_IN_MODE if left_for is None else Holder.OPERATOR
         if rebooted or left_for is None:
             what = "autopilot rebooted" if rebooted else "vehicle disarmed"
-            return Takeover(what, what)
+            return what, what
         what = f"{session.adapter.guided_name} left for {left_for}"
-        return Takeover(what, f"{what}: operator or failsafe")
+        return what, f"{what}: operator or failsafe"
 
-    def _saw(self, sight: Sight) -> None:
-        before, self.holder = self.holder, HOLDERS.get((self.holder, sight), self.holder)
-        if self.holder is Holder.RETURNING and before is not Holder.RETURNING:
-            self._back_since = self._session.vehicle.heard_at
+    def _watch_return(self, *, left: bool, in_mode: bool) -> None:
+        """The operator gives the vehicle back: he leaves the guided mode, enters it again, and it lasts."""
+        reported_at = self._session.vehicle.heard_at
+        if left and self.holder is Holder.OPERATOR_IN_MODE:
+            self.holder = Holder.OPERATOR
+        if not in_mode or self.holder is not Holder.OPERATOR:
+            self._back_since = None
+        elif self._back_since is None:
+            self._back_since = reported_at
+        elif reported_at - self._back_since >= GIVEN_AFTER:
+            self.holder = Holder.US
 
     # --- what we know of it -----------------------------------------------------------------------------------------
 
-    def stepped(self, now: float) -> None:
-        """A step begins. After a stall the vehicle may be in other hands until a heartbeat has told its mode."""
-        heartbeats = self._session.vehicle.heartbeats
+    def stepped(self, now: float) -> bool:
+        """A step begins; tells whether what came in may have waited while we stood still. After that the vehicle may
+        be in other hands until a heartbeat has told its mode."""
+        heartbeats, backlog = self._session.vehicle.heartbeats, self.may_be_backlog(now)
         if self._stood_still(now):
-            self._caught_up = now + CATCH_UP
-        if self.may_be_backlog(now):
-            self.view, self._heartbeats = View.BACKLOG, heartbeats
+            self._backlog_until = now + CATCH_UP
+        if backlog:
+            self._confirmed, self._heartbeats = False, heartbeats
             self._session.drop_mode_requests()
-        elif self.view is not View.CURRENT:
-            self.view = View.CURRENT if heartbeats > self._heartbeats else View.UNCONFIRMED
+        else:
+            self._confirmed |= heartbeats > self._heartbeats
         self._stepped = now
+        return backlog
 
     def may_be_backlog(self, now: float) -> bool:
         """Whether what comes in now may have waited while we stood still."""
-        return now < self._caught_up or self._stood_still(now)
+        return now < self._backlog_until or self._stood_still(now)
 
     def _stood_still(self, now: float) -> bool:
         return self._stepped is not None and now - self._stepped > STALL
