@@ -93,19 +93,55 @@ class Authority:
         """Whether that shell may ask for the exit action, too: a mode is obeyed whoever has the vehicle."""
         return self.certain and not self.may_be_backlog(now) and self._session.heartbeat_age(now) < SILENT
 
+    # --- what it waits for ------------------------------------------------------------------------------------------
+
     def may_engage(self, now: float) -> bool:
         """Whether the vehicle may be steered from now on; a pilot that sends no setpoints needs nobody's leave. Once
         engaged, a slow link or a landing stops nothing."""
-        return not self._flies or (self.in_our_hands and self._can_be_steered(now) and self.link_quick(now))
+        return not self._flies or not self.obstacle(now)
 
-    def _can_be_steered(self, now: float) -> bool:
-        """Whether the vehicle flies, reports what it must, and is sure to be the one."""
-        return not (self.may_be_on_ground(now) or self._session.missing(now) or self.disputed(now))
+    def obstacle(self, now: float) -> str:
+        """What an engagement waits for, for people; empty for nothing."""
+        vehicle, guided = self._session.vehicle, self._session.adapter.guided_name
+        if self.holder is not Holder.US:
+            enter = f"leave {guided} and enter it" if self.holder is Holder.OPERATOR_IN_MODE else f"enter {guided}"
+            return f"the operator has the vehicle: {enter} again to hand it back"
+        if hindrance := self._hindrance(now):
+            return hindrance
+        if vehicle.in_our_mode:
+            return ""
+        enter = "requested" if self._asks_for_mode else "the operator must enter it"
+        return f"mode {guided}: {enter}" if vehicle.armed else "the vehicle is not armed"
 
-    def disputed(self, now: float) -> str:
-        """Why it is not sure who the vehicle, or its radio, is; asked before the first engagement only."""
+    def _hindrance(self, now: float, *, over_slow_link: bool = False) -> str:
+        """Why the vehicle cannot be steered, whoever has it and whatever its mode."""
         rivals = [] if self._mission.begun else self._session.identity.rivals.recent(now)
-        return f"{rivals[0]}: name yours with link.peer, or sign" if rivals else ""
+        disputed = f"{rivals[0]}: name yours with link.peer, or sign" if rivals else ""
+        slow = "" if over_slow_link else self._slow_link(now)
+        return disputed or slow or not_told(self._session, now) or self._not_flying(now)
+
+    def _slow_link(self, now: float) -> str:
+        """Question and answer must be within the mission's bound before the first engagement."""
+        trip, most = self._session.timesync, self._settings.timing.round_trip
+        if self._mission.begun or (trip.settled(now) and (trip.typical or 0.0) <= most):
+            return ""
+        if trip.typical is None:
+            return "measuring the round trip to the vehicle (TIMESYNC)"
+        return f"link too slow: round trip {trip.typical:.2f} s (limits.round_trip_s = {most:g} s)"
+
+    def _not_flying(self, now: float) -> str:
+        """An aircraft is not steered before it flies, for the first time or again; one that does not say whether it
+        does is given a moment to, unless it was ours until the link was lost."""
+        session, vehicle = self._session, self._session.vehicle
+        if not session.adapter.flies:
+            return ""
+        if vehicle.on_ground:
+            return "the vehicle is on the ground"
+        if not vehicle.armed:
+            return "the vehicle is not armed"
+        goes_on = self._mission.begun and self._mission.phase is Phase.READY
+        silent = vehicle.on_ground is None and not goes_on and now - session.identity.since < LANDED_PATIENCE
+        return "the vehicle has not reported that it flies" if silent else ""
 
     def _streams_first(self, now: float) -> bool:
         """Whether setpoints go out before the engagement: PX4 enters our mode only while they flow, and does not fly
@@ -113,35 +149,16 @@ class Authority:
         session = self._session
         if self._mission.phase is not Phase.READY or not session.adapter.wants_setpoints_in(session.vehicle.mode):
             return False
-        ours = self.holder is Holder.US and self._can_be_steered(now)
-        return ours and (self.link_quick(now) or session.vehicle.in_our_mode)
-
-    def may_be_on_ground(self, now: float) -> bool:
-        """An aircraft is not steered before it flies, for the first time or again; one that does not say whether it
-        does is given a moment to, unless it was ours until the link was lost. A disarmed one does not fly."""
-        session = self._session
-        if not session.adapter.flies:
-            return False
-        if not session.vehicle.armed:
-            return True
-        if session.vehicle.on_ground is None:
-            goes_on = self._mission.begun and self._mission.phase is Phase.READY
-            return not goes_on and now - session.identity.since < LANDED_PATIENCE
-        return session.vehicle.on_ground
-
-    def link_quick(self, now: float) -> bool:
-        """Whether question and answer are within the mission's bound; asked before the first engagement only."""
-        trip = self._session.timesync
-        if self._mission.begun:
-            return True
-        return trip.settled(now) and (trip.typical or 0.0) <= self._settings.timing.round_trip
+        return self.holder is Holder.US and not self._hindrance(now, over_slow_link=session.vehicle.in_our_mode)
 
     # --- asking for the guided mode ---------------------------------------------------------------------------------
 
     def ask_for_mode(self, now: float) -> str | None:
-        """Ask for the guided mode where that may be; answers with the reason why it is of no use."""
-        session, adapter = self._session, self._session.adapter
-        if not self._may_ask(now):
+        """Ask for the guided mode in the air with all else ready, and never again once the flight has begun; answers
+        with the reason why it is of no use."""
+        session, adapter, mission = self._session, self._session.adapter, self._mission
+        asks = self._asks_for_mode and self._flies and not mission.begun and mission.phase is Phase.READY
+        if not asks or self._hindrance(now):
             session.drop_mode_requests()
             return None
         self._left_before = session.vehicle.departures if self._left_before is None else self._left_before
@@ -149,16 +166,10 @@ class Authority:
         return None if failure is None else f"mode {adapter.guided_name} {failure}"
 
     @property
-    def asks_for_mode(self) -> bool:
+    def _asks_for_mode(self) -> bool:
         """Whether the mode is ours to ask for. Once the operator has left the one that was asked for, it is his."""
         left_again = self._left_before is not None and self._session.vehicle.departures > self._left_before
         return self._settings.request_mode and not left_again
-
-    def _may_ask(self, now: float) -> bool:
-        """Only in the air, with everything but the mode ready, and never again once the flight has begun."""
-        if not self.asks_for_mode or not self._flies or self._mission.begun or self._mission.phase is not Phase.READY:
-            return False
-        return self._can_be_steered(now) and self.link_quick(now)
 
     # --- who holds the vehicle --------------------------------------------------------------------------------------
 
@@ -216,3 +227,16 @@ class Authority:
 
     def _stood_still(self, now: float) -> bool:
         return self._stepped is not None and now - self._stepped > STALL
+
+
+def not_told(session: Session, now: float) -> str:
+    """What the vehicle does not report although it must, for people; empty where nothing is missing."""
+    if not (missing := session.missing(now)):
+        return ""
+    needs = f"a {session.adapter.name} cannot be flown without it"
+    return f"no {' and no '.join(missing)} in VFR_HUD: {needs}{denied(session)}"
+
+
+def denied(session: Session) -> str:
+    """The streams that the vehicle has denied, for people, to be added to what is missing."""
+    return f"; streams denied by the vehicle: {', '.join(session.streams.refused)}" if session.streams.refused else ""

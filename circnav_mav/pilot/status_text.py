@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from circnav_mav.mav.ranging.interface import describe_rejected
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
-from circnav_mav.pilot.authority import Authority, Holder
+from circnav_mav.pilot.authority import Authority, denied, not_told
 from circnav_mav.pilot.connection import Connection
 from circnav_mav.pilot.mission_state import Ending, MissionState, Outcome, Phase
 from circnav_mav.pilot.range_tracker import FRESH, RangeTracker
@@ -30,7 +30,7 @@ class StatusText:
             return self._no_vehicle()
         if phase is Phase.WAIT_RANGING:
             return self._not_ready(now)
-        return self._not_engaged(now) if phase in (Phase.READY, Phase.YIELDED) else ""
+        return self.authority.obstacle(now) if phase in (Phase.READY, Phase.YIELDED) else ""
 
     def overdue(self, now: float) -> Outcome | None:
         """How the mission ends now that one of its times is up, its own length or its patience; None: none is."""
@@ -65,7 +65,7 @@ class StatusText:
 
     def _not_ready(self, now: float) -> str:
         """What is missing of ranging, or of what the vehicle must tell."""
-        tracker, missing = self.tracker, self.connection.session.missing(now)
+        tracker, missing = self.tracker, not_told(self.connection.session, now)
         if not missing and (unknown := tracker.height.why_unknown(now)):
             return unknown
         age, ready = tracker.age(now), tracker.estimator.ready
@@ -74,44 +74,10 @@ class StatusText:
             needs = _NEEDS.get(name, "; it needs the vehicle's own motion first (auto does not)")
             return f"{tracker.accepted} ranges accepted, estimator {name} has not converged yet{needs}"
         if ready and missing:
-            return self._not_told(missing)
+            return missing
         wanted, rejected = RANGING_MESSAGES[self.settings.ranging.message], tracker.ranging.rejected
         heard = f"rejected: {describe_rejected(rejected)}; {self._heard(self.connection.ranging_link)}"
-        return f"no ranging: no usable {wanted.type}, {heard}{self._denied()}"
-
-    def _not_engaged(self, now: float) -> str:
-        """What the engagement waits for."""
-        session, authority = self.connection.session, self.authority
-        guided, told = session.adapter.guided_name, session.vehicle
-        if authority.holder is not Holder.US:
-            enter = f"leave {guided} and enter it" if authority.holder is Holder.OPERATOR_IN_MODE else f"enter {guided}"
-            return f"the operator has the vehicle: {enter} again to hand it back"
-        if disputed := authority.disputed(now):
-            return disputed
-        if not authority.link_quick(now):
-            return self._slow()
-        if missing := session.missing(now):
-            return self._not_told(missing)
-        if authority.may_be_on_ground(now) and (told.armed or told.on_ground):
-            return "the vehicle is on the ground" if told.on_ground else "the vehicle has not reported that it flies"
-        if not told.armed:
-            return "the vehicle is not armed"
-        return f"mode {guided}: " + ("requested" if authority.asks_for_mode else "the operator must enter it")
-
-    def _slow(self) -> str:
-        round_trip, most = self.connection.session.timesync.typical, self.settings.timing.round_trip
-        if round_trip is None:
-            return "measuring the round trip to the vehicle (TIMESYNC)"
-        return f"link too slow: round trip {round_trip:.2f} s (limits.round_trip_s = {most:g} s)"
-
-    def _not_told(self, missing: list[str]) -> str:
-        """The vehicle does not tell what it must."""
-        name = self.connection.session.adapter.name
-        return f"no {' and no '.join(missing)} in VFR_HUD: a {name} cannot be flown without it{self._denied()}"
-
-    def _denied(self) -> str:
-        denied = self.connection.session.streams.refused
-        return f"; streams denied by the vehicle: {', '.join(denied)}" if denied else ""
+        return f"no ranging: no usable {wanted.type}, {heard}{denied(self.connection.session)}"
 
     def _heard(self, link: str) -> str:
         return self.connection.decoders[link].counts.describe()
