@@ -171,20 +171,14 @@ def _motion(mission: Mission, survey: Survey) -> Iterator[Check]:
             yield Check(WARN, subject, "0 m/s: none before take-off; a flight engages only when there is one")
         else:
             whose = f"a {session.adapter.name}" if name in session.adapter.needs else "the mission"
-            yield Check(FAIL, subject, f"not known{_why_unknown(name, survey.airspeed)}; {whose} needs it")
+            why = ": no VFR_HUD" if survey.airspeed is None else ""
+            if name == "airspeed" and survey.airspeed is not None and isnan(survey.airspeed):
+                why = ": VFR_HUD carries none (NaN), is there an airspeed sensor?"
+            yield Check(FAIL, subject, f"not known{why}; {whose} needs it")
 
 
 def _needs(mission: Mission, survey: Survey) -> frozenset[str]:
     return survey.session.adapter.needs | ({"altitude"} if mission.height.needs_altitude else frozenset())
-
-
-def _why_unknown(name: str, airspeed: float | None) -> str:
-    """airspeed: as in VFR_HUD."""
-    if airspeed is None:
-        return ": no VFR_HUD"
-    if name == "airspeed" and isnan(airspeed):
-        return ": VFR_HUD carries none (NaN), is there an airspeed sensor?"
-    return ""
 
 
 def _battery(mission: Mission, survey: Survey) -> Iterator[Check]:

@@ -174,15 +174,8 @@ class Pilot:
         self._scheduler.stepped(now)
         if self._taken.sent is not None and command is not None:
             self.controller.commanded(command, now)
-        self._say_rivals(now)
-        self._watch_drift(estimate)
-        self._say_how_it_flies(command)
+        self._say_what_is_new(estimate, command, now)
         return b"".join(map(self.session.encode, self._housekeeping(estimate, command, now)))
-
-    def settle(self) -> None:
-        """Do what the newest step has left for after all that it says: its record, and the estimator's preparations."""
-        self._note_step()
-        self.tracker.estimator.settle()
 
     def _note_step(self) -> None:
         """Record the newest step, before anything changes."""
@@ -195,13 +188,6 @@ class Pilot:
         """Whether this step acts. The safe setpoints of the end are a tick apart, however many ranges come."""
         answers = self.tracker.fresh and self.phase is not Phase.LEAVING
         return not self.done and (answers or now >= self._scheduler.due)
-
-    def _say_rivals(self, now: float) -> None:
-        """Say that somebody else uses the vehicle's name, ours or the radio's, once each time it begins."""
-        rivals = {line.partition(" has ")[0] for line in self.session.identity.rivals.recent(now)}
-        for name in sorted(rivals - self._rivals):
-            self._say(f"rival of {name}", f"{name}: second sender rejected")
-        self._rivals = rivals
 
     # --- what moves the phases
 
@@ -262,12 +248,6 @@ class Pilot:
         steering = self._mission.steering
         if self._mission.happened(Event.RANGE_GOOD if good else Event.RANGE_LOST, now) and steering:
             self._say("range", "range regained" if good else "range lost, holding")
-
-    def _watch_drift(self, estimate: RangeEstimate | None) -> None:
-        """Say once that the drift is more than the circle allows, and once that it no longer is."""
-        controller = self.controller
-        self.drift_alarm = alarm = watch_drift(self.drift_alarm, estimate, controller.orbit, controller.turn_gain)
-        self._say_news("drift", alarm.on, alarm.text)
 
     def _watch_engagement(self, now: float) -> None:
         if self._mission.steering or self.phase is Phase.LEAVING or not self._authority.certain:
@@ -355,10 +335,17 @@ class Pilot:
         """What goes out on a separate ranging link."""
         return b"" if self.done else self._connection.hello(now)
 
-    def _say_how_it_flies(self, command: TurnCommand | None) -> None:
-        """Say when another law takes over, and why; when the next circle begins; and that the gains were lowered, for
-        the command swings."""
+    def _say_what_is_new(self, estimate: RangeEstimate | None, command: TurnCommand | None, now: float) -> None:
+        """Say once each time it begins: that somebody else uses the vehicle's name, ours or the radio's; that the drift
+        is more than the circle allows (and that it no longer is); the next circle; another law, and why; and that the
+        gains were lowered, for the command swings."""
         controller = self.controller
+        rivals = {line.partition(" has ")[0] for line in self.session.identity.rivals.recent(now)}
+        for name in sorted(rivals - self._rivals):
+            self._say(f"rival of {name}", f"{name}: second sender rejected")
+        self._rivals = rivals
+        self.drift_alarm = alarm = watch_drift(self.drift_alarm, estimate, controller.orbit, controller.turn_gain)
+        self._say_news("drift", alarm.on, alarm.text)
         self._say_news("circle", id(controller.orbit), f"next circle, {_circle(controller.orbit)}")
         if command is not None and command.flies:
             self.why = command.why
@@ -429,8 +416,10 @@ class Pilot:
         return sum((decoder.counts.refused for decoder in self._connection.decoders.values()), Counter())
 
     def take_records(self) -> list[TickRecord]:
-        """The ticks since the last call."""
-        self.settle()
+        """The ticks since the last call, the newest step's among them, which was left for after all that it says; and
+        the estimator prepares for what comes next."""
+        self._note_step()
+        self.tracker.estimator.settle()
         records, self._records = self._records, []
         return records
 
