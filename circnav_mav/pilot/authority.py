@@ -49,6 +49,8 @@ class Authority:
         self._mission = mission
         self._flies = settings.output_mode is OutputMode.FLY
         self.holder = Holder.US
+        self.rebooted = False
+        """Whether the autopilot has rebooted before the last look at it."""
         self._departures = self._reboots = 0
         self._back_since: float | None = None
         """Since when the vehicle reports the guided mode that the operator had left, s."""
@@ -118,7 +120,7 @@ class Authority:
         rivals = [] if self._mission.begun else self._session.identity.rivals.recent(now)
         disputed = f"{rivals[0]}: name yours with link.peer, or sign" if rivals else ""
         slow = "" if over_slow_link else self._slow_link(now)
-        return disputed or slow or not_told(self._session, now) or self._not_flying(now)
+        return disputed or slow or unreported(self._session, now) or self._not_flying(now)
 
     def _slow_link(self, now: float) -> str:
         """Question and answer must be within the mission's bound before the first engagement."""
@@ -179,16 +181,16 @@ class Authority:
         # a vehicle that we held is ours also where it was lost, or was given back and cannot be steered yet
         ours = self.holder is Holder.US or self._mission.phase not in (Phase.WAIT_LINK, Phase.YIELDED)
         departed, self._departures = vehicle.departures > self._departures, vehicle.departures
-        rebooted, self._reboots = vehicle.reboots > self._reboots, vehicle.reboots
+        self.rebooted, self._reboots = vehicle.reboots > self._reboots, vehicle.reboots
         outside = session.up and vehicle.mode is not None and vehicle.mode != session.adapter.guided_mode
         left_for = vehicle.mode_name if outside else vehicle.left_for if departed else None
         in_mode = vehicle.in_our_mode and not departed
         self._watch_return(left=left_for is not None, in_mode=in_mode)
-        if not (ours and self._mission.begun and self._flies and session.up) or (in_mode and not rebooted):
+        if not (ours and self._mission.begun and self._flies and session.up) or (in_mode and not self.rebooted):
             return None
         self.holder = Holder.OPERATOR_IN_MODE if left_for is None else Holder.OPERATOR
-        if rebooted or left_for is None:
-            what = "autopilot rebooted" if rebooted else "vehicle disarmed"
+        if self.rebooted or left_for is None:
+            what = "autopilot rebooted" if self.rebooted else "vehicle disarmed"
             return what, what
         what = f"{session.adapter.guided_name} left for {left_for}"
         return what, f"{what}: operator or failsafe"
@@ -209,7 +211,7 @@ class Authority:
 
     def stepped(self, now: float) -> bool:
         """A step begins; tells whether what came in may have waited while we stood still. After that the vehicle may
-        be in other hands until a heartbeat has told its mode."""
+        be in other hands until a heartbeat has reported its mode."""
         heartbeats, backlog = self._session.vehicle.heartbeats, self.may_be_backlog(now)
         if self._stood_still(now):
             self._backlog_until = now + CATCH_UP
@@ -229,7 +231,7 @@ class Authority:
         return self._stepped is not None and now - self._stepped > STALL
 
 
-def not_told(session: Session, now: float) -> str:
+def unreported(session: Session, now: float) -> str:
     """What the vehicle does not report although it must, for people; empty where nothing is missing."""
     if not (missing := session.missing(now)):
         return ""

@@ -43,8 +43,8 @@ class Pilot:
         self._connection = Connection(settings, signing)
         self.session = session = self._connection.session
         self._say = session.announcer.say
-        self._told: dict[str, Hashable] = {"circle": id(settings.orbit)}
-        """What was told last of each kind of news. The circle by its identity: the same radius may come twice."""
+        self._said: dict[str, Hashable] = {"circle": id(settings.orbit)}
+        """What was said last of each kind of news. The circle by its identity: the same radius may come twice."""
         self.tracker = RangeTracker(settings, session, self._say_news)
         self.controller = Controller(settings)
         self._mission = MissionState()
@@ -63,7 +63,6 @@ class Pilot:
         """The newest step, until it is recorded."""
         self._frames: list[bytes] = []
         self._copter_motion = CopterMotion()
-        self._reboots = 0
 
     # --- in: every message that arrives -----------------------------------------------------------------------------
 
@@ -206,10 +205,9 @@ class Pilot:
 
     def _watch_takeover(self, now: float) -> None:
         """The operator's word ends the stream in this very step."""
-        if self.session.vehicle.reboots > self._reboots:
-            self._reboots = self.session.vehicle.reboots
-            self.tracker.estimator.reset()
         takeover = self._authority.watch_takeover()
+        if self._authority.rebooted:
+            self.tracker.estimator.reset()
         if takeover is None:
             return
         self._mission.yield_to_operator(now)
@@ -356,8 +354,8 @@ class Pilot:
 
     def _say_news(self, kind: str, news: Hashable, text: str) -> None:
         """Say what has changed since it was said last, or is so for the first time."""
-        if news != self._told.get(kind, False):
-            self._told[kind] = news
+        if news != self._said.get(kind, False):
+            self._said[kind] = news
             self._say(kind, text)
 
     # --- what is known of it ----------------------------------------------------------------------------------------

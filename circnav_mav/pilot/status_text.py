@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from circnav_mav.mav.ranging.interface import describe_rejected
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
-from circnav_mav.pilot.authority import Authority, denied, not_told
+from circnav_mav.pilot.authority import Authority, denied, unreported
 from circnav_mav.pilot.connection import Connection
 from circnav_mav.pilot.mission_state import Ending, MissionState, Outcome, Phase
 from circnav_mav.pilot.range_tracker import FRESH, RangeTracker
@@ -65,7 +65,7 @@ class StatusText:
 
     def _not_ready(self, now: float) -> str:
         """What is missing of ranging, or of what the vehicle must tell."""
-        tracker, missing = self.tracker, not_told(self.connection.session, now)
+        tracker, missing = self.tracker, unreported(self.connection.session, now)
         if not missing and (unknown := tracker.height.why_unknown(now)):
             return unknown
         age, ready = tracker.age(now), tracker.estimator.ready
