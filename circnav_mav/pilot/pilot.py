@@ -290,10 +290,8 @@ class Pilot:
     def _leave(self, allowed: Allowed, now: float) -> Message | None:
         """The safe setpoint until the exit action shows in the vehicle's mode, or some times over; then silence."""
         mission, exit_action = self._mission, self._exit_action
-        if not self._flies:
-            over = True
-        elif allowed is Allowed.NOTHING:
-            over = exit_action.wait_to_speak(mission.since, now)
+        if allowed is Allowed.NOTHING:
+            over = not self._flies or exit_action.wait_to_speak(mission.since, now)
         else:
             over = exit_action.go_on(self.session, mission.since, now)
         if over:
