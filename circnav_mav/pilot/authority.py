@@ -235,8 +235,8 @@ def unreported(session: Session, now: float) -> str:
     """What the vehicle does not report although it must, for people; empty where nothing is missing."""
     if not (missing := session.missing(now)):
         return ""
-    needs = f"a {session.adapter.name} cannot be flown without it"
-    return f"no {' and no '.join(missing)} in VFR_HUD: {needs}{denied(session)}"
+    name = session.adapter.name
+    return f"no {' and no '.join(missing)} in VFR_HUD: a {name} cannot be flown without it{denied(session)}"
 
 
 def denied(session: Session) -> str:
