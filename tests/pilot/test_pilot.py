@@ -277,8 +277,8 @@ def test_a_flight_ends_with_the_safe_setpoint_three_times_and_then_silence(happe
 
 
 def test_a_link_that_stays_away_ends_the_mission_when_it_was_waited_for():
-    """A link counts as lost after 3 s."""
-    rig = Rig(timing=timing(outage=10.0)).engage()
+    """A link counts as lost after 3 s. How long the first heartbeat was waited for counts no more."""
+    rig = Rig(timing=timing(outage=10.0, wait_link=2.0)).engage()
     assert not rig.run(12.9, speaks=False).pilot.done
     assert rig.run(1.0).pilot.done
     assert (rig.pilot.outcome.ending, rig.pilot.outcome.reason) == (

@@ -268,6 +268,11 @@ def test_a_mission_in_other_hands_is_not_completed_and_ends_by_no_outage_of_befo
     assert (rig.pilot.outcome and rig.pilot.outcome.ending) is ends
 
 
+def test_a_vehicle_is_taken_again_over_a_link_that_was_too_slow_for_the_first_time(waiting):
+    waiting.run(10.0, mode=LOITER, round_trip=0.8)
+    assert waiting.run(GIVEN_BACK, mode=GUIDED).pilot.phase is Phase.ENGAGED
+
+
 def test_after_a_takeover_another_radio_may_take_the_place_of_ours(waiting):
     other = Voice(system=77, component=192)
     waiting.run(6.0, mode=LOITER, ranges=False)
