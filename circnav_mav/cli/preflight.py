@@ -30,11 +30,11 @@ def preflight_file(path: str, endpoint: str | None, overrides: tuple[str, ...], 
         listen(survey, links, clock, stop, signing_time)
         if stop.signal_name:
             raise Refused(f"stopped by {stop.signal_name}", Exit.INTERRUPTED)
-        seen, clock_speed = survey.observations(), clock.speed if isinstance(clock, AutopilotClock) else 1.0
+        clock_speed = clock.speed if isinstance(clock, AutopilotClock) else 1.0
         troubles = [Check(Grade.WARN, "endpoint", words) for words in link_troubles(links, mission)]
-    lines = [*judge(mission, seen, clock_speed), *troubles]
+    lines = [*judge(mission, survey, clock_speed), *troubles]
     show_checks(lines)
     failed = show_counts(path, lines)
-    if seen.vehicle is None:
+    if not survey.session.up:
         return Exit.NOTHING_HEARD
     return Exit.ABORTED if failed else Exit.DONE

@@ -2,17 +2,22 @@
 
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
+from difflib import get_close_matches
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
 
 from circnav_mav.mav.autopilots.table import allowed, table_key
 from circnav_mav.mission.mission import SIM, Mission
-from circnav_mav.mission.problems import in_words
 from circnav_mav.mission.schema import MissionFile
 from circnav_mav.radios.table import split_driver
+
+MOST_PROBLEMS = 8
+"""Problems of a file named in one line: more are not read."""
+_BOUNDS = {"gt": "above", "ge": "at least", "lt": "below", "le": "at most"}
 
 
 class MissionError(Exception):
@@ -21,9 +26,7 @@ class MissionError(Exception):
 
 def load_mission(path: str | Path, overrides: Iterable[str] = ()) -> Mission:
     """Read and validate a mission file with `table.key=value` overrides. Raises MissionError."""
-    path = Path(path)
-    text = read_text(path)
-    return parse_mission(text, str(path), overrides, path.parent)
+    return parse_mission(read_text(Path(path)), str(path), overrides, Path(path).parent)
 
 
 def read_text(path: Path) -> str:
@@ -129,10 +132,8 @@ def _clashes(file: MissionFile) -> Iterator[str]:
     for table, quantity in (("bounds", "range_m"), ("bounds", "altitude_m"), ("ranging", "range_m")):
         low, high = (getattr(getattr(file, table), f"{side}_{quantity}") for side in ("min", "max"))
         if low is not None and high is not None and low >= high:
-            yield (
-                f"{table}.min_{quantity}: {low:g} is not below {table}.max_{quantity} = {high:g}: "
-                "lower it, or raise the other"
-            )
+            most = f"{table}.max_{quantity} = {high:g}"
+            yield f"{table}.min_{quantity}: {low:g} is not below {most}: lower it, or raise the other"
 
 
 def _check_numbers(mission: Mission, where: str) -> None:
@@ -174,3 +175,63 @@ def _make_absolute(table: Any, folder: Path) -> None:
         signing = place.get("signing") if isinstance(place, Mapping) else None
         if isinstance(signing, Mapping) and isinstance(name := signing.get("key_file"), str) and name:
             signing["key_file"] = str((folder / Path(name).expanduser()).absolute())  # type: ignore[index]
+
+
+# --- what is wrong with a file, in words ---
+
+
+def in_words(error: ValidationError, schema: type[BaseModel] = MissionFile) -> str:
+    """The problems of a file of this schema in words; unknown keys first, for a misspelt key is also a missing one."""
+    problems = sorted(error.errors(), key=lambda problem: problem["type"] != "extra_forbidden")
+    missing = [".".join(map(str, problem["loc"])) for problem in problems if problem["type"] == "missing"]
+    told = [_one_in_words(problem, schema) for problem in problems if problem["type"] != "missing"]
+    if missing:
+        told.append(f"{', '.join(missing)}: missing, add {'it' if len(missing) == 1 else 'them'}")
+    more = f"; and {len(told) - MOST_PROBLEMS} more" if len(told) > MOST_PROBLEMS else ""
+    return "; ".join(told[:MOST_PROBLEMS]) + more
+
+
+def _one_in_words(problem: ErrorDetails, schema: type[BaseModel]) -> str:
+    place = list(map(str, problem["loc"]))
+    key, kind, context, given = ".".join(place), problem["type"], problem.get("ctx", {}), problem.get("input")
+    if kind == "extra_forbidden":
+        known = list(_table(schema, place[:-1]).model_fields)
+        near = get_close_matches(place[-1], known, n=1)
+        return f"{key}: unknown key, " + (f"did you mean {near[0]}?" if near else f"known here: {', '.join(known)}")
+    if kind == "literal_error":
+        return f"{key}: {given!r} is not one of {context['expected']}"
+    if kind == "model_type":
+        return f"{key}: must be a table, not {given!r}"
+    if kind == "finite_number":
+        field = _table(schema, place[:-1]).model_fields.get(place[-1])
+        # a key that is needed has no default at all
+        remedy = ": leave it out for none" if field is not None and field.default is None else ""
+        return f"{key}: must be a finite number, not {given}{remedy}"
+    bound = next((f"{words} {context[name]:g}" for name, words in _BOUNDS.items() if name in context), None)
+    if bound is not None and isinstance(given, int | float):
+        return f"{key}: must be {bound}, not {given:g}"
+    said = problem["msg"][:1].lower() + problem["msg"][1:]
+    return f"{key}: {said.removeprefix('input ')}, not {given!r}{_number_meant(kind, given)}"
+
+
+def _number_meant(kind: str, given: Any) -> str:
+    """The remedy for a number that TOML does not know as one: .5, 1. or one in quotes."""
+    if kind not in ("float_type", "int_type") or not isinstance(given, str):
+        return ""
+    try:
+        return f": write {float(given)!r}"
+    except ValueError:
+        return ""
+
+
+def _table(schema: type[BaseModel], place: list[str]) -> type[BaseModel]:
+    """The table of the schema at a place; where part of it is none, the table around that part."""
+    model = schema
+    for part in place:
+        annotation = model.model_fields[part].annotation
+        kinds = [kind for kind in (annotation, *get_args(annotation)) if isinstance(kind, type)]
+        inner = next((kind for kind in kinds if issubclass(kind, BaseModel)), None)
+        if inner is None:
+            return model
+        model = inner
+    return model

@@ -52,9 +52,13 @@ class Mission:
 
     @property
     def orbit(self) -> Orbit:
-        """The first circle, in SI units and radians."""
-        direction, speed = Direction(self.file.orbit.direction), self.file.vehicle.speed_mps
-        return Orbit(self.radii[0], direction, speed, self._max_turn_rate())
+        """The first circle, in SI units and radians. Its turn rate is at most that given, or that of a coordinated turn
+        at the bank limit."""
+        vehicle = self.file.vehicle
+        banked = GRAVITY * tan(radians(vehicle.max_bank_deg)) / vehicle.speed_mps if vehicle.max_bank_deg else inf
+        given = radians(vehicle.max_turn_rate_deg_s) if vehicle.max_turn_rate_deg_s else inf
+        direction = Direction(self.file.orbit.direction)
+        return Orbit(self.radii[0], direction, vehicle.speed_mps, min(banked, given))
 
     @property
     def law(self) -> LawChoice:
@@ -164,7 +168,13 @@ class Mission:
             autopilot=self.vehicle_key[0],
             kind=self.vehicle_key[1],
             facts=self._facts(),
-            bounds=self._bounds(),
+            bounds=Bounds(
+                closest=file.bounds.min_range_m,
+                farthest=file.bounds.max_range_m,
+                lowest=file.bounds.min_altitude_m,
+                highest=file.bounds.max_altitude_m,
+                battery=file.bounds.min_battery_percent,
+            ),
             turn_gain=None if file.vehicle.turn_gain == "learn" else file.vehicle.turn_gain,
             turn_lag=file.vehicle.turn_lag_s,
             radius_trim=file.guidance.radius_trim_per_s,
@@ -224,13 +234,6 @@ class Mission:
             max_sigma=max(MOST_NOISE * min(self.radii), 3 * table.sigma_m),
         )
 
-    def _max_turn_rate(self) -> float:
-        """The largest turn rate to command, rad/s: given, or that of a coordinated turn at the bank limit."""
-        vehicle = self.file.vehicle
-        banked = GRAVITY * tan(radians(vehicle.max_bank_deg)) / vehicle.speed_mps if vehicle.max_bank_deg else inf
-        given = radians(vehicle.max_turn_rate_deg_s) if vehicle.max_turn_rate_deg_s else inf
-        return min(banked, given)
-
     def _facts(self) -> VehicleFacts:
         vehicle = self.file.vehicle
         loops = vehicle.loops
@@ -248,14 +251,4 @@ class Mission:
                 pitch_per_climb=radians(loops.pitch_deg_per_mps),
                 max_pitch=radians(loops.max_pitch_deg),
             ),
-        )
-
-    def _bounds(self) -> Bounds:
-        table = self.file.bounds
-        return Bounds(
-            closest=table.min_range_m,
-            farthest=table.max_range_m,
-            lowest=table.min_altitude_m,
-            highest=table.max_altitude_m,
-            battery=table.min_battery_percent,
         )

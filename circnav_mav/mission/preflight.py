@@ -1,4 +1,4 @@
-"""What preflight says of the vehicle and the ranging: observations in, lines out. Nothing here listens."""
+"""What preflight says of the vehicle and the ranging: a survey in, lines out. Nothing here listens."""
 
 from collections.abc import Iterator
 from math import degrees, isnan
@@ -8,12 +8,11 @@ from pymavlink.dialects.v20 import all as dialect
 from circnav_mav.mav.autopilots.parameters import Context, check_parameters
 from circnav_mav.mav.check_result import Check, Grade
 from circnav_mav.mav.clocks import span_speed
-from circnav_mav.mav.codec import LinkCounts
 from circnav_mav.mav.identity import RADIO_NAME
 from circnav_mav.mission.mission import Mission
 from circnav_mav.mission.preflight_ranging import FULL_RATE, SPEED_OFF, judge_ranging
 from circnav_mav.pilot import VEHICLE
-from circnav_mav.pilot.survey import Observations, VehicleSeen
+from circnav_mav.pilot.survey import Survey
 
 PASS, WARN, FAIL = Grade.PASS, Grade.WARN, Grade.FAIL
 LOW_RATE = 0.5
@@ -28,69 +27,65 @@ TROUBLE = ("prearm", "arm:", "failsafe", "failed", "error", "unhealthy", "denied
 """Words of a STATUSTEXT that are worth repeating."""
 
 
-def judge(mission: Mission, seen: Observations, clock_speed: float = 1.0) -> list[Check]:
-    """All lines. clock_speed: seconds of the run's clock per real second where the run follows the autopilot."""
-    vehicle = seen.vehicle
-    if vehicle is None:
-        return [Check(FAIL, "vehicle", f"none that the mission means; {_why_none(seen)}")]
-    lines = [
-        *_identity(mission, seen, vehicle),
-        *_streams(mission, vehicle),
-        *_motion(mission, vehicle),
-        *_battery(mission, vehicle),
-        *_clock(mission, vehicle, clock_speed),
-        *judge_ranging(mission, seen, vehicle),
-    ]
-    lines += check_parameters(vehicle.adapter.parameters, _context(mission, vehicle))
-    return lines + [Check(WARN, "says", f'"{text}"') for text in vehicle.texts if _troubled(text)]
-
-
-def _context(mission: Mission, vehicle: VehicleSeen) -> Context:
-    """What the rules for parameters may know."""
-    table, orbit = mission.file.vehicle, mission.orbit
-    return Context(
-        speed=orbit.speed,
-        max_turn_rate_deg=degrees(orbit.max_turn_rate),
-        max_bank_deg=table.max_bank_deg or 0.0,
-        stick_bank_deg=table.full_stick_bank_deg,
+def judge(mission: Mission, survey: Survey, clock_speed: float = 1.0) -> list[Check]:
+    """All lines for a survey that is done. clock_speed: seconds of the run's clock per real second where the run
+    follows the autopilot."""
+    if not survey.session.up:
+        misfits = "; ".join(survey.session.misfits.values())
+        why = misfits or f"no autopilot heartbeat, {survey.links[VEHICLE].describe()}"
+        return [Check(FAIL, "vehicle", f"none that the mission means; {why}")]
+    parts = (_identity, _mode, _protocol, _signing, _company, _streams, _motion, _battery)
+    lines = [line for part in parts for line in part(mission, survey)]
+    lines += [*_clock(mission, survey, clock_speed), *judge_ranging(mission, survey)]
+    context = Context(
+        speed=mission.orbit.speed,
+        max_turn_rate_deg=degrees(mission.orbit.max_turn_rate),
+        max_bank_deg=mission.file.vehicle.max_bank_deg or 0.0,
+        stick_bank_deg=mission.file.vehicle.full_stick_bank_deg,
         tick=1 / mission.file.limits.tick_hz,
-        system=vehicle.system,
-        values=vehicle.parameters,
+        system=survey.session.vehicle_ids[0],
+        values=survey.parameters,
     )
-
-
-def _why_none(seen: Observations) -> str:
-    return "; ".join(seen.misfits) if seen.misfits else f"no autopilot heartbeat, {seen.links[VEHICLE].describe()}"
-
-
-def _troubled(text: str) -> bool:
-    return any(word in text.lower() for word in TROUBLE)
+    lines += check_parameters(survey.session.adapter.parameters, context)
+    told = [text for text in survey.texts if any(word in text.lower() for word in TROUBLE)]
+    return lines + [Check(WARN, "says", f'"{text}"') for text in told]
 
 
 # --- who it is --------------------------------------------------------------------------------------------------------
 
 
-def _identity(mission: Mission, seen: Observations, vehicle: VehicleSeen) -> Iterator[Check]:
-    adapter = vehicle.adapter
-    who = f"system {vehicle.system}, component {vehicle.component}: {vehicle.kind}, flown as {adapter.name}"
-    yield Check(PASS, "vehicle", who)
-    if vehicle.firmware is None:
+def _identity(mission: Mission, survey: Survey) -> Iterator[Check]:
+    adapter, firmware = survey.session.adapter, survey.session.vehicle.firmware
+    system, component = survey.session.vehicle_ids
+    yield Check(PASS, "vehicle", f"system {system}, component {component}: {survey.kind}, flown as {adapter.name}")
+    if firmware is None:
         yield Check(WARN, "firmware", "no answer to a request for AUTOPILOT_VERSION")
     else:
         flown = f"the messages we send were flown on {adapter.firmware.flown}"
-        yield Check(PASS, "firmware", f"{vehicle.firmware} ({flown})")
-    yield _mode(mission, vehicle)
-    heard = seen.links[VEHICLE]
+        yield Check(PASS, "firmware", f"{firmware} ({flown})")
+
+
+def _mode(mission: Mission, survey: Survey) -> Iterator[Check]:
+    adapter, vehicle = survey.session.adapter, survey.session.vehicle
+    now = f"now {vehicle.mode_name} ({vehicle.mode}), {'armed' if vehicle.armed else 'disarmed'}"
+    if vehicle.armed and vehicle.mode == adapter.guided_mode:
+        yield Check(WARN, "mode", f"{now}: a flight would take the vehicle at once")
+    else:
+        who = "the flight asks for it" if mission.file.engage.request_mode else "the operator enters it"
+        yield Check(PASS, "mode", f"flown in {adapter.guided_name} ({adapter.guided_mode}), {who}; {now}")
+
+
+def _protocol(mission: Mission, survey: Survey) -> Iterator[Check]:
+    heard = survey.links[VEHICLE]
     if heard.version_1:
         yield Check(WARN, "MAVLink", f"{heard.version_1} of {heard.frames} frames are of version 1")
     else:
         yield Check(PASS, "MAVLink", "version 2 only")
-    yield from _signing(mission, heard)
-    yield from _company(mission, seen)
 
 
-def _signing(mission: Mission, heard: LinkCounts) -> Iterator[Check]:
+def _signing(mission: Mission, survey: Survey) -> Iterator[Check]:
     """Whether the frames heard are signed as the mission wants them; nothing where nobody signs."""
+    heard = survey.links[VEHICLE]
     if mission.file.signing is None:
         if heard.signed:
             words = f"{heard.signed} of {heard.frames} frames are signed and we have no key"
@@ -105,40 +100,31 @@ def _signing(mission: Mission, heard: LinkCounts) -> Iterator[Check]:
         yield Check(PASS, "signing", f"{heard.signed} of {heard.frames} frames signed, all with our key")
 
 
-def _mode(mission: Mission, vehicle: VehicleSeen) -> Check:
-    adapter = vehicle.adapter
-    ours = f"{adapter.guided_name} ({adapter.guided_mode})"
-    now = f"now {vehicle.mode_name} ({vehicle.mode}), {'armed' if vehicle.armed else 'disarmed'}"
-    if vehicle.armed and vehicle.mode == adapter.guided_mode:
-        return Check(WARN, "mode", f"{now}: a flight would take the vehicle at once")
-    who = "the flight asks for it" if mission.file.engage.request_mode else "the operator enters it"
-    return Check(PASS, "mode", f"flown in {ours}, {who}; {now}")
-
-
-def _company(mission: Mission, seen: Observations) -> Iterator[Check]:
-    ours = mission.file.link.component_id
-    if twins := seen.others.get("twin"):
+def _company(mission: Mission, survey: Survey) -> Iterator[Check]:
+    session, ours = survey.session, mission.file.link.component_id
+    rivals = session.identity.rivals.recent(survey.end)
+    if twins := session.ignored["twin"]:
         words = f"{twins} frames of another companion with our component id {ours}: change one of them"
         yield Check(FAIL, "others", words)
-    if strangers := seen.others.get("other_vehicle"):
-        also = f": {'; '.join(seen.misfits)}" if seen.misfits else ""
+    if strangers := session.ignored["other_vehicle"]:
+        also = f": {'; '.join(session.misfits.values())}" if session.misfits else ""
         advice = "" if mission.file.vehicle.system_id else "; name yours with vehicle.system_id"
         yield Check(WARN, "others", f"{strangers} heartbeats of another autopilot on the link{also}{advice}")
-    for rival in seen.rivals:
+    for rival in rivals:
         of_driver = mission.ranging_driver is not None and rival.startswith(RADIO_NAME)
         advice = "ranging.beacon_id" if of_driver else "link.peer, or sign"
         yield Check(FAIL, "others", f"{rival}; name yours with {advice}")
-    if not twins and not strangers and not seen.rivals:
+    if not twins and not strangers and not rivals:
         yield Check(PASS, "others", "no other autopilot and no twin of ours on the link")
 
 
 # --- what it sends ----------------------------------------------------------------------------------------------------
 
 
-def _streams(mission: Mission, vehicle: VehicleSeen) -> Iterator[Check]:
-    if vehicle.heartbeat_age > SILENT:
-        yield Check(FAIL, "heartbeat", f"the vehicle fell silent {vehicle.heartbeat_age:.1f} s before the end")
-    for message_id, (wanted, measured) in vehicle.streams.items():
+def _streams(mission: Mission, survey: Survey) -> Iterator[Check]:
+    if (silence := survey.session.heartbeat_age(survey.end)) > SILENT:
+        yield Check(FAIL, "heartbeat", f"the vehicle fell silent {silence:.1f} s before the end")
+    for message_id, (wanted, measured) in survey.streams.items():
         name = dialect.mavlink_map[message_id].msgname
         words = f"{name} {measured:.1f} Hz, {wanted:g} Hz asked for"
         if measured >= FULL_RATE * wanted:
@@ -146,13 +132,13 @@ def _streams(mission: Mission, vehicle: VehicleSeen) -> Iterator[Check]:
         elif measured >= LOW_RATE * wanted:
             yield Check(WARN, "stream", words)
         else:
-            grade, without = _without(mission, vehicle, name)
+            grade, without = _without(mission, survey, name)
             yield Check(grade, "stream", f"{words}: {without}")
 
 
-def _without(mission: Mission, vehicle: VehicleSeen, name: str) -> tuple[Grade, str]:
+def _without(mission: Mission, survey: Survey, name: str) -> tuple[Grade, str]:
     """How bad it is when a stream is missing or thin, and why."""
-    if name == "VFR_HUD" and (needs := _needs(mission, vehicle)):
+    if name == "VFR_HUD" and (needs := _needs(mission, survey)):
         return FAIL, f"{' and '.join(sorted(needs))} come with it"
     if name == "ATTITUDE" and mission.file.vehicle.turn_gain == "learn":
         return FAIL, "the turn-rate gain is learnt from it"
@@ -172,56 +158,53 @@ _TELLS = {
 }
 
 
-def _motion(mission: Mission, vehicle: VehicleSeen) -> Iterator[Check]:
-    needs = _needs(mission, vehicle)
+def _motion(mission: Mission, survey: Survey) -> Iterator[Check]:
+    session, needs = survey.session, _needs(mission, survey)
+    motion = session.motion.at(survey.end)
     for name, unit, subject in (("airspeed", "m/s", "airspeed"), ("altitude", "m above sea level", "height")):
-        value = getattr(vehicle.motion, name)
+        value = getattr(motion, name)
         if value is not None:
             yield Check(PASS, subject, f"{value:.1f} {unit}" + ("" if name in needs else ", not needed"))
         elif name not in needs:
             yield Check(PASS, subject, "not known, not needed")
-        elif name == "airspeed" and vehicle.airspeed_told == 0 and not vehicle.armed:
+        elif name == "airspeed" and survey.airspeed == 0 and not session.vehicle.armed:
             yield Check(WARN, subject, "0 m/s: none before take-off; a flight engages only when there is one")
         else:
-            whose = f"a {vehicle.adapter.name}" if name in vehicle.adapter.needs else "the mission"
-            yield Check(FAIL, subject, f"not known{_why_unknown(name, vehicle)}; {whose} needs it")
+            whose = f"a {session.adapter.name}" if name in session.adapter.needs else "the mission"
+            why = ": no VFR_HUD" if survey.airspeed is None else ""
+            if name == "airspeed" and survey.airspeed is not None and isnan(survey.airspeed):
+                why = ": VFR_HUD carries none (NaN), is there an airspeed sensor?"
+            yield Check(FAIL, subject, f"not known{why}; {whose} needs it")
 
 
-def _needs(mission: Mission, vehicle: VehicleSeen) -> frozenset[str]:
-    return vehicle.adapter.needs | ({"altitude"} if mission.height.needs_altitude else frozenset())
+def _needs(mission: Mission, survey: Survey) -> frozenset[str]:
+    return survey.session.adapter.needs | ({"altitude"} if mission.height.needs_altitude else frozenset())
 
 
-def _why_unknown(name: str, vehicle: VehicleSeen) -> str:
-    if vehicle.airspeed_told is None:
-        return ": no VFR_HUD"
-    if name == "airspeed" and isnan(vehicle.airspeed_told):
-        return ": VFR_HUD carries none (NaN), is there an airspeed sensor?"
-    return ""
-
-
-def _battery(mission: Mission, vehicle: VehicleSeen) -> Iterator[Check]:
-    least = mission.file.bounds.min_battery_percent
+def _battery(mission: Mission, survey: Survey) -> Iterator[Check]:
+    least, battery = mission.file.bounds.min_battery_percent, survey.session.vehicle.battery
     if least is None:
         return
-    if vehicle.battery is None:
+    if battery is None:
         yield Check(FAIL, "battery", f"not reported, the mission ends at {least:g} %")
     else:
-        grade = PASS if vehicle.battery > least else FAIL
-        yield Check(grade, "battery", f"{vehicle.battery:.0f} %, the mission ends at {least:g} %")
+        grade = PASS if battery > least else FAIL
+        yield Check(grade, "battery", f"{battery:.0f} %, the mission ends at {least:g} %")
 
 
 # --- time -------------------------------------------------------------------------------------------------------------
 
 
-def _clock(mission: Mission, vehicle: VehicleSeen, clock_speed: float) -> Iterator[Check]:
-    if vehicle.reboots:
-        yield Check(FAIL, "clock", f"the autopilot rebooted {vehicle.reboots} times while we listened")
+def _clock(mission: Mission, survey: Survey, clock_speed: float) -> Iterator[Check]:
+    reboots, boot, trip = survey.session.vehicle.reboots, survey.boot, survey.session.timesync.typical
+    if reboots:
+        yield Check(FAIL, "clock", f"the autopilot rebooted {reboots} times while we listened")
     follows = mission.file.link.clock == "autopilot"
-    if vehicle.boot is None or vehicle.boot[1][0] - vehicle.boot[0][0] < LEAST_SPAN:
+    if boot is None or boot[1][0] - boot[0][0] < LEAST_SPAN:
         words = "no boot time of the autopilot (SYSTEM_TIME, ATTITUDE): its reboot would not be seen"
         yield Check(FAIL if follows else WARN, "clock", words)
     else:
-        speed = span_speed(vehicle.boot) * clock_speed
+        speed = span_speed(boot) * clock_speed
         words = f"the autopilot's runs at {speed:.2f} of ours"
         if speed < SPEED_OFF:
             yield Check(FAIL, "clock", f"{words}: it stands still")
@@ -231,8 +214,8 @@ def _clock(mission: Mission, vehicle: VehicleSeen, clock_speed: float) -> Iterat
             yield Check(FAIL, "clock", f'{words}: set link.clock = "autopilot" to fly a simulator at this speed')
         else:
             yield Check(PASS, "clock", words)
-    if vehicle.round_trip is not None:
-        trip, most = vehicle.round_trip, mission.file.limits.round_trip_s
+    if trip is not None:
+        most = mission.file.limits.round_trip_s
         grade = PASS if trip < SLOW_ROUND_TRIP else WARN if trip <= most else FAIL
         words = f"{1000 * trip:.0f} ms to the autopilot and back (TIMESYNC), limits.round_trip_s {1000 * most:.0f} ms"
         yield Check(grade, "round trip", words)

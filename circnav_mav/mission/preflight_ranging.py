@@ -11,7 +11,7 @@ from circnav_mav.mav.ranging.interface import OTHERS, describe_rejected
 from circnav_mav.mission.checks_ranging import height_cost
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import RANGING, VEHICLE
-from circnav_mav.pilot.survey import Observations, RangeHeard, VehicleSeen
+from circnav_mav.pilot.survey import RangeHeard, Survey
 
 PASS, WARN, FAIL = Grade.PASS, Grade.WARN, Grade.FAIL
 FULL_RATE = 0.8
@@ -31,61 +31,62 @@ FAR, BULK = 5.0, 3.5
 LATE = 0.1
 
 
-def judge_ranging(mission: Mission, seen: Observations, vehicle: VehicleSeen) -> Iterator[Check]:
+def judge_ranging(mission: Mission, survey: Survey) -> Iterator[Check]:
     """Lines about the ranges: whether they come, how often, how late and how noisy, and whether their stamps hold."""
-    yield from _height(mission, vehicle)
-    yield _heard(mission, seen)
-    yield _rejected(mission, seen, vehicle)
-    ranges = seen.ranges
+    ranges, height = survey.ranges, survey.height.at(survey.end)
+    yield from _height(mission, survey, height)
+    yield _heard(mission, survey)
+    yield _rejected(mission, survey)
     if len(ranges) >= 10:
         yield from _noise(mission, ranges)
     if mission.file.ranging.rate_name is not None:
-        yield from _rates(mission, seen)
+        yield from _rates(mission, survey)
     if ranges:
-        yield _age(mission, seen)
-        yield from _stamps(mission, ranges, vehicle)
-        yield _distance(ranges, vehicle.height or 0.0)
+        yield _age(mission, survey)
+        yield from _stamps(mission, survey)
+        yield _distance(ranges, height or 0.0)
 
 
-def _heard(mission: Mission, seen: Observations) -> Check:
+def _heard(mission: Mission, survey: Survey) -> Check:
     message = mission.file.ranging.message.upper()
-    if not seen.ranges:
-        if seen.carriers:
-            heard = "; ".join(f"{count} of {sender}" for sender, count in sorted(seen.carriers.items()))
+    if not survey.ranges:
+        if survey.carriers:
+            heard = "; ".join(f"{count} of {sender}" for sender, count in sorted(survey.carriers.items()))
             return Check(FAIL, "ranging", f"no usable {message}. Heard: {heard}. Compare with the mission's [ranging]")
-        link = seen.links[RANGING if mission.file.ranging.endpoint else VEHICLE]
+        link = survey.links[RANGING if mission.file.ranging.endpoint else VEHICLE]
         return Check(FAIL, "ranging", f"no {message}; {link.describe()}")
     wanted, stale = mission.file.ranging.rate_hz, mission.file.limits.stale_s
-    rate = len(seen.ranges) / seen.seconds
+    rate = len(survey.ranges) / survey.seconds
     grade = FAIL if rate < 1 / stale else PASS if rate >= FULL_RATE * wanted else WARN
-    words = f"{len(seen.ranges)} ranges in {seen.seconds:.1f} s, {rate:.1f} Hz, the mission says {wanted:g} Hz"
-    return Check(grade, "ranging", f"{words}; newest {seen.ranges[-1].r:.2f} m")
+    words = f"{len(survey.ranges)} ranges in {survey.seconds:.1f} s, {rate:.1f} Hz, the mission says {wanted:g} Hz"
+    return Check(grade, "ranging", f"{words}; newest {survey.ranges[-1].r:.2f} m")
 
 
-def _rejected(mission: Mission, seen: Observations, vehicle: VehicleSeen) -> Check:
+def _rejected(mission: Mission, survey: Survey) -> Check:
     """Messages of others do no harm where the mission names ours, or one is the autopilot's echo of the
     other."""
-    table = mission.file.ranging
+    table, rejected = mission.file.ranging, survey.ranging.rejected
     names = (table.component_id, table.system_id, table.beacon_id if mission.ranging_driver else None)
-    counts = {reason: count for reason, count in seen.rejected.items() if reason not in OTHERS}
-    words = describe_rejected(dict(sorted(seen.rejected.items())))
-    share = sum(counts.values()) / max(sum(counts.values()) + len(seen.ranges), 1)
-    autopilot = f"{vehicle.system}/{vehicle.component}"
-    senders = {carrier.split()[0] for carrier in seen.carriers}
-    echoed = vehicle.adapter.firmware.echoes_ranges and autopilot in senders and len(senders) == 2
-    if "wrong_source" in seen.rejected and names == (None,) * 3 and not (echoed and seen.ranges):
+    counts = {reason: count for reason, count in rejected.items() if reason not in OTHERS}
+    words = describe_rejected(dict(sorted(rejected.items())))
+    share = sum(counts.values()) / max(sum(counts.values()) + len(survey.ranges), 1)
+    system, component = survey.session.vehicle_ids
+    senders = {carrier.split()[0] for carrier in survey.carriers}
+    echoes = survey.session.adapter.firmware.echoes_ranges
+    echoed = echoes and f"{system}/{component}" in senders and len(senders) == 2
+    if "wrong_source" in rejected and names == (None,) * 3 and not (echoed and survey.ranges):
         if mission.ranging_driver:
             return Check(WARN, "rejected", f"{words}: several beacons, name yours with ranging.beacon_id")
         return Check(WARN, "rejected", f"{words}: several senders, name yours with ranging.component_id")
     return Check(WARN if share > MOST_REJECTED else PASS, "rejected", words)
 
 
-def _rates(mission: Mission, seen: Observations) -> Iterator[Check]:
+def _rates(mission: Mission, survey: Survey) -> Iterator[Check]:
     """The measured range rate: whether it comes, scatters as the mission says, and goes with the ranges."""
-    table, values = mission.file.ranging, seen.rates
+    table, values = mission.file.ranging, survey.rates
     name, wanted, assumed = table.rate_name, table.rate_hz, table.rate_sigma_mps
-    if seen.rate_trouble:
-        yield Check(FAIL, "range rate", f"{name}: {seen.rate_trouble}")
+    if trouble := survey.rate_reader.trouble:
+        yield Check(FAIL, "range rate", f"{name}: {trouble}")
         return
     if len(values) < 10:
         yield Check(FAIL, "range rate", f"{len(values)} NAMED_VALUE_FLOAT {name} of the ranges' sender and clock")
@@ -94,7 +95,7 @@ def _rates(mission: Mission, seen: Observations) -> Iterator[Check]:
         words = f"all {len(values)} {name} are {values[0]:+.2f} m/s: frozen, or too coarse to show its noise"
         yield Check(WARN, "range rate", f"{words}; move it and look again")
         return
-    rate = len(values) / seen.seconds
+    rate = len(values) / survey.seconds
     noise = spread_of([(b - (a + c) / 2) / sqrt(1.5) for (a, b), (_, c) in pairwise(pairwise(values))])
     enough, quiet = rate >= FULL_RATE * wanted, noise <= NOISE_NEAR * assumed * (1 + 1 / sqrt(len(values)))
     spread = f"{noise:.2f} m/s standard deviation, {assumed:.2f} m/s assumed"
@@ -149,9 +150,9 @@ def residuals_of(ranges: Sequence[RangeHeard]) -> list[float]:
     return out or [0.0]
 
 
-def _age(mission: Mission, seen: Observations) -> Check:
-    age = seen.end - seen.ranges[-1].time
-    delays = sorted(one.arrival - one.time for one in seen.ranges)
+def _age(mission: Mission, survey: Survey) -> Check:
+    age = survey.end - survey.ranges[-1].time
+    delays = sorted(one.arrival - one.time for one in survey.ranges)
     late = delays[int(0.95 * (len(delays) - 1))]
     stale = mission.file.limits.stale_s
     grade = FAIL if age > stale else WARN if late > LATE else PASS
@@ -159,8 +160,9 @@ def _age(mission: Mission, seen: Observations) -> Check:
     return Check(grade, "age", f"newest {age:.2f} s old (stale from {stale:g} s); {words}")
 
 
-def _stamps(mission: Mission, ranges: Sequence[RangeHeard], vehicle: VehicleSeen) -> Iterator[Check]:
+def _stamps(mission: Mission, survey: Survey) -> Iterator[Check]:
     """Whether the messages' own times are of use; nothing where the autopilot's clock says why they are not."""
+    ranges, boot = survey.ranges, survey.boot
     if mission.file.ranging.stamp == "arrival":
         yield Check(PASS, "stamps", "arrival times, as the mission says")
         return
@@ -176,16 +178,16 @@ def _stamps(mission: Mission, ranges: Sequence[RangeHeard], vehicle: VehicleSeen
     words = f"the sensor's clock runs at {speed:.3f} of ours"
     if abs(speed - 1) <= SPEED_OFF:
         yield Check(PASS, "stamps", words)
-    elif vehicle.boot is None or abs(speed / (span_speed(vehicle.boot) or 1.0) - 1) > SPEED_OFF:
+    elif boot is None or abs(speed / (span_speed(boot) or 1.0) - 1) > SPEED_OFF:
         yield Check(FAIL, "stamps", f'{words}: its stamps are of no use, set ranging.stamp = "arrival"')
 
 
-def _height(mission: Mission, vehicle: VehicleSeen) -> Iterator[Check]:
+def _height(mission: Mission, survey: Survey, height: float | None) -> Iterator[Check]:
     """The height that comes from the vehicle's altitude; one that the mission tells is judged by `check`."""
-    if vehicle.height_unknown:
-        yield Check(FAIL, "height cost", vehicle.height_unknown)
-    elif mission.height.needs_altitude and vehicle.height is not None:
-        yield height_cost(mission, vehicle.height)
+    if unknown := survey.height.why_unknown(survey.end):
+        yield Check(FAIL, "height cost", unknown)
+    elif mission.height.needs_altitude and height is not None:
+        yield height_cost(mission, height)
 
 
 def _distance(ranges: Sequence[RangeHeard], height: float) -> Check:

@@ -1,10 +1,8 @@
 """Whose the vehicle is, and what we may send to it. The operator always wins.
 
-Two small tables beside the mission's phases: who holds the vehicle (`Holder`), and how well we know it now (`View`).
-`Authority.allowed` makes one answer of them: nothing, the safe setpoint, or setpoints that steer.
+Who holds the vehicle (`Holder`) and whether that is known for certain now make one answer: `Authority.allowed`.
 """
 
-from dataclasses import dataclass
 from enum import Enum
 
 from circnav_mav.mav.session import Session
@@ -13,17 +11,17 @@ from circnav_mav.pilot.mode_request import ModeRequest
 from circnav_mav.pilot.settings import OutputMode, PilotSettings
 
 GIVEN_AFTER = 1.5
-"""Time, s, for which the vehicle must have told nothing but the guided mode, from one word to a later one, before it is
-given back: a switch may pass through that mode, and what was said before it was left may come late by another way,
-between newer words."""
+"""Time, s, for which the vehicle must have reported nothing but the guided mode, from one report to a later one, before
+it is given back: a switch may pass through that mode, and what was reported before it was left may come late by another
+way, between newer reports."""
 LANDED_PATIENCE = 1.5
-"""Time, s, that a vehicle is given to tell whether it flies before the first engagement."""
+"""Time, s, that a vehicle is given to report whether it flies before the first engagement."""
 STALL = 0.5
 """Gap between two steps, s, after which everything that came in during it counts as stale."""
 CATCH_UP = 0.2
 """Time after it, s, in which what comes in may still be from before: it takes a few turns to read it all."""
 SILENT = 1.5
-"""Age of the vehicle's last word about its mode, s, above which it may be in other hands."""
+"""Age of the vehicle's newest report of its mode, s, above which it may be in other hands."""
 
 
 class Holder(Enum):
@@ -31,39 +29,7 @@ class Holder(Enum):
 
     US = "we: the guided mode means that we may steer"
     OPERATOR_IN_MODE = "the operator, and the guided mode was not left since (disarmed, rebooted)"
-    OPERATOR = "the operator, and the guided mode was left since"
-    RETURNING = "the operator, and the guided mode was entered again, not long ago"
-
-
-class Sight(Enum):
-    """What a look at the vehicle shows."""
-
-    IN_MODE = "armed in the guided mode since the last look"
-    LEFT = "in another mode, or was since the last look"
-    GONE = "disarmed or silent, or was since the last look"
-    BACK = "in the guided mode for long enough"
-    TAKEN_BY_MODE = "the guided mode was left while the vehicle was ours"
-    TAKEN_IN_MODE = "disarmed or rebooted while the vehicle was ours"
-
-
-HOLDERS: dict[tuple[Holder, Sight], Holder] = {
-    (Holder.OPERATOR_IN_MODE, Sight.LEFT): Holder.OPERATOR,
-    (Holder.OPERATOR, Sight.IN_MODE): Holder.RETURNING,
-    (Holder.RETURNING, Sight.LEFT): Holder.OPERATOR,
-    (Holder.RETURNING, Sight.GONE): Holder.OPERATOR,
-    (Holder.RETURNING, Sight.BACK): Holder.US,
-    **{(holder, Sight.TAKEN_BY_MODE): Holder.OPERATOR for holder in Holder},
-    **{(holder, Sight.TAKEN_IN_MODE): Holder.OPERATOR_IN_MODE for holder in Holder},
-}
-"""A pair that is not listed changes nothing."""
-
-
-class View(Enum):
-    """How well we know the vehicle since we last stood still."""
-
-    CURRENT = "its newest heartbeat tells who has it"
-    BACKLOG = "what comes in may have waited while we stood still"
-    UNCONFIRMED = "no heartbeat has told its mode since"
+    OPERATOR = "the operator, and the guided mode was left since: entering it again gives the vehicle back"
 
 
 class Allowed(Enum):
@@ -72,14 +38,6 @@ class Allowed(Enum):
     NOTHING = "nothing"
     SAFE = "the safe setpoint"
     STEER = "one that steers"
-
-
-@dataclass(frozen=True, slots=True)
-class Takeover:
-    """The vehicle was taken from us. what: for the air, as STATUSTEXT. reason: for the record."""
-
-    what: str
-    reason: str
 
 
 class Authority:
@@ -91,12 +49,15 @@ class Authority:
         self._mission = mission
         self._flies = settings.output_mode is OutputMode.FLY
         self.holder = Holder.US
+        self.rebooted = False
+        """Whether the autopilot has rebooted before the last look at it."""
         self._departures = self._reboots = 0
-        self._back_since = 0.0
-        """When the vehicle told the guided mode again, s."""
-        self.view = View.CURRENT
+        self._back_since: float | None = None
+        """Since when the vehicle reports the guided mode that the operator had left, s."""
         self._stepped: float | None = None
-        self._caught_up = float("-inf")
+        self._backlog_until = float("-inf")
+        self._confirmed = True
+        """Whether the vehicle has reported its mode since we last stood still."""
         self._heartbeats = 0
         self._request = ModeRequest()
         self._left_before: int | None = None
@@ -118,7 +79,7 @@ class Authority:
     def certain(self) -> bool:
         """Whether the vehicle is known to be the one of before, and in whose hands it is; who sends no setpoints need
         not know."""
-        return not self._flies or (self.view is View.CURRENT and not self._session.vehicle.unproven)
+        return not self._flies or (self._confirmed and not self._session.vehicle.unproven)
 
     @property
     def in_our_hands(self) -> bool:
@@ -134,19 +95,55 @@ class Authority:
         """Whether that shell may ask for the exit action, too: a mode is obeyed whoever has the vehicle."""
         return self.certain and not self.may_be_backlog(now) and self._session.heartbeat_age(now) < SILENT
 
+    # --- what it waits for ------------------------------------------------------------------------------------------
+
     def may_engage(self, now: float) -> bool:
         """Whether the vehicle may be steered from now on; a pilot that sends no setpoints needs nobody's leave. Once
         engaged, a slow link or a landing stops nothing."""
-        return not self._flies or (self.in_our_hands and self._can_be_steered(now) and self.link_quick(now))
+        return not self._flies or not self.obstacle(now)
 
-    def _can_be_steered(self, now: float) -> bool:
-        """Whether the vehicle flies, reports what it must, and is sure to be the one."""
-        return not (self.may_be_on_ground(now) or self._session.missing(now) or self.disputed(now))
+    def obstacle(self, now: float) -> str:
+        """What an engagement waits for, for people; empty for nothing."""
+        vehicle, guided = self._session.vehicle, self._session.adapter.guided_name
+        if self.holder is not Holder.US:
+            enter = f"leave {guided} and enter it" if self.holder is Holder.OPERATOR_IN_MODE else f"enter {guided}"
+            return f"the operator has the vehicle: {enter} again to hand it back"
+        if hindrance := self._hindrance(now):
+            return hindrance
+        if vehicle.in_our_mode:
+            return ""
+        enter = "requested" if self._asks_for_mode else "the operator must enter it"
+        return f"mode {guided}: {enter}" if vehicle.armed else "the vehicle is not armed"
 
-    def disputed(self, now: float) -> str:
-        """Why it is not sure who the vehicle, or its radio, is; asked before the first engagement only."""
+    def _hindrance(self, now: float, *, over_slow_link: bool = False) -> str:
+        """Why the vehicle cannot be steered, whoever has it and whatever its mode."""
         rivals = [] if self._mission.begun else self._session.identity.rivals.recent(now)
-        return f"{rivals[0]}: name yours with link.peer, or sign" if rivals else ""
+        disputed = f"{rivals[0]}: name yours with link.peer, or sign" if rivals else ""
+        slow = "" if over_slow_link else self._slow_link(now)
+        return disputed or slow or unreported(self._session, now) or self._not_flying(now)
+
+    def _slow_link(self, now: float) -> str:
+        """Question and answer must be within the mission's bound before the first engagement."""
+        trip, most = self._session.timesync, self._settings.timing.round_trip
+        if self._mission.begun or (trip.settled(now) and (trip.typical or 0.0) <= most):
+            return ""
+        if trip.typical is None:
+            return "measuring the round trip to the vehicle (TIMESYNC)"
+        return f"link too slow: round trip {trip.typical:.2f} s (limits.round_trip_s = {most:g} s)"
+
+    def _not_flying(self, now: float) -> str:
+        """An aircraft is not steered before it flies, for the first time or again; one that does not say whether it
+        does is given a moment to, unless it was ours until the link was lost."""
+        session, vehicle = self._session, self._session.vehicle
+        if not session.adapter.flies:
+            return ""
+        if vehicle.on_ground:
+            return "the vehicle is on the ground"
+        if not vehicle.armed:
+            return "the vehicle is not armed"
+        goes_on = self._mission.begun and self._mission.phase is Phase.READY
+        silent = vehicle.on_ground is None and not goes_on and now - session.identity.since < LANDED_PATIENCE
+        return "the vehicle has not reported that it flies" if silent else ""
 
     def _streams_first(self, now: float) -> bool:
         """Whether setpoints go out before the engagement: PX4 enters our mode only while they flow, and does not fly
@@ -154,35 +151,16 @@ class Authority:
         session = self._session
         if self._mission.phase is not Phase.READY or not session.adapter.wants_setpoints_in(session.vehicle.mode):
             return False
-        ours = self.holder is Holder.US and self._can_be_steered(now)
-        return ours and (self.link_quick(now) or session.vehicle.in_our_mode)
-
-    def may_be_on_ground(self, now: float) -> bool:
-        """An aircraft is not steered before it flies, for the first time or again; one that does not say whether it
-        does is given a moment to, unless it was ours until the link was lost. A disarmed one does not fly."""
-        session = self._session
-        if not session.adapter.flies:
-            return False
-        if not session.vehicle.armed:
-            return True
-        if session.vehicle.on_ground is None:
-            goes_on = self._mission.begun and self._mission.phase is Phase.READY
-            return not goes_on and now - session.identity.since < LANDED_PATIENCE
-        return session.vehicle.on_ground
-
-    def link_quick(self, now: float) -> bool:
-        """Whether question and answer are within the mission's bound; asked before the first engagement only."""
-        trip = self._session.timesync
-        if self._mission.begun:
-            return True
-        return trip.settled(now) and (trip.typical or 0.0) <= self._settings.timing.round_trip
+        return self.holder is Holder.US and not self._hindrance(now, over_slow_link=session.vehicle.in_our_mode)
 
     # --- asking for the guided mode ---------------------------------------------------------------------------------
 
     def ask_for_mode(self, now: float) -> str | None:
-        """Ask for the guided mode where that may be; answers with the reason why it is of no use."""
-        session, adapter = self._session, self._session.adapter
-        if not self._may_ask(now):
+        """Ask for the guided mode in the air with all else ready, and never again once the flight has begun; answers
+        with the reason why it is of no use."""
+        session, adapter, mission = self._session, self._session.adapter, self._mission
+        asks = self._asks_for_mode and self._flies and not mission.begun and mission.phase is Phase.READY
+        if not asks or self._hindrance(now):
             session.drop_mode_requests()
             return None
         self._left_before = session.vehicle.departures if self._left_before is None else self._left_before
@@ -190,63 +168,77 @@ class Authority:
         return None if failure is None else f"mode {adapter.guided_name} {failure}"
 
     @property
-    def asks_for_mode(self) -> bool:
+    def _asks_for_mode(self) -> bool:
         """Whether the mode is ours to ask for. Once the operator has left the one that was asked for, it is his."""
         left_again = self._left_before is not None and self._session.vehicle.departures > self._left_before
         return self._settings.request_mode and not left_again
 
-    def _may_ask(self, now: float) -> bool:
-        """Only in the air, with everything but the mode ready, and never again once the flight has begun."""
-        if not self.asks_for_mode or not self._flies or self._mission.begun or self._mission.phase is not Phase.READY:
-            return False
-        return self._can_be_steered(now) and self.link_quick(now)
-
     # --- who holds the vehicle --------------------------------------------------------------------------------------
 
-    def watch_takeover(self) -> Takeover | None:
-        """What took the vehicle from us, if it was ours until now."""
-        session, told = self._session, self._session.vehicle
+    def watch_takeover(self) -> tuple[str, str] | None:
+        """What took the vehicle from us, if it was ours until now: as STATUSTEXT, and for the record."""
+        session, vehicle = self._session, self._session.vehicle
         # a vehicle that we held is ours also where it was lost, or was given back and cannot be steered yet
         ours = self.holder is Holder.US or self._mission.phase not in (Phase.WAIT_LINK, Phase.YIELDED)
-        departed, self._departures = told.departures > self._departures, told.departures
-        rebooted, self._reboots = told.reboots > self._reboots, told.reboots
-        outside = session.up and told.mode is not None and told.mode != session.adapter.guided_mode
-        left_for = told.mode_name if outside else told.left_for if departed else None
-        in_mode = told.in_our_mode and not departed
-        self._saw(Sight.LEFT if left_for is not None else Sight.IN_MODE if in_mode else Sight.GONE)
-        if self.holder is Holder.RETURNING and told.heard_at - self._back_since >= GIVEN_AFTER:
-            self._saw(Sight.BACK)
-        if not (ours and self._mission.begun and self._flies and session.up) or (in_mode and not rebooted):
+        departed, self._departures = vehicle.departures > self._departures, vehicle.departures
+        self.rebooted, self._reboots = vehicle.reboots > self._reboots, vehicle.reboots
+        outside = session.up and vehicle.mode is not None and vehicle.mode != session.adapter.guided_mode
+        left_for = vehicle.mode_name if outside else vehicle.left_for if departed else None
+        in_mode = vehicle.in_our_mode and not departed
+        self._watch_return(left=left_for is not None, in_mode=in_mode)
+        if not (ours and self._mission.begun and self._flies and session.up) or (in_mode and not self.rebooted):
             return None
-        self._saw(Sight.TAKEN_BY_MODE if left_for is not None else Sight.TAKEN_IN_MODE)
-        if rebooted or left_for is None:
-            what = "autopilot rebooted" if rebooted else "vehicle disarmed"
-            return Takeover(what, what)
+        self.holder = Holder.OPERATOR_IN_MODE if left_for is None else Holder.OPERATOR
+        if self.rebooted or left_for is None:
+            what = "autopilot rebooted" if self.rebooted else "vehicle disarmed"
+            return what, what
         what = f"{session.adapter.guided_name} left for {left_for}"
-        return Takeover(what, f"{what}: operator or failsafe")
+        return what, f"{what}: operator or failsafe"
 
-    def _saw(self, sight: Sight) -> None:
-        before, self.holder = self.holder, HOLDERS.get((self.holder, sight), self.holder)
-        if self.holder is Holder.RETURNING and before is not Holder.RETURNING:
-            self._back_since = self._session.vehicle.heard_at
+    def _watch_return(self, *, left: bool, in_mode: bool) -> None:
+        """The operator gives the vehicle back: he leaves the guided mode, enters it again, and it lasts."""
+        reported_at = self._session.vehicle.heard_at
+        if left and self.holder is Holder.OPERATOR_IN_MODE:
+            self.holder = Holder.OPERATOR
+        if not in_mode or self.holder is not Holder.OPERATOR:
+            self._back_since = None
+        elif self._back_since is None:
+            self._back_since = reported_at
+        elif reported_at - self._back_since >= GIVEN_AFTER:
+            self.holder = Holder.US
 
     # --- what we know of it -----------------------------------------------------------------------------------------
 
-    def stepped(self, now: float) -> None:
-        """A step begins. After a stall the vehicle may be in other hands until a heartbeat has told its mode."""
-        heartbeats = self._session.vehicle.heartbeats
+    def stepped(self, now: float) -> bool:
+        """A step begins; tells whether what came in may have waited while we stood still. After that the vehicle may
+        be in other hands until a heartbeat has reported its mode."""
+        heartbeats, backlog = self._session.vehicle.heartbeats, self.may_be_backlog(now)
         if self._stood_still(now):
-            self._caught_up = now + CATCH_UP
-        if self.may_be_backlog(now):
-            self.view, self._heartbeats = View.BACKLOG, heartbeats
+            self._backlog_until = now + CATCH_UP
+        if backlog:
+            self._confirmed, self._heartbeats = False, heartbeats
             self._session.drop_mode_requests()
-        elif self.view is not View.CURRENT:
-            self.view = View.CURRENT if heartbeats > self._heartbeats else View.UNCONFIRMED
+        else:
+            self._confirmed |= heartbeats > self._heartbeats
         self._stepped = now
+        return backlog
 
     def may_be_backlog(self, now: float) -> bool:
         """Whether what comes in now may have waited while we stood still."""
-        return now < self._caught_up or self._stood_still(now)
+        return now < self._backlog_until or self._stood_still(now)
 
     def _stood_still(self, now: float) -> bool:
         return self._stepped is not None and now - self._stepped > STALL
+
+
+def unreported(session: Session, now: float) -> str:
+    """What the vehicle does not report although it must, for people; empty where nothing is missing."""
+    if not (missing := session.missing(now)):
+        return ""
+    name = session.adapter.name
+    return f"no {' and no '.join(missing)} in VFR_HUD: a {name} cannot be flown without it{denied(session)}"
+
+
+def denied(session: Session) -> str:
+    """The streams that the vehicle has denied, for people, to be added to what is missing."""
+    return f"; streams denied by the vehicle: {', '.join(session.streams.refused)}" if session.streams.refused else ""

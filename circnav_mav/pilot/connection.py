@@ -22,7 +22,12 @@ class Connection:
     def __init__(self, settings: PilotSettings, signing: Signing | None, also: Iterable[int] = ()) -> None:
         """signing: signs what is sent and tells who is believed; None: neither. also: more message ids to decode."""
         self.ranging_message = RANGING_MESSAGES[settings.ranging.message]
-        self.more_streams = _more_streams(settings)
+        self.more_streams: dict[int, float] = {}
+        """Streams to ask for beside the adapter's, message id -> Hz: ranges that the autopilot sends, and home."""
+        if settings.ranging.component == AUTOPILOT_COMPONENT and not settings.ranging_apart:
+            self.more_streams[self.ranging_message.id] = settings.ranging.rate
+        if settings.height.target_above_home is not None:
+            self.more_streams[dialect.MAVLINK_MSG_ID_HOME_POSITION] = HOME_RATE
         vehicles = adapters(settings.autopilot, settings.kind, settings.facts)
         self.session = Session(settings.link, vehicles, self.more_streams, signing)
         self.ranging_link = RANGING if settings.ranging_apart else VEHICLE
@@ -54,13 +59,3 @@ class Connection:
             return b""
         self._next_hello = now + HEARTBEAT_PERIOD
         return self.session.encode(self.session.heartbeat())
-
-
-def _more_streams(settings: PilotSettings) -> dict[int, float]:
-    """Streams to ask for beside the adapter's, message id -> Hz: ranges that the autopilot sends, and home."""
-    message, streams = RANGING_MESSAGES[settings.ranging.message], {}
-    if settings.ranging.component == AUTOPILOT_COMPONENT and not settings.ranging_apart:
-        streams[message.id] = settings.ranging.rate
-    if settings.height.target_above_home is not None:
-        streams[dialect.MAVLINK_MSG_ID_HOME_POSITION] = HOME_RATE
-    return streams

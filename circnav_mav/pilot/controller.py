@@ -19,15 +19,15 @@ from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.pilot.settings import PilotSettings
 
 SPEED_UP = 2.5
-"""Time, s, of turning as told, from which on a vehicle counts as being as fast as it is told: a multicopter needs it
-from standstill to 5 m/s, and the path of before would be taken for a drift."""
+"""Time, s, of turning as commanded, after which a vehicle counts as flying at V: a multicopter needs it from standstill
+to 5 m/s, and the path of before would be taken for a drift."""
 LONGEST_GAP = 1.0
 """Gap between two reports of own motion, s, after which the vehicle may have stopped meanwhile."""
 DEAF_AFTER = 1.0
-"""Time of not turning as told, s, after which a vehicle counts as not hearing us: a reversed turn takes less."""
+"""Time of not turning as commanded, s, after which a vehicle counts as deaf: a reversed turn takes less."""
 DOUBTED_AFTER = 0.7
-"""Time of not turning as told, s, after which its path is not counted: a turn that swings through zero is told and
-flown at different moments for as long."""
+"""Time of not turning as commanded, s, after which its path is not counted: a turn that swings through zero is
+commanded and flown at different moments for as long."""
 DRIFT = Flies.DRIFT.name.lower()
 SLIP = 0.2
 """How much later than its bank a plane's nose turns, s: side-slip, as seen on ArduPlane 4.6.3."""
@@ -47,7 +47,7 @@ class Controller:
         orbit, facts = settings.orbit, settings.facts
         self._settings = settings
         self._circles = Circles((orbit, settings.law), *settings.later_circles)
-        self._gate = SetpointGuard(
+        self._guard = SetpointGuard(
             Limits(
                 max_yaw_rate=orbit.max_turn_rate,
                 max_speed=orbit.speed,
@@ -67,7 +67,7 @@ class Controller:
         self._turned, self._felt_at = 0.0, float("inf")
         self.watch = CommandWatch()
         """For a turn command that swings from limit to limit: how often it did, and what that has left of the gains."""
-        self._told: TurnRate | None = None
+        self._commanded: TurnRate | None = None
         self._followed_at = self._slow_at = float("-inf")
         self._height: float | None = None
         self.drag = 0.0
@@ -92,39 +92,39 @@ class Controller:
 
     @property
     def followed(self) -> bool:
-        """Whether the vehicle turns as it is told."""
+        """Whether the vehicle turns as commanded."""
         return bool(self._learnt.followed)
 
     @property
     def _short_of_bank(self) -> bool:
-        """Whether the vehicle banks less than it is told: its autopilot's limit is below the mission's."""
-        told, banked = float(self._learnt.smooth_command), self._banked
-        return banked is not None and abs(float(banked.smooth_command)) < SHORT * abs(told)
+        """Whether the vehicle banks less than commanded: its autopilot's limit is below the mission's."""
+        commanded, banked = float(self._learnt.smooth_command), self._banked
+        return banked is not None and abs(float(banked.smooth_command)) < SHORT * abs(commanded)
 
     @property
     def at_speed(self) -> bool:
-        """Whether the vehicle has flown what it is told for long enough to have the speed that it is told."""
+        """Whether the vehicle has flown as commanded for long enough to have the commanded speed."""
         now = float(self._learnt.time)
         return now - self._followed_at <= DOUBTED_AFTER and now - self._slow_at >= SPEED_UP - SAME_TIME
 
     def on_motion(self, own: OwnMotion) -> None:
-        """Learn the turn-rate gain and the delay from the vehicle's heading, and whether it flies what we tell it."""
+        """Learn the turn-rate gain and the delay from the vehicle's heading, and whether it flies as commanded."""
         if own.bank_turn is None:
             self._turned += remainder(own.heading - self._turned, 2 * pi)
         else:
             self._turned += own.bank_turn * min(max(own.time - self._felt_at, 0.0), LONGEST_GAP)
             self._felt_at = own.time
-        if self._told is None:
+        if self._commanded is None:
             return
         self._response.feel(own.time, self._turned, self._link)
         if own.bank_turn is not None:
-            # of the bank it has, not of the one it is told: an autopilot with a lower bank limit turns no worse for it
+            # of the bank it has, not of the commanded one: an autopilot with a lower bank limit turns no worse for it
             before = self._banked or TurnGain()
             self._banked = learn(before, lag=SLIP, time=own.time, heading=own.heading, command=own.bank_turn)
         if own.time - self._learnt.time > LONGEST_GAP:
             self._slow_at = self._followed_at = own.time
         lag = self._settings.turn_lag
-        self._learnt = learn(self._learnt, lag=lag, time=own.time, heading=own.heading, command=self._told)
+        self._learnt = learn(self._learnt, lag=lag, time=own.time, heading=own.heading, command=self._commanded)
         if self._learnt.followed:
             self._followed_at = own.time
         elif own.time - self._followed_at > DEAF_AFTER:
@@ -154,28 +154,28 @@ class Controller:
     def setpoint(self, command: TurnCommand, session: Session, now: float) -> tuple[Message, YawRate]:
         """The message that flies a command, and the yaw rate in it. Raises UnsafeSetpointError."""
         wanted = Steer(yaw_rate_from_turn_rate(command.turn_rate), self._settings.orbit.speed)
-        steer = self._gate.admit(wanted, now)
+        steer = self._guard.admit(wanted, now)
         state = self._state(session, now, engaged=True)
-        message = self._gate.check_message(session.adapter.setpoint(steer, state, now), session.adapter.shapes)
+        message = self._guard.check_message(session.adapter.setpoint(steer, state, now), session.adapter.shapes)
         return message, steer.yaw_rate
 
     def commanded(self, command: TurnCommand, now: float) -> None:
         """A command has gone out in a setpoint: the vehicle's answer to it is expected from now on."""
-        self._told = command.turn_rate
+        self._commanded = command.turn_rate
         self._response.command(now, command.turn_rate)
         self._pending.command(now, command.turn_rate * self.turn_gain)
 
     def safe_setpoint(self, session: Session, now: float, *, engaged: bool = True) -> Message:
         """The vehicle's safe setpoint. `engaged` holds the height of the engagement. Raises UnsafeSetpointError."""
         state = self._state(session, now, engaged=engaged)
-        return self._gate.check_message(session.adapter.safe_setpoint(state, now), session.adapter.shapes)
+        return self._guard.check_message(session.adapter.safe_setpoint(state, now), session.adapter.shapes)
 
     def disengage(self) -> None:
         """The vehicle is not ours any more: the next setpoint starts a new stream at a new height."""
-        self._gate.reset()
+        self._guard.reset()
         self._response.reset()
         self._pending.reset()
-        self._told, self._height, self._steered_at = None, None, None
+        self._commanded, self._height, self._steered_at = None, None, None
 
     def _trim_radius(self, estimate: RangeEstimate, command: TurnCommand) -> None:
         """Let the slow integral run over the time since the last steered step, while the vehicle follows."""

@@ -1,11 +1,7 @@
-"""Where a mission stands: its phases as a table, what it waits for and how long, and how it ended."""
+"""Where a mission stands: its phases as a table, its times, and how it ended."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
-
-Say = Callable[[str, str], None]
-"""Tells ground stations something: a kind, of which the newest text counts, and the text."""
 
 
 class Phase(Enum):
@@ -35,45 +31,33 @@ class Event(Enum):
     SAFE_SENT = "safe setpoint sent"
 
 
-TRANSITIONS: dict[tuple[Phase, Event], Phase] = {
-    (Phase.WAIT_LINK, Event.LINK_UP): Phase.WAIT_RANGING,
-    (Phase.WAIT_LINK, Event.FINISH): Phase.ENDED,
-    (Phase.WAIT_LINK, Event.FINISH_OURS): Phase.ENDED,
-    (Phase.WAIT_RANGING, Event.LINK_LOST): Phase.WAIT_LINK,
-    (Phase.WAIT_RANGING, Event.RANGE_GOOD): Phase.READY,
-    (Phase.WAIT_RANGING, Event.MODE_LEFT): Phase.YIELDED,
-    (Phase.WAIT_RANGING, Event.FINISH): Phase.ENDED,
-    (Phase.WAIT_RANGING, Event.FINISH_OURS): Phase.LEAVING,
-    (Phase.READY, Event.LINK_LOST): Phase.WAIT_LINK,
-    (Phase.READY, Event.RANGE_LOST): Phase.WAIT_RANGING,
-    (Phase.READY, Event.MODE_LEFT): Phase.YIELDED,
-    (Phase.READY, Event.MODE_OURS): Phase.ENGAGED,
-    (Phase.READY, Event.FINISH): Phase.ENDED,
-    (Phase.READY, Event.FINISH_OURS): Phase.LEAVING,
-    (Phase.ENGAGED, Event.RANGE_LOST): Phase.HOLDING,
-    (Phase.ENGAGED, Event.LINK_LOST): Phase.WAIT_LINK,
-    (Phase.ENGAGED, Event.MODE_LEFT): Phase.YIELDED,
-    (Phase.ENGAGED, Event.FINISH): Phase.LEAVING,
-    (Phase.ENGAGED, Event.FINISH_OURS): Phase.LEAVING,
-    (Phase.HOLDING, Event.RANGE_GOOD): Phase.ENGAGED,
-    (Phase.HOLDING, Event.LINK_LOST): Phase.WAIT_LINK,
-    (Phase.HOLDING, Event.MODE_LEFT): Phase.YIELDED,
-    (Phase.HOLDING, Event.FINISH): Phase.LEAVING,
-    (Phase.HOLDING, Event.FINISH_OURS): Phase.LEAVING,
-    (Phase.YIELDED, Event.LINK_LOST): Phase.WAIT_LINK,
-    (Phase.YIELDED, Event.MODE_OURS): Phase.WAIT_RANGING,
-    (Phase.YIELDED, Event.FINISH): Phase.ENDED,
-    (Phase.YIELDED, Event.FINISH_OURS): Phase.ENDED,
-    (Phase.LEAVING, Event.SAFE_SENT): Phase.ENDED,
-    (Phase.LEAVING, Event.MODE_LEFT): Phase.ENDED,
-    (Phase.LEAVING, Event.LINK_LOST): Phase.ENDED,
-}
-"""A pair that is not listed changes nothing."""
-
 STEERING = frozenset({Phase.ENGAGED, Phase.HOLDING})
 """The phases in which the vehicle is steered: setpoints that steer leave in these and in no other."""
+IN_REACH = STEERING | {Phase.WAIT_RANGING, Phase.READY}
+"""The phases in which a vehicle that was engaged may still be in our mode."""
 NOT_OURS = frozenset({Phase.WAIT_LINK, Phase.YIELDED, Phase.ENDED})
 """The phases in which there is nothing left to say to a vehicle that was engaged."""
+
+TRANSITIONS: dict[tuple[Phase, Event], Phase] = {
+    (Phase.WAIT_LINK, Event.LINK_UP): Phase.WAIT_RANGING,
+    (Phase.WAIT_RANGING, Event.RANGE_GOOD): Phase.READY,
+    (Phase.READY, Event.RANGE_LOST): Phase.WAIT_RANGING,
+    (Phase.READY, Event.MODE_OURS): Phase.ENGAGED,
+    (Phase.ENGAGED, Event.RANGE_LOST): Phase.HOLDING,
+    (Phase.HOLDING, Event.RANGE_GOOD): Phase.ENGAGED,
+    (Phase.YIELDED, Event.MODE_OURS): Phase.WAIT_RANGING,
+    **{(phase, Event.MODE_LEFT): Phase.YIELDED for phase in IN_REACH},
+    **{(phase, Event.LINK_LOST): Phase.WAIT_LINK for phase in (*IN_REACH, Phase.YIELDED)},
+    **{(phase, Event.FINISH): Phase.LEAVING for phase in STEERING},
+    **{
+        (phase, Event.FINISH): Phase.ENDED
+        for phase in (Phase.WAIT_LINK, Phase.WAIT_RANGING, Phase.READY, Phase.YIELDED)
+    },
+    **{(phase, Event.FINISH_OURS): Phase.LEAVING for phase in IN_REACH},
+    **{(phase, Event.FINISH_OURS): Phase.ENDED for phase in (Phase.WAIT_LINK, Phase.YIELDED)},
+    **{(Phase.LEAVING, event): Phase.ENDED for event in (Event.SAFE_SENT, Event.MODE_LEFT, Event.LINK_LOST)},
+}
+"""A pair that is not listed changes nothing."""
 
 
 def advance(phase: Phase, event: Event) -> Phase:
@@ -115,22 +99,10 @@ class Timing:
     tick: float = 0.05
 
 
-class Overdue(Enum):
-    """Which time of a mission is up."""
-
-    FLOWN = "duration, while steering"
-    RAN_OUT = "duration, while not steering"
-    HELD = "hold"
-    OUTAGE = "outage"
-    NO_VEHICLE = "wait_link"
-    NO_RANGING = "wait_ranging"
-
-
 class MissionState:
     """Moves through the phases, by events and in no other way."""
 
-    def __init__(self, timing: Timing) -> None:
-        self._timing = timing
+    def __init__(self) -> None:
         self.phase = Phase.WAIT_LINK
         self.since = 0.0
         """When the phase began, s."""
@@ -187,18 +159,3 @@ class MissionState:
         self.outcome = self.outcome or outcome
         self.happened(Event.FINISH_OURS if self.begun and in_our_hands else Event.FINISH, now)
         return first
-
-    def overdue(self, now: float) -> Overdue | None:
-        """Which time of the mission is up, its own length or its patience with what is missing."""
-        timing, waited = self._timing, now - self.since
-        if self.engaged_at is not None and now - self.engaged_at >= timing.duration:
-            return Overdue.FLOWN if self.steering else Overdue.RAN_OUT
-        if self.phase is Phase.HOLDING and waited > timing.hold:
-            return Overdue.HELD
-        if self.lost_at is not None and now - self.lost_at > timing.outage:
-            return Overdue.OUTAGE
-        if self.begun or self.started is None:
-            return None
-        if self.phase is Phase.WAIT_LINK and now - self.started > timing.wait_link:
-            return Overdue.NO_VEHICLE
-        return Overdue.NO_RANGING if self.phase is Phase.WAIT_RANGING and waited > timing.wait_ranging else None

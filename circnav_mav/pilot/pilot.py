@@ -13,15 +13,14 @@ from dataclasses import replace
 from circnav_mav.guidance.types import Orbit, RangeEstimate, TurnCommand
 from circnav_mav.guidance.velocity_loop import CopterMotion
 from circnav_mav.guidance.watches import DriftAlarm, breach, watch_drift
-from circnav_mav.mav.clocks import nobody_tells
 from circnav_mav.mav.codec import LinkCounts, Message
 from circnav_mav.mav.frames import YawRate
 from circnav_mav.mav.height import HEARD
-from circnav_mav.mav.identity import RADIO_NAME, Allowance
+from circnav_mav.mav.identity import Allowance
 from circnav_mav.mav.session import LOST_AFTER
 from circnav_mav.mav.setpoint_guard import UnsafeSetpointError
 from circnav_mav.mav.signing import Signing
-from circnav_mav.pilot.authority import Allowed, Authority, View
+from circnav_mav.pilot.authority import Allowed, Authority
 from circnav_mav.pilot.connection import Connection
 from circnav_mav.pilot.controller import Controller
 from circnav_mav.pilot.mission_state import Ending, Event, MissionState, Outcome, Phase
@@ -39,22 +38,19 @@ class Pilot:
     def __init__(self, settings: PilotSettings, signing: Signing | None = None) -> None:
         """signing: signs what is sent and tells who is believed; None: neither."""
         self.settings = settings
+        self._flies = settings.output_mode is OutputMode.FLY
         self._connection = Connection(settings, signing)
         self.session = session = self._connection.session
         self._say = session.announcer.say
-        self._told: dict[str, Hashable] = {"circle": id(settings.orbit)}
-        """What was told last of each kind of news. The circle by its identity: the same radius may come twice."""
-        slower = nobody_tells if settings.ranging_apart else session.timesync.slower
-        self.tracker = RangeTracker(settings, self._say, self._say_news, slower)
+        self._said: dict[str, Hashable] = {"circle": id(settings.orbit)}
+        """What was said last of each kind of news. The circle by its identity: the same radius may come twice."""
+        self.tracker = RangeTracker(settings, session, self._say_news)
         self.controller = Controller(settings)
-        self._mission = MissionState(settings.timing)
+        self._mission = MissionState()
         self._authority = Authority(settings, session, self._mission)
         self._exit_action = ExitAction(settings.exit)
         self._scheduler = TickScheduler(settings.timing.tick)
-        self._status = StatusText(
-            settings, session, self._mission, self._authority, self.tracker,
-            heard=self.counts(), heard_of_ranging=self.counts(self._connection.ranging_link),
-        )  # fmt: skip
+        self._status = StatusText(settings, self._connection, self._mission, self._authority, self.tracker)
         self.why = ""
         """Why the law flies that flies, for people."""
         self.drift_alarm = DriftAlarm()
@@ -66,7 +62,6 @@ class Pilot:
         """The newest step, until it is recorded."""
         self._frames: list[bytes] = []
         self._copter_motion = CopterMotion()
-        self._reboots = 0
 
     # --- in: every message that arrives -----------------------------------------------------------------------------
 
@@ -100,19 +95,9 @@ class Pilot:
         return unknown or trusted or self.allowance.take(size, now)
 
     def _take_range(self, message: Message, now: float, source: Hashable) -> None:
-        apart, session = self.settings.ranging_apart, self.session
-        self.tracker.ranging.moving = self._mission.steering and self.settings.output_mode is OutputMode.FLY
-        taken = self.tracker.receive(
-            message, now, stalled=self._authority.may_be_backlog(now),
-            strangers=() if apart else session.identity.strangers,
-            # before the engagement a slow link has its own bound, and is waited for
-            one_way=0.0 if apart or not self._mission.begun else session.timesync.one_way,
-            source=source, vehicle=session.peer.source if session.peer and not apart else None,
-        )  # fmt: skip
-        ranging = self.tracker.ranging
-        if ranging.rival is not None and ranging.trusted is not None:
-            session.identity.rivals.heard(RADIO_NAME, ranging.rival, ranging.trusted, now)
-        if taken:
+        mission, stalled = self._mission, self._authority.may_be_backlog(now)
+        self.tracker.ranging.moving = mission.steering and self._flies
+        if self.tracker.receive(message, now, source, stalled=stalled, begun=mission.begun):
             self._scheduler.heard(now)
 
     def _take_motion(self, message: Message, now: float) -> None:
@@ -126,7 +111,6 @@ class Pilot:
         own = motion.own(now, self._airspeed(now), banks=adapter.measures_airspeed)
         if own is None:
             return
-        flies = self.settings.output_mode is OutputMode.FLY
         if adapter.velocity_loop is not None and self._mission.steering:
             self._copter_motion, own = self._copter_motion.follow(own, adapter.velocity_loop)
             self.controller.drag = self._copter_motion.drag
@@ -135,7 +119,7 @@ class Pilot:
         self.controller.on_motion(own)
         # a vehicle whose airspeed nobody measures has the commanded one while it flies as commanded; whose setpoints
         # are another's (a dry run) is taken to do so while it turns as we would command
-        follows = self.controller.at_speed if flies else self.controller.followed
+        follows = self.controller.at_speed if self._flies else self.controller.followed
         if adapter.measures_airspeed or (self._mission.steering and follows):
             self.tracker.estimator.move(own)
 
@@ -159,8 +143,7 @@ class Pilot:
         """The setpoint of this step, if any. Acts when a fresh range is waiting or a tick is due; else returns nothing
         at once."""
         self._note_step()
-        self._authority.stepped(now)
-        if self._authority.view is View.BACKLOG:
+        if self._authority.stepped(now):
             self.tracker.fresh = False
         if not self._due(now):
             return b""
@@ -168,8 +151,8 @@ class Pilot:
         self._mission.step(now)
         self._watch_link(now)
         self._watch_takeover(now)
-        if (overdue := self._mission.overdue(now)) is not None:
-            self._finish(self._status.outcome(overdue, now), now)
+        if (outcome := self._status.overdue(now)) is not None:
+            self._finish(outcome, now)
         estimate = self.tracker.at(now)
         self._watch_bounds(estimate, now)
         self._watch_ranging(estimate, now)
@@ -189,15 +172,8 @@ class Pilot:
         self._scheduler.stepped(now)
         if self._taken.sent is not None and command is not None:
             self.controller.commanded(command, now)
-        self._say_rivals(now)
-        self._watch_drift(estimate)
-        self._say_how_it_flies(command)
+        self._say_what_is_new(estimate, command, now)
         return b"".join(map(self.session.encode, self._housekeeping(estimate, command, now)))
-
-    def settle(self) -> None:
-        """Do what the newest step has left for after all that it says: its record, and the estimator's preparations."""
-        self._note_step()
-        self.tracker.estimator.settle()
 
     def _note_step(self) -> None:
         """Record the newest step, before anything changes."""
@@ -210,13 +186,6 @@ class Pilot:
         """Whether this step acts. The safe setpoints of the end are a tick apart, however many ranges come."""
         answers = self.tracker.fresh and self.phase is not Phase.LEAVING
         return not self.done and (answers or now >= self._scheduler.due)
-
-    def _say_rivals(self, now: float) -> None:
-        """Say that somebody else uses the vehicle's name, ours or the radio's, once each time it begins."""
-        rivals = {line.partition(" has ")[0] for line in self.session.identity.rivals.recent(now)}
-        for name in sorted(rivals - self._rivals):
-            self._say(f"rival of {name}", f"{name}: second sender rejected")
-        self._rivals = rivals
 
     # --- what moves the phases
 
@@ -235,10 +204,9 @@ class Pilot:
 
     def _watch_takeover(self, now: float) -> None:
         """The operator's word ends the stream in this very step."""
-        if self.session.vehicle.reboots > self._reboots:
-            self._reboots = self.session.vehicle.reboots
-            self.tracker.estimator.reset()
         takeover = self._authority.watch_takeover()
+        if self._authority.rebooted:
+            self.tracker.estimator.reset()
         if takeover is None:
             return
         self._mission.yield_to_operator(now)
@@ -247,9 +215,10 @@ class Pilot:
         self.tracker.ranging.sender_stays = False
         if self.outcome is not None:  # we were leaving: this is the exit action taking effect
             return
-        self._say("yield", takeover.what)
+        what, reason = takeover
+        self._say("yield", what)
         if self.settings.end_on_takeover:
-            self._finish(Outcome(Ending.ABORTED, takeover.reason), now)
+            self._finish(Outcome(Ending.ABORTED, reason), now)
 
     def _watch_bounds(self, estimate: RangeEstimate | None, now: float) -> None:
         """The mission's own limits while we steer, and another companion of our ids at any time."""
@@ -277,12 +246,6 @@ class Pilot:
         if self._mission.happened(Event.RANGE_GOOD if good else Event.RANGE_LOST, now) and steering:
             self._say("range", "range regained" if good else "range lost, holding")
 
-    def _watch_drift(self, estimate: RangeEstimate | None) -> None:
-        """Say once that the drift is more than the circle allows, and once that it no longer is."""
-        controller = self.controller
-        self.drift_alarm = alarm = watch_drift(self.drift_alarm, estimate, controller.orbit, controller.turn_gain)
-        self._say_news("drift", alarm.on, alarm.text)
-
     def _watch_engagement(self, now: float) -> None:
         if self._mission.steering or self.phase is Phase.LEAVING or not self._authority.certain:
             return
@@ -295,13 +258,12 @@ class Pilot:
             self._finish(Outcome(Ending.ABORTED, failure), now)
 
     def _engage(self, now: float) -> None:
-        flies = self.settings.output_mode is OutputMode.FLY
         self._mission.engage(now)
-        self.tracker.ranging.sender_stays = flies
-        if flies:  # a dry run may begin on the ground, far from the height that is told
+        self.tracker.ranging.sender_stays = self._flies
+        if self._flies:  # a dry run may begin on the ground, far from the height that is told
             self.tracker.height.engage()
         self.session.drop_mode_requests()
-        self._say("engage", f"{'engaged' if flies else 'dry run'}, {_circle(self.controller.orbit)}")
+        self._say("engage", f"{'engaged' if self._flies else 'dry run'}, {_circle(self.controller.orbit)}")
 
     def _finish(self, outcome: Outcome, now: float) -> None:
         if self._mission.finish(outcome, now, in_our_hands=self._authority.in_our_hands):
@@ -327,10 +289,8 @@ class Pilot:
     def _leave(self, allowed: Allowed, now: float) -> Message | None:
         """The safe setpoint until the exit action shows in the vehicle's mode, or some times over; then silence."""
         mission, exit_action = self._mission, self._exit_action
-        if self.settings.output_mode is not OutputMode.FLY:
-            over = True
-        elif allowed is Allowed.NOTHING:
-            over = exit_action.wait_to_speak(mission.since, now)
+        if allowed is Allowed.NOTHING:
+            over = not self._flies or exit_action.wait_to_speak(mission.since, now)
         else:
             over = exit_action.go_on(self.session, mission.since, now)
         if over:
@@ -370,22 +330,29 @@ class Pilot:
         """What goes out on a separate ranging link."""
         return b"" if self.done else self._connection.hello(now)
 
-    def _say_how_it_flies(self, command: TurnCommand | None) -> None:
-        """Say when another law takes over, and why; when the next circle begins; and that the gains were lowered, for
-        the command swings."""
+    def _say_what_is_new(self, estimate: RangeEstimate | None, command: TurnCommand | None, now: float) -> None:
+        """Say once each time it begins: that somebody else uses the vehicle's name, ours or the radio's; that the drift
+        is more than the circle allows (and that it no longer is); the next circle; another law, and why; and that the
+        gains were lowered, for the command swings."""
         controller = self.controller
+        rivals = {line.partition(" has ")[0] for line in self.session.identity.rivals.recent(now)}
+        for name in sorted(rivals - self._rivals):
+            self._say(f"rival of {name}", f"{name}: second sender rejected")
+        self._rivals = rivals
+        self.drift_alarm = alarm = watch_drift(self.drift_alarm, estimate, controller.orbit, controller.turn_gain)
+        self._say_news("drift", alarm.on, alarm.text)
         self._say_news("circle", id(controller.orbit), f"next circle, {_circle(controller.orbit)}")
         if command is not None and command.flies:
             self.why = command.why
-            if self.settings.output_mode is OutputMode.FLY:
+            if self._flies:
                 self._say_news("law", command.flies, command.why)
         cut = f"limit cycle, gains reduced to {100 * controller.watch.share:.0f} %"
         self._say_news("cycle", controller.watch.cycles, cut)
 
     def _say_news(self, kind: str, news: Hashable, text: str) -> None:
         """Say what has changed since it was said last, or is so for the first time."""
-        if news != self._told.get(kind, False):
-            self._told[kind] = news
+        if news != self._said.get(kind, False):
+            self._said[kind] = news
             self._say(kind, text)
 
     # --- what is known of it ----------------------------------------------------------------------------------------
@@ -444,8 +411,10 @@ class Pilot:
         return sum((decoder.counts.refused for decoder in self._connection.decoders.values()), Counter())
 
     def take_records(self) -> list[TickRecord]:
-        """The ticks since the last call."""
-        self.settle()
+        """The ticks since the last call, the newest step's among them, which was left for after all that it says; and
+        the estimator prepares for what comes next."""
+        self._note_step()
+        self.tracker.estimator.settle()
         records, self._records = self._records, []
         return records
 

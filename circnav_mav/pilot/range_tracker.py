@@ -1,17 +1,18 @@
 """What is known of the range to the target: ranges in, an estimate out."""
 
-from collections.abc import Callable, Collection, Hashable
+from collections.abc import Callable, Hashable
 
 from circnav_mav.guidance.estimators.interface import Fused
 from circnav_mav.guidance.estimators.table import ESTIMATORS
 from circnav_mav.guidance.range_noise import NoiseCheck
 from circnav_mav.guidance.types import SAME_TIME, RangeEstimate, RangeSample, RateSample
-from circnav_mav.mav.clocks import Slower
+from circnav_mav.mav.clocks import nobody_tells
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.height import Height
+from circnav_mav.mav.identity import RADIO_NAME
 from circnav_mav.mav.ranging.interface import Reject
 from circnav_mav.mav.ranging.reader import RangeRateReader, RangeReader
-from circnav_mav.pilot.mission_state import Say
+from circnav_mav.mav.session import Session
 from circnav_mav.pilot.settings import PilotSettings
 
 FRESH = 0.6
@@ -25,16 +26,16 @@ class RangeTracker:
     """Reads ranges and keeps the estimator. `fresh`: a range came in that no step has answered yet."""
 
     def __init__(
-        self, settings: PilotSettings, say: Say, say_news: Callable[[str, Hashable, str], None], slower: Slower
+        self, settings: PilotSettings, session: Session, say_news: Callable[[str, Hashable, str], None]
     ) -> None:
-        """say_news: as say, once for each change of the second argument. slower: tells of the link that ranges come
-        on."""
-        self._say, self._say_news = say, say_news
-        self._stale = settings.timing.stale
+        """say_news: tells ground stations something (kind, news, text), once for each change of the news."""
+        self._session, self._say_news = session, say_news
+        self._apart, self._stale = settings.ranging_apart, settings.timing.stale
         speed, max_turn_rate = settings.orbit.speed, settings.orbit.max_turn_rate
         self.noise = NoiseCheck.of_ranges(speed, max_turn_rate)
         self._needs_altitude = settings.height.needs_altitude
         self.height = Height(settings.height)
+        slower = nobody_tells if self._apart else session.timesync.slower
         self.ranging = RangeReader(settings.ranging, self.noise, slower)
         self.rates = RangeRateReader(settings.ranging, self.ranging, NoiseCheck.of_rates(speed, max_turn_rate), speed)
         self.estimator = ESTIMATORS[settings.estimator](settings.estimation)
@@ -44,21 +45,12 @@ class RangeTracker:
         self.accepted = 0
         self._stale_at = float("-inf")
 
-    def receive(
-        self,
-        message: Message,
-        now: float,
-        *,
-        stalled: bool,
-        strangers: Collection[int],
-        one_way: float,
-        source: Hashable = None,
-        vehicle: Hashable = None,
-    ) -> bool:
-        """Take in what may be a range; tells whether the estimator took it. stalled: we slept, its age is not known.
-        strangers: systems of other vehicles. one_way: least delay of the link that it came on, s. source: where it came
-        from. vehicle: where the vehicle's frames come from, where that is the same link."""
-        height = self.height.at(now)
+    def receive(self, message: Message, now: float, source: Hashable, *, stalled: bool, begun: bool) -> bool:
+        """Take in what may be a range; tells whether the estimator took it. source: where it came from. stalled: we
+        slept, its age is not known. begun: whether the vehicle was engaged: before, a slow link has its own bound, and
+        is waited for."""
+        height, identity = self.height.at(now), self._session.identity
+        peer = None if self._apart else identity.peer
         if self.rates.carries(message):
             rate = self.rates.read(message, now, height=height, source=source)
             if rate is not None and not stalled:
@@ -67,12 +59,20 @@ class RangeTracker:
             self._say_trouble()
             return False
         sample = self.ranging.read(
-            message, now, height=height, strangers=strangers, one_way=one_way, source=source, vehicle=vehicle
+            message,
+            now,
+            height=height,
+            strangers=() if self._apart else identity.strangers,
+            one_way=self._session.timesync.one_way if begun and not self._apart else 0.0,
+            source=source,
+            vehicle=peer.source if peer else None,
         )
+        if self.ranging.rival is not None and self.ranging.trusted is not None:
+            identity.rivals.heard(RADIO_NAME, self.ranging.rival, self.ranging.trusted, now)
         if self.ranging.restarted:
             self.estimator.restamp()
         if self.ranging.stepped:
-            self._say("clock", f"sensor clock stalled {self.ranging.stepped:.1f} s")
+            self._session.announcer.say("clock", f"sensor clock stalled {self.ranging.stepped:.1f} s")
         self._say_trouble()
         if sample is None:
             return False

@@ -1,31 +1,27 @@
-"""Why the vehicle is not steered, and why a mission ended, in words for people."""
+"""What a mission waits for and for how long, and why it ends, in words for people."""
 
 from dataclasses import dataclass
 
-from circnav_mav.mav.codec import LinkCounts
 from circnav_mav.mav.ranging.interface import describe_rejected
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
-from circnav_mav.mav.session import Session
-from circnav_mav.pilot.authority import Authority, Holder
-from circnav_mav.pilot.mission_state import Ending, MissionState, Outcome, Overdue, Phase
+from circnav_mav.pilot.authority import Authority, denied, unreported
+from circnav_mav.pilot.connection import Connection
+from circnav_mav.pilot.mission_state import Ending, MissionState, Outcome, Phase
 from circnav_mav.pilot.range_tracker import FRESH, RangeTracker
-from circnav_mav.pilot.settings import OutputMode, PilotSettings
+from circnav_mav.pilot.settings import VEHICLE, OutputMode, PilotSettings
 
 _NEEDS = {"kalman": "", "measured": "; it needs the measured range rate (ranging.rate_name), too"}
 
 
 @dataclass(frozen=True)
 class StatusText:
-    """Words for what a pilot's parts know. heard: on the vehicle's link. heard_of_ranging: on the link that ranging
-    comes on."""
+    """Words for what a pilot's parts know."""
 
     settings: PilotSettings
-    session: Session
+    connection: Connection
     mission: MissionState
     authority: Authority
     tracker: RangeTracker
-    heard: LinkCounts
-    heard_of_ranging: LinkCounts
 
     def waits_for(self, now: float) -> str:
         """What the vehicle is not steered for now; empty where nothing is missing."""
@@ -34,41 +30,42 @@ class StatusText:
             return self._no_vehicle()
         if phase is Phase.WAIT_RANGING:
             return self._not_ready(now)
-        return self._not_engaged(now) if phase in (Phase.READY, Phase.YIELDED) else ""
+        return self.authority.obstacle(now) if phase in (Phase.READY, Phase.YIELDED) else ""
 
-    def outcome(self, overdue: Overdue, now: float) -> Outcome:
-        """How a mission ends whose time is up."""
-        timing = self.settings.timing
-        match overdue:
-            case Overdue.FLOWN:
+    def overdue(self, now: float) -> Outcome | None:
+        """How the mission ends now that one of its times is up, its own length or its patience; None: none is."""
+        mission, timing, waited = self.mission, self.settings.timing, now - self.mission.since
+        if mission.engaged_at is not None and now - mission.engaged_at >= timing.duration:
+            if mission.steering:
                 flown = "flown" if self.settings.output_mode is OutputMode.FLY else "dry run"
                 return Outcome(Ending.COMPLETED, f"{flown} to its end")
-            case Overdue.RAN_OUT:
-                gone = self._what_is_gone(now)
-                return Outcome(Ending.ABORTED, f"time ran out while {self.mission.phase.value}{gone}")
-            case Overdue.HELD:
-                return Outcome(Ending.ABORTED, self._why_held(now))
-            case Overdue.OUTAGE:
-                return Outcome(Ending.ABORTED, f"no vehicle or no ranging for {timing.outage:.0f} s")
-            case Overdue.NO_VEHICLE:
-                return Outcome(Ending.NOTHING_HEARD, f"no vehicle: {self._no_vehicle()}")
-            case Overdue.NO_RANGING:
-                return Outcome(Ending.NOTHING_HEARD, self._not_ready(now))
+            return Outcome(Ending.ABORTED, f"time ran out while {mission.phase.value}{self._what_is_gone(now)}")
+        if mission.phase is Phase.HOLDING and waited > timing.hold:
+            return Outcome(Ending.ABORTED, self._why_held(now))
+        if mission.lost_at is not None and now - mission.lost_at > timing.outage:
+            return Outcome(Ending.ABORTED, f"no vehicle or no ranging for {timing.outage:.0f} s")
+        if mission.begun or mission.started is None:
+            return None
+        if mission.phase is Phase.WAIT_LINK and now - mission.started > timing.wait_link:
+            return Outcome(Ending.NOTHING_HEARD, f"no vehicle: {self._no_vehicle()}")
+        if mission.phase is Phase.WAIT_RANGING and waited > timing.wait_ranging:
+            return Outcome(Ending.NOTHING_HEARD, self._not_ready(now))
+        return None
 
     # --- what is missing --------------------------------------------------------------------------------------------
 
     def _no_vehicle(self) -> str:
         """Nobody that the mission means has been heard."""
-        session = self.session
+        session = self.connection.session
         if session.up and session.vehicle.unproven:
             return "not known whether this is the same vehicle: no boot time yet (ATTITUDE, SYSTEM_TIME)"
         if session.misfits:
             return "; ".join(session.misfits.values())
-        return f"no autopilot heartbeat, {self.heard.describe()}"
+        return f"no autopilot heartbeat, {self._heard(VEHICLE)}"
 
     def _not_ready(self, now: float) -> str:
         """What is missing of ranging, or of what the vehicle must tell."""
-        tracker, missing = self.tracker, self.session.missing(now)
+        tracker, missing = self.tracker, unreported(self.connection.session, now)
         if not missing and (unknown := tracker.height.why_unknown(now)):
             return unknown
         age, ready = tracker.age(now), tracker.estimator.ready
@@ -77,44 +74,13 @@ class StatusText:
             needs = _NEEDS.get(name, "; it needs the vehicle's own motion first (auto does not)")
             return f"{tracker.accepted} ranges accepted, estimator {name} has not converged yet{needs}"
         if ready and missing:
-            return self._not_told(missing)
+            return missing
         wanted, rejected = RANGING_MESSAGES[self.settings.ranging.message], tracker.ranging.rejected
-        heard = f"rejected: {describe_rejected(rejected)}; {self.heard_of_ranging.describe()}"
-        return f"no ranging: no usable {wanted.type}, {heard}{self._denied()}"
+        heard = f"rejected: {describe_rejected(rejected)}; {self._heard(self.connection.ranging_link)}"
+        return f"no ranging: no usable {wanted.type}, {heard}{denied(self.connection.session)}"
 
-    def _not_engaged(self, now: float) -> str:
-        """What the engagement waits for."""
-        session, authority = self.session, self.authority
-        guided, told = session.adapter.guided_name, session.vehicle
-        if authority.holder is not Holder.US:
-            enter = f"leave {guided} and enter it" if authority.holder is Holder.OPERATOR_IN_MODE else f"enter {guided}"
-            return f"the operator has the vehicle: {enter} again to hand it back"
-        if disputed := authority.disputed(now):
-            return disputed
-        if not authority.link_quick(now):
-            return self._slow()
-        if missing := session.missing(now):
-            return self._not_told(missing)
-        if authority.may_be_on_ground(now) and (told.armed or told.on_ground):
-            return "the vehicle is on the ground" if told.on_ground else "the vehicle has not reported that it flies"
-        if not told.armed:
-            return "the vehicle is not armed"
-        return f"mode {guided}: " + ("requested" if authority.asks_for_mode else "the operator must enter it")
-
-    def _slow(self) -> str:
-        round_trip, most = self.session.timesync.typical, self.settings.timing.round_trip
-        if round_trip is None:
-            return "measuring the round trip to the vehicle (TIMESYNC)"
-        return f"link too slow: round trip {round_trip:.2f} s (limits.round_trip_s = {most:g} s)"
-
-    def _not_told(self, missing: list[str]) -> str:
-        """The vehicle does not tell what it must."""
-        name = self.session.adapter.name
-        return f"no {' and no '.join(missing)} in VFR_HUD: a {name} cannot be flown without it{self._denied()}"
-
-    def _denied(self) -> str:
-        denied = self.session.streams.refused
-        return f"; streams denied by the vehicle: {', '.join(denied)}" if denied else ""
+    def _heard(self, link: str) -> str:
+        return self.connection.decoders[link].counts.describe()
 
     # --- what has gone ----------------------------------------------------------------------------------------------
 
@@ -130,6 +96,6 @@ class StatusText:
     def _what_is_gone(self, now: float) -> str:
         """Which silence a flight that runs out of time waits in."""
         if self.mission.phase is Phase.WAIT_LINK:
-            return f", no heartbeat for {self.session.heartbeat_age(now):.0f} s"
+            return f", no heartbeat for {self.connection.session.heartbeat_age(now):.0f} s"
         age = self.tracker.age(now) if self.mission.phase is Phase.WAIT_RANGING else None
         return "" if age is None else f", no range for {age:.0f} s"

@@ -12,12 +12,10 @@ from dataclasses import dataclass
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.guidance.range_noise import NoiseCheck
-from circnav_mav.mav.autopilots.interface import Autopilot
 from circnav_mav.mav.clocks import Moment, Span, quick_span
 from circnav_mav.mav.codec import LinkCounts, Message
 from circnav_mav.mav.height import Height
 from circnav_mav.mav.identity import RADIO_NAME, describe_vehicle
-from circnav_mav.mav.own_motion import Motion
 from circnav_mav.mav.params import ParameterReader
 from circnav_mav.mav.ranging.reader import RangeRateReader, RangeReader
 from circnav_mav.mav.signing import Signing
@@ -43,57 +41,9 @@ class RangeHeard:
     sigma: float
 
 
-@dataclass(frozen=True, slots=True)
-class VehicleSeen:
-    """The pinned vehicle as it was at the end. streams: message id -> (wanted, measured) in Hz. airspeed_told: as in
-    VFR_HUD, NaN included, None without VFR_HUD. height: above the target, m, None without; height_unknown: why there is
-    none although the mission wants one. boot: (our time, boot time) of an early and a late one, those that came with
-    the least delay."""
-
-    system: int
-    component: int
-    kind: str
-    adapter: Autopilot
-    firmware: str | None
-    mode: int | None
-    mode_name: str
-    armed: bool
-    heartbeat_age: float
-    streams: Mapping[int, tuple[float, float]]
-    motion: Motion
-    airspeed_told: float | None
-    height: float | None
-    height_unknown: str
-    battery: float | None
-    boot: Span | None
-    reboots: int
-    round_trip: float | None
-    parameters: Mapping[str, float]
-    texts: tuple[str, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class Observations:
-    """All that a survey has heard. links: what came in on each. rivals: second senders at the end, in words. carriers:
-    ranging messages by sender and marks. end, seconds: when the listening ended and how long it measured, s. rates,
-    rate_trouble: range rates heard (m/s), and why they would not count, in words."""
-
-    vehicle: VehicleSeen | None
-    links: Mapping[str, LinkCounts]
-    others: Mapping[str, int]
-    rivals: tuple[str, ...]
-    misfits: tuple[str, ...]
-    ranges: tuple[RangeHeard, ...]
-    rejected: Mapping[str, int]
-    carriers: Mapping[str, int]
-    end: float
-    seconds: float
-    rates: tuple[float, ...]
-    rate_trouble: str
-
-
 class Survey:
-    """A sans-I/O listener: `receive` bytes, send what `step` answers, until `done`; then `observations`."""
+    """A sans-I/O listener: `receive` bytes, send what `step` answers, until `done`. All that it has heard stands in its
+    attributes then, to be judged."""
 
     def __init__(self, settings: PilotSettings, *, seconds: float, signing: Signing | None = None) -> None:
         """seconds: how long to measure, once the vehicle was found."""
@@ -101,25 +51,30 @@ class Survey:
         self.session = self._connection.session
         self.done, self.next_tick = False, float("-inf")
         self._settings = settings
-        self._seconds = seconds
-        self._ranging = RangeReader(settings.ranging)
+        self._listens = seconds
+        self.ranging = RangeReader(settings.ranging)
         speed, max_turn_rate = settings.orbit.speed, settings.orbit.max_turn_rate
         noise = NoiseCheck.of_rates(speed, max_turn_rate)
-        self._rating = RangeRateReader(settings.ranging, self._ranging, noise, speed)
-        self._rates: list[float] = []
-        self._height = Height(settings.height)
-        self._reader: ParameterReader | None = None
+        self.rate_reader = RangeRateReader(settings.ranging, self.ranging, noise, speed)
+        self.ranges: list[RangeHeard] = []
+        self.rates: list[float] = []
+        """Range rates, m/s."""
+        self.carriers: Counter[str] = Counter()
+        """Ranging messages by sender and marks."""
+        self.height = Height(settings.height)
+        self.kind = ""
+        """The vehicle's autopilot and type, in words."""
+        self.airspeed: float | None = None
+        """As in VFR_HUD, NaN included, None without VFR_HUD."""
+        self.texts: dict[str, None] = {}
+        self.end = 0.0
+        """When the listening ended, s."""
+        self._parameters: ParameterReader | None = None
         self._began: float | None = None
         self._found: float | None = None
-        self._end = 0.0
-        self._kind = ""
-        self._airspeed: float | None = None
         self._counted: Counter[int] = Counter()
         self._boots: defaultdict[int, list[Moment]] = defaultdict(list)
         """Of each start of the vehicle."""
-        self._ranges: list[RangeHeard] = []
-        self._carriers: Counter[str] = Counter()
-        self._texts: dict[str, None] = {}
         self._text_reader = TextReader()
 
     @property
@@ -145,7 +100,7 @@ class Survey:
         if self.session.up:
             messages += self._questions(now)
         if self._over(now):
-            self.done, self._end = True, now
+            self.done, self.end = True, now
             messages += self.session.farewell() if self.session.up else []
         return b"".join(map(self.session.encode, messages))
 
@@ -153,52 +108,35 @@ class Survey:
         """What goes out on a separate ranging link."""
         return b"" if self.done else self._connection.hello(now)
 
-    def observations(self) -> Observations:
-        """What was heard, once done."""
-        return Observations(
-            vehicle=self._vehicle() if self.session.up else None,
-            links={link: decoder.counts for link, decoder in self._connection.decoders.items()},
-            others=dict(self.session.ignored),
-            rivals=tuple(self.session.identity.rivals.recent(self._end)),
-            misfits=tuple(self.session.misfits.values()),
-            ranges=tuple(self._ranges),
-            rejected=dict(self._ranging.rejected),
-            carriers=dict(self._carriers),
-            end=self._end,
-            seconds=self._measured_for,
-            rates=tuple(self._rates),
-            rate_trouble=self._rating.trouble,
-        )
-
-    def _vehicle(self) -> VehicleSeen:
-        session = self.session
-        wanted = {**session.adapter.firmware.streams, **self._connection.more_streams}
-        return VehicleSeen(
-            *session.vehicle_ids,
-            kind=self._kind,
-            adapter=session.adapter,
-            firmware=session.vehicle.firmware,
-            mode=session.vehicle.mode,
-            mode_name=session.vehicle.mode_name,
-            armed=session.vehicle.armed,
-            heartbeat_age=session.heartbeat_age(self._end),
-            streams={id: (rate, self._counted[id] / max(self._measured_for, TICK)) for id, rate in wanted.items()},
-            motion=session.motion.at(self._end),
-            airspeed_told=self._airspeed,
-            height=self._height.at(self._end),
-            height_unknown=self._height.why_unknown(self._end),
-            battery=session.vehicle.battery,
-            boot=quick_span(self._boots[session.vehicle.reboots]),
-            reboots=session.vehicle.reboots,
-            round_trip=session.timesync.typical,
-            parameters=dict(self._reader.values) if self._reader else {},
-            texts=tuple(self._texts),
-        )
+    # --- what was heard, once done ----------------------------------------------------------------------------------
 
     @property
-    def _measured_for(self) -> float:
+    def links(self) -> Mapping[str, LinkCounts]:
+        """What came in on each."""
+        return {link: decoder.counts for link, decoder in self._connection.decoders.items()}
+
+    @property
+    def seconds(self) -> float:
         """How long the settled vehicle was listened to, s."""
-        return 0.0 if self._found is None else max(self._end - self._found - SETTLE, 0.0)
+        return 0.0 if self._found is None else max(self.end - self._found - SETTLE, 0.0)
+
+    @property
+    def streams(self) -> Mapping[int, tuple[float, float]]:
+        """Message id -> (wanted, measured) in Hz."""
+        wanted = {**self.session.adapter.firmware.streams, **self._connection.more_streams}
+        return {id: (rate, self._counted[id] / max(self.seconds, TICK)) for id, rate in wanted.items()}
+
+    @property
+    def boot(self) -> Span | None:
+        """(our time, boot time) of an early and a late one, those that came with the least delay."""
+        return quick_span(self._boots[self.session.vehicle.reboots])
+
+    @property
+    def parameters(self) -> Mapping[str, float]:
+        """Those that the vehicle has told."""
+        return self._parameters.values if self._parameters else {}
+
+    # --- while it listens -------------------------------------------------------------------------------------------
 
     def _settled(self, now: float) -> bool:
         return self._found is not None and now - self._found >= SETTLE
@@ -207,33 +145,33 @@ class Survey:
         assert self._began is not None
         if self._found is None:
             return now - self._began > self._settings.timing.wait_link
-        end = self._found + SETTLE + self._seconds
-        answered = self._reader is None or self._reader.done
+        end = self._found + SETTLE + self._listens
+        answered = self._parameters is None or self._parameters.done
         return now >= (end if answered else end + PARAMETER_PATIENCE)
 
     def _questions(self, now: float) -> list[Message]:
         """Parameters by name."""
-        if self._reader is None:
+        if self._parameters is None:
             adapter, self._found = self.session.adapter, now
             names = [name for rule in adapter.parameters for name, _ in rule.names]
-            self._reader = ParameterReader(names, bytewise=adapter.firmware.bytewise)
-        return self._reader.poll(self.session.vehicle_ids, now)
+            self._parameters = ParameterReader(names, bytewise=adapter.firmware.bytewise)
+        return self._parameters.poll(self.session.vehicle_ids, now)
 
     def _take_telemetry(self, message: Message, now: float) -> None:
         """One message of the pinned vehicle, after the session had it."""
         session, type_ = self.session, message.get_type()
         session.motion.receive(message, now)
-        self._height.hear(message, session.motion.at(now).altitude, now)
+        self.height.hear(message, session.motion.at(now).altitude, now)
         if type_ == "HEARTBEAT":
-            self._kind = describe_vehicle(message)
+            self.kind = describe_vehicle(message)
         elif type_ == "VFR_HUD":
-            self._airspeed = message.airspeed
+            self.airspeed = message.airspeed
         elif type_ == "STATUSTEXT":
             text, before = self._text_reader.read(message)
-            self._texts.pop(before or "", None)
-            self._texts[text] = None
-        elif type_ == "PARAM_VALUE" and self._reader is not None:
-            self._reader.receive(message)
+            self.texts.pop(before or "", None)
+            self.texts[text] = None
+        elif type_ == "PARAM_VALUE" and self._parameters is not None:
+            self._parameters.receive(message)
         if self._settled(now):
             self._counted[message.get_msgId()] += 1
             boot_time = session.vehicle.boot_time
@@ -241,21 +179,20 @@ class Survey:
                 self._boots[session.vehicle.reboots].append((now, boot_time))
 
     def _take_range(self, message: Message, now: float, source: Hashable) -> None:
-        kind = self._connection.ranging_message
-        if message.get_type() != kind.type:
-            return
-        if self._rating.carries(message):
-            rate = self._rating.read(message, now, source=source)
+        if self.rate_reader.carries(message):
+            rate = self.rate_reader.read(message, now, source=source)
             if rate is not None and self._settled(now):
-                self._rates.append(rate.r_dot)
+                self.rates.append(rate.r_dot)
             return
-        marks = ", ".join(f"{mark} {plain_text(str(value))}" for mark, value in kind.mark_values(message).items())
-        self._carriers[f"{message.get_srcSystem()}/{message.get_srcComponent()} {marks}"] += 1
+        marks = self._connection.ranging_message.mark_values(message)
+        words = ", ".join(f"{mark} {plain_text(str(value))}" for mark, value in marks.items())
+        self.carriers[f"{message.get_srcSystem()}/{message.get_srcComponent()} {words}"] += 1
         peer = None if self._settings.ranging_apart else self.session.peer
-        sample = self._ranging.read(message, now, source=source, vehicle=peer.source if peer else None)
-        if self._ranging.rival is not None and self._ranging.trusted is not None:
-            self.session.identity.rivals.heard(RADIO_NAME, self._ranging.rival, self._ranging.trusted, now)
-        if sample is not None:
-            self._rating.range_taken(sample)
-        if sample is not None and self._settled(now):
-            self._ranges.append(RangeHeard(sample.stamp, sample.time, now, sample.r, sample.sigma))
+        sample = self.ranging.read(message, now, source=source, vehicle=peer.source if peer else None)
+        if self.ranging.rival is not None and self.ranging.trusted is not None:
+            self.session.identity.rivals.heard(RADIO_NAME, self.ranging.rival, self.ranging.trusted, now)
+        if sample is None:
+            return
+        self.rate_reader.range_taken(sample)
+        if self._settled(now):
+            self.ranges.append(RangeHeard(sample.stamp, sample.time, now, sample.r, sample.sigma))

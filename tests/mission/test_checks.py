@@ -90,6 +90,7 @@ def test_a_grade_turns_at_its_bound(mission, subject, overrides, grade):
     assert only(mission, subject, *overrides.split()).grade is grade
 
 
+SIGNED = "signing.key_file=k"
 SAYS = [
     ("gain", "guidance.gain=2e-4", PASS, "smooth: k = 0.0002 1/m^2 (given), needs k > 1/(2 r_d^2) = 5e-05"),
     ("gain", "orbit.radius_m=100", PASS, "smooth: k = 0.0001 1/m^2 (default), needs k > 1/(2 r_d^2) = 5e-05"),
@@ -121,6 +122,21 @@ SAYS = [
      "own (ranging.endpoint)"),
     ("exit", "vehicle.autopilot=auto exit.action=brake", FAIL,  # of the two copters only ArduPilot's brakes
      "px4 copter knows no exit action brake: choose loiter, rtl, land, hold"),
+    ("signing", SIGNED, PASS,
+     "frames are signed, and believed only if signed with our key"),
+    ("signing", f"{SIGNED} signing.accept_unsigned=true", WARN,
+     "frames are signed, but unsigned ones are believed too: anybody can speak for the vehicle "
+     "(signing.accept_unsigned)"),
+    ("signing", f"{SIGNED} ranging.endpoint=udpin:0.0.0.0:14560 signing.accept_unsigned=ranging", PASS,
+     "frames are signed, and believed only if signed with our key, on the ranging endpoint unsigned ones too"),
+    # whoever speaks first is believed, where nobody is named and anybody can be heard
+    ("peer", "link.endpoint=udpin:0.0.0.0:14550", WARN,
+     "on udpin:0.0.0.0:14550 whoever speaks first is believed: name its address (link.peer), or sign "
+     "(docs/signing.md)"),
+    ("peer", "link.endpoint=udpin:0.0.0.0:14550 link.peer=10.0.0.5", PASS,
+     "udpin:0.0.0.0:14550 hears 10.0.0.5 only"),
+    ("peer", "link.endpoint=tcp:10.0.0.5:5760 link.peer=10.0.0.5", WARN,
+     "link.peer has no effect: only udpin hears more than one address"),
     # it loiters after 3 s, banking hard; a copter brakes
     ("exit", " ".join([*PLANE, "exit.action=stop"]), FAIL,
      "a plane left in its mode loiters 3 s later, banking hard at once: exit.action must command a mode, choose "
@@ -152,6 +168,8 @@ def test_a_line_has_the_number_its_bound_and_the_remedy(mission, subject, overri
         ("estimator", " ".join([*PLANE, "guidance.estimator=unicycle"])),
         ("delay", "limits.stale_s=0.5 limits.round_trip_s=1.0"),
         ("signing", "limits.stale_s=0.5"),
+        ("peer", "link.endpoint=udpin:127.0.0.1:14550"),
+        ("peer", "link.endpoint=serial:/dev/ttyS0:57600"),
     ],
 )
 def test_nothing_is_said_where_there_is_nothing_to_say(mission, subject, overrides):

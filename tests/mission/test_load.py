@@ -14,7 +14,7 @@ from circnav_mav.mav.check_result import Grade
 from circnav_mav.mission.checks import check_mission
 from circnav_mav.mission.load import MissionError, load_mission, parse_mission
 from circnav_mav.mission.schema import MissionFile
-from circnav_mav.pilot import OutputMode
+from circnav_mav.pilot import RANGING, VEHICLE, OutputMode
 
 CONFIG = sorted((Path(__file__).parents[2] / "config").glob("*.toml"))
 
@@ -95,6 +95,13 @@ def test_the_height_is_given_in_one_way(mission, second):
         mission("orbit.height_above_target_m=30.0", f"orbit.{second}")
 
 
+@pytest.mark.parametrize(("law", "default"), [("smooth", 1e-4), ("switching", 0.18)])
+def test_a_gain_left_out_is_the_laws_default(mission, law, default):
+    """Twice 1/(2 r_d^2) at 100 m; 1.2 times V/r_d at 15 m/s."""
+    assert mission(f"guidance.law={law}").law.gain == pytest.approx(default)
+    assert mission(f"guidance.law={law}", "guidance.gain=0.7").law.gain == 0.7
+
+
 def test_gains_count_on_a_measured_rate_only_where_nothing_flies_without(mission):
     """A rate that is dropped in flight leaves the filter's lag, for which the gain must do."""
     keys = ["guidance.law=feedforward", "ranging.message=named_value_float"]
@@ -106,11 +113,12 @@ def test_gains_count_on_a_measured_rate_only_where_nothing_flies_without(mission
     assert (ranging.rate_name, ranging.rate_sign, ranging.rate_sigma) == ("RR", -1, 0.1)
 
 
-@pytest.mark.parametrize(("law", "default"), [("smooth", 1e-4), ("switching", 0.18)])
-def test_a_gain_left_out_is_the_laws_default(mission, law, default):
-    """Twice 1/(2 r_d^2) at 100 m; 1.2 times V/r_d at 15 m/s."""
-    assert mission(f"guidance.law={law}").law.gain == pytest.approx(default)
-    assert mission(f"guidance.law={law}", "guidance.gain=0.7").law.gain == 0.7
+def test_a_radio_is_not_rejected_for_the_noise_that_the_mission_gives_it(mission):
+    assert mission("ranging.sigma_m=60").pilot_settings().ranging.max_sigma > 60
+
+
+def test_the_bundled_vehicle_is_flown_with_its_table(text):
+    assert parse_mission(text + "\n[sim]\nseed = 1\n", "m.toml", ["link.endpoint=sim"]).flies_sim
 
 
 @pytest.mark.parametrize(
@@ -294,14 +302,6 @@ def test_keys_that_do_not_go_together_are_named_all_at_once(text, overrides, lin
     assert refusal(text, *overrides.split()) == f"m.toml: {line}"
 
 
-def test_a_radio_is_not_rejected_for_the_noise_that_the_mission_gives_it(mission):
-    assert mission("ranging.sigma_m=60").pilot_settings().ranging.max_sigma > 60
-
-
-def test_the_bundled_vehicle_is_flown_with_its_table(text):
-    assert parse_mission(text + "\n[sim]\nseed = 1\n", "m.toml", ["link.endpoint=sim"]).flies_sim
-
-
 def test_all_that_is_wrong_is_told_at_once(text):
     wrong = (
         text.replace("radius_m", "raduis_m").replace("rate_hz = 10.0", 'rate_hz = ".5"').replace("sigma_m = 0.5", "")
@@ -326,25 +326,9 @@ def test_the_addresses_that_are_heard_are_named_one_by_one_or_as_a_network(missi
 
 
 @pytest.mark.parametrize("peer", ["drone.local", "10.0.0.256", "", 5, [5], ["10.0.0.5", "x"]])
-def test_what_is_no_address_is_refused_with_an_example(mission, peer):
-    with pytest.raises(MissionError, match=r'link\.peer: must be an address or network, such as "10\.0\.0\.5"'):
-        mission(f"link.peer={peer!r}")
-
-
-@pytest.mark.parametrize(
-    ("overrides", "graded"),
-    [
-        (("link.endpoint=udpin:0.0.0.0:14550",), [("WARN", "whoever speaks first is believed")]),
-        (("link.endpoint=udpin:0.0.0.0:14550", "link.peer=10.0.0.5"), [("PASS", "hears 10.0.0.5 only")]),
-        (("link.endpoint=udpin:127.0.0.1:14550",), []),
-        (("link.endpoint=serial:/dev/ttyS0:57600",), []),
-        (("link.endpoint=tcp:10.0.0.5:5760", "link.peer=10.0.0.5"), [("WARN", "no effect")]),
-    ],
-)
-def test_an_endpoint_on_which_anybody_may_speak_first_is_warned_of(mission, overrides, graded):
-    lines = [line for line in check_mission(mission(*overrides)) if line.subject == "peer"]
-    assert [(line.grade.name, words) for line, (_, words) in zip(lines, graded, strict=True)] == graded
-    assert all(words in line.says for line, (_, words) in zip(lines, graded, strict=True))
+def test_what_is_no_address_is_refused_with_an_example(text, peer):
+    example = 'm.toml: link.peer: must be an address or network, such as "10.0.0.5"'
+    assert refusal(text, f"link.peer={peer!r}").startswith(example)
 
 
 def test_a_campaign_file_is_known_as_one(config):
@@ -363,3 +347,49 @@ def test_a_mission_in_dotted_keys_is_written_down_as_it_is_flown(text, override)
     flown = parse_mission("\n".join(['name = "small"', *dotted]), "dotted.toml", [override])
     assert flown.file == parse_mission(text, "small.toml", [override]).file
     assert flown.file == parse_mission(flown.text, "flown.toml").file
+
+
+# --- keys ---
+
+
+@pytest.mark.parametrize(
+    ("given", "meant"),
+    [
+        ("keys/drone.key", "{folder}/keys/drone.key"),
+        ("~/drone.key", "{home}/drone.key"),
+        ("/etc/drone.key", "/etc/drone.key"),
+    ],
+)
+def test_a_key_is_told_from_the_folder_of_the_mission_from_home_or_from_the_root(text, tmp_path, given, meant):
+    """And written down whole, so that the mission as flown can be flown again out of its run folder."""
+    path, meant = tmp_path / "small.toml", meant.format(folder=tmp_path, home=Path.home())
+    path.write_text(f'{text}[signing]\nkey_file = "{given}"\n[sim.signing]\nkey_file = "{given}"\n')
+    flown = load_mission(path)
+    again = tomllib.loads(flown.text)
+    assert flown.file.signing.key_file == again["signing"]["key_file"] == meant
+    assert again["sim"]["signing"]["key_file"] == meant
+
+
+@pytest.mark.parametrize(
+    ("overrides", "told"),
+    [
+        ("signing.link_id=3", "signing.key_file: missing"),
+        ("signing.key_file=k signing.link_id=256", "signing.link_id: must be at most 255"),
+        ("signing.key_file=k signing.accept_unsigned=maybe", "signing.accept_unsigned: 'maybe' is not one of"),
+        ("signing.key_file=k signing.key=00", "signing.key: unknown key, known here: key_file, link_id"),
+        ("signing.key_file=", "signing.key_file: "),  # not taken for the folder of the mission
+        ("signing=drone.key", "signing: must be a table"),
+    ],
+)
+def test_a_mistake_in_the_key_is_told_in_one_line(text, tmp_path, overrides, told):
+    with pytest.raises(MissionError, match=rf"^m\.toml: {told}") as caught:
+        parse_mission(text, "m.toml", overrides.split(), tmp_path)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("accepted", "links"), [("false", set()), ("true", {VEHICLE, RANGING}), ('"ranging"', {RANGING})]
+)
+def test_links_on_which_unsigned_frames_are_believed(mission, accepted, links):
+    table = ("signing.key_file=k", f"signing.accept_unsigned={accepted}", "ranging.endpoint=udpin:0.0.0.0:14560")
+    assert mission(*table).pilot_settings().unsigned_links == links

@@ -19,27 +19,47 @@ def commanded(rig: Rig, since: float = -1.0) -> list:
 
 # --- before the engagement ---
 
+SLOW = "link too slow: round trip {} s (limits.round_trip_s = 0.6 s)"
+ON_GROUND, UNTOLD = "the vehicle is on the ground", "the vehicle has not reported that it flies"
+NOT_ARMED, MEASURING = "the vehicle is not armed", "measuring the round trip to the vehicle (TIMESYNC)"
 
-@pytest.mark.parametrize("state", [{"mode": 5}, {"mode": 20}, {"mode": 0}, {"armed": False}], ids=str)
-def test_no_setpoint_leaves_when_disarmed_or_in_another_mode(rig, state):
-    assert rig.run(5.0, **state).pilot.phase is Phase.READY
+
+@pytest.mark.parametrize("mode", [LOITER, 20, 0])
+def test_no_setpoint_leaves_in_another_mode(rig, mode):
+    assert rig.run(5.0, mode=mode).pilot.phase is Phase.READY
     assert rig.setpoints() == []
+    assert rig.pilot.waits_for(rig.now) == "mode GUIDED: the operator must enter it"
 
 
-@pytest.mark.parametrize("request_mode", [True, False])
-@pytest.mark.parametrize("landed_state", [1, 3, 4], ids=["on ground", "taking off", "landing"])
-def test_a_vehicle_that_does_not_fly_yet_is_neither_steered_nor_asked(landed_state, request_mode):
-    """An armed copter in GUIDED on the ground would fight its own take-off."""
-    rig = Rig(request_mode=request_mode)
-    assert commanded(rig.run(4.0, landed_state=landed_state, mode=LOITER if request_mode else GUIDED)) == []
-    assert commanded(rig.run(1.0, landed_state=IN_AIR))
-
-
-@pytest.mark.parametrize("landed_state", [None, 0], ids=["never tells", "does not know yet"])
-def test_a_vehicle_that_does_not_tell_whether_it_flies_is_given_a_moment_and_then_believed(rig, landed_state):
-    """MAV_LANDED_STATE_UNDEFINED, which PX4 says until its land detector runs, is as good as nothing."""
-    assert rig.run(1.5, landed_state=landed_state).setpoints() == []
-    assert rig.run(0.5).setpoints() != []
+@pytest.mark.parametrize(
+    ("state", "seconds", "waits_for", "then"),
+    [
+        # a disarmed aircraft does not fly, whatever it does not say
+        ({"armed": False}, 5.0, NOT_ARMED, {"armed": True}),
+        ({"armed": False, "landed_state": None}, 6.0, NOT_ARMED, {"armed": True}),
+        ({"armed": False, "landed_state": 0}, 6.0, NOT_ARMED, {"armed": True}),
+        # an armed copter in GUIDED on the ground would fight its own take-off: on ground, taking off, landing
+        ({"landed_state": 1}, 4.0, ON_GROUND, {"landed_state": IN_AIR}),
+        ({"landed_state": 3}, 4.0, ON_GROUND, {"landed_state": IN_AIR}),
+        ({"landed_state": 4}, 4.0, ON_GROUND, {"landed_state": IN_AIR}),
+        # one that never tells is given a moment and then believed; so is one that says MAV_LANDED_STATE_UNDEFINED, as
+        # PX4 does until its land detector runs
+        ({"landed_state": None}, 1.5, UNTOLD, {}),
+        ({"landed_state": 0}, 1.5, UNTOLD, {}),
+        ({"round_trip": None}, 9.0, MEASURING, {}),
+        # a very slow link is not taken for one without answers
+        ({"round_trip": 0.8}, 10.0, SLOW.format("0.80"), {"round_trip": 0.1}),
+        ({"round_trip": 3.5}, 25.0, SLOW.format("3.50"), {"round_trip": 0.1}),
+        ({"round_trip": 9.0}, 25.0, SLOW.format("9.00"), {"round_trip": 0.1}),
+    ],
+    ids=str,
+)
+@pytest.mark.parametrize("request_mode", [False, True], ids=["waits for the mode", "asks for the mode"])
+def test_nothing_is_commanded_before_all_is_well_and_then_it_is(state, seconds, waits_for, then, request_mode):
+    rig = Rig(request_mode=request_mode).run(seconds, mode=LOITER if request_mode else GUIDED, **state)
+    assert (rig.pilot.phase, commanded(rig)) == (Phase.READY, [])
+    assert rig.pilot.waits_for(rig.now) == waits_for
+    assert commanded(rig.run(25.0 if seconds == 25.0 else 5.0, **then))
 
 
 def test_after_a_lost_link_a_vehicle_that_does_not_say_whether_it_flies_is_flown_on_at_once(rig):
@@ -47,46 +67,20 @@ def test_after_a_lost_link_a_vehicle_that_does_not_say_whether_it_flies_is_flown
     assert rig.run(1.0, speaks=True, landed_state=None).pilot.phase is Phase.ENGAGED
 
 
-@pytest.mark.parametrize("request_mode", [False, True])
-def test_a_vehicle_at_the_end_of_a_slow_link_is_not_engaged_until_it_is_quick(request_mode):
-    rig = Rig(request_mode=request_mode).run(10.0, round_trip=0.8, mode=LOITER if request_mode else GUIDED)
-    assert rig.pilot.phase is Phase.READY
-    assert commanded(rig) == []
-    assert rig.pilot.waits_for(rig.now) == "link too slow: round trip 0.80 s (limits.round_trip_s = 0.6 s)"
-    assert commanded(rig.run(10.0, round_trip=0.1))
+def test_streams_that_the_vehicle_denies_are_asked_for_once_and_named_when_the_flight_cannot_begin():
+    rig = Rig(timing=timing(wait_ranging=20.0))
 
+    def denies():
+        for number in {message.command for message in rig.of("COMMAND_LONG", rig.now - 0.01)}:
+            rig.acknowledge(number, result=2)
 
-@pytest.mark.parametrize("trip", [3.5, 9.0])
-def test_a_very_slow_link_is_not_taken_for_one_without_answers(rig, trip):
-    assert rig.run(25.0, round_trip=trip).pilot.phase is Phase.READY
-    assert rig.setpoints() == []
-
-
-def test_a_vehicle_that_does_not_answer_is_engaged_after_a_while(rig):
-    assert rig.run(9.0, round_trip=None).pilot.phase is Phase.READY
-    assert "TIMESYNC" in rig.pilot.waits_for(rig.now)
-    assert rig.run(3.0).pilot.phase is Phase.ENGAGED
-
-
-def denies(rig: Rig) -> None:
-    """The vehicle answers every command of the newest step with MAV_RESULT_DENIED."""
-    for number in {message.command for message in rig.of("COMMAND_LONG", rig.now - 0.01)}:
-        rig.acknowledge(number, result=2)
-
-
-def test_a_stream_that_was_denied_is_named_when_the_flight_cannot_begin():
-    rig = Rig(timing=timing(wait_ranging=5.0))
-    rig.run(8.0, lambda: denies(rig), ranges=False)
+    since = rig.run(5.0, denies, ranges=False).now
+    assert rig.run(15.0, denies).commands(SET_INTERVAL, since) == []
+    rig.run(3.0)
     assert rig.pilot.outcome.ending is Ending.NOTHING_HEARD
     assert "streams denied by the vehicle" in rig.pilot.outcome.reason
     assert "VFR_HUD" in rig.pilot.outcome.reason
     assert rig.setpoints() == []
-
-
-def test_streams_that_the_vehicle_denies_are_asked_for_once(rig):
-    """Also when no mode is ever requested, and for the whole flight."""
-    since = rig.run(5.0, lambda: denies(rig)).now
-    assert rig.run(20.0, lambda: denies(rig)).commands(SET_INTERVAL, since) == []
 
 
 # --- after a stall ---
@@ -117,11 +111,14 @@ def test_a_gap_of_less_than_half_a_second_is_no_stall(rig):
 # --- a dry run, and an end before the flight ---
 
 
-def test_a_dry_run_computes_everything_and_commands_nothing():
-    rig = Rig(output_mode=OutputMode.DRY_RUN, request_mode=True).run(5.0, mode=LOITER, armed=False)
+def test_a_dry_run_computes_everything_commands_nothing_and_is_not_flown_to_its_end():
+    limits = timing(duration=4.0)
+    rig = Rig(output_mode=OutputMode.DRY_RUN, request_mode=True, timing=limits).run(4.0, mode=LOITER, armed=False)
     assert rig.pilot.phase is Phase.ENGAGED
     newest = rig.pilot.take_records()[-1]
     assert newest.turn_rate is not None and newest.yaw_rate_sent is None
+    rig.run(3.0)
+    assert (rig.pilot.outcome.ending, rig.pilot.outcome.reason) == (Ending.COMPLETED, "dry run to its end")
     assert commanded(rig) == [] and rig.pilot.setpoints_sent == 0
 
 
@@ -130,12 +127,6 @@ def test_a_shadow_says_nothing_but_its_heartbeat_and_the_plot_values():
     rig.pilot.interrupt(rig.now, "SIGINT")
     assert rig.run(1.0).pilot.done
     assert {message.get_type() for _, message in rig.sent} == {"HEARTBEAT", "NAMED_VALUE_FLOAT"}
-
-
-def test_a_dry_run_is_not_flown_to_its_end():
-    rig = Rig(timing=timing(duration=2.0), output_mode=OutputMode.DRY_RUN).run(5.0)
-    assert (rig.pilot.outcome.ending, rig.pilot.outcome.reason) == (Ending.COMPLETED, "dry run to its end")
-    assert rig.setpoints() == []
 
 
 @pytest.mark.parametrize(
@@ -153,17 +144,17 @@ def test_an_interrupt_sends_no_setpoint_to_a_vehicle_that_was_not_engaged(output
 # --- the mission's own bounds, and another companion ---
 
 
-def test_an_echo_of_our_own_frames_is_no_twin(rig):
-    """Some routers send back what they get."""
-    rig.engage().run(5.0, lambda: rig.pilot.receive(rig.raw[-1], rig.now, rig.source))
-    assert rig.pilot.phase is Phase.ENGAGED
+@pytest.mark.parametrize("apart", [False, True], ids=["of a router", "of the greeting of a ranging link"])
+def test_an_echo_of_our_own_frames_is_no_other_companion(apart):
+    rig = Rig(ranging_apart=apart)
 
+    def echo():
+        rig.pilot.receive(rig.pilot.hello(rig.now) if apart else rig.raw[-1] if rig.raw else b"", rig.now, rig.source)
 
-def test_our_own_hello_heard_back_is_no_other_companion():
-    rig = Rig(ranging_apart=True)
-    rig.run(20.0, lambda: rig.pilot.receive(rig.pilot.hello(rig.now), rig.now, rig.source))
+    rig.run(20.0, echo)
     assert rig.pilot.session.ignored["twin"] == 0
     assert rig.pilot.session.ignored["echo"] >= 15
+    assert rig.pilot.phase is (Phase.WAIT_RANGING if apart else Phase.ENGAGED)
 
 
 def battery(percent):

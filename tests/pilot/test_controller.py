@@ -1,4 +1,4 @@
-"""When a vehicle counts as having the speed that it is told (a copter is believed to fly at V only then), and what its
+"""When a vehicle counts as flying at the commanded speed (a copter is believed to fly at V only then), and what its
 radius error adds up to."""
 
 import pytest
@@ -8,79 +8,75 @@ from circnav_mav.mav.autopilots.table import adapters
 from circnav_mav.mav.identity import Sender
 from circnav_mav.mav.session import Session
 from circnav_mav.mission.load import parse_mission
-from circnav_mav.pilot.controller import DEAF_AFTER, LONGEST_GAP, SPEED_UP, Controller
+from circnav_mav.pilot.controller import Controller
 from circnav_mav.pilot.mission_state import Phase
 from tests.small_mission import TEXT
 
-TOLD = TurnRate(-0.2)
+COMMANDED = TurnRate(-0.2)
 STEP = 0.05
+SPEED_UP, DEAF, GAP = 2.5, 1.0, 1.0
+"""Times, s: of turning as commanded until it counts as fast, of not doing so until it counts as deaf, and between two
+reports after which it may have stopped."""
 
 
 class Vehicle:
-    """A controller that has told a vehicle to turn, and the heading that the vehicle reports."""
+    """A controller that has commanded a vehicle to turn, and the heading that the vehicle reports."""
 
-    def __init__(self, *overrides: str) -> None:
+    def __init__(self, *overrides):
         settings = parse_mission(TEXT, "small.toml", overrides).pilot_settings()
         session = Session(settings.link, adapters(settings.autopilot, settings.kind, settings.facts))
         session.identity.peer = Sender(1, 1, "here")
         self.controller, self.now, self.heading = Controller(settings), 0.0, 0.0
-        command = TurnCommand(TOLD, TOLD, saturated=False)
+        command = TurnCommand(COMMANDED, COMMANDED, saturated=False)
         self.controller.setpoint(command, session, 0.0)
         self.controller.commanded(command, 0.0)
 
-    def turns(self, seconds: float, rate: float) -> list[bool]:
+    def turns(self, seconds, rate):
         """Report the heading while it turns at a rate (rad/s); whether it was at speed at each report."""
-        return [self._report(rate) for _ in range(round(seconds / STEP))]
+        seen = []
+        for _ in range(round(seconds / STEP)):
+            self.now, self.heading = self.now + STEP, self.heading + rate * STEP
+            self.controller.on_motion(OwnMotion(self.now, self.heading, rate, 15.0))
+            seen.append(self.controller.at_speed)
+        return seen
 
-    def demanded(self, time: float, r: float) -> float:
+    def demanded(self, time, r):
         """What the law asks for on a path round the target at a range (m), rad/s."""
-        command = self.controller.command(Phase.ENGAGED, RangeEstimate(time, r, 0.0, 0.1, 0.1), None, time)
-        assert command is not None
-        return command.demanded
-
-    def _report(self, rate: float) -> bool:
-        self.now, self.heading = self.now + STEP, self.heading + rate * STEP
-        self.controller.on_motion(OwnMotion(self.now, self.heading, rate, 15.0))
-        return self.controller.at_speed
+        return self.controller.command(Phase.ENGAGED, RangeEstimate(time, r, 0.0, 0.1, 0.1), None, time).demanded
 
 
-def test_a_vehicle_is_at_speed_once_it_has_turned_as_told_for_long_enough() -> None:
-    before = Vehicle().turns(10.0, TOLD)
-    assert before.index(True) * STEP >= SPEED_UP - STEP
-    assert before.index(True) * STEP <= SPEED_UP + 2 * STEP
-    assert all(before[before.index(True) :])
-
-
-def test_one_that_does_not_hear_us_is_not_at_speed_and_needs_the_time_anew() -> None:
+@pytest.mark.parametrize(
+    ("before", "silence", "earliest", "latest"),
+    [
+        ([], 0.0, SPEED_UP - STEP, SPEED_UP + 2 * STEP),
+        ([(10.0, COMMANDED), (DEAF + 3.0, 0.0)], 0.0, SPEED_UP, 9.0),  # it must first be seen to follow again
+        ([(10.0, COMMANDED)], GAP + 0.1, SPEED_UP - 2 * STEP, SPEED_UP + 2 * STEP),
+    ],
+    ids=["at first", "after it was deaf", "after a gap in its reports, in which it may have stopped"],
+)
+def test_a_vehicle_is_at_speed_once_it_has_turned_as_commanded_for_long_enough(before, silence, earliest, latest):
     vehicle = Vehicle()
-    vehicle.turns(10.0, TOLD)
-    assert not vehicle.turns(DEAF_AFTER + 3.0, 0.0)[-1]
-    again = vehicle.turns(10.0, TOLD)
-    assert again.index(True) * STEP >= SPEED_UP
-    assert all(again[again.index(True) :])
+    assert all(vehicle.turns(seconds, rate)[-1] is (rate != 0.0) for seconds, rate in before)
+    vehicle.now += silence
+    seen = vehicle.turns(10.0, COMMANDED)
+    assert not seen[0]
+    assert earliest <= seen.index(True) * STEP <= latest
+    assert all(seen[seen.index(True) :])
 
 
-def test_a_moment_of_not_following_costs_no_more_than_the_moment() -> None:
-    """A reversed turn takes less than DEAF_AFTER; the vehicle does not stop for it. A shorter one costs nothing."""
+def test_a_moment_of_not_following_costs_no_more_than_the_moment():
+    """A reversed turn takes less than it takes to count as deaf; the vehicle does not stop for it. A shorter one costs
+    nothing."""
     vehicle = Vehicle()
-    vehicle.turns(30.0, TOLD)
-    assert all([*vehicle.turns(1.3, 0.0), *vehicle.turns(10.0, TOLD)])
-    seen = [*vehicle.turns(1.8, 0.0), *vehicle.turns(3.0, TOLD)]
-    assert 0.1 < seen.count(False) * STEP < DEAF_AFTER
+    vehicle.turns(30.0, COMMANDED)
+    assert all([*vehicle.turns(1.3, 0.0), *vehicle.turns(10.0, COMMANDED)])
+    seen = [*vehicle.turns(1.8, 0.0), *vehicle.turns(3.0, COMMANDED)]
+    assert 0.1 < seen.count(False) * STEP < DEAF
     assert seen[-1]
 
 
-def test_after_a_gap_in_its_reports_it_may_have_stopped() -> None:
-    vehicle = Vehicle()
-    vehicle.turns(10.0, TOLD)
-    vehicle.now += LONGEST_GAP + 0.1
-    again = vehicle.turns(10.0, TOLD)
-    assert not again[0]
-    assert SPEED_UP - 2 * STEP <= again.index(True) * STEP <= SPEED_UP + 2 * STEP
-
-
-@pytest.mark.parametrize(("rate", "pulls"), [(TOLD, True), (0.0, False)], ids=["following", "deaf"])
-def test_the_radius_integral_pulls_towards_the_circle_while_the_vehicle_follows(rate: float, pulls: bool) -> None:
+@pytest.mark.parametrize(("rate", "pulls"), [(COMMANDED, True), (0.0, False)], ids=["following", "deaf"])
+def test_the_radius_integral_pulls_towards_the_circle_while_the_vehicle_follows(rate, pulls):
     vehicle = Vehicle("guidance.radius_trim_per_s=0.02")
     vehicle.turns(5.0, rate)
     assert vehicle.controller.followed is pulls

@@ -26,7 +26,7 @@ def reachable(start, allowed):
 @pytest.mark.parametrize(
     ("phases", "event", "after"),
     [
-        (STEERING, Event.MODE_LEFT, Phase.YIELDED),
+        (OURS, Event.MODE_LEFT, Phase.YIELDED),
         (STEERING, Event.FINISH, Phase.LEAVING),
         (set(Phase) - {Phase.WAIT_LINK, Phase.LEAVING, Phase.ENDED}, Event.LINK_LOST, Phase.WAIT_LINK),
         (OURS, Event.FINISH_OURS, Phase.LEAVING),

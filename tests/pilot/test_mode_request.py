@@ -65,10 +65,16 @@ def test_a_refused_mode_ends_the_mission_with_the_vehicles_own_words():
     assert rig.setpoints() == []
 
 
-def test_a_mode_request_that_nobody_answers_ends_the_mission():
-    rig = asked().run(6.0)
-    assert rig.pilot.outcome.reason == "mode GUIDED refused: no answer"
-    assert [message.confirmation for message in rig.commands(SET_MODE)] == [0, 1, 2, 3]
+@pytest.mark.parametrize(
+    ("acknowledged", "why", "confirmations"),
+    [(False, "refused: no answer", [0, 1, 2, 3]), (True, "acknowledged, but the vehicle stays in LOITER", [0, 0, 0])],
+    ids=["nobody answers", "acknowledged, but never entered"],
+)
+def test_a_mode_that_is_asked_for_in_vain_ends_the_mission(acknowledged, why, confirmations):
+    rig = asked()
+    rig.run(15.0, lambda: acknowledged and rig.tick % 10 == 0 and rig.acknowledge(SET_MODE))
+    assert rig.pilot.outcome.reason == f"mode GUIDED {why}"
+    assert [message.confirmation for message in rig.commands(SET_MODE)] == confirmations
 
 
 def test_a_mode_that_was_reached_and_left_before_the_engagement_is_not_asked_for_again():
@@ -79,13 +85,6 @@ def test_a_mode_that_was_reached_and_left_before_the_engagement_is_not_asked_for
     assert rig.run(0.5, mode=LOITER).run(10.0, ranges=True).pilot.phase is Phase.READY
     assert rig.commands(SET_MODE, since) == []
     assert rig.pilot.waits_for(rig.now) == "mode GUIDED: the operator must enter it"
-
-
-def test_a_mode_that_is_acknowledged_but_never_entered_ends_the_mission():
-    rig = Rig(request_mode=True)
-    rig.run(15.0, lambda: rig.pilot.session.commands._pending.get(SET_MODE) and rig.acknowledge(SET_MODE), mode=LOITER)
-    assert rig.pilot.outcome.reason == "mode GUIDED acknowledged, but the vehicle stays in LOITER"
-    assert 2 <= len(rig.commands(SET_MODE)) <= 3
 
 
 def test_a_command_that_waits_when_the_link_is_lost_is_not_sent_to_whoever_comes_back():
@@ -104,22 +103,17 @@ def test_a_request_that_nobody_has_answered_is_not_repeated_when_what_it_needs_i
     assert rig.run(5.0).commands(SET_MODE, since) == []
 
 
-def test_after_a_stall_no_mode_is_asked_for_until_a_heartbeat_shows_the_present_one():
-    rig = asked()
+@pytest.mark.parametrize("exits", [False, True], ids=["the guided mode", "the exit action"])
+def test_after_a_stall_no_mode_is_asked_for_until_a_heartbeat_shows_the_present_one(exits):
+    rig = interrupted()[0].run(0.2) if exits else asked()
+    assert rig.commands(SET_MODE)
     rig.pass_time(0.7)
     since = rig.now - 1e-9
     rig.heartbeat()
     rig.range()
     rig.step()
-    rig.run(0.95, speaks=False)  # the heartbeats of PX4 are a second apart
-    assert rig.commands(SET_MODE, since) == []
-
-
-@pytest.mark.parametrize("landed_state", [None, 0])
-def test_a_disarmed_aircraft_is_on_the_ground_whatever_it_does_not_say(landed_state):
-    rig = Rig(request_mode=True).run(6.0, mode=LOITER, armed=False, landed_state=landed_state)
-    assert rig.commands(SET_MODE) == []
-    assert rig.pilot.waits_for(rig.now) == "the vehicle is not armed"
+    assert modes(rig.run(0.95, speaks=False), since) == [], "the heartbeats of PX4 are a second apart"
+    assert modes(rig.run(4.0, speaks=True), since), "but then it is"
 
 
 # --- the exit action ---
@@ -193,17 +187,6 @@ def test_an_exit_action_due_in_a_stall_waits_for_the_heartbeat_that_proves_the_m
     assert safe(rig, since)
 
 
-def test_after_a_stall_the_exit_action_is_not_repeated_until_a_heartbeat_shows_the_mode():
-    rig, since = interrupted()
-    assert modes(rig.run(0.2), since)
-    rig.pass_time(0.7)
-    since = rig.now - 1e-9
-    rig.heartbeat()
-    rig.step()
-    assert modes(rig.run(0.95, speaks=False), since) == []
-    assert modes(rig.run(4.0, speaks=True), since), "but then it is"
-
-
 def test_an_exit_action_that_a_stall_cut_off_is_asked_for_again_as_soon_as_the_mode_is_known():
     """What was dropped before its answer was no try."""
     rig, since = interrupted("brake")
@@ -220,22 +203,20 @@ def last_words(rig: Rig) -> list:
     return decode(rig.pilot.last_words(rig.now))
 
 
-def test_the_last_words_are_one_safe_setpoint_and_only_while_it_is_ours_to_fly(rig):
-    assert last_words(rig.run(0.3)) == []
-    (message,) = last_words(rig.engage())
-    assert (message.vx, message.yaw_rate, message.type_mask) == (0.0, 0.0, 0x407)
-    assert last_words(rig.run(1.0, mode=LOITER)) == []
-
-
+@pytest.mark.parametrize("exit", ["stop", "rtl"])
 @pytest.mark.parametrize("waits", [False, True], ids=["in flight", "while the mission waits to go on"])
-def test_the_last_words_ask_for_the_exit_action(waits):
-    rig = Rig(exit="rtl").engage()
+def test_the_last_words_are_one_safe_setpoint_and_the_exit_action_while_it_is_ours_to_fly(waits, exit):
+    rig = Rig(exit=exit, end_on_takeover=False)
+    assert last_words(rig.run(0.3)) == []
+    rig.engage()
     if waits:
         rig.run(5.0, speaks=False, ranges=False).run(1.0, speaks=True)
         assert rig.pilot.phase is Phase.WAIT_RANGING
-    safe, command = last_words(rig)
-    assert (safe.vx, safe.yaw_rate) == (0.0, 0.0)
-    assert (command.command, command.param2) == (SET_MODE, RTL)
+    safe, *commands = last_words(rig)
+    assert (safe.vx, safe.yaw_rate, safe.type_mask) == (0.0, 0.0, 0x407)
+    asks = [(command.command, command.param2) for command in commands]
+    assert asks == ([] if exit == "stop" else [(SET_MODE, RTL)])
+    assert last_words(rig.run(1.0, mode=LOITER)) == []
 
 
 @pytest.mark.parametrize(

@@ -87,10 +87,9 @@ def test_a_vehicle_that_does_not_turn_as_told_teaches_the_estimator_no_motion(ri
 def test_a_setpoint_is_answered_alone_and_all_else_that_is_due_follows_it(rig):
     rig.engage()
     answered, followed = set(), set()
-    for tick in range(30):
+    for _ in range(30):
         rig.pass_time(0.05)
-        if tick % 5 == 0:
-            rig.heartbeat()
+        rig.heartbeat()
         rig.range()
         answered |= {message.get_type() for message in decode(rig.pilot.answer(rig.now))}
         followed |= {message.get_type() for message in decode(rig.pilot.follow_up(rig.now))}
@@ -160,15 +159,15 @@ def test_a_fresh_range_is_answered_by_the_very_next_step(rig):
 
 
 @pytest.mark.parametrize(("direction", "sign"), [(Direction.CLOCKWISE, 1), (Direction.COUNTERCLOCKWISE, -1)])
-def test_outside_the_circle_at_a_constant_range_the_vehicle_turns_towards_the_circle(direction, sign):
+def test_at_a_constant_range_the_vehicle_turns_towards_the_circle_from_outside_and_flies_straight_inside(
+    direction, sign
+):
     """A constant range outside means flying across: clockwise is to the right, positive in MAVLink."""
-    setpoint = Rig(orbit=replace(ORBIT, direction=direction)).engage().setpoints()[-1]
+    orbit = replace(ORBIT, direction=direction)
+    setpoint = Rig(orbit=orbit).engage().setpoints()[-1]
     assert setpoint.yaw_rate * sign > 0
     assert (setpoint.vx, setpoint.vy, setpoint.vz) == (15.0, 0.0, 0.0)
-
-
-def test_inside_the_circle_the_vehicle_flies_straight(rig):
-    assert {message.yaw_rate for message in rig.engage(range_cm=5000).setpoints()} == {0.0}
+    assert {message.yaw_rate for message in Rig(orbit=orbit).engage(range_cm=5000).setpoints()} == {0.0}
 
 
 def test_no_setpoint_asks_for_more_than_the_vehicles_limit(rig):
@@ -220,7 +219,9 @@ def test_without_fresh_ranges_the_prediction_is_flown_for_half_a_second_and_then
     assert rig.pilot.phase is Phase.HOLDING
     rig.run(2.0)
     assert {round(message.yaw_rate, 6) for message in rig.setpoints(since)} == {STEADY}
-    assert "circnav: range lost, holding" in rig.texts(last)
+    assert rig.run(1.0, ranges=True).pilot.phase is Phase.ENGAGED
+    said = [text for text in rig.texts(last) if "range" in text]
+    assert said == ["circnav: range lost, holding", "circnav: range regained"]
 
 
 def test_a_lost_link_is_silence_and_a_found_one_resumes(rig):
@@ -238,20 +239,46 @@ def test_a_lost_link_is_silence_and_a_found_one_resumes(rig):
 # --- how it ends ---
 
 
-def test_holding_is_given_up_with_the_safe_setpoint_three_times_and_then_silence(rig):
-    since = rig.engage().run(10.3, ranges=False).now
-    assert rig.pilot.phase is Phase.HOLDING
+def holds(rig):
+    assert rig.run(10.3, ranges=False).pilot.phase is Phase.HOLDING
+
+
+def fails(rig):
+    nonsense = TurnCommand(TurnRate(nan), TurnRate(nan), saturated=False)
+    rig.pilot.controller._circles.steer = lambda *arguments: nonsense
+
+
+@pytest.mark.parametrize(
+    ("happens", "ending", "reason"),
+    [
+        (holds, Ending.ABORTED, "no range for 10"),
+        (lambda rig: rig.run(rig.pilot.engaged_at + 14.8 - rig.now), Ending.COMPLETED, "flown to its end"),
+        (lambda rig: rig.pilot.interrupt(rig.now, "SIGINT"), Ending.INTERRUPTED, "SIGINT"),
+        (fails, Ending.ABORTED, "internal error, unsafe setpoint held back"),
+    ],
+    ids=["holding is given up", "its time is over", "an interrupt", "a law that fails"],
+)
+def test_a_flight_ends_with_the_safe_setpoint_three_times_and_then_silence(happens, ending, reason):
+    """And the vehicle gets its own stream rates back."""
+    rig = Rig(timing=timing(duration=15.0)).engage()
+    happens(rig)
+    since = rig.now
     assert rig.run(1.0).pilot.done
-    assert rig.pilot.outcome.ending is Ending.ABORTED
-    assert rig.pilot.outcome.reason.startswith("no range for 10")
+    assert (rig.pilot.outcome.ending, rig.pilot.outcome.reason[: len(reason)]) == (ending, reason)
     assert flown(rig.setpoints(since)[-3:]) == SAFE_THREE_TIMES
+    safe = [then for then, message in rig.sent if getattr(message, "vx", None) == 0.0]
+    assert len(safe) == 3 and rig.sent[-1][0] < safe[0] + 0.2
+    if ending is Ending.COMPLETED:
+        assert safe[0] == pytest.approx(rig.pilot.engaged_at + 15.0, abs=0.051)
+    given_back = {message.param1 for message in rig.commands(511, since) if message.param2 == 0}
+    assert given_back == set(rig.pilot.session.streams.rates)
     quiet = len(rig.sent)
     assert len(rig.run(5.0).sent) == quiet
 
 
 def test_a_link_that_stays_away_ends_the_mission_when_it_was_waited_for():
-    """A link counts as lost after 3 s."""
-    rig = Rig(timing=timing(outage=10.0)).engage()
+    """A link counts as lost after 3 s. How long the first heartbeat was waited for counts no more."""
+    rig = Rig(timing=timing(outage=10.0, wait_link=2.0)).engage()
     assert not rig.run(12.9, speaks=False).pilot.done
     assert rig.run(1.0).pilot.done
     assert (rig.pilot.outcome.ending, rig.pilot.outcome.reason) == (
@@ -270,30 +297,6 @@ def test_time_that_runs_out_in_a_silence_says_in_which_and_for_how_long(comes_ba
     assert rig.pilot.outcome.reason.endswith(f", no {what} for {rig.now - silent_since:.0f} s")
 
 
-def test_a_mission_ends_after_its_duration_with_the_safe_setpoint_three_times():
-    rig = Rig(timing=timing(duration=5.0)).engage()
-    started = rig.pilot.engaged_at
-    assert rig.run(4.0).pilot.done
-    assert rig.pilot.outcome.ending is Ending.COMPLETED
-    ends = [(then, m) for then, m in rig.sent if m.get_type() == "SET_POSITION_TARGET_LOCAL_NED" and m.vx == 0]
-    assert len(ends) == 3
-    assert ends[0][0] == pytest.approx(started + 5.0, abs=0.051)
-
-
-def test_an_interrupt_sends_the_safe_setpoint_three_times_and_then_nothing(rig):
-    """And the vehicle gets its own stream rates back."""
-    since = rig.engage().now
-    rig.pilot.interrupt(rig.now, "SIGINT")
-    rig.run(1.0)
-    assert flown(rig.setpoints(since)) == SAFE_THREE_TIMES
-    given_back = {message.param1 for message in rig.commands(511, since) if message.param2 == 0}
-    assert given_back == set(rig.pilot.session.streams.rates)
-    assert rig.sent[-1][0] < since + 0.2
-    assert rig.pilot.done
-    assert (rig.pilot.outcome.ending, rig.pilot.outcome.reason) == (Ending.INTERRUPTED, "SIGINT")
-    assert rig.pilot.step(rig.now + 1) == b""
-
-
 def test_the_safe_setpoints_of_the_end_begin_at_once_and_are_a_tick_apart_however_many_ranges_come(rig):
     since = rig.engage().now
     rig.pilot.interrupt(rig.now, "SIGINT")
@@ -310,36 +313,26 @@ def test_the_safe_setpoints_of_the_end_begin_at_once_and_are_a_tick_apart_howeve
     assert "circnav: ended, SIGINT" in rig.texts(since)
 
 
-def test_a_law_that_fails_is_held_back_and_ends_the_flight_safely(rig, monkeypatch):
-    since = rig.engage().now
-    nonsense = TurnCommand(TurnRate(nan), TurnRate(nan), saturated=False)
-    monkeypatch.setattr(rig.pilot.controller._circles, "steer", lambda *arguments: nonsense)
-    rig.run(1.0)
-    assert rig.pilot.outcome.ending is Ending.ABORTED
-    assert "unsafe setpoint held back" in rig.pilot.outcome.reason
-    assert flown(rig.setpoints(since)) == SAFE_THREE_TIMES
+JUNK = (
+    "no vehicle: no autopilot heartbeat, heard 4 bytes, 0 frames, 1 CRC or framing errors, system/component ids: none, "
+    "MAVLink version: none"
+)
+MISFIT = "no vehicle: system 1 is px4 quadrotor, the mission is for ardupilot copter"
 
 
-def test_without_a_vehicle_the_mission_ends_and_says_what_was_heard():
-    rig = Rig(timing=timing(wait_link=2.0)).run(1.0, speaks=False, ranges=False)
-    rig.pilot.receive(b"junk", rig.now, "somebody")
-    rig.run(1.5)
-    assert rig.pilot.outcome.ending is Ending.NOTHING_HEARD
-    assert rig.pilot.outcome.reason == (
-        "no vehicle: no autopilot heartbeat, heard 4 bytes, 0 frames, 1 CRC or framing errors, "
-        "system/component ids: none, MAVLink version: none"
-    )
-
-
-def test_without_ranging_the_mission_ends_and_says_what_was_refused():
-    rig = Rig(timing=timing(wait_ranging=2.0)).run(3.0, range_cm=65535)
-    assert rig.pilot.outcome.ending is Ending.NOTHING_HEARD
-    assert rig.pilot.outcome.reason.startswith("no ranging: no usable DISTANCE_SENSOR, rejected: ")
-    assert " no_range; heard " in rig.pilot.outcome.reason
-
-
-def test_a_vehicle_that_does_not_fit_is_the_reason_given():
-    rig = Rig(timing=timing(wait_link=2.0))
-    rig.hear(heartbeat(autopilot=12))
-    rig.run(3.0, speaks=False)
-    assert rig.pilot.outcome.reason == "no vehicle: system 1 is px4 quadrotor, the mission is for ardupilot copter"
+@pytest.mark.parametrize(
+    ("limit", "hears", "state", "begins", "ends"),
+    [
+        ("wait_link", b"junk", {"speaks": False, "ranges": False}, JUNK, JUNK),
+        ("wait_link", Voice().say(heartbeat(autopilot=12)), {"speaks": False}, MISFIT, MISFIT),
+        ("wait_ranging", b"", {"range_cm": 65535}, "no ranging: no usable DISTANCE_SENSOR, rejected: ", " 2"),
+    ],
+    ids=["no vehicle", "another vehicle", "no range"],
+)
+def test_a_mission_that_waits_in_vain_ends_and_says_what_was_heard(limit, hears, state, begins, ends):
+    rig = Rig(timing=timing(**{limit: 2.0}))
+    rig.pilot.receive(hears, rig.now, rig.source)
+    outcome = rig.run(3.0, **state).pilot.outcome
+    assert outcome.ending is Ending.NOTHING_HEARD
+    assert outcome.reason.startswith(begins) and outcome.reason.endswith(ends)
+    assert bool(" no_range; heard " in outcome.reason) is (limit == "wait_ranging")

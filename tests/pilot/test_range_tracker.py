@@ -59,39 +59,32 @@ def test_nobody_stands_in_for_a_radio_that_falls_silent_in_flight(output_mode):
         assert newest.r == pytest.approx(40.0, abs=0.02)
 
 
+GENERIC, INVALID, ARDUPILOT = 0, 8, 3
+"""Members of MAV_AUTOPILOT."""
+
+
 @pytest.mark.parametrize(
-    ("component", "autopilot"),
+    ("radio", "speaker", "autopilot", "begins"),
     [
-        (192, mavlink.MAV_AUTOPILOT_INVALID),
-        (192, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA),
-        (1, mavlink.MAV_AUTOPILOT_GENERIC),
-        (1, mavlink.MAV_AUTOPILOT_INVALID),
+        (192, 192, INVALID, 0.0),
+        (192, 192, ARDUPILOT, 0.0),
+        (1, 1, GENERIC, 0.0),
+        (1, 1, INVALID, 0.0),
+        (192, 1, ARDUPILOT, 5.0),
     ],
+    ids=["invalid", "autopilot", "generic as 1", "invalid as 1", "a vehicle of the same system, in flight"],
 )
-def test_a_radio_that_has_a_system_and_a_heartbeat_of_its_own_is_no_vehicle(rig, component, autopilot):
-    radio, began = Voice(42, component), rig.run(0.5, ranges=False).tick
-    beat = mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_GENERIC, autopilot, 0, 0, 4, 3)
-
-    def speaks():
-        if (rig.tick - began) % 20 == 0:
-            rig.hear(beat, voice=radio)
-        if (rig.tick - began) % 2:
-            rig.range(voice=radio)
-
-    assert rig.run(5.0, speaks).pilot.phase is Phase.ENGAGED
-
-
-def test_a_vehicle_with_the_system_of_our_radio_does_not_take_it_from_us_in_flight(rig):
-    radio, other = Voice(42, 192), Voice(42, 1)
+def test_a_heartbeat_of_our_radios_system_does_not_take_its_ranges_from_us(rig, radio, speaker, autopilot, begins):
+    radio, speaker = Voice(42, radio), Voice(42, speaker)
     rig.run(0.5, ranges=False)
 
     def speaks():
-        if rig.now > 5.0 and rig.tick % 5 == 0:
-            rig.hear(heartbeat(GUIDED), voice=other)
+        if rig.now > begins and rig.tick % 5 == 0:
+            rig.hear(heartbeat(kind=2 if begins else 0, autopilot=autopilot), voice=speaker)
         if rig.tick % 2:
             rig.range(voice=radio)
 
-    assert rig.run(15.0, speaks).pilot.phase is Phase.ENGAGED
+    assert rig.run(15.0 if begins else 5.0, speaks).pilot.phase is Phase.ENGAGED
 
 
 # --- ranges that are none ---
@@ -171,18 +164,14 @@ def test_ranges_without_an_estimate_name_the_estimator():
 # --- delay ---
 
 
-def test_a_link_that_gets_slower_in_flight_than_ranges_may_be_old_is_a_lost_range():
+@pytest.mark.parametrize(("stale", "phase"), [(0.5, Phase.HOLDING), (1.5, Phase.ENGAGED)])
+def test_a_link_that_gets_slower_in_flight_than_ranges_may_be_old_is_a_lost_range(stale, phase):
     """Stamps cannot show a constant delay; answers to TIMESYNC do."""
-    rig = Rig(exit="rtl").engage().run(6.0, round_trip=2.0)
+    rig = Rig(ranging=ranging(max_age=stale), timing=timing(stale=stale)).engage().run(8.0, round_trip=2.0)
     assert rig.pilot.session.timesync.typical == pytest.approx(2.0)
-    assert rig.pilot.phase is Phase.HOLDING
-    assert rig.run(10.0).pilot.outcome.reason.startswith("no range for")
-
-
-def test_a_link_that_gets_slow_within_what_ranges_may_be_old_is_no_reason_to_let_the_vehicle_go():
-    rig = Rig(ranging=ranging(max_age=1.5), timing=timing(stale=1.5)).engage().run(10.0, round_trip=2.0)
-    assert rig.pilot.session.timesync.typical == pytest.approx(2.0)
-    assert rig.pilot.phase is Phase.ENGAGED
+    assert rig.pilot.phase is phase
+    ended = rig.run(8.0).pilot.outcome
+    assert bool(ended and ended.reason.startswith("no range for")) is (phase is Phase.HOLDING)
 
 
 def test_the_delay_of_the_vehicles_link_is_not_that_of_a_radio_with_a_link_of_its_own():

@@ -186,30 +186,34 @@ def waiting() -> Rig:
     return Rig(end_on_takeover=False).engage()
 
 
-def test_a_switch_that_passes_through_the_guided_mode_gives_nothing_back(waiting):
-    since = waiting.now
-    for mode, seconds in ((LOITER, 1.0), (GUIDED, 0.5), (LOITER, 0.5), (GUIDED, 1.25), (LOITER, 1.0)):
-        waiting.run(seconds, mode=mode)
-    assert waiting.setpoints(since + 0.2) == [], "0.2 s until the next heartbeat tells"
+SILENT = {"speaks": False}
+LANDED = {"landed_state": ON_GROUND}
 
 
-@pytest.mark.parametrize(("silence", "after"), [(2.5, LOITER), (4.0, LOITER), (4.0, GUIDED)])
-def test_a_silence_in_the_guided_mode_gives_nothing_back(waiting, silence, after):
-    """The switch may have gone on in it."""
-    since = waiting.run(1.0, mode=LOITER).now
-    waiting.run(1.0, mode=GUIDED).run(silence, speaks=False).run(1.0, speaks=True, mode=after)
+@pytest.mark.parametrize(
+    ("what", "waits_for"),
+    [
+        ([({}, LOITER, 1.0), ({}, GUIDED, 0.5), ({}, LOITER, 0.5), ({}, GUIDED, 1.25), ({}, LOITER, 1.0)], "operator"),
+        # in a silence the switch may have gone on
+        ([({}, LOITER, 1.0), ({}, GUIDED, 1.0), (SILENT, GUIDED, 2.5), ({}, LOITER, 1.0)], "operator"),
+        ([({}, LOITER, 1.0), ({}, GUIDED, 1.0), (SILENT, GUIDED, 4.0), ({}, LOITER, 1.0)], "operator"),
+        ([({}, LOITER, 1.0), ({}, GUIDED, 1.0), (SILENT, GUIDED, 4.0), ({}, GUIDED, 1.0)], "operator"),
+        ([(LANDED, LAND, 3.0), (LANDED, GUIDED, 3.0)], "the vehicle is on the ground"),
+        ([({}, LAND, 5.0), ({**LANDED, "armed": False}, LAND, 5.0), (LANDED, GUIDED, 5.0)], "on the ground"),
+        # given back on the ground, and then a switch passes through the guided mode in the air
+        ([(LANDED, LAND, 3.0), (LANDED, GUIDED, 3.0), ({}, LOITER, 3.0), ({}, GUIDED, 1.0), ({}, LOITER, 1.0)],
+         "operator"),
+    ],
+    ids=["a switch that passes through", "a short silence", "a long silence", "a silence that ends in the guided mode",
+         "on the ground", "landed and disarmed meanwhile", "on the ground, and taken again in the air"],
+)  # fmt: skip
+def test_a_vehicle_that_was_taken_is_not_steered_before_it_is_given_back_for_certain(waiting, what, waits_for):
+    since = waiting.run(0.2, mode=what[0][1]).now  # until the next heartbeat tells
+    for state, mode, seconds in what:
+        waiting.run(seconds, mode=mode, **{"speaks": True, "armed": True, "landed_state": IN_AIR, **state})
     assert waiting.setpoints(since) == []
-    assert waiting.run(2.0, mode=GUIDED).pilot.phase is Phase.ENGAGED
-
-
-def test_what_was_given_back_and_cannot_be_steered_yet_may_be_taken_again(waiting):
-    """Given back on the ground; then a switch passes through the guided mode in the air."""
-    waiting.run(3.0, mode=LAND, landed_state=ON_GROUND).run(3.0, mode=GUIDED)
-    assert waiting.pilot.waits_for(waiting.now) == "the vehicle is on the ground"
-    since = waiting.run(3.0, mode=LOITER, landed_state=IN_AIR).now
-    waiting.run(1.0, mode=GUIDED).run(1.0, mode=LOITER)
-    assert waiting.setpoints(since) == []
-    assert waiting.run(2.0, mode=GUIDED).pilot.phase is Phase.ENGAGED
+    assert waits_for in waiting.pilot.waits_for(waiting.now)
+    assert waiting.run(2.0, mode=GUIDED, landed_state=IN_AIR).pilot.phase is Phase.ENGAGED
 
 
 @pytest.mark.parametrize("offset", [20, 60, 100, 150, 200, 250])
@@ -232,15 +236,6 @@ def test_a_second_way_of_the_same_vehicle_whose_words_come_late_gives_nothing_ba
     assert rig.pilot.phase is Phase.YIELDED
 
 
-def test_a_vehicle_that_has_landed_meanwhile_is_not_engaged_again_before_it_flies(waiting):
-    waiting.run(5.0, mode=LAND)
-    since = waiting.run(5.0, landed_state=ON_GROUND, armed=False).now
-    waiting.run(5.0, mode=GUIDED, armed=True)
-    assert waiting.setpoints(since) == []
-    assert waiting.pilot.waits_for(waiting.now) == "the vehicle is on the ground"
-    assert waiting.run(2.0, landed_state=IN_AIR).setpoints(since) != []
-
-
 def test_a_current_mode_of_zero_is_no_mode(rig):
     """Nothing was filled in: neither another mode nor a proof that the vehicle is there."""
     nothing = mavlink.MAVLink_current_mode_message(0, 0, 0)
@@ -258,16 +253,24 @@ def test_a_vehicle_that_the_operator_took_is_not_taken_back_after_a_lost_link():
     assert rig.setpoints(since) == []
 
 
-def test_an_outage_before_a_takeover_does_not_end_the_mission_that_waits():
-    rig = Rig(end_on_takeover=False, timing=timing(outage=10.0)).engage()
-    rig.run(5.0, speaks=False).run(12.0, speaks=True, mode=LOITER)
-    assert rig.pilot.outcome is None and rig.pilot.phase is Phase.YIELDED
+@pytest.mark.parametrize(
+    ("limits", "before", "how", "ends"),
+    [
+        ({"outage": 10.0}, 5.0, {"mode": LOITER}, None),
+        ({"duration": 10.0}, 0.0, {"mode": LOITER}, Ending.ABORTED),
+        ({"duration": 10.0}, 0.0, {"speaks": False}, Ending.ABORTED),
+    ],
+    ids=["an outage before the takeover", "time runs out, the operator has it", "time runs out, the link is gone"],
+)
+def test_a_mission_in_other_hands_is_not_completed_and_ends_by_no_outage_of_before(limits, before, how, ends):
+    rig = Rig(end_on_takeover=False, timing=timing(**limits)).engage()
+    rig.run(before, speaks=False).run(12.0, **{"speaks": True, **how})
+    assert (rig.pilot.outcome and rig.pilot.outcome.ending) is ends
 
 
-@pytest.mark.parametrize("how", [{"mode": LOITER}, {"speaks": False}], ids=["operator has it", "link is gone"])
-def test_a_mission_whose_time_runs_out_in_other_hands_is_not_completed(how):
-    rig = Rig(end_on_takeover=False, timing=timing(duration=10.0)).engage().run(12.0, **how)
-    assert rig.pilot.outcome.ending is Ending.ABORTED
+def test_a_vehicle_is_taken_again_over_a_link_that_was_too_slow_for_the_first_time(waiting):
+    waiting.run(10.0, mode=LOITER, round_trip=0.8)
+    assert waiting.run(GIVEN_BACK, mode=GUIDED).pilot.phase is Phase.ENGAGED
 
 
 def test_after_a_takeover_another_radio_may_take_the_place_of_ours(waiting):

@@ -10,8 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from circnav_mav.experiments.campaign.plan import START, Campaign
 from circnav_mav.experiments.campaign.spec import DRAWS, Spec, SpecError, flat, read_spec
-from circnav_mav.mission.load import MissionError, load_mission, read_text, read_toml
-from circnav_mav.mission.problems import in_words
+from circnav_mav.mission.load import MissionError, in_words, load_mission, read_text, read_toml
 
 
 class CampaignError(Exception):
