@@ -145,7 +145,7 @@ class Sensors(Table):
     accel_bias_mps2: constant, signs drawn by the seed; None draws .05 .. 0.1.
     imu: "frozen" repeats its last reading, "clipped" ends at 8 m/s^2, "rotated" is mounted 90 deg to the right.
     attitude_error_deg: rms of the estimated roll, with the errors of velocity and heading that come with it
-    (estimate.py); None: 1.0 of a realistic px4_*, 0.15 of arduplane, else 0.
+    (EstimateError); None: 1.0 of a realistic px4_*, 0.15 of arduplane, else 0.
     gps_error_m: standard deviation of the reported position in each axis, first order with gps_error_time_s.
     dead_reckoning_mps: speed in each axis, drawn, at which the reported position drifts away without GPS.
     """

@@ -65,7 +65,7 @@ class Services:
         asked = {REQUEST_MESSAGE: first, REQUEST_CAPABILITIES: AUTOPILOT_VERSION, GET_HOME: HOME_POSITION}
         if command.number in asked:
             return (self._send_once(link, asked[command.number]),)
-        return self._flight.autopilot.command(command, self._flight.now, self._flight.body)
+        return self._flight.autopilot.command(command, self._flight.now)
 
     def _send_once(self, link: Link, number: int) -> int:
         if number not in self._flight.autopilot.identity.streamable:

@@ -113,7 +113,7 @@ class Vehicle:
             return
         flight, number = self._flight, message.get_msgId()
         if number in SETPOINTS:
-            if flight.autopilot.setpoint(message, flight.now, flight.body):
+            if flight.autopilot.setpoint(message, flight.now):
                 self._setpoints.append((flight.seconds, message.get_type()))
         elif not self._services.answer(message, source):
             if number == HEARTBEAT and message.type == TYPE_GCS:

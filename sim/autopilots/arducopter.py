@@ -37,7 +37,7 @@ class ArduCopter(ArduPilot):
         vehicle = config.vehicle
         gps = vehicle.gps and vehicle.profile != "arducopter_nogps"
         self.FIRST_MODE = "LOITER" if gps else "ALT_HOLD"
-        super().__init__(COPTER, copter_parameters(config), config, say, vehicle.odometry)
+        super().__init__(COPTER, copter_parameters(config), config, say, start)
         self.gps = self.position = gps
         self._airspeed_sensor = vehicle.airspeed_sensor
         self._airframe: CopterAirframe = copter_airframe(vehicle)
@@ -51,8 +51,8 @@ class ArduCopter(ArduPilot):
 
     # -- what is flown ------------------------------------------------------------------------------------------------
 
-    def fly(self, body: Body, dt: float, wind: tuple[float, float]) -> Body:
-        return self._airframe.step(body, self._demand, dt, wind)
+    def fly(self, dt: float, wind: tuple[float, float]) -> Body:
+        return self._airframe.step(self.body, self._demand, dt, wind)
 
     def wake_us(self) -> int:
         if not self.armed:
@@ -62,11 +62,11 @@ class ArduCopter(ArduPilot):
     def _target_until(self) -> int:
         return NEVER if self._target is None else self._since + self.params.microseconds("GUID_TIMEOUT")
 
-    def wake(self, now: int, body: Body) -> None:
-        super().wake(now, body)
+    def wake(self, now: int) -> None:
+        super().wake(now)
         if self.armed and self._on_a_leg():
             self._leg_at = now + LEG_US
-            self._demand = self._leg(body)
+            self._demand = self._leg()
         elif self.armed and now >= self._target_until():
             self._rest(LEVEL if isinstance(self._target, (Tilt, Spin)) else Brake())  # without a word, in the same mode
 
@@ -74,7 +74,8 @@ class ArduCopter(ArduPilot):
         guided_leg = self.mode == GUIDED and (self._climbing_to is not None or isinstance(self._target, GoTo))
         return guided_leg or self.mode in (RTL, SMART_RTL, LAND)
 
-    def _leg(self, body: Body) -> Demand:
+    def _leg(self) -> Demand:
+        body = self.body
         if self.mode == GUIDED and self._climbing_to is not None:
             demand = legs.climb_out(body, self._climbing_to, self._leg_speeds)
             if demand is None:
@@ -96,19 +97,19 @@ class ArduCopter(ArduPilot):
 
     # -- what is obeyed -----------------------------------------------------------------------------------------------
 
-    def setpoint(self, message: Message, now: int, body: Body) -> bool:
+    def setpoint(self, message: Message, now: int) -> bool:
         number = message.get_msgId()
         if self.mode not in (GUIDED, GUIDED_NOGPS) or not self.armed or self._climbing_to is not None:
             return False
         if number == ATTITUDE_TARGET:
-            return self._take(read_attitude_target(message, self.params), now, body)
+            return self._take(read_attitude_target(message, self.params), now)
         if number == LOCAL_TARGET and self.mode == GUIDED:
-            return self._take(read_local_target(message, body, self._airframe.turns_with_nose), now, body)
+            return self._take(read_local_target(message, self.body, self._airframe.turns_with_nose), now)
         if number == LOCAL_TARGET:  # without GPS it is taken, and upsets the controller: stops and sinks
             self._rest(SINKING)
         return False
 
-    def _take(self, target: Target | Stop | Poison | None, now: int, body: Body) -> bool:
+    def _take(self, target: Target | Stop | Poison | None, now: int) -> bool:
         if isinstance(target, Poison):
             self.say(Severity.EMERGENCY, "Crash: Disarming: AngErr=180>30, Accel=0.1<3.0")
             self.set_armed(False)
@@ -117,16 +118,16 @@ class ArduCopter(ArduPilot):
         if target is None or isinstance(target, (Poison, Stop)):
             return False
         self._target, self._since, self._leg_at = target, now, now
-        self._demand = legs.to_point(body, target, self._leg_speeds) if isinstance(target, GoTo) else target
+        self._demand = legs.to_point(self.body, target, self._leg_speeds) if isinstance(target, GoTo) else target
         return True
 
-    def go_to(self, north: float, east: float, down: float, now: int, body: Body) -> None:
-        self._take(GoTo(north, east, down), now, body)
+    def go_to(self, north: float, east: float, down: float, now: int) -> None:
+        self._take(GoTo(north, east, down), now)
 
-    def own_command(self, command: Command, now: int, body: Body) -> int:
+    def own_command(self, command: Command, now: int) -> int:
         if command.number == DO_CHANGE_SPEED:
             return self._change_speed(command)
-        return self._take_off(command, now, body) if command.number == TAKEOFF else Ack.UNSUPPORTED
+        return self._take_off(command, now) if command.number == TAKEOFF else Ack.UNSUPPORTED
 
     def _change_speed(self, command: Command) -> int:
         """Of the legs that it flies by itself, until it is asked for another."""
@@ -137,8 +138,8 @@ class ArduCopter(ArduPilot):
         self._leg_speeds[names[int(kind)]] = speed * 100
         return Ack.ACCEPTED
 
-    def _take_off(self, command: Command, now: int, body: Body) -> int:
-        if self.mode != GUIDED or not self.armed or self.flying(body) or not command.z > 0:
+    def _take_off(self, command: Command, now: int) -> int:
+        if self.mode != GUIDED or not self.armed or self.flying() or not command.z > 0:
             return Ack.FAILED
         self._climbing_to, self._leg_at = -command.z, now
         return Ack.ACCEPTED
@@ -149,8 +150,8 @@ class ArduCopter(ArduPilot):
         self._climbing_to, self._leg_at = None, now
         self._rest(self._idle())
 
-    def flying(self, body: Body) -> bool:
-        return self.armed and (body.down < -0.1 or self._climbing_to is not None)
+    def flying(self) -> bool:
+        return self.armed and (self.body.down < -0.1 or self._climbing_to is not None)
 
     def disarmed(self) -> None:
         self._climbing_to = None
@@ -171,15 +172,15 @@ class ArduCopter(ArduPilot):
     def flown(self) -> Demand | None:
         return self._demand if self._target is not None else None
 
-    def landed_state(self, body: Body) -> int:
-        if not self.flying(body):
+    def landed_state(self) -> int:
+        if not self.flying():
             return Landed.ON_GROUND
         if self._climbing_to is not None:
             return Landed.TAKING_OFF
         return Landed.LANDING if self.mode == LAND else Landed.IN_AIR
 
-    def shown_airspeed(self, body: Body, wind: tuple[float, float]) -> float:
+    def shown_airspeed(self, shown: Body, wind: tuple[float, float]) -> float:
         """A copter without an airspeed sensor shows its ground speed, if it knows it."""
         if self._airspeed_sensor:
-            return body.airspeed(wind)
-        return body.ground_speed if self.position else 0.0
+            return shown.airspeed(wind)
+        return shown.ground_speed if self.position else 0.0

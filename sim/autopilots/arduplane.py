@@ -39,7 +39,8 @@ class ArduPlane(ArduPilot):
 
     def __init__(self, config: VehicleConfig, say: Say, start: Body) -> None:
         vehicle = config.vehicle
-        super().__init__(PLANE, plane_parameters(config), config, say, odometry=True)
+        super().__init__(PLANE, plane_parameters(config), config, say, start)
+        self._odometry = True  # its estimator goes on by its airspeed
         ideal = vehicle.dynamics == "unicycle"
         self._airframe = FixedWing(
             effectiveness=vehicle.turn_effectiveness or (1.0 if ideal else 0.73),
@@ -53,7 +54,6 @@ class ArduPlane(ArduPilot):
         self._speed = self.params["AIRSPEED_CRUISE"]  # indicated
         self._height = start.down
         self._loiter = Loiter(start.north, start.east, self.params["WP_LOITER_RAD"])
-        self._here = start
         self._forced: Forced | None = None
         self._heading: tuple[float, float] | None = None  # held by 43002: heading, bank limit
         self._since = self._think_at = 0
@@ -62,40 +62,39 @@ class ArduPlane(ArduPilot):
 
     # -- what is flown ------------------------------------------------------------------------------------------------
 
-    def fly(self, body: Body, dt: float, wind: tuple[float, float]) -> Body:
+    def fly(self, dt: float, wind: tuple[float, float]) -> Body:
         if not self.armed:
-            return falling(body, dt)
+            return falling(self.body, dt)
         _, pitch, throttle = self._forced or Forced(None, None, None)
         demand = Bank(self._bank, self._speed * self._scale, self._height, pitch, throttle)
-        self._here = self._airframe.step(body, demand, dt, wind)
-        return self._here
+        return self._airframe.step(self.body, demand, dt, wind)
 
     def wake_us(self) -> int:
         return min(self._think_at if self.armed else NEVER, super().wake_us())
 
-    def wake(self, now: int, body: Body) -> None:
-        super().wake(now, body)
+    def wake(self, now: int) -> None:
+        super().wake(now)
         self._think_at = now + THINK_US
         if self._forced is not None and now - self._since >= TIMEOUT_US:
             self._forced = None  # without a word: back to the loiter
-        self._bank = self._wanted_bank(now, body)
+        self._bank = self._wanted_bank(now)
 
-    def _wanted_bank(self, now: int, body: Body) -> float:
+    def _wanted_bank(self, now: int) -> float:
         limit = math.radians(self.params["ROLL_LIMIT_DEG"])
         if self.mode == GUIDED and self._forced is not None:
             return max(-limit, min(limit, self._forced.roll or 0.0))
         if self.mode == GUIDED and self._heading is not None:
-            return bank_for_heading(body, self._heading[0], min(limit, self._heading[1]))
+            return bank_for_heading(self.body, self._heading[0], min(limit, self._heading[1]))
         if self.mode == CIRCLE:
             return CIRCLE_BANK
         if self.mode in LOITERING:
-            return bank_on_loiter(body, self._loiter, min(limit, math.radians(58)), self._airframe.effectiveness)
+            return bank_on_loiter(self.body, self._loiter, min(limit, math.radians(58)), self._airframe.effectiveness)
         held = self.mode in self.MANUAL_MODES
         return self._sticks.roll(now, self.params.microseconds("RC_OVERRIDE_TIME")) * limit if held else 0.0
 
     # -- what is obeyed -----------------------------------------------------------------------------------------------
 
-    def setpoint(self, message: Message, now: int, body: Body) -> bool:
+    def setpoint(self, message: Message, now: int) -> bool:
         if message.get_msgId() != ATTITUDE_TARGET or self.mode != GUIDED or not self.armed:
             return self._sticks.heard(message, now, int(self.params["SYSID_MYGCS"]))
         forced = read_attitude_target(message)
@@ -103,20 +102,16 @@ class ArduPlane(ArduPilot):
             return False
         self._forced, self._since = forced, now
         if forced.pitch is not None:
-            self._height = body.down
+            self._height = self.body.down
         self._think_at = now + -now % LOOP_US  # a setpoint waits for the main loop, 50 Hz
         return True
 
-    def command(self, command: Command, now: int, body: Body) -> tuple[int, ...]:
-        self._here = body
-        return super().command(command, now, body)
-
-    def go_to(self, north: float, east: float, down: float, now: int, body: Body) -> None:
+    def go_to(self, north: float, east: float, down: float, now: int) -> None:
         self._forced = self._heading = None
         self._loiter = Loiter(north, east, self.params["WP_LOITER_RAD"])
         self._height = down
 
-    def own_command(self, command: Command, now: int, body: Body) -> int:
+    def own_command(self, command: Command, now: int) -> int:
         if command.number == EXTERNAL_POSITION:
             return self._be_placed(command)
         if command.number in (DO_CHANGE_ALTITUDE, CHANGE_ALTITUDE):
@@ -170,9 +165,9 @@ class ArduPlane(ArduPilot):
         self._forced = self._heading = None
         self._think_at = now
         home = mode == RTL
-        place = (0.0, 0.0) if home else (self._here.north, self._here.east)
+        place = (0.0, 0.0) if home else (self.body.north, self.body.east)
         self._loiter = Loiter(*place, self.params["WP_LOITER_RAD"])
-        self._height = min(self._here.down, -100.0) if home else self._here.down
+        self._height = min(self.body.down, -100.0) if home else self.body.down
 
     def disarmed(self) -> None:
         self._forced = self._heading = None
@@ -183,9 +178,9 @@ class ArduPlane(ArduPilot):
     def ground_station_lost(self, now: int) -> None:
         self.say(Severity.WARNING, f"GCS Failsafe On: {self.mode_name(self.mode)}")  # FS_LONG_ACTN 0: and carries on
 
-    def shown_airspeed(self, body: Body, wind: tuple[float, float]) -> float:
+    def shown_airspeed(self, shown: Body, wind: tuple[float, float]) -> float:
         """Indicated: what the thin air leaves of the true airspeed."""
-        return body.air_speed / self._scale
+        return shown.air_speed / self._scale
 
     def wanted_roll(self) -> float:
         return self._bank

@@ -11,7 +11,7 @@ from ..demands import Bank, Glide, Tilt
 from ..params import Parameter
 from ..starting import AIRSPEED_SCALE
 from .circling import Loiter, bank_on_loiter
-from .contract import Command, Say
+from .contract import Say
 from .modes import PX4 as MODES
 from .px4 import ALTCTL, LAND, OFFBOARD, POSCTL, RTL, Px4
 from .px4_tables import px4_identity, px4_parameters
@@ -39,7 +39,7 @@ class Px4Plane(Px4):
             Parameter("FW_AIRSPD_MAX", cruise * 1.5),
             Parameter("NAV_LOITER_RAD", 80.0),
         )
-        super().__init__(IDENTITY, px4_parameters(config, *own), config, say)
+        super().__init__(IDENTITY, px4_parameters(config, *own), config, say, start)
         self._scale = vehicle.airspeed_scale or AIRSPEED_SCALE[vehicle.profile]
         ideal = vehicle.dynamics == "unicycle"
         self._by_attitude = FixedWing(
@@ -52,7 +52,6 @@ class Px4Plane(Px4):
             trim_speed=self.params["FW_AIRSPD_TRIM"] * self._scale,
         )
         self._by_stick = replace(self._by_attitude, dead_time=0.0 if ideal else STICK_DEAD_TIME)
-        self._here = start
         self._height = start.down
         self._loiter = Loiter(start.north, start.east, self.params["NAV_LOITER_RAD"])
         self._think_at = 0
@@ -60,13 +59,12 @@ class Px4Plane(Px4):
 
     # -- what is flown ------------------------------------------------------------------------------------------------
 
-    def fly(self, body: Body, dt: float, wind: tuple[float, float]) -> Body:
+    def fly(self, dt: float, wind: tuple[float, float]) -> Body:
         if not self.armed:
-            return falling(body, dt)
+            return falling(self.body, dt)
         demand = self._demand()
         airframe = self._by_attitude if isinstance(demand, Glide) else self._by_stick
-        self._here = airframe.step(body, demand, dt, wind)
-        return self._here
+        return airframe.step(self.body, demand, dt, wind)
 
     def _demand(self) -> Bank | Glide:
         setpoint = self._setpoint
@@ -81,24 +79,24 @@ class Px4Plane(Px4):
     def wake_us(self) -> int:
         return min(super().wake_us(), self._think_at if self.armed else NEVER)
 
-    def wake(self, now: int, body: Body) -> None:
-        super().wake(now, body)
+    def wake(self, now: int) -> None:
+        super().wake(now)
         self._think_at = now + THINK_US
-        self._bank = self._wanted_bank(now, body)
+        self._bank = self._wanted_bank(now)
 
-    def _wanted_bank(self, now: int, body: Body) -> float:
+    def _wanted_bank(self, now: int) -> float:
         limit = math.radians(self.params["FW_R_LIM"])
         if self.mode in BANKED_BY_STICKS:
             return self.sticks.roll(now, self.params.microseconds("COM_RC_LOSS_T")) * limit
         if self.mode == OFFBOARD:
-            return self._bank_to_point(body, limit)
+            return self._bank_to_point(limit)
         if not self.position or self.mode == LAND:
             return 0.0
-        return bank_on_loiter(body, self._loiter, limit, self._by_stick.effectiveness)
+        return bank_on_loiter(self.body, self._loiter, limit, self._by_stick.effectiveness)
 
-    def _bank_to_point(self, body: Body, limit: float) -> float:
+    def _bank_to_point(self, limit: float) -> float:
         """A position setpoint is flown to; one of velocities alone is taken and has no effect."""
-        setpoint = self._setpoint
+        setpoint, body = self._setpoint, self.body
         if not isinstance(setpoint, Trajectory) or setpoint.position[0] is None or setpoint.position[1] is None:
             return 0.0
         if setpoint.position[2] is not None:
@@ -110,10 +108,6 @@ class Px4Plane(Px4):
 
     # -- what is obeyed -----------------------------------------------------------------------------------------------
 
-    def command(self, command: Command, now: int, body: Body) -> tuple[int, ...]:
-        self._here = body
-        return super().command(command, now, body)
-
     def hold_at(self, place: tuple[float, float] | None, down: float | None) -> None:
         if place is not None:
             self._loiter = Loiter(*place, self.params["NAV_LOITER_RAD"])
@@ -121,9 +115,9 @@ class Px4Plane(Px4):
 
     def entered(self, mode: int, now: int) -> None:
         self._think_at = now
-        place = (0.0, 0.0) if mode == RTL else (self._here.north, self._here.east)
+        place = (0.0, 0.0) if mode == RTL else (self.body.north, self.body.east)
         self._loiter = Loiter(*place, self.params["NAV_LOITER_RAD"])
-        self._height = 0.0 if mode == LAND else self._here.down
+        self._height = 0.0 if mode == LAND else self.body.down
 
-    def shown_airspeed(self, body: Body, wind: tuple[float, float]) -> float:
-        return body.air_speed / self._scale
+    def shown_airspeed(self, shown: Body, wind: tuple[float, float]) -> float:
+        return shown.air_speed / self._scale
