@@ -8,9 +8,8 @@ from pymavlink.dialects.v20 import all as mavlink
 from .autopilots.ardupilot import STREAM_GROUPS
 from .autopilots.contract import Ack, Command, Say
 from .flight import Flight
-from .links import Link
+from .links import Link, Message
 from .streams import Streams
-from .wire import Message
 
 COMMAND_INT, COMMAND_LONG = 75, 76
 GET_INTERVAL, SET_INTERVAL, REQUEST_MESSAGE, REQUEST_CAPABILITIES, GET_HOME = 510, 511, 512, 520, 410

@@ -11,8 +11,8 @@ from pymavlink.dialects.v20 import all as mavlink
 from .body import GRAVITY, to_earth
 from .demands import BodyVelocity, EarthVelocity, Tilt
 from .flight import Flight
+from .links import Message
 from .ranging_radio import centimetres
-from .wire import Message
 from .world import HOME_AMSL_M, HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG, to_degrees
 
 EPOCH_US = 1_750_000_000_000_000  # SYSTEM_TIME's wall clock at simulated time zero: fixed, so that runs repeat

@@ -9,14 +9,13 @@ from pymavlink.dialects.v20 import all as mavlink
 from .agenda import NEVER, Agenda
 from .config import Event, VehicleConfig
 from .flight import DRIFT_STEP_US, Flight, Truth
-from .links import HEARTBEAT, TYPE_GCS, Link, Router
+from .links import HEARTBEAT, TYPE_GCS, Link, Message, Router
 from .ranging_radio import SECOND, RangingRadio
 from .sensor import Sample
 from .services import Services
 from .signing import UNSIGNED_BY_ARDUPILOT, UNSIGNED_BY_PX4, Notary, read_key
 from .streams import Streams
 from .telemetry import sim_state, truth_array
-from .wire import Message
 from .world import Air
 
 __all__ = ["Truth", "Vehicle"]
@@ -57,7 +56,7 @@ class Vehicle:
     def receive(self, data: bytes, link: str = MAIN, *, stream: bool = False) -> None:
         """One datagram, or piece of a stream, heard on a link, handled at the current simulated time. Never raises."""
         source = self._link(link)
-        for message in source.parser.messages(data, stream=stream):
+        for message in source.messages(data, stream=stream):
             if self._notary.believes(message):
                 self._hear(message, source)
 
@@ -220,7 +219,7 @@ class Vehicle:
         self._radio = RangingRadio(self.config, self._agenda, self._flight, self._radio_sends, self._driver)
 
     def _radio_sends(self, message: Message) -> None:
-        frame = self._radio_wire.sender.frame(message)
+        frame = self._radio_wire.frame(message)
         if frame is None:
             return
         if self.config.ranging.via == "direct":

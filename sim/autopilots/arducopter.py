@@ -7,7 +7,7 @@ from ..airframes.copter import CopterAirframe, copter_airframe
 from ..body import Body
 from ..config import VehicleConfig
 from ..demands import BodyVelocity, Brake, Demand, EarthVelocity, Spin, Tilt
-from ..wire import Message
+from ..links import Message
 from . import copter_legs as legs
 from .ardupilot import ArduPilot
 from .ardupilot_tables import COPTER, copter_parameters

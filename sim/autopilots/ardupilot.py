@@ -7,8 +7,8 @@ from typing import ClassVar
 from ..agenda import NEVER
 from ..body import Body
 from ..config import VehicleConfig
+from ..links import Message
 from ..params import Parameters
-from ..wire import Message
 from ..world import HOME_AMSL_M, from_degrees
 from .contract import CUSTOM_MODE_ENABLED, FORCE, Ack, Autopilot, Command, Identity, Say, Severity, State
 

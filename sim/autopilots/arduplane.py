@@ -8,8 +8,8 @@ from ..airframes.fixedwing import FixedWing, falling
 from ..body import GRAVITY, Body, euler
 from ..config import VehicleConfig
 from ..demands import Bank
+from ..links import Message
 from ..starting import AIRSPEED_SCALE
-from ..wire import Message
 from ..world import from_degrees
 from .ardupilot import ArduPilot
 from .ardupilot_tables import PLANE, plane_parameters

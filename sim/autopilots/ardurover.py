@@ -8,7 +8,7 @@ from ..airframes.unicycle import Unicycle
 from ..body import Body, euler
 from ..config import VehicleConfig
 from ..demands import BodyVelocity, Brake
-from ..wire import Message
+from ..links import Message
 from .ardupilot import ArduPilot
 from .ardupilot_tables import ROVER, rover_parameters
 from .contract import CUSTOM_MODE_ENABLED, Ack, Command, Say, Severity

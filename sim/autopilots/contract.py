@@ -10,8 +10,8 @@ from ..agenda import NEVER
 from ..body import Body
 from ..config import Event, VehicleConfig
 from ..demands import Demand
+from ..links import Message
 from ..params import Parameters
-from ..wire import Message
 
 Say = Callable[[int, str], None]
 """Send a STATUSTEXT of this severity."""

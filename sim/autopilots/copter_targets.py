@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 from ..body import Body, euler, to_earth
 from ..demands import BodyVelocity, EarthVelocity, Spin, Tilt
+from ..links import Message
 from ..params import Parameters
-from ..wire import Message
 
 LOCAL_NED, LOCAL_OFFSET_NED, BODY_NED, BODY_OFFSET_NED = 1, 7, 8, 9
 POSITION, VELOCITY, ACCELERATION = 0x007, 0x038, 0x1C0

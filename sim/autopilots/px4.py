@@ -7,8 +7,8 @@ from ..agenda import NEVER
 from ..body import Body
 from ..config import Event, VehicleConfig
 from ..demands import Spin, Tilt
+from ..links import Message
 from ..params import Parameters
-from ..wire import Message
 from ..world import HOME_AMSL_M, from_degrees
 from .contract import FORCE, Ack, Autopilot, Command, Identity, Say, Severity
 from .modes import PX4 as MODES

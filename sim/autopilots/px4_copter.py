@@ -10,8 +10,8 @@ from ..airframes.unicycle import Unicycle
 from ..body import Body, at_most
 from ..config import VehicleConfig
 from ..demands import BodyVelocity, Brake, Demand, EarthVelocity, Spin, Tilt
+from ..links import Message
 from ..params import Parameter
-from ..wire import Message
 from ..world import HOME_AMSL_M
 from .contract import Command, Landed, Say
 from .px4 import LAND, LOITER, MANUAL_CONTROL, NEEDS_STICKS, OFFBOARD, RTL, TAKEOFF, Px4

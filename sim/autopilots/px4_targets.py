@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from ..body import Body, euler, to_earth
 from ..demands import Spin, Tilt
-from ..wire import Message
+from ..links import Message
 
 LOCAL_TARGET, ATTITUDE_TARGET = 84, 82
 LOCAL_NED, BODY_NED = 1, 8

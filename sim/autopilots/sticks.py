@@ -1,6 +1,6 @@
 """A pilot's sticks over MAVLink: RC_CHANNELS_OVERRIDE and MANUAL_CONTROL."""
 
-from ..wire import Message
+from ..links import Message
 
 RC_OVERRIDE, MANUAL_CONTROL = 70, 69
 IGNORED_PWM, RELEASED_PWM = 65535, 0
