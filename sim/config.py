@@ -14,9 +14,6 @@ from .signing import read_key
 
 __all__ = ["ConfigError", "VehicleConfig", "load_vehicle", "parse_vehicle"]
 
-MESSAGES = ("distance_sensor", "ranging_beacon", "named_value_float")
-VIAS = ("forwarded", "direct", "autopilot")
-PRESETS = ("gaussian", "uwb", "lora")
 IMU_STATES = ("good", "frozen", "clipped", "rotated")
 ATTITUDE_ERROR_DEG = {"px4_copter": 1.0, "px4_plane": 1.0, "arduplane": 0.15}
 ACTIONS = (
@@ -107,9 +104,9 @@ class Ranging(Table):
     rate_bias_mps: rms of the carrier's offset, which changes within a minute.
     """
 
-    message: Literal[MESSAGES] = "distance_sensor"  # type: ignore[valid-type]
-    via: Literal[VIAS] = "forwarded"  # type: ignore[valid-type]
-    preset: Literal[PRESETS] = "gaussian"  # type: ignore[valid-type]
+    message: Literal["distance_sensor", "ranging_beacon", "named_value_float"] = "distance_sensor"
+    via: Literal["forwarded", "direct", "autopilot"] = "forwarded"
+    preset: Literal["gaussian", "uwb", "lora"] = "gaussian"
     rate_hz: float = Field(default=10.0, ge=0.0, le=1000.0)
     noise_m: float = Field(default=0.5, ge=0.0)
     bias_m: float = 0.0

@@ -12,8 +12,7 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from .signing import Notary
 
-HEARTBEAT = 0
-NEVER_FORWARDED = frozenset({109, 166, 246, 256})  # RADIO_STATUS, RADIO, ADSB_VEHICLE, SETUP_SIGNING
+NEVER_FORWARDED = frozenset({"RADIO_STATUS", "RADIO", "ADSB_VEHICLE", "SETUP_SIGNING"})
 MOST_ROUTES = 20
 MOST_WAITING = 50_000
 TYPE_GCS = 6
@@ -94,17 +93,16 @@ class Router:
 
     def pass_on(self, message: Message, source: Link, links: list[Link]) -> bool:
         """Forward one message heard on `source`; True if the autopilot shall act on it too."""
-        number = message.get_msgId()
-        sender = (message.get_srcSystem(), message.get_srcComponent())
-        if number in self._unknown:
+        kind, sender = message.get_type(), (message.get_srcSystem(), message.get_srcComponent())
+        if message.get_msgId() in self._unknown:
             return False
         if sender == self._own:
             return True
         self._learn(sender, source)
-        if number == HEARTBEAT:
+        if kind == "HEARTBEAT":
             self._forward_heartbeat(message, sender, source, links)
             return True
-        if number in NEVER_FORWARDED:
+        if kind in NEVER_FORWARDED:
             return True
         system, component = getattr(message, "target_system", 0), getattr(message, "target_component", 0)
         mine = system in (0, self._own[0])

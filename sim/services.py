@@ -11,15 +11,11 @@ from .flight import Flight
 from .links import Link, Message
 from .streams import Streams
 
-COMMAND_INT, COMMAND_LONG = 75, 76
 GET_INTERVAL, SET_INTERVAL, REQUEST_MESSAGE, REQUEST_CAPABILITIES, GET_HOME = 510, 511, 512, 520, 410
 AUTOPILOT_VERSION, HOME_POSITION = 148, 242
-PARAM_READ, PARAM_LIST, PARAM_SET = 20, 21, 23
-MISSION_LIST, MISSION_COUNT = 43, 44
-DATA_STREAM, TIMESYNC, FILE_TRANSFER = 66, 111, 110
 FTP_REFUSED, FTP_FILE_NOT_FOUND = 129, 10
 MISSION_UNSUPPORTED, MISSION_ACCEPTED = 3, 0
-ALL_STREAMS = 0
+ALL_STREAMS, NOT_SENT = 0, -1
 RELATIVE = 3  # MAV_FRAME_GLOBAL_RELATIVE_ALT
 
 
@@ -31,21 +27,21 @@ class Services:
         self._streams = streams
         self._say = say
         self._actions = {
-            COMMAND_LONG: self._command,
-            COMMAND_INT: self._command,
-            PARAM_READ: self._param_read,
-            PARAM_LIST: self._param_list,
-            PARAM_SET: self._param_set,
-            MISSION_LIST: self._mission_list,
-            MISSION_COUNT: self._mission_count,
-            DATA_STREAM: self._data_stream,
-            TIMESYNC: self._timesync,
-            FILE_TRANSFER: self._file_transfer,
+            "COMMAND_LONG": self._command,
+            "COMMAND_INT": self._command,
+            "PARAM_REQUEST_READ": self._param_read,
+            "PARAM_REQUEST_LIST": self._param_list,
+            "PARAM_SET": self._param_set,
+            "MISSION_REQUEST_LIST": self._mission_list,
+            "MISSION_COUNT": self._mission_count,
+            "REQUEST_DATA_STREAM": self._data_stream,
+            "TIMESYNC": self._timesync,
+            "FILE_TRANSFER_PROTOCOL": self._file_transfer,
         }
 
     def answer(self, message: Message, link: Link) -> bool:
         """True if the message was one of these protocols."""
-        action = self._actions.get(message.get_msgId())
+        action = self._actions.get(message.get_type())
         if action is not None:
             action(message, link)
         return action is not None
@@ -74,7 +70,7 @@ class Services:
     def _tell_interval(self, link: Link, number: int) -> int:
         if not 0 <= number <= 65535:
             return Ack.DENIED
-        link.send(mavlink.MAVLink_message_interval_message(number, self._streams.interval(link, number)))
+        link.send(mavlink.MAVLink_message_interval_message(number, link.intervals.get(number, NOT_SENT)))
         return Ack.ACCEPTED
 
     def _param_read(self, message: Message, link: Link) -> None:
@@ -134,7 +130,7 @@ def _sender(message: Message) -> tuple[int, int]:
 def read_command(message: Message) -> Command:
     """Either message as a Command; COMMAND_INT's scaled integers become degrees."""
     params = (message.param1, message.param2, message.param3, message.param4)
-    if message.get_msgId() == COMMAND_INT:
+    if message.get_type() == "COMMAND_INT":
         place, frame = (message.x * 1e-7, message.y * 1e-7, message.z), message.frame
     else:
         place, frame = (message.param5, message.param6, message.param7), RELATIVE

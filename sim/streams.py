@@ -5,13 +5,13 @@ from functools import partial
 from .agenda import Agenda
 from .autopilots.contract import Ack, Say, Severity
 from .flight import Flight
-from .links import HEARTBEAT, Link
+from .links import Link
 from .telemetry import BUILDERS
 
 STOP, DEFAULT = -1, 0
 SLOWEST_US = 60_000_000
+HEARTBEAT, DISTANCE_SENSOR = 0, 132
 HEARTBEAT_US = 1_000_000
-DISTANCE_SENSOR = 132
 PX4 = 12
 
 
@@ -56,10 +56,6 @@ class Streams:
             self.stop(link, number)
         else:
             self.run(link, number, default)
-
-    def interval(self, link: Link, number: int) -> int:
-        """Microseconds between two, -1 when it is not sent."""
-        return link.intervals.get(number, STOP)
 
     def run(self, link: Link, number: int, interval: int) -> None:
         link.intervals[number] = interval

@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import all as mavlink
 from .agenda import NEVER, Agenda
 from .config import Event, VehicleConfig
 from .flight import DRIFT_STEP_US, Flight, Truth
-from .links import HEARTBEAT, TYPE_GCS, Link, Message, Router
+from .links import TYPE_GCS, Link, Message, Router
 from .ranging_radio import SECOND, RangingRadio
 from .sensor import Sample
 from .services import Services
@@ -22,8 +22,9 @@ __all__ = ["Truth", "Vehicle"]
 
 AUTOPILOT_COMPONENT = 1
 MAIN, RANGING = "main", "ranging"
-SETPOINTS = frozenset({69, 82, 84, 86})
-DISTANCE_SENSOR = 132
+SETPOINTS = frozenset(
+    {"MANUAL_CONTROL", "SET_ATTITUDE_TARGET", "SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT"}
+)
 REMEMBERED = 100_000
 TEXT_LENGTH = 50
 REBOOT_S = 2.0
@@ -50,8 +51,6 @@ class Vehicle:
         self._link(MAIN)
         self._set_up_radio()
         self._set_up_world()
-
-    # -- the public side ----------------------------------------------------------------------------------------------
 
     def receive(self, data: bytes, link: str = MAIN, *, stream: bool = False) -> None:
         """One datagram, or piece of a stream, heard on a link, handled at the current simulated time. Never raises."""
@@ -103,25 +102,21 @@ class Vehicle:
     def links(self) -> tuple[str, ...]:
         return tuple(self._links)
 
-    # -- hearing ------------------------------------------------------------------------------------------------------
-
     def _hear(self, message: Message, source: Link) -> None:
         if source.name == RANGING or self._deaf:
             return  # the radio's own wire listens to nobody, a rebooting autopilot neither
         if not self._router.pass_on(message, source, self._autopilot_links()):
             return
-        flight, number = self._flight, message.get_msgId()
-        if number in SETPOINTS:
+        flight, kind = self._flight, message.get_type()
+        if kind in SETPOINTS:
             if flight.autopilot.setpoint(message, flight.now):
-                self._setpoints.append((flight.seconds, message.get_type()))
+                self._setpoints.append((flight.seconds, kind))
         elif not self._services.answer(message, source):
-            if number == HEARTBEAT and message.type == TYPE_GCS:
+            if kind == "HEARTBEAT" and message.type == TYPE_GCS:
                 source.gcs_heard = True
-            if number == DISTANCE_SENSOR and flight.autopilot.identity.ranges_on_update:
+            if kind == "DISTANCE_SENSOR" and flight.autopilot.identity.ranges_on_update:
                 self._driver(Sample(flight.now, message.current_distance / 100, 0))
             flight.autopilot.heard(message, flight.now)
-
-    # -- sending ------------------------------------------------------------------------------------------------------
 
     def _link(self, name: str) -> Link:
         if name not in self._links:
@@ -154,8 +149,6 @@ class Vehicle:
         for link in self._autopilot_links():
             link.send(state)
             link.send(truth)
-
-    # -- what happens -------------------------------------------------------------------------------------------------
 
     def _set_up_world(self) -> None:
         rate = self.config.truth.rate_hz
@@ -208,8 +201,6 @@ class Vehicle:
         for link in self._autopilot_links():
             link.gcs_heard = False
             self._streams.open(link)
-
-    # -- ranging ------------------------------------------------------------------------------------------------------
 
     def _set_up_radio(self) -> None:
         ranging, version = self.config.ranging, self.config.vehicle.mavlink_version

@@ -1,9 +1,10 @@
 """Fixed wings: banked turns with height and airspeed held by the autopilot, or flown by attitude and thrust alone."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ..body import GRAVITY, Body
+from ..config import Airframe
 from ..demands import Bank, Glide
 from .following import pieces, second_order, through_line
 
@@ -38,6 +39,12 @@ class FixedWing:
     dead_time: float = 0.0
     nose_frequency: float = 0.0
     trim_speed: float = 10.0
+
+    def configured(self, config: Airframe) -> "FixedWing":
+        """As the vehicle file has it; the ideal one follows its bank by a lag alone and does not slip."""
+        if config.dynamics == "unicycle":
+            return FixedWing(config.turn_effectiveness or 1.0, config.turn_lag_s, trim_speed=self.trim_speed)
+        return replace(self, effectiveness=config.turn_effectiveness or self.effectiveness)
 
     def step(self, body: Body, demand: Bank | Glide, dt: float, wind: tuple[float, float]) -> Body:
         for h in pieces(dt, STEP):

@@ -41,20 +41,17 @@ class Unicycle:
         )
 
     def _with_the_nose(self, body: Body, demand: BodyVelocity, dt: float) -> Body:
-        command = self._limited(demand.yaw_rate)
+        turned = self._turned(body, demand.yaw_rate, dt)
         forward = _Lagged(body.forward_speed, demand.forward, self.speed_lag)
         right = _Lagged(body.right_speed, demand.right, self.speed_lag)
-        rate = _Lagged(body.turn_rate, command, self.turn_lag)
+        rate = _Lagged(body.turn_rate, self._limited(demand.yaw_rate), self.turn_lag)
         north, east = (_arc if rate.settled and forward.settled and right.settled else _quadrature)(
             body.heading, rate, forward, right, dt
         )
-        heading = math.remainder(body.heading + rate.integral(dt), math.tau)
-        velocity_north, velocity_east = to_earth(forward.at(dt), right.at(dt), heading)
-        return body._replace(
+        velocity_north, velocity_east = to_earth(forward.at(dt), right.at(dt), turned.heading)
+        return turned._replace(
             north=body.north + north,
             east=body.east + east,
-            heading=heading,
-            turn_rate=rate.at(dt),
             velocity_north=velocity_north,
             velocity_east=velocity_east,
         )

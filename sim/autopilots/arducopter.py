@@ -8,14 +8,24 @@ from ..body import Body
 from ..config import VehicleConfig
 from ..demands import BodyVelocity, Brake, Demand, EarthVelocity, Spin, Tilt
 from ..links import Message
-from . import copter_legs as legs
 from .ardupilot import ArduPilot
 from .ardupilot_tables import COPTER, copter_parameters
-from .contract import Ack, Command, Landed, Say, Severity
-from .copter_targets import GoTo, Poison, Stop, read_attitude_target, read_local_target
+from .contract import IN_AIR, LANDING, ON_GROUND, TAKING_OFF, Ack, Command, Say, Severity
+from .copter_targets import (
+    GoTo,
+    Poison,
+    Speeds,
+    Stop,
+    climb_out,
+    descent,
+    read_attitude_target,
+    read_local_target,
+    to_point,
+    way_home,
+)  # fmt: skip
 
 GUIDED, RTL, LAND, GUIDED_NOGPS, SMART_RTL = 4, 6, 9, 20, 21
-LOCAL_TARGET, ATTITUDE_TARGET, TAKEOFF, DO_CHANGE_SPEED = 84, 82, 22, 178
+TAKEOFF, DO_CHANGE_SPEED = 22, 178
 LEG_US = 100_000
 FALL = Brake(deceleration=1.0, down=10.0)  # on the ground: nothing
 LEVEL = Tilt(0.0, 0.0)
@@ -43,13 +53,11 @@ class ArduCopter(ArduPilot):
         self._airframe: CopterAirframe = copter_airframe(vehicle)
         self._target: Target | None = None
         self._climbing_to: float | None = None
-        self._leg_speeds = legs.Speeds({}, self.params)
+        self._leg_speeds = Speeds({}, self.params)
         self._since = self._leg_at = 0
         self._demand: Demand = self._idle() if self.armed else FALL
         if self.mode == GUIDED and config.start.speed_mps:
             self._target = self._demand = BodyVelocity(config.start.speed_mps)
-
-    # -- what is flown ------------------------------------------------------------------------------------------------
 
     def fly(self, dt: float, wind: tuple[float, float]) -> Body:
         return self._airframe.step(self.body, self._demand, dt, wind)
@@ -77,14 +85,14 @@ class ArduCopter(ArduPilot):
     def _leg(self) -> Demand:
         body = self.body
         if self.mode == GUIDED and self._climbing_to is not None:
-            demand = legs.climb_out(body, self._climbing_to, self._leg_speeds)
+            demand = climb_out(body, self._climbing_to, self._leg_speeds)
             if demand is None:
                 self._climbing_to = None
         elif isinstance(self._target, GoTo):
-            demand = legs.to_point(body, self._target, self._leg_speeds)
+            demand = to_point(body, self._target, self._leg_speeds)
         else:
             landing = self.mode == LAND or not self.position
-            demand = (legs.descent if landing else legs.way_home)(body, self._leg_speeds)
+            demand = (descent if landing else way_home)(body, self._leg_speeds)
             if demand is None:
                 self.set_armed(False)
         return demand or Brake()
@@ -95,17 +103,15 @@ class ArduCopter(ArduPilot):
     def _idle(self) -> Demand:
         return LEVEL if self.mode == GUIDED_NOGPS else Brake()
 
-    # -- what is obeyed -----------------------------------------------------------------------------------------------
-
     def setpoint(self, message: Message, now: int) -> bool:
-        number = message.get_msgId()
+        kind = message.get_type()
         if self.mode not in (GUIDED, GUIDED_NOGPS) or not self.armed or self._climbing_to is not None:
             return False
-        if number == ATTITUDE_TARGET:
+        if kind == "SET_ATTITUDE_TARGET":
             return self._take(read_attitude_target(message, self.params), now)
-        if number == LOCAL_TARGET and self.mode == GUIDED:
+        if kind == "SET_POSITION_TARGET_LOCAL_NED" and self.mode == GUIDED:
             return self._take(read_local_target(message, self.body, self._airframe.turns_with_nose), now)
-        if number == LOCAL_TARGET:  # without GPS it is taken, and upsets the controller: stops and sinks
+        if kind == "SET_POSITION_TARGET_LOCAL_NED":  # without GPS it upsets the controller: stops and sinks
             self._rest(SINKING)
         return False
 
@@ -118,7 +124,7 @@ class ArduCopter(ArduPilot):
         if target is None or isinstance(target, (Poison, Stop)):
             return False
         self._target, self._since, self._leg_at = target, now, now
-        self._demand = legs.to_point(self.body, target, self._leg_speeds) if isinstance(target, GoTo) else target
+        self._demand = to_point(self.body, target, self._leg_speeds) if isinstance(target, GoTo) else target
         return True
 
     def go_to(self, north: float, east: float, down: float, now: int) -> None:
@@ -144,8 +150,6 @@ class ArduCopter(ArduPilot):
         self._climbing_to, self._leg_at = -command.z, now
         return Ack.ACCEPTED
 
-    # -- the copter's own rules ---------------------------------------------------------------------------------------
-
     def entered(self, mode: int, now: int) -> None:
         self._climbing_to, self._leg_at = None, now
         self._rest(self._idle())
@@ -167,17 +171,15 @@ class ArduCopter(ArduPilot):
         if self.mode in self.NEEDS_POSITION and self.params["FS_EKF_ACTION"] != 0:
             self.fail_to(LAND, now, Severity.CRITICAL, "EKF Failsafe: changed to LAND Mode")
 
-    # -- what is reported ---------------------------------------------------------------------------------------------
-
     def flown(self) -> Demand | None:
         return self._demand if self._target is not None else None
 
     def landed_state(self) -> int:
         if not self.flying():
-            return Landed.ON_GROUND
+            return ON_GROUND
         if self._climbing_to is not None:
-            return Landed.TAKING_OFF
-        return Landed.LANDING if self.mode == LAND else Landed.IN_AIR
+            return TAKING_OFF
+        return LANDING if self.mode == LAND else IN_AIR
 
     def shown_airspeed(self, shown: Body, wind: tuple[float, float]) -> float:
         """A copter without an airspeed sensor shows its ground speed, if it knows it."""

@@ -10,7 +10,7 @@ from ..config import VehicleConfig
 from ..links import Message
 from ..params import Parameters
 from ..world import HOME_AMSL_M, from_degrees
-from .contract import CUSTOM_MODE_ENABLED, FORCE, Ack, Autopilot, Command, Identity, Say, Severity, State
+from .contract import CUSTOM_MODE_ENABLED, FORCE, STANDBY, Ack, Autopilot, Command, Identity, Say, Severity
 
 STABILIZED = 16
 DO_SET_MODE, ARM_DISARM, DO_REPOSITION = 176, 400, 192
@@ -46,8 +46,6 @@ class ArduPilot(Autopilot):
         self._gcs_switch = "FS_GCS_ENABLE" if "FS_GCS_ENABLE" in params else "FS_GCS_ENABL"  # the plane's name
         self._gcs_heard: int | None = None
 
-    # -- what each vehicle decides differently ------------------------------------------------------------------------
-
     @abstractmethod
     def entered(self, mode: int, now: int) -> None: ...
 
@@ -70,8 +68,6 @@ class ArduPilot(Autopilot):
 
     def own_command(self, command: Command, now: int) -> int:
         return Ack.UNSUPPORTED
-
-    # -- modes and arming ---------------------------------------------------------------------------------------------
 
     def change_mode(self, mode: int, now: int) -> int:
         if mode == self.mode:
@@ -114,7 +110,7 @@ class ArduPilot(Autopilot):
         place = abs(command.x) <= 90 and abs(command.y) <= 180 and abs(command.z) < 10_000
         if not place or command.frame not in SEA_LEVEL + ABOVE_HOME:
             return Ack.DENIED
-        standing = not self.armed or self.system_status() == State.STANDBY
+        standing = not self.armed or self.system_status() == STANDBY
         if standing or self.change_mode(guided, now) != Ack.ACCEPTED:
             return Ack.FAILED
         height = command.z - (HOME_AMSL_M if command.frame in SEA_LEVEL else 0.0)
@@ -139,8 +135,6 @@ class ArduPilot(Autopilot):
         self.armed = armed
         if not armed:
             self.disarmed()
-
-    # -- failsafes ----------------------------------------------------------------------------------------------------
 
     def heard(self, message: Message, now: int) -> None:
         super().heard(message, now)
@@ -180,8 +174,6 @@ class ArduPilot(Autopilot):
             return NEVER
         once_more = self.params.get("FS_TIMEOUT", 0.0)  # the rover's
         return self._gcs_heard + round((self.params["FS_GCS_TIMEOUT"] + once_more) * 1e6)
-
-    # -- what is reported ---------------------------------------------------------------------------------------------
 
     def base_mode(self) -> int:
         manual = 64 if self.mode in self.MANUAL_MODES else 0

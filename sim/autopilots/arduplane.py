@@ -13,20 +13,21 @@ from ..starting import AIRSPEED_SCALE
 from ..world import from_degrees
 from .ardupilot import ArduPilot
 from .ardupilot_tables import PLANE, plane_parameters
-from .circling import Loiter, bank_for_heading, bank_on_loiter
+from .circling import Loiter, bank_on_loiter
 from .contract import Ack, Command, Say, Severity
 from .sticks import Sticks
 
 CIRCLE, RTL, LOITER, TAKEOFF, GUIDED = 1, 11, 12, 13, 15
 LOITERING = frozenset({RTL, LOITER, TAKEOFF, GUIDED})
-ATTITUDE_TARGET = 82
 ROLL_RATE, PITCH_RATE, THROTTLE, ATTITUDE = 0x01, 0x02, 0x40, 0x80  # bits of its type_mask
 EXTERNAL_POSITION = 43003
 CHANGE_SPEED, CHANGE_ALTITUDE, CHANGE_HEADING, DO_CHANGE_SPEED, DO_CHANGE_ALTITUDE = 43000, 43001, 43002, 178, 186
 THINK_US, LOOP_US, TIMEOUT_US = 100_000, 20_000, 3_000_000
+HEADING_GAIN = 2.0
 CIRCLE_BANK = math.radians(20)
-DEAD_TIME, ROLL_FREQUENCY, ROLL_DAMPING = 0.18, 5.3, 0.52  # s, rad/s: half of a bank after 0.36 .. 0.5 s, 15 % too far
-NOSE_FREQUENCY = 7.5  # rad/s: the heading's rate follows the course's by 0.2 s, 2 deg of slip in a steady turn
+# Half of a bank after 0.36 .. 0.5 s, 15 % too far; the heading's rate follows the course's by 0.2 s, 2 deg of slip in a
+# steady turn.
+AIRFRAME = FixedWing(effectiveness=0.73, roll_frequency=5.3, roll_damping=0.52, dead_time=0.18, nose_frequency=7.5)
 
 
 class ArduPlane(ArduPilot):
@@ -41,15 +42,7 @@ class ArduPlane(ArduPilot):
         vehicle = config.vehicle
         super().__init__(PLANE, plane_parameters(config), config, say, start)
         self._odometry = True  # its estimator goes on by its airspeed
-        ideal = vehicle.dynamics == "unicycle"
-        self._airframe = FixedWing(
-            effectiveness=vehicle.turn_effectiveness or (1.0 if ideal else 0.73),
-            roll_lag=vehicle.turn_lag_s,
-            roll_frequency=0.0 if ideal else ROLL_FREQUENCY,
-            roll_damping=ROLL_DAMPING,
-            dead_time=0.0 if ideal else DEAD_TIME,
-            nose_frequency=0.0 if ideal else NOSE_FREQUENCY,
-        )
+        self._airframe = AIRFRAME.configured(vehicle)
         self._scale = vehicle.airspeed_scale or AIRSPEED_SCALE[vehicle.profile]
         self._speed = self.params["AIRSPEED_CRUISE"]  # indicated
         self._height = start.down
@@ -59,8 +52,6 @@ class ArduPlane(ArduPilot):
         self._since = self._think_at = 0
         self._sticks = Sticks(vehicle.system_id)
         self._bank = 0.0
-
-    # -- what is flown ------------------------------------------------------------------------------------------------
 
     def fly(self, dt: float, wind: tuple[float, float]) -> Body:
         if not self.armed:
@@ -84,7 +75,8 @@ class ArduPlane(ArduPilot):
         if self.mode == GUIDED and self._forced is not None:
             return max(-limit, min(limit, self._forced.roll or 0.0))
         if self.mode == GUIDED and self._heading is not None:
-            return bank_for_heading(self.body, self._heading[0], min(limit, self._heading[1]))
+            heading, limit = self._heading[0], min(limit, self._heading[1])
+            return max(-limit, min(limit, HEADING_GAIN * math.remainder(heading - self.body.heading, math.tau)))
         if self.mode == CIRCLE:
             return CIRCLE_BANK
         if self.mode in LOITERING:
@@ -92,10 +84,8 @@ class ArduPlane(ArduPilot):
         held = self.mode in self.MANUAL_MODES
         return self._sticks.roll(now, self.params.microseconds("RC_OVERRIDE_TIME")) * limit if held else 0.0
 
-    # -- what is obeyed -----------------------------------------------------------------------------------------------
-
     def setpoint(self, message: Message, now: int) -> bool:
-        if message.get_msgId() != ATTITUDE_TARGET or self.mode != GUIDED or not self.armed:
+        if message.get_type() != "SET_ATTITUDE_TARGET" or self.mode != GUIDED or not self.armed:
             return self._sticks.heard(message, now, int(self.params["SYSID_MYGCS"]))
         forced = read_attitude_target(message)
         if forced is None:
@@ -158,8 +148,6 @@ class ArduPlane(ArduPilot):
     def heard(self, message: Message, now: int) -> None:
         super().heard(message, now)
         self._sticks.heard(message, now, int(self.params["SYSID_MYGCS"]))
-
-    # -- the plane's own rules ----------------------------------------------------------------------------------------
 
     def entered(self, mode: int, now: int) -> None:
         self._forced = self._heading = None

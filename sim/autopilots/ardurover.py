@@ -14,7 +14,7 @@ from .ardupilot_tables import ROVER, rover_parameters
 from .contract import CUSTOM_MODE_ENABLED, Ack, Command, Say, Severity
 
 HOLD, LOITER, RTL, SMART_RTL, GUIDED = 4, 5, 11, 12, 15
-LOCAL_TARGET, ATTITUDE_TARGET, DO_CHANGE_SPEED = 84, 82, 178
+DO_CHANGE_SPEED = 178
 POSITION, VELOCITY, ACCELERATION, YAW_RATE = 0x007, 0x038, 0x1C0, 0x800
 THROTTLE_BIT, YAW_RATE_BIT = 0x40, 0x04
 TIMEOUT_US, THINK_US = 3_000_000, 100_000
@@ -50,8 +50,6 @@ class ArduRover(ArduPilot):
         if self.mode == GUIDED and config.start.speed_mps:
             self._target = BodyVelocity(config.start.speed_mps)
 
-    # -- what is flown ------------------------------------------------------------------------------------------------
-
     def fly(self, dt: float, wind: tuple[float, float]) -> Body:
         target = self._homing if self._goal is not None else self._target
         if not self.armed or target is None:
@@ -86,14 +84,14 @@ class ArduRover(ArduPilot):
         speed = min(self._leg_speed, NEARNESS * distance)
         return BodyVelocity(speed, yaw_rate=HOMING * error)
 
-    # -- what is obeyed -----------------------------------------------------------------------------------------------
-
     def setpoint(self, message: Message, now: int) -> bool:
         if self.mode != GUIDED or not self.armed:
             return False
-        readers = {LOCAL_TARGET: self._local_target, ATTITUDE_TARGET: self._attitude_target}
-        reader = readers.get(message.get_msgId())
-        target = reader(message) if reader else None
+        target, kind = None, message.get_type()
+        if kind == "SET_POSITION_TARGET_LOCAL_NED":
+            target = self._local_target(message)
+        elif kind == "SET_ATTITUDE_TARGET":
+            target = self._attitude_target(message)
         if target is None or not all(map(math.isfinite, target)):
             return False
         self._target, self._since, self._goal = target, now, None
@@ -134,8 +132,6 @@ class ArduRover(ArduPilot):
     def _clipped(self, speed: float) -> float:
         most = self.params["WP_SPEED"]
         return max(-most, min(most, speed)) if math.isfinite(speed) else speed
-
-    # -- the rover's own rules ----------------------------------------------------------------------------------------
 
     def entered(self, mode: int, now: int) -> None:
         self._target = self._homing = None

@@ -1,4 +1,4 @@
-"""Banks that keep a plane round a point or on a heading."""
+"""The bank that keeps a plane round a point."""
 
 import math
 from typing import NamedTuple
@@ -6,7 +6,6 @@ from typing import NamedTuple
 from ..body import GRAVITY, Body
 
 COURSE_GAIN = 1.0  # rad/s per rad
-HEADING_GAIN = 2.0
 
 
 class Loiter(NamedTuple):
@@ -30,9 +29,3 @@ def bank_on_loiter(body: Body, circle: Loiter, limit: float, effectiveness: floa
     along = speed / max(distance, radius) if abs(outside) < 0.5 else 0.0
     rate = along + COURSE_GAIN * error
     return max(-limit, min(limit, math.atan(speed * rate / (GRAVITY * effectiveness))))
-
-
-def bank_for_heading(body: Body, heading: float, limit: float) -> float:
-    """Towards a heading with at most this bank."""
-    error = math.remainder(heading - body.heading, math.tau)
-    return max(-limit, min(limit, HEADING_GAIN * error))

@@ -17,6 +17,8 @@ Say = Callable[[int, str], None]
 """Send a STATUSTEXT of this severity."""
 
 CUSTOM_MODE_ENABLED = 1
+STANDBY, ACTIVE, CRITICAL = 3, 4, 5  # MAV_STATE
+ON_GROUND, IN_AIR, TAKING_OFF, LANDING = 1, 2, 3, 4  # MAV_LANDED_STATE
 FORCE = 21196  # the magic number that overrides arming checks
 
 
@@ -30,18 +32,6 @@ class Severity(IntEnum):
     """MAV_SEVERITY."""
 
     EMERGENCY, CRITICAL, ERROR, WARNING, INFO = 0, 2, 3, 4, 6
-
-
-class State(IntEnum):
-    """MAV_STATE."""
-
-    STANDBY, ACTIVE, CRITICAL = 3, 4, 5
-
-
-class Landed(IntEnum):
-    """MAV_LANDED_STATE."""
-
-    ON_GROUND, IN_AIR, TAKING_OFF, LANDING = 1, 2, 3, 4
 
 
 def message_ids(text: str) -> frozenset[int]:
@@ -161,8 +151,6 @@ class Autopilot(ABC):
     def mode_name(self, mode: int) -> str:
         return next((name for name, number in self.identity.modes.items() if number == mode), str(mode))
 
-    # -- what is reported ---------------------------------------------------------------------------------------------
-
     def flying(self) -> bool:
         return self.armed and self.body.down < -0.1
 
@@ -171,8 +159,8 @@ class Autopilot(ABC):
 
     def system_status(self) -> int:
         if self.failsafe:
-            return State.CRITICAL
-        return State.ACTIVE if self.active() else State.STANDBY
+            return CRITICAL
+        return ACTIVE if self.active() else STANDBY
 
     def active(self) -> bool:
         """Whether HEARTBEAT calls it active."""
@@ -191,4 +179,4 @@ class Autopilot(ABC):
         return None
 
     def landed_state(self) -> int:
-        return Landed.IN_AIR if self.flying() else Landed.ON_GROUND
+        return IN_AIR if self.flying() else ON_GROUND

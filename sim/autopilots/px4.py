@@ -20,7 +20,6 @@ LOITER, RTL, LAND, OFFBOARD = MODES["LOITER"], MODES["RTL"], MODES["LAND"], MODE
 NEEDS_STICKS = frozenset(MODES[name] for name in ("MANUAL", "ALTCTL", "POSCTL", "ACRO", "STABILIZED", "ALT_CRUISE"))
 NEEDS_POSITION = frozenset({POSCTL, LOITER, RTL, TAKEOFF, MODES["MISSION"]})
 MAIN_AUTO = 4
-MANUAL_CONTROL = 69
 DO_SET_MODE, ARM_DISARM, DO_CHANGE_SPEED, DO_REPOSITION, TAKEOFF_COMMAND = 176, 400, 178, 192, 22
 MODE_COMMANDS = {20: RTL, 21: LAND, 17: LOITER}
 LOSS_DELAY_US = 50_000
@@ -61,11 +60,9 @@ class Px4(Autopilot):
     def failsafe(self) -> bool:  # type: ignore[override]
         return self._sticks_lost or self.mode != self.intended
 
-    # -- setpoints and their absence ----------------------------------------------------------------------------------
-
     def setpoint(self, message: Message, now: int) -> bool:
         """An accepted setpoint feeds the watchdog, and brings OFFBOARD back by itself when that is still wanted."""
-        if message.get_msgId() == MANUAL_CONTROL:
+        if message.get_type() == "MANUAL_CONTROL":
             return self.sticks.heard(message, now, None)
         taken = read_setpoint(message, self.body)
         if isinstance(taken, Rejected):
@@ -131,8 +128,6 @@ class Px4(Autopilot):
             return NEVER
         return last + self.params.microseconds("COM_RC_LOSS_T")
 
-    # -- modes --------------------------------------------------------------------------------------------------------
-
     def change_mode(self, mode: int, now: int) -> int:
         reason = self._obstacle(mode, now)
         if reason is not None:
@@ -170,8 +165,6 @@ class Px4(Autopilot):
 
     def sticks_alive(self, now: int) -> bool:
         return self.sticks.alive(now, self.params.microseconds("COM_RC_LOSS_T"))
-
-    # -- commands -----------------------------------------------------------------------------------------------------
 
     def command(self, command: Command, now: int) -> tuple[int, ...]:
         number = command.number
@@ -235,8 +228,6 @@ class Px4(Autopilot):
     def radio_lost(self, now: int) -> None:
         self.intended = RTL
         self._fail_to(RTL, now)
-
-    # -- reports ------------------------------------------------------------------------------------------------------
 
     def base_mode(self) -> int:
         if self.mode in NEEDS_STICKS:

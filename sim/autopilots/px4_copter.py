@@ -3,9 +3,8 @@
 import math
 
 from ..agenda import NEVER
-from ..airframes.copter import CopterAirframe
-from ..airframes.dragged import DraggedCopter, yaw_loop
-from ..airframes.tilting import TiltingCopter
+from ..airframes.copter import CopterAirframe, TiltingCopter
+from ..airframes.multicopter import DraggedCopter, px4_yaw_loop
 from ..airframes.unicycle import Unicycle
 from ..body import Body, at_most
 from ..config import VehicleConfig
@@ -13,8 +12,8 @@ from ..demands import BodyVelocity, Brake, Demand, EarthVelocity, Spin, Tilt
 from ..links import Message
 from ..params import Parameter
 from ..world import HOME_AMSL_M
-from .contract import Command, Landed, Say
-from .px4 import LAND, LOITER, MANUAL_CONTROL, NEEDS_STICKS, OFFBOARD, RTL, TAKEOFF, Px4
+from .contract import IN_AIR, LANDING, ON_GROUND, TAKING_OFF, Command, Say
+from .px4 import LAND, LOITER, NEEDS_STICKS, OFFBOARD, RTL, TAKEOFF, Px4
 from .px4_tables import px4_identity, px4_parameters
 from .px4_targets import NOTHING, Trajectory
 
@@ -40,14 +39,12 @@ class Px4Copter(Px4):
         super().__init__(IDENTITY, px4_parameters(config, *own), config, say, start)
         limit = min(MOST_YAW_RATE, math.radians(vehicle.max_turn_rate_deg_s))
         drag = vehicle.drag_per_s
-        real, ideal = DraggedCopter(yaw_loop(limit), drag), Unicycle(limit, vehicle.turn_lag_s, vehicle.speed_lag_s)
+        real, ideal = DraggedCopter(px4_yaw_loop(limit), drag), Unicycle(limit, vehicle.turn_lag_s, vehicle.speed_lag_s)
         by_velocity = ideal if vehicle.dynamics == "unicycle" else real
         self._airframe = CopterAirframe(by_velocity, TiltingCopter(limit, drag=drag))
         self._hold = (start.north, start.east, start.down)
         self._think_at = 0
         self._demand: Demand = Brake()
-
-    # -- what is flown ------------------------------------------------------------------------------------------------
 
     def fly(self, dt: float, wind: tuple[float, float]) -> Body:
         if not self.armed:
@@ -140,11 +137,9 @@ class Px4Copter(Px4):
             self.change_mode(LOITER, self._think_at)
         return EarthVelocity(0.0, 0.0, max(-1.5, min(0.0, -height - body.down - 0.1)))
 
-    # -- what is obeyed -----------------------------------------------------------------------------------------------
-
     def setpoint(self, message: Message, now: int) -> bool:
         taken = super().setpoint(message, now)
-        if taken and message.get_msgId() != MANUAL_CONTROL and self.mode == OFFBOARD and self.armed:
+        if taken and message.get_type() != "MANUAL_CONTROL" and self.mode == OFFBOARD and self.armed:
             self._think(now)
         return taken
 
@@ -159,15 +154,13 @@ class Px4Copter(Px4):
     def entered(self, mode: int, now: int) -> None:
         self._think_at = now
 
-    # -- what is reported ---------------------------------------------------------------------------------------------
-
     def flown(self) -> Demand | None:
         return self._demand if self.mode == OFFBOARD else None
 
     def landed_state(self) -> int:
         if not self.flying():
-            return Landed.ON_GROUND
-        return {TAKEOFF: Landed.TAKING_OFF, LAND: Landed.LANDING}.get(self.mode, Landed.IN_AIR)
+            return ON_GROUND
+        return {TAKEOFF: TAKING_OFF, LAND: LANDING}.get(self.mode, IN_AIR)
 
     def shown_airspeed(self, shown: Body, wind: tuple[float, float]) -> float:
         return math.nan

@@ -18,9 +18,9 @@ from .px4_tables import px4_identity, px4_parameters
 from .px4_targets import Trajectory
 
 THINK_US = 50_000
-DEAD_TIME, ROLL_FREQUENCY, ROLL_DAMPING = 0.08, 4.5, 1.0  # s, rad/s: 63 % of a bank after 0.5 s
-STICK_DEAD_TIME = 0.12  # s: 63 % after 0.6 .. 0.7 s
-NOSE_FREQUENCY = 10.0  # rad/s: the heading's rate follows the course's by 0.14 s
+# 63 % of a bank after 0.5 s, by stick after 0.6 .. 0.7 s; the heading's rate follows the course's by 0.14 s.
+BY_ATTITUDE = FixedWing(1.0, roll_frequency=4.5, roll_damping=1.0, dead_time=0.08, nose_frequency=10.0)
+BY_STICK = replace(BY_ATTITUDE, dead_time=0.12)
 COURSE_GAIN = 0.835  # rad/s: turn rate towards a position setpoint, times the sine of the angle to it
 BANKED_BY_STICKS = frozenset({ALTCTL, POSCTL, MODES["ALT_CRUISE"]})
 IDENTITY = px4_identity(mav_type=1)
@@ -41,23 +41,12 @@ class Px4Plane(Px4):
         )
         super().__init__(IDENTITY, px4_parameters(config, *own), config, say, start)
         self._scale = vehicle.airspeed_scale or AIRSPEED_SCALE[vehicle.profile]
-        ideal = vehicle.dynamics == "unicycle"
-        self._by_attitude = FixedWing(
-            effectiveness=vehicle.turn_effectiveness or 1.0,
-            roll_lag=vehicle.turn_lag_s,
-            roll_frequency=0.0 if ideal else ROLL_FREQUENCY,
-            roll_damping=ROLL_DAMPING,
-            dead_time=0.0 if ideal else DEAD_TIME,
-            nose_frequency=0.0 if ideal else NOSE_FREQUENCY,
-            trim_speed=self.params["FW_AIRSPD_TRIM"] * self._scale,
-        )
-        self._by_stick = replace(self._by_attitude, dead_time=0.0 if ideal else STICK_DEAD_TIME)
+        trimmed = replace(BY_ATTITUDE, trim_speed=cruise * self._scale)
+        self._by_attitude, self._by_stick = trimmed.configured(vehicle), BY_STICK.configured(vehicle)
         self._height = start.down
         self._loiter = Loiter(start.north, start.east, self.params["NAV_LOITER_RAD"])
         self._think_at = 0
         self._bank = 0.0
-
-    # -- what is flown ------------------------------------------------------------------------------------------------
 
     def fly(self, dt: float, wind: tuple[float, float]) -> Body:
         if not self.armed:
@@ -105,8 +94,6 @@ class Px4Plane(Px4):
         wrapped = math.remainder(angle, math.tau)
         rate = COURSE_GAIN * (math.sin(wrapped) if abs(wrapped) < math.pi / 2 else math.copysign(1.0, wrapped))
         return max(-limit, min(limit, math.atan(body.air_speed * rate / GRAVITY)))
-
-    # -- what is obeyed -----------------------------------------------------------------------------------------------
 
     def hold_at(self, place: tuple[float, float] | None, down: float | None) -> None:
         if place is not None:

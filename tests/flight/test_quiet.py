@@ -2,8 +2,7 @@
 
 import pytest
 
-from sim.faults.impairment import Impairment
-from sim.faults.pipe import Pipe
+from sim.faults.pipe import Impairment, Pipe
 from tests.flight.lockstep import clockwise_turns, flight, last_third, rms_error, unrest
 
 SECONDS = 110.0

@@ -9,8 +9,7 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from sim.faults import DOWN, UP, FaultLink, Impairment
 from sim.faults.frames import message_id, read, rewritten, write
-from sim.faults.impairment import corrupted
-from sim.faults.pipe import Pipe
+from sim.faults.pipe import Pipe, corrupted
 from tests.faults.tampering import dropping, on, outliers
 from tests.process import PATIENCE
 from tests.sim.running import running
