@@ -3,6 +3,8 @@
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -21,13 +23,32 @@ def circnav(*arguments: str) -> subprocess.Popen[str]:
     return python("-m", "circnav_mav", *arguments)
 
 
-def python(*arguments: str) -> subprocess.Popen[str]:
+def python(
+    *arguments: str, stdin: int | None = None, stderr: int = subprocess.PIPE, **environment: str
+) -> subprocess.Popen[str]:
     """The same of any Python program, from the project's folder."""
     return subprocess.Popen(
-        [sys.executable, *arguments],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        cwd=ROOT,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )
+        [sys.executable, *arguments], stdin=stdin, stdout=subprocess.PIPE, stderr=stderr, text=True, cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": str(ROOT), **environment},
+    )  # fmt: skip
+
+
+@contextmanager
+def running(process: subprocess.Popen[str]) -> Iterator[subprocess.Popen[str]]:
+    """A process that ends with the block, however that ends."""
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def read_until(process: subprocess.Popen[str], words: str) -> str:
+    """What a process prints up to some words; fails when it ends without them."""
+    assert process.stdout is not None
+    said = ""
+    for line in process.stdout:
+        said += line
+        if words in said:
+            return said
+    raise AssertionError(f"{words!r} not in {said!r}")
