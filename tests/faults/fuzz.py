@@ -30,15 +30,8 @@ STATE = (0, 2, 30)
 """Empty ones of these would be a takeover or a reboot, again and again: those come from `valid`."""
 FRAME_TIME = 0.002
 GOOD_EVERY = 25
-ODD = (
-    b"\x00",
-    b"\xff",
-    b"\x7f\x80\x00\x00",
-    b"\x00\x00\xc0\x7f",
-    b"\x00\x00\x80\x7f",
-    b"\x00\x00\x80\xff",
-    b"\xff\xff",
-)
+ODD = tuple(map(bytes.fromhex, ["00", "ff", "7f800000", "0000c07f", "0000807f", "000080ff", "ffff"]))
+"""Zeros and ones, and a float's infinities and what is none, in either order of its bytes."""
 VEHICLE_IDS, RADIO_IDS, OUR_IDS = (1, 1), (1, 192), (1, 191)
 WARM_UP = 20_000
 PATIENCE = 20
