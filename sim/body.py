@@ -140,6 +140,11 @@ def to_earth(forward: float, right: float, heading: float) -> tuple[float, float
     return forward * cos - right * sin, forward * sin + right * cos
 
 
+def within(value: float, limit: float) -> float:
+    """The nearest value from -limit to limit."""
+    return max(-limit, min(limit, value))
+
+
 def at_most(first: float, second: float, most: float) -> tuple[float, float]:
     """A vector, no longer than that."""
     size = math.hypot(first, second)
@@ -163,6 +168,6 @@ def euler(q: tuple[float, ...]) -> tuple[float, float, float]:
     w, x, y, z = q
     return (
         math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
-        math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x)))),
+        math.asin(within(2 * (w * y - z * x), 1.0)),
         math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)),
     )

@@ -220,9 +220,6 @@ class VehicleConfig(Table):
         first = next(iter(MODES[self.vehicle.profile]))
         return self.changed(start=self.start.changed(armed=False, mode=first, speed_mps=None))
 
-    def seeded(self, seed: int) -> "VehicleConfig":
-        return self.changed(seed=seed)
-
 
 def parse_vehicle(table: Mapping[str, Any], where: str) -> VehicleConfig:
     """A TOML table as a vehicle; raises ConfigError, one line that names `where`, the key and the remedy."""

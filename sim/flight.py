@@ -182,9 +182,9 @@ class Flight:
 
     def slant_rate(self) -> float:
         """How fast the slant range grows, m/s."""
-        body, target, now = self.body, self.target, self.seconds
-        offset = [a - b for a, b in zip((body.north, body.east, body.down), target.at(now), strict=True)]
-        before, after = target.at(now - 0.01), target.at(now + 0.01)
+        body, now = self.body, self.seconds
+        offset = [a - b for a, b in zip((body.north, body.east, body.down), self.target.at(now), strict=True)]
+        before, after = self.target.at(now - 0.01), self.target.at(now + 0.01)
         moved = [(b - a) / 0.02 for a, b in zip(before, after, strict=True)]
         relative = [a - b for a, b in zip(self._velocity(), moved, strict=True)]
         return sum(a * b for a, b in zip(offset, relative, strict=True)) / max(self.slant_range(), 1e-6)

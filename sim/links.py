@@ -63,8 +63,9 @@ class Link:
         self._out.seq = (self._out.seq + 1) % 256
         return data
 
-    def send(self, message: Message) -> None:
-        frame = self.frame(message)
+    def send(self, message: Message | None) -> None:
+        """A message, if there is one to send."""
+        frame = None if message is None else self.frame(message)
         if frame is not None and not self.silent:
             self.waiting.append(frame)
 

@@ -74,14 +74,14 @@ class Services:
         return Ack.ACCEPTED
 
     def _param_read(self, message: Message, link: Link) -> None:
-        self._reply(link, self._flight.autopilot.params.read(_text(message.param_id), message.param_index))
+        link.send(self._flight.autopilot.params.read(_text(message.param_id), message.param_index))
 
     def _param_list(self, message: Message, link: Link) -> None:
         for value in self._flight.autopilot.params.all_values():
             link.send(value)
 
     def _param_set(self, message: Message, link: Link) -> None:
-        self._reply(link, self._flight.autopilot.params.write(_text(message.param_id), message.param_value))
+        link.send(self._flight.autopilot.params.write(_text(message.param_id), message.param_value))
 
     def _mission_list(self, message: Message, link: Link) -> None:
         link.send(mavlink.MAVLink_mission_count_message(*_sender(message), 0, message.mission_type))
@@ -112,11 +112,6 @@ class Services:
         header = [sequence & 0xFF, sequence >> 8, asked[2], FTP_REFUSED, 1, asked[3], *[0] * 6]
         answer = [*header, FTP_FILE_NOT_FOUND, *[0] * (len(asked) - 13)]
         link.send(mavlink.MAVLink_file_transfer_protocol_message(0, *_sender(message), answer))
-
-    @staticmethod
-    def _reply(link: Link, message: Message | None) -> None:
-        if message is not None:
-            link.send(message)
 
 
 def _text(field: str | bytes) -> str:

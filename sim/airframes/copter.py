@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from ..body import GRAVITY, Body, to_earth
+from ..body import GRAVITY, Body, to_earth, within
 from ..config import Airframe
 from ..demands import BodyVelocity, Brake, Demand, EarthVelocity, Spin, Tilt, Velocity
 from .following import pieces
@@ -38,7 +38,7 @@ class TiltingCopter:
         roll = body.roll + (demand.roll - wrong_roll - body.roll) * share
         pitch = body.pitch + (demand.pitch - wrong_pitch - body.pitch) * share
         error = 0.0 if demand.heading is None else math.remainder(demand.heading - body.heading, math.tau)
-        command = max(-self.max_turn_rate, min(self.max_turn_rate, demand.yaw_rate + YAW_GAIN * error))
+        command = within(demand.yaw_rate + YAW_GAIN * error, self.max_turn_rate)
         rate = body.turn_rate + (command - body.turn_rate) * (1 - math.exp(-h / YAW_LAG))
         return body._replace(
             roll=roll,
@@ -79,8 +79,8 @@ def _spin(body: Body, demand: Spin, h: float) -> Body:
     pitch_rate = demand.pitch_rate * cos - demand.yaw_rate * sin
     turn_rate = around / math.cos(body.pitch)
     return body._replace(
-        roll=max(-MOST_TILT, min(MOST_TILT, body.roll + roll_rate * h)),
-        pitch=max(-MOST_TILT, min(MOST_TILT, body.pitch + pitch_rate * h)),
+        roll=within(body.roll + roll_rate * h, MOST_TILT),
+        pitch=within(body.pitch + pitch_rate * h, MOST_TILT),
         roll_rate=roll_rate,
         pitch_rate=pitch_rate,
         turn_rate=turn_rate,

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from ..body import GRAVITY, Body, at_most, lean
+from ..body import GRAVITY, Body, at_most, lean, within
 from ..demands import Brake, EarthVelocity
 from .following import pieces, second_order, through_line
 
@@ -35,14 +35,11 @@ class YawLoop:
     damping: float
     most_acceleration: float = math.inf
 
-    def limited(self, command: float) -> float:
-        return max(-self.limit, min(self.limit, command))
-
     def turn(self, body: Body, command: float, h: float) -> Body:
         line = through_line(body.on_the_way, command, self.dead_time, h)
         error = line[0][1] - body.turn_rate
         acceleration = second_order(error, body.turn_acceleration, self.frequency, self.damping, h)
-        acceleration = max(-self.most_acceleration, min(self.most_acceleration, acceleration))
+        acceleration = within(acceleration, self.most_acceleration)
         rate = body.turn_rate + acceleration * h
         return body._replace(
             heading=math.remainder(body.heading + (body.turn_rate + rate) / 2 * h, math.tau),
@@ -86,7 +83,7 @@ class Multicopter:
         return _tilted(_displaced(moved, body, wanted.down, h), body, h)
 
     def _yaw(self, body: Body, wanted: EarthVelocity, h: float) -> Body:
-        command = self.yaw_loop.limited(wanted.yaw_rate)
+        command = within(wanted.yaw_rate, self.yaw_loop.limit)
         command *= 1 + YAW_EXCESS * abs(body.ground_speed * command) / GRAVITY
         return self.yaw_loop.turn(body, command, h)
 
@@ -111,9 +108,9 @@ def _follow(body: Body, wanted: EarthVelocity, h: float) -> Body:
     sideways = min(MOST_ACCELERATION, abs(speed * wanted.yaw_rate))
     correction_time = 0.3 + 0.2 * sideways  # s: the harder the turn, the more it slips
     most = 1.4 * MOST_ACCELERATION / speed
-    command = max(-most, min(most, fed + error / correction_time))
+    command = within(fed + error / correction_time, most)
     course_rate = body.course_rate + (command - body.course_rate) * (1 - math.exp(-h / COURSE_LAG))
-    change = max(-MOST_ACCELERATION, min(MOST_ACCELERATION, (goal - speed) / SPEED_LAG))
+    change = within((goal - speed) / SPEED_LAG, MOST_ACCELERATION)
     course, after = body.course + course_rate * h, speed + change * h
     return body._replace(
         velocity_north=after * math.cos(course),
@@ -212,7 +209,7 @@ class DraggedCopter:
         velocity_north, velocity_east = body.velocity_north + north_rate * h, body.velocity_east + east_rate * h
         sink = body.velocity_down + (wanted.down + SINKING - body.velocity_down) * (1 - math.exp(-h / CLIMB_LAG))
         roll, pitch = lean(north_rate + drag_north, east_rate + drag_east, body.heading)
-        return self.yaw_loop.turn(body, self.yaw_loop.limited(wanted.yaw_rate), h)._replace(
+        return self.yaw_loop.turn(body, within(wanted.yaw_rate, self.yaw_loop.limit), h)._replace(
             north=body.north + (body.velocity_north + velocity_north) / 2 * h,
             east=body.east + (body.velocity_east + velocity_east) / 2 * h,
             down=min(body.down + sink * h, 0.0),
@@ -223,6 +220,6 @@ class DraggedCopter:
             push_east=body.push_east + (0.0 if limited else INTEGRAL * missing_east * h),
             roll=roll,
             pitch=pitch,
-            roll_rate=max(-4.0, min(4.0, (roll - body.roll) / h)),
-            pitch_rate=max(-4.0, min(4.0, (pitch - body.pitch) / h)),
+            roll_rate=within((roll - body.roll) / h, 4.0),
+            pitch_rate=within((pitch - body.pitch) / h, 4.0),
         )

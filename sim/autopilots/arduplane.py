@@ -4,8 +4,8 @@ import math
 from typing import ClassVar, NamedTuple
 
 from ..agenda import NEVER
-from ..airframes.fixedwing import FixedWing, falling
-from ..body import GRAVITY, Body, euler
+from ..airframes.fixedwing import FixedWing, Loiter, bank_on_loiter, falling
+from ..body import GRAVITY, Body, euler, within
 from ..config import VehicleConfig
 from ..demands import Bank
 from ..links import Message
@@ -13,7 +13,6 @@ from ..starting import AIRSPEED_SCALE
 from ..world import from_degrees
 from .ardupilot import ArduPilot
 from .ardupilot_tables import PLANE, plane_parameters
-from .circling import Loiter, bank_on_loiter
 from .contract import Ack, Command, Say, Severity
 from .sticks import Sticks
 
@@ -73,10 +72,10 @@ class ArduPlane(ArduPilot):
     def _wanted_bank(self, now: int) -> float:
         limit = math.radians(self.params["ROLL_LIMIT_DEG"])
         if self.mode == GUIDED and self._forced is not None:
-            return max(-limit, min(limit, self._forced.roll or 0.0))
+            return within(self._forced.roll or 0.0, limit)
         if self.mode == GUIDED and self._heading is not None:
             heading, limit = self._heading[0], min(limit, self._heading[1])
-            return max(-limit, min(limit, HEADING_GAIN * math.remainder(heading - self.body.heading, math.tau)))
+            return within(HEADING_GAIN * math.remainder(heading - self.body.heading, math.tau), limit)
         if self.mode == CIRCLE:
             return CIRCLE_BANK
         if self.mode in LOITERING:

@@ -5,7 +5,7 @@ from typing import ClassVar
 
 from ..agenda import NEVER
 from ..airframes.unicycle import Unicycle
-from ..body import Body, euler
+from ..body import Body, euler, within
 from ..config import VehicleConfig
 from ..demands import BodyVelocity, Brake
 from ..links import Message
@@ -55,7 +55,7 @@ class ArduRover(ArduPilot):
         if not self.armed or target is None:
             return self._airframe.step(self.body, Brake(2.5), dt)._replace(roll=0.0)
         tightest = max(abs(self.body.forward_speed), 0.01) / TIGHTEST
-        rate = max(-tightest, min(tightest, target.yaw_rate * self._gain))
+        rate = within(target.yaw_rate * self._gain, tightest)
         return self._airframe.step(self.body, target._replace(yaw_rate=rate), dt)._replace(roll=0.0)
 
     def wake_us(self) -> int:
@@ -131,7 +131,7 @@ class ArduRover(ArduPilot):
 
     def _clipped(self, speed: float) -> float:
         most = self.params["WP_SPEED"]
-        return max(-most, min(most, speed)) if math.isfinite(speed) else speed
+        return within(speed, most) if math.isfinite(speed) else speed
 
     def entered(self, mode: int, now: int) -> None:
         self._target = self._homing = None

@@ -9,7 +9,7 @@ import math
 from collections import ChainMap
 from typing import NamedTuple
 
-from ..body import Body, euler, to_earth
+from ..body import Body, euler, to_earth, within
 from ..demands import BodyVelocity, Brake, Demand, EarthVelocity, Spin, Tilt
 from ..links import Message
 from ..params import Parameters
@@ -108,7 +108,7 @@ def read_attitude_target(message: Message, params: Parameters) -> Tilt | Spin | 
 def _lift(thrust: float, params: Parameters) -> tuple[float, float | None]:
     """A climb rate, m/s: 0.5 holds the height; or the raw thrust if the parameters say so."""
     if int(params["GUID_OPTIONS"]) & THRUST_AS_THRUST:
-        return 0.0, max(-1.0, min(1.0, thrust))
+        return 0.0, within(thrust, 1.0)
     if not math.isfinite(thrust):
         return math.nan, None
     share = (max(0.0, min(1.0, thrust)) - 0.5) * 2
@@ -153,5 +153,5 @@ def _toward(body: Body, goal: GoTo, speed: float, climb: float) -> EarthVelocity
     north, east = goal.north - body.north, goal.east - body.east
     distance = math.hypot(north, east)
     share = min(speed, NEARNESS * distance) / distance if distance > 1e-6 else 0.0
-    vertical = max(-climb, min(climb, NEARNESS * (goal.down - body.down)))
+    vertical = within(NEARNESS * (goal.down - body.down), climb)
     return EarthVelocity(north * share, east * share, vertical)

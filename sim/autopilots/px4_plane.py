@@ -4,13 +4,12 @@ import math
 from dataclasses import replace
 
 from ..agenda import NEVER
-from ..airframes.fixedwing import FixedWing, falling
-from ..body import GRAVITY, Body
+from ..airframes.fixedwing import FixedWing, Loiter, bank_on_loiter, falling
+from ..body import GRAVITY, Body, within
 from ..config import VehicleConfig
 from ..demands import Bank, Glide, Tilt
 from ..params import Parameter
 from ..starting import AIRSPEED_SCALE
-from .circling import Loiter, bank_on_loiter
 from .contract import Say
 from .modes import PX4 as MODES
 from .px4 import ALTCTL, LAND, OFFBOARD, POSCTL, RTL, Px4
@@ -59,7 +58,7 @@ class Px4Plane(Px4):
         setpoint = self._setpoint
         if self.mode == OFFBOARD and isinstance(setpoint, Tilt):
             limit = math.radians(self.params["FW_R_LIM"])
-            return Glide(max(-limit, min(limit, setpoint.roll)), setpoint.pitch, setpoint.thrust or 0.0)
+            return Glide(within(setpoint.roll, limit), setpoint.pitch, setpoint.thrust or 0.0)
         speed = self.params["FW_AIRSPD_TRIM"]
         if self.cruise is not None and self.mode not in BANKED_BY_STICKS:
             speed = max(self.params["FW_AIRSPD_MIN"], min(self.params["FW_AIRSPD_MAX"], self.cruise))
@@ -93,7 +92,7 @@ class Px4Plane(Px4):
         angle = math.atan2(setpoint.position[1] - body.east, setpoint.position[0] - body.north) - body.course
         wrapped = math.remainder(angle, math.tau)
         rate = COURSE_GAIN * (math.sin(wrapped) if abs(wrapped) < math.pi / 2 else math.copysign(1.0, wrapped))
-        return max(-limit, min(limit, math.atan(body.air_speed * rate / GRAVITY)))
+        return within(math.atan(body.air_speed * rate / GRAVITY), limit)
 
     def hold_at(self, place: tuple[float, float] | None, down: float | None) -> None:
         if place is not None:

@@ -1,5 +1,6 @@
 """A pilot's sticks over MAVLink: RC_CHANNELS_OVERRIDE and MANUAL_CONTROL."""
 
+from ..body import within
 from ..links import Message
 
 IGNORED_PWM, RELEASED_PWM = 65535, 0
@@ -20,11 +21,11 @@ class Sticks:
             return False
         kind = message.get_type()
         if kind == "MANUAL_CONTROL" and message.target == self._system and message.y != IGNORED_AXIS:
-            self._roll, self._heard = max(-1.0, min(1.0, message.y / 1000)), now
+            self._roll, self._heard = within(message.y / 1000, 1.0), now
             return True
         if kind == "RC_CHANNELS_OVERRIDE" and message.chan1_raw != IGNORED_PWM:
             released = message.chan1_raw == RELEASED_PWM
-            self._roll = 0.0 if released else max(-1.0, min(1.0, (message.chan1_raw - 1500) / 500))
+            self._roll = 0.0 if released else within((message.chan1_raw - 1500) / 500, 1.0)
             self._heard = now
             return True
         return False
