@@ -10,6 +10,8 @@ TILT_NOISE = 0.57  # of the gyro about the nose, for each rad of roll error, 1/s
 HEADING_SHARE, HEADING_TIME = 1.1, 12.0  # of the roll error, s
 
 Vector = tuple[float, float, float]
+Line = tuple[tuple[float, float], ...]
+"""Commands on their way: seconds until each arrives and its value. The first has arrived and is in force."""
 
 
 class EstimateError(NamedTuple):
@@ -74,7 +76,7 @@ class Body(NamedTuple):
     gust_slip: float = 0.0  # the part of it that a gust made
     trimmed_wind: tuple[float, float] = (0.0, 0.0)  # what the vehicle has settled in; what differs is a gust
     error: EstimateError = EstimateError()  # of the estimate: it is reported, and flown by
-    on_the_way: tuple[tuple[float, float], ...] = ()  # commands within the dead time (airframes/following.py)
+    on_the_way: Line = ()  # commands within the dead time (through_line)
 
     @property
     def ground_speed(self) -> float:
@@ -171,3 +173,24 @@ def euler(q: tuple[float, ...]) -> tuple[float, float, float]:
         math.asin(within(2 * (w * y - z * x), 1.0)),
         math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)),
     )
+
+
+def pieces(dt: float, longest: float) -> list[float]:
+    """A time step cut into equal ones."""
+    count = max(1, math.ceil(dt / longest - 1e-9))
+    return [dt / count] * count
+
+
+def through_line(line: Line, command: float, dead_time: float, h: float) -> Line:
+    """The line `h` seconds later, with a command put in now; what comes out is the value of its first entry."""
+    line = tuple((left - h, value) for left, value in line)
+    if not line or line[-1][1] != command:
+        line += ((dead_time, command),)
+    while len(line) > 1 and line[1][0] < h / 2:
+        line = line[1:]
+    return line
+
+
+def second_order(error: float, rate: float, frequency: float, damping: float, h: float) -> float:
+    """The rate of change `h` seconds later of a loop that takes `error` to zero; frequency in rad/s."""
+    return rate + (frequency**2 * error - 2 * damping * frequency * rate) * h

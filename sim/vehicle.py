@@ -12,9 +12,8 @@ from .flight import DRIFT_STEP_US, Flight, Truth
 from .links import TYPE_GCS, Link, Message, Router
 from .ranging_radio import SECOND, RangingRadio
 from .sensor import Sample
-from .services import Services
+from .services import Services, Streams
 from .signing import UNSIGNED_BY_ARDUPILOT, UNSIGNED_BY_PX4, Notary, read_key
-from .streams import Streams
 from .telemetry import sim_state, truth_array
 from .world import Air
 

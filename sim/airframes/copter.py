@@ -3,10 +3,9 @@
 import math
 from dataclasses import dataclass
 
-from ..body import GRAVITY, Body, to_earth, within
+from ..body import GRAVITY, Body, pieces, to_earth, within
 from ..config import Airframe
 from ..demands import BodyVelocity, Brake, Demand, EarthVelocity, Spin, Tilt, Velocity
-from .following import pieces
 from .multicopter import DraggedCopter, Multicopter, ardupilot_yaw_loop
 from .unicycle import Unicycle
 

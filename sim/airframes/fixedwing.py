@@ -4,10 +4,9 @@ import math
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from ..body import GRAVITY, Body, within
+from ..body import GRAVITY, Body, pieces, second_order, through_line, within
 from ..config import Airframe
 from ..demands import Bank, Glide
-from .following import pieces, second_order, through_line
 
 STEP = 0.02
 SPEED_LAG, HEIGHT_LAG, CLIMB_LAG = 3.0, 2.0, 1.0  # s

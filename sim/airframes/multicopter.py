@@ -3,9 +3,8 @@
 import math
 from dataclasses import dataclass
 
-from ..body import GRAVITY, Body, at_most, lean, within
+from ..body import GRAVITY, Body, at_most, lean, pieces, second_order, through_line, within
 from ..demands import Brake, EarthVelocity
-from .following import pieces, second_order, through_line
 
 STEP = 0.02
 YAW_EXCESS = 0.23  # of the centripetal acceleration in g

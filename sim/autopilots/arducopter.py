@@ -9,7 +9,6 @@ from ..config import VehicleConfig
 from ..demands import BodyVelocity, Brake, Demand, EarthVelocity, Spin, Tilt
 from ..links import Message
 from .ardupilot import ArduPilot
-from .ardupilot_tables import COPTER, copter_parameters
 from .contract import IN_AIR, LANDING, ON_GROUND, TAKING_OFF, Ack, Command, Say, Severity
 from .copter_targets import (
     GoTo,
@@ -23,6 +22,7 @@ from .copter_targets import (
     to_point,
     way_home,
 )  # fmt: skip
+from .tables import COPTER, copter_parameters
 
 GUIDED, RTL, LAND, GUIDED_NOGPS, SMART_RTL = 4, 6, 9, 20, 21
 TAKEOFF, DO_CHANGE_SPEED = 22, 178

@@ -12,9 +12,9 @@ from ..links import Message
 from ..starting import AIRSPEED_SCALE
 from ..world import from_degrees
 from .ardupilot import ArduPilot
-from .ardupilot_tables import PLANE, plane_parameters
 from .contract import Ack, Command, Say, Severity
 from .sticks import Sticks
+from .tables import PLANE, plane_parameters
 
 CIRCLE, RTL, LOITER, TAKEOFF, GUIDED = 1, 11, 12, 13, 15
 LOITERING = frozenset({RTL, LOITER, TAKEOFF, GUIDED})

@@ -10,8 +10,8 @@ from ..config import VehicleConfig
 from ..demands import BodyVelocity, Brake
 from ..links import Message
 from .ardupilot import ArduPilot
-from .ardupilot_tables import ROVER, rover_parameters
 from .contract import CUSTOM_MODE_ENABLED, Ack, Command, Say, Severity
+from .tables import ROVER, rover_parameters
 
 HOLD, LOITER, RTL, SMART_RTL, GUIDED = 4, 5, 11, 12, 15
 DO_CHANGE_SPEED = 178

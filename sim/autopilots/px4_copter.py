@@ -14,8 +14,8 @@ from ..params import Parameter
 from ..world import HOME_AMSL_M
 from .contract import IN_AIR, LANDING, ON_GROUND, TAKING_OFF, Command, Say
 from .px4 import LAND, LOITER, NEEDS_STICKS, OFFBOARD, RTL, TAKEOFF, Px4
-from .px4_tables import px4_identity, px4_parameters
 from .px4_targets import NOTHING, Trajectory
+from .tables import px4_identity, px4_parameters
 
 THINK_US, IDLE_US = 20_000, 500_000
 MOST_YAW_RATE = 2.25  # rad/s, what MC_YAWRATE_MAX 200 deg/s comes to

@@ -13,8 +13,8 @@ from ..starting import AIRSPEED_SCALE
 from .contract import Say
 from .modes import PX4 as MODES
 from .px4 import ALTCTL, LAND, OFFBOARD, POSCTL, RTL, Px4
-from .px4_tables import px4_identity, px4_parameters
 from .px4_targets import Trajectory
+from .tables import px4_identity, px4_parameters
 
 THINK_US = 50_000
 # 63 % of a bank after 0.5 s, by stick after 0.6 .. 0.7 s; the heading's rate follows the course's by 0.14 s.
