@@ -21,8 +21,7 @@ from sim.faults.frames import frames
 from sim.faults.link import Intruder
 from sim.vehicle import MAIN, Truth, Vehicle
 from sim.vehicle import RANGING as RADIO
-from tests.faults.judge import Allowed, broken_rule, is_heartbeat, is_safe, is_setpoint
-from tests.faults.witness import GUIDED, Witness
+from tests.faults.judge import GUIDED, Allowed, Witness, broken_rule, is_heartbeat, is_safe, is_setpoint
 from tests.flight.lockstep import CONFIG, UNIX, clockwise_turns, true_radius
 
 PATIENT = ("limits.hold_s=70.0", "limits.outage_s=70.0", "limits.duration_s=100000.0")

@@ -155,18 +155,6 @@ def test_too_much_is_limited():
     assert companion.truth.ground_speed < 13.0
 
 
-@pytest.mark.parametrize(
-    ("target", "obeyed"),
-    [((1, 1), True), ((1, 0), True), ((0, 0), True), ((0, 1), True), ((1, 191), False), ((2, 1), False)],
-)
-def test_addresses(target, obeyed):
-    companion = px4()
-    companion.velocity(1.0, 0.0, target=target)
-    assert bool(companion.vehicle.setpoint_log) == obeyed
-    if target != (0, 1):
-        assert bool(companion.command(400, 1, target=target)) == obeyed
-
-
 def test_without_gps_velocities_fail_after_five_seconds_and_come_back_with_it():
     companion = offboard(events=[{"at_s": 5.0, "action": "gps_off"}, {"at_s": 20.0, "action": "gps_on"}])
     companion.fly(9.4, 3.0, 0.1)
