@@ -48,8 +48,12 @@ class Vehicle:
         self._services = Services(self._flight, self._streams, self._say)
         self._setpoints: deque[tuple[float, str]] = deque(maxlen=REMEMBERED)
         self._link(MAIN)
-        self._set_up_radio()
-        self._set_up_world()
+        ranging, version = config.ranging, config.vehicle.mavlink_version
+        self._radio_wire = Link("radio", ranging.system_id, ranging.component_id, version, self._notary)
+        if ranging.via == "direct":
+            self._link(RANGING)
+        self._radio = RangingRadio(config, self._agenda, self._flight, self._radio_sends, self._driver)
+        self._appoint_the_world()
 
     def receive(self, data: bytes, link: str = MAIN, *, stream: bool = False) -> None:
         """One datagram, or piece of a stream, heard on a link, handled at the current simulated time. Never raises."""
@@ -149,7 +153,7 @@ class Vehicle:
             link.send(state)
             link.send(truth)
 
-    def _set_up_world(self) -> None:
+    def _appoint_the_world(self) -> None:
         rate = self.config.truth.rate_hz
         if rate > 0:
             self._agenda.every(("truth",), round(SECOND / rate), 0, self._send_truth)
@@ -200,13 +204,6 @@ class Vehicle:
         for link in self._autopilot_links():
             link.gcs_heard = False
             self._streams.open(link)
-
-    def _set_up_radio(self) -> None:
-        ranging, version = self.config.ranging, self.config.vehicle.mavlink_version
-        self._radio_wire = Link("radio", ranging.system_id, ranging.component_id, version, self._notary)
-        if ranging.via == "direct":
-            self._link(RANGING)
-        self._radio = RangingRadio(self.config, self._agenda, self._flight, self._radio_sends, self._driver)
 
     def _radio_sends(self, message: Message) -> None:
         frame = self._radio_wire.frame(message)

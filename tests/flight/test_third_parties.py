@@ -10,8 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.ports import reserved_port
-from tests.process import PATIENCE, ROOT, python, read_until, running
+from tests.process import PATIENCE, ROOT, python, read_until, reserved_port, running
 
 MAVPROXY = "MAVProxy==1.8.75"
 

@@ -16,8 +16,7 @@ from mavsdk.plugins.action import Action  # noqa: E402
 from mavsdk.plugins.offboard import Offboard, VelocityBodyYawspeed  # noqa: E402
 from mavsdk.plugins.telemetry import FlightMode, Telemetry  # noqa: E402
 
-from tests.ports import reserved_port  # noqa: E402
-from tests.process import PATIENCE, python, running  # noqa: E402
+from tests.process import PATIENCE, python, reserved_port, running  # noqa: E402
 
 PX4, ARDUPILOT = 1, 2
 
