@@ -32,8 +32,9 @@ def main(
         signal.signal(number, lambda received, _frame: stop.append(received))
     try:
         config = load_vehicle(vehicle) if vehicle else parse_vehicle({}, "sim")
+        config = config if seed is None else config.changed(seed=seed)
         serve(
-            config if seed is None else config.seeded(seed), endpoint, ranging_endpoint, speed=speed, duration=duration,
+            config, endpoint, ranging_endpoint, speed=speed, duration=duration,
             ready=lambda line: print(line, flush=True),
             stopped=lambda: bool(stop),
             say=lambda line: print(line, flush=True),

@@ -1,12 +1,53 @@
 """The vehicle's physical state. NED metres from home, radians, clockwise seen from above."""
 
 import math
+from random import Random
 from typing import NamedTuple
 
-from .estimate import GRAVITY as GRAVITY
-from .estimate import EstimateError
+GRAVITY = 9.80665  # m/s^2
+FREQUENCY, DAMPING = 0.32, 0.45  # of the correction by GPS, rad/s
+TILT_NOISE = 0.57  # of the gyro about the nose, for each rad of roll error, 1/s^.5; half of it about the wings
+HEADING_SHARE, HEADING_TIME = 1.1, 12.0  # of the roll error, s
 
 Vector = tuple[float, float, float]
+Line = tuple[tuple[float, float], ...]
+"""Commands on their way: seconds until each arrives and its value. The first has arrived and is in force."""
+
+
+class EstimateError(NamedTuple):
+    """What an autopilot believes of its own motion, and flies by, less what is true: velocity in m/s; the acceleration
+    that the tilt seems to be, in g; heading in rad.
+
+    Noisy gyros tilt the estimate; gravity then looks like an acceleration, and the GPS takes both back within seconds:
+    PX4's EKF under SIH, whose gyros are far noisier than real ones, shows 1 deg of roll that comes and goes like an
+    oscillator of 0.32 rad/s, with 0.2 m/s of velocity along the nose and 1.1 deg of heading. ArduPilot's plane shows
+    0.17 deg of heading in wind.
+    """
+
+    velocity: tuple[float, float] = (0.0, 0.0)
+    lean: tuple[float, float] = (0.0, 0.0)
+    heading: float = 0.0
+
+    def tilt(self, heading: float) -> tuple[float, float]:
+        """Of roll and pitch, rad."""
+        (north, east), cos, sin = self.lean, math.cos(heading), math.sin(heading)
+        return east * cos - north * sin, -(north * cos + east * sin)
+
+    def after(self, dt: float, size: float, heading: float, rng: Random) -> "EstimateError":
+        """A step later; size: rms of the roll, rad; heading: of the nose."""
+        noise = size * TILT_NOISE * math.sqrt(dt)
+        right, forward = rng.gauss(0.0, noise), rng.gauss(0.0, noise / 2)
+        fresh = to_earth(forward, right, heading)
+        kept = math.exp(-dt / HEADING_TIME)
+        turned = kept * self.heading + rng.gauss(0.0, size * HEADING_SHARE * math.sqrt(1 - kept * kept))
+        moved = tuple(_corrected(*one, dt) for one in zip(self.velocity, self.lean, fresh, strict=True))
+        (north, lean_north), (east, lean_east) = moved
+        return EstimateError((north, east), (lean_north, lean_east), turned)
+
+
+def _corrected(velocity: float, lean: float, fresh: float, dt: float) -> tuple[float, float]:
+    lean += fresh - FREQUENCY**2 / GRAVITY * velocity * dt
+    return velocity + (GRAVITY * lean - 2 * DAMPING * FREQUENCY * velocity) * dt, lean
 
 
 class Body(NamedTuple):
@@ -35,7 +76,7 @@ class Body(NamedTuple):
     gust_slip: float = 0.0  # the part of it that a gust made
     trimmed_wind: tuple[float, float] = (0.0, 0.0)  # what the vehicle has settled in; what differs is a gust
     error: EstimateError = EstimateError()  # of the estimate: it is reported, and flown by
-    on_the_way: tuple[tuple[float, float], ...] = ()  # commands within the dead time (airframes/following.py)
+    on_the_way: Line = ()  # commands within the dead time (through_line)
 
     @property
     def ground_speed(self) -> float:
@@ -101,6 +142,11 @@ def to_earth(forward: float, right: float, heading: float) -> tuple[float, float
     return forward * cos - right * sin, forward * sin + right * cos
 
 
+def within(value: float, limit: float) -> float:
+    """The nearest value from -limit to limit."""
+    return max(-limit, min(limit, value))
+
+
 def at_most(first: float, second: float, most: float) -> tuple[float, float]:
     """A vector, no longer than that."""
     size = math.hypot(first, second)
@@ -124,6 +170,27 @@ def euler(q: tuple[float, ...]) -> tuple[float, float, float]:
     w, x, y, z = q
     return (
         math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
-        math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x)))),
+        math.asin(within(2 * (w * y - z * x), 1.0)),
         math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)),
     )
+
+
+def pieces(dt: float, longest: float) -> list[float]:
+    """A time step cut into equal ones."""
+    count = max(1, math.ceil(dt / longest - 1e-9))
+    return [dt / count] * count
+
+
+def through_line(line: Line, command: float, dead_time: float, h: float) -> Line:
+    """The line `h` seconds later, with a command put in now; what comes out is the value of its first entry."""
+    line = tuple((left - h, value) for left, value in line)
+    if not line or line[-1][1] != command:
+        line += ((dead_time, command),)
+    while len(line) > 1 and line[1][0] < h / 2:
+        line = line[1:]
+    return line
+
+
+def second_order(error: float, rate: float, frequency: float, damping: float, h: float) -> float:
+    """The rate of change `h` seconds later of a loop that takes `error` to zero; frequency in rad/s."""
+    return rate + (frequency**2 * error - 2 * damping * frequency * rate) * h

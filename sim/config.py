@@ -14,9 +14,6 @@ from .signing import read_key
 
 __all__ = ["ConfigError", "VehicleConfig", "load_vehicle", "parse_vehicle"]
 
-MESSAGES = ("distance_sensor", "ranging_beacon", "named_value_float")
-VIAS = ("forwarded", "direct", "autopilot")
-PRESETS = ("gaussian", "uwb", "lora")
 IMU_STATES = ("good", "frozen", "clipped", "rotated")
 ATTITUDE_ERROR_DEG = {"px4_copter": 1.0, "px4_plane": 1.0, "arduplane": 0.15}
 ACTIONS = (
@@ -107,9 +104,9 @@ class Ranging(Table):
     rate_bias_mps: rms of the carrier's offset, which changes within a minute.
     """
 
-    message: Literal[MESSAGES] = "distance_sensor"  # type: ignore[valid-type]
-    via: Literal[VIAS] = "forwarded"  # type: ignore[valid-type]
-    preset: Literal[PRESETS] = "gaussian"  # type: ignore[valid-type]
+    message: Literal["distance_sensor", "ranging_beacon", "named_value_float"] = "distance_sensor"
+    via: Literal["forwarded", "direct", "autopilot"] = "forwarded"
+    preset: Literal["gaussian", "uwb", "lora"] = "gaussian"
     rate_hz: float = Field(default=10.0, ge=0.0, le=1000.0)
     noise_m: float = Field(default=0.5, ge=0.0)
     bias_m: float = 0.0
@@ -145,7 +142,7 @@ class Sensors(Table):
     accel_bias_mps2: constant, signs drawn by the seed; None draws .05 .. 0.1.
     imu: "frozen" repeats its last reading, "clipped" ends at 8 m/s^2, "rotated" is mounted 90 deg to the right.
     attitude_error_deg: rms of the estimated roll, with the errors of velocity and heading that come with it
-    (estimate.py); None: 1.0 of a realistic px4_*, 0.15 of arduplane, else 0.
+    (EstimateError); None: 1.0 of a realistic px4_*, 0.15 of arduplane, else 0.
     gps_error_m: standard deviation of the reported position in each axis, first order with gps_error_time_s.
     dead_reckoning_mps: speed in each axis, drawn, at which the reported position drifts away without GPS.
     """
@@ -222,9 +219,6 @@ class VehicleConfig(Table):
         """As the autopilot finds itself after a reset: disarmed, in its first mode."""
         first = next(iter(MODES[self.vehicle.profile]))
         return self.changed(start=self.start.changed(armed=False, mode=first, speed_mps=None))
-
-    def seeded(self, seed: int) -> "VehicleConfig":
-        return self.changed(seed=seed)
 
 
 def parse_vehicle(table: Mapping[str, Any], where: str) -> VehicleConfig:

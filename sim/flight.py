@@ -71,8 +71,7 @@ class Flight:
         self.instruments = Instruments(config.sensors, config.seed, config.sih)
         self.battery = config.battery.percent
         self._battery_at = 0
-        self.body = starting_body(config, self.air.velocity)
-        self.autopilot = self._build_autopilot(config)
+        self.autopilot = self._build_autopilot(config, starting_body(config, self.air.velocity))
         self._velocities: deque[tuple[int, Vector]] = deque([(0, self._velocity())])
         self._estimator_rng = Random(f"{config.seed}:estimator")
         self._position_rng = Random(f"{config.seed}:position")
@@ -92,12 +91,12 @@ class Flight:
             if wake > until:
                 break
             self._move(max(wake, self.now))
-            self.autopilot.wake(self.now, self.body)
+            self.autopilot.wake(self.now)
         self._move(until)
 
     def _move(self, to: int) -> None:
         if to > self.now:
-            self.body = self.autopilot.fly(self.body, (to - self.now) * 1e-6, self.air.velocity)
+            self.autopilot.body = self.autopilot.fly((to - self.now) * 1e-6, self.air.velocity)
             self.now = to
             trail = self._velocities
             trail.append((to, self._velocity()))
@@ -121,7 +120,7 @@ class Flight:
         """One step of 0.1 s of the estimate's error."""
         body, rng = self.body, self._estimator_rng
         error = body.error.after(DRIFT_STEP_US * 1e-6, self.config.attitude_error, body.heading, rng)
-        self.body = body._replace(error=error)
+        self.autopilot.body = body._replace(error=error)
 
     def wander(self) -> None:
         """One step of 0.1 s of the error of the reported position: of the GPS, or of dead reckoning without it."""
@@ -144,10 +143,14 @@ class Flight:
         fresh = self.config.rebooted()
         self.booted = self.now
         self.rangefinder = Rangefinder()
-        self.autopilot = self._build_autopilot(fresh)
+        self.autopilot = self._build_autopilot(fresh, self.body)
 
-    def _build_autopilot(self, config: VehicleConfig) -> Autopilot:
-        return AUTOPILOTS[config.vehicle.profile](config, self._say, self.body)
+    def _build_autopilot(self, config: VehicleConfig, body: Body) -> Autopilot:
+        return AUTOPILOTS[config.vehicle.profile](config, self._say, body)
+
+    @property
+    def body(self) -> Body:
+        return self.autopilot.body
 
     @property
     def seconds(self) -> float:
@@ -179,9 +182,9 @@ class Flight:
 
     def slant_rate(self) -> float:
         """How fast the slant range grows, m/s."""
-        body, target, now = self.body, self.target, self.seconds
-        offset = [a - b for a, b in zip((body.north, body.east, body.down), target.at(now), strict=True)]
-        before, after = target.at(now - 0.01), target.at(now + 0.01)
+        body, now = self.body, self.seconds
+        offset = [a - b for a, b in zip((body.north, body.east, body.down), self.target.at(now), strict=True)]
+        before, after = self.target.at(now - 0.01), self.target.at(now + 0.01)
         moved = [(b - a) / 0.02 for a, b in zip(before, after, strict=True)]
         relative = [a - b for a, b in zip(self._velocity(), moved, strict=True)]
         return sum(a * b for a, b in zip(offset, relative, strict=True)) / max(self.slant_range(), 1e-6)

@@ -3,7 +3,7 @@
 import math
 from random import Random
 
-from .body import Body, Vector
+from .body import Body, Vector, within
 from .config import Sensors
 
 CLIP_MPS2 = 8.0  # below 1 g, so that the vertical axis shows it in level flight
@@ -70,6 +70,6 @@ class Instruments:
         if self.imu_state == "rotated":
             x, y, p, q = y, -x, q, -p
         if self.imu_state == "clipped":
-            x, y, z = (max(-CLIP_MPS2, min(CLIP_MPS2, value)) for value in (x, y, z))
+            x, y, z = (within(value, CLIP_MPS2) for value in (x, y, z))
         self._last_imu = (x, y, z), (p, q, r)
         return self._last_imu

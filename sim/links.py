@@ -1,16 +1,26 @@
-"""The autopilot's links and the forwarding between them, as ArduPilot's MAVLink_routing.cpp does it."""
+"""The autopilot's links: bytes to MAVLink messages and back, and the forwarding between them.
 
+One parser and one sequence counter per link; junk is dropped, never raised. Forwarding is that of ArduPilot's
+MAVLink_routing.cpp.
+"""
+
+import struct
 from collections import deque
+from typing import Any
+
+from pymavlink.dialects.v20 import all as mavlink
 
 from .signing import Notary
-from .wire import Message, Parser, Sender
 
-HEARTBEAT = 0
-NEVER_FORWARDED = frozenset({109, 166, 246, 256})  # RADIO_STATUS, RADIO, ADSB_VEHICLE, SETUP_SIGNING
+NEVER_FORWARDED = frozenset({"RADIO_STATUS", "RADIO", "ADSB_VEHICLE", "SETUP_SIGNING"})
 MOST_ROUTES = 20
 MOST_WAITING = 50_000
 TYPE_GCS = 6
+V1_LARGEST_ID = 255
+V2_MARKER = 0xFD
 
+Message = Any
+"""A pymavlink message: its fields are attributes that only the dialect knows."""
 Address = tuple[int, int]
 
 
@@ -19,15 +29,43 @@ class Link:
 
     def __init__(self, name: str, system: int, component: int, version: int, notary: Notary) -> None:
         self.name = name
-        self.parser = Parser(version)
-        self.sender = Sender(system, component, version, notary.prepare)
+        self._version = version
+        self._notary = notary
+        self._in = mavlink.MAVLink(None)
+        self._in.robust_parsing = True
+        self._out = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
         self.waiting: deque[bytes] = deque(maxlen=MOST_WAITING)
         self.intervals: dict[int, int] = {}  # message id -> microseconds
         self.gcs_heard = False
         self.silent = False
 
-    def send(self, message: Message) -> None:
-        frame = self.sender.frame(message)
+    def messages(self, data: bytes, *, stream: bool) -> list[Message]:
+        """A datagram starts afresh: one stray byte must not eat the next frames. A stream goes on where it was cut."""
+        if not stream:
+            self._in.buf = bytearray()
+            self._in.buf_index = 0
+            self._in.expected_length = 8
+        return [message for message in self._in.parse_buffer(data) or [] if self._readable(message)]
+
+    def _readable(self, message: Message) -> bool:
+        """Unknown ids and broken frames are noise, and a MAVLink 1 autopilot does not see MAVLink 2 frames."""
+        return message.get_msgId() >= 0 and (self._version == 2 or message.get_msgbuf()[0] != V2_MARKER)
+
+    def frame(self, message: Message) -> bytes | None:
+        """The next frame of this sender, or None when this MAVLink version cannot carry it."""
+        if self._version == 1 and message.get_msgId() > V1_LARGEST_ID:
+            return None
+        self._notary.prepare(self._out)
+        try:
+            data: bytes = message.pack(self._out, force_mavlink1=self._version == 1)
+        except (struct.error, OverflowError):  # a vehicle flown to where its numbers no longer fit the field
+            return None
+        self._out.seq = (self._out.seq + 1) % 256
+        return data
+
+    def send(self, message: Message | None) -> None:
+        """A message, if there is one to send."""
+        frame = None if message is None else self.frame(message)
         if frame is not None and not self.silent:
             self.waiting.append(frame)
 
@@ -56,17 +94,16 @@ class Router:
 
     def pass_on(self, message: Message, source: Link, links: list[Link]) -> bool:
         """Forward one message heard on `source`; True if the autopilot shall act on it too."""
-        number = message.get_msgId()
-        sender = (message.get_srcSystem(), message.get_srcComponent())
-        if number in self._unknown:
+        kind, sender = message.get_type(), (message.get_srcSystem(), message.get_srcComponent())
+        if message.get_msgId() in self._unknown:
             return False
         if sender == self._own:
             return True
         self._learn(sender, source)
-        if number == HEARTBEAT:
+        if kind == "HEARTBEAT":
             self._forward_heartbeat(message, sender, source, links)
             return True
-        if number in NEVER_FORWARDED:
+        if kind in NEVER_FORWARDED:
             return True
         system, component = getattr(message, "target_system", 0), getattr(message, "target_component", 0)
         mine = system in (0, self._own[0])

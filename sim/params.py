@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from pymavlink.dialects.v20 import all as mavlink
 
-from .wire import Message
+from .links import Message
 
 INT8, INT16, INT32, REAL32 = 2, 4, 6, 9
 NOT_IN_LIST = 65535

@@ -12,8 +12,8 @@ from pymavlink.dialects.v20 import all as mavlink
 from .agenda import Agenda
 from .config import Ranging, VehicleConfig
 from .flight import Flight
+from .links import Message
 from .sensor import DopplerSensor, RangeSensor, Sample
-from .wire import Message
 
 SECOND = 1_000_000
 UNKNOWN_U32, UNKNOWN_COVARIANCE, UNKNOWN_LATLON = 4_294_967_295, 255, 2_147_483_647

@@ -53,11 +53,6 @@ class RangeSensor:
         self._kept = math.exp(-step / self._kind.drift_time)
         self._gap_chance = self._kind.gap_rate * step
 
-    @property
-    def noise(self) -> float:
-        """Standard deviation of the white part, m."""
-        return self._config.noise_m if self._kind.white is None else self._kind.white
-
     def measure(self, true_range: float, now: int) -> Sample | None:
         c, kind, rng = self._config, self._kind, self._rng
         lost, wild, spread, gap = rng.random(), rng.random(), rng.uniform(-1.0, 1.0), rng.random()
@@ -69,7 +64,8 @@ class RangeSensor:
             return None
         if now < self._deaf_until:
             return None
-        distance = true_range + c.bias_m + self._drift + self.noise * noise
+        white = c.noise_m if kind.white is None else kind.white
+        distance = true_range + c.bias_m + self._drift + white * noise
         distance += kind.near_bias * max(0.0, 1 - true_range / kind.near)
         if wild < c.outlier_fraction:
             distance += c.outlier_m * spread

@@ -1,27 +1,113 @@
-"""What every ground station speaks: commands, parameters, missions, time, requests.
+"""What every ground station speaks: commands, parameters, missions, time, requests; and the streams that it asks for.
 
 The vehicle itself answers commands about its streams, the rest goes to the autopilot.
 """
 
+from functools import partial
+
 from pymavlink.dialects.v20 import all as mavlink
 
+from .agenda import Agenda
 from .autopilots.ardupilot import STREAM_GROUPS
-from .autopilots.contract import Ack, Command, Say
+from .autopilots.contract import Ack, Command, Say, Severity
 from .flight import Flight
-from .links import Link
-from .streams import Streams
-from .wire import Message
+from .links import Link, Message
+from .telemetry import BUILDERS
 
-COMMAND_INT, COMMAND_LONG = 75, 76
 GET_INTERVAL, SET_INTERVAL, REQUEST_MESSAGE, REQUEST_CAPABILITIES, GET_HOME = 510, 511, 512, 520, 410
 AUTOPILOT_VERSION, HOME_POSITION = 148, 242
-PARAM_READ, PARAM_LIST, PARAM_SET = 20, 21, 23
-MISSION_LIST, MISSION_COUNT = 43, 44
-DATA_STREAM, TIMESYNC, FILE_TRANSFER = 66, 111, 110
 FTP_REFUSED, FTP_FILE_NOT_FOUND = 129, 10
 MISSION_UNSUPPORTED, MISSION_ACCEPTED = 3, 0
 ALL_STREAMS = 0
 RELATIVE = 3  # MAV_FRAME_GLOBAL_RELATIVE_ALT
+STOP, DEFAULT = -1, 0
+SLOWEST_US = 60_000_000
+HEARTBEAT, DISTANCE_SENSOR = 0, 132
+HEARTBEAT_US = 1_000_000
+PX4 = 12
+
+
+class Streams:
+    """The schedule of every link. ArduPilot keeps intervals in whole milliseconds."""
+
+    def __init__(self, agenda: Agenda, flight: Flight) -> None:
+        self._agenda = agenda
+        self._flight = flight
+        self._range_sent: dict[str, int] = {}
+
+    def open(self, link: Link) -> None:
+        """A new link: a heartbeat at once and then whatever this autopilot sends unasked."""
+        self._agenda.put(("stream", link.name, "first"), self._flight.now, partial(self.send_once, link, HEARTBEAT))
+        self.run(link, HEARTBEAT, HEARTBEAT_US)
+        if self._flight.config.vehicle.default_streams:
+            for number, interval in self._flight.autopilot.identity.default_streams.items():
+                self.run(link, number, interval)
+
+    def ask(self, link: Link, number: int, interval: float, say: Say) -> int:
+        """MAV_CMD_SET_MESSAGE_INTERVAL, microseconds; the ack."""
+        identity = self._flight.autopilot.identity
+        refused = number not in identity.streamable
+        if refused and identity.autopilot != PX4:
+            say(Severity.INFO, f"No ap_message for mavlink id ({number})")
+        if refused or interval != interval or interval < STOP:
+            return identity.interval_refusal
+        if interval == DEFAULT:
+            self._run_default(link, number)
+        elif interval == STOP:
+            self.stop(link, number)
+        elif interval < identity.fastest_us:
+            say(Severity.INFO, f"Interval too short for mavlink id ({number})")
+            return identity.interval_refusal
+        else:
+            self.run(link, number, max(1_000, int(min(interval, SLOWEST_US)) // 1_000 * 1_000))
+        return Ack.ACCEPTED
+
+    def _run_default(self, link: Link, number: int) -> None:
+        default = HEARTBEAT_US if number == HEARTBEAT else self._flight.autopilot.identity.default_streams.get(number)
+        if default is None:
+            self.stop(link, number)
+        else:
+            self.run(link, number, default)
+
+    def run(self, link: Link, number: int, interval: int) -> None:
+        link.intervals[number] = interval
+        if number != DISTANCE_SENSOR or not self._flight.autopilot.identity.ranges_on_update:
+            self._appoint(link, number, self._flight.now + interval)
+
+    def stop(self, link: Link, number: int) -> None:
+        link.intervals.pop(number, None)
+        self._agenda.drop(("stream", link.name, number))
+
+    def forget_all(self, links: list[Link]) -> None:
+        """A reboot: nobody has asked for anything."""
+        self._agenda.drop_all("stream")
+        for link in links:
+            link.intervals.clear()
+
+    def send_once(self, link: Link, number: int) -> bool:
+        """Send one now; False when this vehicle has no such message or nothing to put in it."""
+        build = BUILDERS.get(number)
+        message = build(self._flight) if build else None
+        if message is None:
+            return False
+        link.send(message)
+        return True
+
+    def range_updated(self, links: list[Link]) -> None:
+        """A new sample at a rangefinder driver that reports on update: PX4 sends it once, where it is asked for."""
+        now = self._flight.now
+        for link in links:
+            interval = link.intervals.get(DISTANCE_SENSOR)
+            if interval is not None and now - self._range_sent.get(link.name, -interval) >= interval * 0.9:
+                self._range_sent[link.name] = now
+                self.send_once(link, DISTANCE_SENSOR)
+
+    def _appoint(self, link: Link, number: int, due: int) -> None:
+        self._agenda.put(("stream", link.name, number), due, partial(self._fire, link, number, due))
+
+    def _fire(self, link: Link, number: int, due: int) -> None:
+        self.send_once(link, number)
+        self._appoint(link, number, due + link.intervals[number])
 
 
 class Services:
@@ -32,21 +118,21 @@ class Services:
         self._streams = streams
         self._say = say
         self._actions = {
-            COMMAND_LONG: self._command,
-            COMMAND_INT: self._command,
-            PARAM_READ: self._param_read,
-            PARAM_LIST: self._param_list,
-            PARAM_SET: self._param_set,
-            MISSION_LIST: self._mission_list,
-            MISSION_COUNT: self._mission_count,
-            DATA_STREAM: self._data_stream,
-            TIMESYNC: self._timesync,
-            FILE_TRANSFER: self._file_transfer,
+            "COMMAND_LONG": self._command,
+            "COMMAND_INT": self._command,
+            "PARAM_REQUEST_READ": self._param_read,
+            "PARAM_REQUEST_LIST": self._param_list,
+            "PARAM_SET": self._param_set,
+            "MISSION_REQUEST_LIST": self._mission_list,
+            "MISSION_COUNT": self._mission_count,
+            "REQUEST_DATA_STREAM": self._data_stream,
+            "TIMESYNC": self._timesync,
+            "FILE_TRANSFER_PROTOCOL": self._file_transfer,
         }
 
     def answer(self, message: Message, link: Link) -> bool:
         """True if the message was one of these protocols."""
-        action = self._actions.get(message.get_msgId())
+        action = self._actions.get(message.get_type())
         if action is not None:
             action(message, link)
         return action is not None
@@ -65,7 +151,7 @@ class Services:
         asked = {REQUEST_MESSAGE: first, REQUEST_CAPABILITIES: AUTOPILOT_VERSION, GET_HOME: HOME_POSITION}
         if command.number in asked:
             return (self._send_once(link, asked[command.number]),)
-        return self._flight.autopilot.command(command, self._flight.now, self._flight.body)
+        return self._flight.autopilot.command(command, self._flight.now)
 
     def _send_once(self, link: Link, number: int) -> int:
         if number not in self._flight.autopilot.identity.streamable:
@@ -75,18 +161,18 @@ class Services:
     def _tell_interval(self, link: Link, number: int) -> int:
         if not 0 <= number <= 65535:
             return Ack.DENIED
-        link.send(mavlink.MAVLink_message_interval_message(number, self._streams.interval(link, number)))
+        link.send(mavlink.MAVLink_message_interval_message(number, link.intervals.get(number, STOP)))
         return Ack.ACCEPTED
 
     def _param_read(self, message: Message, link: Link) -> None:
-        self._reply(link, self._flight.autopilot.params.read(_text(message.param_id), message.param_index))
+        link.send(self._flight.autopilot.params.read(_text(message.param_id), message.param_index))
 
     def _param_list(self, message: Message, link: Link) -> None:
         for value in self._flight.autopilot.params.all_values():
             link.send(value)
 
     def _param_set(self, message: Message, link: Link) -> None:
-        self._reply(link, self._flight.autopilot.params.write(_text(message.param_id), message.param_value))
+        link.send(self._flight.autopilot.params.write(_text(message.param_id), message.param_value))
 
     def _mission_list(self, message: Message, link: Link) -> None:
         link.send(mavlink.MAVLink_mission_count_message(*_sender(message), 0, message.mission_type))
@@ -118,11 +204,6 @@ class Services:
         answer = [*header, FTP_FILE_NOT_FOUND, *[0] * (len(asked) - 13)]
         link.send(mavlink.MAVLink_file_transfer_protocol_message(0, *_sender(message), answer))
 
-    @staticmethod
-    def _reply(link: Link, message: Message | None) -> None:
-        if message is not None:
-            link.send(message)
-
 
 def _text(field: str | bytes) -> str:
     return field.decode("ascii", "replace") if isinstance(field, bytes) else str(field)
@@ -135,7 +216,7 @@ def _sender(message: Message) -> tuple[int, int]:
 def read_command(message: Message) -> Command:
     """Either message as a Command; COMMAND_INT's scaled integers become degrees."""
     params = (message.param1, message.param2, message.param3, message.param4)
-    if message.get_msgId() == COMMAND_INT:
+    if message.get_type() == "COMMAND_INT":
         place, frame = (message.x * 1e-7, message.y * 1e-7, message.z), message.frame
     else:
         place, frame = (message.param5, message.param6, message.param7), RELATIVE

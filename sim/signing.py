@@ -9,7 +9,6 @@ from pathlib import Path
 from pymavlink.dialects.v20 import all as mavlink
 
 from .schema import ConfigError
-from .wire import Message
 
 EPOCH_S = 1_420_070_400  # 2015 in unix time
 TICKS_PER_S = 100_000
@@ -46,7 +45,7 @@ class Notary:
         signing.timestamp = self.timestamp
         self.timestamp += 1
 
-    def believes(self, message: Message) -> bool:
+    def believes(self, message: mavlink.MAVLink_message) -> bool:
         """Whether the autopilot takes a message in. A true signature moves its timestamp, whatever the message; the ids
         that need none are asked about only where there is none (mavlink_helpers.h, accept_unsigned_callback)."""
         if self._key is None:

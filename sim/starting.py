@@ -5,12 +5,12 @@ from random import Random
 
 from .body import Body
 from .config import VehicleConfig
+from .schema import Interval
 
 ALTITUDE_M = {"arduplane": 100.0, "px4_plane": 100.0, "ardurover": 0.0}
 CRUISE_MPS = {"arduplane": 22.0, "px4_plane": 10.0}
 AIRSPEED_SCALE = {"arduplane": 1.065, "px4_plane": 1.033}
 """True over indicated airspeed 684 m above the sea; ArduPilot's simulator takes the thin air off twice."""
-Interval = tuple[float, float] | None
 
 
 def starting_body(config: VehicleConfig, wind: tuple[float, float]) -> Body:
@@ -55,5 +55,5 @@ def _drawn(config: VehicleConfig) -> tuple[float, float, float]:
     return north, east, math.remainder(heading, math.tau)
 
 
-def _pick(interval: Interval, otherwise: float, draw: float) -> float:
+def _pick(interval: Interval | None, otherwise: float, draw: float) -> float:
     return otherwise if interval is None else interval[0] + (interval[1] - interval[0]) * draw

@@ -11,8 +11,8 @@ from pymavlink.dialects.v20 import all as mavlink
 from .body import GRAVITY, to_earth
 from .demands import BodyVelocity, EarthVelocity, Tilt
 from .flight import Flight
+from .links import Message
 from .ranging_radio import centimetres
-from .wire import Message
 from .world import HOME_AMSL_M, HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG, to_degrees
 
 EPOCH_US = 1_750_000_000_000_000  # SYSTEM_TIME's wall clock at simulated time zero: fixed, so that runs repeat
@@ -27,7 +27,7 @@ SENSORS = 0x1 | 0x2 | 0x4 | 0x8 | GPS_SENSOR | 0x200000 | 0x2000000 | 0x10000000
 
 def heartbeat(flight: Flight) -> Message:
     pilot = flight.autopilot
-    kind, status = (pilot.identity.mav_type, pilot.identity.autopilot), pilot.system_status(flight.body)
+    kind, status = (pilot.identity.mav_type, pilot.identity.autopilot), pilot.system_status()
     return mavlink.MAVLink_heartbeat_message(*kind, pilot.base_mode(), pilot.mode, status, 3)
 
 
@@ -125,7 +125,7 @@ def ekf_status_report(flight: Flight) -> Message:
 
 
 def extended_sys_state(flight: Flight) -> Message:
-    return mavlink.MAVLink_extended_sys_state_message(0, flight.autopilot.landed_state(flight.body))
+    return mavlink.MAVLink_extended_sys_state_message(0, flight.autopilot.landed_state())
 
 
 def distance_sensor(flight: Flight) -> Message | None:

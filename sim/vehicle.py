@@ -9,22 +9,21 @@ from pymavlink.dialects.v20 import all as mavlink
 from .agenda import NEVER, Agenda
 from .config import Event, VehicleConfig
 from .flight import DRIFT_STEP_US, Flight, Truth
-from .links import HEARTBEAT, TYPE_GCS, Link, Router
+from .links import TYPE_GCS, Link, Message, Router
 from .ranging_radio import SECOND, RangingRadio
 from .sensor import Sample
-from .services import Services
+from .services import Services, Streams
 from .signing import UNSIGNED_BY_ARDUPILOT, UNSIGNED_BY_PX4, Notary, read_key
-from .streams import Streams
 from .telemetry import sim_state, truth_array
-from .wire import Message
 from .world import Air
 
 __all__ = ["Truth", "Vehicle"]
 
 AUTOPILOT_COMPONENT = 1
 MAIN, RANGING = "main", "ranging"
-SETPOINTS = frozenset({69, 82, 84, 86})
-DISTANCE_SENSOR = 132
+SETPOINTS = frozenset(
+    {"MANUAL_CONTROL", "SET_ATTITUDE_TARGET", "SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT"}
+)
 REMEMBERED = 100_000
 TEXT_LENGTH = 50
 REBOOT_S = 2.0
@@ -49,15 +48,17 @@ class Vehicle:
         self._services = Services(self._flight, self._streams, self._say)
         self._setpoints: deque[tuple[float, str]] = deque(maxlen=REMEMBERED)
         self._link(MAIN)
-        self._set_up_radio()
-        self._set_up_world()
-
-    # -- the public side ----------------------------------------------------------------------------------------------
+        ranging, version = config.ranging, config.vehicle.mavlink_version
+        self._radio_wire = Link("radio", ranging.system_id, ranging.component_id, version, self._notary)
+        if ranging.via == "direct":
+            self._link(RANGING)
+        self._radio = RangingRadio(config, self._agenda, self._flight, self._radio_sends, self._driver)
+        self._appoint_the_world()
 
     def receive(self, data: bytes, link: str = MAIN, *, stream: bool = False) -> None:
         """One datagram, or piece of a stream, heard on a link, handled at the current simulated time. Never raises."""
         source = self._link(link)
-        for message in source.parser.messages(data, stream=stream):
+        for message in source.messages(data, stream=stream):
             if self._notary.believes(message):
                 self._hear(message, source)
 
@@ -104,25 +105,21 @@ class Vehicle:
     def links(self) -> tuple[str, ...]:
         return tuple(self._links)
 
-    # -- hearing ------------------------------------------------------------------------------------------------------
-
     def _hear(self, message: Message, source: Link) -> None:
         if source.name == RANGING or self._deaf:
             return  # the radio's own wire listens to nobody, a rebooting autopilot neither
         if not self._router.pass_on(message, source, self._autopilot_links()):
             return
-        flight, number = self._flight, message.get_msgId()
-        if number in SETPOINTS:
-            if flight.autopilot.setpoint(message, flight.now, flight.body):
-                self._setpoints.append((flight.seconds, message.get_type()))
+        flight, kind = self._flight, message.get_type()
+        if kind in SETPOINTS:
+            if flight.autopilot.setpoint(message, flight.now):
+                self._setpoints.append((flight.seconds, kind))
         elif not self._services.answer(message, source):
-            if number == HEARTBEAT and message.type == TYPE_GCS:
+            if kind == "HEARTBEAT" and message.type == TYPE_GCS:
                 source.gcs_heard = True
-            if number == DISTANCE_SENSOR and flight.autopilot.identity.ranges_on_update:
+            if kind == "DISTANCE_SENSOR" and flight.autopilot.identity.ranges_on_update:
                 self._driver(Sample(flight.now, message.current_distance / 100, 0))
             flight.autopilot.heard(message, flight.now)
-
-    # -- sending ------------------------------------------------------------------------------------------------------
 
     def _link(self, name: str) -> Link:
         if name not in self._links:
@@ -156,9 +153,7 @@ class Vehicle:
             link.send(state)
             link.send(truth)
 
-    # -- what happens -------------------------------------------------------------------------------------------------
-
-    def _set_up_world(self) -> None:
+    def _appoint_the_world(self) -> None:
         rate = self.config.truth.rate_hz
         if rate > 0:
             self._agenda.every(("truth",), round(SECOND / rate), 0, self._send_truth)
@@ -210,17 +205,8 @@ class Vehicle:
             link.gcs_heard = False
             self._streams.open(link)
 
-    # -- ranging ------------------------------------------------------------------------------------------------------
-
-    def _set_up_radio(self) -> None:
-        ranging, version = self.config.ranging, self.config.vehicle.mavlink_version
-        self._radio_wire = Link("radio", ranging.system_id, ranging.component_id, version, self._notary)
-        if ranging.via == "direct":
-            self._link(RANGING)
-        self._radio = RangingRadio(self.config, self._agenda, self._flight, self._radio_sends, self._driver)
-
     def _radio_sends(self, message: Message) -> None:
-        frame = self._radio_wire.sender.frame(message)
+        frame = self._radio_wire.frame(message)
         if frame is None:
             return
         if self.config.ranging.via == "direct":

@@ -1,8 +1,12 @@
-"""The command line as a process of its own."""
+"""The command line as a process of its own, and ports that no other test on this machine has while they are used."""
 
+import itertools
 import os
+import socket
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -21,13 +25,63 @@ def circnav(*arguments: str) -> subprocess.Popen[str]:
     return python("-m", "circnav_mav", *arguments)
 
 
-def python(*arguments: str) -> subprocess.Popen[str]:
+def python(
+    *arguments: str, stdin: int | None = None, stderr: int = subprocess.PIPE, **environment: str
+) -> subprocess.Popen[str]:
     """The same of any Python program, from the project's folder."""
     return subprocess.Popen(
-        [sys.executable, *arguments],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        cwd=ROOT,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )
+        [sys.executable, *arguments], stdin=stdin, stdout=subprocess.PIPE, stderr=stderr, text=True, cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": str(ROOT), **environment},
+    )  # fmt: skip
+
+
+@contextmanager
+def running(process: subprocess.Popen[str]) -> Iterator[subprocess.Popen[str]]:
+    """A process that ends with the block, however that ends."""
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def read_until(process: subprocess.Popen[str], words: str) -> str:
+    """What a process prints up to some words; fails when it ends without them."""
+    assert process.stdout is not None
+    said = ""
+    for line in process.stdout:
+        said += line
+        if words in said:
+            return said
+    raise AssertionError(f"{words!r} not in {said!r}")
+
+
+FIRST, COUNT = 10_000, 2_000
+"""Below those that a kernel gives out by itself (Linux from 32768, gVisor from 16000, macOS from 49152)."""
+_turns = itertools.count(os.getpid())
+
+
+@contextmanager
+def reserved_port() -> Iterator[int]:
+    """A port of this machine, free on UDP and TCP for whatever the test starts. It belongs to whoever has bound TCP
+    port + COUNT, which the kernel takes back when that process ends, however it does."""
+    while True:
+        port = FIRST + next(_turns) % COUNT
+        with socket.socket() as claim:
+            if _taken(claim, port + COUNT) and _free(port):
+                yield port
+                return
+
+
+def _taken(by: socket.socket, port: int) -> bool:
+    try:
+        by.bind(("127.0.0.1", port))
+    except OSError:
+        return False
+    return True
+
+
+def _free(port: int) -> bool:
+    """Whether no stranger to the tests has it."""
+    with socket.socket() as tcp, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp:
+        return _taken(tcp, port) and _taken(udp, port)

@@ -3,13 +3,88 @@
 import math
 from dataclasses import dataclass
 
-from ..body import Body, to_earth
+from ..body import GRAVITY, Body, pieces, to_earth, within
 from ..config import Airframe
 from ..demands import BodyVelocity, Brake, Demand, EarthVelocity, Spin, Tilt, Velocity
-from .dragged import DraggedCopter
-from .multicopter import Multicopter, yaw_loop
-from .tilting import TiltingCopter
+from .multicopter import DraggedCopter, Multicopter, ardupilot_yaw_loop
 from .unicycle import Unicycle
+
+STEP = 0.025
+TILT_LAG, YAW_LAG = 0.12, 0.15  # s
+YAW_GAIN = 4.5  # 1/s
+MOST_TILT = math.radians(80)
+
+
+@dataclass(frozen=True)
+class TiltingCopter:
+    """A multicopter flown by attitude: it goes where it leans until the drag holds it (4 deg of pitch: 3.7 m/s).
+
+    Drag in 1/s, hover thrust as a share of full, limits in rad/s."""
+
+    max_turn_rate: float
+    drag: float = 0.185
+    hover_thrust: float = 0.485
+
+    def step(self, body: Body, demand: Tilt | Spin, dt: float, wind: tuple[float, float]) -> Body:
+        for h in pieces(dt, STEP):
+            turned = self._tilt(body, demand, h) if isinstance(demand, Tilt) else _spin(body, demand, h)
+            body = self._move(turned, body, demand, h, wind)
+        return body
+
+    def _tilt(self, body: Body, demand: Tilt, h: float) -> Body:
+        share = 1 - math.exp(-h / TILT_LAG)
+        wrong_roll, wrong_pitch = body.error.tilt(body.heading)
+        roll = body.roll + (demand.roll - wrong_roll - body.roll) * share
+        pitch = body.pitch + (demand.pitch - wrong_pitch - body.pitch) * share
+        error = 0.0 if demand.heading is None else math.remainder(demand.heading - body.heading, math.tau)
+        command = within(demand.yaw_rate + YAW_GAIN * error, self.max_turn_rate)
+        rate = body.turn_rate + (command - body.turn_rate) * (1 - math.exp(-h / YAW_LAG))
+        return body._replace(
+            roll=roll,
+            pitch=pitch,
+            roll_rate=(roll - body.roll) / h,
+            pitch_rate=(pitch - body.pitch) / h,
+            turn_rate=rate,
+            heading=math.remainder(body.heading + rate * h, math.tau),
+        )
+
+    def _move(self, turned: Body, before: Body, demand: Tilt | Spin, h: float, wind: tuple[float, float]) -> Body:
+        forward, right = -GRAVITY * math.tan(turned.pitch), GRAVITY * math.tan(turned.roll) / math.cos(turned.pitch)
+        (north, east), (air_north, air_east) = to_earth(forward, right, turned.heading), before.through_air(wind)
+        velocity_north = before.velocity_north + (north - self.drag * air_north) * h
+        velocity_east = before.velocity_east + (east - self.drag * air_east) * h
+        down = self._sink(turned, before, demand, h)
+        return turned._replace(
+            north=before.north + (before.velocity_north + velocity_north) / 2 * h,
+            east=before.east + (before.velocity_east + velocity_east) / 2 * h,
+            down=min(before.down + (before.velocity_down + down) / 2 * h, 0.0),
+            velocity_north=velocity_north,
+            velocity_east=velocity_east,
+            velocity_down=down,
+        )
+
+    def _sink(self, turned: Body, before: Body, demand: Tilt | Spin, h: float) -> float:
+        if demand.thrust is None:
+            return before.velocity_down + (-demand.climb - before.velocity_down) * (1 - math.exp(-h / 0.3))
+        lift = demand.thrust / self.hover_thrust * GRAVITY * math.cos(turned.roll) * math.cos(turned.pitch)
+        return before.velocity_down + (GRAVITY - lift - self.drag * before.velocity_down) * h
+
+
+def _spin(body: Body, demand: Spin, h: float) -> Body:
+    """Body rates to angle rates: with p = q = 0 a tilted vehicle stays tilted towards the same wall while it yaws."""
+    sin, cos = math.sin(body.roll), math.cos(body.roll)
+    around = demand.pitch_rate * sin + demand.yaw_rate * cos
+    roll_rate = demand.roll_rate + around * math.tan(body.pitch)
+    pitch_rate = demand.pitch_rate * cos - demand.yaw_rate * sin
+    turn_rate = around / math.cos(body.pitch)
+    return body._replace(
+        roll=within(body.roll + roll_rate * h, MOST_TILT),
+        pitch=within(body.pitch + pitch_rate * h, MOST_TILT),
+        roll_rate=roll_rate,
+        pitch_rate=pitch_rate,
+        turn_rate=turn_rate,
+        heading=math.remainder(body.heading + turn_rate * h, math.tau),
+    )
 
 
 @dataclass(frozen=True)
@@ -58,5 +133,5 @@ def over_ground(demand: Velocity, heading: float) -> EarthVelocity | Brake:
 def copter_airframe(config: Airframe) -> CopterAirframe:
     limit = math.radians(config.max_turn_rate_deg_s)
     ideal = Unicycle(limit, config.turn_lag_s, config.speed_lag_s)
-    held = Multicopter(yaw_loop(limit)) if config.dynamics == "realistic" else ideal
+    held = Multicopter(ardupilot_yaw_loop(limit)) if config.dynamics == "realistic" else ideal
     return CopterAirframe(held, TiltingCopter(limit), carried=config.dynamics == "airborne")

@@ -1,11 +1,12 @@
 """Fixed wings: banked turns with height and airspeed held by the autopilot, or flown by attitude and thrust alone."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
-from ..body import GRAVITY, Body
+from ..body import GRAVITY, Body, pieces, second_order, through_line, within
+from ..config import Airframe
 from ..demands import Bank, Glide
-from .following import pieces, second_order, through_line
 
 STEP = 0.02
 SPEED_LAG, HEIGHT_LAG, CLIMB_LAG = 3.0, 2.0, 1.0  # s
@@ -17,6 +18,7 @@ SIDE_FORCE = 3.0  # 1/s: how fast side-slip bends the path (ArduPilot's SITL pla
 
 # PX4's built-in plane: drag at trim is that of a 27 deg glide, trim thrust 0.63; a fifth of the drag comes from lift.
 TRIM_DRAG, TRIM_THRUST, INDUCED = 4.45, 0.63, 0.17
+COURSE_GAIN = 1.0  # rad/s per rad, of a plane on its loiter
 ALPHA_SLOPE, PATH_LAG, PITCH_LAG = 0.12, 0.5, 0.3
 
 
@@ -38,6 +40,12 @@ class FixedWing:
     dead_time: float = 0.0
     nose_frequency: float = 0.0
     trim_speed: float = 10.0
+
+    def configured(self, config: Airframe) -> "FixedWing":
+        """As the vehicle file has it; the ideal one follows its bank by a lag alone and does not slip."""
+        if config.dynamics == "unicycle":
+            return FixedWing(config.turn_effectiveness or 1.0, config.turn_lag_s, trim_speed=self.trim_speed)
+        return replace(self, effectiveness=config.turn_effectiveness or self.effectiveness)
 
     def step(self, body: Body, demand: Bank | Glide, dt: float, wind: tuple[float, float]) -> Body:
         for h in pieces(dt, STEP):
@@ -70,7 +78,7 @@ class FixedWing:
         error = line[0][1] - body.error.tilt(body.heading)[0] - body.roll
         if self.roll_frequency > 0:
             rate = second_order(error, body.roll_rate, self.roll_frequency, self.roll_damping, h)
-            rate = max(-MOST_ROLL_RATE, min(MOST_ROLL_RATE, rate))
+            rate = within(rate, MOST_ROLL_RATE)
         else:
             rate = error * (1 - math.exp(-h / self.roll_lag) if self.roll_lag > 0 else 1.0) / h
         return body._replace(roll=body.roll + rate * h, roll_rate=rate, on_the_way=line)
@@ -121,7 +129,7 @@ def _held(body: Body, demand: Bank, h: float) -> Body:
     """Height and airspeed as the autopilot's energy control holds them, or as forced pitch and throttle leave them."""
     speed = max(3.0, body.air_speed)
     if demand.pitch is None:
-        climb = max(-MOST_CLIMB, min(MOST_CLIMB, (body.down - demand.down) / HEIGHT_LAG))
+        climb = within((body.down - demand.down) / HEIGHT_LAG, MOST_CLIMB)
         angle, wanted = math.asin(climb / speed), demand.air_speed
     else:
         angle, wanted = demand.pitch, demand.air_speed - 170.0 * demand.pitch
@@ -149,3 +157,26 @@ def falling(body: Body, dt: float) -> Body:
         turn_rate=0.0,
         air_speed=body.air_speed * moving,
     )
+
+
+class Loiter(NamedTuple):
+    """A circle flown clockwise, metres."""
+
+    north: float
+    east: float
+    radius: float
+
+
+def bank_on_loiter(body: Body, circle: Loiter, limit: float, effectiveness: float) -> float:
+    """Towards the circle, then along it."""
+    north, east = body.north - circle.north, body.east - circle.east
+    distance = max(1.0, math.hypot(north, east))
+    radius = max(5.0, abs(circle.radius))
+    outwards = math.atan2(east, north)
+    outside = (distance - radius) / radius
+    wanted = outwards + math.pi / 2 + math.atan(2.0 * outside)  # clockwise, bent inwards when outside
+    error = math.remainder(wanted - body.course, math.tau)
+    speed = max(3.0, body.ground_speed)
+    along = speed / max(distance, radius) if abs(outside) < 0.5 else 0.0
+    rate = along + COURSE_GAIN * error
+    return within(math.atan(speed * rate / (GRAVITY * effectiveness)), limit)

@@ -8,7 +8,7 @@ Gauss-Legendre quadrature over at most 0.1 s and 0.25 rad (error below a microme
 import math
 from dataclasses import dataclass
 
-from ..body import Body, coordinated_bank, to_earth
+from ..body import Body, coordinated_bank, to_earth, within
 from ..demands import BodyVelocity, Brake, EarthVelocity, Velocity
 
 SETTLED = 1e-12
@@ -41,20 +41,17 @@ class Unicycle:
         )
 
     def _with_the_nose(self, body: Body, demand: BodyVelocity, dt: float) -> Body:
-        command = self._limited(demand.yaw_rate)
+        turned = self._turned(body, demand.yaw_rate, dt)
         forward = _Lagged(body.forward_speed, demand.forward, self.speed_lag)
         right = _Lagged(body.right_speed, demand.right, self.speed_lag)
-        rate = _Lagged(body.turn_rate, command, self.turn_lag)
+        rate = _Lagged(body.turn_rate, within(demand.yaw_rate, self.max_turn_rate), self.turn_lag)
         north, east = (_arc if rate.settled and forward.settled and right.settled else _quadrature)(
             body.heading, rate, forward, right, dt
         )
-        heading = math.remainder(body.heading + rate.integral(dt), math.tau)
-        velocity_north, velocity_east = to_earth(forward.at(dt), right.at(dt), heading)
-        return body._replace(
+        velocity_north, velocity_east = to_earth(forward.at(dt), right.at(dt), turned.heading)
+        return turned._replace(
             north=body.north + north,
             east=body.east + east,
-            heading=heading,
-            turn_rate=rate.at(dt),
             velocity_north=velocity_north,
             velocity_east=velocity_east,
         )
@@ -85,12 +82,9 @@ class Unicycle:
         )
 
     def _turned(self, body: Body, yaw_rate: float, dt: float) -> Body:
-        rate = _Lagged(body.turn_rate, self._limited(yaw_rate), self.turn_lag)
+        rate = _Lagged(body.turn_rate, within(yaw_rate, self.max_turn_rate), self.turn_lag)
         heading = math.remainder(body.heading + rate.integral(dt), math.tau)
         return body._replace(heading=heading, turn_rate=rate.at(dt))
-
-    def _limited(self, yaw_rate: float) -> float:
-        return max(-self.max_turn_rate, min(self.max_turn_rate, yaw_rate))
 
 
 class _Lagged:

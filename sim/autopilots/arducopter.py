@@ -7,15 +7,25 @@ from ..airframes.copter import CopterAirframe, copter_airframe
 from ..body import Body
 from ..config import VehicleConfig
 from ..demands import BodyVelocity, Brake, Demand, EarthVelocity, Spin, Tilt
-from ..wire import Message
-from . import copter_legs as legs
+from ..links import Message
 from .ardupilot import ArduPilot
-from .ardupilot_tables import COPTER, copter_parameters
-from .contract import Ack, Command, Landed, Say, Severity
-from .copter_targets import GoTo, Poison, Stop, read_attitude_target, read_local_target
+from .contract import IN_AIR, LANDING, ON_GROUND, TAKING_OFF, Ack, Command, Say, Severity
+from .copter_targets import (
+    GoTo,
+    Poison,
+    Speeds,
+    Stop,
+    climb_out,
+    descent,
+    read_attitude_target,
+    read_local_target,
+    to_point,
+    way_home,
+)  # fmt: skip
+from .tables import COPTER, copter_parameters
 
 GUIDED, RTL, LAND, GUIDED_NOGPS, SMART_RTL = 4, 6, 9, 20, 21
-LOCAL_TARGET, ATTITUDE_TARGET, TAKEOFF, DO_CHANGE_SPEED = 84, 82, 22, 178
+TAKEOFF, DO_CHANGE_SPEED = 22, 178
 LEG_US = 100_000
 FALL = Brake(deceleration=1.0, down=10.0)  # on the ground: nothing
 LEVEL = Tilt(0.0, 0.0)
@@ -37,22 +47,20 @@ class ArduCopter(ArduPilot):
         vehicle = config.vehicle
         gps = vehicle.gps and vehicle.profile != "arducopter_nogps"
         self.FIRST_MODE = "LOITER" if gps else "ALT_HOLD"
-        super().__init__(COPTER, copter_parameters(config), config, say, vehicle.odometry)
+        super().__init__(COPTER, copter_parameters(config), config, say, start)
         self.gps = self.position = gps
         self._airspeed_sensor = vehicle.airspeed_sensor
         self._airframe: CopterAirframe = copter_airframe(vehicle)
         self._target: Target | None = None
         self._climbing_to: float | None = None
-        self._leg_speeds = legs.Speeds({}, self.params)
+        self._leg_speeds = Speeds({}, self.params)
         self._since = self._leg_at = 0
         self._demand: Demand = self._idle() if self.armed else FALL
         if self.mode == GUIDED and config.start.speed_mps:
             self._target = self._demand = BodyVelocity(config.start.speed_mps)
 
-    # -- what is flown ------------------------------------------------------------------------------------------------
-
-    def fly(self, body: Body, dt: float, wind: tuple[float, float]) -> Body:
-        return self._airframe.step(body, self._demand, dt, wind)
+    def fly(self, dt: float, wind: tuple[float, float]) -> Body:
+        return self._airframe.step(self.body, self._demand, dt, wind)
 
     def wake_us(self) -> int:
         if not self.armed:
@@ -62,11 +70,11 @@ class ArduCopter(ArduPilot):
     def _target_until(self) -> int:
         return NEVER if self._target is None else self._since + self.params.microseconds("GUID_TIMEOUT")
 
-    def wake(self, now: int, body: Body) -> None:
-        super().wake(now, body)
+    def wake(self, now: int) -> None:
+        super().wake(now)
         if self.armed and self._on_a_leg():
             self._leg_at = now + LEG_US
-            self._demand = self._leg(body)
+            self._demand = self._leg()
         elif self.armed and now >= self._target_until():
             self._rest(LEVEL if isinstance(self._target, (Tilt, Spin)) else Brake())  # without a word, in the same mode
 
@@ -74,16 +82,17 @@ class ArduCopter(ArduPilot):
         guided_leg = self.mode == GUIDED and (self._climbing_to is not None or isinstance(self._target, GoTo))
         return guided_leg or self.mode in (RTL, SMART_RTL, LAND)
 
-    def _leg(self, body: Body) -> Demand:
+    def _leg(self) -> Demand:
+        body = self.body
         if self.mode == GUIDED and self._climbing_to is not None:
-            demand = legs.climb_out(body, self._climbing_to, self._leg_speeds)
+            demand = climb_out(body, self._climbing_to, self._leg_speeds)
             if demand is None:
                 self._climbing_to = None
         elif isinstance(self._target, GoTo):
-            demand = legs.to_point(body, self._target, self._leg_speeds)
+            demand = to_point(body, self._target, self._leg_speeds)
         else:
             landing = self.mode == LAND or not self.position
-            demand = (legs.descent if landing else legs.way_home)(body, self._leg_speeds)
+            demand = (descent if landing else way_home)(body, self._leg_speeds)
             if demand is None:
                 self.set_armed(False)
         return demand or Brake()
@@ -94,21 +103,19 @@ class ArduCopter(ArduPilot):
     def _idle(self) -> Demand:
         return LEVEL if self.mode == GUIDED_NOGPS else Brake()
 
-    # -- what is obeyed -----------------------------------------------------------------------------------------------
-
-    def setpoint(self, message: Message, now: int, body: Body) -> bool:
-        number = message.get_msgId()
+    def setpoint(self, message: Message, now: int) -> bool:
+        kind = message.get_type()
         if self.mode not in (GUIDED, GUIDED_NOGPS) or not self.armed or self._climbing_to is not None:
             return False
-        if number == ATTITUDE_TARGET:
-            return self._take(read_attitude_target(message, self.params), now, body)
-        if number == LOCAL_TARGET and self.mode == GUIDED:
-            return self._take(read_local_target(message, body, self._airframe.turns_with_nose), now, body)
-        if number == LOCAL_TARGET:  # without GPS it is taken, and upsets the controller: stops and sinks
+        if kind == "SET_ATTITUDE_TARGET":
+            return self._take(read_attitude_target(message, self.params), now)
+        if kind == "SET_POSITION_TARGET_LOCAL_NED" and self.mode == GUIDED:
+            return self._take(read_local_target(message, self.body, self._airframe.turns_with_nose), now)
+        if kind == "SET_POSITION_TARGET_LOCAL_NED":  # without GPS it upsets the controller: stops and sinks
             self._rest(SINKING)
         return False
 
-    def _take(self, target: Target | Stop | Poison | None, now: int, body: Body) -> bool:
+    def _take(self, target: Target | Stop | Poison | None, now: int) -> bool:
         if isinstance(target, Poison):
             self.say(Severity.EMERGENCY, "Crash: Disarming: AngErr=180>30, Accel=0.1<3.0")
             self.set_armed(False)
@@ -117,16 +124,16 @@ class ArduCopter(ArduPilot):
         if target is None or isinstance(target, (Poison, Stop)):
             return False
         self._target, self._since, self._leg_at = target, now, now
-        self._demand = legs.to_point(body, target, self._leg_speeds) if isinstance(target, GoTo) else target
+        self._demand = to_point(self.body, target, self._leg_speeds) if isinstance(target, GoTo) else target
         return True
 
-    def go_to(self, north: float, east: float, down: float, now: int, body: Body) -> None:
-        self._take(GoTo(north, east, down), now, body)
+    def go_to(self, north: float, east: float, down: float, now: int) -> None:
+        self._take(GoTo(north, east, down), now)
 
-    def own_command(self, command: Command, now: int, body: Body) -> int:
+    def own_command(self, command: Command, now: int) -> int:
         if command.number == DO_CHANGE_SPEED:
             return self._change_speed(command)
-        return self._take_off(command, now, body) if command.number == TAKEOFF else Ack.UNSUPPORTED
+        return self._take_off(command, now) if command.number == TAKEOFF else Ack.UNSUPPORTED
 
     def _change_speed(self, command: Command) -> int:
         """Of the legs that it flies by itself, until it is asked for another."""
@@ -137,20 +144,18 @@ class ArduCopter(ArduPilot):
         self._leg_speeds[names[int(kind)]] = speed * 100
         return Ack.ACCEPTED
 
-    def _take_off(self, command: Command, now: int, body: Body) -> int:
-        if self.mode != GUIDED or not self.armed or self.flying(body) or not command.z > 0:
+    def _take_off(self, command: Command, now: int) -> int:
+        if self.mode != GUIDED or not self.armed or self.flying() or not command.z > 0:
             return Ack.FAILED
         self._climbing_to, self._leg_at = -command.z, now
         return Ack.ACCEPTED
-
-    # -- the copter's own rules ---------------------------------------------------------------------------------------
 
     def entered(self, mode: int, now: int) -> None:
         self._climbing_to, self._leg_at = None, now
         self._rest(self._idle())
 
-    def flying(self, body: Body) -> bool:
-        return self.armed and (body.down < -0.1 or self._climbing_to is not None)
+    def flying(self) -> bool:
+        return self.armed and (self.body.down < -0.1 or self._climbing_to is not None)
 
     def disarmed(self) -> None:
         self._climbing_to = None
@@ -166,20 +171,18 @@ class ArduCopter(ArduPilot):
         if self.mode in self.NEEDS_POSITION and self.params["FS_EKF_ACTION"] != 0:
             self.fail_to(LAND, now, Severity.CRITICAL, "EKF Failsafe: changed to LAND Mode")
 
-    # -- what is reported ---------------------------------------------------------------------------------------------
-
     def flown(self) -> Demand | None:
         return self._demand if self._target is not None else None
 
-    def landed_state(self, body: Body) -> int:
-        if not self.flying(body):
-            return Landed.ON_GROUND
+    def landed_state(self) -> int:
+        if not self.flying():
+            return ON_GROUND
         if self._climbing_to is not None:
-            return Landed.TAKING_OFF
-        return Landed.LANDING if self.mode == LAND else Landed.IN_AIR
+            return TAKING_OFF
+        return LANDING if self.mode == LAND else IN_AIR
 
-    def shown_airspeed(self, body: Body, wind: tuple[float, float]) -> float:
+    def shown_airspeed(self, shown: Body, wind: tuple[float, float]) -> float:
         """A copter without an airspeed sensor shows its ground speed, if it knows it."""
         if self._airspeed_sensor:
-            return body.airspeed(wind)
-        return body.ground_speed if self.position else 0.0
+            return shown.airspeed(wind)
+        return shown.ground_speed if self.position else 0.0

@@ -7,15 +7,14 @@ from typing import ClassVar
 from ..agenda import NEVER
 from ..body import Body
 from ..config import VehicleConfig
+from ..links import Message
 from ..params import Parameters
-from ..wire import Message
 from ..world import HOME_AMSL_M, from_degrees
-from .contract import FORCE, Ack, Autopilot, Command, Identity, Say, Severity, State
+from .contract import CUSTOM_MODE_ENABLED, FORCE, STANDBY, Ack, Autopilot, Command, Identity, Say, Severity
 
-CUSTOM_MODE_ENABLED, STABILIZED = 1, 16
+STABILIZED = 16
 DO_SET_MODE, ARM_DISARM, DO_REPOSITION = 176, 400, 192
 SEA_LEVEL, ABOVE_HOME = (0, 5), (3, 6)  # MAV_FRAMEs of a height
-HEARTBEAT, SET_MODE, SET_ORIGIN = 0, 11, 48
 
 # REQUEST_DATA_STREAM groups (GCS_Mavlink.cpp of the vehicles).
 STREAM_GROUPS: Mapping[int, tuple[int, ...]] = {
@@ -40,14 +39,12 @@ class ArduPilot(Autopilot):
     MODE_COMMANDS: ClassVar[Mapping[int, int]]
     BASE_MODE = CUSTOM_MODE_ENABLED | STABILIZED
 
-    def __init__(self, identity: Identity, params: Parameters, config: VehicleConfig, say: Say, odometry: bool) -> None:
-        super().__init__(identity, params, config, say)
-        self._odometry = odometry
+    def __init__(self, identity: Identity, params: Parameters, config: VehicleConfig, say: Say, body: Body) -> None:
+        super().__init__(identity, params, config, say, body)
+        self._odometry = config.vehicle.odometry
         self.failsafe = False
         self._gcs_switch = "FS_GCS_ENABLE" if "FS_GCS_ENABLE" in params else "FS_GCS_ENABL"  # the plane's name
         self._gcs_heard: int | None = None
-
-    # -- what each vehicle decides differently ------------------------------------------------------------------------
 
     @abstractmethod
     def entered(self, mode: int, now: int) -> None: ...
@@ -66,13 +63,11 @@ class ArduPilot(Autopilot):
         """A plane's never is: its estimator goes on by its airspeed."""
 
     @abstractmethod
-    def go_to(self, north: float, east: float, down: float, now: int, body: Body) -> None:
+    def go_to(self, north: float, east: float, down: float, now: int) -> None:
         """In GUIDED, fly to a place and stay there."""
 
-    def own_command(self, command: Command, now: int, body: Body) -> int:
+    def own_command(self, command: Command, now: int) -> int:
         return Ack.UNSUPPORTED
-
-    # -- modes and arming ---------------------------------------------------------------------------------------------
 
     def change_mode(self, mode: int, now: int) -> int:
         if mode == self.mode:
@@ -92,20 +87,20 @@ class ArduPilot(Autopilot):
         self.mode = self.intended = mode
         self.entered(mode, now)
 
-    def command(self, command: Command, now: int, body: Body) -> tuple[int, ...]:
+    def command(self, command: Command, now: int) -> tuple[int, ...]:
         if command.number == DO_SET_MODE:
             base, custom = command.params[:2]
             if not (abs(base) < 2**31 and int(base) & CUSTOM_MODE_ENABLED):
                 return (Ack.DENIED,)
             return (self.change_mode(int(custom) if abs(custom) < 2**31 else -1, now),)
         if command.number == ARM_DISARM:
-            return (self._arm(command.params[0], command.params[1] == FORCE, body),)
+            return (self._arm(command.params[0], command.params[1] == FORCE),)
         if command.number == DO_REPOSITION:
-            return (self._reposition(command, now, body),)
+            return (self._reposition(command, now),)
         mode = self.MODE_COMMANDS.get(command.number)
-        return (self.own_command(command, now, body) if mode is None else self.change_mode(mode, now),)
+        return (self.own_command(command, now) if mode is None else self.change_mode(mode, now),)
 
-    def _reposition(self, command: Command, now: int, body: Body) -> int:
+    def _reposition(self, command: Command, now: int) -> int:
         """As handle_command_int_do_reposition: in GUIDED, or with the flag that enters it. A real one takes it on the
         ground, too, and stays there; here that is refused."""
         guided, flags = self.identity.modes["GUIDED"], command.params[1]
@@ -115,14 +110,14 @@ class ArduPilot(Autopilot):
         place = abs(command.x) <= 90 and abs(command.y) <= 180 and abs(command.z) < 10_000
         if not place or command.frame not in SEA_LEVEL + ABOVE_HOME:
             return Ack.DENIED
-        standing = not self.armed or self.system_status(body) == State.STANDBY
+        standing = not self.armed or self.system_status() == STANDBY
         if standing or self.change_mode(guided, now) != Ack.ACCEPTED:
             return Ack.FAILED
         height = command.z - (HOME_AMSL_M if command.frame in SEA_LEVEL else 0.0)
-        self.go_to(*from_degrees(command.x, command.y), -height, now, body)
+        self.go_to(*from_degrees(command.x, command.y), -height, now)
         return Ack.ACCEPTED
 
-    def _arm(self, wish: float, force: bool, body: Body) -> int:
+    def _arm(self, wish: float, force: bool) -> int:
         if wish not in (0, 1):
             return Ack.DENIED
         if wish == 1 and not self.armed and not force:
@@ -131,7 +126,7 @@ class ArduPilot(Autopilot):
                 why = "Mode not armable" if self.mode in self.NOT_ARMABLE else "Need Position Estimate"
                 self.say(Severity.WARNING, f"Arm: {why}")
                 return Ack.FAILED
-        if wish == 0 and self.armed and not force and self.flying(body):
+        if wish == 0 and self.armed and not force and self.flying():
             return Ack.FAILED
         self.set_armed(wish == 1)
         return Ack.ACCEPTED
@@ -141,22 +136,19 @@ class ArduPilot(Autopilot):
         if not armed:
             self.disarmed()
 
-    # -- failsafes ----------------------------------------------------------------------------------------------------
-
     def heard(self, message: Message, now: int) -> None:
-        number = message.get_msgId()
-        if number == SET_MODE and message.base_mode & CUSTOM_MODE_ENABLED:  # obeyed, but has no ack
-            self.change_mode(message.custom_mode, now)
-        if number == HEARTBEAT and message.get_srcSystem() == self.params["SYSID_MYGCS"]:
+        super().heard(message, now)
+        kind = message.get_type()
+        if kind == "HEARTBEAT" and message.get_srcSystem() == self.params["SYSID_MYGCS"]:
             self._gcs_heard = now
             self.failsafe = False
-        if number == SET_ORIGIN and self._odometry:
+        if kind == "SET_GPS_GLOBAL_ORIGIN" and self._odometry:
             self.position = True
 
     def wake_us(self) -> int:
         return min(self._gcs_deadline(), self._position_until)
 
-    def wake(self, now: int, body: Body) -> None:
+    def wake(self, now: int) -> None:
         if now >= self._position_until:
             self._position_until = NEVER
             self.position = self._odometry
@@ -183,18 +175,10 @@ class ArduPilot(Autopilot):
         once_more = self.params.get("FS_TIMEOUT", 0.0)  # the rover's
         return self._gcs_heard + round((self.params["FS_GCS_TIMEOUT"] + once_more) * 1e6)
 
-    # -- what is reported ---------------------------------------------------------------------------------------------
-
     def base_mode(self) -> int:
         manual = 64 if self.mode in self.MANUAL_MODES else 0
         guided = 8 if self.mode in self.GUIDED_MODES else 0
         return self.BASE_MODE | manual | guided | (128 if self.armed else 0)
 
-    def system_status(self, body: Body) -> int:
-        if self.failsafe:
-            return State.CRITICAL
-        return State.ACTIVE if self.active(body) else State.STANDBY
-
-    def active(self, body: Body) -> bool:
-        """Whether HEARTBEAT calls it active."""
-        return self.flying(body)
+    def active(self) -> bool:
+        return self.flying()

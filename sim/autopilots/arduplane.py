@@ -4,29 +4,29 @@ import math
 from typing import ClassVar, NamedTuple
 
 from ..agenda import NEVER
-from ..airframes.fixedwing import FixedWing, falling
-from ..body import GRAVITY, Body, euler
+from ..airframes.fixedwing import FixedWing, Loiter, bank_on_loiter, falling
+from ..body import GRAVITY, Body, euler, within
 from ..config import VehicleConfig
 from ..demands import Bank
+from ..links import Message
 from ..starting import AIRSPEED_SCALE
-from ..wire import Message
 from ..world import from_degrees
 from .ardupilot import ArduPilot
-from .ardupilot_tables import PLANE, plane_parameters
-from .circling import Loiter, bank_for_heading, bank_on_loiter
 from .contract import Ack, Command, Say, Severity
 from .sticks import Sticks
+from .tables import PLANE, plane_parameters
 
 CIRCLE, RTL, LOITER, TAKEOFF, GUIDED = 1, 11, 12, 13, 15
 LOITERING = frozenset({RTL, LOITER, TAKEOFF, GUIDED})
-ATTITUDE_TARGET = 82
 ROLL_RATE, PITCH_RATE, THROTTLE, ATTITUDE = 0x01, 0x02, 0x40, 0x80  # bits of its type_mask
 EXTERNAL_POSITION = 43003
 CHANGE_SPEED, CHANGE_ALTITUDE, CHANGE_HEADING, DO_CHANGE_SPEED, DO_CHANGE_ALTITUDE = 43000, 43001, 43002, 178, 186
 THINK_US, LOOP_US, TIMEOUT_US = 100_000, 20_000, 3_000_000
+HEADING_GAIN = 2.0
 CIRCLE_BANK = math.radians(20)
-DEAD_TIME, ROLL_FREQUENCY, ROLL_DAMPING = 0.18, 5.3, 0.52  # s, rad/s: half of a bank after 0.36 .. 0.5 s, 15 % too far
-NOSE_FREQUENCY = 7.5  # rad/s: the heading's rate follows the course's by 0.2 s, 2 deg of slip in a steady turn
+# Half of a bank after 0.36 .. 0.5 s, 15 % too far; the heading's rate follows the course's by 0.2 s, 2 deg of slip in a
+# steady turn.
+AIRFRAME = FixedWing(effectiveness=0.73, roll_frequency=5.3, roll_damping=0.52, dead_time=0.18, nose_frequency=7.5)
 
 
 class ArduPlane(ArduPilot):
@@ -39,84 +39,68 @@ class ArduPlane(ArduPilot):
 
     def __init__(self, config: VehicleConfig, say: Say, start: Body) -> None:
         vehicle = config.vehicle
-        super().__init__(PLANE, plane_parameters(config), config, say, odometry=True)
-        ideal = vehicle.dynamics == "unicycle"
-        self._airframe = FixedWing(
-            effectiveness=vehicle.turn_effectiveness or (1.0 if ideal else 0.73),
-            roll_lag=vehicle.turn_lag_s,
-            roll_frequency=0.0 if ideal else ROLL_FREQUENCY,
-            roll_damping=ROLL_DAMPING,
-            dead_time=0.0 if ideal else DEAD_TIME,
-            nose_frequency=0.0 if ideal else NOSE_FREQUENCY,
-        )
+        super().__init__(PLANE, plane_parameters(config), config, say, start)
+        self._odometry = True  # its estimator goes on by its airspeed
+        self._airframe = AIRFRAME.configured(vehicle)
         self._scale = vehicle.airspeed_scale or AIRSPEED_SCALE[vehicle.profile]
         self._speed = self.params["AIRSPEED_CRUISE"]  # indicated
         self._height = start.down
         self._loiter = Loiter(start.north, start.east, self.params["WP_LOITER_RAD"])
-        self._here = start
         self._forced: Forced | None = None
         self._heading: tuple[float, float] | None = None  # held by 43002: heading, bank limit
         self._since = self._think_at = 0
         self._sticks = Sticks(vehicle.system_id)
         self._bank = 0.0
 
-    # -- what is flown ------------------------------------------------------------------------------------------------
-
-    def fly(self, body: Body, dt: float, wind: tuple[float, float]) -> Body:
+    def fly(self, dt: float, wind: tuple[float, float]) -> Body:
         if not self.armed:
-            return falling(body, dt)
+            return falling(self.body, dt)
         _, pitch, throttle = self._forced or Forced(None, None, None)
         demand = Bank(self._bank, self._speed * self._scale, self._height, pitch, throttle)
-        self._here = self._airframe.step(body, demand, dt, wind)
-        return self._here
+        return self._airframe.step(self.body, demand, dt, wind)
 
     def wake_us(self) -> int:
         return min(self._think_at if self.armed else NEVER, super().wake_us())
 
-    def wake(self, now: int, body: Body) -> None:
-        super().wake(now, body)
+    def wake(self, now: int) -> None:
+        super().wake(now)
         self._think_at = now + THINK_US
         if self._forced is not None and now - self._since >= TIMEOUT_US:
             self._forced = None  # without a word: back to the loiter
-        self._bank = self._wanted_bank(now, body)
+        self._bank = self._wanted_bank(now)
 
-    def _wanted_bank(self, now: int, body: Body) -> float:
+    def _wanted_bank(self, now: int) -> float:
         limit = math.radians(self.params["ROLL_LIMIT_DEG"])
         if self.mode == GUIDED and self._forced is not None:
-            return max(-limit, min(limit, self._forced.roll or 0.0))
+            return within(self._forced.roll or 0.0, limit)
         if self.mode == GUIDED and self._heading is not None:
-            return bank_for_heading(body, self._heading[0], min(limit, self._heading[1]))
+            heading, limit = self._heading[0], min(limit, self._heading[1])
+            return within(HEADING_GAIN * math.remainder(heading - self.body.heading, math.tau), limit)
         if self.mode == CIRCLE:
             return CIRCLE_BANK
         if self.mode in LOITERING:
-            return bank_on_loiter(body, self._loiter, min(limit, math.radians(58)), self._airframe.effectiveness)
+            return bank_on_loiter(self.body, self._loiter, min(limit, math.radians(58)), self._airframe.effectiveness)
         held = self.mode in self.MANUAL_MODES
         return self._sticks.roll(now, self.params.microseconds("RC_OVERRIDE_TIME")) * limit if held else 0.0
 
-    # -- what is obeyed -----------------------------------------------------------------------------------------------
-
-    def setpoint(self, message: Message, now: int, body: Body) -> bool:
-        if message.get_msgId() != ATTITUDE_TARGET or self.mode != GUIDED or not self.armed:
+    def setpoint(self, message: Message, now: int) -> bool:
+        if message.get_type() != "SET_ATTITUDE_TARGET" or self.mode != GUIDED or not self.armed:
             return self._sticks.heard(message, now, int(self.params["SYSID_MYGCS"]))
         forced = read_attitude_target(message)
         if forced is None:
             return False
         self._forced, self._since = forced, now
         if forced.pitch is not None:
-            self._height = body.down
+            self._height = self.body.down
         self._think_at = now + -now % LOOP_US  # a setpoint waits for the main loop, 50 Hz
         return True
 
-    def command(self, command: Command, now: int, body: Body) -> tuple[int, ...]:
-        self._here = body
-        return super().command(command, now, body)
-
-    def go_to(self, north: float, east: float, down: float, now: int, body: Body) -> None:
+    def go_to(self, north: float, east: float, down: float, now: int) -> None:
         self._forced = self._heading = None
         self._loiter = Loiter(north, east, self.params["WP_LOITER_RAD"])
         self._height = down
 
-    def own_command(self, command: Command, now: int, body: Body) -> int:
+    def own_command(self, command: Command, now: int) -> int:
         if command.number == EXTERNAL_POSITION:
             return self._be_placed(command)
         if command.number in (DO_CHANGE_ALTITUDE, CHANGE_ALTITUDE):
@@ -164,15 +148,13 @@ class ArduPlane(ArduPilot):
         super().heard(message, now)
         self._sticks.heard(message, now, int(self.params["SYSID_MYGCS"]))
 
-    # -- the plane's own rules ----------------------------------------------------------------------------------------
-
     def entered(self, mode: int, now: int) -> None:
         self._forced = self._heading = None
         self._think_at = now
         home = mode == RTL
-        place = (0.0, 0.0) if home else (self._here.north, self._here.east)
+        place = (0.0, 0.0) if home else (self.body.north, self.body.east)
         self._loiter = Loiter(*place, self.params["WP_LOITER_RAD"])
-        self._height = min(self._here.down, -100.0) if home else self._here.down
+        self._height = min(self.body.down, -100.0) if home else self.body.down
 
     def disarmed(self) -> None:
         self._forced = self._heading = None
@@ -183,9 +165,9 @@ class ArduPlane(ArduPilot):
     def ground_station_lost(self, now: int) -> None:
         self.say(Severity.WARNING, f"GCS Failsafe On: {self.mode_name(self.mode)}")  # FS_LONG_ACTN 0: and carries on
 
-    def shown_airspeed(self, body: Body, wind: tuple[float, float]) -> float:
+    def shown_airspeed(self, shown: Body, wind: tuple[float, float]) -> float:
         """Indicated: what the thin air leaves of the true airspeed."""
-        return body.air_speed / self._scale
+        return shown.air_speed / self._scale
 
     def wanted_roll(self) -> float:
         return self._bank

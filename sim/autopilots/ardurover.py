@@ -5,16 +5,16 @@ from typing import ClassVar
 
 from ..agenda import NEVER
 from ..airframes.unicycle import Unicycle
-from ..body import Body, euler
+from ..body import Body, euler, within
 from ..config import VehicleConfig
 from ..demands import BodyVelocity, Brake
-from ..wire import Message
-from .ardupilot import CUSTOM_MODE_ENABLED, ArduPilot
-from .ardupilot_tables import ROVER, rover_parameters
-from .contract import Ack, Command, Say, Severity
+from ..links import Message
+from .ardupilot import ArduPilot
+from .contract import CUSTOM_MODE_ENABLED, Ack, Command, Say, Severity
+from .tables import ROVER, rover_parameters
 
 HOLD, LOITER, RTL, SMART_RTL, GUIDED = 4, 5, 11, 12, 15
-LOCAL_TARGET, ATTITUDE_TARGET, DO_CHANGE_SPEED = 84, 82, 178
+DO_CHANGE_SPEED = 178
 POSITION, VELOCITY, ACCELERATION, YAW_RATE = 0x007, 0x038, 0x1C0, 0x800
 THROTTLE_BIT, YAW_RATE_BIT = 0x40, 0x04
 TIMEOUT_US, THINK_US = 3_000_000, 100_000
@@ -35,7 +35,7 @@ class ArduRover(ArduPilot):
 
     def __init__(self, config: VehicleConfig, say: Say, start: Body) -> None:
         vehicle = config.vehicle
-        super().__init__(ROVER, rover_parameters(config), config, say, vehicle.odometry)
+        super().__init__(ROVER, rover_parameters(config), config, say, start)
         ideal = vehicle.dynamics == "unicycle"
         limit = math.radians(vehicle.max_turn_rate_deg_s)
         self._gain = 1.0 if ideal else TURN_GAIN
@@ -50,15 +50,13 @@ class ArduRover(ArduPilot):
         if self.mode == GUIDED and config.start.speed_mps:
             self._target = BodyVelocity(config.start.speed_mps)
 
-    # -- what is flown ------------------------------------------------------------------------------------------------
-
-    def fly(self, body: Body, dt: float, wind: tuple[float, float]) -> Body:
+    def fly(self, dt: float, wind: tuple[float, float]) -> Body:
         target = self._homing if self._goal is not None else self._target
         if not self.armed or target is None:
-            return self._airframe.step(body, Brake(2.5), dt)._replace(roll=0.0)
-        tightest = max(abs(body.forward_speed), 0.01) / TIGHTEST
-        rate = max(-tightest, min(tightest, target.yaw_rate * self._gain))
-        return self._airframe.step(body, target._replace(yaw_rate=rate), dt)._replace(roll=0.0)
+            return self._airframe.step(self.body, Brake(2.5), dt)._replace(roll=0.0)
+        tightest = max(abs(self.body.forward_speed), 0.01) / TIGHTEST
+        rate = within(target.yaw_rate * self._gain, tightest)
+        return self._airframe.step(self.body, target._replace(yaw_rate=rate), dt)._replace(roll=0.0)
 
     def wake_us(self) -> int:
         own = NEVER
@@ -68,16 +66,17 @@ class ArduRover(ArduPilot):
             own = self._think_at
         return min(own, super().wake_us())
 
-    def wake(self, now: int, body: Body) -> None:
-        super().wake(now, body)
+    def wake(self, now: int) -> None:
+        super().wake(now)
         if self.mode == GUIDED and self._target is not None and now >= self._since + TIMEOUT_US:
             self._target = None
             self.say(Severity.WARNING, "target not received last 3secs, stopping")
         if self._goal is not None:
             self._think_at = now + THINK_US
-            self._homing = self._way(body, *self._goal)
+            self._homing = self._way(*self._goal)
 
-    def _way(self, body: Body, north: float, east: float) -> BodyVelocity | None:
+    def _way(self, north: float, east: float) -> BodyVelocity | None:
+        body = self.body
         distance = math.hypot(body.north - north, body.east - east)
         if distance < AT_PLACE:
             return None
@@ -85,23 +84,23 @@ class ArduRover(ArduPilot):
         speed = min(self._leg_speed, NEARNESS * distance)
         return BodyVelocity(speed, yaw_rate=HOMING * error)
 
-    # -- what is obeyed -----------------------------------------------------------------------------------------------
-
-    def setpoint(self, message: Message, now: int, body: Body) -> bool:
+    def setpoint(self, message: Message, now: int) -> bool:
         if self.mode != GUIDED or not self.armed:
             return False
-        readers = {LOCAL_TARGET: self._local_target, ATTITUDE_TARGET: self._attitude_target}
-        reader = readers.get(message.get_msgId())
-        target = reader(message, body) if reader else None
+        target, kind = None, message.get_type()
+        if kind == "SET_POSITION_TARGET_LOCAL_NED":
+            target = self._local_target(message)
+        elif kind == "SET_ATTITUDE_TARGET":
+            target = self._attitude_target(message)
         if target is None or not all(map(math.isfinite, target)):
             return False
         self._target, self._since, self._goal = target, now, None
         return True
 
-    def go_to(self, north: float, east: float, down: float, now: int, body: Body) -> None:
+    def go_to(self, north: float, east: float, down: float, now: int) -> None:
         self._target, self._goal, self._think_at = None, (north, east), now
 
-    def own_command(self, command: Command, now: int, body: Body) -> int:
+    def own_command(self, command: Command, now: int) -> int:
         """Only a way to a place has a speed that can be changed: a setpoint brings its own."""
         if command.number != DO_CHANGE_SPEED:
             return Ack.UNSUPPORTED
@@ -110,7 +109,7 @@ class ArduRover(ArduPilot):
         self._leg_speed = command.params[1]
         return Ack.ACCEPTED
 
-    def _local_target(self, message: Message, body: Body) -> BodyVelocity | None:
+    def _local_target(self, message: Message) -> BodyVelocity | None:
         """Velocity and yaw rate; the frame is irrelevant. Other combinations are dropped without a word."""
         mask = message.type_mask
         if not (mask & POSITION and mask & ACCELERATION) or mask & YAW_RATE:
@@ -120,7 +119,7 @@ class ArduRover(ArduPilot):
         speed = math.copysign(math.hypot(message.vx, message.vy), message.vx)
         return BodyVelocity(self._clipped(speed), yaw_rate=message.yaw_rate)
 
-    def _attitude_target(self, message: Message, body: Body) -> BodyVelocity | None:
+    def _attitude_target(self, message: Message) -> BodyVelocity | None:
         """Thrust is a share of WP_SPEED; the yaw rate counts whatever the other bits say."""
         if message.type_mask & THROTTLE_BIT:
             return None
@@ -128,13 +127,11 @@ class ArduRover(ArduPilot):
         if not message.type_mask & YAW_RATE_BIT:
             return BodyVelocity(speed, yaw_rate=message.body_yaw_rate)
         heading = euler(tuple(message.q))[2]
-        return BodyVelocity(speed, yaw_rate=HOMING * math.remainder(heading - body.heading, math.tau))
+        return BodyVelocity(speed, yaw_rate=HOMING * math.remainder(heading - self.body.heading, math.tau))
 
     def _clipped(self, speed: float) -> float:
         most = self.params["WP_SPEED"]
-        return max(-most, min(most, speed)) if math.isfinite(speed) else speed
-
-    # -- the rover's own rules ----------------------------------------------------------------------------------------
+        return within(speed, most) if math.isfinite(speed) else speed
 
     def entered(self, mode: int, now: int) -> None:
         self._target = self._homing = None
@@ -142,7 +139,7 @@ class ArduRover(ArduPilot):
         self._goal = (0.0, 0.0) if mode in (RTL, SMART_RTL) else None
         self._think_at = now
 
-    def flying(self, body: Body) -> bool:
+    def flying(self) -> bool:
         return False
 
     def disarmed(self) -> None:
@@ -158,8 +155,8 @@ class ArduRover(ArduPilot):
         if self.params["FS_EKF_ACTION"] != 0:
             self.fail_to(HOLD, now, Severity.CRITICAL, "EKF failsafe")
 
-    def active(self, body: Body) -> bool:
+    def active(self) -> bool:
         return self.armed
 
-    def shown_airspeed(self, body: Body, wind: tuple[float, float]) -> float:
+    def shown_airspeed(self, shown: Body, wind: tuple[float, float]) -> float:
         return 0.0

@@ -10,12 +10,15 @@ from ..agenda import NEVER
 from ..body import Body
 from ..config import Event, VehicleConfig
 from ..demands import Demand
+from ..links import Message
 from ..params import Parameters
-from ..wire import Message
 
 Say = Callable[[int, str], None]
 """Send a STATUSTEXT of this severity."""
 
+CUSTOM_MODE_ENABLED = 1
+STANDBY, ACTIVE, CRITICAL = 3, 4, 5  # MAV_STATE
+ON_GROUND, IN_AIR, TAKING_OFF, LANDING = 1, 2, 3, 4  # MAV_LANDED_STATE
 FORCE = 21196  # the magic number that overrides arming checks
 
 
@@ -29,18 +32,6 @@ class Severity(IntEnum):
     """MAV_SEVERITY."""
 
     EMERGENCY, CRITICAL, ERROR, WARNING, INFO = 0, 2, 3, 4, 6
-
-
-class State(IntEnum):
-    """MAV_STATE."""
-
-    STANDBY, ACTIVE, CRITICAL = 3, 4, 5
-
-
-class Landed(IntEnum):
-    """MAV_LANDED_STATE."""
-
-    ON_GROUND, IN_AIR, TAKING_OFF, LANDING = 1, 2, 3, 4
 
 
 def message_ids(text: str) -> frozenset[int]:
@@ -85,16 +76,19 @@ class Identity:
 class Autopilot(ABC):
     """Decides what the airframe shall do. Times are sim time in microseconds; acks are MAV_RESULT values.
 
-    gps: whether the receiver has a fix. position: whether the estimator knows where it is.
+    body: what is flown, moved by whoever calls `fly`. gps: whether the receiver has a fix. position: whether the
+    estimator knows where it is.
     """
 
     FIRST_MODE: str
+    failsafe: bool
     POSITION_LOSS_US: int  # from the loss of the GPS to the estimator's
 
-    def __init__(self, identity: Identity, params: Parameters, config: VehicleConfig, say: Say) -> None:
+    def __init__(self, identity: Identity, params: Parameters, config: VehicleConfig, say: Say, body: Body) -> None:
         self.identity = identity
         self.params = params
         self.say = say
+        self.body = body
         self.mode = self.intended = identity.modes[config.start.mode or self.FIRST_MODE]
         self.armed = config.start.armed
         self.gps = self.position = config.vehicle.gps
@@ -111,18 +105,18 @@ class Autopilot(ABC):
         """When the demand may change by itself (a timeout, a waypoint leg)."""
 
     @abstractmethod
-    def wake(self, now: int, body: Body) -> None: ...
+    def wake(self, now: int) -> None: ...
 
     @abstractmethod
-    def fly(self, body: Body, dt: float, wind: tuple[float, float]) -> Body:
+    def fly(self, dt: float, wind: tuple[float, float]) -> Body:
         """The body after `dt` seconds of the present demand."""
 
     @abstractmethod
-    def setpoint(self, message: Message, now: int, body: Body) -> bool:
+    def setpoint(self, message: Message, now: int) -> bool:
         """Take a setpoint; True if it is now flown."""
 
     @abstractmethod
-    def command(self, command: Command, now: int, body: Body) -> tuple[int, ...]:
+    def command(self, command: Command, now: int) -> tuple[int, ...]:
         """The acks to send, in order."""
 
     @abstractmethod
@@ -136,9 +130,10 @@ class Autopilot(ABC):
     def radio_lost(self, now: int) -> None:
         """The pilot's radio is gone."""
 
-    @abstractmethod
     def heard(self, message: Message, now: int) -> None:
-        """Any other message for the autopilot (a ground station's heartbeat, sticks)."""
+        """Any other message for the autopilot (a mode, a ground station's heartbeat, sticks)."""
+        if message.get_type() == "SET_MODE" and message.base_mode & CUSTOM_MODE_ENABLED:  # obeyed, but has no ack
+            self.change_mode(message.custom_mode, now)
 
     def happen(self, event: Event, now: int) -> None:
         """A scripted event that the autopilot itself notices."""
@@ -156,19 +151,23 @@ class Autopilot(ABC):
     def mode_name(self, mode: int) -> str:
         return next((name for name, number in self.identity.modes.items() if number == mode), str(mode))
 
-    # -- what is reported ---------------------------------------------------------------------------------------------
-
-    def flying(self, body: Body) -> bool:
-        return self.armed and body.down < -0.1
+    def flying(self) -> bool:
+        return self.armed and self.body.down < -0.1
 
     @abstractmethod
     def base_mode(self) -> int: ...
 
-    @abstractmethod
-    def system_status(self, body: Body) -> int: ...
+    def system_status(self) -> int:
+        if self.failsafe:
+            return CRITICAL
+        return ACTIVE if self.active() else STANDBY
+
+    def active(self) -> bool:
+        """Whether HEARTBEAT calls it active."""
+        return self.armed
 
     @abstractmethod
-    def shown_airspeed(self, body: Body, wind: tuple[float, float]) -> float:
+    def shown_airspeed(self, shown: Body, wind: tuple[float, float]) -> float:
         """VFR_HUD.airspeed: what this vehicle reports, which need not be the true airspeed."""
 
     def flown(self) -> Demand | None:
@@ -179,5 +178,5 @@ class Autopilot(ABC):
         """The bank asked for after its limits, rad, of vehicles that tell (NAV_CONTROLLER_OUTPUT)."""
         return None
 
-    def landed_state(self, body: Body) -> int:
-        return Landed.IN_AIR if self.flying(body) else Landed.ON_GROUND
+    def landed_state(self) -> int:
+        return IN_AIR if self.flying() else ON_GROUND

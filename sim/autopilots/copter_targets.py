@@ -1,22 +1,26 @@
-"""SET_POSITION_TARGET_LOCAL_NED and SET_ATTITUDE_TARGET as ArduCopter 4.6.3 reads them (GCS_Mavlink.cpp).
+"""SET_POSITION_TARGET_LOCAL_NED and SET_ATTITUDE_TARGET as ArduCopter 4.6.3 reads them (GCS_Mavlink.cpp), and where it
+flies by itself: to a point, up, home, down.
 
 Of a position target any of a group's three ignore bits ignores the whole group; whatever is no known combination stops
 the vehicle.
 """
 
 import math
+from collections import ChainMap
 from typing import NamedTuple
 
-from ..body import Body, euler, to_earth
-from ..demands import BodyVelocity, EarthVelocity, Spin, Tilt
+from ..body import Body, euler, to_earth, within
+from ..demands import BodyVelocity, Brake, Demand, EarthVelocity, Spin, Tilt
+from ..links import Message
 from ..params import Parameters
-from ..wire import Message
 
 LOCAL_NED, LOCAL_OFFSET_NED, BODY_NED, BODY_OFFSET_NED = 1, 7, 8, 9
 POSITION, VELOCITY, ACCELERATION = 0x007, 0x038, 0x1C0
 FORCE, YAW_RATE = 0x200, 0x800
 RATES, THROTTLE, ATTITUDE = 0x07, 0x40, 0x80
 THRUST_AS_THRUST = 8  # GUID_OPTIONS bit 3
+NEARNESS = 0.5  # 1/s: speed wanted per metre left
+AT_HOME = 2.0  # m
 INSANE = 1000.0  # m/s: ArduCopter's sane_vel_or_acc_vector
 
 
@@ -104,8 +108,50 @@ def read_attitude_target(message: Message, params: Parameters) -> Tilt | Spin | 
 def _lift(thrust: float, params: Parameters) -> tuple[float, float | None]:
     """A climb rate, m/s: 0.5 holds the height; or the raw thrust if the parameters say so."""
     if int(params["GUID_OPTIONS"]) & THRUST_AS_THRUST:
-        return 0.0, max(-1.0, min(1.0, thrust))
+        return 0.0, within(thrust, 1.0)
     if not math.isfinite(thrust):
         return math.nan, None
     share = (max(0.0, min(1.0, thrust)) - 0.5) * 2
     return share * params["WPNAV_SPEED_UP" if share > 0 else "WPNAV_SPEED_DN"] / 100, None
+
+
+Speeds = ChainMap[str, float]
+"""The speeds that DO_CHANGE_SPEED has set, cm/s, over the parameters."""
+
+
+def to_point(body: Body, goal: GoTo, params: Speeds) -> Demand:
+    climbing = goal.down < body.down
+    climb = params["WPNAV_SPEED_UP" if climbing else "WPNAV_SPEED_DN"] / 100
+    return _toward(body, goal, params["WPNAV_SPEED"] / 100, climb)
+
+
+def climb_out(body: Body, down: float, params: Speeds) -> Demand | None:
+    """Up to a height; None once there."""
+    if body.down <= down + 0.1:
+        return None
+    return EarthVelocity(0.0, 0.0, max(-params["WPNAV_SPEED_UP"] / 100, NEARNESS * (down - body.down) - 0.2))
+
+
+def way_home(body: Body, params: Speeds) -> Demand | None:
+    """Up to RTL_ALT, home, down; None once landed."""
+    if math.hypot(body.north, body.east) <= AT_HOME:
+        return descent(body, params)
+    cruise = min(body.down, -params["RTL_ALT"] / 100)
+    if body.down > cruise + 0.5:
+        return EarthVelocity(0.0, 0.0, -params["WPNAV_SPEED_UP"] / 100)
+    return _toward(body, GoTo(0.0, 0.0, cruise), params["WPNAV_SPEED"] / 100, params["WPNAV_SPEED_UP"] / 100)
+
+
+def descent(body: Body, params: Speeds) -> Demand | None:
+    """Straight down, slowly below 10 m; None once landed."""
+    if body.down >= -0.01:
+        return None
+    return Brake(down=params["LAND_SPEED" if body.down > -10.0 else "WPNAV_SPEED_DN"] / 100)
+
+
+def _toward(body: Body, goal: GoTo, speed: float, climb: float) -> EarthVelocity:
+    north, east = goal.north - body.north, goal.east - body.east
+    distance = math.hypot(north, east)
+    share = min(speed, NEARNESS * distance) / distance if distance > 1e-6 else 0.0
+    vertical = within(NEARNESS * (goal.down - body.down), climb)
+    return EarthVelocity(north * share, east * share, vertical)

@@ -7,10 +7,10 @@ from ..agenda import NEVER
 from ..body import Body
 from ..config import Event, VehicleConfig
 from ..demands import Spin, Tilt
+from ..links import Message
 from ..params import Parameters
-from ..wire import Message
 from ..world import HOME_AMSL_M, from_degrees
-from .contract import FORCE, Ack, Autopilot, Command, Identity, Say, Severity, State
+from .contract import FORCE, Ack, Autopilot, Command, Identity, Say, Severity
 from .modes import PX4 as MODES
 from .px4_targets import Rejected, Trajectory, read_setpoint
 from .sticks import Sticks
@@ -20,7 +20,6 @@ LOITER, RTL, LAND, OFFBOARD = MODES["LOITER"], MODES["RTL"], MODES["LAND"], MODE
 NEEDS_STICKS = frozenset(MODES[name] for name in ("MANUAL", "ALTCTL", "POSCTL", "ACRO", "STABILIZED", "ALT_CRUISE"))
 NEEDS_POSITION = frozenset({POSCTL, LOITER, RTL, TAKEOFF, MODES["MISSION"]})
 MAIN_AUTO = 4
-SET_MODE, MANUAL_CONTROL = 11, 69
 DO_SET_MODE, ARM_DISARM, DO_CHANGE_SPEED, DO_REPOSITION, TAKEOFF_COMMAND = 176, 400, 178, 192, 22
 MODE_COMMANDS = {20: RTL, 21: LAND, 17: LOITER}
 LOSS_DELAY_US = 50_000
@@ -35,8 +34,8 @@ class Px4(Autopilot):
     FIRST_MODE = "LOITER"
     POSITION_LOSS_US = 5_000_000
 
-    def __init__(self, identity: Identity, params: Parameters, config: VehicleConfig, say: Say) -> None:
-        super().__init__(identity, params, config, say)
+    def __init__(self, identity: Identity, params: Parameters, config: VehicleConfig, say: Say, body: Body) -> None:
+        super().__init__(identity, params, config, say, body)
         self.sticks = Sticks(config.vehicle.system_id)
         self.take_off_to: float | None = None
         self.cruise: float | None = None  # m/s asked for by DO_CHANGE_SPEED, for the modes that fly by themselves
@@ -58,16 +57,14 @@ class Px4(Autopilot):
         return not isinstance(self._setpoint, (Tilt, Spin))
 
     @property
-    def failsafe(self) -> bool:
+    def failsafe(self) -> bool:  # type: ignore[override]
         return self._sticks_lost or self.mode != self.intended
 
-    # -- setpoints and their absence ----------------------------------------------------------------------------------
-
-    def setpoint(self, message: Message, now: int, body: Body) -> bool:
+    def setpoint(self, message: Message, now: int) -> bool:
         """An accepted setpoint feeds the watchdog, and brings OFFBOARD back by itself when that is still wanted."""
-        if message.get_msgId() == MANUAL_CONTROL:
+        if message.get_type() == "MANUAL_CONTROL":
             return self.sticks.heard(message, now, None)
-        taken = read_setpoint(message, body)
+        taken = read_setpoint(message, self.body)
         if isinstance(taken, Rejected):
             self.say(Severity.ERROR, taken.text)
             return False
@@ -86,7 +83,7 @@ class Px4(Autopilot):
     def wake_us(self) -> int:
         return min(self._offboard_deadline(), self._sticks_deadline(), self._position_until, self._act_at)
 
-    def wake(self, now: int, body: Body) -> None:
+    def wake(self, now: int) -> None:
         if now >= self._position_until:
             self._position_until, self.position = NEVER, False
             if self.mode == POSCTL or (self.mode == OFFBOARD and self.needs_velocity()):
@@ -131,8 +128,6 @@ class Px4(Autopilot):
             return NEVER
         return last + self.params.microseconds("COM_RC_LOSS_T")
 
-    # -- modes --------------------------------------------------------------------------------------------------------
-
     def change_mode(self, mode: int, now: int) -> int:
         reason = self._obstacle(mode, now)
         if reason is not None:
@@ -171,14 +166,12 @@ class Px4(Autopilot):
     def sticks_alive(self, now: int) -> bool:
         return self.sticks.alive(now, self.params.microseconds("COM_RC_LOSS_T"))
 
-    # -- commands -----------------------------------------------------------------------------------------------------
-
-    def command(self, command: Command, now: int, body: Body) -> tuple[int, ...]:
+    def command(self, command: Command, now: int) -> tuple[int, ...]:
         number = command.number
         if number == DO_SET_MODE:  # the receiver accepts whatever it is, then Commander decides
             return (Ack.ACCEPTED, self._set_mode(command, now))
         if number == ARM_DISARM:
-            return (self._arm(command.params[0], command.params[1] == FORCE, now, body),)
+            return (self._arm(command.params[0], command.params[1] == FORCE, now),)
         if number == TAKEOFF_COMMAND:
             self.take_off_to = command.z
             return (self.change_mode(TAKEOFF, now),)
@@ -205,10 +198,10 @@ class Px4(Autopilot):
         sub = sub if main == MAIN_AUTO and 0 <= sub < 256 else 0
         return self.change_mode(int(main) << 16 | int(sub) << 24, now)
 
-    def _arm(self, wish: float, force: bool, now: int, body: Body) -> int:
+    def _arm(self, wish: float, force: bool, now: int) -> int:
         if wish not in (0, 1):
             return Ack.DENIED
-        if wish == 0 and self.armed and self.flying(body) and not force:
+        if wish == 0 and self.armed and self.flying() and not force:
             self.say(Severity.CRITICAL, "Disarming denied: not landed")
             return Ack.TEMPORARILY_REJECTED
         if wish == 1 and not self.armed and not force and self.mode in NEEDS_STICKS and not self.sticks_alive(now):
@@ -227,10 +220,6 @@ class Px4(Autopilot):
             self._missed = self.sticks.last
         self.entered(self.mode, now)
 
-    def heard(self, message: Message, now: int) -> None:
-        if message.get_msgId() == SET_MODE and message.base_mode & 1:
-            self.change_mode(message.custom_mode, now)
-
     def happen(self, event: Event, now: int) -> None:
         super().happen(event, now)
         if event.action == "gps_on":
@@ -240,16 +229,9 @@ class Px4(Autopilot):
         self.intended = RTL
         self._fail_to(RTL, now)
 
-    # -- reports ------------------------------------------------------------------------------------------------------
-
     def base_mode(self) -> int:
         if self.mode in NEEDS_STICKS:
             flags = 64 | (16 if self.mode != MANUAL else 0)
         else:
             flags = 16 | 8 | (4 if self.mode != OFFBOARD else 0)
         return 1 | flags | (128 if self.armed else 0)
-
-    def system_status(self, body: Body) -> int:
-        if self.failsafe:
-            return State.CRITICAL
-        return State.ACTIVE if self.armed else State.STANDBY

@@ -3,20 +3,19 @@
 import math
 
 from ..agenda import NEVER
-from ..airframes.copter import CopterAirframe
-from ..airframes.dragged import DraggedCopter, yaw_loop
-from ..airframes.tilting import TiltingCopter
+from ..airframes.copter import CopterAirframe, TiltingCopter
+from ..airframes.multicopter import DraggedCopter, px4_yaw_loop
 from ..airframes.unicycle import Unicycle
 from ..body import Body, at_most
 from ..config import VehicleConfig
 from ..demands import BodyVelocity, Brake, Demand, EarthVelocity, Spin, Tilt
+from ..links import Message
 from ..params import Parameter
-from ..wire import Message
 from ..world import HOME_AMSL_M
-from .contract import Command, Landed, Say
-from .px4 import LAND, LOITER, MANUAL_CONTROL, NEEDS_STICKS, OFFBOARD, RTL, TAKEOFF, Px4
-from .px4_tables import px4_identity, px4_parameters
+from .contract import IN_AIR, LANDING, ON_GROUND, TAKING_OFF, Command, Say
+from .px4 import LAND, LOITER, NEEDS_STICKS, OFFBOARD, RTL, TAKEOFF, Px4
 from .px4_targets import NOTHING, Trajectory
+from .tables import px4_identity, px4_parameters
 
 THINK_US, IDLE_US = 20_000, 500_000
 MOST_YAW_RATE = 2.25  # rad/s, what MC_YAWRATE_MAX 200 deg/s comes to
@@ -37,34 +36,32 @@ class Px4Copter(Px4):
             Parameter("MIS_TAKEOFF_ALT", 2.5),
             Parameter("RTL_RETURN_ALT", 60.0),
         )
-        super().__init__(IDENTITY, px4_parameters(config, *own), config, say)
+        super().__init__(IDENTITY, px4_parameters(config, *own), config, say, start)
         limit = min(MOST_YAW_RATE, math.radians(vehicle.max_turn_rate_deg_s))
         drag = vehicle.drag_per_s
-        real, ideal = DraggedCopter(yaw_loop(limit), drag), Unicycle(limit, vehicle.turn_lag_s, vehicle.speed_lag_s)
+        real, ideal = DraggedCopter(px4_yaw_loop(limit), drag), Unicycle(limit, vehicle.turn_lag_s, vehicle.speed_lag_s)
         by_velocity = ideal if vehicle.dynamics == "unicycle" else real
         self._airframe = CopterAirframe(by_velocity, TiltingCopter(limit, drag=drag))
         self._hold = (start.north, start.east, start.down)
         self._think_at = 0
         self._demand: Demand = Brake()
 
-    # -- what is flown ------------------------------------------------------------------------------------------------
-
-    def fly(self, body: Body, dt: float, wind: tuple[float, float]) -> Body:
+    def fly(self, dt: float, wind: tuple[float, float]) -> Body:
         if not self.armed:
-            return _at_rest(body, dt)
-        return self._airframe.step(body, self._demand, dt, wind)
+            return _at_rest(self.body, dt)
+        return self._airframe.step(self.body, self._demand, dt, wind)
 
     def wake_us(self) -> int:
         return min(super().wake_us(), self._think_at if self.armed else NEVER)
 
-    def wake(self, now: int, body: Body) -> None:
-        super().wake(now, body)
+    def wake(self, now: int) -> None:
+        super().wake(now)
         if now >= self._think_at:
-            self._think(now, body)
+            self._think(now)
 
-    def _think(self, now: int, body: Body) -> None:
+    def _think(self, now: int) -> None:
         self._think_at = now + (IDLE_US if self._steady() else THINK_US)
-        self._demand = self._wanted(body)
+        self._demand = self._wanted()
 
     def _steady(self) -> bool:
         """Whether the demand stays as it is until the next setpoint: nothing is being steered to."""
@@ -74,24 +71,25 @@ class Px4Copter(Px4):
             return self._setpoint.position == NOTHING and self._setpoint.heading is None
         return True
 
-    def _wanted(self, body: Body) -> Demand:
-        mode = self.mode
+    def _wanted(self) -> Demand:
+        mode, body = self.mode, self.body
         if mode == OFFBOARD:
             if isinstance(self._setpoint, (Tilt, Spin)):
                 return self._setpoint
-            return self._from_trajectory(self._setpoint, body)
+            return self._from_trajectory(self._setpoint)
         if mode in NEEDS_STICKS and not self.position:
             return EarthVelocity(body.velocity_north * 0.9, body.velocity_east * 0.9, UNHELD_SINK)
         if mode == LAND or not self.position:
-            return self._landing(body)
+            return self._landing()
         if mode == RTL:
-            return self._going_home(body)
+            return self._going_home()
         if mode == TAKEOFF:
-            return self._taking_off(body)
+            return self._taking_off()
         return _towards(body, *self._hold, min(FASTEST, self.cruise or FASTEST))
 
-    def _from_trajectory(self, setpoint: Trajectory | None, body: Body) -> Demand:
+    def _from_trajectory(self, setpoint: Trajectory | None) -> Demand:
         """Velocities as they are, positions through the position loop; an incomplete one hovers."""
+        body = self.body
         if setpoint is None:
             return _towards(body, *self._hold)
         here = (body.north, body.east, body.down)
@@ -103,52 +101,51 @@ class Px4Copter(Px4):
                 return Brake()
             to_place = POSITION_GAIN * (place - now) if place is not None else 0.0
             wanted.append((velocity or 0.0) + to_place)
-        yaw_rate = self._yaw_rate(setpoint, body)
+        yaw_rate = self._yaw_rate(setpoint)
         north, east = at_most(wanted[0], wanted[1], FASTEST)
         down = max(-CLIMB, min(SINK, wanted[2]))
         if setpoint.along_nose is not None and self._airframe.turns_with_nose:
             return BodyVelocity(*at_most(*setpoint.along_nose, FASTEST), down, yaw_rate)
         return EarthVelocity(north, east, down, yaw_rate, *(fed or 0.0 for fed in setpoint.acceleration[:2]))
 
-    @staticmethod
-    def _yaw_rate(setpoint: Trajectory, body: Body) -> float:
-        if setpoint.heading is not None:
-            return (setpoint.yaw_rate or 0.0) + YAW_GAIN * math.remainder(setpoint.heading - body.heading, math.tau)
-        return setpoint.yaw_rate or 0.0
+    def _yaw_rate(self, setpoint: Trajectory) -> float:
+        if setpoint.heading is None:
+            return setpoint.yaw_rate or 0.0
+        error = math.remainder(setpoint.heading - self.body.heading, math.tau)
+        return (setpoint.yaw_rate or 0.0) + YAW_GAIN * error
 
-    def _landing(self, body: Body) -> Demand:
-        if body.down >= -0.05:
+    def _landing(self) -> Demand:
+        if self.body.down >= -0.05:
             self.set_armed(False, self._think_at)
             return Brake()
         return EarthVelocity(0.0, 0.0, 0.7)
 
-    def _going_home(self, body: Body) -> Demand:
+    def _going_home(self) -> Demand:
+        body = self.body
         if math.hypot(body.north, body.east) < 2.0:
-            return self._landing(body)
+            return self._landing()
         cruise = min(body.down, -self.params["RTL_RETURN_ALT"])
         if body.down > cruise + 1.0:
             return EarthVelocity(0.0, 0.0, -CLIMB)
         return _towards(body, 0.0, 0.0, cruise, 5.0)
 
-    def _taking_off(self, body: Body) -> Demand:
-        asked = self.take_off_to
+    def _taking_off(self) -> Demand:
+        asked, body = self.take_off_to, self.body
         height = asked - HOME_AMSL_M if asked is not None and math.isfinite(asked) else self.params["MIS_TAKEOFF_ALT"]
         if body.down <= -height + 0.2:
             self._hold = (body.north, body.east, -height)
             self.change_mode(LOITER, self._think_at)
         return EarthVelocity(0.0, 0.0, max(-1.5, min(0.0, -height - body.down - 0.1)))
 
-    # -- what is obeyed -----------------------------------------------------------------------------------------------
-
-    def setpoint(self, message: Message, now: int, body: Body) -> bool:
-        taken = super().setpoint(message, now, body)
-        if taken and message.get_msgId() != MANUAL_CONTROL and self.mode == OFFBOARD and self.armed:
-            self._think(now, body)
+    def setpoint(self, message: Message, now: int) -> bool:
+        taken = super().setpoint(message, now)
+        if taken and message.get_type() != "MANUAL_CONTROL" and self.mode == OFFBOARD and self.armed:
+            self._think(now)
         return taken
 
-    def command(self, command: Command, now: int, body: Body) -> tuple[int, ...]:
-        self._hold = (body.north, body.east, body.down)
-        return super().command(command, now, body)
+    def command(self, command: Command, now: int) -> tuple[int, ...]:
+        self._hold = (self.body.north, self.body.east, self.body.down)
+        return super().command(command, now)
 
     def hold_at(self, place: tuple[float, float] | None, down: float | None) -> None:
         north, east = place or self._hold[:2]
@@ -157,17 +154,15 @@ class Px4Copter(Px4):
     def entered(self, mode: int, now: int) -> None:
         self._think_at = now
 
-    # -- what is reported ---------------------------------------------------------------------------------------------
-
     def flown(self) -> Demand | None:
         return self._demand if self.mode == OFFBOARD else None
 
-    def landed_state(self, body: Body) -> int:
-        if not self.flying(body):
-            return Landed.ON_GROUND
-        return {TAKEOFF: Landed.TAKING_OFF, LAND: Landed.LANDING}.get(self.mode, Landed.IN_AIR)
+    def landed_state(self) -> int:
+        if not self.flying():
+            return ON_GROUND
+        return {TAKEOFF: TAKING_OFF, LAND: LANDING}.get(self.mode, IN_AIR)
 
-    def shown_airspeed(self, body: Body, wind: tuple[float, float]) -> float:
+    def shown_airspeed(self, shown: Body, wind: tuple[float, float]) -> float:
         return math.nan
 
 

@@ -4,23 +4,22 @@ import math
 from dataclasses import replace
 
 from ..agenda import NEVER
-from ..airframes.fixedwing import FixedWing, falling
-from ..body import GRAVITY, Body
+from ..airframes.fixedwing import FixedWing, Loiter, bank_on_loiter, falling
+from ..body import GRAVITY, Body, within
 from ..config import VehicleConfig
 from ..demands import Bank, Glide, Tilt
 from ..params import Parameter
 from ..starting import AIRSPEED_SCALE
-from .circling import Loiter, bank_on_loiter
-from .contract import Command, Say
+from .contract import Say
 from .modes import PX4 as MODES
 from .px4 import ALTCTL, LAND, OFFBOARD, POSCTL, RTL, Px4
-from .px4_tables import px4_identity, px4_parameters
 from .px4_targets import Trajectory
+from .tables import px4_identity, px4_parameters
 
 THINK_US = 50_000
-DEAD_TIME, ROLL_FREQUENCY, ROLL_DAMPING = 0.08, 4.5, 1.0  # s, rad/s: 63 % of a bank after 0.5 s
-STICK_DEAD_TIME = 0.12  # s: 63 % after 0.6 .. 0.7 s
-NOSE_FREQUENCY = 10.0  # rad/s: the heading's rate follows the course's by 0.14 s
+# 63 % of a bank after 0.5 s, by stick after 0.6 .. 0.7 s; the heading's rate follows the course's by 0.14 s.
+BY_ATTITUDE = FixedWing(1.0, roll_frequency=4.5, roll_damping=1.0, dead_time=0.08, nose_frequency=10.0)
+BY_STICK = replace(BY_ATTITUDE, dead_time=0.12)
 COURSE_GAIN = 0.835  # rad/s: turn rate towards a position setpoint, times the sine of the angle to it
 BANKED_BY_STICKS = frozenset({ALTCTL, POSCTL, MODES["ALT_CRUISE"]})
 IDENTITY = px4_identity(mav_type=1)
@@ -39,40 +38,27 @@ class Px4Plane(Px4):
             Parameter("FW_AIRSPD_MAX", cruise * 1.5),
             Parameter("NAV_LOITER_RAD", 80.0),
         )
-        super().__init__(IDENTITY, px4_parameters(config, *own), config, say)
+        super().__init__(IDENTITY, px4_parameters(config, *own), config, say, start)
         self._scale = vehicle.airspeed_scale or AIRSPEED_SCALE[vehicle.profile]
-        ideal = vehicle.dynamics == "unicycle"
-        self._by_attitude = FixedWing(
-            effectiveness=vehicle.turn_effectiveness or 1.0,
-            roll_lag=vehicle.turn_lag_s,
-            roll_frequency=0.0 if ideal else ROLL_FREQUENCY,
-            roll_damping=ROLL_DAMPING,
-            dead_time=0.0 if ideal else DEAD_TIME,
-            nose_frequency=0.0 if ideal else NOSE_FREQUENCY,
-            trim_speed=self.params["FW_AIRSPD_TRIM"] * self._scale,
-        )
-        self._by_stick = replace(self._by_attitude, dead_time=0.0 if ideal else STICK_DEAD_TIME)
-        self._here = start
+        trimmed = replace(BY_ATTITUDE, trim_speed=cruise * self._scale)
+        self._by_attitude, self._by_stick = trimmed.configured(vehicle), BY_STICK.configured(vehicle)
         self._height = start.down
         self._loiter = Loiter(start.north, start.east, self.params["NAV_LOITER_RAD"])
         self._think_at = 0
         self._bank = 0.0
 
-    # -- what is flown ------------------------------------------------------------------------------------------------
-
-    def fly(self, body: Body, dt: float, wind: tuple[float, float]) -> Body:
+    def fly(self, dt: float, wind: tuple[float, float]) -> Body:
         if not self.armed:
-            return falling(body, dt)
+            return falling(self.body, dt)
         demand = self._demand()
         airframe = self._by_attitude if isinstance(demand, Glide) else self._by_stick
-        self._here = airframe.step(body, demand, dt, wind)
-        return self._here
+        return airframe.step(self.body, demand, dt, wind)
 
     def _demand(self) -> Bank | Glide:
         setpoint = self._setpoint
         if self.mode == OFFBOARD and isinstance(setpoint, Tilt):
             limit = math.radians(self.params["FW_R_LIM"])
-            return Glide(max(-limit, min(limit, setpoint.roll)), setpoint.pitch, setpoint.thrust or 0.0)
+            return Glide(within(setpoint.roll, limit), setpoint.pitch, setpoint.thrust or 0.0)
         speed = self.params["FW_AIRSPD_TRIM"]
         if self.cruise is not None and self.mode not in BANKED_BY_STICKS:
             speed = max(self.params["FW_AIRSPD_MIN"], min(self.params["FW_AIRSPD_MAX"], self.cruise))
@@ -81,24 +67,24 @@ class Px4Plane(Px4):
     def wake_us(self) -> int:
         return min(super().wake_us(), self._think_at if self.armed else NEVER)
 
-    def wake(self, now: int, body: Body) -> None:
-        super().wake(now, body)
+    def wake(self, now: int) -> None:
+        super().wake(now)
         self._think_at = now + THINK_US
-        self._bank = self._wanted_bank(now, body)
+        self._bank = self._wanted_bank(now)
 
-    def _wanted_bank(self, now: int, body: Body) -> float:
+    def _wanted_bank(self, now: int) -> float:
         limit = math.radians(self.params["FW_R_LIM"])
         if self.mode in BANKED_BY_STICKS:
             return self.sticks.roll(now, self.params.microseconds("COM_RC_LOSS_T")) * limit
         if self.mode == OFFBOARD:
-            return self._bank_to_point(body, limit)
+            return self._bank_to_point(limit)
         if not self.position or self.mode == LAND:
             return 0.0
-        return bank_on_loiter(body, self._loiter, limit, self._by_stick.effectiveness)
+        return bank_on_loiter(self.body, self._loiter, limit, self._by_stick.effectiveness)
 
-    def _bank_to_point(self, body: Body, limit: float) -> float:
+    def _bank_to_point(self, limit: float) -> float:
         """A position setpoint is flown to; one of velocities alone is taken and has no effect."""
-        setpoint = self._setpoint
+        setpoint, body = self._setpoint, self.body
         if not isinstance(setpoint, Trajectory) or setpoint.position[0] is None or setpoint.position[1] is None:
             return 0.0
         if setpoint.position[2] is not None:
@@ -106,13 +92,7 @@ class Px4Plane(Px4):
         angle = math.atan2(setpoint.position[1] - body.east, setpoint.position[0] - body.north) - body.course
         wrapped = math.remainder(angle, math.tau)
         rate = COURSE_GAIN * (math.sin(wrapped) if abs(wrapped) < math.pi / 2 else math.copysign(1.0, wrapped))
-        return max(-limit, min(limit, math.atan(body.air_speed * rate / GRAVITY)))
-
-    # -- what is obeyed -----------------------------------------------------------------------------------------------
-
-    def command(self, command: Command, now: int, body: Body) -> tuple[int, ...]:
-        self._here = body
-        return super().command(command, now, body)
+        return within(math.atan(body.air_speed * rate / GRAVITY), limit)
 
     def hold_at(self, place: tuple[float, float] | None, down: float | None) -> None:
         if place is not None:
@@ -121,9 +101,9 @@ class Px4Plane(Px4):
 
     def entered(self, mode: int, now: int) -> None:
         self._think_at = now
-        place = (0.0, 0.0) if mode == RTL else (self._here.north, self._here.east)
+        place = (0.0, 0.0) if mode == RTL else (self.body.north, self.body.east)
         self._loiter = Loiter(*place, self.params["NAV_LOITER_RAD"])
-        self._height = 0.0 if mode == LAND else self._here.down
+        self._height = 0.0 if mode == LAND else self.body.down
 
-    def shown_airspeed(self, body: Body, wind: tuple[float, float]) -> float:
-        return body.air_speed / self._scale
+    def shown_airspeed(self, shown: Body, wind: tuple[float, float]) -> float:
+        return shown.air_speed / self._scale

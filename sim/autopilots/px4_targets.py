@@ -8,9 +8,8 @@ from typing import NamedTuple
 
 from ..body import Body, euler, to_earth
 from ..demands import Spin, Tilt
-from ..wire import Message
+from ..links import Message
 
-LOCAL_TARGET, ATTITUDE_TARGET = 84, 82
 LOCAL_NED, BODY_NED = 1, 8
 ACCELERATION, FORCE, YAW, YAW_RATE = 0x1C0, 0x200, 0x400, 0x800
 ROLL_RATE, PITCH_RATE, BODY_YAW_RATE, THROTTLE, ATTITUDE = 0x01, 0x02, 0x04, 0x40, 0x80
@@ -40,10 +39,10 @@ NOTHING: tuple[Axis, Axis, Axis] = (None, None, None)
 
 def read_setpoint(message: Message, body: Body) -> Trajectory | Tilt | Spin | Rejected | None:
     """What a message asks for; None: nothing that counts."""
-    number = message.get_msgId()
-    if number == LOCAL_TARGET:
+    kind = message.get_type()
+    if kind == "SET_POSITION_TARGET_LOCAL_NED":
         return read_local_target(message, body)
-    return read_attitude_target(message) if number == ATTITUDE_TARGET else None
+    return read_attitude_target(message) if kind == "SET_ATTITUDE_TARGET" else None
 
 
 def read_local_target(message: Message, body: Body) -> Trajectory | Rejected:

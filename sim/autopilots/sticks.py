@@ -1,8 +1,8 @@
 """A pilot's sticks over MAVLink: RC_CHANNELS_OVERRIDE and MANUAL_CONTROL."""
 
-from ..wire import Message
+from ..body import within
+from ..links import Message
 
-RC_OVERRIDE, MANUAL_CONTROL = 70, 69
 IGNORED_PWM, RELEASED_PWM = 65535, 0
 IGNORED_AXIS = 32767
 
@@ -19,13 +19,13 @@ class Sticks:
         """True if the message moved the stick. `pilot` is the only system listened to, None listens to all."""
         if pilot is not None and message.get_srcSystem() != pilot:
             return False
-        number = message.get_msgId()
-        if number == MANUAL_CONTROL and message.target == self._system and message.y != IGNORED_AXIS:
-            self._roll, self._heard = max(-1.0, min(1.0, message.y / 1000)), now
+        kind = message.get_type()
+        if kind == "MANUAL_CONTROL" and message.target == self._system and message.y != IGNORED_AXIS:
+            self._roll, self._heard = within(message.y / 1000, 1.0), now
             return True
-        if number == RC_OVERRIDE and message.chan1_raw != IGNORED_PWM:
+        if kind == "RC_CHANNELS_OVERRIDE" and message.chan1_raw != IGNORED_PWM:
             released = message.chan1_raw == RELEASED_PWM
-            self._roll = 0.0 if released else max(-1.0, min(1.0, (message.chan1_raw - 1500) / 500))
+            self._roll = 0.0 if released else within((message.chan1_raw - 1500) / 500, 1.0)
             self._heard = now
             return True
         return False

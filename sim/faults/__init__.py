@@ -4,7 +4,7 @@ In lockstep it is an object (`FaultLink`), over UDP a program (`python -m circna
 and, where a fault speaks MAVLink, frames; it knows neither the application nor the vehicle.
 """
 
-from .impairment import CLEAN, Impairment
 from .link import DOWN, UP, FaultLink
+from .pipe import CLEAN, Impairment
 
 __all__ = ["CLEAN", "DOWN", "UP", "FaultLink", "Impairment"]

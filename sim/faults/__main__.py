@@ -10,9 +10,9 @@ from typing import Any
 import click
 
 from ..wires import EndpointError
-from .impairment import CLEAN, Impairment
 from .intruders import ground_station, recorded, strangers, twin, vehicle
 from .link import FaultLink
+from .pipe import CLEAN, Impairment
 from .proxy import Proxy
 
 BAD_USAGE = 2

@@ -2,8 +2,7 @@
 
 from collections.abc import Callable, Iterable
 
-from .impairment import CLEAN, Impairment
-from .pipe import Pipe
+from .pipe import CLEAN, Impairment, Pipe
 
 UP, DOWN = "up", "down"
 """From the application to the vehicle, and back."""

@@ -21,10 +21,8 @@ from sim.faults.frames import frames
 from sim.faults.link import Intruder
 from sim.vehicle import MAIN, Truth, Vehicle
 from sim.vehicle import RANGING as RADIO
-from tests.faults.judge import Allowed, broken_rule, is_heartbeat, is_safe, is_setpoint
-from tests.faults.witness import GUIDED, Witness
-from tests.flight.lockstep import CONFIG, clockwise_turns, true_radius
-from tests.flight.signed import UNIX
+from tests.faults.judge import GUIDED, Allowed, Witness, broken_rule, is_heartbeat, is_safe, is_setpoint
+from tests.flight.lockstep import CONFIG, UNIX, clockwise_turns, true_radius
 
 PATIENT = ("limits.hold_s=70.0", "limits.outage_s=70.0", "limits.duration_s=100000.0")
 BAND = 0.05
@@ -114,8 +112,6 @@ class Course:
         self.worst_told_age = 0.0
         self.steered_at: list[float] = []
         self.safe_at: float | None = None
-        self.sent_at: list[float] = []
-        self.heard_by_vehicle = 0
         self._next_truth = self.now
 
     def fly(self, until: float, watch: Callable[["Course"], None] | None = None) -> "Course":
@@ -206,8 +202,6 @@ class Course:
 
     def _judge(self, out: bytes, records: list[TickRecord]) -> None:
         """Every rule that holds in every cell."""
-        if out:
-            self.sent_at.append(self.now)
         for frame in filter(is_setpoint, frames(out)):
             rule = broken_rule(frame, self.allowed)
             if rule is not None:

@@ -5,9 +5,11 @@ import sys
 import tempfile
 from collections.abc import Callable
 from contextlib import redirect_stdout, suppress
+from functools import partial
 from io import StringIO
 from pathlib import Path
 from random import Random
+from typing import Any
 
 from circnav_mav.cli.exits import Refused
 from circnav_mav.cli.replay import replay_log
@@ -31,23 +33,9 @@ MISSIONS = sorted(path for path in CONFIG.glob("*.toml") if "[orbit]" in path.re
 CAMPAIGN = CONFIG / "campaigns" / "wind.toml"
 LOGS = ("flight.tlog", "turns.csv", "ticks.csv")
 WORDS = (
-    "nan",
-    "inf",
-    "-1",
-    "0",
-    "1e308",
-    "1e9",
-    "1e-308",
-    "5e-324",
-    "true",
-    '""',
-    "[]",
-    "{}",
-    '"x"',
-    "2026-01-01",
-    "-0.0",
+    "nan", "inf", "-1", "0", "1e308", "1e9", "1e-308", "5e-324", "true", '""', "[]", "{}", '"x"', "2026-01-01", "-0.0",
     "99999999999999999999",
-)
+)  # fmt: skip
 NAMES = ("orbit", "vehicle", "sim", "guidance", "ranging", "limits", "link", "exit")
 
 
@@ -61,9 +49,8 @@ def spoilt_text(text: str, chance: Random) -> str:
         elif kind == 3:
             del lines[at : at + chance.randint(1, 5)]
         elif kind == 4:
-            lines.insert(
-                at, chance.choice((lines[chance.randrange(len(lines))], f"[{chance.choice(NAMES)}]", "\0", "é="))
-            )
+            odd = lines[chance.randrange(len(lines))], f"[{chance.choice(NAMES)}]", "\0", "é="
+            lines.insert(at, chance.choice(odd))
         elif lines[at]:
             cut = chance.randrange(len(lines[at]))
             lines[at] = lines[at][:cut] + chr(chance.randrange(1, 0x2FF)) + lines[at][cut + 1 :]
@@ -148,34 +135,35 @@ def good_run(folder: Path) -> dict[str, bytes]:
 
 def assault_files(count: int, seed: int) -> list[str]:
     """What escaped from the readers that should not have."""
-    chance, escaped = Random(seed), []
+    chance, escaped = Random(seed), list[str]()
     texts = [path.read_text(encoding="utf-8") for path in MISSIONS]
     with tempfile.TemporaryDirectory() as folder:
         good = good_run(Path(folder))
         campaign, table = good_campaign(Path(folder))
+        read = partial(_escapes, escaped)
         for n in range(count):
-            text = spoilt_text(chance.choice(texts), chance)
-            escaped += _escapes(n, lambda text=text: read_mission(text), (MissionError, ConfigError))  # type: ignore[misc]
-            escaped += _escapes(n, lambda text=text: read_vehicle(Path(folder) / "x.toml", text), (ConfigError,))  # type: ignore[misc]
-            varied = spoilt_text(campaign, chance)
+            text, varied = spoilt_text(chance.choice(texts), chance), spoilt_text(campaign, chance)
             rows = spoilt_bytes(table, chance)
-            known_errors = (CampaignError, StoreError)
-            escaped += _escapes(n, lambda text=varied: read_campaign(Path(folder), text, None), known_errors)  # type: ignore[misc]
-            escaped += _escapes(n, lambda rows=rows: read_campaign(Path(folder), campaign, rows), known_errors)  # type: ignore[misc]
             spoilt = chance.choice([*LOGS, chance.choice(sorted(good))])
             run = good | {spoilt: spoilt_bytes(good[spoilt], chance)}
-            escaped += _escapes(n, lambda run=run: read_run(Path(folder), run), (RunError, Refused))  # type: ignore[misc]
+            read(n, (MissionError, ConfigError), read_mission, text)
+            read(n, (ConfigError,), read_vehicle, Path(folder) / "x.toml", text)
+            read(n, (CampaignError, StoreError), read_campaign, Path(folder), varied, None)
+            read(n, (CampaignError, StoreError), read_campaign, Path(folder), campaign, rows)
+            read(n, (RunError, Refused), read_run, Path(folder), run)
     return escaped
 
 
-def _escapes(n: int, attempt: Callable[[], None], known: tuple[type[Exception], ...]) -> list[str]:
+def _escapes(
+    into: list[str], n: int, known: tuple[type[Exception], ...], reader: Callable[..., None], *given: Any
+) -> None:
     try:
-        attempt()
+        reader(*given)
     except known as error:
-        return [f"{n}: more than one line: {error}"] if "\n\n" in str(error) else []
+        if "\n\n" in str(error):
+            into.append(f"{n}: more than one line: {error}")
     except Exception as error:
-        return [f"{n}: {type(error).__name__}: {error}"]
-    return []
+        into.append(f"{n}: {type(error).__name__}: {error}")
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -184,11 +172,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args(arguments)
     escaped = assault_files(options.files, options.seed)
-    print(
-        f"{options.files} mission files, as many vehicle files, campaigns, tables and run folders, "
-        f"seed {options.seed}: "
-        f"{len(escaped)} escaped"
-    )
+    kinds = "mission files, as many vehicle files, campaigns, tables and run folders"
+    print(f"{options.files} {kinds}, seed {options.seed}: {len(escaped)} escaped")
     for line in escaped[:20]:
         print(f"  {line}")
     return 1 if escaped else 0

@@ -21,6 +21,7 @@ from circnav_mav.pilot.mission_state import Phase
 from sim.faults.frames import frames, raw_frame, write
 from tests.faults.judge import Allowed, broken_rule, is_setpoint
 from tests.flight.lockstep import CONFIG
+from tests.rig import beacon, distance
 
 RANGING_IDS = {"distance_sensor": 132, "named_value_float": 251, "ranging_beacon": 513}
 IDS = sorted(HANDLED | set(RANGING_IDS.values()) | {22})
@@ -30,15 +31,8 @@ STATE = (0, 2, 30)
 """Empty ones of these would be a takeover or a reboot, again and again: those come from `valid`."""
 FRAME_TIME = 0.002
 GOOD_EVERY = 25
-ODD = (
-    b"\x00",
-    b"\xff",
-    b"\x7f\x80\x00\x00",
-    b"\x00\x00\xc0\x7f",
-    b"\x00\x00\x80\x7f",
-    b"\x00\x00\x80\xff",
-    b"\xff\xff",
-)
+ODD = tuple(map(bytes.fromhex, ["00", "ff", "7f800000", "0000c07f", "0000807f", "000080ff", "ffff"]))
+"""Zeros and ones, and a float's infinities and what is none, in either order of its bytes."""
 VEHICLE_IDS, RADIO_IDS, OUR_IDS = (1, 1), (1, 192), (1, 191)
 WARM_UP = 20_000
 PATIENCE = 20
@@ -128,15 +122,11 @@ class Target:
         if height := self.settings.height.above_target:
             r = (r * r + height**2) ** 0.5
         if self.ranging == "distance_sensor":
-            orientation = self.settings.ranging.orientation or 24
-            message = mavlink.MAVLink_distance_sensor_message(ms, 1, 60000, int(r * 100), 3, 0, orientation, 255)
+            message = distance(int(r * 100), ms, orientation=self.settings.ranging.orientation or 24)
         elif self.ranging == "named_value_float":
             message = mavlink.MAVLink_named_value_float_message(ms, b"RANGE", r)
         else:
-            beacon, none = self.settings.ranging.beacon_id, 2**32 - 1
-            message = mavlink.MAVLink_ranging_beacon_message(
-                ms * 1000, 0, 0, beacon, int(r * 1000), 0, 0, 0.0, 0, none, none, 0, none, ms // 50 & 255, 0
-            )
+            message = beacon(int(r * 1000), ms * 1000, ms // 50 & 255, beacon_id=self.settings.ranging.beacon_id)
         return write(message, *RADIO_IDS)
 
 

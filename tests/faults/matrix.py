@@ -11,8 +11,8 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
+from tests.faults.attacks import ATTACKS
 from tests.faults.cell import LAW, Scenario, Verdict, Want, fly
-from tests.faults.scenarios.attacks import ATTACKS
 from tests.faults.scenarios.line import LINE
 from tests.faults.scenarios.pauses import STANDSTILLS
 from tests.faults.scenarios.peers import PEERS

@@ -1,6 +1,7 @@
 """Peers that misbehave: each function makes a tamper for a `FaultLink`, for the frames it is about."""
 
 from collections.abc import Callable, Iterable
+from itertools import count
 from math import floor
 from random import Random
 
@@ -130,6 +131,21 @@ def late(number: int, seconds: float) -> Tamper:
             waiting.append((now + seconds, data))
             return [(DOWN, frame) for frame in due]
         return [(DOWN, frame) for frame in due] + [(way, data)]
+
+    return tamper
+
+
+def said_again(seconds: float, chosen: Callable[[str, bytes], bool] = lambda way, data: True) -> Tamper:
+    """A fifth of the chosen frames is said again so much later, as a replay attack or a looped route would."""
+    heard: list[tuple[float, Passage]] = []
+    numbers = count()
+
+    def tamper(way: str, data: bytes, now: float) -> Iterable[Passage]:
+        if chosen(way, data) and next(numbers) % 5 == 0:
+            heard.append((now + seconds, (way, data)))
+        due = [passage for time, passage in heard if time <= now]
+        heard[:] = [item for item in heard if item[0] > now]
+        return [(way, data), *due]
 
     return tamper
 

@@ -6,8 +6,7 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from sim.faults.frames import write
-from tests.faults.judge import Allowed, broken_rule, is_safe, is_setpoint
-from tests.faults.witness import Witness
+from tests.faults.judge import Allowed, Witness, broken_rule, is_safe, is_setpoint
 
 ALLOWED = Allowed(yaw_rate=0.5, speed=10.0, bank=0.7, pitch=0.26, climb=1.0)
 LEVEL = (1.0, 0.0, 0.0, 0.0)

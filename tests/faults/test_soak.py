@@ -1,10 +1,15 @@
-"""A few minutes of the soak, with the wraps. The ten hours: python -m tests.faults.soak."""
+"""A few minutes of the soak, with the wraps, and a small seeded share of the fuzzing. The ten hours and the million:
+python -m tests.faults.soak, tests.faults.fuzz."""
 
 from pathlib import Path
+
+import pytest
 
 from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.runlog.tlog import read_tlog
 from sim.faults.frames import message_id, read
+from tests.faults.files import assault_files
+from tests.faults.fuzz import run
 from tests.faults.soak import WRAP
 from tests.flight.lockstep import rms_error
 from tests.flight.recorded import EPOCH_US, recorded_flight
@@ -37,3 +42,13 @@ def test_circle_is_held_through_the_wrap_of_the_49_days_counters(tmp_path: Path)
     for number, wraps_at in ((ATTITUDE, 70), (RANGE, 80)):
         assert all((stamp < 2**31) == (at > wraps_at - 0.01) for at, stamp in stamps[number])
         assert len(stamps[number]) > 900
+
+
+@pytest.mark.parametrize("what", ["mutated", "valid", "flood"])
+def test_hostile_frames_neither_crash_the_pilot_nor_make_it_say_anything_unsafe(what: str) -> None:
+    broken, _ = run(what, 12_000, seed=2)
+    assert broken == []
+
+
+def test_damaged_files_are_refused_in_one_line_or_read_as_far_as_they_go() -> None:
+    assert assault_files(60, seed=2) == []

@@ -12,7 +12,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from math import cos, degrees, radians
@@ -147,10 +147,6 @@ class Bench:
     def heard(self) -> bool:
         return "HEARTBEAT" in self.latest
 
-    def clock(self, seconds: float) -> None:
-        """The autopilot's word on the time."""
-        self._boot, self._boot_at = seconds, time.monotonic()
-
     def send(self, message: Any, by: mavlink.MAVLink | None = None) -> None:
         """To the vehicle, from the operator or another."""
         by = by or self._operator
@@ -219,7 +215,7 @@ class Bench:
         self.latest[kind] = message
         self.counts[kind] += 1
         if kind == "ATTITUDE":
-            self.clock(message.time_boot_ms / 1000)
+            self._boot, self._boot_at = message.time_boot_ms / 1000, time.monotonic()
         elif kind == "GLOBAL_POSITION_INT" and self.track:
             place = self.firmware.metres(message.lat, message.lon)
             self.reported.append(Reported(self.now, *place, message.vx / 100, message.vy / 100))
@@ -232,10 +228,7 @@ class Bench:
             note(f"  [{self.now:8.2f}] {message.text}")
         elif kind == "HEARTBEAT" and (not self.modes or self.modes[-1][1] != message.custom_mode):
             self.modes.append((self.now, message.custom_mode))
-        self.noted(self.firmware.truth(self, message))
-
-    def noted(self, truth: Truth | None) -> None:
-        """A word on where the vehicle really is."""
+        truth = self.firmware.truth(self, message)
         if truth is None:
             return
         self.longest_pause = max(self.longest_pause, time.monotonic() - self._truth_at)
@@ -301,6 +294,18 @@ class Bench:
     def send_parameter(self, name: str, value: float, kind: int = mavlink.MAV_PARAM_TYPE_REAL32) -> None:
         """Without waiting: in flight the radio must go on."""
         self.send(mavlink.MAVLink_param_set_message(self.firmware.system, 1, name.encode(), float(value), kind))
+
+    def ask_streams(self, wanted: Mapping[int, float], truth: str, least: float) -> None:
+        """Messages and their Hz, until attitude and truth come that often in two seconds: an autopilot that still boots
+        refuses silently."""
+        for _ in range(20):
+            for number, hertz in wanted.items():
+                self.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, number, 1e6 / hertz, tries=1)
+            self.counts.clear()
+            self.rest(2)
+            if min(self.counts["ATTITUDE"], self.counts[truth]) > least:
+                return
+        raise NoFlightError(f"no {truth}")
 
     def set_mode(self, mode: int) -> None:
         """Ask for a mode until the heartbeat shows it."""

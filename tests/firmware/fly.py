@@ -32,7 +32,7 @@ from tests.firmware.flight import BEHIND_ARDUPILOT, Flight, add_options, flight
 from tests.firmware.radio import UP, Radio
 from tests.firmware.score import score
 from tests.firmware.wire import LOOPBACK, G
-from tests.ports import reserved_port
+from tests.process import reserved_port
 
 ENGAGE_PATIENCE = 90.0
 """Time, s, in which circnav must have engaged."""

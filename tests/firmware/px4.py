@@ -12,9 +12,10 @@ from typing import Any
 
 from pymavlink.dialects.v20 import all as mavlink
 
+from sim.body import euler
 from tests.firmware.bench import ACCEPTED, Bench, Firmware, NoFlightError, Truth, note
 from tests.firmware.flight import Flight
-from tests.firmware.wire import LOOPBACK, bound, euler
+from tests.firmware.wire import LOOPBACK, bound
 
 INSTANCES = range(10)
 """More share a port."""
@@ -101,7 +102,7 @@ class Px4(Firmware):
     def bring_up(self, bench: Bench) -> None:
         """Into the air, in LOITER."""
         bench.until(lambda: bench.heard, 60, "no heartbeat")
-        self._streams(bench)
+        bench.ask_streams(STREAMS, "HIL_STATE_QUATERNION", 50)
         bench.until(lambda: "GLOBAL_POSITION_INT" in bench.latest, 60, "no position")
         bench.rest(5)
         home, began = bench.truth.altitude, bench.now
@@ -116,16 +117,6 @@ class Px4(Firmware):
         bench.set_mode(LOITER)
         self.weather(bench)
         bench.rest(15)
-
-    def _streams(self, bench: Bench) -> None:
-        for _ in range(20):
-            for number, hertz in STREAMS.items():
-                bench.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, number, 1e6 / hertz, tries=1)
-            bench.counts.clear()
-            bench.rest(2)
-            if min(bench.counts["ATTITUDE"], bench.counts["HIL_STATE_QUATERNION"]) > 50:
-                return
-        raise NoFlightError("no HIL_STATE_QUATERNION")
 
     def weather(self, bench: Bench) -> None:
         """From now on. SIH adds its wind to the velocity over ground: it names where the wind comes from."""

@@ -133,20 +133,12 @@ class ArduPilot(Firmware):
         return here.relative_alt / 1000 if here else -1e9
 
     def _streams(self, bench: Bench) -> None:
-        """Truth at 50 Hz (plane and rover 25: their main loop runs at 50), asked for until it really comes: an
-        autopilot that still boots refuses silently."""
+        """Truth at 50 Hz; plane and rover 25: their main loop runs at 50."""
         often = 50 if self._kind == "copter" else 25
         wanted = {mavlink.MAVLINK_MSG_ID_ATTITUDE: often, mavlink.MAVLINK_MSG_ID_SIM_STATE: often,
                   mavlink.MAVLINK_MSG_ID_VFR_HUD: 10, mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 5,
                   mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: 2}  # fmt: skip
-        for _ in range(20):
-            for number, hertz in wanted.items():
-                bench.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, number, 1e6 / hertz, tries=1)
-            bench.counts.clear()
-            bench.rest(2)
-            if min(bench.counts["ATTITUDE"], bench.counts["SIM_STATE"]) > 1.2 * often:
-                return
-        raise NoFlightError("no SIM_STATE")
+        bench.ask_streams(wanted, "SIM_STATE", 1.2 * often)
 
     def weather(self, bench: Bench) -> None:
         """From now on."""

@@ -3,10 +3,12 @@
 import socket
 from collections.abc import Iterator
 from dataclasses import dataclass
-from math import asin, atan2, isfinite, radians, tan
+from math import isfinite, radians, tan
 from typing import Any
 
 from pymavlink.dialects.v20 import all as mavlink
+
+from sim.body import euler
 
 G = 9.80665
 FULL_STICK_BANK = radians(50.0)
@@ -86,10 +88,3 @@ def parser() -> mavlink.MAVLink:
     one = mavlink.MAVLink(None)
     one.robust_parsing = True
     return one
-
-
-def euler(q: tuple[float, float, float, float]) -> tuple[float, float, float]:
-    """Roll, pitch, yaw of a quaternion (w, x, y, z), rad."""
-    w, x, y, z = q
-    roll, yaw = atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)), atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-    return roll, asin(max(-1.0, min(1.0, 2 * (w * y - x * z)))), yaw

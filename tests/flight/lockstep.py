@@ -9,6 +9,7 @@ from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from circnav_mav.mav.signing import Signing
 from circnav_mav.mission.load import load_mission
 from circnav_mav.pilot import VEHICLE, Outcome, Pilot, TickRecord
 from circnav_mav.runtime.links import Link
@@ -23,13 +24,16 @@ from sim.vehicle import Truth, Vehicle
 copyreg.pickle(struct.Struct, lambda unpacker: (struct.Struct, (unpacker.format,)))  # lets a flight be copied
 
 CONFIG = Path(__file__).parents[2] / "config"
+UNIX = 1_790_000_000.0
+"""Wall-clock time at second 0."""
 SETPOINT_IDS = {84, 82, 69}  # SET_POSITION_TARGET_LOCAL_NED, SET_ATTITUDE_TARGET, MANUAL_CONTROL
 
 
 @dataclass
 class Flight:
     """A flight under way as the product flies it, with what was seen of it. down, up: what the link does to what we
-    hear and say; None: nothing, at once."""
+    hear and say; None: nothing, at once. signing: ours; vehicle_clock: how far the vehicle's wall clock is off, None:
+    it has none."""
 
     pilot: Pilot
     vehicle: Vehicle
@@ -41,6 +45,8 @@ class Flight:
     hears: Callable[[bytes, float], bool] = lambda frame, now: True
     down: Pipe | None = None
     up: Pipe | None = None
+    signing: Signing | None = None
+    vehicle_clock: float | None = None
     now: float = 0.0
     next_truth: float = 0.0
 
@@ -70,6 +76,11 @@ class Flight:
         return [time for time, data in self.sent if any(id in SETPOINT_IDS for id in message_ids(data))]
 
     def _step(self, moment: float) -> None:
+        due = UNIX + max(min(self.vehicle.next_event, moment), self.now)
+        if self.signing is not None:
+            self.signing.advance(due)
+        if self.vehicle_clock is not None:
+            self.vehicle.tell_time(due + self.vehicle_clock)
         self.clock.advance(moment)
         self.now = self.clock.now()
         before = len(self.sent)

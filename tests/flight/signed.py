@@ -1,6 +1,5 @@
 """Lockstep flights of a signing pilot and a signing vehicle; one clock for both, as from GPS."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
 from pymavlink.dialects.v20 import all as mavlink
@@ -13,8 +12,6 @@ from sim.vehicle import Vehicle
 from tests.flight.lockstep import CONFIG, Flight
 
 KEY, OTHER = bytes(range(32)), bytes(range(1, 33))
-UNIX = 1_790_000_000.0
-"""Wall-clock time at second 0."""
 
 
 def voice(
@@ -25,22 +22,6 @@ def voice(
     engine.signing.secret_key, engine.signing.sign_outgoing = key, key is not None
     engine.signing.timestamp, engine.signing.link_id = timestamp, link_id
     return engine
-
-
-@dataclass
-class SignedFlight(Flight):
-    """A flight on which both sides know the time; `vehicle_clock`: how far the vehicle's is off, None: it has none."""
-
-    signing: Signing | None = None
-    vehicle_clock: float | None = 0.0
-
-    def _step(self, moment: float) -> None:
-        now = max(min(self.vehicle.next_event, moment), self.now)
-        if self.signing is not None:
-            self.signing.advance(UNIX + now)
-        if self.vehicle_clock is not None:
-            self.vehicle.tell_time(UNIX + self.vehicle_clock + now)
-        super()._step(moment)
 
 
 def key_file(folder: Path, key: bytes, name: str = "drone.key") -> Path:
@@ -58,7 +39,7 @@ def signed_flight(
     ours: bytes | None = KEY,
     theirs: bytes | None = KEY,
     vehicle_clock: float | None = 0.0,
-) -> SignedFlight:
+) -> Flight:
     """A flight of a file in config/, ready to go: our key and that of vehicle and radio, None for none."""
     loaded = load_mission(CONFIG / f"{mission}.toml", ('guidance.law="smooth"', *overrides))
     assert loaded.file.sim is not None
@@ -67,4 +48,4 @@ def signed_flight(
         table["signing"] = {"key_file": str(key_file(folder, theirs, "vehicle.key"))}
     signing = Signing(ours) if ours is not None else None
     pilot, vehicle = Pilot(loaded.pilot_settings(), signing), Vehicle(parse_vehicle(table, mission))
-    return SignedFlight(pilot, vehicle, signing=signing, vehicle_clock=vehicle_clock)
+    return Flight(pilot, vehicle, signing=signing, vehicle_clock=vehicle_clock)

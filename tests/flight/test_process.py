@@ -11,7 +11,7 @@ from pymavlink import mavutil
 
 from circnav_mav.locate.geodesy import Plane
 from sim.world import HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG
-from tests.process import PATIENCE, QUICKSTART, circnav
+from tests.process import PATIENCE, QUICKSTART, circnav, read_until
 
 
 @pytest.fixture(scope="module")
@@ -71,10 +71,7 @@ def test_tlog_opens_in_the_standard_reader_with_both_directions(run: tuple[Path,
 def test_signal_leaves_a_safe_setpoint_closes_the_files_and_exits_130(number: signal.Signals, tmp_path: Path) -> None:
     folder = tmp_path / "run"
     process = circnav("fly", QUICKSTART, "--speed", "5", "--out", str(folder))
-    assert process.stdout is not None
-    for line in process.stdout:
-        if "engaged" in line:
-            break
+    read_until(process, "engaged")
     process.send_signal(number)
     process.communicate(timeout=PATIENCE)
     assert process.returncode == 130

@@ -15,8 +15,7 @@ from circnav_mav.guidance import step
 from circnav_mav.guidance.step import Inputs, StepSettings
 from circnav_mav.guidance.types import RelativeMotion
 from circnav_mav.guidance.vector_field import field_heading
-from sim.faults.impairment import Impairment
-from sim.faults.pipe import Pipe
+from sim.faults.pipe import Impairment, Pipe
 from tests.flight.lockstep import Flight, clockwise_turns, flight, rms_error
 
 RADIUS, SPEED = {"arduplane": 150.0, "arducopter": 30.0}, {"arduplane": 22.0, "arducopter": 5.0}

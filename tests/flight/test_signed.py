@@ -15,8 +15,8 @@ from circnav_mav.mav.signing import Refusal, is_signed
 from circnav_mav.pilot import Ending
 from circnav_mav.pilot.mission_state import Phase
 from sim.config import Event
-from tests.flight.lockstep import clockwise_turns, last_third, rms_error
-from tests.flight.signed import KEY, OTHER, UNIX, key_file, signed_flight, voice
+from tests.flight.lockstep import UNIX, clockwise_turns, last_third, rms_error
+from tests.flight.signed import KEY, OTHER, key_file, signed_flight, voice
 from tests.process import PATIENCE, QUICKSTART, circnav
 
 MODE_LOITER = mavlink.MAVLink_command_long_message(1, 1, 176, 0, 1, 5, 0, 0, 0, 0, 0)

@@ -2,7 +2,6 @@
 
 import contextlib
 import json
-import os
 import subprocess
 import sys
 import time
@@ -11,10 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.ports import reserved_port
-from tests.process import PATIENCE
+from tests.process import PATIENCE, ROOT, python, read_until, reserved_port, running
 
-ROOT = Path(__file__).parents[2]
 MAVPROXY = "MAVProxy==1.8.75"
 
 
@@ -27,23 +24,12 @@ class Stage:
         vehicle = self.start(
             "-m", "circnav_mav", "emulate", self._mission, "--endpoint", f"udpin:127.0.0.1:{self.port}"
         )
-        assert vehicle.stdout is not None
-        assert "udpin" in vehicle.stdout.readline()
+        read_until(vehicle, "udpin")
 
-    def start(self, *arguments: str, **extra_env: str) -> subprocess.Popen[str]:
+    def start(self, *arguments: str, **environment: str) -> subprocess.Popen[str]:
         """A Python process that ends with the test."""
-        process = subprocess.Popen(
-            [sys.executable, *arguments],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            cwd=ROOT,
-            env={**os.environ, "PYTHONPATH": str(ROOT), **extra_env},
-        )
-        self._open_things.callback(process.wait)
-        self._open_things.callback(process.kill)
-        return process
+        process = python(*arguments, stdin=subprocess.PIPE, stderr=subprocess.STDOUT, **environment)
+        return self._open_things.enter_context(running(process))
 
     def fly(self) -> subprocess.Popen[str]:
         """Our application, once it is engaged."""
@@ -51,10 +37,7 @@ class Stage:
             *("-m", "circnav_mav", "fly", self._mission, "--endpoint", f"udpout:127.0.0.1:{self.port}"),
             *("--duration", "600", "--out", str(self._folder)),
         )
-        assert process.stdout is not None
-        for line in process.stdout:
-            if "engaged" in line:
-                break
+        read_until(process, "engaged")
         return process
 
     def verdict(self, process: subprocess.Popen[str]) -> tuple[int, str]:
@@ -119,17 +102,6 @@ def test_mavsdk_sees_the_px4_copter_and_its_hold_ends_our_flight(stage: Callable
         assert on.verdict(ours) == (4, "OFFBOARD left for AUTO.LOITER: operator or failsafe")
     finally:
         client.destroy()
-
-
-def read_until(process: subprocess.Popen[str], words: str) -> str:
-    """What a process prints up to some words; fails when it ends without them."""
-    assert process.stdout is not None
-    said = ""
-    for line in process.stdout:
-        said += line
-        if words in said:
-            return said
-    raise AssertionError(f"{words!r} not in {said!r}")
 
 
 def until(condition: Callable[[], bool], seconds: float = PATIENCE) -> None:

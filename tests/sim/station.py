@@ -6,6 +6,7 @@ from typing import Any
 from pymavlink.dialects.v20 import all as mavlink
 from scipy.spatial.transform import Rotation
 
+from sim.autopilots.modes import PX4
 from sim.config import parse_vehicle
 from sim.vehicle import Truth, Vehicle
 
@@ -93,6 +94,10 @@ class Station:
     @property
     def truth(self) -> Truth:
         return self.vehicle.truth
+
+    @property
+    def px4_mode(self) -> str:
+        return next(name for name, number in PX4.items() if number == self.truth.mode)
 
     def texts(self) -> list[str]:
         return [m.text for m in self.listen("STATUSTEXT")]

@@ -120,13 +120,6 @@ def test_setpoints_count_only_in_guided_and_armed(start):
     assert companion.truth.ground_speed == 0.0 and companion.vehicle.setpoint_log == []
 
 
-@pytest.mark.parametrize(("target", "obeyed"), [((1, 1), True), ((1, 0), True), ((0, 0), True), ((2, 1), False)])
-def test_only_setpoints_addressed_to_this_system_count(target, obeyed):
-    companion = guided()
-    companion.velocity(5.0, 0.1, target=target)
-    assert bool(companion.vehicle.setpoint_log) == obeyed
-
-
 def test_modes_are_changed_by_command_and_acknowledged():
     companion = aboard(mode="LOITER")
     assert companion.set_mode(4) == [0] and companion.truth.mode == 4

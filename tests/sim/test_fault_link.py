@@ -9,11 +9,9 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from sim.faults import DOWN, UP, FaultLink, Impairment
 from sim.faults.frames import message_id, read, rewritten, write
-from sim.faults.impairment import corrupted
-from sim.faults.pipe import Pipe
+from sim.faults.pipe import Pipe, corrupted
 from tests.faults.tampering import dropping, on, outliers
-from tests.process import PATIENCE
-from tests.sim.running import running
+from tests.process import PATIENCE, python, running
 
 
 def carried(impairment, count=2000, seed=1, step=0.01):
@@ -123,7 +121,7 @@ def test_proxy_passes_datagrams_both_ways_and_late(port):
             end.bind(("127.0.0.1", 0))
             end.settimeout(PATIENCE)
         ends = ("--listen", f"udpin:127.0.0.1:{port}", "--forward", f"udpout:127.0.0.1:{vehicle.getsockname()[1]}")
-        with running(*ends, "--delay", "0.05", module="sim.faults") as process:
+        with running(python("-m", "sim.faults", *ends, "--delay", "0.05")) as process:
             assert "delay=0.05" in process.stdout.readline()
             sent = time.monotonic()
             application.sendto(b"up", ("127.0.0.1", port))

@@ -26,6 +26,14 @@ def test_disarmed_in_the_air_it_falls():
     assert not companion.listen("HEARTBEAT", source=(1, 1))[-1].base_mode & 128
 
 
+@pytest.mark.parametrize(("profile", "mode"), [("arduplane", "FBWA"), ("px4_plane", "LOITER")])
+def test_a_plane_that_fell_disarmed_flies_on_from_where_it_is(profile, mode):
+    events = [{"at_s": 1.0, "action": "disarm"}, {"at_s": 5.0, "action": "mode", "mode": "LOITER"}]
+    companion = aboard(profile, mode, events=[*events, {"at_s": 5.0, "action": "arm"}])
+    companion.wait(25.0)
+    assert companion.truth.down == pytest.approx(-80.0, abs=1.0)  # 4 s at 5 m/s below the 100 m of its start
+
+
 @pytest.mark.parametrize(
     ("profile", "guided", "after"), [("arducopter", 4, 6), ("arduplane", 15, 11), ("ardurover", 15, 4)]
 )

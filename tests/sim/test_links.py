@@ -148,6 +148,21 @@ def test_directed_messages_go_to_whom_they_are_directed(target, arrives):
     assert bool(companion.listen("TUNNEL")) == arrives
 
 
+@pytest.mark.parametrize("profile", ["arducopter", "px4_copter"])
+@pytest.mark.parametrize(
+    ("target", "obeyed"),
+    [((1, 1), True), ((1, 0), True), ((0, 0), True), ((0, 1), True), ((1, 191), None), ((2, 1), False)],
+)
+def test_only_what_is_addressed_to_this_autopilot_is_obeyed(profile, target, obeyed):
+    """None: ArduPilot acts for a component of its system that nobody has heard, PX4 does not."""
+    companion = aboard(profile, "GUIDED" if profile == "arducopter" else None)
+    if obeyed is None:
+        companion, obeyed = Station(companion.vehicle, 255, 190), profile == "arducopter"
+    companion.velocity(1.0, 0.0, target=target)
+    assert bool(companion.vehicle.setpoint_log) == obeyed
+    assert bool(companion.command(400, 1, target=target)) == obeyed
+
+
 def test_a_mavlink_1_autopilot_neither_hears_nor_speaks_mavlink_2():
     companion = Station(build(vehicle={"mavlink_version": 1}, ranging={"rate_hz": 0.0}))
     assert companion.set_mode(4) == []

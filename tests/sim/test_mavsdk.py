@@ -16,9 +16,7 @@ from mavsdk.plugins.action import Action  # noqa: E402
 from mavsdk.plugins.offboard import Offboard, VelocityBodyYawspeed  # noqa: E402
 from mavsdk.plugins.telemetry import FlightMode, Telemetry  # noqa: E402
 
-from tests.ports import reserved_port  # noqa: E402
-from tests.process import PATIENCE  # noqa: E402
-from tests.sim.running import running  # noqa: E402
+from tests.process import PATIENCE, python, reserved_port, running  # noqa: E402
 
 PX4, ARDUPILOT = 1, 2
 
@@ -36,7 +34,7 @@ def connect(tmp_path):
         vehicle = tmp_path / "vehicle.toml"
         vehicle.write_text(f'[vehicle]\nprofile = "{profile}"\nsetpoint_timeout_s = 60.0\n')  # we may stand still
         arguments = (str(vehicle), "--endpoint", f"udpout:127.0.0.1:{port}", "--speed", "2")
-        open_things.enter_context(running(*arguments))
+        open_things.enter_context(running(python("-m", "sim", *arguments)))
         system = client.first_autopilot(PATIENCE)
         assert system is not None
         return system

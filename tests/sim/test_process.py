@@ -7,8 +7,10 @@ import time
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from tests.process import PATIENCE, python
-from tests.sim.running import running
+from sim import server
+from sim.config import parse_vehicle
+from sim.vehicle import Vehicle
+from tests.process import PATIENCE, python, running
 
 HEARTBEAT = mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3)
 
@@ -18,6 +20,10 @@ def wire():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as made:
         made.bind(("127.0.0.1", 0))
         yield made
+
+
+def emulator(*arguments):
+    return running(python("-m", "sim", *arguments))
 
 
 def called(wire, port):
@@ -49,7 +55,7 @@ def hear(wire, kind, seconds=PATIENCE):
 
 
 def test_a_client_of_a_udp_port_is_served_and_sigterm_ends_cleanly(wire, port):
-    with running("--endpoint", f"udpin://127.0.0.1:{port}", "--speed", "5") as process:
+    with emulator("--endpoint", f"udpin://127.0.0.1:{port}", "--speed", "5") as process:
         assert process.stdout.readline() == f"sim: arducopter system 1 on udpin:127.0.0.1:{port}\n"
         called(wire, port)
         assert hear(wire, "HEARTBEAT").autopilot == 3
@@ -67,7 +73,7 @@ def test_a_client_of_a_udp_port_is_served_and_sigterm_ends_cleanly(wire, port):
 
 def test_two_clients_are_two_links_with_their_own_streams(wire, port):
     with (
-        running("--endpoint", f"udpin:127.0.0.1:{port}", "--speed", "10") as process,
+        emulator("--endpoint", f"udpin:127.0.0.1:{port}", "--speed", "10") as process,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other,
     ):
         assert process.stdout.readline()
@@ -81,13 +87,13 @@ def test_two_clients_are_two_links_with_their_own_streams(wire, port):
 
 def test_udpout_speaks_first_and_the_duration_ends_it(wire):
     url = f"udpout:127.0.0.1:{wire.getsockname()[1]}"
-    with running("--endpoint", url, "--speed", "20", "--duration", "5") as process:
+    with emulator("--endpoint", url, "--speed", "20", "--duration", "5") as process:
         assert hear(wire, "HEARTBEAT").get_srcSystem() == 1
         assert process.wait(PATIENCE) == 0
 
 
 def test_a_tcp_client_is_served_and_sigint_ends_cleanly(port):
-    with running("--endpoint", f"tcpin:127.0.0.1:{port}") as process:
+    with emulator("--endpoint", f"tcpin:127.0.0.1:{port}") as process:
         assert process.stdout.readline()
         with socket.create_connection(("127.0.0.1", port)) as connection:
             assert hear(connection, "HEARTBEAT").type == 2
@@ -99,7 +105,7 @@ def test_a_direct_radio_has_its_own_port(wire, port, tmp_path):
     vehicle = tmp_path / "vehicle.toml"
     vehicle.write_text('[ranging]\nmessage = "ranging_beacon"\nvia = "direct"\n')
     radio = f"udpout:127.0.0.1:{wire.getsockname()[1]}"
-    with running(str(vehicle), "--endpoint", f"udpin:127.0.0.1:{port}", "--ranging-endpoint", radio) as process:
+    with emulator(str(vehicle), "--endpoint", f"udpin:127.0.0.1:{port}", "--ranging-endpoint", radio) as process:
         assert process.stdout.readline().endswith(f"on udpin:127.0.0.1:{port}, ranging on {radio}\n")
         assert hear(wire, "RANGING_BEACON").range > 0
 
@@ -121,3 +127,15 @@ def test_what_cannot_be_started_is_said_in_one_line(wire, port, tmp_path):
         _, errors = process.communicate(timeout=PATIENCE)
         assert process.returncode == 2, arguments
         assert errors.count("\n") == 1 and cases[arguments] in errors, errors
+
+
+@pytest.mark.parametrize(("step", "said"), [(0.05, 0), (0.3, 2)])
+def test_it_says_in_one_line_every_ten_seconds_that_the_computer_cannot_keep_up(monkeypatch, step, said):
+    """Each turn of its loop takes a time on the wall, s; 15 s pass."""
+    wall, lines = [100.0], []
+    monkeypatch.setattr(server.time, "monotonic", lambda: wall[0])
+    monkeypatch.setattr(server, "_speak", lambda *_: None)
+    monkeypatch.setattr(server, "_sleep", lambda *_: wall.__setitem__(0, wall[0] + step))
+    server._fly(Vehicle(parse_vehicle({}, "here")), {}, 1.0, None, lambda: wall[0] > 115.0, lines.append)
+    assert len(lines) == said
+    assert all(line.startswith("sim: this computer cannot keep up: simulated time is 0.3 s behind") for line in lines)

@@ -26,13 +26,9 @@ def offboard(**tables):
     return companion
 
 
-def mode(companion):
-    return next(name for name, number in PX4.items() if number == companion.truth.mode)
-
-
 def test_offboard_without_setpoints_is_accepted_then_rejected():
     companion = px4()
-    assert companion.set_mode(*OFFBOARD) == [0, 1] and mode(companion) == "LOITER"
+    assert companion.set_mode(*OFFBOARD) == [0, 1] and companion.px4_mode == "LOITER"
     companion.velocity(0.0, 0.0)
     companion.wait(1.2)
     assert companion.set_mode(*OFFBOARD) == [0, 1]  # too old
@@ -87,18 +83,18 @@ def test_the_loss_of_setpoints_is_a_failsafe_after_a_second_and_it_comes_back_by
     companion = offboard(gcs=True)
     companion.fly(5.0, 3.0, 0.1)
     companion.wait(0.95)
-    assert mode(companion) == "OFFBOARD"
+    assert companion.px4_mode == "OFFBOARD"
     companion.wait(0.05)
-    assert mode(companion) == "RTL" and "Failsafe activated" in companion.texts()
+    assert companion.px4_mode == "RTL" and "Failsafe activated" in companion.texts()
     companion.stream(436, 100_000)
     companion.wait(0.2)
     told = companion.listen("CURRENT_MODE")[-1]
     assert (told.custom_mode, told.intended_custom_mode) == (PX4["RTL"], PX4["OFFBOARD"])
     companion.velocity(3.0, 0.1)
-    assert mode(companion) == "OFFBOARD"
+    assert companion.px4_mode == "OFFBOARD"
     assert companion.set_mode(*LOITER) == [0, 0]  # an end is another mode commanded
     companion.fly(2.0, 3.0, 0.1)
-    assert mode(companion) == "LOITER"
+    assert companion.px4_mode == "LOITER"
 
 
 @pytest.mark.parametrize(("action", "after"), [(0, "RTL"), (3, "RTL"), (4, "LAND"), (5, "LOITER")])
@@ -110,7 +106,7 @@ def test_the_failsafe_is_a_parameter_sent_byte_by_byte(action, after):
     companion.velocity(0.0, 0.0)
     companion.set_mode(*OFFBOARD)
     companion.wait(1.1)
-    assert mode(companion) == after
+    assert companion.px4_mode == after
 
 
 @pytest.mark.parametrize("frame", [7, 9, 12, 20])
@@ -139,13 +135,13 @@ def test_a_body_velocity_counts_whole_or_not_at_all(mask):
 def test_local_ned_without_vertical_speed_is_taken_and_stands_still():
     companion = offboard()
     companion.fly(5.0, 3.0, 0.1, mask=0x5C7 | 0x20, frame=1)
-    assert mode(companion) == "OFFBOARD" and companion.truth.ground_speed < 0.05
+    assert companion.px4_mode == "OFFBOARD" and companion.truth.ground_speed < 0.05
 
 
 def test_what_is_not_a_number_is_a_free_axis():
     companion = offboard()
     companion.fly(5.0, math.nan, 0.3)
-    assert mode(companion) == "OFFBOARD"
+    assert companion.px4_mode == "OFFBOARD"
     assert companion.truth.ground_speed < 0.05 and abs(companion.truth.turn_rate) < 0.01
     companion.fly(25.0, 3.0, math.nan)
     assert companion.truth.ground_speed == pytest.approx(3.0, abs=0.1) and abs(companion.truth.turn_rate) < 0.01
@@ -159,26 +155,14 @@ def test_too_much_is_limited():
     assert companion.truth.ground_speed < 13.0
 
 
-@pytest.mark.parametrize(
-    ("target", "obeyed"),
-    [((1, 1), True), ((1, 0), True), ((0, 0), True), ((0, 1), True), ((1, 191), False), ((2, 1), False)],
-)
-def test_addresses(target, obeyed):
-    companion = px4()
-    companion.velocity(1.0, 0.0, target=target)
-    assert bool(companion.vehicle.setpoint_log) == obeyed
-    if target != (0, 1):
-        assert bool(companion.command(400, 1, target=target)) == obeyed
-
-
 def test_without_gps_velocities_fail_after_five_seconds_and_come_back_with_it():
     companion = offboard(events=[{"at_s": 5.0, "action": "gps_off"}, {"at_s": 20.0, "action": "gps_on"}])
     companion.fly(9.4, 3.0, 0.1)
-    assert mode(companion) == "OFFBOARD"
+    assert companion.px4_mode == "OFFBOARD"
     companion.fly(5.0, 3.0, 0.1)
-    assert mode(companion) == "ALTCTL" and companion.truth.down > -48.0  # sinks
+    assert companion.px4_mode == "ALTCTL" and companion.truth.down > -48.0  # sinks
     companion.fly(6.0, 3.0, 0.1)
-    assert mode(companion) == "OFFBOARD"
+    assert companion.px4_mode == "OFFBOARD"
 
 
 def test_without_gps_attitudes_stay():
@@ -186,7 +170,7 @@ def test_without_gps_attitudes_stay():
     companion.attitude(7, thrust=HOVERING)
     assert companion.set_mode(*OFFBOARD) == [0, 0]
     companion.repeat(10.0, lambda: companion.attitude(7, thrust=HOVERING))
-    assert mode(companion) == "OFFBOARD"
+    assert companion.px4_mode == "OFFBOARD"
 
 
 def test_the_heartbeat_cannot_be_hurried():
@@ -218,7 +202,7 @@ def test_it_takes_off_and_lands():
     assert companion.command(22, 0, 0, 0, math.nan, math.nan, math.nan, 584.0 + 10.0) == [0]
     assert companion.command(400, 1) == [0]
     companion.wait(25.0)
-    assert companion.truth.down == pytest.approx(-10.0, abs=0.5) and mode(companion) == "LOITER"
+    assert companion.truth.down == pytest.approx(-10.0, abs=0.5) and companion.px4_mode == "LOITER"
     assert companion.command(400, 0) == [1]  # not in the air
     assert companion.command(21) == [0]
     companion.wait(40.0)
@@ -241,17 +225,3 @@ def test_attitude_setpoints_turn_only_with_the_yaw_led_round():
     led = companion.truth.heading - 0.3 * companion.truth.time
     companion.repeat(8.0, lambda: companion.attitude(7, 0.1, 0.0, led + 0.3 * companion.truth.time, thrust=HOVERING))
     assert companion.truth.turn_rate == pytest.approx(0.3, abs=0.005)
-
-
-def test_a_reposition_is_flown_to_and_refused_without_a_position():
-    """100 m north of home at 20 m above it, at the speed asked for."""
-    companion = px4()
-    assert companion.command(178, 1, 4.0, -1) == [0]
-    place = (math.nan, -35.3632621 + math.degrees(100 / 6_378_137), 149.1652374, 584.0 + 20.0)
-    assert companion.command(192, -1, 1, 0, *place) == [0]
-    companion.wait(20.0)
-    assert companion.truth.ground_speed == pytest.approx(4.0, abs=0.1)
-    companion.wait(100.0)
-    truth = companion.truth
-    assert (truth.north, truth.east, truth.down) == pytest.approx((100.0, 0.0, -20.0), abs=0.5)
-    assert px4(mode="ALTCTL", vehicle={"gps": False}).command(192, -1, 1, 0, *place) == [1]

@@ -24,10 +24,6 @@ def offboard():
     return companion
 
 
-def mode(companion):
-    return next(name for name, number in PX4.items() if number == companion.truth.mode)
-
-
 @pytest.mark.parametrize(
     ("held_in", "stick", "bank", "rate"),
     [("ALTCTL", 0.3, 15.0, 0.261), ("ALTCTL", -0.6, -30.0, -0.550), ("ALT_CRUISE", 0.6, 30.0, 0.550)],
@@ -49,11 +45,11 @@ def test_sticks_lost_hold_then_return_and_do_not_come_back():
     companion.set_mode(*ALTCTL)
     companion.repeat(2.0, lambda: companion.sticks(0.3))
     companion.wait(0.6)
-    assert mode(companion) == "LOITER"
+    assert companion.px4_mode == "LOITER"
     companion.repeat(3.0, lambda: companion.sticks(0.3))
-    assert mode(companion) == "LOITER"
+    assert companion.px4_mode == "LOITER"
     companion.repeat(3.0, lambda: companion.sticks(0.3))
-    assert mode(companion) == "RTL"
+    assert companion.px4_mode == "RTL"
 
 
 HOLD, OFFBOARD_TOO = 2, 4  # bits of COM_RCL_EXCEPT
@@ -72,7 +68,7 @@ def after_the_sticks_end(left_in, **parameters):
     seen = []
     for seconds in (0.3, 1.0, 5.0):
         companion.repeat(seconds, lambda: companion.attitude(7, thrust=TRIM))
-        seen.append(mode(companion))
+        seen.append(companion.px4_mode)
     return companion, seen
 
 
@@ -99,7 +95,7 @@ def test_the_loss_of_sticks_is_told_and_a_mode_chosen_afterwards_lasts():
     assert companion.texts() == ["Failsafe activated: entering Hold for 5 seconds", "Failsafe activated"]
     assert companion.set_mode(*LOITER) == [0, 0]
     companion.wait(30.0)
-    assert (seen[-1], mode(companion)) == ("RTL", "LOITER")
+    assert (seen[-1], companion.px4_mode) == ("RTL", "LOITER")
 
 
 def test_the_action_may_be_changed_while_it_holds():
@@ -108,19 +104,19 @@ def test_the_action_may_be_changed_while_it_holds():
     companion.wait(1.0)
     companion.vehicle._flight.autopilot.params["NAV_RCL_ACT"] = 0
     companion.wait(10.0)
-    assert mode(companion) == "LOITER"
+    assert companion.px4_mode == "LOITER"
 
 
 def test_sticks_never_heard_and_sticks_silent_at_arming_are_not_missed():
     companion = plane()
     companion.wait(10.0)
-    assert mode(companion) == "LOITER"
+    assert companion.px4_mode == "LOITER"
     companion.command(400, 0, 21196)
     companion.sticks(0.0)
     companion.wait(1.0)
     assert companion.command(400, 1, 21196) == [0]
     companion.wait(10.0)
-    assert mode(companion) == "LOITER"
+    assert companion.px4_mode == "LOITER"
 
 
 def test_a_velocity_alone_is_taken_and_has_no_effect():
@@ -129,7 +125,7 @@ def test_a_velocity_alone_is_taken_and_has_no_effect():
     assert companion.set_mode(*OFFBOARD) == [0, 0]
     companion.fly(5.0, 10.0, 0.3)
     truth = companion.truth
-    assert mode(companion) == "OFFBOARD" and abs(truth.turn_rate) < 0.01
+    assert companion.px4_mode == "OFFBOARD" and abs(truth.turn_rate) < 0.01
     assert truth.down == pytest.approx(-100, abs=0.2)
 
 
@@ -182,15 +178,3 @@ def test_no_throttle_is_no_thrust():
     last = companion.listen("GLOBAL_POSITION_INT")[-1]
     path = math.degrees(math.atan2(last.vz, math.hypot(last.vx, last.vy)))
     assert path == pytest.approx(27.0, abs=3.0)  # flown: -27 deg
-
-
-def test_a_reposition_is_circled_at_its_height_and_the_speed_asked_for():
-    """200 m east of home and 120 m above it; the radius is NAV_LOITER_RAD."""
-    companion = plane()
-    east = 149.1652374 + math.degrees(200 / (6_378_137 * math.cos(math.radians(35.3632621))))
-    assert companion.command(178, 0, 12.0, -1) == [0]
-    assert companion.command(192, -1, 1, 0, math.nan, -35.3632621, east, 584.0 + 120.0) == [0]
-    companion.wait(150.0)
-    truth = companion.truth
-    assert math.hypot(truth.north, truth.east - 200.0) == pytest.approx(80.0, abs=8.0)
-    assert (truth.down, truth.airspeed) == (pytest.approx(-120.0, abs=0.5), pytest.approx(12.0, abs=0.2))

@@ -1,15 +1,16 @@
-"""DO_REPOSITION and DO_CHANGE_SPEED on the ArduPilot profiles: flown or refused, never taken and ignored."""
+"""DO_REPOSITION and DO_CHANGE_SPEED: flown or refused, never taken and ignored."""
 
 import math
 
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
+from sim.autopilots.modes import PX4
 from tests.sim.station import aboard
 
 REPOSITION, CHANGE_SPEED = 192, 178
 HOME = (-35.3632621, 149.1652374)
-ACCEPTED, DENIED, FAILED = 0, 2, 4
+ACCEPTED, NOT_NOW, DENIED, FAILED = 0, 1, 2, 4
 AMSL, RELATIVE, TERRAIN = 5, 6, 11  # MAV_FRAME_GLOBAL_INT, _RELATIVE_ALT_INT, _TERRAIN_ALT_INT
 EARTH = 6_378_137.0
 
@@ -24,25 +25,38 @@ def reposition(at, north, east, height, *, frame=RELATIVE, flags=1):
     return result
 
 
-@pytest.mark.parametrize(("frame", "height"), [(RELATIVE, 40.0), (AMSL, 624.0)])
-def test_a_copter_flies_there_and_stays(frame, height):
-    companion = aboard("arducopter")
+@pytest.mark.parametrize(
+    ("profile", "frame", "height"),
+    [("arducopter", RELATIVE, 40.0), ("arducopter", AMSL, 624.0), ("px4_copter", AMSL, 624.0)],
+)
+def test_a_copter_flies_there_at_the_speed_asked_for_and_stays(profile, frame, height):
+    companion = aboard(profile)
+    assert companion.command(CHANGE_SPEED, 1, 4.0, -1) == [ACCEPTED]
     assert reposition(companion, 80.0, -60.0, height, frame=frame) == ACCEPTED
-    companion.wait(60.0)
+    companion.wait(20.0)
+    assert companion.truth.ground_speed == pytest.approx(4.0, abs=0.1)
+    companion.wait(100.0)
     truth = companion.truth
     assert (truth.north, truth.east, truth.down) == pytest.approx((80.0, -60.0, -40.0), abs=1.0)
-    assert companion.listen("HEARTBEAT")[-1].custom_mode == 4  # GUIDED
+    assert truth.mode == (4 if profile == "arducopter" else PX4["LOITER"])
 
 
-def test_a_plane_circles_there_at_that_height():
-    companion = aboard("arduplane")
-    assert reposition(companion, 500.0, 300.0, 120.0) == ACCEPTED
-    companion.wait(60.0)
+@pytest.mark.parametrize(
+    ("profile", "frame", "height", "radius", "within"),
+    [("arduplane", RELATIVE, 120.0, 60.0, 25.0), ("px4_plane", AMSL, 704.0, 80.0, 8.0)],
+)
+def test_a_plane_circles_there_at_that_height(profile, frame, height, radius, within):
+    """radius: WP_LOITER_RAD, NAV_LOITER_RAD."""
+    companion = aboard(profile, vehicle={"airspeed_scale": 1.0})
+    speed = 12.0 if profile == "px4_plane" else 25.0
+    assert reposition(companion, 300.0, 200.0, height, frame=frame) == ACCEPTED
+    assert companion.command(CHANGE_SPEED, 0, speed, -1) == [ACCEPTED]
+    companion.wait(90.0)
     for _ in range(5):
         companion.wait(5.0)
         truth = companion.truth
-        assert math.hypot(truth.north - 500.0, truth.east - 300.0) == pytest.approx(60.0, abs=25.0)  # WP_LOITER_RAD
-        assert truth.down == pytest.approx(-120.0, abs=3.0)
+        assert math.hypot(truth.north - 300.0, truth.east - 200.0) == pytest.approx(radius, abs=within)
+        assert (truth.down, truth.airspeed) == pytest.approx((-120.0, speed), abs=0.6)
 
 
 def test_a_rover_drives_there_and_stops_and_the_next_setpoint_takes_it_away():
@@ -72,12 +86,9 @@ def test_what_is_not_flown_is_refused(profile):
     assert reposition(disarmed, 80.0, 0.0, 40.0) == FAILED
 
 
-def test_a_copter_flies_its_legs_at_the_speed_asked_for():
+def test_a_speed_that_is_none_is_refused_and_px4_refuses_a_place_without_a_position():
     companion = aboard("arducopter")
-    assert companion.command(CHANGE_SPEED, 1, 3.0, -1) == [ACCEPTED]
-    assert reposition(companion, 200.0, 0.0, 50.0) == ACCEPTED
-    companion.wait(20.0)
-    assert companion.truth.ground_speed == pytest.approx(3.0, abs=0.1)
-    assert companion.command(CHANGE_SPEED, 1, -1.0, -1) == [FAILED]
-    assert companion.command(CHANGE_SPEED, 9, 3.0, -1) == [FAILED]
-    assert companion.command(CHANGE_SPEED, math.nan, 3.0, -1) == [FAILED]
+    for kind, speed in ((1, -1.0), (9, 3.0), (math.nan, 3.0)):
+        assert companion.command(CHANGE_SPEED, kind, speed, -1) == [FAILED]
+    lost = aboard("px4_copter", "ALTCTL", vehicle={"gps": False})
+    assert reposition(lost, 80.0, 0.0, 604.0, frame=AMSL) == NOT_NOW

@@ -42,17 +42,26 @@ def test_an_empty_file_flies():
         ({"start": {"armed": False, "altitude_m": 10}}, "f.toml: start.armed: false needs altitude_m = 0"),
         ({"events": [{"action": "explode"}]}, "f.toml: events[0].action: should be 'mode', 'arm', "),
         ({"events": [{"action": "mode"}]}, "f.toml: events[0].mode: is missing"),
+        (
+            {"ranging": {"message": "ranging_beacon"}},
+            'f.toml: ranging.via: autopilots do not know RANGING_BEACON and do not forward it, use via = "direct"',
+        ),
+        (
+            {"ranging": {"via": "autopilot", "rate_name": "R"}},
+            "f.toml: ranging.rate_name: the autopilot re-sends ranges",
+        ),
+        ({"ranging": {"via": "autopilot", "message": "named_value_float"}}, "f.toml: ranging.message: the autopilot"),
+        ({"ranging": {"component_id": 1}}, "f.toml: ranging.component_id: 1 is the autopilot itself"),
+        (
+            {"vehicle": {"profile": "arduplane", "dynamics": "airborne"}},
+            'f.toml: vehicle.dynamics: "airborne" is an arducopter, not an arduplane',
+        ),
     ],
 )
 def test_a_mistake_is_named_in_one_line(table, complaint):
     with pytest.raises(ConfigError) as caught:
         parse_vehicle(table, "f.toml")
     assert str(caught.value).startswith(complaint) and "\n" not in str(caught.value)
-
-
-def test_a_beacon_cannot_be_forwarded_and_the_remedy_is_named():
-    with pytest.raises(ConfigError, match='via = "direct"'):
-        parse_vehicle({"ranging": {"message": "ranging_beacon"}}, "f.toml")
 
 
 def test_a_mission_files_sim_table_is_used_and_the_rest_ignored(tmp_path):

@@ -3,7 +3,6 @@
 import struct
 from collections.abc import Callable, Iterable
 from copy import deepcopy
-from itertools import count
 from random import Random
 from typing import Any
 
@@ -19,7 +18,7 @@ from tests.faults.cell import FRESH, Scenario, Want
 from tests.faults.course import Course
 from tests.faults.scenarios.line import PX4
 from tests.faults.scenarios.ranging import SLOW
-from tests.faults.tampering import acknowledgement, answered, dropping, late
+from tests.faults.tampering import acknowledgement, answered, dropping, late, said_again
 from tests.flight.ground_station import Operator
 
 SET_MODE, ACK = 176, 77
@@ -232,25 +231,14 @@ def _padded(frame: bytes, payload: bytes) -> bytes:
     return (known + bytes(max(0, size - len(known))) + payload[len(known) :])[:255]
 
 
-def replaying(course: Course, seed: int) -> None:
-    """Everything that was heard is heard again five seconds later, as a replay attack or a looped route would."""
-    heard: list[tuple[float, bytes]] = []
-    numbers = count()
-
-    def listen(way: str, data: bytes, now: float) -> Iterable[Passage]:
-        if way == DOWN and next(numbers) % 5 == 0 and message_id(data) == 132:
-            heard.append((now + 5.0, data))
-        due = [data for time, data in heard if time <= now]
-        heard[:] = [item for item in heard if item[0] > now]
-        return [(way, data), *((DOWN, frame) for frame in due)]
-
-    course.link.tampers.append(listen)
+def is_range_for_us(way: str, data: bytes) -> bool:
+    return way == DOWN and message_id(data) == 132
 
 
 VERSION_1 = ("sim.vehicle.mavlink_version=1",)
 OTHERS = [
     Scenario("F22", "MAVLink 1 only", want=Want.REFUSE, reason="MAVLink 1 only", overrides=VERSION_1, **FRESH),
     Scenario("F22", "extension fields of the future", arrange=tamper(longer)),
-    Scenario("F22", "ranges replayed after 5 s", arrange=replaying, quick=True),
+    Scenario("F22", "ranges replayed after 5 s", arrange=tamper(said_again(5.0, is_range_for_us)), quick=True),
 ]
 PEERS = [*HOST, *OPERATOR, *LINKS, *IDENTITY, *COMMANDS, *OTHERS]

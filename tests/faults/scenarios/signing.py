@@ -1,7 +1,6 @@
 """F22: signed links, and those who have no key, another one, or somebody else's frames."""
 
-from collections.abc import Callable, Iterable
-from itertools import count
+from collections.abc import Callable
 from typing import Any
 
 from pymavlink.dialects.v20 import all as mavlink
@@ -9,10 +8,12 @@ from pymavlink.dialects.v20 import all as mavlink
 from circnav_mav.mav.signing import EPOCH, LATEST, SECOND, Refusal
 from sim.faults import DOWN, UP, Impairment
 from sim.faults.intruders import speaking, vehicle
-from sim.faults.link import Intruder, Passage
+from sim.faults.link import Intruder
 from tests.faults.cell import FRESH, Scenario, Want
 from tests.faults.course import Course
-from tests.flight.signed import KEY, OTHER, UNIX, voice
+from tests.faults.tampering import said_again
+from tests.flight.lockstep import UNIX
+from tests.flight.signed import KEY, OTHER, voice
 
 BOTH = (KEY, KEY)
 HOUR = 3600.0
@@ -49,19 +50,8 @@ def second_vehicle(course: Course, seed: int) -> None:
     course.link.intruders.append(vehicle(1))
 
 
-def said_again(course: Course, seed: int) -> None:
-    """A fifth of all that was said is said again five seconds later, both ways."""
-    heard: list[tuple[float, Passage]] = []
-    numbers = count()
-
-    def listen(way: str, data: bytes, now: float) -> Iterable[Passage]:
-        if next(numbers) % 5 == 0:
-            heard.append((now + 5.0, (way, data)))
-        due = [passage for time, passage in heard if time <= now]
-        heard[:] = [item for item in heard if item[0] > now]
-        return [(way, data), *due]
-
-    course.link.tampers.append(listen)
+def replayed(course: Course, seed: int) -> None:
+    course.link.tampers.append(said_again(5.0))
 
 
 def clock(*, ours: float = 0.0, theirs: float | None = 0.0) -> Arrange:
@@ -111,7 +101,7 @@ SIGNING = [
     signed("forged frames, stamps of the future", both_ways(OTHER, LATEST), refused(WRONG), quick=True),
     fresh("forged frames of the future from the start", Want.ENGAGE, both_ways(OTHER, LATEST), check=refused(WRONG)),
     signed("true frames of an hour ago", both_ways(KEY, stamp(UNIX - HOUR), link_id=7), refused(BEHIND)),
-    signed("all said again after 5 s", said_again, refused(REPEATED), quick=True),
+    signed("all said again after 5 s", replayed, refused(REPEATED), quick=True),
     signed("second vehicle, our system", second_vehicle, refused(UNSIGNED, by_vehicle=False)),
     fresh("vehicle without a clock", Want.ENGAGE, clock(theirs=None)),
     fresh("vehicle's clock -2 h", Want.ENGAGE, clock(theirs=-2 * HOUR), quick=True),
