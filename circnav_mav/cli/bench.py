@@ -7,8 +7,8 @@ from pathlib import Path
 import click
 
 from circnav_mav.cli.exits import Exit, Refused, refusing
+from circnav_mav.experiments.batch.flight import SITUATIONS
 from circnav_mav.experiments.batch.guidance import POLICIES
-from circnav_mav.experiments.batch.situations import SITUATIONS
 from circnav_mav.experiments.bench import run
 from circnav_mav.experiments.worker_pool import WorkerDiedError
 

@@ -5,8 +5,7 @@ from pathlib import Path
 import click
 
 from circnav_mav.cli.exits import Exit, Refused, refusing
-from circnav_mav.experiments.ideal import random_starts
-from circnav_mav.experiments.paper import EXAMPLES, draw, study, table
+from circnav_mav.experiments.paper import EXAMPLES, draw, random_starts, study, table
 from circnav_mav.runlog.atomic_write import write_text
 
 SHOWN = 2

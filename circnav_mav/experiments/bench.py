@@ -16,13 +16,12 @@ from typing import Any
 import numpy as np
 
 from circnav_mav.experiments.batch import metrics
-from circnav_mav.experiments.batch.flight import Situation, Tracks, fly_situation, policy
-from circnav_mav.experiments.batch.situations import LAST, SITUATIONS
+from circnav_mav.experiments.batch.flight import LAST, SITUATIONS, Situation, Tracks, fly_situation, policy
 from circnav_mav.experiments.bench_table import Cell, line, markdown, write_csv
 from circnav_mav.experiments.worker_pool import workers
 from circnav_mav.guidance.types import Direction, Orbit
 from circnav_mav.runlog.atomic_write import write_text
-from circnav_mav.runlog.turn_command import turn_figures
+from circnav_mav.runlog.metrics import turn_figures
 
 Array = Any
 KEPT_BELOW = 10.0
@@ -42,7 +41,7 @@ def run(
                 write_csv(done, out / "table.csv")
                 write_text(out / "table.md", markdown(done))
     if out is not None:
-        from circnav_mav.experiments.bench_picture import draw
+        from circnav_mav.experiments.bench_table import draw
 
         draw(done, out / "table.png")
     return done

@@ -1,4 +1,4 @@
-"""What a cell of the benchmark tells: its figures, its line, and the two tables of BENCHMARK.md."""
+"""What a cell of the benchmark tells: its figures, its line, the two tables of BENCHMARK.md, and their picture."""
 
 import csv
 from collections.abc import Sequence
@@ -6,7 +6,12 @@ from dataclasses import asdict, dataclass
 from math import isfinite
 from pathlib import Path
 
-from circnav_mav.experiments.batch.situations import SITUATIONS
+import numpy as np
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+
+from circnav_mav.experiments.batch.flight import SITUATIONS
+from circnav_mav.report.plots import save
 from circnav_mav.runlog.atomic_write import atomic_write
 
 OWN = "auto"
@@ -131,3 +136,28 @@ def _times(value: float) -> str:
 
 def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "".join(f"| {' | '.join(cells)} |\n" for cells in (header, ["---"] * len(header), *rows))
+
+
+TITLE = 5.5
+"""Width, inches, that the title needs."""
+
+
+def draw(cells: Sequence[Cell], path: Path) -> None:
+    """Situations down, laws across."""
+    rows, columns = list(dict.fromkeys(c.situation for c in cells)), list(dict.fromkeys(c.policy for c in cells))
+    values = np.full((len(rows), len(columns)), np.nan)
+    size = max(TITLE, 2 + 1.1 * len(columns)), 1.5 + 0.42 * len(rows)
+    figure = Figure(figsize=size, layout="constrained")
+    axes = figure.subplots()
+    for cell in cells:
+        i, j = rows.index(cell.situation), columns.index(cell.policy)
+        values[i, j] = max(cell.rms_median, 1e-3)
+        kept = "" if cell.kept == cell.flights else f"\n{100 * cell.kept / cell.flights:.0f} % kept"
+        shown = f"{cell.rms_median:.2f}" if cell.rms_median < LOST else "lost"
+        axes.text(j, i, shown + kept, ha="center", va="center", fontsize=7)
+    image = axes.imshow(values, norm=LogNorm(0.05, 50), cmap="RdYlGn_r", aspect="auto")
+    axes.set_xticks(range(len(columns)), columns, rotation=35, ha="right", fontsize=8)
+    axes.set_yticks(range(len(rows)), rows, fontsize=8)
+    axes.set_title(f"Median RMS radius error, m, last 100 of 400 s, {cells[0].flights} flights a cell", fontsize=9)
+    figure.colorbar(image, ax=axes, label="m")
+    save(figure, path, dpi=130)

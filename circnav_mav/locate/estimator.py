@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from circnav_mav.locate.geodesy import Plane
-from circnav_mav.locate.place import Array, Place
+from circnav_mav.locate.place import Array, Place, Plane
 
 LEAST = 20
 """Ranges below which nothing is estimated."""

@@ -12,9 +12,8 @@ from typing import Any
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.guidance.types import OwnMotion, RelativeMotion
-from circnav_mav.locate.geodesy import Plane
-from circnav_mav.locate.messages import position_estimate
-from circnav_mav.locate.place import Place
+from circnav_mav.locate.export import position_estimate
+from circnav_mav.locate.place import Place, Plane
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.commands import RESULT_NAMES
 

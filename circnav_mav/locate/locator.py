@@ -14,10 +14,9 @@ import numpy as np
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.locate.estimator import Knowledge, NotYet, Ranges, Track
-from circnav_mav.locate.geodesy import Plane
+from circnav_mav.locate.export import camera, named_values, orbit_status, own_beacon
 from circnav_mav.locate.handback import COMPASS_SIGMA, PLACE_SIGMA, DeadReckoning, HandBack, HandBackSettings
-from circnav_mav.locate.messages import camera, named_values, orbit_status, own_beacon
-from circnav_mav.locate.place import Place
+from circnav_mav.locate.place import Place, Plane
 from circnav_mav.locate.watch import Culprit, GpsWatch, Look, angle_between
 from circnav_mav.mav.autopilots.interface import PLAUSIBLE_AIRSPEED
 from circnav_mav.mav.clocks import BOOT_WRAP, RemoteClock

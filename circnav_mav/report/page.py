@@ -9,8 +9,7 @@ from pathlib import Path
 from circnav_mav.guidance.types import Orbit
 from circnav_mav.pilot import OutputMode, phase_name
 from circnav_mav.pilot.mission_state import Phase
-from circnav_mav.report.chart_data import alarms, as_script, chart_data
-from circnav_mav.report.segments import known_track
+from circnav_mav.report.chart_data import alarms, as_script, chart_data, known_track
 from circnav_mav.runlog.atomic_write import write_text
 from circnav_mav.runlog.events import Event, events
 from circnav_mav.runlog.run_folder import Run

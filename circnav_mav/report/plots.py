@@ -1,5 +1,7 @@
-"""Pictures of a run: flight.png (track as far as it is known, range, error, turn rate) and replay.png."""
+"""Pictures of a run: flight.png (track as far as it is known, range, error, turn rate), replay.png, and the map of what
+was located; and what all pictures of the product share."""
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -8,10 +10,25 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from circnav_mav.guidance.types import Orbit
-from circnav_mav.report.pictures import STYLE, literal, save
-from circnav_mav.report.segments import Track, broken, fresh, known_track
+from circnav_mav.locate.place import Plane
+from circnav_mav.report.chart_data import Track, broken, fresh, known_track
+from circnav_mav.runlog.atomic_write import atomic_write
 from circnav_mav.runlog.metrics import TOLERANCE
 from circnav_mav.runlog.ticks import Column, Ticks, Truth
+
+STYLE: Any = {"font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "axes.axisbelow": True}
+
+
+def literal(text: str) -> str:
+    """A text that matplotlib draws as it is: in names of files and missions, dollars enclose no formula."""
+    return text.replace("$", r"\$")
+
+
+def save(figure: Figure, path: Path, dpi: int = 110) -> None:
+    """Write a PNG. Raises OSError; an older one is then still there."""
+    with atomic_write(path) as fresh:
+        figure.savefig(fresh, dpi=dpi, format="png")
+
 
 ESTIMATE, MEASURED, TRUE, DESIRED, LIMIT = "#0063a6", "#9aa9ba", "#d55e00", "#007a5a", "#777777"
 HOLD_BAND = "#f6d8a8"
@@ -142,3 +159,44 @@ def _mark_holding(axis: Any, ticks: Ticks) -> None:
         looks = {"color": HOLD_BAND, "alpha": 0.7, "lw": 0, "label": "no range, holding"}
         axis.fill_between(ticks.time, low, high, where=holding, **looks)
         axis.set_ylim(low, high)
+
+
+TRACK, TARGET = "#0063a6", "#d55e00"
+
+
+def plot_map(path: Path, table: str, title: str) -> None:
+    """Draw the features of a GeoJSON of ours: once with the track, once as near as the ellipses are. Raises OSError."""
+    features = json.loads(table)["features"]
+    points = [feature for feature in features if feature["geometry"]["type"] == "Point"]
+    longitude, latitude = points[0]["geometry"]["coordinates"]
+    plane = Plane(latitude, longitude)
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(11, 5.5), layout="constrained")
+        figure.suptitle(literal(title))
+        wide, near = figure.subplots(1, 2)
+        for axis in (wide, near):
+            for feature in features:
+                _draw(axis, feature, plane)
+            axis.set_aspect("equal", adjustable="datalim")
+            axis.set_xlabel(f"east of {latitude:.6f} {longitude:.6f}, m")
+            axis.set_ylabel("north, m")
+        half = max(2.0, 1.5 * max(point["properties"]["ellipse_95"]["semi_major_m"] for point in points[:1]))
+        near.set_aspect("equal", adjustable="box")
+        near.set_xlim(-half, half)
+        near.set_ylim(-half, half)
+        wide.legend(loc="upper right", fontsize=8)
+        save(figure, path)
+
+
+def _draw(axis: Any, feature: dict[str, Any], plane: Plane) -> None:
+    geometry, name = feature["geometry"], literal(str(feature["properties"]["name"]))
+    longitude, latitude = np.reshape(np.array(geometry["coordinates"], float), (-1, 2)).T
+    east, north = plane.to_metres(latitude, longitude)
+    match geometry["type"]:
+        case "Point":
+            axis.plot(east, north, "+", color=TARGET, ms=10, mew=2, label=name)
+        case "Polygon":
+            axis.fill(east, north, color=TARGET, alpha=0.15, lw=0)
+            axis.plot(east, north, color=TARGET, lw=0.8)
+        case _:
+            axis.plot(east, north, color=TRACK, lw=0.8, label=name)

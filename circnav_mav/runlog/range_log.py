@@ -10,7 +10,7 @@ import numpy as np
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.locate.estimator import Ranges, Track
-from circnav_mav.locate.geodesy import Plane
+from circnav_mav.locate.place import Plane
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.ranging.interface import RangingSettings, Reading
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES

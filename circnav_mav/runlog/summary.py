@@ -12,8 +12,8 @@ from circnav_mav.guidance.types import Direction, Orbit
 from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.runlog import metrics
 from circnav_mav.runlog.atomic_write import write_json
+from circnav_mav.runlog.metrics import NAMES, late_figures
 from circnav_mav.runlog.ticks import Ticks, Truth
-from circnav_mav.runlog.turn_command import NAMES, late_figures
 
 NOT_OURS = frozenset(
     phase.value for phase in (Phase.WAIT_LINK, Phase.WAIT_RANGING, Phase.READY, Phase.YIELDED, Phase.ENDED)

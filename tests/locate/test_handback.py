@@ -7,8 +7,8 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.guidance.types import OwnMotion
-from circnav_mav.locate.geodesy import Plane
 from circnav_mav.locate.handback import DeadReckoning, HandBack, HandBackSettings, Where
+from circnav_mav.locate.place import Plane
 from sim.world import to_degrees
 from tests.locate.flown import Surveyed, surveyed
 

@@ -11,9 +11,8 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.guidance.types import Direction, Orbit
 from circnav_mav.locate import export
-from circnav_mav.locate.geodesy import Plane
-from circnav_mav.locate.messages import orbit_status, own_beacon
-from circnav_mav.locate.place import Place
+from circnav_mav.locate.export import orbit_status, own_beacon
+from circnav_mav.locate.place import Place, Plane
 from sim.world import HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG, to_degrees
 
 PLACE = Place(

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from circnav_mav.guidance.types import Direction, Orbit
+from circnav_mav.runlog.metrics import NAMES
 from circnav_mav.runlog.summary import FlightFacts, summarise, write_summary
 from circnav_mav.runlog.ticks import NO_TICKS, read_ticks, read_truth
-from circnav_mav.runlog.turn_command import NAMES
 from tests.runlog.conftest import EPOCH_US, rewrite_ticks
 
 FACTS = FlightFacts(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from circnav_mav.guidance.types import Direction, Orbit
-from circnav_mav.runlog.turn_command import turn_figures
+from circnav_mav.runlog.metrics import turn_figures
 
 V, R, LIMIT, STEP = 22.0, 150.0, 0.45, 0.05
 ORBIT = Orbit(R, Direction.CLOCKWISE, V, LIMIT)

@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from circnav_mav.experiments.batch.draws import Draws
-from circnav_mav.experiments.batch.world import turned
+from circnav_mav.experiments.batch.world import Draws, turned
 from circnav_mav.guidance.slant import MAX_SIGMA_GROWTH
 
 Array = Any

@@ -1,4 +1,4 @@
-"""The vehicles of a batch and what surrounds them: wind, gusts, targets, and how a vehicle turns."""
+"""The vehicles of a batch and what surrounds them: wind, gusts, targets, how a vehicle turns; and random numbers."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,9 +6,31 @@ from typing import Any
 
 import numpy as np
 
-from circnav_mav.experiments.batch.draws import Draws
-
 Array = Any
+BLOCK = 64
+"""Draws made at once: a call of numpy costs as much as some hundred numbers."""
+
+
+class Draws:
+    """So many normal and uniform numbers of every flight at a time, (normals + uniforms, B). One seed, one stream; part
+    tells the streams of one seed apart."""
+
+    def __init__(self, seeds: Sequence[Sequence[int]], part: int, normals: int, uniforms: int = 0) -> None:
+        self._streams = [np.random.default_rng([*seed, part]) for seed in seeds]
+        self._normals, self._uniforms, self._at = normals, uniforms, BLOCK
+        self._block = np.empty((BLOCK, normals + uniforms, len(seeds)))
+
+    def next(self) -> Array:
+        """The next numbers."""
+        if self._at == BLOCK:
+            for flight, stream in enumerate(self._streams):
+                self._block[:, : self._normals, flight] = stream.standard_normal((BLOCK, self._normals))
+                self._block[:, self._normals :, flight] = stream.random((BLOCK, self._uniforms))
+            self._at = 0
+        self._at += 1
+        return self._block[self._at - 1]
+
+
 GAUSS_AT = np.array([0.5 - np.sqrt(15) / 10, 0.5, 0.5 + np.sqrt(15) / 10])
 GAUSS_WEIGHT = np.array([5.0, 8.0, 5.0]) / 18
 VEER_TIME, VEER_EVERY = 10.0, 50.0

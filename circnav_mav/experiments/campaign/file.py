@@ -8,8 +8,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from circnav_mav.experiments.campaign.plan import START, Campaign
-from circnav_mav.experiments.campaign.spec import DRAWS, Spec, SpecError, flat, read_spec
+from circnav_mav.experiments.campaign.plan import DRAWS, START, Campaign, Spec, SpecError, flat, read_spec
 from circnav_mav.mission.load import MissionError, load_mission, read_text, read_toml
 from circnav_mav.mission.problems import in_words
 

@@ -12,9 +12,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
+from circnav_mav.experiments.campaign.figures import figures, percentile
 from circnav_mav.experiments.campaign.plan import START
-from circnav_mav.experiments.campaign.summary import figures, percentile
-from circnav_mav.report.pictures import STYLE, literal, save
+from circnav_mav.report.plots import STYLE, literal, save
 
 Rows = Sequence[dict[str, str]]
 LOST, LINE = "#c8501e", "#1f5fa8"

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from circnav_mav.cli.campaign import _say
+from circnav_mav.experiments.campaign.figures import figures, median_interval, percentile, summarise, wilson
 from circnav_mav.experiments.campaign.plots import _against, _distributions, _starts, plot_campaign
-from circnav_mav.experiments.campaign.summary import figures, median_interval, percentile, summarise, wilson
 
 TURN = {
     "turn_std_deg_s": "1", "turn_at_limit": "0.25", "turn_variation_rad_s2": "0.2", "turn_limit_cycle": "false"
