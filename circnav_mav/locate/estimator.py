@@ -99,19 +99,15 @@ def locate(plane: Plane, track: Track, ranges: Ranges, known: Knowledge, near: P
     if len(ranges.r) < LEAST:
         return NotYet(f"{len(ranges.r)} ranges with positions round them, {LEAST} are needed{_apart(track, heard)}")
     still = _best(plane, track, ranges, known, near)
-    if isinstance(still, Place) and known.sigma_known and _explains(still, ranges):
-        return still
     newest = ranges.take(ranges.time >= ranges.time[-1] - MOVING_WINDOW)
-    if len(newest.r) < LEAST:
+    if len(newest.r) < LEAST or (isinstance(still, Place) and known.sigma_known and _explains(still, ranges)):
         return still
     moving = _Problem(track, newest, known, moves=True)
     fits = [moving.fit(start) for start in _moving_starts(track, newest, still, near)]
     fit = min(filter(None, fits), key=lambda one: one.cost, default=None)
     # motion contains rest: it must fit better by far, and the velocity be more than the wander of the positions
-    rest = None
-    if isinstance(still, Place):
-        rest = _Problem(track, newest, known).fit(np.array([still.east, still.north]))
-    if fit is None or (rest is not None and 2 * (rest.cost - fit.cost) < MOVING):
+    at_rest = isinstance(still, Place) and _Problem(track, newest, known).fit(np.array([still.east, still.north]))
+    if fit is None or (at_rest and 2 * (at_rest.cost - fit.cost) < MOVING):
         return still
     place = moving.finish(fit, plane)
     return place if place is not None and _moves(place) else still
@@ -121,15 +117,14 @@ def _apart(track: Track, ranges: Ranges) -> str:
     """Where enough ranges came, and positions too, why they do not go together: clocks, or the unit of time."""
     if len(ranges.r) < LEAST or len(track.time) < 2:
         return ""
-    spans = [f"{time[0]:.6g} .. {time[-1]:.6g} s" for time in (ranges.time, track.time)]
-    gap = float(np.median(np.diff(track.time)))
-    return f"; ranges of {spans[0]}, positions of {spans[1]}, one every {gap:.3g} s: one clock, in seconds?"
+    of_ranges, of_positions = (f"{time[0]:.6g} .. {time[-1]:.6g} s" for time in (ranges.time, track.time))
+    every = f"one every {float(np.median(np.diff(track.time))):.3g} s"
+    return f"; ranges of {of_ranges}, positions of {of_positions}, {every}: one clock, in seconds?"
 
 
 def _explains(place: Place, ranges: Ranges) -> bool:
     """Whether a target that stands explains the ranges: then nobody need ask whether it moves."""
-    quiet = place.noise < EXPLAINED * float(np.median(ranges.sigma))
-    return quiet and place.outliers < 0.2 * place.used
+    return place.noise < EXPLAINED * float(np.median(ranges.sigma)) and place.outliers < 0.2 * place.used
 
 
 def _moves(place: Place) -> bool:
@@ -237,16 +232,9 @@ class _Problem:
         scale = np.ones_like(x)
         scale[[E, N, U]], scale[DELAY] = 10.0, 0.1
         found = least_squares(
-            self._residuals,
-            x,
-            self._jacobian,
-            loss=self._loss,
-            f_scale=HUBER,
-            x_scale=scale,
-            max_nfev=30,
-            ftol=1e-5,
+            self._residuals, x, self._jacobian, loss=self._loss, f_scale=HUBER, x_scale=scale, max_nfev=30, ftol=1e-5,
             xtol=1e-5,
-        )
+        )  # fmt: skip
         return found if np.isfinite(found.cost) else None
 
     def _loss(self, z: Array) -> Array:
@@ -266,20 +254,18 @@ class _Problem:
         count = len(self.ranges.r)
         off = fit.fun[:count]
         scale = 1.4826 * float(np.median(np.abs(off)))
-        keep = np.abs(off) <= OUTLIER * max(scale, 1.0 if self.known.sigma_known else 1e-6)
+        least = 1.0 if self.known.sigma_known else 1e-6
+        keep = np.abs(off) <= OUTLIER * max(scale, least)
         if keep.sum() < LEAST:
             return None
-        spread = float(np.sqrt(np.mean(off[keep] ** 2))) if keep.any() else scale
-        worse = max(spread, 1.0) if self.known.sigma_known else max(spread, 1e-6)
-        worse *= np.sqrt(_correlation(off[keep]))
-        kept = self.ranges.take(keep)
+        spread, kept = float(np.sqrt(np.mean(off[keep] ** 2))), self.ranges.take(keep)
+        worse = max(spread, least) * np.sqrt(_correlation(off[keep]))
         again = _Problem(self.track, replace(kept, sigma=kept.sigma * worse), self.known, moves=self.moves)
         last = again.fit(fit.x[[E, N, VE, VN]] if self.moves else fit.x[:2])
         if last is None:
             return None
-        information = last.jac.T @ last.jac
         try:
-            covariance: Array = np.linalg.inv(information).astype(float)
+            covariance: Array = np.linalg.inv(last.jac.T @ last.jac).astype(float)
         except np.linalg.LinAlgError:
             return None
         x = last.x

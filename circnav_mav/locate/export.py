@@ -4,7 +4,7 @@ coordinates: these formats mean the ellipsoid's, a vehicle counts from the sea."
 import json
 from collections.abc import Iterable
 from datetime import UTC, datetime, timedelta
-from math import cos, isfinite, pi, radians, sin
+from math import cos, isfinite, nan, pi, radians, sin
 from typing import Any
 from xml.etree import ElementTree as Xml
 
@@ -48,9 +48,7 @@ def orbit_status(place: Place, orbit: Orbit, now: float) -> Message:
 def own_beacon(place: Place, slant: float, sigma: float, target: tuple[int, int], now: float) -> Message:
     """RANGING_BEACON: the newest range with the place of its beacon, mm; PX4 knows the message."""
     x, y = degrees_e7(place)
-    altitude, vertical = (
-        (place.up, round(place.up_sigma * 1000)) if place.up_known else (float("nan"), UNKNOWN_ACCURACY)
-    )
+    altitude, vertical = (place.up, round(place.up_sigma * 1000)) if place.up_known else (nan, UNKNOWN_ACCURACY)
     return dialect.MAVLink_ranging_beacon_message(
         round(now * 1e6), *target, 0, round(slant * 1000), x, y, altitude, 0, round(place.sigma * 1000), vertical, 0,
         round(sigma * 1000), round(now * 10) % 256, 0,
@@ -72,7 +70,7 @@ def position_estimate(
     standard deviation, m. ArduPilot wants z to be NaN and the frame to be GLOBAL."""
     return dialect.MAVLink_command_int_message(
         *target, dialect.MAV_FRAME_GLOBAL, dialect.MAV_CMD_EXTERNAL_POSITION_ESTIMATE, 0, 0,
-        now % 10_000.0, age, sigma, 0.0, round(latitude * 1e7), round(longitude * 1e7), float("nan"),
+        now % 10_000.0, age, sigma, 0.0, round(latitude * 1e7), round(longitude * 1e7), nan,
     )  # fmt: skip
 
 

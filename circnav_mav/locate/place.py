@@ -119,6 +119,10 @@ class Place:
         """Of a target that moves, degrees clockwise from north."""
         return degrees(atan2(*self.velocity)) % 360
 
+    def distance(self, other: "Place") -> float:
+        """Between two places on the same plane, m."""
+        return hypot(self.east - other.east, self.north - other.north)
+
     def at(self, time: float) -> "Place":
         """The place at another time; a target that moves is less well known then."""
         if self.velocity_sigma is None:

@@ -70,9 +70,8 @@ def read_log(path: Path) -> RangeLog:
         kinds = ", ".join(kind.type for kind in RANGING_MESSAGES.values())
         raise RunError(f"{file}: no ranges in it: {kinds} of a tlog, or the column range of a CSV")
     if len(log.positions) < 2:
-        raise RunError(
-            f"{file}: no positions in it: GLOBAL_POSITION_INT with a 3D fix, or latitude and longitude of a CSV"
-        )
+        kinds = "GLOBAL_POSITION_INT with a 3D fix, or latitude and longitude of a CSV"
+        raise RunError(f"{file}: no positions in it: {kinds}")
     return log
 
 

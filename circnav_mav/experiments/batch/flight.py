@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from circnav_mav.experiments.batch.guidance import POLICIES, Always, Guidance, estimator, fly
+from circnav_mav.experiments.batch.guidance import POLICIES, Authority, Guidance, estimator, fly
 from circnav_mav.experiments.batch.sensors import (
     LORA,
     UWB,
@@ -159,7 +159,7 @@ def fly_situation(situation: Situation, make: Make, flights: int, seed: int) -> 
         for name, value in zip(ROWS, row, strict=True):
             kept[name][step] = value
 
-    fly(world, radio, senses, guidance, Always(flights, steps), situation.dt, record)
+    fly(world, radio, senses, guidance, Authority(flights, steps), situation.dt, record)
     return Tracks(time=np.arange(steps) * situation.dt, sense=sense, start=first, **kept)
 
 

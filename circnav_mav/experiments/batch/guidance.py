@@ -3,7 +3,7 @@ and its closed loop with world, radio and senses."""
 
 from collections.abc import Callable
 from dataclasses import fields
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -99,35 +99,22 @@ ATTITUDE_EVERY = 0.05
 """Time, s, from one heading to the next by which a turn gain is learnt: that of ATTITUDE, as asked for."""
 
 
-class Authority(Protocol):
-    """Which flights are under our control at a step, masks (B,)."""
-
-    def hears(self, step: int) -> Array:
-        """Whose ranges reach us."""
-        ...
-
-    def flies(self, step: int, good: Array) -> Array:
-        """Who is steered by us, after an estimate that is good for some."""
-        ...
-
-    def over(self, step: int) -> bool:
-        """Whether all have ended."""
-        ...
-
-
-class Always(Authority):
-    """From the first step to the last."""
+class Authority:
+    """Which flights are under our control at a step, masks (B,): here all, from the first step to the last."""
 
     def __init__(self, flights: int, steps: int) -> None:
         self._all, self._steps = np.ones(flights, bool), steps
 
     def hears(self, step: int) -> Array:
+        """Whose ranges reach us."""
         return self._all
 
     def flies(self, step: int, good: Array) -> Array:
+        """Who is steered by us, after an estimate that is good for some."""
         return self._all
 
     def over(self, step: int) -> bool:
+        """Whether all have ended."""
         return step >= self._steps
 
 

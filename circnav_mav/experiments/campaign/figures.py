@@ -3,7 +3,7 @@ with their confidence intervals."""
 
 import math
 from collections.abc import Mapping, Sequence, Sized
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from math import ceil, floor, isfinite, prod, sqrt
 from typing import Any
 
@@ -78,78 +78,57 @@ Z = 1.959964
 """Both intervals are of 95 %."""
 LEAST_WORLDS = 6
 Interval = tuple[float | None, float | None]
+Rows = Sequence[dict[str, str]]
+"""Of the table, as text."""
 
 
-@dataclass(frozen=True, slots=True)
-class Figures:
-    """failed: could not be flown. not_engaged: ended before it was ours; neither has an RMS error or a settling time,
-    and those figures are of the others. wrong_way: went round in the wrong sense. rms_*: m, radius error of the last
-    third. settled_*: s from the engagement until within 5 % for good, all of the last third included, None where that
-    is never. closest: m, of all flights. worlds: flights that share their draws and their noise at several points of
-    the grid count as one in the intervals. turn_*: medians of the flights' figures of the turn command (see
-    `turn_command`). limit_cycles: flights whose command was in one."""
+def figures(rows: Rows, points: int = 1) -> dict[str, Any]:
+    """The figures of some rows of the table. points: of the grid, which all share the draws of a round.
 
-    flights: int
-    worlds: int
-    failed: int
-    not_engaged: int
-    kept: int
-    kept_share: float
-    kept_interval: Interval
-    wrong_way: int
-    rms_median: float | None
-    rms_interval: Interval
-    rms_p95: float | None
-    settled_median: float | None
-    settled_p95: float | None
-    closest: float | None
-    turn_std_deg_s: float | None
-    turn_at_limit: float | None
-    turn_variation_rad_s2: float | None
-    limit_cycles: int
-
-
-def figures(rows: Sequence[dict[str, str]], points: int = 1) -> Figures:
-    """The figures of some rows of the table. points: of the grid, which all share the draws of a round."""
-    worlds = len({int(row["run"]) // points for row in rows})
-    kept = sum(row["kept"] == "true" for row in rows)
-    rms = np.sort([float(row["rms_m"]) for row in rows if row["rms_m"]])
-    settled = np.sort([float(row["settled_s"] or "inf") for row in rows if row["rms_m"]])
-    return Figures(
-        flights=len(rows),
-        worlds=worlds,
-        failed=sum(row["outcome"] == "error" for row in rows),
-        not_engaged=sum(row["outcome"] != "error" and not row["rms_m"] for row in rows),
-        kept=kept,
-        kept_share=kept / len(rows) if rows else 0.0,
-        kept_interval=wilson(kept / len(rows) if rows else 0.0, worlds),
-        wrong_way=sum(row["right_way"] == "false" for row in rows),
-        rms_median=percentile(rms, 50),
-        rms_interval=median_interval(rms, len({int(row["run"]) // points for row in rows if row["rms_m"]})),
-        rms_p95=percentile(rms, 95),
-        settled_median=percentile(settled, 50),
-        settled_p95=percentile(settled, 95),
-        turn_std_deg_s=_median(rows, "turn_std_deg_s"),
-        turn_at_limit=_median(rows, "turn_at_limit"),
-        turn_variation_rad_s2=_median(rows, "turn_variation_rad_s2"),
-        limit_cycles=sum(row["turn_limit_cycle"] == "true" for row in rows),
-        closest=min((float(row["closest_m"]) for row in rows if row["closest_m"]), default=None),
-    )
+    failed: could not be flown. not_engaged: ended before it was ours; neither has an RMS error or a settling time, and
+    those figures are of the others. wrong_way: went round in the wrong sense. rms_*: m, radius error of the last third.
+    settled_*: s from the engagement until within 5 % for good, all of the last third included, None where that is
+    never. closest: m, of all flights. worlds: flights that share their draws and their noise at several points of the
+    grid count as one in the intervals. turn_*: medians of the flights' figures of the turn command (see `TurnFigures`).
+    limit_cycles: flights whose command was in one."""
+    flown = [row for row in rows if row["rms_m"]]
+    worlds, worlds_flown = (len({int(row["run"]) // points for row in some}) for some in (rows, flown))
+    kept, rms = sum(row["kept"] == "true" for row in rows), known(rows, "rms_m")
+    settled = np.sort([float(row["settled_s"] or "inf") for row in flown])
+    share = kept / len(rows) if rows else 0.0
+    return {
+        "flights": len(rows),
+        "worlds": worlds,
+        "failed": sum(row["outcome"] == FAILED for row in rows),
+        "not_engaged": sum(row["outcome"] != FAILED and not row["rms_m"] for row in rows),
+        "kept": kept,
+        "kept_share": share,
+        "kept_interval": wilson(share, worlds),
+        "wrong_way": sum(row["right_way"] == "false" for row in rows),
+        "rms_median": percentile(rms, 50),
+        "rms_interval": median_interval(rms, worlds_flown),
+        "rms_p95": percentile(rms, 95),
+        "settled_median": percentile(settled, 50),
+        "settled_p95": percentile(settled, 95),
+        "closest": min(known(rows, "closest_m"), default=None),
+        **{name: percentile(known(rows, name), 50) for name in NAMES[:3]},
+        "limit_cycles": sum(row["turn_limit_cycle"] == "true" for row in rows),
+    }
 
 
-def _median(rows: Sequence[dict[str, str]], name: str) -> float | None:
-    """Of a column, where it is known."""
-    return percentile(np.sort([float(row[name]) for row in rows if row[name]]), 50)
+def known(rows: Rows, name: str) -> Any:
+    """The numbers of a column where there are any, in their order of size."""
+    return np.sort([float(row[name]) for row in rows if row[name]])
 
 
-def summarise(rows: Sequence[dict[str, str]], swept: Mapping[str, Sized]) -> dict[str, Any]:
+def summarise(rows: Rows, swept: Mapping[str, Sized]) -> dict[str, Any]:
     """summary.json: "all", and "by" swept key and value. swept: the values of the grid by key."""
     points = prod(len(values) for values in swept.values())
     by: dict[str, dict[str, Any]] = {}
     for key in swept:
         values = dict.fromkeys(row[key] for row in rows)
-        by[key] = {value: asdict(figures([row for row in rows if row[key] == value], points)) for value in values}
-    return {"all": asdict(figures(rows, points)), "by": by}
+        by[key] = {value: figures([row for row in rows if row[key] == value], points) for value in values}
+    return {"all": figures(rows, points), "by": by}
 
 
 def wilson(share: float, worlds: int) -> Interval:

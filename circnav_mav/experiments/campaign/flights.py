@@ -15,7 +15,7 @@ from circnav_mav.emulator.config import RandomStart
 from circnav_mav.emulator.config import Ranging as RangingConfig
 from circnav_mav.emulator.sensor import CHARACTERS
 from circnav_mav.emulator.starting import starting_body
-from circnav_mav.experiments.batch.guidance import Guidance, estimator, fly
+from circnav_mav.experiments.batch.guidance import Authority, Guidance, estimator, fly
 from circnav_mav.experiments.batch.sensors import NO_NOISE, OwnSenses, Radio, Ranging, Reading
 from circnav_mav.experiments.batch.world import Airframe, Surroundings, Truth, World
 from circnav_mav.experiments.campaign.lockstep import COMPLETED, Flight, Track
@@ -158,7 +158,7 @@ def opening(run: Run) -> tuple[float, float] | None:
     return None if heard is None or steered is None else (heard, steered)
 
 
-class Engagement:
+class Engagement(Authority):
     """Which flights are ours: from the first good estimate after the opening, until the mission's time is over or there
     was no good estimate for too long. engaged, ended (B,): steps. stopped (B,): whether it ended for want of ranges."""
 
@@ -172,11 +172,9 @@ class Engagement:
         self.stopped = np.zeros(len(runs), bool)
 
     def hears(self, step: int) -> Array:
-        """Those that have not ended, from the first range on that reached the pilot."""
         return (step >= self._heard) & (step < self.ended)
 
     def flies(self, step: int, good: Array) -> Array:
-        """Engage, end, and tell who flies."""
         waits = self.engaged == NEVER
         self.engaged = np.where(waits & good & (step >= self._first) & (self.ended == NEVER), step, self.engaged)
         ours = (self.engaged <= step) & (step < self.ended)
@@ -189,7 +187,6 @@ class Engagement:
         return ours & (step < self.ended)
 
     def over(self, step: int) -> bool:
-        """Whether all have ended."""
         return not (self.ended > step).any()
 
 
@@ -221,12 +218,11 @@ def fly_batch(runs: Sequence[Run]) -> list[Track] | None:
 
 def _track(run: Run, flight: int, engagement: Engagement, dt: float, path: Array, turns: Array, cuts: Array) -> Track:
     engaged, ended = int(engagement.engaged[flight]), int(engagement.ended[flight])
+    outcome, ours = COMPLETED, slice(engaged, ended)
     if engaged == NEVER:
         outcome, ours = "no ranging: no usable range", slice(0, 0)
-    else:
-        stopped = engagement.stopped[flight]
-        outcome = f"no range for {run.mission.file.limits.hold_s:.1f} s" if stopped else COMPLETED
-        ours = slice(engaged, ended)
+    elif engagement.stopped[flight]:
+        outcome = f"no range for {run.mission.file.limits.hold_s:.1f} s"
     time = dt * np.arange(len(path[ours]), dtype=float)
     return Track(
         engine="batch",

@@ -2,7 +2,8 @@
 whatever else is varied flies in lockstep."""
 
 import traceback
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Sequence
+from contextlib import suppress
 from typing import Any
 
 from circnav_mav.emulator.config import ConfigError
@@ -30,11 +31,6 @@ MOST_OUTLIERS = 0.13
 """Share of outliers from which on the pilot may take them for noise."""
 
 
-def obstacle(run: Run) -> str | None:
-    """Why this flight needs lockstep; None if a batch flies it."""
-    return next((reason for found, reason in _obstacles(run) if found), None)
-
-
 def group(run: Run) -> tuple[tuple[str, str], ...]:
     """What must be the same in all flights of a batch."""
     own = OWN_OF_KALMAN if run.mission.estimator == "kalman" else OWN
@@ -43,28 +39,33 @@ def group(run: Run) -> tuple[tuple[str, str], ...]:
     return tuple((key, repr(values[key])) for key in sorted(shared))
 
 
-def _obstacles(run: Run) -> Iterator[tuple[bool, str]]:
-    """What a batch does not model: other vehicles, what the pilot does beside steering, radios that are not alike."""
+def obstacle(run: Run) -> str | None:
+    """Why this flight needs lockstep, first what a batch does not model: other vehicles, what the pilot does beside
+    steering, radios that are not alike. None if a batch flies it."""
     file, sim = run.mission.file, run.vehicle
     airframe, start, ranging = sim.vehicle, sim.start, sim.ranging
     ideal = airframe.profile == "arducopter" and airframe.dynamics != "realistic" and airframe.speed_lag_s == 0
-    yield run.mission.vehicle_key != ("ardupilot", "copter"), "[vehicle] is not the plain ArduPilot copter"
-    yield not ideal, "sim.vehicle is not the ideal copter (profile arducopter, dynamics unicycle or airborne)"
-    yield not start.armed or start.altitude_m == 0 or bool(start.speed_mps), "sim.start is not a hover in the air"
-    yield bool(sim.events), "[[sim.events]] happen"
-    yield run.mission.height.needs_altitude, "the height comes from the altitude"
-    yield ranging.rate_hz <= 0, "sim.ranging.rate_hz is 0"
-    yield ranging.latency_s > 0, "sim.ranging.latency_s is not 0"
-    yield ranging.via == "autopilot", 'sim.ranging.via = "autopilot" repeats ranges'
-    yield white_noise(ranging) > MOST_SCATTER * file.ranging.sigma_m, "ranges scatter more than ranging.sigma_m says"
+    hovers = start.armed and start.altitude_m != 0 and not start.speed_mps
     wild = ranging.outlier_fraction > MOST_OUTLIERS and ranging.outlier_m > 2 * file.ranging.sigma_m
-    yield wild, "sim.ranging.outlier_fraction is so large that the pilot takes outliers for noise"
-    yield file.ranging.resent or file.ranging.stamp == "arrival", "[ranging] resent or stamp is not the default"
-    yield file.ranging.rate_name is not None, "ranging.rate_name: a measured range rate"
-    yield file.vehicle.max_turn_acceleration_deg_s2 is not None, "vehicle.max_turn_acceleration_deg_s2 is set"
-    yield file.guidance.radius_trim_per_s > 0, "guidance.radius_trim_per_s is not 0"
-    yield file.bounds != type(file.bounds)(), "[bounds] are set"
-    yield file.engage.on_takeover != "end", "engage.on_takeover is not the default"
+    reasons = {
+        "[vehicle] is not the plain ArduPilot copter": run.mission.vehicle_key != ("ardupilot", "copter"),
+        "sim.vehicle is not the ideal copter (profile arducopter, dynamics unicycle or airborne)": not ideal,
+        "sim.start is not a hover in the air": not hovers,
+        "[[sim.events]] happen": bool(sim.events),
+        "the height comes from the altitude": run.mission.height.needs_altitude,
+        "sim.ranging.rate_hz is 0": ranging.rate_hz <= 0,
+        "sim.ranging.latency_s is not 0": ranging.latency_s > 0,
+        'sim.ranging.via = "autopilot" repeats ranges': ranging.via == "autopilot",
+        "ranges scatter more than ranging.sigma_m says": white_noise(ranging) > MOST_SCATTER * file.ranging.sigma_m,
+        "sim.ranging.outlier_fraction is so large that the pilot takes outliers for noise": wild,
+        "[ranging] resent or stamp is not the default": file.ranging.resent or file.ranging.stamp == "arrival",
+        "ranging.rate_name: a measured range rate": file.ranging.rate_name is not None,
+        "vehicle.max_turn_acceleration_deg_s2 is set": file.vehicle.max_turn_acceleration_deg_s2 is not None,
+        "guidance.radius_trim_per_s is not 0": file.guidance.radius_trim_per_s > 0,
+        "[bounds] are set": file.bounds != type(file.bounds)(),
+        "engage.on_takeover is not the default": file.engage.on_takeover != "end",
+    }
+    return next((reason for reason, found in reasons.items() if found), None)
 
 
 Row = dict[str, Any]
@@ -136,10 +137,9 @@ def _fly_batches(campaign: Campaign, numbers: Iterable[int]) -> tuple[list[Row],
         else:
             alone.append(run)
     for runs in together.values():
-        try:
+        tracks = None
+        with suppress(Exception):  # one of them broke the arithmetic of all: each for itself
             tracks = fly_batch(runs)
-        except Exception:  # one of them broke the arithmetic of all: each for itself
-            tracks = None
         if tracks is None:
             alone += runs
         else:
@@ -151,6 +151,6 @@ def _fly_alone(run: Run) -> Row:
     try:
         return row(run, fly_lockstep(run))
     except Exception as error:
-        where = traceback.extract_tb(error.__traceback__)[-1]
-        text = f"internal error: {type(error).__name__}: {error} ({where.name})"
+        where = traceback.extract_tb(error.__traceback__)[-1].name
+        text = f"internal error: {type(error).__name__}: {error} ({where})"
         return failed_row(run.number, run.values, " ".join(text.split()))
