@@ -6,7 +6,7 @@ import click
 
 from circnav_mav.mav.autopilots.interface import Autopilot
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
-from circnav_mav.runlog.log_sources import LogSources, RangeSource
+from circnav_mav.runlog.loop_steps import LogSources, RangeSource
 
 MOST = 6
 """Senders that are named; a ground station may plot dozens of values."""

@@ -31,9 +31,8 @@ class Cell:
 
     rms: of the radius error over the last 100 s, peak: its largest. settled10, settled2: last exit from +-10 % and
     +-2 % over the Dubins time to the tangent point, for starts outside 1.3 r_d. closest: 1st percentile of the closest
-    approach, for starts outside. wrong_way: flights that went round in the wrong sense, a quarter turn in the
-    last 100 s at least. turn_*:
-    of the command over the last 100 s, medians; limit_cycles: flights in which it was in one (see `turn_command`).
+    approach, for starts outside. wrong_way: flights that went round the wrong way, a quarter turn at least. turn_*: of
+    the command over the last 100 s, medians; limit_cycles: flights in which it was in one (see `TurnFigures`).
     range_rmse, rate_rmse: of the estimates, m and m/s, over the last 100 s. nees_in_band: share of steps with the NEES
     of (r, theta) in its 95 % band.
     """
@@ -99,11 +98,11 @@ def markdown(cells: Sequence[Cell]) -> str:
     tables = [_table(HEADER, [_whole(cell) for cell in own])] if own else []
     if others:
         laws = list(dict.fromkeys(cell.policy for cell in others))
-        found = {(cell.situation, cell.policy): _short(cell) for cell in others}
-        rows = dict.fromkeys(cell.situation for cell in others)
-        tables.append(
-            _table(("situation", *laws), [(row, *(found.get((row, law), "") for law in laws)) for row in rows])
-        )
+        rows: dict[str, dict[str, str]] = {cell.situation: dict.fromkeys(laws, "") for cell in others}
+        for cell in others:
+            kept = "" if cell.kept == cell.flights else f" ({cell.kept})"
+            rows[cell.situation][cell.policy] = f"{_median(cell)}{kept}, sd {cell.turn_std_deg_s:.1f}"
+        tables.append(_table(("situation", *laws), [(row, *said.values()) for row, said in rows.items()]))
     return "\n".join(tables)
 
 
@@ -124,10 +123,8 @@ def _whole(cell: Cell) -> tuple[str, ...]:
     )
 
 
-def _short(cell: Cell) -> str:
-    error = f"{cell.rms_median:.2f}" if cell.rms_median < LOST else "lost"
-    kept = "" if cell.kept == cell.flights else f" ({cell.kept})"
-    return f"{error}{kept}, sd {cell.turn_std_deg_s:.1f}"
+def _median(cell: Cell) -> str:
+    return f"{cell.rms_median:.2f}" if cell.rms_median < LOST else "lost"
 
 
 def _times(value: float) -> str:
@@ -138,23 +135,18 @@ def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "".join(f"| {' | '.join(cells)} |\n" for cells in (header, ["---"] * len(header), *rows))
 
 
-TITLE = 5.5
-"""Width, inches, that the title needs."""
-
-
 def draw(cells: Sequence[Cell], path: Path) -> None:
     """Situations down, laws across."""
     rows, columns = list(dict.fromkeys(c.situation for c in cells)), list(dict.fromkeys(c.policy for c in cells))
     values = np.full((len(rows), len(columns)), np.nan)
-    size = max(TITLE, 2 + 1.1 * len(columns)), 1.5 + 0.42 * len(rows)
-    figure = Figure(figsize=size, layout="constrained")
+    width = max(5.5, 2 + 1.1 * len(columns))  # inches, of which the title needs 5.5
+    figure = Figure(figsize=(width, 1.5 + 0.42 * len(rows)), layout="constrained")
     axes = figure.subplots()
     for cell in cells:
         i, j = rows.index(cell.situation), columns.index(cell.policy)
         values[i, j] = max(cell.rms_median, 1e-3)
         kept = "" if cell.kept == cell.flights else f"\n{100 * cell.kept / cell.flights:.0f} % kept"
-        shown = f"{cell.rms_median:.2f}" if cell.rms_median < LOST else "lost"
-        axes.text(j, i, shown + kept, ha="center", va="center", fontsize=7)
+        axes.text(j, i, _median(cell) + kept, ha="center", va="center", fontsize=7)
     image = axes.imshow(values, norm=LogNorm(0.05, 50), cmap="RdYlGn_r", aspect="auto")
     axes.set_xticks(range(len(columns)), columns, rotation=35, ha="right", fontsize=8)
     axes.set_yticks(range(len(rows)), rows, fontsize=8)

@@ -20,9 +20,6 @@ from circnav_mav.guidance.laws import LAWS
 from circnav_mav.report.plots import STYLE, save
 
 Array = NDArray[np.float64]
-Law = Callable[[Array, Array], Array]
-"""Range and range rate to turn rate."""
-
 STEP = 0.02
 
 
@@ -56,8 +53,11 @@ def random_starts(count: int, seed: int) -> Starts:
     return Starts(10 * x, 10 * y, 2 * np.pi * heading)
 
 
-def fly(starts: Starts, law: Law, *, V: float, target: tuple[float, float], seconds: float) -> Tracks:
-    """Fly all starts. Each step is an exact arc at the law's turn rate in its middle (second order)."""
+def fly(
+    starts: Starts, law: Callable[[Array, Array], Array], *, V: float, target: tuple[float, float], seconds: float
+) -> Tracks:
+    """Fly all starts. law: range and range rate to turn rate. Each step is an exact arc at the law's turn rate in its
+    middle (second order)."""
     steps = round(seconds / STEP)
     tracks = Tracks(np.linspace(0, steps * STEP, steps + 1), *(np.empty((steps + 1, len(starts.x))) for _ in range(4)))
     x, y, heading = starts.x, starts.y, starts.heading
@@ -168,7 +168,7 @@ def study(example: Example, starts: Starts, seconds: float = SECONDS) -> tuple[F
         clockwise=int((turning(tracks) < 0).sum()),
         most_entries=int(entries(tracks.r, example.fed).max()),
         bearings=(float(tracks.theta_b[-1].min()), float(tracks.theta_b[-1].max())),
-        rise=lyapunov_rise(example, tracks) if example.law == "smooth" else None,
+        rise=lyapunov_rise(example, tracks),
         mirror=float(apart.max()),
         mirrored_counterclockwise=int((turning(mirror) > 0).sum()),
     )
@@ -187,14 +187,16 @@ def entries(r: Array, r_d: float) -> Array:
     return np.asarray(inside[0] + (inside[1:] & ~inside[:-1]).sum(axis=0))
 
 
-def lyapunov_rise(example: Example, tracks: Tracks) -> float:
-    """Largest rise of the function between two steps with r >= r_d and theta_b in [0, pi]."""
+def lyapunov_rise(example: Example, tracks: Tracks) -> float | None:
+    """Largest rise of the function between two steps with r >= r_d and theta_b in [0, pi]; None where the paper gives
+    none."""
+    if example.law != "smooth":
+        return None
     holds = (tracks.r >= example.fed) & (tracks.theta_b <= np.pi)
     values = lyapunov(
         np.maximum(tracks.r, example.fed), tracks.theta_b, r_d=example.fed, r_a=example.predicted, k=example.k
     )
-    rises = np.diff(values, axis=0)[holds[1:] & holds[:-1]]
-    return float(rises.max())
+    return float(np.diff(values, axis=0)[holds[1:] & holds[:-1]].max())
 
 
 def draw(folder: Path, example: Example, tracks: Tracks, start: int) -> list[Path]:

@@ -94,14 +94,19 @@ class NotYet:
 
 def locate(plane: Plane, track: Track, ranges: Ranges, known: Knowledge, near: Place | None = None) -> Place | NotYet:
     """The place at the end of the ranges. near: one found before, from which to start. Needs scipy."""
-    track, heard = _rising(track), ranges
+    kept = np.diff(np.maximum.accumulate(track.time), prepend=-np.inf) > 1e-3  # no position twice, none that is late
+    track, heard = Track(track.time[kept], track.east[kept], track.north[kept], track.up[kept]), ranges
     ranges = _covered(track, heard)
     if len(ranges.r) < LEAST:
         return NotYet(f"{len(ranges.r)} ranges with positions round them, {LEAST} are needed{_apart(track, heard)}")
     still = _best(plane, track, ranges, known, near)
     newest = ranges.take(ranges.time >= ranges.time[-1] - MOVING_WINDOW)
-    if len(newest.r) < LEAST or (isinstance(still, Place) and known.sigma_known and _explains(still, ranges)):
+    if len(newest.r) < LEAST:
         return still
+    if isinstance(still, Place) and known.sigma_known:
+        quiet = still.noise < EXPLAINED * float(np.median(ranges.sigma))
+        if quiet and still.outliers < 0.2 * still.used:
+            return still  # rest explains the ranges: nobody need ask whether the target moves
     moving = _Problem(track, newest, known, moves=True)
     fits = [moving.fit(start) for start in _moving_starts(track, newest, still, near)]
     fit = min(filter(None, fits), key=lambda one: one.cost, default=None)
@@ -110,7 +115,9 @@ def locate(plane: Plane, track: Track, ranges: Ranges, known: Knowledge, near: P
     if fit is None or (at_rest and 2 * (at_rest.cost - fit.cost) < MOVING):
         return still
     place = moving.finish(fit, plane)
-    return place if place is not None and _moves(place) else still
+    if place is None or not _good(place):
+        return still
+    return place if place.speed > max(np.sqrt(MOVING) * (place.velocity_sigma or 0.0), SLOWEST) else still
 
 
 def _apart(track: Track, ranges: Ranges) -> str:
@@ -120,16 +127,6 @@ def _apart(track: Track, ranges: Ranges) -> str:
     of_ranges, of_positions = (f"{time[0]:.6g} .. {time[-1]:.6g} s" for time in (ranges.time, track.time))
     every = f"one every {float(np.median(np.diff(track.time))):.3g} s"
     return f"; ranges of {of_ranges}, positions of {of_positions}, {every}: one clock, in seconds?"
-
-
-def _explains(place: Place, ranges: Ranges) -> bool:
-    """Whether a target that stands explains the ranges: then nobody need ask whether it moves."""
-    return place.noise < EXPLAINED * float(np.median(ranges.sigma)) and place.outliers < 0.2 * place.used
-
-
-def _moves(place: Place) -> bool:
-    sigma = place.velocity_sigma or 0.0
-    return _good(place) and place.speed > max(np.sqrt(MOVING) * sigma, SLOWEST)
 
 
 def _moving_starts(track: Track, ranges: Ranges, still: Place | NotYet, near: Place | None) -> Iterator[Array]:
@@ -152,8 +149,9 @@ def _good(place: Place) -> bool:
 
 def _best(plane: Plane, track: Track, ranges: Ranges, known: Knowledge, near: Place | None) -> Place | NotYet:
     """The place of a target that stands. Ranges alone may fit two places: then there is none yet."""
+    problem = _Problem(track, ranges, known)
     if near is not None and not near.moves:
-        place = _Problem(track, ranges, known).solve(np.array([near.east, near.north]), plane)
+        place = problem.finish(problem.fit(np.array([near.east, near.north])), plane)
         if place is not None and _good(place) and place.noise < 3 * max(near.noise, 0.1):
             return place
     every = max(1, len(ranges.r) // GUESSED)
@@ -163,7 +161,7 @@ def _best(plane: Plane, track: Track, ranges: Ranges, known: Knowledge, near: Pl
     )
     if not found:
         return NotYet("the ranges fit no place")
-    place = _Problem(track, ranges, known).solve(found[0].x[:2], plane)
+    place = problem.finish(problem.fit(found[0].x[:2]), plane)
     if place is None or not _good(place):
         return NotYet("the track does not tell where the target is yet: fly a turn")
     for other in found[1:]:
@@ -180,12 +178,6 @@ def _starts(track: Track, ranges: Ranges) -> Iterator[Array]:
         east, north = (np.interp(ranges.time[at], track.time, way) for way in (track.east, track.north))
         for angle in np.arange(8) * np.pi / 4:
             yield np.array([east + ranges.r[at] * np.cos(angle), north + ranges.r[at] * np.sin(angle)])
-
-
-def _rising(track: Track) -> Track:
-    """Without positions that come twice, or late."""
-    kept = np.flatnonzero(np.diff(np.maximum.accumulate(track.time), prepend=-np.inf) > 1e-3)
-    return Track(track.time[kept], track.east[kept], track.north[kept], track.up[kept])
 
 
 def _covered(track: Track, ranges: Ranges) -> Ranges:
@@ -244,13 +236,11 @@ class _Problem:
         root = np.sqrt(np.where(far, z, 1.0))
         return np.array([np.where(far, 2 * root - 1, z), 1 / root, np.where(far, -0.5 / root**3, 0.0)])
 
-    def solve(self, start: Array, plane: Plane) -> Place | None:
-        """The place, from a start; None where nothing fits."""
-        fit = self.fit(start)
-        return None if fit is None else self.finish(fit, plane)
-
-    def finish(self, fit: Fit, plane: Plane) -> Place | None:
-        """The place by a robust fit: again without its outliers, and with the noise that the ranges show."""
+    def finish(self, fit: Fit | None, plane: Plane) -> Place | None:
+        """The place by a robust fit: again without its outliers, and with the noise that the ranges show. None where
+        nothing fits."""
+        if fit is None:
+            return None
         count = len(self.ranges.r)
         off = fit.fun[:count]
         scale = 1.4826 * float(np.median(np.abs(off)))

@@ -96,14 +96,18 @@ def ring(place: Place) -> list[list[float]]:
 
 def geojson(places: dict[str, Place], track: Iterable[tuple[float, float]] = ()) -> str:
     """A FeatureCollection: of each target the point and its ellipse, and the vehicle's track (latitude, longitude)."""
-    features = []
+    shapes: list[tuple[str, Any, dict[str, Any]]] = []
     for name, place in places.items():
-        point = {"type": "Point", "coordinates": [round(place.longitude, 8), round(place.latitude, 8)]}
-        features.append(_feature(point, {"name": name, **place.plain()}))
-        features.append(_feature({"type": "Polygon", "coordinates": [ring(place)]}, {"name": f"{name}, 95 %"}))
+        point = [round(place.longitude, 8), round(place.latitude, 8)]
+        shapes.append(("Point", point, {"name": name, **place.plain()}))
+        shapes.append(("Polygon", [ring(place)], {"name": f"{name}, 95 %"}))
     way = [[round(longitude, 7), round(latitude, 7)] for latitude, longitude in track]
     if len(way) > 1:
-        features.append(_feature({"type": "LineString", "coordinates": way}, {"name": "vehicle"}))
+        shapes.append(("LineString", way, {"name": "vehicle"}))
+    features = [
+        {"type": "Feature", "geometry": {"type": kind, "coordinates": coordinates}, "properties": properties}
+        for kind, coordinates, properties in shapes
+    ]
     return json.dumps({"type": "FeatureCollection", "features": features}, indent=1, allow_nan=False)
 
 
@@ -140,10 +144,6 @@ def cursor_on_target(place: Place, name: str, epoch_us: int, now: float) -> byte
         Xml.SubElement(detail, "track", course=f"{place.course:.1f}", speed=f"{place.speed:.2f}")
     Xml.SubElement(detail, "remarks").text = place.words()
     return b'<?xml version="1.0" encoding="UTF-8" standalone="yes"?>' + Xml.tostring(event)
-
-
-def _feature(geometry: dict[str, Any], properties: dict[str, Any]) -> dict[str, Any]:
-    return {"type": "Feature", "geometry": geometry, "properties": properties}
 
 
 def _zulu(time: datetime) -> str:

@@ -335,7 +335,10 @@ class Locator:
             return []
         if now - self._reckoned_at >= RECKON_EVERY:
             self._reckoned_at = now
-            self._reckon(place if given is None else _given_place(given, self.plane, now), now)
+            if given is not None:
+                east, north = self.plane.to_metres(*given)
+                place = Place(now, self.plane, east, north, 0.0, np.eye(2), up_sigma=HOME_SIGMA, up_known=False)
+            self._reckon(place, now)
         heard = now - self._fix_at <= FIX_SILENT and self._pilot.session.vehicle.armed
         fix = self._fix >= FIX_3D if heard else None
         message = back.step(now, fix=fix, where=self._reckoning.where, plane=self.plane, target=target)
@@ -388,9 +391,3 @@ class Locator:
         if kind not in SAYS or (kind.startswith("COMMAND") and message.command not in COMMANDS):
             raise ValueError(f"{kind} must not leave the survey")
         return self._encoder.encode(message)
-
-
-def _given_place(given: tuple[float, float], plane: Plane, now: float) -> Place:
-    """The target's place as the mission gives it."""
-    east, north = plane.to_metres(*given)
-    return Place(now, plane, east, north, up=0.0, covariance=np.eye(2), up_sigma=HOME_SIGMA, up_known=False)

@@ -9,7 +9,7 @@ from cmath import rect
 from collections import deque
 from dataclasses import dataclass
 from enum import Enum
-from math import atan2, pi
+from math import atan2, degrees
 
 SPAN = 3.0
 """Time, s, over which ways are compared: longer than the jitter of the streams, much shorter than a lap."""
@@ -133,17 +133,13 @@ class GpsWatch:
         jumped = look.time - self._way_failed_at < RECENT or self.culprit is Culprit.GPS
         by_range = Culprit.GPS if jumped else Culprit.BEACON
         culprit = by_range if "range" in lasting else Culprit.COMPASS
-        before, self.alarm = self.culprit, Alarm(culprit, _words(culprit, look))
+        off, _ = (look.bearing_off if culprit is Culprit.COMPASS else look.range_off) or (0.0, 0.0)
+        text = f"range and GPS disagree by {abs(off):.0f} m: {culprit.value} likeliest"
+        if culprit is Culprit.COMPASS:
+            text = f"compass and GPS disagree by {degrees(abs(off)):.0f} deg of bearing: compass likeliest"
+        before, self.alarm = self.culprit, Alarm(culprit, text)
         if culprit is not before:
             self.told.append((look.time, self.alarm.text))
-
-
-def _words(culprit: Culprit, look: Look) -> str:
-    if culprit is Culprit.COMPASS:
-        off = look.bearing_off[0] if look.bearing_off else 0.0
-        return f"compass and GPS disagree by {abs(off) * 180 / pi:.0f} deg of bearing: compass likeliest"
-    off = look.range_off[0] if look.range_off else 0.0
-    return f"range and GPS disagree by {abs(off):.0f} m: {culprit.value} likeliest"
 
 
 def angle_between(first: tuple[float, float], second: tuple[float, float]) -> float:

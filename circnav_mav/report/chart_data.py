@@ -114,31 +114,23 @@ def _columns(ticks: Ticks, truth: Truth | None, span: tuple[float, float]) -> di
     """Time and values of each column that there is something to draw of."""
     numbers, time, new = ticks.numbers, ticks.time, fresh(ticks)
     found = {name: _line(time, numbers[name]) for name in ("r", "r_dot", "turn_rate", "heading", "drift_x", "drift_y")}
-    found["desired"] = _steps(time, ticks.desired(nan))
+    desired = ticks.desired(nan)
+    changed = desired != np.append(nan, desired[:-1])
+    found["desired"] = time[changed], desired[changed]
     found["measured"] = _dots(time[new], numbers["measured"][new])
     found["innovation"] = _dots(time[new], np.sqrt(numbers["nis"][new]))
     found |= {name: _rate(time, numbers[name], span) for name in ("accepted", "rejected")}
     if truth is None:
-        return found | {"differenced": _line(*_differenced(time[new], numbers["measured"][new]))}
+        heard, measured = time[new], numbers["measured"][new]
+        before = np.searchsorted(heard, heard - 1.0)  # about a second
+        with np.errstate(invalid="ignore", divide="ignore"):
+            rate = (measured - measured[before]) / (heard - heard[before])
+        return found | {"differenced": _line(heard, np.where(np.isfinite(rate), rate, np.nan))}
     rising = np.diff(truth.sim_time, prepend=-np.inf) > 0
     if rising.sum() > 1:
         rate = np.gradient(truth.radius[rising], truth.sim_time[rising])
         found["true_r_dot"] = _line(truth.time[rising], rate)
     return found | {"true_r": _line(truth.time, truth.radius), "true_turn": _line(truth.time, -truth.turn_rate)}
-
-
-def _steps(time: Column, values: Column) -> tuple[Column, Column]:
-    """The first of each of equal values."""
-    new = values != np.append(nan, values[:-1])
-    return time[new], values[new]
-
-
-def _differenced(time: Column, measured: Column) -> tuple[Column, Column]:
-    """The range rate that the measured ranges tell over about a second."""
-    before = np.searchsorted(time, time - 1.0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        rate = (measured - measured[before]) / (time - time[before])
-    return time, np.where(np.isfinite(rate), rate, np.nan)
 
 
 def _rate(time: Column, counted: Column, span: tuple[float, float]) -> tuple[Column, Column]:

@@ -59,7 +59,9 @@ def export_mcap(run: Run, path: Path) -> dict[str, int]:
             counts[topic] += 1
 
         for (topic, name), table in tables.items():
-            schema_id = writer.register_schema(name, "jsonschema", json.dumps(_schema(table)).encode())
+            kinds = dict.fromkeys(table.numbers, "number") | dict.fromkeys(table.words, "string")
+            schema = json.dumps({"type": "object", "properties": {key: {"type": kinds[key]} for key in kinds}})
+            schema_id = writer.register_schema(name, "jsonschema", schema.encode())
             channel = writer.register_channel(topic, "json", schema_id)
             for row in _tick_rows(table):
                 add(channel, topic, row["time"], json.dumps(row).encode())
@@ -75,11 +77,6 @@ def export_mcap(run: Run, path: Path) -> dict[str, int]:
         )  # fmt: skip
         writer.finish()  # type: ignore[no-untyped-call]
     return counts
-
-
-def _schema(table: Ticks) -> dict[str, Any]:
-    kinds = ((table.numbers, "number"), (table.words, "string"))
-    return {"type": "object", "properties": {name: {"type": kind} for names, kind in kinds for name in names}}
 
 
 def _tick_rows(table: Ticks) -> Iterator[dict[str, Any]]:
@@ -108,37 +105,23 @@ def stamp_ns(run: Run, time: float) -> int:
 
 def foxglove_messages(run: Run) -> Iterator[Said]:
     """Everything, topic by topic. Raises RunError, OSError."""
-    times, places = _track(run)
-    yield from _poses(run, "/estimate/pose", run.ticks.time, *_estimated(run))
-    if run.truth is not None:
-        yield from _poses(run, "/truth/pose", times, places, _headings(run, times))
+    ticks, truth, numbers = run.ticks, run.truth, run.ticks.numbers
+    height = np.nan_to_num(numbers["height"])
+    times, places = ticks.time, np.column_stack([numbers["x"], numbers["y"], height])
+    yield from _poses(run, "/estimate/pose", times, places, numbers["heading"])
+    if truth is not None:
+        height = np.interp(truth.time, ticks.time, height)
+        places = np.column_stack([truth.east - truth.target_east, truth.north - truth.target_north, height])
+        times, newest = truth.time, np.maximum(np.searchsorted(ticks.time, truth.time, side="right") - 1, 0)
+        yield from _poses(run, "/truth/pose", times, places, numbers["heading"][newest])
     yield from _transforms(run)
     yield from _scene(run, times, places)
-    yield from _log(run)
+    for event in events(run):
+        level = Log.ERROR if event.severe else Log.WARNING if event.kind == "rejected" else Log.INFO
+        stamp = _stamp(run, event.time)
+        yield "/events", event.time, Log(timestamp=stamp, level=level, name=event.kind, message=event.text)
     yield from _fixes(run)
     yield from _target(run)
-
-
-def _estimated(run: Run) -> tuple[Column, Column]:
-    """Where the vehicle is estimated to be at each tick (NaN where that is not known), and its heading."""
-    numbers = run.ticks.numbers
-    height = np.nan_to_num(numbers["height"])
-    return np.column_stack([numbers["x"], numbers["y"], height]), numbers["heading"]
-
-
-def _track(run: Run) -> tuple[Column, Column]:
-    """Times and places to draw: the truth where there is one, else the estimate."""
-    truth, ticks = run.truth, run.ticks
-    if truth is None:
-        return ticks.time, _estimated(run)[0]
-    height = np.interp(truth.time, ticks.time, np.nan_to_num(ticks.numbers["height"]))
-    return truth.time, np.column_stack([truth.east - truth.target_east, truth.north - truth.target_north, height])
-
-
-def _headings(run: Run, times: Column) -> Column:
-    """The heading of the newest tick at each time."""
-    at = np.searchsorted(run.ticks.time, times, side="right") - 1
-    return run.ticks.numbers["heading"][np.maximum(at, 0)]
 
 
 def _poses(run: Run, topic: str, times: Column, places: Column, headings: Column) -> Iterator[Said]:
@@ -152,13 +135,11 @@ def _poses(run: Run, topic: str, times: Column, places: Column, headings: Column
 def _transforms(run: Run) -> Iterator[Said]:
     """Where the beacon is: at the origin of the map, or where the truth tells, once a piece."""
     truth = run.truth
-    if truth is None:
-        rows = [(float(run.ticks.time[0]), [0.0, 0.0, 0.0])]
-    else:
-        rows = [
-            (float(truth.time[at]), [float(truth.target_east[at]), float(truth.target_north[at]), 0.0])
-            for at in _every_piece(truth.time)
-        ]
+    rows = [(float(run.ticks.time[0]), [0.0, 0.0, 0.0])]
+    if truth is not None:
+        at = _every_piece(truth.time)
+        places = zip(truth.target_east[at].tolist(), truth.target_north[at].tolist(), strict=True)
+        rows = [(time, [*place, 0.0]) for time, place in zip(truth.time[at].tolist(), places, strict=True)]
     for time, place in rows:
         yield "/tf", time, FrameTransform(
             timestamp=_stamp(run, time), parent_frame_id=MAP, child_frame_id=BEACON,
@@ -197,13 +178,6 @@ def _desired_radii(run: Run) -> list[float]:
         return [float(radius) for radius in (given if isinstance(given, list) else [given])]
     except (ValueError, KeyError, TypeError):
         return []
-
-
-def _log(run: Run) -> Iterator[Said]:
-    for event in events(run):
-        level = Log.ERROR if event.severe else Log.WARNING if event.kind == "rejected" else Log.INFO
-        stamp = _stamp(run, event.time)
-        yield "/events", event.time, Log(timestamp=stamp, level=level, name=event.kind, message=event.text)
 
 
 def _fixes(run: Run) -> Iterator[Said]:

@@ -3,7 +3,7 @@
 import csv
 import json
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -128,31 +128,14 @@ MANIFEST = _table({
 })  # fmt: skip
 
 
-def known_manifest(table: Any) -> dict[str, Any]:
-    """What a manifest.json says that can be believed."""
-    return _known(table, MANIFEST)
-
-
-def known_summary(table: Any) -> dict[str, Any]:
-    """What a summary.json says that can be believed."""
-    try:
-        circle = Circle.model_validate(table).model_dump()
-    except ValidationError:
-        circle = {}
-    return _known(table, SUMMARY) | circle
-
-
 def _known(table: Any, kinds: dict[str, TypeAdapter[Any]]) -> dict[str, Any]:
-    known = table if isinstance(table, dict) else {}
-    return {key: known[key] for key, kind in kinds.items() if key in known and _fits(kind, known[key])}
-
-
-def _fits(kind: TypeAdapter[Any], value: Any) -> bool:
-    try:
-        kind.validate_python(value)
-    except ValidationError:
-        return False
-    return True
+    """What a JSON file says that can be believed."""
+    known = {}
+    for key, kind in kinds.items():
+        with suppress(ValidationError, KeyError, TypeError):  # TypeError: it holds no table at all
+            kind.validate_python(table[key])
+            known[key] = table[key]
+    return known
 
 
 class RunError(Exception):
@@ -216,11 +199,12 @@ def open_run(folder: Path) -> Run:
         raise RunError(f"{folder}: no such run folder")
     if not folder.is_dir() or not (folder / "flight.tlog").is_file() or not (folder / "mission.toml").is_file():
         raise RunError(f"{folder}: is not a run folder: flight.tlog or mission.toml is missing")
-    manifest = known_manifest(_json(folder / "manifest.json"))
-    try:
-        summary = known_summary(_json(folder / "summary.json"))
-    except RunError:  # a full disk may have left half of it; its figures can be made anew
-        summary = {}
+    manifest, summary = _known(_json(folder / "manifest.json"), MANIFEST), dict[str, Any]()
+    with suppress(RunError):  # a full disk may have left half of it; its figures can be made anew
+        table = _json(folder / "summary.json")
+        summary = _known(table, SUMMARY)
+        with suppress(ValidationError):
+            summary |= Circle.model_validate(table).model_dump()
     epoch = manifest.get("epoch_us") or summary.get("epoch_us")
     if epoch is None:
         raise RunError(f"{folder}: neither manifest.json nor summary.json tells when the run began (epoch_us)")

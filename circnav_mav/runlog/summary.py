@@ -61,6 +61,8 @@ def summarise(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str
     circles = _circles(ticks, known, facts.orbit.radius, start or 0.0)
     orbit, begun = replace(facts.orbit, radius=circles[-1]["desired_radius_m"]), circles[-1]["begun_s"]
     known &= ticks.time >= begun
+    # the operator flew, or the vehicle was not heard; what was not recorded counts as steered
+    without = flown[:-1] & np.array([phase in NOT_OURS for phase in ticks.phases], bool)[:-1]
     # how quiet the turn command was, over the ticks by which the radius is judged
     turn = late_figures(ticks.time[known], ticks.numbers["turn_rate"][known], ticks.numbers["saturated"][known], orbit)
     height = ticks.numbers["height"][flown & steered]
@@ -78,7 +80,7 @@ def summarise(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str
         "direction_commanded": commanded.value if commanded else None,
         "engaged_s": start,
         "flown_s": end - start if start is not None else 0.0,
-        "steered_s": 0.0 if start is None else max(end - start - _time_without_us(ticks, flown), 0.0),
+        "steered_s": 0.0 if start is None else max(end - start - float(np.diff(ticks.time)[without].sum()), 0.0),
         **{name: circles[-1][name] for name in FIGURES},
         "circles": circles,
         "circles_wanted_m": [facts.orbit.radius, *facts.later_radii],
@@ -112,13 +114,6 @@ def _problem(problem: str | None, ticks: Ticks, truth: Truth | None, end: float)
         ends["truth"] = float(truth.time[-1])
     short = ", ".join(f"{what} up to {until:.0f} s" for what, until in ends.items() if end - until > UNRECORDED)
     return "; ".join(filter(None, [problem, short and f"figures are of {short} of {end:.0f} s"])) or None
-
-
-def _time_without_us(ticks: Ticks, flown: NDArray[np.bool_]) -> float:
-    """Seconds since the engagement in which we did not steer: the operator flew, or the vehicle was not heard. What was
-    not recorded counts as steered."""
-    without = np.array([phase in NOT_OURS for phase in ticks.phases], bool)[:-1]
-    return float(np.diff(ticks.time)[flown[:-1] & without].sum())
 
 
 def _circles(ticks: Ticks, known: NDArray[np.bool_], first: float, start: float) -> list[dict[str, Any]]:

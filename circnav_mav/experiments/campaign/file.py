@@ -65,7 +65,11 @@ def load_campaign(path: str | Path, runs: int | None = None) -> Campaign:
 def _specs(vary: Mapping[str, Any], where: str) -> dict[str, Spec]:
     """The specs by dotted key, whether the file wrote the key in quotes or as nested tables."""
     specs: dict[str, Spec] = {}
-    for key, value in flat(vary, whole=_names_a_distribution):
+
+    def names_a_distribution(table: Mapping[str, Any]) -> bool:  # or nearly: what is misspelt is told as such
+        return any(get_close_matches(name, DRAWS, n=1, cutoff=0.75) for name in table)
+
+    for key, value in flat(vary, whole=names_a_distribution):
         _check_alone(key, specs, where)
         try:
             specs[key] = read_spec(value)
@@ -85,8 +89,3 @@ def _check_alone(key: str, others: Iterable[str], where: str) -> None:
         taken = f"{START.get(other, other)}."
         if sets.startswith(taken) or taken.startswith(sets):
             raise CampaignError(f"{where}: vary: {other} and {key} set the same key: keep one")
-
-
-def _names_a_distribution(table: Mapping[str, Any]) -> bool:
-    """Or nearly: what is misspelt is told as such."""
-    return any(get_close_matches(name, DRAWS, n=1, cutoff=0.75) for name in table)

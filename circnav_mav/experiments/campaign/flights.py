@@ -77,9 +77,14 @@ def emulated_radio(runs: Sequence[Run], every: int) -> Radio:
         gap=_array(k.gap for k in kinds),
         every=every,
     )
+    said = []  # the standard deviation that a range comes with: its message's, else the mission's
+    for run in runs:
+        (least, most), noise = SAID[run.mission.file.ranging.message], run.vehicle.ranging.noise_m
+        told = run.vehicle.ranging.report_accuracy and noise <= most
+        said.append(max(noise, least) if told else run.mission.file.ranging.sigma_m)
     heights = (-starting_body(run.vehicle, (0.0, 0.0)).down - run.vehicle.target.altitude_m for run in runs)
     reading = Reading(
-        sigma=_array(_said(run) for run in runs),
+        sigma=_array(said),
         least=_array(run.mission.file.ranging.min_range_m for run in runs),
         most=_array(run.mission.max_range for run in runs),
         height=_array(run.mission.file.orbit.height_above_target_m or 0.0 for run in runs),
@@ -91,14 +96,6 @@ def white_noise(config: RangingConfig) -> float:
     """Standard deviation of the white noise of the emulator's ranges, m."""
     white = CHARACTERS[config.preset].white
     return config.noise_m if white is None else white
-
-
-def _said(run: Run) -> float:
-    """The standard deviation that a range comes with, m: its message's, else the mission's."""
-    least, most = SAID[run.mission.file.ranging.message]
-    noise = run.vehicle.ranging.noise_m
-    told = run.vehicle.ranging.report_accuracy and noise <= most
-    return max(noise, least) if told else run.mission.file.ranging.sigma_m
 
 
 def guidance_of(runs: Sequence[Run]) -> Guidance:

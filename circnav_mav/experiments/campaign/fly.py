@@ -101,7 +101,14 @@ def _most_together(campaign: Campaign) -> int:
 def fly_chunk(campaign: Campaign, numbers: Iterable[int]) -> list[Row]:
     """Fly some runs to their ends and return their rows in order."""
     rows, alone = _fly_batches(campaign, numbers)
-    return sorted(rows + [_fly_alone(run) for run in alone], key=lambda done: int(done["run"]))
+    for run in alone:
+        try:
+            rows.append(row(run, fly_lockstep(run)))
+        except Exception as error:
+            where = traceback.extract_tb(error.__traceback__)[-1].name
+            said = " ".join(f"internal error: {type(error).__name__}: {error} ({where})".split())
+            rows.append(failed_row(run.number, run.values, said))
+    return sorted(rows, key=lambda done: int(done["run"]))
 
 
 def fly_part(campaign: Campaign, chunk: Sequence[int], wanted: Collection[int]) -> tuple[list[Row], list[int]]:
@@ -145,12 +152,3 @@ def _fly_batches(campaign: Campaign, numbers: Iterable[int]) -> tuple[list[Row],
         else:
             rows += [row(run, track) for run, track in zip(runs, tracks, strict=True)]
     return rows, alone
-
-
-def _fly_alone(run: Run) -> Row:
-    try:
-        return row(run, fly_lockstep(run))
-    except Exception as error:
-        where = traceback.extract_tb(error.__traceback__)[-1].name
-        text = f"internal error: {type(error).__name__}: {error} ({where})"
-        return failed_row(run.number, run.values, " ".join(text.split()))

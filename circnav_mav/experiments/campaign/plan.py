@@ -21,13 +21,6 @@ class SpecError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Grid:
-    """Every value in its turn."""
-
-    values: tuple[Any, ...]
-
-
-@dataclass(frozen=True, slots=True)
 class Drawn:
     """A distribution and its numbers, or the values of a choice."""
 
@@ -39,7 +32,8 @@ class Drawn:
         return DRAWS[self.kind](rng, *self.numbers)
 
 
-Spec = Grid | Drawn
+Spec = tuple[Any, ...] | Drawn
+"""The values of a grid, each in its turn; or a distribution."""
 DRAWS: dict[str, Callable[..., Any]] = {
     "uniform": lambda rng, low, high: float(rng.uniform(low, high)),
     "normal": lambda rng, mean, sigma: float(rng.normal(mean, sigma)),
@@ -56,7 +50,7 @@ def read_spec(value: Any) -> Spec:
     if isinstance(value, list):
         if not value:
             raise SpecError("is an empty list, name at least one value")
-        return Grid(tuple(value))
+        return tuple(value)
     if not isinstance(value, dict) or len(value) != 1:
         raise SpecError(f"write {FORMS}, not {value!r}")
     ((kind, numbers),) = value.items()
@@ -71,12 +65,8 @@ def read_spec(value: Any) -> Spec:
     return Drawn(kind, tuple(numbers))
 
 
-def _is_plain(number: Any) -> bool:
-    return isinstance(number, int | float) and not isinstance(number, bool) and abs(number) <= MOST
-
-
 def _check_numbers(kind: str, numbers: list[Any]) -> None:
-    if len(numbers) != 2 or not all(map(_is_plain, numbers)):
+    if len(numbers) != 2 or not all(type(number) in (int, float) and abs(number) <= MOST for number in numbers):
         raise SpecError(f"{kind}: must be two numbers, neither of them above {MOST:g}, not {numbers!r:.80}")
     first, second = numbers
     if kind == "normal" and second < 0:
@@ -100,7 +90,6 @@ def flat(
 
 START = {f"start.{name}": f"sim.start.random.{name}" for name in ("range_m", "bearing_deg", "heading_deg")}
 """The start as seen from the target, which the vehicle file only knows as bounds to draw from."""
-SEED = "sim.seed"
 LEAST_TRIED, MOST_TRIED = 32, 256
 """Runs tried with a value before it is refused: with all the other values of the grid, or so many drawn of them."""
 
@@ -121,7 +110,7 @@ class Campaign:
     @property
     def swept(self) -> dict[str, tuple[Any, ...]]:
         """The keys with lists of values."""
-        return {key: spec.values for key, spec in self.specs.items() if isinstance(spec, Grid)}
+        return {key: spec for key, spec in self.specs.items() if isinstance(spec, tuple)}
 
     @property
     def cells(self) -> int:
@@ -139,10 +128,10 @@ class Campaign:
             if isinstance(spec, Drawn):
                 values[key] = spec.draw(np.random.default_rng([self.seed, world, zlib.crc32(key.encode())]))
             else:
-                cell, which = divmod(cell, len(spec.values))
-                values[key] = spec.values[which]
+                cell, which = divmod(cell, len(spec))
+                values[key] = spec[which]
         seed = int(np.random.SeedSequence([self.seed, world]).generate_state(1)[0])
-        return {SEED: seed} | values
+        return {"sim.seed": seed} | values
 
 
 @dataclass(frozen=True)
