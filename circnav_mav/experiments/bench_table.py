@@ -1,7 +1,7 @@
 """What a cell of the benchmark tells: its figures, its line, the two tables of BENCHMARK.md, and their picture."""
 
 import csv
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from math import isfinite
 from pathlib import Path
@@ -18,11 +18,6 @@ OWN = "auto"
 """The policy that has a table of its own, with all figures."""
 LOST = 300.0
 """RMS error, m, of the median flight from which on it is called lost."""
-HEADER = (
-    "situation", "kept", "RMS radius error, m: median / 95th percentile / worst; median peak", "asked for",
-    "settled to +-10 %", "to +-2 %", "turn command: sd deg/s / at the limit / rad/s per s", "limit cycles",
-    "closest (1st pct., starts outside), m", "r' RMSE, m/s", "mean NEES / in 95 % band",
-)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,11 +86,31 @@ def write_csv(cells: list[Cell], path: Path) -> None:
         writer.writerows({k: f"{v:.5g}" if isinstance(v, float) else v for k, v in row.items()} for row in rows)
 
 
+COLUMNS: dict[str, Callable[[Cell], str]] = {
+    "situation": lambda cell: cell.situation,
+    "kept": lambda cell: f"{cell.kept} of {cell.flights}",
+    "RMS radius error, m: median / 95th percentile / worst; median peak": lambda cell: (
+        f"**{cell.rms_median:.3f}** / {cell.rms_p95:.3f} / {cell.rms_max:.2f}; {cell.peak_median:.2f}"
+    ),
+    "asked for": lambda cell: "report" if (need := SITUATIONS[cell.situation].required) is None else f"{need:.2f}",
+    "settled to +-10 %": lambda cell: f"{_times(cell.settled10_median)} / {_times(cell.settled10_p95)}",
+    "to +-2 %": lambda cell: f"{_times(cell.settled2_median)} / {_times(cell.settled2_p95)}",
+    "turn command: sd deg/s / at the limit / rad/s per s": lambda cell: (
+        f"{cell.turn_std_deg_s:.1f} / {100 * cell.turn_at_limit:.0f} % / {cell.turn_variation_rad_s2:.2f}"
+    ),
+    "limit cycles": lambda cell: f"{cell.limit_cycles}",
+    "closest (1st pct., starts outside), m": lambda cell: f"{cell.closest_outside:.0f}",
+    "r' RMSE, m/s": lambda cell: f"{cell.rate_rmse:.3f}",
+    "mean NEES / in 95 % band": lambda cell: f"{cell.nees_mean:.1f} / {100 * cell.nees_in_band:.0f} %",
+}
+"""Of the table of OWN."""
+
+
 def markdown(cells: Sequence[Cell]) -> str:
     """The table of `auto`, then that of the other laws: median RMS radius error, in brackets the flights kept where it
     is not all, after it the standard deviation of the turn command; whichever was flown."""
     own, others = ([cell for cell in cells if (cell.policy == OWN) is mine] for mine in (True, False))
-    tables = [_table(HEADER, [_whole(cell) for cell in own])] if own else []
+    tables = [_table(tuple(COLUMNS), [[told(cell) for told in COLUMNS.values()] for cell in own])] if own else []
     if others:
         laws = list(dict.fromkeys(cell.policy for cell in others))
         rows: dict[str, dict[str, str]] = {cell.situation: dict.fromkeys(laws, "") for cell in others}
@@ -104,23 +119,6 @@ def markdown(cells: Sequence[Cell]) -> str:
             rows[cell.situation][cell.policy] = f"{_median(cell)}{kept}, sd {cell.turn_std_deg_s:.1f}"
         tables.append(_table(("situation", *laws), [(row, *said.values()) for row, said in rows.items()]))
     return "\n".join(tables)
-
-
-def _whole(cell: Cell) -> tuple[str, ...]:
-    need = SITUATIONS[cell.situation].required
-    return (
-        cell.situation,
-        f"{cell.kept} of {cell.flights}",
-        f"**{cell.rms_median:.3f}** / {cell.rms_p95:.3f} / {cell.rms_max:.2f}; {cell.peak_median:.2f}",
-        "report" if need is None else f"{need:.2f}",
-        f"{_times(cell.settled10_median)} / {_times(cell.settled10_p95)}",
-        f"{_times(cell.settled2_median)} / {_times(cell.settled2_p95)}",
-        f"{cell.turn_std_deg_s:.1f} / {100 * cell.turn_at_limit:.0f} % / {cell.turn_variation_rad_s2:.2f}",
-        f"{cell.limit_cycles}",
-        f"{cell.closest_outside:.0f}",
-        f"{cell.rate_rmse:.3f}",
-        f"{cell.nees_mean:.1f} / {100 * cell.nees_in_band:.0f} %",
-    )
 
 
 def _median(cell: Cell) -> str:

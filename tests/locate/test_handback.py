@@ -102,13 +102,18 @@ def test_dead_reckoning_goes_on_through_the_air_with_the_wind_learnt_before() ->
     assert here.sigma == pytest.approx(3.0 + 0.3 * 60) and not here.by_ranges
 
 
-@pytest.mark.parametrize("result", [mavlink.MAV_RESULT_UNSUPPORTED, mavlink.MAV_RESULT_DENIED, 77])
-def test_an_autopilot_whose_answer_is_no_or_not_understood_is_asked_once(result: int) -> None:
-    back, times = give([False] * 600, result)
-    assert len(times) == 1 and back.over
-
-
-def test_an_autopilot_that_accepts_and_does_nothing_is_left_alone() -> None:
-    """Where DCM flies, the command is accepted without effect."""
-    back, times = give([False] * 600, mavlink.MAV_RESULT_ACCEPTED, off=400.0)
-    assert len(times) == 3 and back.ended == "positions are accepted, and have no effect"
+@pytest.mark.parametrize(
+    ("result", "off", "times", "ended"),
+    [
+        (mavlink.MAV_RESULT_UNSUPPORTED, 0.0, 1, "the autopilot answered: "),
+        (mavlink.MAV_RESULT_DENIED, 0.0, 1, "the autopilot answered: "),
+        (77, 0.0, 1, "the autopilot answered: result 77"),
+        (mavlink.MAV_RESULT_ACCEPTED, 400.0, 3, "positions are accepted, and have no effect"),
+    ],
+    ids=["unknown", "denied", "not understood", "accepted without effect, as where DCM flies"],
+)
+def test_an_autopilot_that_helps_itself_no_further_is_left_alone(
+    result: int, off: float, times: int, ended: str
+) -> None:
+    back, given = give([False] * 600, result, off=off)
+    assert len(given) == times and back.over and back.ended.startswith(ended)

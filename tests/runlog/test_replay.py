@@ -1,6 +1,7 @@
 """Replay: the same flight gives the same bytes, another mission other ones, and half a log half a flight."""
 
 import dataclasses
+import math
 import struct
 from itertools import pairwise
 
@@ -64,26 +65,21 @@ def test_nothing_changed_gives_every_frame_byte_for_byte_at_its_time(tmp_path, o
     assert max(gaps(tmp_path, done).values()) < 1e-6
 
 
-def test_an_interrupt_is_replayed_with_its_safe_setpoints(tmp_path):
+@pytest.mark.parametrize(
+    ("event", "at", "reason"), [("interrupt_at", 5.0, "SIGINT"), ("slow_at", 6.0, "flown to its end")]
+)
+def test_an_interrupt_and_a_turn_that_was_held_back_are_replayed_as_such(tmp_path, event, at, reason):
+    """The one with its safe setpoints; of the other nothing was sent, and neither ticks nor summary count it."""
     flight = recorded_flight(tmp_path, "quickstart", SHORT)
-    flight.interrupt_at = 5.0
+    setattr(flight, event, at)
     flight.fly(30).recorder.close()
     pilot, done = replayed(tmp_path)
     assert done.identical
-    assert pilot.outcome.reason == "SIGINT"
+    assert pilot.outcome.reason == reason
     assert done.until < 9
-
-
-def test_a_turn_that_was_held_back_is_replayed_as_such(tmp_path):
-    """Nothing of it was sent, and neither ticks nor summary count it."""
-    flight = recorded_flight(tmp_path, "quickstart", SHORT)
-    flight.slow_at = 6.0
-    flight.fly(30).recorder.close()
-    pilot, done = replayed(tmp_path)
-    assert done.identical
     assert pilot.setpoints_sent == flight.pilot.setpoints_sent == len(done.was_setpoints)
     steered = [tick for tick in done.ticks if tick.phase is Phase.ENGAGED and tick.time > 5]
-    assert [tick.yaw_rate_sent is None for tick in steered].count(True) == 1
+    assert [tick.yaw_rate_sent is None for tick in steered].count(True) == (event == "slow_at")
 
 
 def test_an_impostor_with_the_vehicles_ids_is_told_apart_by_its_source(tmp_path):
@@ -135,6 +131,11 @@ def test_what_comes_after_the_pilots_end_is_not_counted(flown):
 def replayed_plain(flown, steps):
     pilot = Pilot(dataclasses.replace(without_timeouts(settings_of(flown)), output_mode=OutputMode.DRY_RUN))
     return pilot, replay(pilot, steps, ticking=True)
+
+
+def test_a_plain_tlog_is_replayed_without_timeouts_and_with_all_other_bounds_of_its_mission(flown):
+    timing = without_timeouts(settings_of(flown, "limits.round_trip_s=0.9", "limits.stale_s=0.7")).timing
+    assert (timing.round_trip, timing.stale, timing.hold) == (0.9, 0.7, math.inf)
 
 
 def test_a_plain_tlog_is_steered_by_its_ranges_and_our_own_frames_are_left_out(flown):
