@@ -1,7 +1,7 @@
 """Giving a position back to an autopilot that has lost its own: MAV_CMD_EXTERNAL_POSITION_ESTIMATE every few seconds.
 
 Never while the GPS has a fix, or when nobody says whether it has; never again to an autopilot that does not know the
-command, answers what nobody understands, or accepts and does nothing. Facts: ../shared/survey.md, section 4.
+command, answers what nobody understands, or accepts and does nothing.
 """
 
 from cmath import rect

@@ -1,4 +1,4 @@
-"""The place and its covariance, against worlds whose truth is known. Bounds: ../shared/survey.md, section 2."""
+"""The place and its covariance, against worlds whose truth is known."""
 
 from dataclasses import replace
 from math import hypot
