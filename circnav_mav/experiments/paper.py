@@ -20,6 +20,13 @@ from circnav_mav.guidance.laws import LAWS
 from circnav_mav.report.plots import STYLE, save
 
 Array = NDArray[np.float64]
+V, TARGET, R_D = 1.0, (0.0, -10.0), 10.0
+TOLERANCE = 0.05
+"""Settled: within this fraction of r_d of the predicted radius."""
+SECONDS = 200.0
+MIRRORED = 40
+SLACK = 1e-3
+"""Of r_d: how far the switching law's chatter (V step) may dip below the circle without having entered it."""
 STEP = 0.02
 
 
@@ -31,9 +38,9 @@ class Starts:
     y: Array
     heading: Array
 
-    def mirrored(self, target: tuple[float, float]) -> "Starts":
+    def mirrored(self) -> "Starts":
         """The reflection in the upright line through the target."""
-        return Starts(2 * target[0] - self.x, self.y, np.pi - self.heading)
+        return Starts(2 * TARGET[0] - self.x, self.y, np.pi - self.heading)
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,26 +60,24 @@ def random_starts(count: int, seed: int) -> Starts:
     return Starts(10 * x, 10 * y, 2 * np.pi * heading)
 
 
-def fly(
-    starts: Starts, law: Callable[[Array, Array], Array], *, V: float, target: tuple[float, float], seconds: float
-) -> Tracks:
+def fly(starts: Starts, law: Callable[[Array, Array], Array], seconds: float) -> Tracks:
     """Fly all starts. law: range and range rate to turn rate. Each step is an exact arc at the law's turn rate in its
     middle (second order)."""
     steps = round(seconds / STEP)
     tracks = Tracks(np.linspace(0, steps * STEP, steps + 1), *(np.empty((steps + 1, len(starts.x))) for _ in range(4)))
     x, y, heading = starts.x, starts.y, starts.heading
     for step in range(steps + 1):
-        r, theta_b = polar(x, y, heading, target)
+        r, theta_b = polar(x, y, heading)
         tracks.x[step], tracks.y[step], tracks.r[step], tracks.theta_b[step] = x, y, r, theta_b
         omega = law(r, -V * np.cos(theta_b))
-        r, theta_b = polar(*arc(x, y, heading, V, omega, STEP / 2), target)
+        r, theta_b = polar(*arc(x, y, heading, V, omega, STEP / 2))
         x, y, heading = arc(x, y, heading, V, law(r, -V * np.cos(theta_b)), STEP)
     return tracks
 
 
-def polar(x: Array, y: Array, heading: Array, target: tuple[float, float]) -> tuple[Array, Array]:
+def polar(x: Array, y: Array, heading: Array) -> tuple[Array, Array]:
     """Range, and bearing angle theta_b from the line of sight to the heading, counter-clockwise."""
-    to_x, to_y = target[0] - x, target[1] - y
+    to_x, to_y = TARGET[0] - x, TARGET[1] - y
     return np.hypot(to_x, to_y), np.mod(heading - np.arctan2(to_y, to_x), 2 * np.pi)
 
 
@@ -93,15 +98,6 @@ def lyapunov(r: Array, theta_b: Array, *, r_d: float, r_a: float, k: float) -> A
         return np.asarray(k * (z * root - r_d**2 * np.log(z + root)) - np.log(z))
 
     return 1 - np.sin(theta_b) + integral(r) - integral(np.asarray(r_a))
-
-
-V, TARGET, R_D = 1.0, (0.0, -10.0), 10.0
-TOLERANCE = 0.05
-"""Settled: within this fraction of r_d of the predicted radius."""
-SECONDS = 200.0
-MIRRORED = 40
-SLACK = 1e-3
-"""Of r_d: how far the switching law's chatter (V step) may dip below the circle without having entered it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +121,7 @@ class Example:
         def omega(r: Array, r_dot: Array) -> Array:
             return np.asarray(law(r, r_dot, V=V, r_d=self.fed, k=sign * self.k))
 
-        return fly(starts, omega, V=V, target=TARGET, seconds=seconds)
+        return fly(starts, omega, seconds)
 
 
 EXAMPLES = (
@@ -158,7 +154,7 @@ def study(example: Example, starts: Starts, seconds: float = SECONDS) -> tuple[F
     tracks = example.fly(starts, seconds)
     last = tracks.r[-len(tracks.time) // 5 :].mean(axis=0)
     few = Starts(starts.x[:MIRRORED], starts.y[:MIRRORED], starts.heading[:MIRRORED])
-    mirror = example.fly(few.mirrored(TARGET), seconds, sign=-1)
+    mirror = example.fly(few.mirrored(), seconds, sign=-1)
     apart = np.hypot(mirror.x + tracks.x[:, :MIRRORED] - 2 * TARGET[0], mirror.y - tracks.y[:, :MIRRORED])
     findings = Findings(
         example,

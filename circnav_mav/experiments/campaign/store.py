@@ -77,10 +77,9 @@ class Store:
         StoreError."""
         with _refusing(self._path):
             header, *lines = self._path.read_bytes().splitlines(keepends=True) or [b""]
+            lines.sort(key=lambda line: int(line.partition(b",")[0]))
             with atomic_write(self._path) as fresh:
-                fresh.write_bytes(
-                    header + b"".join(sorted(lines, key=lambda line: int(bytes(line).partition(b",")[0])))
-                )
+                fresh.write_bytes(header + b"".join(lines))
 
     def read(self) -> list[dict[str, str]]:
         """The rows as text. Raises StoreError."""
