@@ -17,7 +17,7 @@ import numpy as np
 
 from circnav_mav.experiments.batch import metrics
 from circnav_mav.experiments.batch.flight import LAST, SITUATIONS, Situation, Tracks, fly_situation, policy
-from circnav_mav.experiments.bench_table import Cell, draw, line, markdown, write_csv
+from circnav_mav.experiments.bench_table import Cell, line, markdown, write_csv
 from circnav_mav.experiments.worker_pool import workers
 from circnav_mav.guidance.types import Direction, Orbit
 from circnav_mav.runlog.atomic_write import write_text
@@ -43,6 +43,8 @@ def run(
                 write_csv(done, out / "table.csv")
                 write_text(out / "table.md", markdown(done))
     if out is not None:
+        from circnav_mav.experiments.bench_picture import draw  # matplotlib is not for the workers
+
         draw(done, out / "table.png")
     return done
 

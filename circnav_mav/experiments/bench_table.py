@@ -1,4 +1,4 @@
-"""What a cell of the benchmark tells: its figures, its line, the two tables of BENCHMARK.md, and their picture."""
+"""What a cell of the benchmark tells: its figures, its line, and the two tables of BENCHMARK.md."""
 
 import csv
 from collections.abc import Callable, Sequence
@@ -6,12 +6,7 @@ from dataclasses import asdict, dataclass
 from math import isfinite
 from pathlib import Path
 
-import numpy as np
-from matplotlib.colors import LogNorm
-from matplotlib.figure import Figure
-
 from circnav_mav.experiments.batch.flight import SITUATIONS
-from circnav_mav.report.plots import save
 from circnav_mav.runlog.atomic_write import atomic_write
 
 OWN = "auto"
@@ -116,12 +111,13 @@ def markdown(cells: Sequence[Cell]) -> str:
         rows: dict[str, dict[str, str]] = {cell.situation: dict.fromkeys(laws, "") for cell in others}
         for cell in others:
             kept = "" if cell.kept == cell.flights else f" ({cell.kept})"
-            rows[cell.situation][cell.policy] = f"{_median(cell)}{kept}, sd {cell.turn_std_deg_s:.1f}"
+            rows[cell.situation][cell.policy] = f"{median_or_lost(cell)}{kept}, sd {cell.turn_std_deg_s:.1f}"
         tables.append(_table(("situation", *laws), [(row, *said.values()) for row, said in rows.items()]))
     return "\n".join(tables)
 
 
-def _median(cell: Cell) -> str:
+def median_or_lost(cell: Cell) -> str:
+    """The median RMS radius error as the tables have it."""
     return f"{cell.rms_median:.2f}" if cell.rms_median < LOST else "lost"
 
 
@@ -131,23 +127,3 @@ def _times(value: float) -> str:
 
 def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "".join(f"| {' | '.join(cells)} |\n" for cells in (header, ["---"] * len(header), *rows))
-
-
-def draw(cells: Sequence[Cell], path: Path) -> None:
-    """Situations down, laws across."""
-    rows, columns = list(dict.fromkeys(c.situation for c in cells)), list(dict.fromkeys(c.policy for c in cells))
-    values = np.full((len(rows), len(columns)), np.nan)
-    width = max(5.5, 2 + 1.1 * len(columns))  # inches, of which the title needs 5.5
-    figure = Figure(figsize=(width, 1.5 + 0.42 * len(rows)), layout="constrained")
-    axes = figure.subplots()
-    for cell in cells:
-        i, j = rows.index(cell.situation), columns.index(cell.policy)
-        values[i, j] = max(cell.rms_median, 1e-3)
-        kept = "" if cell.kept == cell.flights else f"\n{100 * cell.kept / cell.flights:.0f} % kept"
-        axes.text(j, i, _median(cell) + kept, ha="center", va="center", fontsize=7)
-    image = axes.imshow(values, norm=LogNorm(0.05, 50), cmap="RdYlGn_r", aspect="auto")
-    axes.set_xticks(range(len(columns)), columns, rotation=35, ha="right", fontsize=8)
-    axes.set_yticks(range(len(rows)), rows, fontsize=8)
-    axes.set_title(f"Median RMS radius error, m, last 100 of 400 s, {cells[0].flights} flights a cell", fontsize=9)
-    figure.colorbar(image, ax=axes, label="m")
-    save(figure, path, dpi=130)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from circnav_mav.experiments import bench_table
+from circnav_mav.experiments import bench_picture
 from circnav_mav.experiments.batch import metrics
 from circnav_mav.experiments.batch.estimators import Auto
 from circnav_mav.experiments.batch.flight import (
@@ -266,9 +266,9 @@ def test_what_a_cell_says_is_what_can_be_counted_by_hand(cell):
 
 def test_the_picture_of_a_single_law_has_its_whole_title_and_says_lost_where_the_document_does(cell, monkeypatch):
     figures = []
-    monkeypatch.setattr(bench_table, "save", lambda figure, path, dpi: figures.append(figure))
+    monkeypatch.setattr(bench_picture, "save", lambda figure, path, dpi: figures.append(figure))
     kept = [replace(cell, situation=str(rms), rms_median=rms, kept=5) for rms in (299.0, 301.0)]
-    bench_table.draw(kept, Path("table.png"))
+    bench_picture.draw(kept, Path("table.png"))
     (figure,) = figures
     figure.draw_without_rendering()
     title = figure.axes[0].title.get_window_extent()

@@ -76,8 +76,8 @@ def test_several_tags_are_told_apart_by_their_ids_and_mixed_ones_get_a_warning(t
     east, north = (np.interp(one.time, track.time, way) for way in (track.east, track.north))
     far = np.sqrt((east - second[0]) ** 2 + (north - second[1]) ** 2 + 40.0**2) + rng.normal(0, 0.5, len(east))
     other = Ranges(one.time, far, one.sigma)
-    found = located(tmp_path, track, one, other, names=("7", "9"))
-    assert off(found["7"], first) < 6 and off(found["9"], second) < 6
+    found = located(tmp_path, track, one, other, names=("7", "tag 9"))
+    assert off(found["7"], first) < 6 and off(found["tag 9"], second) < 6
     capsys.readouterr()
     located(tmp_path, track, one, other, names=("", ""))
     assert "two tags mixed" in capsys.readouterr().out
