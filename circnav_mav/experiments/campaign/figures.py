@@ -111,7 +111,7 @@ def figures(rows: Rows, points: int = 1) -> dict[str, Any]:
         "settled_median": percentile(settled, 50),
         "settled_p95": percentile(settled, 95),
         "closest": min(known(rows, "closest_m"), default=None),
-        **{name: percentile(known(rows, name), 50) for name in NAMES[:3]},
+        **{name: percentile(known(rows, name), 50) for name in NAMES if name != "turn_limit_cycle"},
         "limit_cycles": sum(row["turn_limit_cycle"] == "true" for row in rows),
     }
 

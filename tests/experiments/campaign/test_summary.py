@@ -64,7 +64,8 @@ def test_one_value_of_the_only_swept_key_has_a_world_to_each_flight():
     told = [summary["all"], *summary["by"]["k"].values()]
     assert [(one["flights"], one["worlds"]) for one in told] == [(41, 11), (11, 11), (10, 10), (10, 10), (10, 10)]
     assert [(one["kept"], one["wrong_way"], one["failed"]) for one in told[:3]] == [(39, 1, 1), (9, 1, 1), (10, 0, 0)]
-    assert (told[0]["closest"], told[0]["turn_at_limit"], told[0]["limit_cycles"]) == (3.0, 0.25, 1)
+    assert (told[0]["closest"], told[0]["limit_cycles"]) == (3.0, 1)
+    assert (told[0]["turn_std_deg_s"], told[0]["turn_at_limit"], told[0]["turn_variation_rad_s2"]) == (1.0, 0.25, 0.2)
     assert told[0]["settled_p95"] == 5.0 and figures(rows[:1])["settled_median"] is None
     json.dumps(summary, allow_nan=False)
 
