@@ -16,17 +16,16 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from circnav_mav.cli.exits import Exit, Refused, refusing
 from circnav_mav.emulator.config import ConfigError
 from circnav_mav.experiments import bench, paper
+from circnav_mav.experiments.batch.flight import SITUATIONS
 from circnav_mav.experiments.batch.guidance import POLICIES
-from circnav_mav.experiments.batch.situations import SITUATIONS
-from circnav_mav.experiments.campaign.batchable import obstacle
 from circnav_mav.experiments.campaign.execute import ExecutionError, cores, on_cores, on_scheduler
+from circnav_mav.experiments.campaign.figures import SUMMARY, summarise
 from circnav_mav.experiments.campaign.file import CampaignError, load_campaign
-from circnav_mav.experiments.campaign.fly import Row, chunks
+from circnav_mav.experiments.campaign.fly import Row, chunks, obstacle
 from circnav_mav.experiments.campaign.plan import Campaign, hopeless, prepare
 from circnav_mav.experiments.campaign.plots import plot_campaign
 from circnav_mav.experiments.campaign.store import TABLE, Store, StoreError
-from circnav_mav.experiments.campaign.summary import SUMMARY, summarise
-from circnav_mav.experiments.ideal import random_starts
+from circnav_mav.experiments.paper import random_starts
 from circnav_mav.experiments.worker_pool import WorkerDiedError
 from circnav_mav.mission.load import MissionError
 from circnav_mav.runlog.atomic_write import write_json, write_text

@@ -5,7 +5,6 @@ from pathlib import Path
 import click
 
 from circnav_mav.cli.exits import Exit, Refused, refusing
-from circnav_mav.runlog.export_mcap import export_mcap
 from circnav_mav.runlog.run_folder import RunError, open_run
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -23,6 +22,8 @@ def export_run(folder: str, mcap: str | None) -> int:
         if not len(run.ticks.time):
             raise Refused(f"{folder}: an empty run, nothing was recorded", Exit.NOTHING_HEARD)
         try:
+            from circnav_mav.runlog.export_mcap import export_mcap
+
             counts = export_mcap(run, path)
         except ImportError:
             raise Refused("export --mcap needs the extra [mcap]: pip install 'circnav-mav[mcap]'") from None

@@ -9,9 +9,8 @@ import numpy as np
 from circnav_mav.cli.exits import Exit, Refused, refusing
 from circnav_mav.locate.estimator import Knowledge, NotYet, locate
 from circnav_mav.locate.export import geojson, kml
-from circnav_mav.locate.geodesy import Plane
-from circnav_mav.locate.place import NOT_OBSERVABLE, Place
-from circnav_mav.report.map import plot_map
+from circnav_mav.locate.place import NOT_OBSERVABLE, Place, Plane
+from circnav_mav.report.plots import plot_map
 from circnav_mav.runlog.atomic_write import write_text
 from circnav_mav.runlog.range_log import RangeLog, read_log
 from circnav_mav.runlog.run_folder import RunError, printable

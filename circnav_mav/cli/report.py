@@ -13,9 +13,8 @@ from circnav_mav.cli.exits import Exit, Refused, refusing
 from circnav_mav.cli.verdict import verdict
 from circnav_mav.mission.load import MissionError, parse_mission
 from circnav_mav.mission.mission import Mission
-from circnav_mav.report.map import plot_map
 from circnav_mav.report.page import write_report
-from circnav_mav.report.plots import plot_flight
+from circnav_mav.report.plots import plot_flight, plot_map
 from circnav_mav.runlog.run_folder import Run, RunError, open_run
 from circnav_mav.runlog.summary import FlightFacts, summarise
 

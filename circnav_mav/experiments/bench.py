@@ -8,21 +8,20 @@ has its own seed, so a cell prints the same numbers alone and in the whole table
 
 import time
 import zlib
-from collections.abc import Callable, Generator, Sequence
-from contextlib import closing
+from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from circnav_mav.experiments.batch import metrics
-from circnav_mav.experiments.batch.flight import Situation, Tracks, fly_situation, policy
-from circnav_mav.experiments.batch.situations import LAST, SITUATIONS
+from circnav_mav.experiments.batch.flight import LAST, SITUATIONS, Situation, Tracks, fly_situation, policy
 from circnav_mav.experiments.bench_table import Cell, line, markdown, write_csv
 from circnav_mav.experiments.worker_pool import workers
 from circnav_mav.guidance.types import Direction, Orbit
 from circnav_mav.runlog.atomic_write import write_text
-from circnav_mav.runlog.turn_command import turn_figures
+from circnav_mav.runlog.metrics import turn_figures
 
 Array = Any
 KEPT_BELOW = 10.0
@@ -32,30 +31,22 @@ def run(
     cells: Sequence[tuple[str, str]], flights: int, seed: int = 1, out: Path | None = None, *,
     tell: Callable[[str], None] = lambda line: None, cores: int = 1,
 ) -> list[Cell]:  # fmt: skip
-    """Fly cells, (situation, policy) by name; write table.csv, .md and .png into the folder `out`."""
+    """Fly cells, (situation, policy) by name; write table.csv, .md and .png into the folder `out`. Raises
+    WorkerDiedError."""
     done: list[Cell] = []
-    with closing(_flown(cells, flights, seed, cores)) as flown:
-        for cell in flown:
-            done.append(cell)
-            tell(line(cell))
+    with workers(cores) if min(cores, len(cells)) > 1 else nullcontext() as submit:
+        jobs = [submit(fly_cell, *cell, flights, seed) for cell in cells] if submit else []
+        for at, cell in enumerate(cells):
+            done.append(jobs[at].result() if jobs else fly_cell(*cell, flights, seed))
+            tell(line(done[-1]))
             if out is not None:
                 write_csv(done, out / "table.csv")
                 write_text(out / "table.md", markdown(done))
     if out is not None:
-        from circnav_mav.experiments.bench_picture import draw
+        from circnav_mav.experiments.bench_picture import draw  # matplotlib is not for the workers
 
         draw(done, out / "table.png")
     return done
-
-
-def _flown(cells: Sequence[tuple[str, str]], flights: int, seed: int, cores: int) -> Generator[Cell, None, None]:
-    """The cells in their order, as soon as those before them are flown. Raises WorkerDiedError."""
-    if min(cores, len(cells)) == 1:
-        yield from (fly_cell(*cell, flights, seed) for cell in cells)
-        return
-    with workers(cores) as submit:
-        flown = [submit(fly_cell, *cell, flights, seed) for cell in cells]
-        yield from (cell.result() for cell in flown)
 
 
 def fly_cell(situation: str, law: str, flights: int, seed: int) -> Cell:

@@ -1,23 +1,18 @@
 """What a cell of the benchmark tells: its figures, its line, and the two tables of BENCHMARK.md."""
 
 import csv
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from math import isfinite
 from pathlib import Path
 
-from circnav_mav.experiments.batch.situations import SITUATIONS
+from circnav_mav.experiments.batch.flight import SITUATIONS
 from circnav_mav.runlog.atomic_write import atomic_write
 
 OWN = "auto"
 """The policy that has a table of its own, with all figures."""
 LOST = 300.0
 """RMS error, m, of the median flight from which on it is called lost."""
-HEADER = (
-    "situation", "kept", "RMS radius error, m: median / 95th percentile / worst; median peak", "asked for",
-    "settled to +-10 %", "to +-2 %", "turn command: sd deg/s / at the limit / rad/s per s", "limit cycles",
-    "closest (1st pct., starts outside), m", "r' RMSE, m/s", "mean NEES / in 95 % band",
-)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,9 +21,8 @@ class Cell:
 
     rms: of the radius error over the last 100 s, peak: its largest. settled10, settled2: last exit from +-10 % and
     +-2 % over the Dubins time to the tangent point, for starts outside 1.3 r_d. closest: 1st percentile of the closest
-    approach, for starts outside. wrong_way: flights that went round in the wrong sense, a quarter turn in the
-    last 100 s at least. turn_*:
-    of the command over the last 100 s, medians; limit_cycles: flights in which it was in one (see `turn_command`).
+    approach, for starts outside. wrong_way: flights that went round the wrong way, a quarter turn at least. turn_*: of
+    the command over the last 100 s, medians; limit_cycles: flights in which it was in one (see `TurnFigures`).
     range_rmse, rate_rmse: of the estimates, m and m/s, over the last 100 s. nees_in_band: share of steps with the NEES
     of (r, theta) in its 95 % band.
     """
@@ -87,42 +81,44 @@ def write_csv(cells: list[Cell], path: Path) -> None:
         writer.writerows({k: f"{v:.5g}" if isinstance(v, float) else v for k, v in row.items()} for row in rows)
 
 
+COLUMNS: dict[str, Callable[[Cell], str]] = {
+    "situation": lambda cell: cell.situation,
+    "kept": lambda cell: f"{cell.kept} of {cell.flights}",
+    "RMS radius error, m: median / 95th percentile / worst; median peak": lambda cell: (
+        f"**{cell.rms_median:.3f}** / {cell.rms_p95:.3f} / {cell.rms_max:.2f}; {cell.peak_median:.2f}"
+    ),
+    "asked for": lambda cell: "report" if (need := SITUATIONS[cell.situation].required) is None else f"{need:.2f}",
+    "settled to +-10 %": lambda cell: f"{_times(cell.settled10_median)} / {_times(cell.settled10_p95)}",
+    "to +-2 %": lambda cell: f"{_times(cell.settled2_median)} / {_times(cell.settled2_p95)}",
+    "turn command: sd deg/s / at the limit / rad/s per s": lambda cell: (
+        f"{cell.turn_std_deg_s:.1f} / {100 * cell.turn_at_limit:.0f} % / {cell.turn_variation_rad_s2:.2f}"
+    ),
+    "limit cycles": lambda cell: f"{cell.limit_cycles}",
+    "closest (1st pct., starts outside), m": lambda cell: f"{cell.closest_outside:.0f}",
+    "r' RMSE, m/s": lambda cell: f"{cell.rate_rmse:.3f}",
+    "mean NEES / in 95 % band": lambda cell: f"{cell.nees_mean:.1f} / {100 * cell.nees_in_band:.0f} %",
+}
+"""Of the table of OWN."""
+
+
 def markdown(cells: Sequence[Cell]) -> str:
     """The table of `auto`, then that of the other laws: median RMS radius error, in brackets the flights kept where it
     is not all, after it the standard deviation of the turn command; whichever was flown."""
     own, others = ([cell for cell in cells if (cell.policy == OWN) is mine] for mine in (True, False))
-    tables = [_table(HEADER, [_whole(cell) for cell in own])] if own else []
+    tables = [_table(tuple(COLUMNS), [[told(cell) for told in COLUMNS.values()] for cell in own])] if own else []
     if others:
         laws = list(dict.fromkeys(cell.policy for cell in others))
-        found = {(cell.situation, cell.policy): _short(cell) for cell in others}
-        rows = dict.fromkeys(cell.situation for cell in others)
-        tables.append(
-            _table(("situation", *laws), [(row, *(found.get((row, law), "") for law in laws)) for row in rows])
-        )
+        rows: dict[str, dict[str, str]] = {cell.situation: dict.fromkeys(laws, "") for cell in others}
+        for cell in others:
+            kept = "" if cell.kept == cell.flights else f" ({cell.kept})"
+            rows[cell.situation][cell.policy] = f"{median_or_lost(cell)}{kept}, sd {cell.turn_std_deg_s:.1f}"
+        tables.append(_table(("situation", *laws), [(row, *said.values()) for row, said in rows.items()]))
     return "\n".join(tables)
 
 
-def _whole(cell: Cell) -> tuple[str, ...]:
-    need = SITUATIONS[cell.situation].required
-    return (
-        cell.situation,
-        f"{cell.kept} of {cell.flights}",
-        f"**{cell.rms_median:.3f}** / {cell.rms_p95:.3f} / {cell.rms_max:.2f}; {cell.peak_median:.2f}",
-        "report" if need is None else f"{need:.2f}",
-        f"{_times(cell.settled10_median)} / {_times(cell.settled10_p95)}",
-        f"{_times(cell.settled2_median)} / {_times(cell.settled2_p95)}",
-        f"{cell.turn_std_deg_s:.1f} / {100 * cell.turn_at_limit:.0f} % / {cell.turn_variation_rad_s2:.2f}",
-        f"{cell.limit_cycles}",
-        f"{cell.closest_outside:.0f}",
-        f"{cell.rate_rmse:.3f}",
-        f"{cell.nees_mean:.1f} / {100 * cell.nees_in_band:.0f} %",
-    )
-
-
-def _short(cell: Cell) -> str:
-    error = f"{cell.rms_median:.2f}" if cell.rms_median < LOST else "lost"
-    kept = "" if cell.kept == cell.flights else f" ({cell.kept})"
-    return f"{error}{kept}, sd {cell.turn_std_deg_s:.1f}"
+def median_or_lost(cell: Cell) -> str:
+    """The median RMS radius error as the tables have it."""
+    return f"{cell.rms_median:.2f}" if cell.rms_median < LOST else "lost"
 
 
 def _times(value: float) -> str:

@@ -1,19 +1,25 @@
-"""The paper's three examples, flown from many starts, and what it proves checked along every track."""
+"""The paper's three examples, flown from many starts in its own world (vehicles that turn exactly as the law says, no
+noise, no lag, no MAVLink), and what it proves checked along every track.
 
+Arrays over steps and starts; SI, radians, the paper's frame (x right, y up, angles counter-clockwise).
+"""
+
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
-from circnav_mav.experiments import ideal
 from circnav_mav.experiments.batch import metrics
-from circnav_mav.experiments.ideal import Array, Starts, Tracks
 from circnav_mav.guidance import theory
+from circnav_mav.guidance.geometry import chord
 from circnav_mav.guidance.laws import LAWS
-from circnav_mav.report.pictures import STYLE, save
+from circnav_mav.report.plots import STYLE, save
 
+Array = NDArray[np.float64]
 V, TARGET, R_D = 1.0, (0.0, -10.0), 10.0
 TOLERANCE = 0.05
 """Settled: within this fraction of r_d of the predicted radius."""
@@ -21,6 +27,77 @@ SECONDS = 200.0
 MIRRORED = 40
 SLACK = 1e-3
 """Of r_d: how far the switching law's chatter (V step) may dip below the circle without having entered it."""
+STEP = 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class Starts:
+    """x, y, heading of each start."""
+
+    x: Array
+    y: Array
+    heading: Array
+
+    def mirrored(self) -> "Starts":
+        """The reflection in the upright line through the target."""
+        return Starts(2 * TARGET[0] - self.x, self.y, np.pi - self.heading)
+
+
+@dataclass(frozen=True, slots=True)
+class Tracks:
+    """time: of each step. x, y, r, theta_b: (steps, starts); theta_b in [0, 2 pi)."""
+
+    time: Array
+    x: Array
+    y: Array
+    r: Array
+    theta_b: Array
+
+
+def random_starts(count: int, seed: int) -> Starts:
+    """The paper's: uniform in [0, 10] x [0, 10] x [0, 2 pi)."""
+    x, y, heading = np.random.default_rng(seed).uniform(size=(3, count))
+    return Starts(10 * x, 10 * y, 2 * np.pi * heading)
+
+
+def fly(starts: Starts, law: Callable[[Array, Array], Array], seconds: float) -> Tracks:
+    """Fly all starts. law: range and range rate to turn rate. Each step is an exact arc at the law's turn rate in its
+    middle (second order)."""
+    steps = round(seconds / STEP)
+    tracks = Tracks(np.linspace(0, steps * STEP, steps + 1), *(np.empty((steps + 1, len(starts.x))) for _ in range(4)))
+    x, y, heading = starts.x, starts.y, starts.heading
+    for step in range(steps + 1):
+        r, theta_b = polar(x, y, heading)
+        tracks.x[step], tracks.y[step], tracks.r[step], tracks.theta_b[step] = x, y, r, theta_b
+        omega = law(r, -V * np.cos(theta_b))
+        r, theta_b = polar(*arc(x, y, heading, V, omega, STEP / 2))
+        x, y, heading = arc(x, y, heading, V, law(r, -V * np.cos(theta_b)), STEP)
+    return tracks
+
+
+def polar(x: Array, y: Array, heading: Array) -> tuple[Array, Array]:
+    """Range, and bearing angle theta_b from the line of sight to the heading, counter-clockwise."""
+    to_x, to_y = TARGET[0] - x, TARGET[1] - y
+    return np.hypot(to_x, to_y), np.mod(heading - np.arctan2(to_y, to_x), 2 * np.pi)
+
+
+def arc(x: Array, y: Array, heading: Array, V: float, omega: Array, step: float) -> tuple[Array, Array, Array]:
+    """Where a turn at constant rate leads."""
+    east, north = chord(V, heading, omega * step, step)
+    return x + east, y + north, heading + omega * step
+
+
+def lyapunov(r: Array, theta_b: Array, *, r_d: float, r_a: float, k: float) -> Array:
+    """The paper's function for law 1: 1 - sin(theta_b) + integral from r_a to r of (-1/z + 2 k z cos asin(r_d/z)) dz.
+
+    The integral in closed form; r >= r_d.
+    """
+
+    def integral(z: Array) -> Array:
+        root = np.sqrt(np.maximum(z**2 - r_d**2, 0.0))
+        return np.asarray(k * (z * root - r_d**2 * np.log(z + root)) - np.log(z))
+
+    return 1 - np.sin(theta_b) + integral(r) - integral(np.asarray(r_a))
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +121,7 @@ class Example:
         def omega(r: Array, r_dot: Array) -> Array:
             return np.asarray(law(r, r_dot, V=V, r_d=self.fed, k=sign * self.k))
 
-        return ideal.fly(starts, omega, V=V, target=TARGET, seconds=seconds)
+        return fly(starts, omega, seconds)
 
 
 EXAMPLES = (
@@ -77,7 +154,7 @@ def study(example: Example, starts: Starts, seconds: float = SECONDS) -> tuple[F
     tracks = example.fly(starts, seconds)
     last = tracks.r[-len(tracks.time) // 5 :].mean(axis=0)
     few = Starts(starts.x[:MIRRORED], starts.y[:MIRRORED], starts.heading[:MIRRORED])
-    mirror = example.fly(few.mirrored(TARGET), seconds, sign=-1)
+    mirror = example.fly(few.mirrored(), seconds, sign=-1)
     apart = np.hypot(mirror.x + tracks.x[:, :MIRRORED] - 2 * TARGET[0], mirror.y - tracks.y[:, :MIRRORED])
     findings = Findings(
         example,
@@ -87,7 +164,7 @@ def study(example: Example, starts: Starts, seconds: float = SECONDS) -> tuple[F
         clockwise=int((turning(tracks) < 0).sum()),
         most_entries=int(entries(tracks.r, example.fed).max()),
         bearings=(float(tracks.theta_b[-1].min()), float(tracks.theta_b[-1].max())),
-        rise=lyapunov_rise(example, tracks) if example.law == "smooth" else None,
+        rise=lyapunov_rise(example, tracks),
         mirror=float(apart.max()),
         mirrored_counterclockwise=int((turning(mirror) > 0).sum()),
     )
@@ -106,14 +183,16 @@ def entries(r: Array, r_d: float) -> Array:
     return np.asarray(inside[0] + (inside[1:] & ~inside[:-1]).sum(axis=0))
 
 
-def lyapunov_rise(example: Example, tracks: Tracks) -> float:
-    """Largest rise of the function between two steps with r >= r_d and theta_b in [0, pi]."""
+def lyapunov_rise(example: Example, tracks: Tracks) -> float | None:
+    """Largest rise of the function between two steps with r >= r_d and theta_b in [0, pi]; None where the paper gives
+    none."""
+    if example.law != "smooth":
+        return None
     holds = (tracks.r >= example.fed) & (tracks.theta_b <= np.pi)
-    values = ideal.lyapunov(
+    values = lyapunov(
         np.maximum(tracks.r, example.fed), tracks.theta_b, r_d=example.fed, r_a=example.predicted, k=example.k
     )
-    rises = np.diff(values, axis=0)[holds[1:] & holds[:-1]]
-    return float(rises.max())
+    return float(np.diff(values, axis=0)[holds[1:] & holds[:-1]].max())
 
 
 def draw(folder: Path, example: Example, tracks: Tracks, start: int) -> list[Path]:

@@ -83,14 +83,13 @@ def _work(pipe: Connection) -> None:
     threading.Thread(target=_end_with_parent, name="end with parent", daemon=True).start()
     with suppress(EOFError, ConnectionError):
         while True:
-            pipe.send(_answer(*pipe.recv()))
-
-
-def _answer(function: Callable[..., Any], arguments: tuple[Any, ...]) -> tuple[Any, Exception | None]:
-    try:
-        return function(*arguments), None
-    except Exception as error:
-        return None, error
+            function, arguments = pipe.recv()
+            result, failed = None, None
+            try:
+                result = function(*arguments)
+            except Exception as error:
+                failed = error
+            pipe.send((result, failed))
 
 
 def _end_with_parent() -> None:

@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from circnav_mav.locate.geodesy import Plane
-from circnav_mav.locate.place import Array, Place
+from circnav_mav.locate.place import Array, Place, Plane
 
 LEAST = 20
 """Ranges below which nothing is estimated."""
@@ -95,47 +94,39 @@ class NotYet:
 
 def locate(plane: Plane, track: Track, ranges: Ranges, known: Knowledge, near: Place | None = None) -> Place | NotYet:
     """The place at the end of the ranges. near: one found before, from which to start. Needs scipy."""
-    track, heard = _rising(track), ranges
+    kept = np.diff(np.maximum.accumulate(track.time), prepend=-np.inf) > 1e-3  # no position twice, none that is late
+    track, heard = Track(track.time[kept], track.east[kept], track.north[kept], track.up[kept]), ranges
     ranges = _covered(track, heard)
     if len(ranges.r) < LEAST:
         return NotYet(f"{len(ranges.r)} ranges with positions round them, {LEAST} are needed{_apart(track, heard)}")
     still = _best(plane, track, ranges, known, near)
-    if isinstance(still, Place) and known.sigma_known and _explains(still, ranges):
-        return still
     newest = ranges.take(ranges.time >= ranges.time[-1] - MOVING_WINDOW)
     if len(newest.r) < LEAST:
         return still
+    if isinstance(still, Place) and known.sigma_known:
+        quiet = still.noise < EXPLAINED * float(np.median(ranges.sigma))
+        if quiet and still.outliers < 0.2 * still.used:
+            return still  # rest explains the ranges: nobody need ask whether the target moves
     moving = _Problem(track, newest, known, moves=True)
     fits = [moving.fit(start) for start in _moving_starts(track, newest, still, near)]
     fit = min(filter(None, fits), key=lambda one: one.cost, default=None)
     # motion contains rest: it must fit better by far, and the velocity be more than the wander of the positions
-    rest = None
-    if isinstance(still, Place):
-        rest = _Problem(track, newest, known).fit(np.array([still.east, still.north]))
-    if fit is None or (rest is not None and 2 * (rest.cost - fit.cost) < MOVING):
+    at_rest = isinstance(still, Place) and _Problem(track, newest, known).fit(np.array([still.east, still.north]))
+    if fit is None or (at_rest and 2 * (at_rest.cost - fit.cost) < MOVING):
         return still
     place = moving.finish(fit, plane)
-    return place if place is not None and _moves(place) else still
+    if place is None or not _good(place):
+        return still
+    return place if place.speed > max(np.sqrt(MOVING) * (place.velocity_sigma or 0.0), SLOWEST) else still
 
 
 def _apart(track: Track, ranges: Ranges) -> str:
     """Where enough ranges came, and positions too, why they do not go together: clocks, or the unit of time."""
     if len(ranges.r) < LEAST or len(track.time) < 2:
         return ""
-    spans = [f"{time[0]:.6g} .. {time[-1]:.6g} s" for time in (ranges.time, track.time)]
-    gap = float(np.median(np.diff(track.time)))
-    return f"; ranges of {spans[0]}, positions of {spans[1]}, one every {gap:.3g} s: one clock, in seconds?"
-
-
-def _explains(place: Place, ranges: Ranges) -> bool:
-    """Whether a target that stands explains the ranges: then nobody need ask whether it moves."""
-    quiet = place.noise < EXPLAINED * float(np.median(ranges.sigma))
-    return quiet and place.outliers < 0.2 * place.used
-
-
-def _moves(place: Place) -> bool:
-    sigma = place.velocity_sigma or 0.0
-    return _good(place) and place.speed > max(np.sqrt(MOVING) * sigma, SLOWEST)
+    of_ranges, of_positions = (f"{time[0]:.6g} .. {time[-1]:.6g} s" for time in (ranges.time, track.time))
+    every = f"one every {float(np.median(np.diff(track.time))):.3g} s"
+    return f"; ranges of {of_ranges}, positions of {of_positions}, {every}: one clock, in seconds?"
 
 
 def _moving_starts(track: Track, ranges: Ranges, still: Place | NotYet, near: Place | None) -> Iterator[Array]:
@@ -158,8 +149,9 @@ def _good(place: Place) -> bool:
 
 def _best(plane: Plane, track: Track, ranges: Ranges, known: Knowledge, near: Place | None) -> Place | NotYet:
     """The place of a target that stands. Ranges alone may fit two places: then there is none yet."""
+    problem = _Problem(track, ranges, known)
     if near is not None and not near.moves:
-        place = _Problem(track, ranges, known).solve(np.array([near.east, near.north]), plane)
+        place = problem.finish(problem.fit(np.array([near.east, near.north])), plane)
         if place is not None and _good(place) and place.noise < 3 * max(near.noise, 0.1):
             return place
     every = max(1, len(ranges.r) // GUESSED)
@@ -169,7 +161,7 @@ def _best(plane: Plane, track: Track, ranges: Ranges, known: Knowledge, near: Pl
     )
     if not found:
         return NotYet("the ranges fit no place")
-    place = _Problem(track, ranges, known).solve(found[0].x[:2], plane)
+    place = problem.finish(problem.fit(found[0].x[:2]), plane)
     if place is None or not _good(place):
         return NotYet("the track does not tell where the target is yet: fly a turn")
     for other in found[1:]:
@@ -186,12 +178,6 @@ def _starts(track: Track, ranges: Ranges) -> Iterator[Array]:
         east, north = (np.interp(ranges.time[at], track.time, way) for way in (track.east, track.north))
         for angle in np.arange(8) * np.pi / 4:
             yield np.array([east + ranges.r[at] * np.cos(angle), north + ranges.r[at] * np.sin(angle)])
-
-
-def _rising(track: Track) -> Track:
-    """Without positions that come twice, or late."""
-    kept = np.flatnonzero(np.diff(np.maximum.accumulate(track.time), prepend=-np.inf) > 1e-3)
-    return Track(track.time[kept], track.east[kept], track.north[kept], track.up[kept])
 
 
 def _covered(track: Track, ranges: Ranges) -> Ranges:
@@ -238,16 +224,9 @@ class _Problem:
         scale = np.ones_like(x)
         scale[[E, N, U]], scale[DELAY] = 10.0, 0.1
         found = least_squares(
-            self._residuals,
-            x,
-            self._jacobian,
-            loss=self._loss,
-            f_scale=HUBER,
-            x_scale=scale,
-            max_nfev=30,
-            ftol=1e-5,
+            self._residuals, x, self._jacobian, loss=self._loss, f_scale=HUBER, x_scale=scale, max_nfev=30, ftol=1e-5,
             xtol=1e-5,
-        )
+        )  # fmt: skip
         return found if np.isfinite(found.cost) else None
 
     def _loss(self, z: Array) -> Array:
@@ -257,30 +236,26 @@ class _Problem:
         root = np.sqrt(np.where(far, z, 1.0))
         return np.array([np.where(far, 2 * root - 1, z), 1 / root, np.where(far, -0.5 / root**3, 0.0)])
 
-    def solve(self, start: Array, plane: Plane) -> Place | None:
-        """The place, from a start; None where nothing fits."""
-        fit = self.fit(start)
-        return None if fit is None else self.finish(fit, plane)
-
-    def finish(self, fit: Fit, plane: Plane) -> Place | None:
-        """The place by a robust fit: again without its outliers, and with the noise that the ranges show."""
+    def finish(self, fit: Fit | None, plane: Plane) -> Place | None:
+        """The place by a robust fit: again without its outliers, and with the noise that the ranges show. None where
+        nothing fits."""
+        if fit is None:
+            return None
         count = len(self.ranges.r)
         off = fit.fun[:count]
         scale = 1.4826 * float(np.median(np.abs(off)))
-        keep = np.abs(off) <= OUTLIER * max(scale, 1.0 if self.known.sigma_known else 1e-6)
+        least = 1.0 if self.known.sigma_known else 1e-6
+        keep = np.abs(off) <= OUTLIER * max(scale, least)
         if keep.sum() < LEAST:
             return None
-        spread = float(np.sqrt(np.mean(off[keep] ** 2))) if keep.any() else scale
-        worse = max(spread, 1.0) if self.known.sigma_known else max(spread, 1e-6)
-        worse *= np.sqrt(_correlation(off[keep]))
-        kept = self.ranges.take(keep)
+        spread, kept = float(np.sqrt(np.mean(off[keep] ** 2))), self.ranges.take(keep)
+        worse = max(spread, least) * np.sqrt(_correlation(off[keep]))
         again = _Problem(self.track, replace(kept, sigma=kept.sigma * worse), self.known, moves=self.moves)
         last = again.fit(fit.x[[E, N, VE, VN]] if self.moves else fit.x[:2])
         if last is None:
             return None
-        information = last.jac.T @ last.jac
         try:
-            covariance: Array = np.linalg.inv(information).astype(float)
+            covariance: Array = np.linalg.inv(last.jac.T @ last.jac).astype(float)
         except np.linalg.LinAlgError:
             return None
         x = last.x

@@ -1,7 +1,7 @@
 """Giving a position back to an autopilot that has lost its own: MAV_CMD_EXTERNAL_POSITION_ESTIMATE every few seconds.
 
 Never while the GPS has a fix, or when nobody says whether it has; never again to an autopilot that does not know the
-command, answers what nobody understands, or accepts and does nothing. Facts: ../shared/survey.md, section 4.
+command, answers what nobody understands, or accepts and does nothing.
 """
 
 from cmath import rect
@@ -12,9 +12,8 @@ from typing import Any
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.guidance.types import OwnMotion, RelativeMotion
-from circnav_mav.locate.geodesy import Plane
-from circnav_mav.locate.messages import position_estimate
-from circnav_mav.locate.place import Place
+from circnav_mav.locate.export import position_estimate
+from circnav_mav.locate.place import Place, Plane
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.commands import RESULT_NAMES
 
@@ -101,11 +100,11 @@ class DeadReckoning:
     def flown(self, now: float, own: OwnMotion | None, bias: float) -> None:
         """Carry the place on through the air."""
         before = self.where
-        if before is None or own is None:
+        if before is None or own is None or now <= before.time:
             return
         dt = now - before.time
-        if not 0 < dt <= LONGEST_STEP:
-            self.where = None if dt > LONGEST_STEP else before  # where it went meanwhile is not known
+        if dt > LONGEST_STEP:
+            self.where = None  # where it went meanwhile is not known
             return
         v = rect(own.airspeed * before.scale, own.heading - bias) + before.wind
         self.where = replace(
@@ -157,17 +156,16 @@ class HandBack:
             self._waits, self._silent = False, self._silent + 1
             if self._silent >= MOST_SILENT:
                 self._end("the autopilot does not answer")
-        usable = where is not None and where.sigma <= MOST_SIGMA
-        if self.over or self._waits or not usable or now - self._lost_since < LOST_FOR or now < self._due:
+        early = self.over or self._waits or now - self._lost_since < LOST_FOR or now < self._due
+        if early or where is None or where.sigma > MOST_SIGMA:
             return None
-        assert where is not None
         self._due, self._waits, self._look_at = now + self.settings.every, True, None
-        latitude, longitude = plane.to_degrees(where.east, where.north)
+        latitude, longitude = map(float, plane.to_degrees(where.east, where.north))
         sigma = max(where.sigma, LEAST_SIGMA)
         by = "ranges" if where.by_ranges else "dead reckoning"
-        self.given.append(Given(now, float(latitude), float(longitude), sigma, by))
+        self.given.append(Given(now, latitude, longitude, sigma, by))
         self.ended = "going on"
-        return position_estimate(float(latitude), float(longitude), sigma, target, now, now - where.time)
+        return position_estimate(latitude, longitude, sigma, target, now, now - where.time)
 
     def answered(self, message: Message, us: tuple[int, int], now: float) -> None:
         """A COMMAND_ACK of the vehicle."""

@@ -4,20 +4,21 @@ Speaks as a component of its own, so that what the pilot sends stays what it is,
 that moves the vehicle: `SAYS` is all there is.
 """
 
+from cmath import phase, rect
 from collections import deque
 from collections.abc import Hashable, Iterable
 from dataclasses import dataclass
 from itertools import islice
-from math import cos, hypot, isfinite, sin
+from math import hypot, isfinite
 
 import numpy as np
 from pymavlink.dialects.v20 import all as dialect
 
+from circnav_mav.guidance.types import RelativeMotion
 from circnav_mav.locate.estimator import Knowledge, NotYet, Ranges, Track
-from circnav_mav.locate.geodesy import Plane
+from circnav_mav.locate.export import camera, named_values, orbit_status, own_beacon
 from circnav_mav.locate.handback import COMPASS_SIGMA, PLACE_SIGMA, DeadReckoning, HandBack, HandBackSettings
-from circnav_mav.locate.messages import camera, named_values, orbit_status, own_beacon
-from circnav_mav.locate.place import Place
+from circnav_mav.locate.place import Place, Plane
 from circnav_mav.locate.watch import Culprit, GpsWatch, Look, angle_between
 from circnav_mav.mav.autopilots.interface import PLAUSIBLE_AIRSPEED
 from circnav_mav.mav.clocks import BOOT_WRAP, RemoteClock
@@ -115,14 +116,13 @@ class Locator:
 
     def hear(self, link: str, source: Hashable, frames: Iterable[bytes], now: float) -> None:
         """Whole frames that are believed, after the pilot has had them."""
-        session = self._pilot.session
-        peer = session.peer
-        if link == VEHICLE and peer is not None and source == peer.source:
-            for frame in filter(_is_wanted, frames):
-                for message in self._decoder.decode(frame):
+        session, tracker = self._pilot.session, self._pilot.tracker
+        if link == VEHICLE and session.peer is not None and source == session.peer.source:
+            for frame in frames:
+                header = frame_at(frame, 0)  # most are of no interest: that is cheaper than to decode them
+                for message in self._decoder.decode(frame) if header is not None and header.ident in WANTED else ():
                     if (message.get_srcSystem(), message.get_srcComponent()) == session.vehicle_ids:
                         self._take(message, now)
-        tracker = self._pilot.tracker
         if tracker.accepted > self._accepted and tracker.newest is not None:
             height, sample = tracker.height.at(now) or 0.0, tracker.newest
             slant = hypot(sample.r, height)
@@ -136,9 +136,10 @@ class Locator:
             reported = message.h_acc / 1000 / 1.414 if message.h_acc else 0.0  # of one axis; 0: not known
             self._gps_sigma = max(self._settings.gps_sigma, min(reported, 100.0))
         elif kind == "COMMAND_ACK":
-            self._commands.acknowledge(message, (self._encoder.system, self._settings.component), now)
+            us = self._encoder.system, self._settings.component
+            self._commands.acknowledge(message, us, now)
             if self.handback is not None:
-                self.handback.answered(message, (self._encoder.system, self._settings.component), now)
+                self.handback.answered(message, us, now)
         elif (message.lat, message.lon) != (0, 0) and abs(message.lat) <= 90e7 and abs(message.lon) <= 180e7:
             self._position(message, now)
 
@@ -155,10 +156,10 @@ class Locator:
 
     def _position(self, message: Message, now: float) -> None:
         latitude, longitude, up = message.lat / 1e7, message.lon / 1e7, message.alt / 1000
-        if self.plane is None:
-            if not self.has_fix(now):
-                return
+        if self.plane is None and self.has_fix(now):
             self.plane = Plane(latitude, longitude)
+        if self.plane is None:
+            return
         east, north = self.plane.to_metres(latitude, longitude)
         self._home = up - message.relative_alt / 1000
         if self.handback is not None:
@@ -180,7 +181,7 @@ class Locator:
     def _range(self, time: float, slant: float, sigma: float, now: float) -> None:
         if self._ranges and time <= self._ranges[-1][0]:
             return
-        if self.watch.trusts_positions or self.watch.alarm is None:
+        if self.watch.trusts_positions or self.watch.culprit is None:
             self._ranges.append((time, slant, max(sigma, 0.02)))
         while self._ranges and now - self._ranges[0][0] > WINDOW:
             self._ranges.popleft()
@@ -195,21 +196,20 @@ class Locator:
         range_off = bearing_off = None
         tracker = pilot.tracker
         if place is not None and tracker.newest is not None and now - tracker.newest.time < 1.0:
-            there, estimate = place.at(time), tracker.at(time)
+            there = place.at(time)
             way = there.east - east, there.north - north
             sigma = hypot(there.sigma, self._gps_sigma, tracker.newest.sigma)
             height = tracker.height.at(now)
             flat = hypot(*way) if height is not None else hypot(*way, there.up - up)
             range_off = tracker.newest.r - flat - place.bias, sigma
-            relative = estimate.relative if estimate else None
-            if relative is not None and relative.trusted and hypot(*way) > 10:
+            relative = self._relative(time)
+            if relative is not None and hypot(*way) > 10:
                 off = angle_between((-relative.x, -relative.y), way)
                 sigma_bearing = (relative.sigma + sigma) / hypot(*way)
                 self._learn_compass(off, now)
                 bearing_off = off, sigma_bearing + 0.05
         self.watch.see(Look(now, east, north, heading, self._airspeed(now), range_off, bearing_off))
-        alarm = self.watch.alarm
-        if alarm is not None and alarm.culprit is Culprit.BEACON and self.place is not None:
+        if self.watch.culprit is Culprit.BEACON and self.place is not None:
             # the beacon has moved, or another one answers: what was surveyed is no longer so
             self.place = None
             self._track.clear()
@@ -221,13 +221,20 @@ class Locator:
         dt = min(now - self._turned_at, 1.0)
         self._turned_at = now
         self._turned_for = min(self._turned_for + dt, BIAS_MEMORY)
-        share = dt / max(self._turned_for, dt, 1e-3)
-        self._turned += share * (complex(cos(off), sin(off)) - self._turned)
+        self._turned += dt / max(self._turned_for, dt, 1e-3) * (rect(1.0, off) - self._turned)
 
     @property
-    def compass_bias(self) -> float:
-        """Of bearings by compass less those by GPS, rad, counter-clockwise positive; 0 before it was learnt."""
-        return float(np.angle(self._turned)) if self._turned_for > 10.0 else 0.0
+    def _compass_bias(self) -> tuple[float, float]:
+        """Of bearings by compass less those by GPS, rad, counter-clockwise positive, and its standard deviation; 0
+        before it was learnt."""
+        learnt = self._turned_for > 10.0
+        return (phase(self._turned), COMPASS_SIGMA) if learnt else (0.0, 3 * COMPASS_SIGMA)
+
+    def _relative(self, time: float) -> RelativeMotion | None:
+        """Where the vehicle is from the target by ranges and compass, where that is trusted."""
+        estimate = self._pilot.tracker.at(time)
+        relative = estimate.relative if estimate else None
+        return relative if relative is not None and relative.trusted else None
 
     # --- the estimate -----------------------------------------------------------------------------------------------
 
@@ -288,17 +295,14 @@ class Locator:
         messages.append(orbit_status(place, self._pilot.controller.orbit, now))
         newest = self._pilot.tracker.newest
         if self._settings.beacon and newest is not None:
-            height = self._pilot.tracker.height.at(now) or 0.0
-            messages.append(
-                own_beacon(place, hypot(newest.r, height), newest.sigma, self._pilot.session.vehicle_ids, now)
-            )
+            slant = hypot(newest.r, self._pilot.tracker.height.at(now) or 0.0)
+            messages.append(own_beacon(place, slant, newest.sigma, self._pilot.session.vehicle_ids, now))
         return messages
 
     def _requests(self, place: Place | None, now: float) -> list[Message]:
         """Streams, the camera, and the position that is given back."""
         peer = self._pilot.session.peer
         assert peer is not None
-        messages: list[Message] = []
         requests: list[Command] = []
         if not self._pilot.done:
             requests = self._streams.poll(now)
@@ -309,7 +313,7 @@ class Locator:
             requests = [*self._streams.give_back(), *(self._after.give_back() if self.handback else ())]
         for request in requests:
             self._commands.send(request)
-        messages += self._commands.poll(peer.ids, now)
+        messages = self._commands.poll(peer.ids, now)
         for result in self._commands.take_results():
             if result.refused and result.command.number == dialect.MAV_CMD_SET_MESSAGE_INTERVAL:
                 self._streams.denied(result.command)
@@ -330,7 +334,10 @@ class Locator:
             return []
         if now - self._reckoned_at >= RECKON_EVERY:
             self._reckoned_at = now
-            self._reckon(place if given is None else _given_place(given, self.plane, now), now)
+            if given is not None:
+                east, north = self.plane.to_metres(*given)
+                place = Place(now, self.plane, east, north, 0.0, np.eye(2), up_sigma=HOME_SIGMA, up_known=False)
+            self._reckon(place, now)
         heard = now - self._fix_at <= FIX_SILENT and self._pilot.session.vehicle.armed
         fix = self._fix >= FIX_3D if heard else None
         message = back.step(now, fix=fix, where=self._reckoning.where, plane=self.plane, target=target)
@@ -338,16 +345,13 @@ class Locator:
 
     def _reckon(self, place: Place | None, now: float) -> None:
         """Where the vehicle is by ranges and compass, or by its way through the air since."""
-        pilot = self._pilot
-        session, tracker = pilot.session, pilot.tracker
-        estimate = tracker.at(now)
-        relative = estimate.relative if estimate else None
-        fresh = tracker.newest is not None and now - tracker.newest.time < 2.0
-        if place is not None and place.sigma <= PLACE_SIGMA and relative is not None and relative.trusted and fresh:
-            sigma = COMPASS_SIGMA if self._turned_for > 10.0 else 3 * COMPASS_SIGMA
-            self._reckoning.ranged(now, place, relative, (self.compass_bias, sigma))
+        newest, relative = self._pilot.tracker.newest, self._relative(now)
+        fresh = newest is not None and now - newest.time < 2.0
+        if place is not None and place.sigma <= PLACE_SIGMA and relative is not None and fresh:
+            self._reckoning.ranged(now, place, relative, self._compass_bias)
             return
-        self._reckoning.flown(now, session.motion.own(now, self._airspeed(now)), self.compass_bias)
+        own = self._pilot.session.motion.own(now, self._airspeed(now))
+        self._reckoning.flown(now, own, self._compass_bias[0])
 
     def _airspeed(self, now: float) -> float:
         """True; as measured where that can be, else as commanded. Not asked of the adapter: it remembers what it was
@@ -363,14 +367,11 @@ class Locator:
     def _aim(self, place: Place) -> bool:
         """Whether the camera must be pointed anew."""
         before = self._aimed
-        return before is None or (
-            place.time - before.time > 1.0
-            and hypot(place.east - before.east, place.north - before.north) > max(2.0, place.sigma / 2)
-        )
+        return before is None or (place.time - before.time > 1.0 and place.distance(before) > max(2.0, place.sigma / 2))
 
     def _say(self, place: Place | None, now: float) -> None:
         """STATUSTEXT: the place when it is first known and when it has moved; alarms as they begin and end."""
-        culprit = self.watch.alarm.culprit if self.watch.alarm else None
+        culprit = self.watch.culprit
         if culprit is not self._culprit:
             self._culprit = culprit
             severity = dialect.MAV_SEVERITY_WARNING if culprit else dialect.MAV_SEVERITY_NOTICE
@@ -378,8 +379,7 @@ class Locator:
             self._announcer.say("watch", text, severity=severity)
         if place is None or now - self._said_at < TEXT_EVERY:
             return
-        before = self._said
-        if before is None or hypot(place.east - before.east, place.north - before.north) > max(place.sigma, 1.0) / 2:
+        if self._said is None or place.distance(self._said) > max(place.sigma, 1.0) / 2:
             self._said_at, self._said = now, place
             sigma = f"{place.sigma:.1f}" if isfinite(place.sigma) else "?"
             self._announcer.say("place", f"target {place.latitude:.6f} {place.longitude:.6f} {sigma} m")
@@ -390,15 +390,3 @@ class Locator:
         if kind not in SAYS or (kind.startswith("COMMAND") and message.command not in COMMANDS):
             raise ValueError(f"{kind} must not leave the survey")
         return self._encoder.encode(message)
-
-
-def _is_wanted(frame: bytes) -> bool:
-    """Whether a whole frame is worth decoding, by its header."""
-    header = frame_at(frame, 0)
-    return header is not None and header.ident in WANTED
-
-
-def _given_place(given: tuple[float, float], plane: Plane, now: float) -> Place:
-    """The target's place as the mission gives it."""
-    east, north = plane.to_metres(*given)
-    return Place(now, plane, east, north, up=0.0, covariance=np.eye(2), up_sigma=HOME_SIGMA, up_known=False)

@@ -9,7 +9,7 @@ from cmath import rect
 from collections import deque
 from dataclasses import dataclass
 from enum import Enum
-from math import atan2, pi
+from math import atan2, degrees
 
 SPAN = 3.0
 """Time, s, over which ways are compared: longer than the jitter of the streams, much shorter than a lap."""
@@ -36,24 +36,23 @@ class Culprit(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Alarm:
-    """A disagreement that lasts. since: s. text: for people."""
+    """A disagreement that lasts. text: for people."""
 
     culprit: Culprit
-    since: float
     text: str
 
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """One moment. east, north: position, m. heading: of the nose in the paper's frame, rad; airspeed: m/s; None: not
-    known. range_off: measured less predicted range, m, with its standard deviation; bearing_off: bearing of the target
-    by compass less that by position, rad, with its own; None where there is nothing to compare."""
+    """One moment. east, north: position, m. heading: of the nose in the paper's frame, rad, None: not known. airspeed:
+    m/s. range_off: measured less predicted range, m, with its standard deviation; bearing_off: bearing of the target by
+    compass less that by position, rad, with its own; None where there is nothing to compare."""
 
     time: float
     east: float
     north: float
     heading: float | None
-    airspeed: float | None
+    airspeed: float
     range_off: tuple[float, float] | None = None
     bearing_off: tuple[float, float] | None = None
 
@@ -75,10 +74,14 @@ class GpsWatch:
         """The alarms so far: when each began, and its first words."""
 
     @property
+    def culprit(self) -> Culprit | None:
+        """What is likeliest wrong now."""
+        return self.alarm.culprit if self.alarm else None
+
+    @property
     def trusts_positions(self) -> bool:
         """Whether positions may go on to tell where the target is."""
-        range_fails = "range" in self._failing
-        return not (range_fails or (self.alarm is not None and self.alarm.culprit is Culprit.GPS))
+        return "range" not in self._failing and self.culprit is not Culprit.GPS
 
     def see(self, look: Look) -> None:
         """Take one moment in."""
@@ -86,8 +89,7 @@ class GpsWatch:
         while self._looks[-1].time - self._looks[0].time > SPAN:
             self._looks.popleft()
         self._compare_ways()
-        comparisons = ("range", look.range_off, RANGE_FLOOR), ("bearing", look.bearing_off, BEARING_FLOOR)
-        for name, off, floor in comparisons:
+        for name, off, floor in (("range", look.range_off, RANGE_FLOOR), ("bearing", look.bearing_off, BEARING_FLOOR)):
             if off is not None and abs(off[0]) > max(FACTOR * off[1], floor):
                 self._failing.setdefault(name, look.time)
             else:
@@ -102,11 +104,7 @@ class GpsWatch:
         """The way by positions less the way through the air: the wind, and what does not fit it."""
         first, last = self._looks[0], self._looks[-1]
         span = last.time - first.time
-        air = [
-            rect(look.airspeed, look.heading)
-            for look in self._looks
-            if look.heading is not None and look.airspeed is not None
-        ]
+        air = [rect(look.airspeed, look.heading) for look in self._looks if look.heading is not None]
         if span < SPAN / 2 or len(air) < len(self._looks):
             return
         wind = complex(last.east - first.east, last.north - first.north) / span - sum(air) / len(air)
@@ -127,27 +125,21 @@ class GpsWatch:
         lasting = {name for name, since in self._failing.items() if look.time - since >= PATIENCE}
         if not lasting:
             self._calm_since = look.time if self._calm_since is None else self._calm_since
-            if self.alarm is not None and look.time - self._calm_since > CALM:
+            if look.time - self._calm_since > CALM:
                 self.alarm = None
             return
         self._calm_since = None
-        by_way = look.time - self._way_failed_at < RECENT
-        by_range = Culprit.GPS if by_way else Culprit.BEACON
+        # the jump itself is seen only once
+        jumped = look.time - self._way_failed_at < RECENT or self.culprit is Culprit.GPS
+        by_range = Culprit.GPS if jumped else Culprit.BEACON
         culprit = by_range if "range" in lasting else Culprit.COMPASS
-        since = look.time if self.alarm is None else self.alarm.since
-        if self.alarm is not None and self.alarm.culprit is Culprit.GPS and culprit is Culprit.BEACON:
-            culprit = Culprit.GPS  # the jump itself is seen only once
-        before, self.alarm = self.alarm, Alarm(culprit, since, _words(culprit, look))
-        if before is None or before.culprit is not culprit:
+        off, _ = (look.bearing_off if culprit is Culprit.COMPASS else look.range_off) or (0.0, 0.0)
+        text = f"range and GPS disagree by {abs(off):.0f} m: {culprit.value} likeliest"
+        if culprit is Culprit.COMPASS:
+            text = f"compass and GPS disagree by {degrees(abs(off)):.0f} deg of bearing: compass likeliest"
+        before, self.alarm = self.culprit, Alarm(culprit, text)
+        if culprit is not before:
             self.told.append((look.time, self.alarm.text))
-
-
-def _words(culprit: Culprit, look: Look) -> str:
-    if culprit is Culprit.COMPASS:
-        off = look.bearing_off[0] if look.bearing_off else 0.0
-        return f"compass and GPS disagree by {abs(off) * 180 / pi:.0f} deg of bearing: compass likeliest"
-    off = look.range_off[0] if look.range_off else 0.0
-    return f"range and GPS disagree by {abs(off):.0f} m: {culprit.value} likeliest"
 
 
 def angle_between(first: tuple[float, float], second: tuple[float, float]) -> float:

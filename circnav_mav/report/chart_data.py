@@ -4,16 +4,66 @@ them. Which charts there are, and how they look, is in runtime/web/charts.js, fo
 import json
 from itertools import pairwise
 from math import isfinite, nan
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from circnav_mav.guidance.types import Orbit
-from circnav_mav.report.segments import Track, broken, fresh, known_track
 from circnav_mav.runlog.events import Event
 from circnav_mav.runlog.metrics import TOLERANCE
 from circnav_mav.runlog.ticks import Column, Ticks, Truth
+
+GAP = 5.0
+"""Usual steps between two samples beyond which nothing is known of what lies between."""
+
+
+def broken(time: Column, *columns: Column) -> tuple[Column, ...]:
+    """Time and columns over it, with NaN put into the columns where the samples pause, so that lines break there."""
+    steps = np.diff(time)
+    rising = steps[steps > 0]
+    pauses = np.flatnonzero(steps > GAP * np.median(rising)) + 1 if len(rising) else np.array([], int)
+    if not len(pauses):
+        return time, *columns
+    middles = (time[pauses - 1] + time[pauses]) / 2
+    return np.insert(time, pauses, middles), *(np.insert(column, pauses, np.nan) for column in columns)
+
+
+def fresh(ticks: Ticks) -> NDArray[np.bool_]:
+    """The ticks that answered a new range, also one that was refused for its innovation; the others repeat the last."""
+    nis = ticks.numbers["nis"]
+    # A rejected range leaves the count of accepted ones as it is; its innovation is what changes.
+    judged = np.isfinite(nis) & (np.diff(nis, prepend=np.nan) != 0)
+    answered: NDArray[np.bool_] = judged | (np.diff(ticks.numbers["accepted"], prepend=0.0) > 0)
+    return answered
+
+
+class Track(NamedTuple):
+    """Where a vehicle flew: m east and north of the target, NaN where nobody knows. true: by the simulator, else as
+    estimated."""
+
+    time: Column
+    east: Column
+    north: Column
+    true: bool
+
+    @property
+    def known(self) -> NDArray[np.intp]:
+        """The points that are known."""
+        return np.flatnonzero(np.isfinite(self.east) & np.isfinite(self.north))
+
+
+def known_track(ticks: Ticks, truth: Truth | None) -> Track | None:
+    """The truth where there is one, else what was believed; None where there is neither: range alone does not tell."""
+    true = truth is not None and len(truth.time) > 1
+    if truth is not None and true:
+        places = truth.time, truth.east - truth.target_east, truth.north - truth.target_north
+    else:
+        places = ticks.time, ticks.numbers["x"], ticks.numbers["y"]
+    time, east, north = broken(*places)
+    track = Track(time, east, north, true)
+    return track if len(track.known) > 1 else None
+
 
 STRETCHES = 1500
 """Most points of a line are twice this: the least and the largest value of each stretch."""
@@ -64,31 +114,23 @@ def _columns(ticks: Ticks, truth: Truth | None, span: tuple[float, float]) -> di
     """Time and values of each column that there is something to draw of."""
     numbers, time, new = ticks.numbers, ticks.time, fresh(ticks)
     found = {name: _line(time, numbers[name]) for name in ("r", "r_dot", "turn_rate", "heading", "drift_x", "drift_y")}
-    found["desired"] = _steps(time, ticks.desired(nan))
+    desired = ticks.desired(nan)
+    changed = desired != np.append(nan, desired[:-1])
+    found["desired"] = time[changed], desired[changed]
     found["measured"] = _dots(time[new], numbers["measured"][new])
     found["innovation"] = _dots(time[new], np.sqrt(numbers["nis"][new]))
     found |= {name: _rate(time, numbers[name], span) for name in ("accepted", "rejected")}
     if truth is None:
-        return found | {"differenced": _line(*_differenced(time[new], numbers["measured"][new]))}
+        heard, measured = time[new], numbers["measured"][new]
+        before = np.searchsorted(heard, heard - 1.0)  # about a second
+        with np.errstate(invalid="ignore", divide="ignore"):
+            rate = (measured - measured[before]) / (heard - heard[before])
+        return found | {"differenced": _line(heard, np.where(np.isfinite(rate), rate, np.nan))}
     rising = np.diff(truth.sim_time, prepend=-np.inf) > 0
     if rising.sum() > 1:
         rate = np.gradient(truth.radius[rising], truth.sim_time[rising])
         found["true_r_dot"] = _line(truth.time[rising], rate)
     return found | {"true_r": _line(truth.time, truth.radius), "true_turn": _line(truth.time, -truth.turn_rate)}
-
-
-def _steps(time: Column, values: Column) -> tuple[Column, Column]:
-    """The first of each of equal values."""
-    new = values != np.append(nan, values[:-1])
-    return time[new], values[new]
-
-
-def _differenced(time: Column, measured: Column) -> tuple[Column, Column]:
-    """The range rate that the measured ranges tell over about a second."""
-    before = np.searchsorted(time, time - 1.0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        rate = (measured - measured[before]) / (time - time[before])
-    return time, np.where(np.isfinite(rate), rate, np.nan)
 
 
 def _rate(time: Column, counted: Column, span: tuple[float, float]) -> tuple[Column, Column]:

@@ -9,8 +9,7 @@ from pathlib import Path
 from circnav_mav.guidance.types import Orbit
 from circnav_mav.pilot import OutputMode, phase_name
 from circnav_mav.pilot.mission_state import Phase
-from circnav_mav.report.chart_data import alarms, as_script, chart_data
-from circnav_mav.report.segments import known_track
+from circnav_mav.report.chart_data import alarms, as_script, chart_data, known_track
 from circnav_mav.runlog.atomic_write import write_text
 from circnav_mav.runlog.events import Event, events
 from circnav_mav.runlog.run_folder import Run
@@ -30,7 +29,8 @@ def write_report(run: Run, orbit: Orbit, circles: str, gate: float, verdict: str
     circles: in words. gate: of the innovations, standard deviations. verdict: its first line is the outcome. settings:
     by their keys.
     """
-    names, happened = _phase_names(run), events(run)
+    mode, happened = next((mode for mode in OutputMode if mode.value == run.voice), OutputMode.FLY), events(run)
+    names = {phase.value: phase_name(phase, mode) for phase in Phase}  # as they are called where nothing was sent, too
     commanded = "commanded" if run.voice == OutputMode.FLY.value else "would command"
     data = chart_data(run.ticks, run.truth, orbit, names, gate=gate, commanded=commanded)
     outcome, _, figures = verdict.partition("\n")
@@ -98,12 +98,6 @@ def _place(run: Run) -> str:
         return ""
     known = {name: str(value) for name, value in place.items() if value is not None and name != "ellipse_95"}
     return f"<h2>Target on the map</h2>{image}<table>{_rows(known)}</table>"
-
-
-def _phase_names(run: Run) -> dict[str, str]:
-    """The phases as they are called where nothing was sent, too."""
-    mode = next((mode for mode in OutputMode if mode.value == run.voice), OutputMode.FLY)
-    return {phase.value: phase_name(phase, mode) for phase in Phase}
 
 
 def _events(happened: list[Event], names: dict[str, str]) -> str:

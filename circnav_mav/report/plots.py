@@ -1,5 +1,7 @@
-"""Pictures of a run: flight.png (track as far as it is known, range, error, turn rate) and replay.png."""
+"""Pictures of a run: flight.png (track as far as it is known, range, error, turn rate), replay.png, and the map of what
+was located; and what all pictures of the product share."""
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -8,10 +10,25 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from circnav_mav.guidance.types import Orbit
-from circnav_mav.report.pictures import STYLE, literal, save
-from circnav_mav.report.segments import Track, broken, fresh, known_track
+from circnav_mav.locate.place import Plane
+from circnav_mav.report.chart_data import Track, broken, fresh, known_track
+from circnav_mav.runlog.atomic_write import atomic_write
 from circnav_mav.runlog.metrics import TOLERANCE
 from circnav_mav.runlog.ticks import Column, Ticks, Truth
+
+STYLE: Any = {"font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "axes.axisbelow": True}
+
+
+def literal(text: str) -> str:
+    """A text that matplotlib draws as it is: in names of files and missions, dollars enclose no formula."""
+    return text.replace("$", r"\$")
+
+
+def save(figure: Figure, path: Path, dpi: int = 110) -> None:
+    """Write a PNG. Raises OSError; an older one is then still there."""
+    with atomic_write(path) as fresh:
+        figure.savefig(fresh, dpi=dpi, format="png")
+
 
 ESTIMATE, MEASURED, TRUE, DESIRED, LIMIT = "#0063a6", "#9aa9ba", "#d55e00", "#007a5a", "#777777"
 HOLD_BAND = "#f6d8a8"
@@ -19,22 +36,33 @@ HOLD_BAND = "#f6d8a8"
 
 def plot_flight(path: Path, ticks: Ticks, truth: Truth | None, orbit: Orbit, title: str) -> None:
     """Draw a run and write it as PNG. Raises OSError."""
+    time, desired, track, new = ticks.time, ticks.desired(orbit.radius), known_track(ticks, truth), fresh(ticks)
+    holding = np.array([phase == "holding" for phase in ticks.phases])
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(12, 7), layout="constrained")
         figure.suptitle(literal(title))
-        track = known_track(ticks, truth)
         grid = figure.add_gridspec(3, 2, width_ratios=[1.1, 1] if track else [0.001, 1])
         if track is not None:
             _track(figure.add_subplot(grid[:, 0]), track, ticks.radii(orbit.radius))
-        axes = [figure.add_subplot(grid[row, 1]) for row in range(3)]
-        _range(axes[0], ticks, truth, orbit)
-        _error(axes[1], ticks, truth, orbit)
-        _turn_rate(axes[2], ticks, orbit)
-        for axis in axes:
-            _mark_holding(axis, ticks)
+        axes = r, error, turn = [figure.add_subplot(grid[row, 1]) for row in range(3)]
+        r.plot(time[new], ticks.numbers["measured"][new], ".", ms=2, color=MEASURED, label="measured")
+        _estimated_and_true(r, ticks, truth, less=0 * desired)
+        _steps(r, time, desired, "desired")
+        band = TOLERANCE * desired
+        error.fill_between(time, -band, band, color=DESIRED, alpha=0.12, lw=0, label=f"+-{100 * TOLERANCE:.0f} %")
+        _estimated_and_true(error, ticks, truth, less=desired)
+        error.set_ylim(-3 * band.max(), 3 * band.max())
+        _turn_rate(turn, ticks, orbit)
+        labels = "range, m", "range - radius, m", "turn rate, deg/s\n(left positive)"
+        for axis, label in zip(axes, labels, strict=True):
+            axis.set_ylabel(label)
+            if holding.any():  # the times without ranges in which the vehicle held its turn
+                limits, label = axis.get_ylim(), "no range, holding"
+                axis.fill_between(time, *limits, where=holding, color=HOLD_BAND, alpha=0.7, lw=0, label=label)
+                axis.set_ylim(*limits)
             _legend_above(axis)
-            axis.set_xlim(float(ticks.time[0]), float(ticks.time[-1]))
-        axes[-1].set_xlabel("time, s")
+            axis.set_xlim(float(time[0]), float(time[-1]))
+        turn.set_xlabel("time, s")
         save(figure, path)
 
 
@@ -49,7 +77,7 @@ def plot_replay(path: Path, was: Ticks | None, would: Ticks, orbit: Orbit, title
                 axis.plot(*broken(was.time, scale * was.numbers[column]), color=MEASURED, lw=2.5, label="as flown")
             axis.plot(*broken(would.time, scale * would.numbers[column]), color=ESTIMATE, lw=1, label="replayed")
             axis.set_ylabel(label)
-        _desired(figure.axes[0], would, orbit)
+        _steps(figure.axes[0], would.time, would.desired(orbit.radius), "desired")
         _legend_above(figure.axes[0])
         figure.axes[-1].set_xlabel("time, s")
         save(figure, path)
@@ -73,8 +101,7 @@ def _track(axis: Any, track: Track, radii: list[float]) -> None:
             looks = {"arrowstyle": "-|>", "color": colour, "mutation_scale": 18}
             axis.annotate("", xy=end, xytext=begin, arrowprops=looks)
     axis.set_aspect("equal", adjustable="datalim")
-    axis.set_xlabel("east of the target, m")
-    axis.set_ylabel("north of the target, m")
+    axis.set(xlabel="east of the target, m", ylabel="north of the target, m")
     axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.08), ncols=4)
 
 
@@ -92,31 +119,12 @@ def _legend_above(axis: Any) -> None:
     axis.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=6, fontsize=8, frameon=False, borderaxespad=0.1)
 
 
-def _range(axis: Any, ticks: Ticks, truth: Truth | None, orbit: Orbit) -> None:
-    new = fresh(ticks)
-    axis.plot(ticks.time[new], ticks.numbers["measured"][new], ".", ms=2, color=MEASURED, label="measured")
-    _estimated_and_true(axis, ticks, truth)
-    _desired(axis, ticks, orbit)
-    axis.set_ylabel("range, m")
+def _steps(axis: Any, time: Column, values: Column, label: str) -> None:
+    axis.plot(time, values, ls="--", color=DESIRED, lw=1, label=label, drawstyle="steps-post")
 
 
-def _error(axis: Any, ticks: Ticks, truth: Truth | None, orbit: Orbit) -> None:
-    desired = ticks.desired(orbit.radius)
-    band = TOLERANCE * desired
-    axis.fill_between(ticks.time, -band, band, color=DESIRED, alpha=0.12, lw=0, label=f"+-{100 * TOLERANCE:.0f} %")
-    _estimated_and_true(axis, ticks, truth, less=desired)
-    axis.set_ylim(-3 * band.max(), 3 * band.max())
-    axis.set_ylabel("range - radius, m")
-
-
-def _desired(axis: Any, ticks: Ticks, orbit: Orbit) -> None:
-    desired = ticks.desired(orbit.radius)
-    axis.plot(ticks.time, desired, ls="--", color=DESIRED, lw=1, label="desired", drawstyle="steps-post")
-
-
-def _estimated_and_true(axis: Any, ticks: Ticks, truth: Truth | None, less: Column | None = None) -> None:
+def _estimated_and_true(axis: Any, ticks: Ticks, truth: Truth | None, less: Column) -> None:
     """The range, less the metres of each tick."""
-    less = np.zeros(len(ticks.time)) if less is None else less
     axis.plot(*broken(ticks.time, ticks.numbers["r"] - less), color=ESTIMATE, lw=1, label="estimated")
     if truth is not None:
         then = less[np.maximum(np.searchsorted(ticks.time, truth.time, side="right") - 1, 0)]
@@ -127,18 +135,46 @@ def _turn_rate(axis: Any, ticks: Ticks, orbit: Orbit) -> None:
     name = "commanded" if np.isfinite(ticks.numbers["yaw_rate_sent"]).any() else "would command"
     axis.plot(*broken(ticks.time, np.degrees(ticks.numbers["turn_rate"])), color=ESTIMATE, lw=0.8, label=name)
     steady = np.degrees(orbit.steady_turn_rate) * orbit.radius / ticks.desired(orbit.radius)
-    axis.plot(ticks.time, steady, ls="--", color=DESIRED, lw=1, label="steady circle", drawstyle="steps-post")
+    _steps(axis, ticks.time, steady, "steady circle")
     limit = np.degrees(orbit.max_turn_rate)
     for sign in (-1, 1):
         axis.axhline(sign * limit, ls=":", color=LIMIT, lw=1, label="limit" if sign > 0 else None)
-    axis.set_ylabel("turn rate, deg/s\n(left positive)")
 
 
-def _mark_holding(axis: Any, ticks: Ticks) -> None:
-    """Shade the times without ranges in which the vehicle held its turn."""
-    holding = np.array([phase == "holding" for phase in ticks.phases])
-    if holding.any():
-        low, high = axis.get_ylim()
-        looks = {"color": HOLD_BAND, "alpha": 0.7, "lw": 0, "label": "no range, holding"}
-        axis.fill_between(ticks.time, low, high, where=holding, **looks)
-        axis.set_ylim(low, high)
+TRACK, TARGET = "#0063a6", "#d55e00"
+
+
+def plot_map(path: Path, table: str, title: str) -> None:
+    """Draw the features of a GeoJSON of ours: once with the track, once as near as the ellipses are. Raises OSError."""
+    features = json.loads(table)["features"]
+    first = next(feature for feature in features if feature["geometry"]["type"] == "Point")
+    longitude, latitude = first["geometry"]["coordinates"]
+    plane = Plane(latitude, longitude)
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(11, 5.5), layout="constrained")
+        figure.suptitle(literal(title))
+        wide, near = figure.subplots(1, 2)
+        for axis in (wide, near):
+            for feature in features:
+                _draw(axis, feature, plane)
+            axis.set_aspect("equal", adjustable="datalim")
+            axis.set(xlabel=f"east of {latitude:.6f} {longitude:.6f}, m", ylabel="north, m")
+        half = max(2.0, 1.5 * first["properties"]["ellipse_95"]["semi_major_m"])
+        near.set_aspect("equal", adjustable="box")
+        near.set(xlim=(-half, half), ylim=(-half, half))
+        wide.legend(loc="upper right", fontsize=8)
+        save(figure, path)
+
+
+def _draw(axis: Any, feature: dict[str, Any], plane: Plane) -> None:
+    geometry, name = feature["geometry"], literal(str(feature["properties"]["name"]))
+    longitude, latitude = np.reshape(np.array(geometry["coordinates"], float), (-1, 2)).T
+    east, north = plane.to_metres(latitude, longitude)
+    match geometry["type"]:
+        case "Point":
+            axis.plot(east, north, "+", color=TARGET, ms=10, mew=2, label=name)
+        case "Polygon":
+            axis.fill(east, north, color=TARGET, alpha=0.15, lw=0)
+            axis.plot(east, north, color=TARGET, lw=0.8)
+        case _:
+            axis.plot(east, north, color=TRACK, lw=0.8, label=name)

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
@@ -30,8 +29,7 @@ class Event:
 
 def events(run: Run) -> list[Event]:
     """All events of a run in the order of time. Raises RunError, OSError."""
-    found = [*_changes(run.ticks), *_texts(run.folder / "flight.tlog", run.epoch_us)]
-    return sorted(found, key=lambda event: event.time)
+    return sorted([*_changes(run.ticks), *_texts(run)], key=lambda event: event.time)
 
 
 def _changes(ticks: Ticks) -> Iterator[Event]:
@@ -47,18 +45,17 @@ def _changes(ticks: Ticks) -> Iterator[Event]:
             yield Event(float(ticks.time[at]), "rejected", f"ranges rejected: {steps[at]:.0f}")
 
 
-def _texts(path: Path, epoch_us: int) -> list[Event]:
-    reader = TextReader()
-    found: list[Event] = []
+def _texts(run: Run) -> list[Event]:
+    reader, found = TextReader(), list[Event]()
     newest: dict[int, int] = {}
-    for stamp, message in read_messages(path, {STATUSTEXT}):
+    for stamp, message in read_messages(run.folder / "flight.tlog", {STATUSTEXT}):
         who = "circnav says" if message.get_srcComponent() in OUR_COMPONENTS else "vehicle says"
         text, before = reader.read(message)
         text = text.removeprefix("circnav: ")  # as ours begin
         sender = message.get_srcSystem() << 8 | message.get_srcComponent()
         if before is None:
             newest[sender] = len(found)
-            found.append(Event((stamp - epoch_us) / 1e6, who, text, message.severity <= SEVERE))
+            found.append(Event((stamp - run.epoch_us) / 1e6, who, text, message.severity <= SEVERE))
         else:
             found[newest[sender]] = replace(found[newest[sender]], text=text)
     return found

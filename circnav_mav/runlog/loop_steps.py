@@ -1,12 +1,24 @@
-"""A flight as the steps of its loop: exactly those of a run folder, and those that a plain tlog can stand for."""
+"""A flight as the steps of its loop: exactly those of a run folder, and those that a plain tlog can stand for; and who
+speaks in a plain tlog."""
 
 import csv
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from itertools import chain, groupby, islice, pairwise
 from pathlib import Path
 
-from circnav_mav.runlog.tlog import read_tlog, read_unbroken
+from pymavlink.dialects.v20 import all as dialect
+
+from circnav_mav.mav.codec import Decoder, Message
+from circnav_mav.mav.framing import V2
+from circnav_mav.mav.identity import describe_vehicle
+from circnav_mav.mav.ranging.interface import RangingSettings, Reject
+from circnav_mav.mav.ranging.reader import RangeReader
+from circnav_mav.mav.ranging.table import RANGING_MESSAGES
+from circnav_mav.mav.statustext import plain_text
+from circnav_mav.pilot import Pilot
+from circnav_mav.runlog.tlog import message_id, read_tlog, read_unbroken
 
 LINKS = {"v": "vehicle", "r": "ranging"}
 HELD_BACK = "held"
@@ -80,13 +92,9 @@ def tlog_steps(path: Path, ours: int, clock: "LogClock | None" = None) -> Iterat
     for (stamp, frames), (following, _) in pairwise(chain(stamped, [end])):
         assert stamp is not None
         time = clock.at(stamp, following)
-        received = tuple(("vehicle", "tlog", frame) for frame in frames if _component(frame) != ours)
+        received = tuple(("vehicle", "tlog", frame) for frame in frames if frame[6 if frame[0] == V2 else 4] != ours)
         if received:
             yield LoopStep(time, received)
-
-
-def _component(frame: bytes) -> int:
-    return frame[6] if frame[0] == 0xFD else frame[4]
 
 
 @dataclass(slots=True)
@@ -132,3 +140,86 @@ class LogClock:
 def _is_lone(moved: int, then: int) -> bool:
     """Whether the stamp after a far one goes on where the last one stood. Both count from the last one, us."""
     return -DISORDER <= then <= LONGEST_SILENCE and (moved < 0 or then < moved - DISORDER)
+
+
+HEARTBEAT = dialect.MAVLINK_MSG_ID_HEARTBEAT
+Ids = tuple[int, int]
+
+
+@dataclass(frozen=True, slots=True)
+class RangeSource:
+    """A source of ranges. message: the mission's name of it. marks: the values of its message's marks."""
+
+    message: str
+    system: int
+    component: int
+    marks: tuple[str, ...]
+
+
+@dataclass(slots=True)
+class RangeCounts:
+    """What became of the ranges of one source. ignored: those that fit the mission but came beside another source's."""
+
+    messages: int = 0
+    taken: int = 0
+    ignored: int = 0
+
+
+@dataclass(slots=True)
+class LogSources:
+    """Listens to the steps that a pilot replays. vehicle: the one that the pilot took last. vehicles: what each
+    autopilot is. ranging: the sources of ranges, those that do not fit the mission included."""
+
+    settings: RangingSettings
+    vehicle: Ids | None = None
+    vehicles: dict[Ids, str] = field(default_factory=dict)
+    heartbeats: Counter[Ids] = field(default_factory=Counter)
+    ranging: dict[RangeSource, RangeCounts] = field(default_factory=dict)
+
+    def watch(self, steps: Iterable[LoopStep], pilot: Pilot) -> Iterator[LoopStep]:
+        """The steps as they are, on their way to the pilot."""
+        wanted = frozenset({HEARTBEAT, *(one.id for one in RANGING_MESSAGES.values())})
+        decoder, reader = Decoder(wanted=wanted), RangeReader(self.settings)
+        for step in steps:
+            for frame in (frame for _, _, frame in step.received if message_id(frame) in wanted):
+                for message in decoder.decode(frame):
+                    self._count(message, reader, step.time)
+            yield step
+            if pilot.session.up:
+                self.vehicle = pilot.session.vehicle_ids
+
+    @property
+    def candidates(self) -> list[RangeSource]:
+        """The sources that fit the mission, where there is more than one and no word of it which one is meant."""
+        named = self.settings.system is not None or self.settings.component is not None
+        fit = [source for source, counts in self.ranging.items() if counts.taken or (counts.ignored and not named)]
+        return fit if len(fit) > 1 else []
+
+    @property
+    def distinguishing_keys(self) -> list[str]:
+        """The keys of the mission in which the candidates differ."""
+        candidates = self.candidates
+        differs: dict[str, set[int] | set[str]] = {
+            "component_id": {one.component for one in candidates},
+            "system_id": {one.system for one in candidates},
+        }
+        keys = RANGING_MESSAGES[self.settings.message].marks.values()
+        differs |= {key: {one.marks[at] for one in candidates} for at, key in enumerate(keys)}
+        return [f"ranging.{key}" for key, values in differs.items() if len(values) > 1]
+
+    def _count(self, message: Message, reader: RangeReader, now: float) -> None:
+        ids = (message.get_srcSystem(), message.get_srcComponent())
+        if message.get_msgId() == HEARTBEAT:
+            if message.autopilot != dialect.MAV_AUTOPILOT_INVALID and message.type != dialect.MAV_TYPE_GCS:
+                self.vehicles[ids] = describe_vehicle(message)
+                self.heartbeats[ids] += 1
+            return
+        name, kind = next(item for item in RANGING_MESSAGES.items() if item[1].id == message.get_msgId())
+        marks = tuple(plain_text(str(value)) for value in kind.mark_values(message).values())
+        if kind.for_anything and name != self.settings.message and not kind.picked(message, self.settings):
+            return  # values of any kind come under names
+        counts = self.ranging.setdefault(RangeSource(name, *ids, marks), RangeCounts())
+        foreign = reader.rejected[Reject.WRONG_SOURCE.value]
+        counts.messages += 1
+        counts.taken += reader.read(message, now) is not None
+        counts.ignored += reader.rejected[Reject.WRONG_SOURCE.value] - foreign

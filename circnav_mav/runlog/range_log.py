@@ -10,7 +10,7 @@ import numpy as np
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.locate.estimator import Ranges, Track
-from circnav_mav.locate.geodesy import Plane
+from circnav_mav.locate.place import Plane
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.ranging.interface import RangingSettings, Reading
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
@@ -70,9 +70,8 @@ def read_log(path: Path) -> RangeLog:
         kinds = ", ".join(kind.type for kind in RANGING_MESSAGES.values())
         raise RunError(f"{file}: no ranges in it: {kinds} of a tlog, or the column range of a CSV")
     if len(log.positions) < 2:
-        raise RunError(
-            f"{file}: no positions in it: GLOBAL_POSITION_INT with a 3D fix, or latitude and longitude of a CSV"
-        )
+        kinds = "GLOBAL_POSITION_INT with a 3D fix, or latitude and longitude of a CSV"
+        raise RunError(f"{file}: no positions in it: {kinds}")
     return log
 
 
@@ -83,21 +82,23 @@ def _read_csv(file: Path) -> RangeLog:
             rows = csv.DictReader(lines)
             columns = _columns(file, rows.fieldnames or [])
             for row in rows:
-                cells = {name: _number(row.get(column), file, rows.line_num, name)
-                         for name, column in columns.items() if name != "tag"}  # fmt: skip
-                time = cells["time"]
+                line, cells = f"{file}: line {rows.line_num}", dict.fromkeys(NAMES, nan)
+                for name, column in columns.items():
+                    cell = row.get(column) or ""
+                    try:
+                        cells[name] = float(cell) if cell.strip() and name != "tag" else nan
+                    except ValueError:
+                        raise RunError(f"{line}: {name}: {printable(cell)[:40]!r} is not a number") from None
+                time, latitude, longitude = cells["time"], cells["latitude"], cells["longitude"]
                 if not isfinite(time):
-                    raise RunError(f"{file}: line {rows.line_num}: time: is missing")
-                latitude, longitude = cells["latitude"], cells["longitude"]
+                    raise RunError(f"{line}: time: is missing")
                 if isfinite(latitude) and isfinite(longitude):
-                    if not (abs(latitude) <= 90 and abs(longitude) <= 180):
-                        raise RunError(
-                            f"{file}: line {rows.line_num}: {latitude:g} {longitude:g} is no place: degrees?"
-                        )
-                    log.positions.append((time, latitude, longitude, cells.get("altitude", nan)))
+                    if abs(latitude) > 90 or abs(longitude) > 180:
+                        raise RunError(f"{line}: {latitude:g} {longitude:g} is no place: degrees?")
+                    log.positions.append((time, latitude, longitude, cells["altitude"]))
                 if cells["range"] > 0:
-                    tag = printable(str(row.get(columns.get("tag", ""), "") or "")) or ONE_TAG
-                    log.ranges.setdefault(tag, []).append((time, cells["range"], cells.get("sigma", nan)))
+                    tag = printable(row.get(columns.get("tag", ""), "") or "") or ONE_TAG
+                    log.ranges.setdefault(tag, []).append((time, cells["range"], cells["sigma"]))
     except (UnicodeDecodeError, csv.Error) as error:
         raise RunError(f"{file}: is no CSV: {error}") from None
     return log
@@ -114,14 +115,6 @@ def _columns(file: Path, header: Sequence[str]) -> dict[str, str]:
             "and range (m), and may name altitude (m), sigma (m), tag"
         )
     return found
-
-
-def _number(cell: str | None, file: Path, line: int, name: str) -> float:
-    """A cell as a number, NaN if it is empty. Raises RunError."""
-    try:
-        return float(cell) if cell and cell.strip() else nan
-    except ValueError:
-        raise RunError(f"{file}: line {line}: {name}: {printable(str(cell))[:40]!r} is not a number") from None
 
 
 def _read_tlog(file: Path) -> RangeLog:

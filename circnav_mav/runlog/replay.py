@@ -2,15 +2,17 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from itertools import zip_longest
 from math import inf
 
 import numpy as np
 
 from circnav_mav.mav.framing import split_frames
-from circnav_mav.pilot import OutputMode, Pilot, PilotSettings, TickRecord, Timing
+from circnav_mav.pilot import OutputMode, Pilot, PilotSettings, TickRecord
 from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.runlog.loop_steps import LoopStep
 from circnav_mav.runlog.ticks import WORDS, Column, Ticks
+from circnav_mav.runlog.tlog import message_id
 
 SETPOINT_IDS = frozenset({69, 82, 84})
 """MANUAL_CONTROL, SET_ATTITUDE_TARGET, SET_POSITION_TARGET_LOCAL_NED."""
@@ -39,12 +41,12 @@ class Replayed:
     @property
     def setpoints(self) -> Sent:
         """The setpoints of the replay."""
-        return _setpoints(self.sent)
+        return [(time, frame) for time, frame in self.sent if message_id(frame) in SETPOINT_IDS]
 
     @property
     def was_setpoints(self) -> Sent:
         """The setpoints in the log."""
-        return _setpoints(self.was_sent)
+        return [(time, frame) for time, frame in self.was_sent if message_id(frame) in SETPOINT_IDS]
 
     @property
     def identical(self) -> bool:
@@ -54,12 +56,8 @@ class Replayed:
     @property
     def first_difference(self) -> float | None:
         """Time of the first frame of ours that differs, None if none does."""
-        pairs = zip(self.sent, self.was_sent, strict=False)
-        differing = next((min(a[0], b[0]) for a, b in pairs if a != b), None)
-        if differing is None and len(self.sent) != len(self.was_sent):
-            shorter = min(len(self.sent), len(self.was_sent))
-            return max(self.sent, self.was_sent, key=len)[shorter][0]
-        return differing
+        pairs = zip_longest(self.sent, self.was_sent, fillvalue=(inf, b""))
+        return next((min(one[0], other[0]) for one, other in pairs if one != other), None)
 
 
 def replay(pilot: Pilot, steps: Iterable[LoopStep], *, ticking: bool = False) -> Replayed:
@@ -97,10 +95,7 @@ def _step(pilot: Pilot, now: float, done: Replayed, *, held_back: bool = False) 
 
 def without_timeouts(settings: PilotSettings) -> PilotSettings:
     """Settings that replay a plain tlog from end to end: no timeout runs out, and there is one link."""
-    timing = settings.timing
-    endless = Timing(
-        duration=inf, wait_link=inf, wait_ranging=inf, stale=timing.stale, hold=inf, outage=inf, tick=timing.tick
-    )
+    endless = replace(settings.timing, duration=inf, wait_link=inf, wait_ranging=inf, hold=inf, outage=inf)
     return replace(settings, timing=endless, ranging_apart=False, stream_links=frozenset())
 
 
@@ -148,7 +143,3 @@ def as_ticks(records: list[TickRecord]) -> Ticks:
     words = {name: [str(getattr(record, name)) for record in records] for name in WORDS - {"phase"}}
     words["phase"] = [record.phase.value for record in records]
     return Ticks({name: column(name) for name in names}, words)
-
-
-def _setpoints(sent: Sent) -> Sent:
-    return [(time, frame) for time, frame in sent if int.from_bytes(frame[7:10], "little") in SETPOINT_IDS]

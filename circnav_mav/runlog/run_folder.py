@@ -3,15 +3,139 @@
 import csv
 import json
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Self
 
-from circnav_mav.runlog.summary_schema import known_manifest, known_summary
+from pydantic import BaseModel, Field, TypeAdapter, ValidationError, model_validator
+
 from circnav_mav.runlog.ticks import Ticks, Truth, read_ticks, read_truth
 from circnav_mav.runlog.tlog import Damage, find_damage
+
+MOST = 10**15
+"""No number of a run is as large: counts, metres, and seconds are smaller."""
+YEAR_2100_US = 4_102_444_800_000_000
+Text = Annotated[str, Field(strict=True)]
+Flag = Annotated[bool, Field(strict=True)]
+Number = Annotated[float, Field(strict=True, gt=-MOST, lt=MOST)]
+Length = Annotated[float, Field(strict=True, gt=0, lt=MOST)]
+Count = Annotated[int, Field(strict=True, ge=0, lt=MOST)]
+Moment = Annotated[int, Field(strict=True, gt=0, lt=YEAR_2100_US)]
+
+
+class Figures(BaseModel):
+    """What was flown, of the last third. Mean and RMS error are known together."""
+
+    settled_s: Number | None
+    radius_mean_m: Number | None
+    radius_rms_error_m: Number | None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if (self.radius_mean_m is None) != (self.radius_rms_error_m is None):
+            raise ValueError("mean and RMS error are known together")
+        return self
+
+
+class TrueFigures(Figures):
+    """The same by the simulator's truth."""
+
+    direction: Text | None
+    closest_approach_m: Number
+
+
+class Circle(Figures):
+    """The figures of the circle belong together: all or none."""
+
+    desired_radius_m: Length
+    direction: Text
+    direction_commanded: Text | None
+    engaged_s: Number | None
+    flown_s: Number
+    truth: TrueFigures | None
+
+
+class CircleFlown(Figures):
+    """One of several circles, in the order flown."""
+
+    desired_radius_m: Length
+    begun_s: Number
+
+
+class SurveyedPlace(BaseModel):
+    """Where the target was found to be. What moves has a course."""
+
+    latitude_deg: Number
+    longitude_deg: Number
+    altitude_m: Number | None
+    sigma_m: Number
+    time_s: Number
+    moves: Flag
+    speed_mps: Number
+    course_deg: Number | None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.moves and self.course_deg is None:
+            raise ValueError("what moves has a course")
+        return self
+
+
+class PositionsSent(BaseModel):
+    """What the hand-back has sent."""
+
+    sent: Count
+    accepted: Count
+    ended: Text
+
+
+class Alarm(BaseModel):
+    """What the GPS watch has said."""
+
+    time_s: Number
+    text: Text
+
+
+def _table(kinds: dict[Any, str]) -> dict[str, TypeAdapter[Any]]:
+    return {key: TypeAdapter(kind) for kind, keys in kinds.items() for key in keys.split()}
+
+
+SUMMARY = _table({
+    Text: "mission voice outcome reason version",
+    Text | None: "firmware recording_problem",
+    Count: "samples_accepted setpoints_sent law_changes",
+    dict[str, Count]: "samples_rejected frames_refused",
+    Moment: "epoch_us",
+    Number: "steered_s",
+    Number | None: "height_min_m height_max_m turn_std_deg_s turn_at_limit turn_variation_rad_s2 turn_gain "
+                   "turn_delay_s gain_share clock_speed",
+    Flag | None: "turn_limit_cycle",
+    SurveyedPlace | None: "place",
+    PositionsSent | None: "handback",
+    list[Alarm]: "gps_watch",
+    list[CircleFlown]: "circles",
+    list[Number]: "circles_wanted_m",
+})  # fmt: skip
+MANIFEST = _table({
+    Text: "mission voice",
+    Text | None: "outcome reason",
+    Moment: "epoch_us",
+    dict[Text, Any]: "seeds versions",
+    dict[Text, Any] | None: "autopilot",
+    Count | None: "exit",
+})  # fmt: skip
+
+
+def _known(table: Any, kinds: dict[str, TypeAdapter[Any]]) -> dict[str, Any]:
+    """What a JSON file says that can be believed."""
+    known = {}
+    for key, kind in kinds.items():
+        with suppress(ValidationError, KeyError, TypeError):  # TypeError: it holds no table at all
+            kind.validate_python(table[key])
+            known[key] = table[key]
+    return known
 
 
 class RunError(Exception):
@@ -75,11 +199,12 @@ def open_run(folder: Path) -> Run:
         raise RunError(f"{folder}: no such run folder")
     if not folder.is_dir() or not (folder / "flight.tlog").is_file() or not (folder / "mission.toml").is_file():
         raise RunError(f"{folder}: is not a run folder: flight.tlog or mission.toml is missing")
-    manifest = known_manifest(_json(folder / "manifest.json"))
-    try:
-        summary = known_summary(_json(folder / "summary.json"))
-    except RunError:  # a full disk may have left half of it; its figures can be made anew
-        summary = {}
+    manifest, summary = _known(_json(folder / "manifest.json"), MANIFEST), dict[str, Any]()
+    with suppress(RunError):  # a full disk may have left half of it; its figures can be made anew
+        table = _json(folder / "summary.json")
+        summary = _known(table, SUMMARY)
+        with suppress(ValidationError):
+            summary |= Circle.model_validate(table).model_dump()
     epoch = manifest.get("epoch_us") or summary.get("epoch_us")
     if epoch is None:
         raise RunError(f"{folder}: neither manifest.json nor summary.json tells when the run began (epoch_us)")

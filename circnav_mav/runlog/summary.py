@@ -12,8 +12,8 @@ from circnav_mav.guidance.types import Direction, Orbit
 from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.runlog import metrics
 from circnav_mav.runlog.atomic_write import write_json
+from circnav_mav.runlog.metrics import NAMES, late_figures
 from circnav_mav.runlog.ticks import Ticks, Truth
-from circnav_mav.runlog.turn_command import NAMES, late_figures
 
 NOT_OURS = frozenset(
     phase.value for phase in (Phase.WAIT_LINK, Phase.WAIT_RANGING, Phase.READY, Phase.YIELDED, Phase.ENDED)
@@ -61,7 +61,15 @@ def summarise(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str
     circles = _circles(ticks, known, facts.orbit.radius, start or 0.0)
     orbit, begun = replace(facts.orbit, radius=circles[-1]["desired_radius_m"]), circles[-1]["begun_s"]
     known &= ticks.time >= begun
+    # the operator flew, or the vehicle was not heard; what was not recorded counts as steered
+    without = flown[:-1] & np.array([phase in NOT_OURS for phase in ticks.phases], bool)[:-1]
+    # how quiet the turn command was, over the ticks by which the radius is judged
+    turn = late_figures(ticks.time[known], ticks.numbers["turn_rate"][known], ticks.numbers["saturated"][known], orbit)
+    height = ticks.numbers["height"][flown & steered]
+    height = height[~np.isnan(height)]
+    # in which sense most turning was commanded in the last third that was steered: turns on the way count for nothing
     turned = np.nansum(metrics.last_part(ticks.time[flown & steered], ticks.numbers["turn_rate"][flown & steered]))
+    commanded = None if turned == 0 else Direction.COUNTERCLOCKWISE if turned > 0 else Direction.CLOCKWISE
     return {
         "mission": facts.mission,
         "voice": facts.voice,
@@ -69,15 +77,16 @@ def summarise(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str
         "reason": facts.reason,
         "desired_radius_m": orbit.radius,
         "direction": orbit.direction.value,
-        "direction_commanded": _commanded(float(turned)),
+        "direction_commanded": commanded.value if commanded else None,
         "engaged_s": start,
         "flown_s": end - start if start is not None else 0.0,
-        "steered_s": 0.0 if start is None else max(end - start - _time_without_us(ticks, flown), 0.0),
+        "steered_s": 0.0 if start is None else max(end - start - float(np.diff(ticks.time)[without].sum()), 0.0),
         **{name: circles[-1][name] for name in FIGURES},
         "circles": circles,
         "circles_wanted_m": [facts.orbit.radius, *facts.later_radii],
-        **_height(ticks.numbers["height"][flown & steered]),
-        **_turn(ticks, known, orbit),
+        "height_min_m": float(height.min()) if len(height) else None,
+        "height_max_m": float(height.max()) if len(height) else None,
+        **(asdict(turn) if turn else dict.fromkeys(NAMES)),
         **_vehicle(ticks, flown & steered),
         "samples_accepted": facts.samples_accepted,
         "samples_rejected": facts.samples_rejected,
@@ -103,16 +112,8 @@ def _problem(problem: str | None, ticks: Ticks, truth: Truth | None, end: float)
     ends = {"estimates": float(ticks.time[-1]) if len(ticks.time) else 0.0}
     if truth is not None and problem is not None:
         ends["truth"] = float(truth.time[-1])
-    short = [f"{what} up to {until:.0f} s" for what, until in ends.items() if end - until > UNRECORDED]
-    said = [problem] if problem else []
-    return "; ".join(said + ([f"figures are of {', '.join(short)} of {end:.0f} s"] if short else [])) or None
-
-
-def _time_without_us(ticks: Ticks, flown: NDArray[np.bool_]) -> float:
-    """Seconds since the engagement in which we did not steer: the operator flew, or the vehicle was not heard. What was
-    not recorded counts as steered."""
-    without = np.array([phase in NOT_OURS for phase in ticks.phases], bool)[:-1]
-    return float(np.diff(ticks.time)[flown[:-1] & without].sum())
+    short = ", ".join(f"{what} up to {until:.0f} s" for what, until in ends.items() if end - until > UNRECORDED)
+    return "; ".join(filter(None, [problem, short and f"figures are of {short} of {end:.0f} s"])) or None
 
 
 def _circles(ticks: Ticks, known: NDArray[np.bool_], first: float, start: float) -> list[dict[str, Any]]:
@@ -129,23 +130,8 @@ def _circles(ticks: Ticks, known: NDArray[np.bool_], first: float, start: float)
 
 def _circle(time: metrics.Column, radius: metrics.Column, desired: float) -> dict[str, float | None]:
     last = metrics.last_part(time, radius)
-    figures = (
-        metrics.settled(time, radius, desired), metrics.mean(last), metrics.rms_error(last, desired)
-    )  # fmt: skip
-    return dict(zip(FIGURES, figures, strict=True))
-
-
-def _height(height: metrics.Column) -> dict[str, float | None]:
-    known = height[~np.isnan(height)]
-    low, high = (float(known.min()), float(known.max())) if len(known) else (None, None)
-    return {"height_min_m": low, "height_max_m": high}
-
-
-def _turn(ticks: Ticks, known: NDArray[np.bool_], orbit: Orbit) -> dict[str, Any]:
-    """How quiet the turn command was, over the ticks by which the radius is judged."""
-    time, turn, cut = (ticks.numbers[name][known] for name in ("time", "turn_rate", "saturated"))
-    figures = late_figures(time, turn, cut, orbit)
-    return asdict(figures) if figures else dict.fromkeys(NAMES)
+    settled = metrics.settled(time, radius, desired)
+    return dict(zip(FIGURES, (settled, metrics.mean(last), metrics.rms_error(last, desired)), strict=True))
 
 
 def _vehicle(ticks: Ticks, steered: NDArray[np.bool_]) -> dict[str, float | int | None]:
@@ -159,25 +145,14 @@ def _vehicle(ticks: Ticks, steered: NDArray[np.bool_]) -> dict[str, float | int 
     return figures | {"law_changes": sum(before != after for before, after in pairwise(laws))}
 
 
-def _commanded(turned: float) -> str | None:
-    """The sense in which most turning was commanded in the last third of what was steered: turns on the way count for
-    nothing."""
-    if turned == 0:
-        return None
-    return str((Direction.COUNTERCLOCKWISE if turned > 0 else Direction.CLOCKWISE).value)
-
-
 def _truth(truth: Truth, start: float, end: float, orbit: Orbit) -> dict[str, Any] | None:
     flown = (truth.time >= start) & (truth.time <= end)
     if not flown.any():
         return None
     time, radius = truth.time[flown], truth.radius[flown]
-    # The sense of rotation is that of the circle, not that of the way there.
-    late = time >= time[-1] - metrics.LAST * (time[-1] - time[0])
-    swept = metrics.swept_angle(
-        (truth.north - truth.target_north)[flown][late], (truth.east - truth.target_east)[flown][late]
-    )
-    direction = metrics.direction_of(swept)
+    ways = truth.north - truth.target_north, truth.east - truth.target_east
+    # the sense of rotation is that of the circle, not that of the way there
+    direction = metrics.direction_of(metrics.swept_angle(*(metrics.last_part(time, way[flown]) for way in ways)))
     return {
         **_circle(time, radius, orbit.radius),
         "direction": direction.value if direction else None,

@@ -103,9 +103,15 @@ def read_ticks(folder: Path) -> Ticks:
                 for name, cell in zip(header, row, strict=True):
                     if name in words:
                         words[name].append(intern(cell))
-                    else:
-                        numbers[name].append(_number(cell, name, line))
-                _check_time(times, line)
+                        continue
+                    try:
+                        numbers[name].append(float(cell) if cell else nan)
+                    except ValueError:
+                        raise ValueError(f"line {line}: {name}: {cell[:40]!r} is not a number") from None
+                if not 0 <= times[-1] < LONGEST:
+                    raise ValueError(f"line {line}: time: must be seconds of the run, not {times[-1]:g}")
+                if len(times) > 1 and times[-1] < times[-2]:
+                    raise ValueError(f"line {line}: time: {times[-1]:.6f} comes after {times[-2]:.6f}")
     count = len(times)
     if count > 1 and times[0] == times[-1]:
         raise ValueError("line 3: time: stands still to the end")
@@ -114,23 +120,6 @@ def read_ticks(folder: Path) -> Ticks:
     numbers |= {name: array("d", [nan]) * count for name in missing - WORDS}
     columns = {name: np.array(cells) for name, cells in numbers.items()}
     return Ticks({name: np.where(np.abs(column) < MOST, column, nan) for name, column in columns.items()}, words)
-
-
-def _number(cell: str, name: str, line: int) -> float:
-    """A cell as a number, NaN if it is empty. Raises ValueError."""
-    try:
-        return float(cell) if cell else nan
-    except ValueError:
-        raise ValueError(f"line {line}: {name}: {cell[:40]!r} is not a number") from None
-
-
-def _check_time(times: "array[float]", line: int) -> None:
-    """The newest time lies within a run and is not before the last. Raises ValueError."""
-    newest = times[-1]
-    if not 0 <= newest < LONGEST:
-        raise ValueError(f"line {line}: time: must be seconds of the run, not {newest:g}")
-    if len(times) > 1 and newest < times[-2]:
-        raise ValueError(f"line {line}: time: {newest:.6f} comes after {times[-2]:.6f}")
 
 
 def read_truth(folder: Path, epoch_us: int, system: int | None = None) -> Truth | None:

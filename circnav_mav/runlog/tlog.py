@@ -99,9 +99,12 @@ def _records(path: Path) -> Iterator[tuple[int, int, bytes]]:
                 data, base, at, ended = data[at:] + fresh, base + at, 0, not fresh
             if ended and at >= len(data):
                 return
-            if searching and (start := _next_start(data, at)) > at:
-                at = start
-                continue
+            if searching:
+                found = RECORD.search(data, at)
+                start = found.start() if found else max(at, len(data) - STAMP)  # where too little is there to tell
+                if start > at:
+                    at = start
+                    continue
             end = _end(data, at)
             if end is None or not _is_record(data, at, end, searching):
                 at, searching = at + 1, True
@@ -110,12 +113,6 @@ def _records(path: Path) -> Iterator[tuple[int, int, bytes]]:
                 return  # a single one is chance: the last of frames without stamps may look like it
             yield base + at, int.from_bytes(data[at : at + STAMP], "big"), data[at + STAMP : end]
             at, searching, any_read = end, False, True
-
-
-def _next_start(data: bytes, at: int) -> int:
-    """Where a record may begin, from a place on; at the latest where too little is there to tell."""
-    found = RECORD.search(data, at)
-    return found.start() if found else max(at, len(data) - STAMP)
 
 
 def _end(data: bytes, at: int) -> int | None:

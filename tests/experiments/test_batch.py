@@ -10,10 +10,18 @@ import pytest
 from circnav_mav.experiments import bench_picture
 from circnav_mav.experiments.batch import metrics
 from circnav_mav.experiments.batch.estimators import Auto
-from circnav_mav.experiments.batch.flight import STALE, Circle, Situation, Tracks, begin, fly_situation, policy
+from circnav_mav.experiments.batch.flight import (
+    SITUATIONS,
+    STALE,
+    Circle,
+    Situation,
+    Tracks,
+    begin,
+    fly_situation,
+    policy,
+)
 from circnav_mav.experiments.batch.guidance import POLICIES
 from circnav_mav.experiments.batch.sensors import LORA, NO_NOISE, UWB, MotionNoise, OwnSenses, Radio, Ranging, Reading
-from circnav_mav.experiments.batch.situations import SITUATIONS
 from circnav_mav.experiments.batch.world import Airframe, Surroundings, Truth, World, flown, turn_step
 from circnav_mav.experiments.bench import judged, run
 from circnav_mav.experiments.bench_table import line, markdown

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from circnav_mav.experiments import bench
-from circnav_mav.experiments.batch.situations import SITUATIONS
+from circnav_mav.experiments.batch.flight import SITUATIONS
 from circnav_mav.experiments.worker_pool import WorkerDiedError, workers
 from tests.process import PATIENCE, ROOT, python
 

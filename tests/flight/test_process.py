@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from pymavlink import mavutil
 
-from circnav_mav.locate.geodesy import Plane
+from circnav_mav.locate.place import Plane
 from sim.world import HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG
 from tests.process import PATIENCE, QUICKSTART, circnav, read_until
 

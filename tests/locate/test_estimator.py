@@ -1,4 +1,4 @@
-"""The place and its covariance, against worlds whose truth is known. Bounds: ../shared/survey.md, section 2."""
+"""The place and its covariance, against worlds whose truth is known."""
 
 from dataclasses import replace
 from math import hypot
@@ -6,18 +6,18 @@ from math import hypot
 import numpy as np
 import pytest
 
-from circnav_mav.locate.estimator import Knowledge, NotYet, Ranges, Track, locate
+from circnav_mav.locate.estimator import NotYet, Ranges, Track, locate
 from circnav_mav.locate.place import Place
 from tests.locate.worlds import KNOWN, PLANE, circles
 
 
-def found(track: Track, ranges: Ranges, known: Knowledge = KNOWN) -> Place:
+def found(track, ranges, known=KNOWN):
     place = locate(PLANE, track, ranges, known)
     assert isinstance(place, Place), place
     return place
 
 
-def test_with_perfect_positions_one_lap_tells_the_place_as_well_as_its_geometry_allows() -> None:
+def test_with_perfect_positions_one_lap_tells_the_place_as_well_as_its_geometry_allows():
     """.053 m (1 sigma of each axis) is the bound with all ranges; the estimator takes half of them here: .075 m."""
     errors = []
     for seed in range(6):
@@ -27,7 +27,7 @@ def test_with_perfect_positions_one_lap_tells_the_place_as_well_as_its_geometry_
     assert np.sqrt(np.mean(np.square(errors))) < 0.11
 
 
-def test_the_covariance_is_honest_where_the_gps_wanders() -> None:
+def test_the_covariance_is_honest_where_the_gps_wanders():
     """Of chi-squared with two degrees of freedom 95 % lie below 5.99, half above 1.39."""
     squares = []
     for seed in range(24):
@@ -39,7 +39,7 @@ def test_the_covariance_is_honest_where_the_gps_wanders() -> None:
     assert 0.7 < np.median(squares) < 2.5
 
 
-def test_height_is_not_claimed_on_one_circle_and_known_within_half_a_metre_after_two() -> None:
+def test_height_is_not_claimed_on_one_circle_and_known_within_half_a_metre_after_two():
     one, two = circles((100.0,), bias=1.5, gps=0.0, laps=3), circles((100.0, 60.0), bias=1.5, gps=0.0, laps=2)
     known = replace(KNOWN, gps_sigma=0.01)
     assert not found(*one[:2], known).up_known
@@ -49,7 +49,7 @@ def test_height_is_not_claimed_on_one_circle_and_known_within_half_a_metre_after
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_a_moving_target_gets_its_velocity_and_a_standing_one_none(seed: int) -> None:
+def test_a_moving_target_gets_its_velocity_and_a_standing_one_none(seed):
     track, ranges, target = circles(seed=seed, velocity=(2.5, -1.5), laps=2)
     place = found(track, ranges)
     assert place.moves and hypot(place.velocity[0] - 2.5, place.velocity[1] + 1.5) < 0.3
@@ -57,14 +57,14 @@ def test_a_moving_target_gets_its_velocity_and_a_standing_one_none(seed: int) ->
     assert not found(*circles(seed=seed, laps=2)[:2]).moves
 
 
-def test_outliers_are_left_out_and_counted() -> None:
+def test_outliers_are_left_out_and_counted():
     track, ranges, target = circles(outliers=0.2)
     place = found(track, ranges)
     assert hypot(place.east - target[0], place.north - target[1]) < 3 * place.sigma
     assert place.outliers == pytest.approx(0.2 * (place.used + place.outliers), rel=0.3)
 
 
-def test_a_straight_track_fits_two_places_and_so_tells_none() -> None:
+def test_a_straight_track_fits_two_places_and_so_tells_none():
     t = np.arange(0, 40, 0.1)
     east = 15.0 * t
     ranges = Ranges(t, np.hypot(east - 300, 120.0), np.full(len(t), 0.5))
@@ -72,7 +72,7 @@ def test_a_straight_track_fits_two_places_and_so_tells_none() -> None:
     assert isinstance(answer, NotYet) and "turn" in answer.why
 
 
-def test_a_radio_whose_error_wanders_makes_the_place_less_certain_than_a_white_one() -> None:
+def test_a_radio_whose_error_wanders_makes_the_place_less_certain_than_a_white_one():
     track, ranges, _ = circles(gps=0.0, laps=3)
     rng, drift = np.random.default_rng(3), [0.0]
     for _ in ranges.r[1:]:

@@ -3,7 +3,6 @@
 import csv
 import json
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,18 +18,16 @@ Row = Sequence[object]
 PRECISE = ("--gps-sigma", "0.05", "--altitude", "400")
 
 
-def run(*arguments: object) -> int:
+def run(*arguments):
     return int(cli.circnav.main(["locate", *map(str, arguments)], standalone_mode=False) or 0)
 
 
-def places(path: Path) -> dict[str, dict[str, float]]:
+def places(path):
     features = json.loads(path.read_text())["features"]
     return {one["properties"]["name"]: one["properties"] for one in features if one["geometry"]["type"] == "Point"}
 
 
-def located(
-    folder: Path, track: Track, *tags: Ranges, names: Sequence[str] = ("",), options: Sequence[str] = ()
-) -> dict[str, dict[str, float]]:
+def located(folder, track, *tags, names=("",), options=()):
     """What the command finds in a CSV of positions and ranges."""
     latitude, longitude = PLANE.to_degrees(track.east, track.north)
     rows: list[Row] = [(*place, "", "", "") for place in zip(track.time, latitude, longitude, track.up, strict=True)]
@@ -42,15 +39,15 @@ def located(
     return places(folder / "log.locate.geojson")
 
 
-def off(found: dict[str, float], target: np.ndarray) -> float:
+def off(found, target):
     return float(np.hypot(*(PLANE.to_metres(found["latitude_deg"], found["longitude_deg"]) - target)))
 
 
-def filtered(track: Track, ranges: Ranges, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def filtered(track, ranges, target):
     """filterpy's unscented filter: place of the target and range bias at the end, positions taken as they are."""
     here = {}
 
-    def measured(x: np.ndarray) -> np.ndarray:
+    def measured(x):
         return np.array([np.sqrt((x[0] - here["e"]) ** 2 + (x[1] - here["n"]) ** 2 + 40.0**2) + x[2]])
 
     points = MerweScaledSigmaPoints(3, 0.1, 2.0, 0.0)
@@ -64,7 +61,7 @@ def filtered(track: Track, ranges: Ranges, target: np.ndarray) -> tuple[np.ndarr
     return ukf.x, ukf.P
 
 
-def test_it_agrees_with_an_independent_filter_on_the_same_log(tmp_path: Path) -> None:
+def test_it_agrees_with_an_independent_filter_on_the_same_log(tmp_path):
     track, ranges, target = circles(gps=0.0, laps=2)
     found = located(tmp_path, track, ranges, options=PRECISE)["target"]
     x, P = filtered(track, ranges, target)
@@ -73,22 +70,20 @@ def test_it_agrees_with_an_independent_filter_on_the_same_log(tmp_path: Path) ->
     assert found["sigma_m"] < 0.2
 
 
-def test_several_tags_are_told_apart_by_their_ids_and_mixed_ones_get_a_warning(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_several_tags_are_told_apart_by_their_ids_and_mixed_ones_get_a_warning(tmp_path, capsys):
     track, one, first = circles()
     rng, second = np.random.default_rng(5), np.array([20.0, -140.0])
     east, north = (np.interp(one.time, track.time, way) for way in (track.east, track.north))
     far = np.sqrt((east - second[0]) ** 2 + (north - second[1]) ** 2 + 40.0**2) + rng.normal(0, 0.5, len(east))
     other = Ranges(one.time, far, one.sigma)
-    found = located(tmp_path, track, one, other, names=("7", "9"))
-    assert off(found["7"], first) < 6 and off(found["9"], second) < 6
+    found = located(tmp_path, track, one, other, names=("7", "tag 9"))
+    assert off(found["7"], first) < 6 and off(found["tag 9"], second) < 6
     capsys.readouterr()
     located(tmp_path, track, one, other, names=("", ""))
     assert "two tags mixed" in capsys.readouterr().out
 
 
-def test_a_clock_offset_between_positions_and_ranges_is_found(tmp_path: Path) -> None:
+def test_a_clock_offset_between_positions_and_ranges_is_found(tmp_path):
     """On the way to the circle and off its centre: 15 m/s and 16 s are 240 m."""
     t = np.arange(0, 80, 0.1)
     east, north = 15.0 * np.minimum(t, 40) - 300, np.where(t > 40, 15.0 * (t - 40), 0.0)
@@ -100,7 +95,7 @@ def test_a_clock_offset_between_positions_and_ranges_is_found(tmp_path: Path) ->
     assert off(found, target) < 3.0
 
 
-def test_a_ranging_antenna_off_the_gps_antenna_reads_as_delay_and_bias_and_leaves_the_place(tmp_path: Path) -> None:
+def test_a_ranging_antenna_off_the_gps_antenna_reads_as_delay_and_bias_and_leaves_the_place(tmp_path):
     """3 m ahead, and 1.5 m to the outside of the circle, of which a slant of 108 m shows 100/108."""
     track, _, target = circles(gps=0.0, laps=2)
     here = np.column_stack([track.east, track.north])
@@ -114,7 +109,7 @@ def test_a_ranging_antenna_off_the_gps_antenna_reads_as_delay_and_bias_and_leave
     assert off(found, target) < 0.1
 
 
-def test_a_tlog_of_anybodys_is_read_by_its_messages(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_tlog_of_anybodys_is_read_by_its_messages(tmp_path, capsys):
     track, ranges, target = circles(gps=0.3)
     speaker = mavlink.MAVLink(None, srcSystem=3, srcComponent=1)
     latitude, longitude = PLANE.to_degrees(track.east, track.north)
@@ -151,7 +146,7 @@ def test_a_tlog_of_anybodys_is_read_by_its_messages(tmp_path: Path, capsys: pyte
         ("time,lat,lon,range\n1,2,3,5\n2,2,3,5\n", "no target was located"),
     ],
 )
-def test_bad_input_is_one_line_that_names_file_and_remedy(tmp_path: Path, text: str, says: str) -> None:
+def test_bad_input_is_one_line_that_names_file_and_remedy(tmp_path, text, says):
     (tmp_path / "bad.csv").write_text(text)
     with pytest.raises(Refused, match=says) as refusal:
         run(tmp_path / "bad.csv")

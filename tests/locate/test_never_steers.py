@@ -19,17 +19,17 @@ SETPOINTS = {"SET_POSITION_TARGET_LOCAL_NED", "SET_ATTITUDE_TARGET", "MANUAL_CON
 class SurveyedRig(Rig):
     """A rig whose pilot has a survey with everything switched on beside it."""
 
-    def __init__(self, **changes: Any) -> None:
+    def __init__(self, **changes):
         super().__init__(**changes)
         settings = LocateSettings(194, beacon=True, camera=True, handback=HandBackSettings(place=(47.3, 8.5)))
         self.locator = Locator(settings, self.pilot)
         self.survey: list[bytes] = []
 
-    def hear(self, message: Any, **how: Any) -> None:
+    def hear(self, message, **how):
         super().hear(message, **how)
         self.locator.hear(VEHICLE, how.get("source") or self.source, self.pilot.take_frames(), self.now)
 
-    def step(self) -> list[Any]:
+    def step(self):
         messages = super().step()
         if (job := self.locator.job(self.now)) is not None and self.tick % 40 == 0:
             self.locator.found(locate(*job))
@@ -37,7 +37,7 @@ class SurveyedRig(Rig):
         return messages
 
 
-def circling(latitude: int, longitude: int, tick: int) -> Any:
+def circling(latitude, longitude, tick):
     return mavlink.MAVLink_global_position_int_message(
         50 * tick, latitude + 40 * tick, longitude, 500_000, 40_000, 1500, 0, 0, 0
     )
@@ -62,8 +62,8 @@ LIES: dict[str, Callable[[int], list[Any]]] = {
 
 @pytest.mark.parametrize("lie", LIES.values(), ids=LIES)
 def test_false_positions_change_no_byte_of_the_output_with_survey_and_hand_back_on(
-    lie: Callable[[int], list[Any]],
-) -> None:
+    lie,
+):
     honest, lied_to = Rig(), SurveyedRig()
     for tick in range(160):
         honest.run(0.05)
@@ -82,7 +82,7 @@ def test_false_positions_change_no_byte_of_the_output_with_survey_and_hand_back_
     assert {one.get_srcComponent() for one in said} == {194}
 
 
-def test_what_moves_a_vehicle_cannot_leave_the_survey() -> None:
+def test_what_moves_a_vehicle_cannot_leave_the_survey():
     rig = SurveyedRig()
     for message in (
         mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 0, [1, 0, 0, 0], 0, 0, 0, 0),

@@ -11,9 +11,8 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.guidance.types import Direction, Orbit
 from circnav_mav.locate import export
-from circnav_mav.locate.geodesy import Plane
-from circnav_mav.locate.messages import orbit_status, own_beacon
-from circnav_mav.locate.place import Place
+from circnav_mav.locate.export import orbit_status, own_beacon
+from circnav_mav.locate.place import Place, Plane
 from sim.world import HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG, to_degrees
 
 PLACE = Place(
@@ -26,21 +25,21 @@ ORBIT_STATUS, CRC_EXTRA, LAYOUT = 360, 11, "<QfiifB"
 """Its id, the byte that seeds its checksum, and its fields by size: time_usec, radius, x, y, z, frame."""
 
 
-def test_the_plane_agrees_with_the_emulators_own_geodesy_within_centimetres() -> None:
+def test_the_plane_agrees_with_the_emulators_own_geodesy_within_centimetres():
     plane = Plane(HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG)
     for north, east in ((0.0, 3000.0), (-3000.0, 0.0), (2000.0, -2000.0)):
         assert plane.to_metres(*to_degrees(north, east)) == pytest.approx((east, north), abs=0.05)
         assert plane.to_metres(*plane.to_degrees(east, north)) == pytest.approx((east, north), abs=1e-6)
 
 
-def test_a_plane_beside_the_date_line_goes_on_across_it() -> None:
+def test_a_plane_beside_the_date_line_goes_on_across_it():
     plane = Plane(0.0, 179.9999)
     _, longitude = plane.to_degrees(100.0, 0.0)
     assert longitude == pytest.approx(-179.9992, abs=1e-4)
     assert plane.to_metres(0.0, longitude)[0] == pytest.approx(100.0)
 
 
-def x25(data: bytes) -> int:
+def x25(data):
     """The checksum of MAVLink: CRC-16/MCRF4XX, bit by bit."""
     crc = 0xFFFF
     for byte in data:
@@ -51,7 +50,7 @@ def x25(data: bytes) -> int:
 
 
 @pytest.mark.parametrize(("direction", "sign"), [(Direction.CLOCKWISE, 1), (Direction.COUNTERCLOCKWISE, -1)])
-def test_the_orbit_status_is_what_a_c_decoder_reads_from_the_wire(direction: Direction, sign: int) -> None:
+def test_the_orbit_status_is_what_a_c_decoder_reads_from_the_wire(direction, sign):
     """As QGroundControl's Vehicle.cc does: radius positive clockwise, x, y degrees * 1e7 as int32, z metres, frame
     MAV_FRAME_GLOBAL (0), whose byte MAVLink 2 leaves out at the end of a payload."""
     orbit = Orbit(60.0, direction, 15.0, 0.35)
@@ -64,14 +63,14 @@ def test_the_orbit_status_is_what_a_c_decoder_reads_from_the_wire(direction: Dir
     assert (x / 1e7, y / 1e7) == HERE
 
 
-def test_ranging_beacon_carries_range_place_and_their_accuracy_in_millimetres() -> None:
+def test_ranging_beacon_carries_range_place_and_their_accuracy_in_millimetres():
     packed = own_beacon(PLACE, 107.7, 0.5, (1, 1), 12.0).pack(mavlink.MAVLink(None))
     (message,) = mavlink.MAVLink(None).parse_buffer(packed)
     assert (message.range, message.range_accuracy, message.hacc_est) == (107700, 500, 3000)
     assert (message.lat / 1e7, message.lon / 1e7) == HERE
 
 
-def test_the_ellipse_has_its_long_axis_along_the_larger_error() -> None:
+def test_the_ellipse_has_its_long_axis_along_the_larger_error():
     """Covariance diag(9, 1) of east and north: 2.4477 times 3 and 1 m, the long axis due east."""
     ellipse = PLACE.ellipse
     assert (ellipse.major, ellipse.minor, ellipse.azimuth) == pytest.approx((7.343, 2.448, 90.0), abs=1e-3)
@@ -79,7 +78,7 @@ def test_the_ellipse_has_its_long_axis_along_the_larger_error() -> None:
     assert np.abs(corners).max(axis=0) == pytest.approx([7.343, 2.448], abs=0.01)
 
 
-def test_geojson_is_valid_with_longitude_first_and_a_closed_ring_that_runs_left_round() -> None:
+def test_geojson_is_valid_with_longitude_first_and_a_closed_ring_that_runs_left_round():
     """RFC 7946, sections 3.1.1, 3.1.6."""
     table = geojson.loads(export.geojson({"target": PLACE}, [(-35.0, 149.0), (-35.001, 149.001)]))
     assert isinstance(table, geojson.FeatureCollection) and table.is_valid, table.errors()
@@ -90,25 +89,25 @@ def test_geojson_is_valid_with_longitude_first_and_a_closed_ring_that_runs_left_
     assert track == {"type": "LineString", "coordinates": [[149.0, -35.0], [149.001, -35.001]]}
 
 
-def test_kml_is_xml_with_longitude_first() -> None:
+def test_kml_is_xml_with_longitude_first():
     names = {"k": "http://www.opengis.net/kml/2.2"}
     text = Xml.fromstring(export.kml({"a <b>": PLACE})).findtext(".//k:Point/k:coordinates", "", names)
     assert tuple(float(part) for part in text.split(","))[::-1] == HERE
 
 
-def test_cursor_on_target_is_an_event_of_its_standard_with_one_sigma_and_the_motion() -> None:
+def test_cursor_on_target_is_an_event_of_its_standard_with_one_sigma_and_the_motion():
     """MITRE's Event.xsd. South-east at 1.41 m/s; 1 750 000 012 s is 15 June 2025, 15:06:52 UTC."""
     event = Xml.fromstring(export.cursor_on_target(PLACE, 'tag "<1>', 1_750_000_000_000_000, 12.0))
     begins, ends = "2025-06-15T15:06:52.000Z", "2025-06-15T15:07:22.000Z"
     assert event.attrib == {"version": "2.0", "uid": 'circnav.tag "<1>', "type": "a-u-G", "how": "m-f",
                             "time": begins, "start": begins, "stale": ends}  # fmt: skip
-    point, contact, track = (event.find(name).attrib for name in ("point", "detail/contact", "detail/track"))  # type: ignore[union-attr]
+    point, contact, track = (event.find(name).attrib for name in ("point", "detail/contact", "detail/track"))
     assert (float(point.pop("lat")), float(point.pop("lon"))) == HERE
     assert point == {"hae": "9999999.0", "ce": "3.0", "le": "9999999.0"}
     assert (contact, track) == ({"callsign": 'tag "<1>'}, {"course": "135.0", "speed": "1.41"})
 
 
-def test_a_tak_library_reads_place_error_and_motion() -> None:
+def test_a_tak_library_reads_place_error_and_motion():
     """takproto turns the XML into TAK's own protocol buffers, and refuses what it cannot."""
     takproto = pytest.importorskip("takproto")
     data = export.cursor_on_target(PLACE, "tag 17", 1_750_000_000_000_000, 12.0)

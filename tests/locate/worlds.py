@@ -3,7 +3,7 @@
 import numpy as np
 
 from circnav_mav.locate.estimator import Knowledge, Ranges, Track
-from circnav_mav.locate.geodesy import Plane
+from circnav_mav.locate.place import Plane
 
 PLANE = Plane(47.3, 8.5)
 KNOWN = Knowledge(up=400.0)

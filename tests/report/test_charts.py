@@ -179,9 +179,11 @@ def test_the_columns_are_those_of_the_run_on_its_own_time(run_folder):
     """By hand: 120 m for 100 s, then 101 m, clockwise at .15 rad/s; one range a second, none rejected."""
     folder = run_folder()
     ticks = read_ticks(folder)
+    ticks.numbers["desired"][:] = np.where(ticks.time < 150, 100.0, 60.0)
     data = chart_data(ticks, read_truth(folder, EPOCH_US), Orbit(100.0, Direction.CLOCKWISE, 15.0, 0.35), {})
     columns = {name: dict(zip(*column, strict=True)) for name, column in data["columns"].items()}
     assert (columns["r"][50.0], columns["r"][200.0]) == (120.0, 101.0)
+    assert columns["desired"] == {0.0: 100.0, 150.0: 60.0}
     assert columns["true_r"][200.0] == pytest.approx(101.0, abs=1e-3)
     assert columns["true_turn"][200.0] == columns["turn_rate"][200.0] == -0.15
     assert set(list(columns["accepted"].values())[1:-2]) <= {0.8, 1.6, 2.4}, "1 a second in bins of 1.25 s"

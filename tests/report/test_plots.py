@@ -94,7 +94,9 @@ def test_without_truth_the_track_is_the_estimated_one_from_where_it_was_first_be
 
 def test_lines_of_the_pictures_break_where_no_tick_was_made(run_folder, drawn):
     ticks = read_ticks(rewrite_ticks(run_folder(), lambda time, row: not 100 <= time < 105))
-    for axis in (drawn(plot_flight, ticks, None, ORBIT).axes[1], *drawn(plot_replay, None, ticks, ORBIT).axes[:2]):
+    *_, error, _ = drawn(plot_flight, ticks, None, ORBIT).axes
+    assert error.lines[0].get_ydata()[[0, -1]] == pytest.approx([20.0, 1.0])  # of 120 and 101 m
+    for axis in (error, *drawn(plot_replay, None, ticks, ORBIT).axes[:2]):
         values = next(line for line in axis.lines if line.get_label() in ("estimated", "replayed")).get_ydata()
         assert np.isnan(values).sum() == 1
 

@@ -1,10 +1,18 @@
-"""Figures of a circle, worked out by hand."""
+"""Figures of a circle and of its turn command, worked out by hand; a limit cycle told from wind, noise and gusts."""
+
+from math import degrees, pi
 
 import numpy as np
 import pytest
 
-from circnav_mav.guidance.types import Direction
+from circnav_mav.guidance.types import Direction, Orbit
 from circnav_mav.runlog import metrics
+from circnav_mav.runlog.metrics import turn_figures
+
+CLOCKWISE, COUNTERCLOCKWISE = Direction.CLOCKWISE, Direction.COUNTERCLOCKWISE
+V, R, LIMIT, STEP = 22.0, 150.0, 0.45, 0.05
+ORBIT = Orbit(R, CLOCKWISE, V, LIMIT)
+TIME = np.arange(0.0, 100.0, STEP)
 
 
 def column(*values):
@@ -29,27 +37,24 @@ def test_settled_means_the_last_entry_into_five_percent(radius, settled):
     assert metrics.settling_time(column(10, 11, 12, 13, 14), column(*radius), 100.0) == settled
 
 
-def test_a_flight_that_swings_out_of_the_band_on_every_lap_is_not_settled_by_its_last_entry():
-    """+-8 m at 100 m, 40 s a lap: the last entry, 5 s before the end, is no settling."""
-    time = np.arange(0.0, 195.0)
-    swinging = 100 - 8 * np.cos(2 * np.pi * time / 40)
-    assert metrics.settling_time(time, swinging, 100.0) > 170
-    assert metrics.settled(time, swinging, 100.0) is None
-
-
 @pytest.mark.parametrize(("entered", "settled"), [(60, 60.0), (200, 200.0), (201, None)])
 def test_a_settled_flight_was_within_the_band_through_all_of_the_last_third(entered, settled):
     time = np.arange(0.0, 301.0)
-    radius = np.where(time < entered, 150.0, 101.0)
-    assert metrics.settled(time, radius, 100.0) == settled
+    assert metrics.settled(time, np.where(time < entered, 150.0, 101.0), 100.0) == settled
+
+
+def test_a_flight_that_swings_out_of_the_band_on_every_lap_is_not_settled_by_its_last_entry():
+    """+-8 m at 100 m, 40 s a lap: the last entry, 5 s before the end, is no settling."""
+    time = np.arange(0.0, 195.0)
+    assert metrics.settled(time, 100 - 8 * np.cos(2 * np.pi * time / 40), 100.0) is None
 
 
 def test_nothing_flown_is_nothing_known():
     empty = column()
     assert metrics.settling_time(empty, empty, 100.0) is metrics.settled(empty, empty, 100.0) is None
     assert metrics.mean(empty) is metrics.rms_error(empty, 100.0) is None
-    assert metrics.swept_angle(empty, empty) == 0.0
-    assert len(metrics.last_part(empty, empty)) == 0
+    assert metrics.swept_angle(empty, empty) == len(metrics.last_part(empty, empty)) == 0
+    assert turn_figures(TIME, np.full_like(TIME, np.nan), ORBIT) is None
 
 
 def test_the_last_third_is_a_third_of_the_time_and_not_of_the_samples():
@@ -64,8 +69,8 @@ def test_the_mean_hides_what_the_rms_error_shows():
 
 @pytest.mark.parametrize(
     ("turns", "direction"),
-    [(1.0, Direction.COUNTERCLOCKWISE), (-3.7, Direction.CLOCKWISE), (0.26, Direction.COUNTERCLOCKWISE),
-     (-0.26, Direction.CLOCKWISE), (0.24, None), (-0.24, None), (0.0, None)],
+    [(1.0, COUNTERCLOCKWISE), (-3.7, CLOCKWISE), (0.26, COUNTERCLOCKWISE), (-0.26, CLOCKWISE), (0.24, None),
+     (-0.24, None), (0.0, None)],
 )  # fmt: skip
 def test_the_swept_angle_counts_every_turn_and_from_a_quarter_on_it_has_a_sense(turns, direction):
     """North up, east right: counter-clockwise from east is positive, seen from above."""
@@ -75,5 +80,77 @@ def test_the_swept_angle_counts_every_turn_and_from_a_quarter_on_it_has_a_sense(
     assert metrics.direction_of(swept) is direction
 
 
-def test_from_north_over_east_to_south_is_clockwise():
-    assert metrics.direction_of(metrics.swept_angle(column(1, 0, -1), column(0, 1, 0))) is Direction.CLOCKWISE
+# --- the turn command ---
+
+
+def needed(wind):
+    """What the circle asks for in steady wind: the nose's rate on a circle over the ground, step by step."""
+    at, noses = 0.0, []
+    for _ in TIME:
+        along = np.array([-np.sin(at), np.cos(at)])
+        ground = wind * along[0] + np.sqrt(V**2 - wind**2 * (1 - along[0] ** 2))
+        noses.append(np.arctan2(*(ground * along - np.array([wind, 0.0]))[::-1]))
+        at += ground / R * STEP
+    return -np.gradient(np.unwrap(noses), STEP)
+
+
+def coloured(size, seconds, seed=1):
+    """Noise of a standard deviation (rad/s) that forgets within so many seconds, as the answer to gusts does."""
+    chance, keep, values = np.random.default_rng(seed), np.exp(-STEP / seconds), [0.0]
+    for fresh in chance.standard_normal(len(TIME) - 1):
+        values.append(keep * values[-1] + size * np.sqrt(1 - keep**2) * fresh)
+    return np.array(values)
+
+
+def swinging(size, period):
+    return size * np.sin(2 * pi * TIME / period)
+
+
+def from_limit_to_limit():
+    """A loop that gusts drive, and that has lost its rhythm."""
+    phase = 2 * pi * np.cumsum(STEP / 2.0 * np.exp(coloured(0.5, 2.0))) + np.random.default_rng(3).uniform(0, 6)
+    return 2.0 * np.sin(phase)
+
+
+def test_figures_of_a_relay_between_the_limits_are_those_drawn_by_hand():
+    """Half a second each way: LIMIT deviates by itself, and 4 LIMIT are travelled in a second."""
+    relay = np.where(np.arange(len(TIME)) // 10 % 2 == 0, LIMIT, -LIMIT)
+    found = turn_figures(TIME, relay, ORBIT)
+    assert found.turn_std_deg_s == pytest.approx(degrees(LIMIT))
+    assert (found.turn_at_limit, found.turn_limit_cycle) == (1.0, True)
+    assert found.turn_variation_rad_s2 == pytest.approx(4 * LIMIT, rel=0.01)
+    assert turn_figures(TIME, relay / 1.2, ORBIT, at_limit=relay > 0).turn_at_limit == 0.5
+
+
+@pytest.mark.parametrize("wind", [0.0, 8.0, 0.5 * V])
+def test_what_the_circle_itself_asks_for_in_wind_deviates_as_theory_has_it(wind):
+    """Its amplitude is 2 W/R to first order in W/V: as much from the ground speed as from the crab angle."""
+    found = turn_figures(TIME, needed(wind), ORBIT)
+    assert found.turn_std_deg_s == pytest.approx(degrees(2**0.5 * wind / R), rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("command", "cycles"),
+    [
+        *((needed(wind), False) for wind in (0.0, 8.0, 0.5 * V)),
+        *((needed(wind) + coloured(0.03, 0.2), False) for wind in (0.0, 8.0, 0.5 * V)),
+        # the answer to strong gusts: 11 deg/s of standard deviation, at the limit now and then
+        *((needed(8.0) + coloured(0.2, seconds, seed), False) for seconds in (0.1, 0.5, 2.0) for seed in range(5)),
+        # swings of 1.1 deg/s, where the limit is 26
+        (needed(8.0) + swinging(0.02, 2.0), False),
+        # it rings in wind and noise, too; periods as flown on firmware: 1 s (copter), 2.5 .. 4.6 s (planes)
+        *((needed(wind) + swinging(size, period) + coloured(0.04, 0.5), True)
+          for wind in (0.0, 8.0) for size, period in ((0.12, 2.5), (0.3, 1.0), (0.5, 4.6))),
+        (from_limit_to_limit(), True),
+    ],
+    ids=lambda value: str(value) if isinstance(value, bool) else "",
+)  # fmt: skip
+def test_a_command_that_rings_is_a_limit_cycle_and_a_busy_or_a_quiet_one_is_none(command, cycles):
+    assert turn_figures(TIME, np.clip(command, -LIMIT, LIMIT), ORBIT).turn_limit_cycle is cycles
+
+
+def test_less_than_half_a_lap_is_too_little_to_name_a_limit_cycle():
+    ringing = swinging(0.3, 2.0)
+    for laps, cycles in ((0.6, True), (0.49, False)):
+        few = slice(0, round(laps * 2 * pi * R / V / STEP))
+        assert turn_figures(TIME[few], ringing[few], ORBIT).turn_limit_cycle is cycles

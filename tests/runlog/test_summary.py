@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from circnav_mav.guidance.types import Direction, Orbit
+from circnav_mav.runlog.metrics import NAMES
 from circnav_mav.runlog.summary import FlightFacts, summarise, write_summary
 from circnav_mav.runlog.ticks import NO_TICKS, read_ticks, read_truth
-from circnav_mav.runlog.turn_command import NAMES
 from tests.runlog.conftest import EPOCH_US, rewrite_ticks
 
 FACTS = FlightFacts(
@@ -49,16 +49,32 @@ def test_the_figures_are_those_of_the_flight_after_engaging(summary):
     assert summary(truth=False)["truth"] is None
 
 
-def test_the_wrong_way_round_shows(summary):
-    made = summary(clockwise=False)
-    assert made["direction"] == "clockwise"
-    assert made["direction_commanded"] == made["truth"]["direction"] == "counterclockwise"
+@pytest.mark.parametrize(
+    ("kind", "change", "told"),
+    [
+        ({"clockwise": False}, {}, {"direction": "clockwise", "direction_commanded": "counterclockwise"}),
+        # left at 1 rad/s for 90 s, then right at 0.15 rad/s for 200 s
+        ({}, {(10, 100): {"turn_rate": "1.0"}}, {"direction_commanded": "clockwise"}),
+        # from second 200 on there was no link, and the ticks held what was extrapolated
+        ({}, {(200, 999): {"phase": "waiting for the link", "r": "20.0"}}, {"radius_mean_m": 101.0, "settled_s": 90.0}),
+        # 106 m for a moment; the last entry, after 240 s, is no settling time
+        ({}, {(250, 250.5): {"r": "106.0"}}, {"settled_s": None}),
+        # taken over from second 100 to 150, given back in a hurry at 200; holding its turn it was still ours
+        ({}, {(100, 150): {"phase": "yielded"}, (200, 200.5): {"phase": "ready"}, (250, 260): {"phase": "holding"}},
+         {"flown_s": 290.0, "steered_s": 239.5}),
+    ],
+    ids=["the wrong way round shows", "the sense is that on the circle and not that on the way",
+         "a prediction through an outage is not scored", "who leaves the band in the last third never settled",
+         "the time that the operator flew is not steered"],
+)  # fmt: skip
+def test_what_happened_shows_in_the_figures(summary, kind, change, told):
+    def happened(time, row):
+        row.update(*(cells for (begin, end), cells in change.items() if begin <= time < end))
 
-
-def test_the_sense_that_was_commanded_is_that_on_the_circle_and_not_that_on_the_way(summary):
-    """Left at 1 rad/s for 90 s, then right at 0.15 rad/s for 200 s: clockwise."""
-    made = summary(lambda time, row: row.update(turn_rate="1.0") if 10 <= time < 100 else None)
-    assert made["direction_commanded"] == "clockwise"
+    made = summary(happened, **kind)
+    assert {name: made[name] for name in told} == pytest.approx(told)
+    assert made["truth"]["direction"] == ("clockwise" if kind.get("clockwise", True) else "counterclockwise")
+    assert made["truth"]["settled_s"] == 90.0
 
 
 def test_a_flight_that_never_engaged_has_no_figures(summary):
@@ -66,18 +82,6 @@ def test_a_flight_that_never_engaged_has_no_figures(summary):
     unknown = ("engaged_s", "settled_s", "radius_mean_m", "radius_rms_error_m", "truth", "direction_commanded", *NAMES)
     assert [key for key in unknown if made[key] is not None] == []
     assert made["flown_s"] == made["steered_s"] == 0.0
-
-
-def test_a_prediction_that_goes_on_through_an_outage_is_not_scored(summary):
-    """From second 200 on there was no link, and the ticks held what was extrapolated."""
-    made = summary(lambda time, row: row.update(phase="waiting for the link", r="20.0") if time >= 200 else None)
-    assert (made["radius_mean_m"], made["settled_s"]) == (pytest.approx(101.0), 90.0)
-
-
-def test_a_flight_that_leaves_the_band_in_its_last_third_never_settled(summary):
-    """106 m for a moment at second 250; the last entry, after 240 s, is no settling time."""
-    made = summary(lambda time, row: row.update(r="106.0") if time == 250 else None)
-    assert (made["settled_s"], made["truth"]["settled_s"]) == (None, 90.0)
 
 
 def test_a_flight_is_as_long_as_it_was_flown_and_not_as_it_was_recorded(summary):
@@ -89,18 +93,6 @@ def test_a_flight_is_as_long_as_it_was_flown_and_not_as_it_was_recorded(summary)
     made = summarise(replace(flown, recording_problem=None), NO_TICKS, None)
     assert (made["engaged_s"], made["flown_s"], made["radius_mean_m"]) == (10.0, 490.0, None)
     assert made["recording_problem"] == "figures are of estimates up to 0 s of 500 s"
-
-
-def test_the_time_that_the_operator_flew_is_not_steered(summary):
-    """Taken over from second 100 to 150, given back in a hurry at 200; holding its turn it was still ours."""
-
-    def change(time, row):
-        for phase, begin, end in (("yielded", 100, 150), ("ready", 200, 200.5), ("holding", 250, 260)):
-            if begin <= time < end:
-                row["phase"] = phase
-
-    made = summary(change)
-    assert (made["flown_s"], made["steered_s"]) == (290.0, 239.5)
 
 
 def test_how_quiet_the_stick_was_is_that_of_the_last_third_of_what_was_steered(summary):

@@ -1,4 +1,4 @@
-"""One situation of the benchmark, flown by B vehicles under one policy."""
+"""The rows of the benchmark, what `auto` has to reach in them, and a row flown by B vehicles under one policy."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -7,9 +7,18 @@ from typing import Any
 
 import numpy as np
 
-from circnav_mav.experiments.batch.guidance import POLICIES, Guidance, estimator
-from circnav_mav.experiments.batch.loop import Always, fly
-from circnav_mav.experiments.batch.sensors import ImuNoise, MotionNoise, OwnSenses, Radio, Ranging, RateNoise, Reading
+from circnav_mav.experiments.batch.guidance import POLICIES, Authority, Guidance, estimator, fly
+from circnav_mav.experiments.batch.sensors import (
+    LORA,
+    UWB,
+    ImuNoise,
+    MotionNoise,
+    OwnSenses,
+    Radio,
+    Ranging,
+    RateNoise,
+    Reading,
+)
 from circnav_mav.experiments.batch.world import Airframe, Surroundings, Truth, World, along
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
 from circnav_mav.guidance.geometry import wrap
@@ -149,7 +158,7 @@ def fly_situation(situation: Situation, make: Make, flights: int, seed: int) -> 
         for name, value in zip(ROWS, row, strict=True):
             kept[name][step] = value
 
-    fly(world, radio, senses, guidance, Always(flights, steps), situation.dt, record)
+    fly(world, radio, senses, guidance, Authority(flights, steps), situation.dt, record)
     return Tracks(time=np.arange(steps) * situation.dt, sense=sense, start=first, **kept)
 
 
@@ -165,3 +174,38 @@ def _nees(belief: tuple[Array, Array] | None, p: Array) -> Array:
     determinant = P[0, 0] * P[1, 1] - P[0, 1] ** 2
     weighted = P[1, 1] * e_r**2 - 2 * P[0, 1] * e_r * e_theta + P[0, 0] * e_theta**2
     return weighted / np.where(determinant > 0, determinant, np.nan)
+
+
+V = Circle().speed
+LAST = 100.0
+"""The circle is judged over so many seconds at the end of a flight."""
+
+
+SITUATIONS = {
+    one.name: one
+    for one in (
+        Situation("calm", 0.12),
+        Situation("wind .20 V", 0.25, wind=0.20 * V),
+        Situation("wind .33 V", 0.35, wind=0.33 * V),
+        Situation("wind .53 V", 0.60, wind=0.53 * V),
+        Situation("target .2 V", 0.30, target=3.0),
+        Situation("target .2 V, wind .2 V", 0.40, target=3.0, wind=0.20 * V),
+        Situation("target turns", target=3.0, target_turn=0.05),
+        Situation("wind .33 V turns 90 deg in 10 s", 0.4, wind=0.33 * V, veer=radians(90)),
+        Situation("target stops and goes", 0.4, target=3.0, stands=30.0),
+        Situation("target accelerates", target=3.0, target_walk=0.3),
+        Situation("gusts 1.5, wind .33 V", 1.0, wind=5.0, gust=1.5),
+        Situation("the same with accelerations", wind=5.0, gust=1.5, imu=ImuNoise()),
+        Situation("accelerations, rate .3", wind=5.0, gust=1.5, imu=ImuNoise(), rates=RateNoise(0.3)),
+        Situation("accelerations, rate .1", wind=5.0, gust=1.5, imu=ImuNoise(), rates=RateNoise(0.1)),
+        Situation("gusts with rate .1 alone", wind=5.0, gust=1.5, rates=RateNoise(0.1)),
+        Situation("uwb, wind .2 V", 0.35, wind=0.20 * V, ranging=UWB),
+        Situation("lora, wind .2 V", 2.0, wind=0.20 * V, ranging=LORA),
+        Situation("50 % loss at 5 Hz", wind=0.20 * V, ranging=Ranging(every=4, loss=0.5)),
+        Situation("outage 10 s a minute", wind=0.20 * V, ranging=Ranging(outage=10.0)),
+        Situation("10 % outliers of 20 m", wind=0.20 * V, ranging=Ranging(outlier_share=0.1)),
+        Situation("compass bias 10 deg", wind=0.20 * V, compass_bias=radians(10)),
+        Situation("heading drift .1 deg/s", wind=0.20 * V, compass_drift=radians(0.1)),
+        Situation("airspeed +-10 %", wind=0.20 * V, airspeed_error=0.10),
+    )
+}

@@ -66,10 +66,7 @@ def tangent_time(p: Array, psi: Array, sense: Array, *, V: float, r_d: float, ma
         exists = abs(offset) <= D
         line = np.sqrt(np.maximum(D**2 - offset**2, 0.0))
         course = np.arctan2(-cy, -cx) - np.arcsin(np.minimum(offset / np.maximum(D, 1e-9), 1.0))
-        length = _turn(side * (course - heading)) * rho + line
+        turn = np.mod(side * (course - heading) + 1e-9, 2 * np.pi) - 1e-9
+        length = turn * rho + line
         best = np.minimum(best, np.where(exists, length, np.inf))
     return best / V
-
-
-def _turn(angle: Array) -> Array:
-    return np.mod(angle + 1e-9, 2 * np.pi) - 1e-9

@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from circnav_mav.experiments.batch.draws import Draws
-from circnav_mav.experiments.batch.world import turned
+from circnav_mav.experiments.batch.world import Draws, turned
 from circnav_mav.guidance.geometry import MAX_SIGMA_GROWTH
 
 Array = Any
@@ -85,8 +84,7 @@ class Radio:
         first = self._draws.next()
         self._error, self._outage_from = ranging.drifting * first[0], 20.0 + 40.0 * first[2]
         self._deaf_until = np.zeros(len(seeds))
-        nothing = np.zeros(len(seeds))
-        self._newest = nothing, nothing + 1.0
+        self._newest = np.zeros(len(seeds)), np.ones(len(seeds))
         if rates is not None:
             self._carrier = Draws(seeds, 5, 2)
             self._offset = rates.bias * self._carrier.next()[0]
@@ -120,15 +118,12 @@ class Radio:
         z = slant + cfg.bias + self._error + cfg.white * white
         z = z + cfg.near_bias * np.maximum(1 - slant / cfg.near, 0.0)
         z = z + (wild < cfg.outlier_share) * cfg.outlier * (2 * spread - 1)
-        return self._read(np.maximum(z, 0.0), arrived)
-
-    def _read(self, z: Array, arrived: Array) -> tuple[Array, Array, Array]:
-        """As `slant.horizontal` and the reader of ranges do in flight."""
-        cfg = self._reading
-        rho = np.sqrt(np.maximum(z**2 - cfg.height**2, 1e-9))
-        growth = np.where(cfg.height > 0, z / rho, 1.0)
-        counts = (z > 0) & (z >= cfg.least) & (z <= cfg.most) & (growth <= MAX_SIGMA_GROWTH)
-        self._newest = rho, cfg.sigma * growth
+        # from here on as `slant.horizontal` and the reader of ranges do in flight
+        z, reading = np.maximum(z, 0.0), self._reading
+        rho = np.sqrt(np.maximum(z**2 - reading.height**2, 1e-9))
+        growth = np.where(reading.height > 0, z / rho, 1.0)
+        counts = (z > 0) & (z >= reading.least) & (z <= reading.most) & (growth <= MAX_SIGMA_GROWTH)
+        self._newest = rho, reading.sigma * growth
         return *self._newest, arrived & counts
 
 

@@ -1,4 +1,4 @@
-"""The vehicles of a batch and what surrounds them: wind, gusts, targets, and how a vehicle turns."""
+"""The vehicles of a batch and what surrounds them: wind, gusts, targets, how a vehicle turns; and random numbers."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,9 +6,31 @@ from typing import Any
 
 import numpy as np
 
-from circnav_mav.experiments.batch.draws import Draws
-
 Array = Any
+BLOCK = 64
+"""Draws made at once: a call of numpy costs as much as some hundred numbers."""
+
+
+class Draws:
+    """So many normal and uniform numbers of every flight at a time, (normals + uniforms, B). One seed, one stream; part
+    tells the streams of one seed apart."""
+
+    def __init__(self, seeds: Sequence[Sequence[int]], part: int, normals: int, uniforms: int = 0) -> None:
+        self._streams = [np.random.default_rng([*seed, part]) for seed in seeds]
+        self._normals, self._uniforms, self._at = normals, uniforms, BLOCK
+        self._block = np.empty((BLOCK, normals + uniforms, len(seeds)))
+
+    def next(self) -> Array:
+        """The next numbers."""
+        if self._at == BLOCK:
+            for flight, stream in enumerate(self._streams):
+                self._block[:, : self._normals, flight] = stream.standard_normal((BLOCK, self._normals))
+                self._block[:, self._normals :, flight] = stream.random((BLOCK, self._uniforms))
+            self._at = 0
+        self._at += 1
+        return self._block[self._at - 1]
+
+
 GAUSS_AT = np.array([0.5 - np.sqrt(15) / 10, 0.5, 0.5 + np.sqrt(15) / 10])
 GAUSS_WEIGHT = np.array([5.0, 8.0, 5.0]) / 18
 VEER_TIME, VEER_EVERY = 10.0, 50.0
@@ -121,37 +143,23 @@ class World:
         goal = np.clip(command, -a.limit, a.limit) * flies
         way = flown(a.speed * flies, self.psi, self.turn_rate, goal, a.lag, dt)
         self.p = self.p + way + self.wind * (self.carried * flies * dt)
-        self.turn_rate, turned = turn_step(self.turn_rate, goal, a.lag, dt)
-        self.psi = self.psi + turned
+        self.turn_rate, angle = turn_step(self.turn_rate, goal, a.lag, dt)
+        self.psi = self.psi + angle
+        w = self._around
         if self._moves:
-            self._move_targets(dt)
+            way = (self._speed + w.target_push * dt / 2) * dt * along(self._course + w.target_turn * dt / 2)
+            self.p = self.p - way * self._goes
+            self._speed, self._course = self._speed + w.target_push * dt, self._course + w.target_turn * dt
         self._now += dt
-        if np.any(self._around.veer):
-            self._veer()
+        if np.any(w.veer):  # in the first VEER_TIME of every period
+            times, since = np.divmod(self._now + w.phase * VEER_EVERY, VEER_EVERY)
+            self._steady = turned(w.wind, w.veer * (times + np.minimum(since / VEER_TIME, 1.0)))
         if self._random:
-            self._draw(dt)
-
-    def _move_targets(self, dt: float) -> None:
-        w = self._around
-        way = (self._speed + w.target_push * dt / 2) * dt * along(self._course + w.target_turn * dt / 2)
-        self.p = self.p - way * self._goes
-        self._speed, self._course = self._speed + w.target_push * dt, self._course + w.target_turn * dt
-
-    def _veer(self) -> None:
-        """Turn the wind, by `veer` in the first VEER_TIME of every period."""
-        w = self._around
-        times, since = np.divmod(self._now + w.phase * VEER_EVERY, VEER_EVERY)
-        angle = w.veer * (times + np.minimum(since / VEER_TIME, 1.0))
-        self._steady = turned(w.wind, angle)
-
-    def _draw(self, dt: float) -> None:
-        """New gusts, by the exact transition of the process, and pushes of the targets."""
-        w, draws = self._around, self._draws.next()
-        kept = np.exp(-dt / w.gust_time)
-        self._gust = kept * self._gust + w.gust * np.sqrt(1 - kept**2) * draws[:2]
-        if np.any(w.target_walk):
-            x, y = self.target_velocity + w.target_walk * np.sqrt(dt) * draws[2:]
-            self._speed, self._course = np.minimum(np.hypot(x, y), w.target_speed), np.arctan2(y, x)
+            draws, kept = self._draws.next(), np.exp(-dt / w.gust_time)
+            self._gust = kept * self._gust + w.gust * np.sqrt(1 - kept**2) * draws[:2]  # the process's exact transition
+            if np.any(w.target_walk):
+                x, y = self.target_velocity + w.target_walk * np.sqrt(dt) * draws[2:]
+                self._speed, self._course = np.minimum(np.hypot(x, y), w.target_speed), np.arctan2(y, x)
 
 
 def along(angle: Array) -> Array:

@@ -20,7 +20,6 @@ Part = tuple[list[Row], list[int]]
 GREET = ("", "tcp")
 """Schemes of addresses by which the scheduler speaks first."""
 SCHEMES = (*GREET, "tls", "ws", "wss")
-MOST_PORT = 65535
 PATIENCE = 5.0
 """Time, s, that a scheduler is given to answer."""
 
@@ -39,21 +38,20 @@ def cores() -> int:
 
 def on_cores(campaign: Campaign, chunks: Chunks, processes: int, done: Done = frozenset()) -> Rows:
     """The rows of the chunks but of the runs that are done, as they finish, in any order. Raises ExecutionError."""
+
+    def here(function: Callable[..., Part], *arguments: Any) -> Future[Part]:
+        flown: Future[Part] = Future()
+        flown.set_result(function(*arguments))
+        return flown
+
     if processes == 1:
-        yield from _gathered(_here, campaign, chunks, done, ahead=1)
+        yield from _gathered(here, campaign, chunks, done, ahead=1)
         return
     try:
         with workers(processes) as submit:
             yield from _gathered(submit, campaign, chunks, done)
     except WorkerDiedError:
         raise ExecutionError("a worker process died (out of memory?): --resume flies what is missing") from None
-
-
-def _here(function: Callable[..., Part], *arguments: Any) -> Future[Part]:
-    """Submit that works in this process, at once."""
-    done: Future[Part] = Future()
-    done.set_result(function(*arguments))
-    return done
 
 
 def _gathered(submit: Submit, campaign: Campaign, chunks: Chunks, done: Done, ahead: int = AHEAD) -> Rows:
@@ -107,14 +105,13 @@ def _knock(address: str) -> None:
     that complain. Raises ExecutionError."""
     scheme, _, place = address.rpartition("://")
     host, _, port = place.rpartition(":")
-    if scheme not in SCHEMES or not host or not port.isdecimal() or int(port) > MOST_PORT:
+    if scheme not in SCHEMES or not host or not port.isdecimal() or int(port) > 65535:
         raise ExecutionError(f"--scheduler {address}: write it as tcp://HOST:PORT, or with tls, ws or wss in front")
     try:
         with socket.create_connection((host.strip("[]"), int(port)), PATIENCE) as there:
             greeted = scheme not in GREET or there.recv(1)
     except (OSError, UnicodeError) as error:
-        raise ExecutionError(
-            f"--scheduler {address}: nobody answers: {getattr(error, 'strerror', None) or error}"
-        ) from None
+        said = getattr(error, "strerror", None) or error
+        raise ExecutionError(f"--scheduler {address}: nobody answers: {said}") from None
     if not greeted:
         raise ExecutionError(f"--scheduler {address}: whoever answers there is no Dask scheduler")

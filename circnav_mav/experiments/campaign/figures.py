@@ -1,7 +1,10 @@
-"""A track as one row of the table: the same figures for every engine, from the true path alone."""
+"""A track as one row of the table, from the true path alone, whichever engine flew it; and the figures of many rows
+with their confidence intervals."""
 
 import math
+from collections.abc import Mapping, Sequence, Sized
 from dataclasses import asdict
+from math import ceil, floor, isfinite, prod, sqrt
 from typing import Any
 
 import numpy as np
@@ -9,7 +12,7 @@ import numpy as np
 from circnav_mav.experiments.campaign.lockstep import COMPLETED, Track
 from circnav_mav.experiments.campaign.plan import Campaign, Run
 from circnav_mav.runlog import metrics
-from circnav_mav.runlog.turn_command import NAMES, late_figures
+from circnav_mav.runlog.metrics import NAMES, late_figures
 
 KEPT_WITHIN = 0.1
 """A flight is kept when it was completed, went round in the sense asked for, and the RMS radius error of its last third
@@ -68,3 +71,90 @@ def row(run: Run, track: Track) -> dict[str, Any]:
 def failed_row(number: int, values: dict[str, Any], error: str) -> dict[str, Any]:
     """The row of a run that could not be flown."""
     return {"run": number, **values, "outcome": FAILED, "kept": False, "error": error}
+
+
+SUMMARY = "summary.json"
+Z = 1.959964
+"""Both intervals are of 95 %."""
+LEAST_WORLDS = 6
+Interval = tuple[float | None, float | None]
+Rows = Sequence[dict[str, str]]
+"""Of the table, as text."""
+
+
+def figures(rows: Rows, points: int = 1) -> dict[str, Any]:
+    """The figures of some rows of the table. points: of the grid, which all share the draws of a round.
+
+    failed: could not be flown. not_engaged: ended before it was ours; neither has an RMS error or a settling time, and
+    those figures are of the others. wrong_way: went round in the wrong sense. rms_*: m, radius error of the last third.
+    settled_*: s from the engagement until within 5 % for good, all of the last third included, None where that is
+    never. closest: m, of all flights. worlds: flights that share their draws and their noise at several points of the
+    grid count as one in the intervals. turn_*: medians of the flights' figures of the turn command (see `TurnFigures`).
+    limit_cycles: flights whose command was in one."""
+    flown = [row for row in rows if row["rms_m"]]
+    worlds, worlds_flown = (len({int(row["run"]) // points for row in some}) for some in (rows, flown))
+    kept, rms = sum(row["kept"] == "true" for row in rows), known(rows, "rms_m")
+    settled = np.sort([float(row["settled_s"] or "inf") for row in flown])
+    share = kept / len(rows) if rows else 0.0
+    return {
+        "flights": len(rows),
+        "worlds": worlds,
+        "failed": sum(row["outcome"] == FAILED for row in rows),
+        "not_engaged": sum(row["outcome"] != FAILED and not row["rms_m"] for row in rows),
+        "kept": kept,
+        "kept_share": share,
+        "kept_interval": wilson(share, worlds),
+        "wrong_way": sum(row["right_way"] == "false" for row in rows),
+        "rms_median": percentile(rms, 50),
+        "rms_interval": median_interval(rms, worlds_flown),
+        "rms_p95": percentile(rms, 95),
+        "settled_median": percentile(settled, 50),
+        "settled_p95": percentile(settled, 95),
+        "closest": min(known(rows, "closest_m"), default=None),
+        **{name: percentile(known(rows, name), 50) for name in NAMES if name != "turn_limit_cycle"},
+        "limit_cycles": sum(row["turn_limit_cycle"] == "true" for row in rows),
+    }
+
+
+def known(rows: Rows, name: str) -> Any:
+    """The numbers of a column where there are any, in their order of size."""
+    return np.sort([float(row[name]) for row in rows if row[name]])
+
+
+def summarise(rows: Rows, swept: Mapping[str, Sized]) -> dict[str, Any]:
+    """summary.json: "all", and "by" swept key and value. swept: the values of the grid by key."""
+    points = prod(len(values) for values in swept.values())
+    by: dict[str, dict[str, Any]] = {}
+    for key in swept:
+        values = dict.fromkeys(row[key] for row in rows)
+        by[key] = {value: figures([row for row in rows if row[key] == value], points) for value in values}
+    return {"all": figures(rows, points), "by": by}
+
+
+def wilson(share: float, worlds: int) -> Interval:
+    """Wilson's score interval of a share, over so many worlds that are independent of one another. Flights in one world
+    may all fare alike, so that they tell no more than one of them; where they do not, the interval is wider than need
+    be."""
+    if worlds == 0:
+        return None, None
+    spread = Z**2 / worlds
+    middle = (share + spread / 2) / (1 + spread)
+    half = Z / (1 + spread) * sqrt(share * (1 - share) / worlds + spread / (4 * worlds))
+    return 0.0 if share == 0 else middle - half, 1.0 if share == 1 else middle + half
+
+
+def median_interval(ordered: Any, worlds: int) -> Interval:
+    """Order statistics that hold the median whatever the distribution: ranks n/2 -+ z n / (2 sqrt(worlds)), rounded
+    outwards. Of fewer than six worlds even the least and the largest hold it in less than 95 % of all cases: none."""
+    n = len(ordered)
+    if worlds < LEAST_WORLDS:
+        return None, None
+    half = Z * n / (2 * sqrt(worlds))
+    low, high = floor(n / 2 - half), ceil(n / 2 + half)
+    return float(ordered[max(low - 1, 0)]), float(ordered[min(high, n - 1)])
+
+
+def percentile(ordered: Any, q: float) -> float | None:
+    """The larger neighbour, for there is no mean of a number and never; None of nothing, and for never."""
+    value = float(np.percentile(ordered, q, method="higher")) if len(ordered) else float("inf")
+    return value if isfinite(value) else None

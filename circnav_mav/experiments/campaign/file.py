@@ -8,8 +8,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from circnav_mav.experiments.campaign.plan import START, Campaign
-from circnav_mav.experiments.campaign.spec import DRAWS, Spec, SpecError, flat, read_spec
+from circnav_mav.experiments.campaign.plan import DRAWS, START, Campaign, Spec, SpecError, flat, read_spec
 from circnav_mav.mission.load import MissionError, in_words, load_mission, read_text, read_toml
 
 
@@ -65,7 +64,11 @@ def load_campaign(path: str | Path, runs: int | None = None) -> Campaign:
 def _specs(vary: Mapping[str, Any], where: str) -> dict[str, Spec]:
     """The specs by dotted key, whether the file wrote the key in quotes or as nested tables."""
     specs: dict[str, Spec] = {}
-    for key, value in flat(vary, whole=_names_a_distribution):
+
+    def names_a_distribution(table: Mapping[str, Any]) -> bool:  # or nearly: what is misspelt is told as such
+        return any(get_close_matches(name, DRAWS, n=1, cutoff=0.75) for name in table)
+
+    for key, value in flat(vary, whole=names_a_distribution):
         _check_alone(key, specs, where)
         try:
             specs[key] = read_spec(value)
@@ -85,8 +88,3 @@ def _check_alone(key: str, others: Iterable[str], where: str) -> None:
         taken = f"{START.get(other, other)}."
         if sets.startswith(taken) or taken.startswith(sets):
             raise CampaignError(f"{where}: vary: {other} and {key} set the same key: keep one")
-
-
-def _names_a_distribution(table: Mapping[str, Any]) -> bool:
-    """Or nearly: what is misspelt is told as such."""
-    return any(get_close_matches(name, DRAWS, n=1, cutoff=0.75) for name in table)

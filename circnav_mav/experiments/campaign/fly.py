@@ -1,16 +1,72 @@
-"""What every way of running a campaign runs: run numbers in, rows out."""
+"""What every way of running a campaign runs: run numbers in, rows out. Flights that are alike enough fly in batches;
+whatever else is varied flies in lockstep."""
 
 import traceback
 from collections.abc import Collection, Iterable, Sequence
+from contextlib import suppress
 from typing import Any
 
 from circnav_mav.emulator.config import ConfigError
-from circnav_mav.experiments.campaign.batchable import group, obstacle
 from circnav_mav.experiments.campaign.figures import failed_row, row
-from circnav_mav.experiments.campaign.flights import fly_batch, time_step
+from circnav_mav.experiments.campaign.flights import fly_batch, time_step, white_noise
 from circnav_mav.experiments.campaign.lockstep import fly_lockstep
-from circnav_mav.experiments.campaign.plan import Campaign, Run, prepare
+from circnav_mav.experiments.campaign.plan import Campaign, Run, flat, prepare
 from circnav_mav.mission.load import MissionError
+
+OWN = frozenset({
+    "name", "vehicle.max_turn_rate_deg_s", "vehicle.max_bank_deg", "orbit.radius_m", "orbit.direction",
+    "orbit.height_above_target_m", "guidance.gain", "guidance.correct_radius", "guidance.min_samples",
+    "ranging.sigma_m", "ranging.min_range_m", "ranging.max_range_m", "link.sim_speed", "sim.seed", "sim.start.north_m",
+    "sim.start.east_m", "sim.start.altitude_m", "sim.start.heading_deg", "sim.vehicle.max_turn_rate_deg_s",
+    "sim.ranging.preset", "sim.ranging.noise_m", "sim.ranging.bias_m",
+    "sim.ranging.outlier_fraction", "sim.ranging.outlier_m", "sim.ranging.dropout_fraction",
+    "sim.ranging.clock_offset_s", "sim.ranging.max_range_m", "sim.ranging.report_accuracy", "sim.truth.rate_hz",
+})  # fmt: skip
+OWN_OF_KALMAN = OWN | {"vehicle.speed_mps", "vehicle.turn_lag_s", "guidance.gate_sigma", "sim.vehicle.turn_lag_s"}
+OWN_TABLES = ("sim.start.random.", "sim.target.", "sim.wind.")
+"""What each flight of a batch has of its own; flights of one batch share everything else."""
+MOST_SCATTER = 1.5
+"""Scatter of the ranges over what the mission says of it, from which on the pilot may find it out."""
+MOST_OUTLIERS = 0.13
+"""Share of outliers from which on the pilot may take them for noise."""
+
+
+def group(run: Run) -> tuple[tuple[str, str], ...]:
+    """What must be the same in all flights of a batch."""
+    own = OWN_OF_KALMAN if run.mission.estimator == "kalman" else OWN
+    values = dict(flat(run.mission.file.model_dump(exclude={"sim"}) | {"sim": run.vehicle.model_dump()}))
+    shared = (key for key in values if key not in own and not key.startswith(OWN_TABLES))
+    return tuple((key, repr(values[key])) for key in sorted(shared))
+
+
+def obstacle(run: Run) -> str | None:
+    """Why this flight needs lockstep, first what a batch does not model: other vehicles, what the pilot does beside
+    steering, radios that are not alike. None if a batch flies it."""
+    file, sim = run.mission.file, run.vehicle
+    airframe, start, ranging = sim.vehicle, sim.start, sim.ranging
+    ideal = airframe.profile == "arducopter" and airframe.dynamics != "realistic" and airframe.speed_lag_s == 0
+    hovers = start.armed and start.altitude_m != 0 and not start.speed_mps
+    wild = ranging.outlier_fraction > MOST_OUTLIERS and ranging.outlier_m > 2 * file.ranging.sigma_m
+    reasons = {
+        "[vehicle] is not the plain ArduPilot copter": run.mission.vehicle_key != ("ardupilot", "copter"),
+        "sim.vehicle is not the ideal copter (profile arducopter, dynamics unicycle or airborne)": not ideal,
+        "sim.start is not a hover in the air": not hovers,
+        "[[sim.events]] happen": bool(sim.events),
+        "the height comes from the altitude": run.mission.height.needs_altitude,
+        "sim.ranging.rate_hz is 0": ranging.rate_hz <= 0,
+        "sim.ranging.latency_s is not 0": ranging.latency_s > 0,
+        'sim.ranging.via = "autopilot" repeats ranges': ranging.via == "autopilot",
+        "ranges scatter more than ranging.sigma_m says": white_noise(ranging) > MOST_SCATTER * file.ranging.sigma_m,
+        "sim.ranging.outlier_fraction is so large that the pilot takes outliers for noise": wild,
+        "[ranging] resent or stamp is not the default": file.ranging.resent or file.ranging.stamp == "arrival",
+        "ranging.rate_name: a measured range rate": file.ranging.rate_name is not None,
+        "vehicle.max_turn_acceleration_deg_s2 is set": file.vehicle.max_turn_acceleration_deg_s2 is not None,
+        "guidance.radius_trim_per_s is not 0": file.guidance.radius_trim_per_s > 0,
+        "[bounds] are set": file.bounds != type(file.bounds)(),
+        "engage.on_takeover is not the default": file.engage.on_takeover != "end",
+    }
+    return next((reason for reason, found in reasons.items() if found), None)
+
 
 Row = dict[str, Any]
 BATCH_STEPS = 8_000_000
@@ -45,7 +101,14 @@ def _most_together(campaign: Campaign) -> int:
 def fly_chunk(campaign: Campaign, numbers: Iterable[int]) -> list[Row]:
     """Fly some runs to their ends and return their rows in order."""
     rows, alone = _fly_batches(campaign, numbers)
-    return sorted(rows + [_fly_alone(run) for run in alone], key=lambda done: int(done["run"]))
+    for run in alone:
+        try:
+            rows.append(row(run, fly_lockstep(run)))
+        except Exception as error:
+            where = traceback.extract_tb(error.__traceback__)[-1].name
+            said = " ".join(f"internal error: {type(error).__name__}: {error} ({where})".split())
+            rows.append(failed_row(run.number, run.values, said))
+    return sorted(rows, key=lambda done: int(done["run"]))
 
 
 def fly_part(campaign: Campaign, chunk: Sequence[int], wanted: Collection[int]) -> tuple[list[Row], list[int]]:
@@ -81,21 +144,11 @@ def _fly_batches(campaign: Campaign, numbers: Iterable[int]) -> tuple[list[Row],
         else:
             alone.append(run)
     for runs in together.values():
-        try:
+        tracks = None
+        with suppress(Exception):  # one of them broke the arithmetic of all: each for itself
             tracks = fly_batch(runs)
-        except Exception:  # one of them broke the arithmetic of all: each for itself
-            tracks = None
         if tracks is None:
             alone += runs
         else:
             rows += [row(run, track) for run, track in zip(runs, tracks, strict=True)]
     return rows, alone
-
-
-def _fly_alone(run: Run) -> Row:
-    try:
-        return row(run, fly_lockstep(run))
-    except Exception as error:
-        where = traceback.extract_tb(error.__traceback__)[-1]
-        text = f"internal error: {type(error).__name__}: {error} ({where.name})"
-        return failed_row(run.number, run.values, " ".join(text.split()))

@@ -1,22 +1,95 @@
-"""What every run of a campaign flies: its values and seed follow from the campaign's seed and its number alone."""
+"""How the values of a mission vary from run to run, and what every run of a campaign flies: its values and seed follow
+from the campaign's seed and its number alone."""
 
 import copy
 import zlib
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from difflib import get_close_matches
 from math import prod
 from typing import Any
 
 import numpy as np
 
 from circnav_mav.emulator.config import ConfigError, VehicleConfig, parse_vehicle
-from circnav_mav.experiments.campaign.spec import Drawn, Grid, Spec
 from circnav_mav.mission.load import MissionError, mission_of
 from circnav_mav.mission.mission import Mission
 
+
+class SpecError(Exception):
+    """A spec that says nothing; the message names the remedy."""
+
+
+@dataclass(frozen=True, slots=True)
+class Drawn:
+    """A distribution and its numbers, or the values of a choice."""
+
+    kind: str
+    numbers: tuple[Any, ...]
+
+    def draw(self, rng: np.random.Generator) -> Any:
+        """One value."""
+        return DRAWS[self.kind](rng, *self.numbers)
+
+
+Spec = tuple[Any, ...] | Drawn
+"""The values of a grid, each in its turn; or a distribution."""
+DRAWS: dict[str, Callable[..., Any]] = {
+    "uniform": lambda rng, low, high: float(rng.uniform(low, high)),
+    "normal": lambda rng, mean, sigma: float(rng.normal(mean, sigma)),
+    "log_uniform": lambda rng, low, high: float(np.exp(rng.uniform(np.log(low), np.log(high)))),
+    "choice": lambda rng, *values: values[rng.integers(len(values))],
+}
+MOST = 1e300
+"""Largest bound of a draw: sums of two such numbers are numbers still."""
+FORMS = "a list, {uniform=[low, high]}, {log_uniform=[low, high]}, {normal=[mean, sigma]} or {choice=[...]}"
+
+
+def read_spec(value: Any) -> Spec:
+    """The spec of one key of [vary]. Raises SpecError."""
+    if isinstance(value, list):
+        if not value:
+            raise SpecError("is an empty list, name at least one value")
+        return tuple(value)
+    if not isinstance(value, dict) or len(value) != 1:
+        raise SpecError(f"write {FORMS}, not {value!r}")
+    ((kind, numbers),) = value.items()
+    if kind not in DRAWS:
+        near = get_close_matches(kind, DRAWS, n=1)
+        hint = f"did you mean {near[0]}?" if near else f"known here: {', '.join(DRAWS)}"
+        raise SpecError(f"{kind}: unknown key, {hint}")
+    if not isinstance(numbers, list) or not numbers:
+        raise SpecError(f"{kind}: must be a list, not {numbers!r}")
+    if kind != "choice":
+        _check_numbers(kind, numbers)
+    return Drawn(kind, tuple(numbers))
+
+
+def _check_numbers(kind: str, numbers: list[Any]) -> None:
+    if len(numbers) != 2 or not all(type(number) in (int, float) and abs(number) <= MOST for number in numbers):
+        raise SpecError(f"{kind}: must be two numbers, neither of them above {MOST:g}, not {numbers!r:.80}")
+    first, second = numbers
+    if kind == "normal" and second < 0:
+        raise SpecError(f"normal: the standard deviation must be at least 0, not {second:g}")
+    if kind != "normal" and first > second:
+        raise SpecError(f"{kind}: [{first:g}, {second:g}] is empty, write the lower bound first")
+    if kind == "log_uniform" and first <= 0:
+        raise SpecError(f"log_uniform: must be above 0, not {first:g}")
+
+
+def flat(
+    table: Mapping[str, Any], before: str = "", whole: Callable[[Mapping[str, Any]], bool] = lambda table: False
+) -> Iterator[tuple[str, Any]]:
+    """(dotted key, value) pairs of nested tables; `whole` tells which tables are values themselves."""
+    for key, value in table.items():
+        if isinstance(value, Mapping) and value and not whole(value):
+            yield from flat(value, f"{before}{key}.", whole)
+        else:
+            yield before + key, value
+
+
 START = {f"start.{name}": f"sim.start.random.{name}" for name in ("range_m", "bearing_deg", "heading_deg")}
 """The start as seen from the target, which the vehicle file only knows as bounds to draw from."""
-SEED = "sim.seed"
 LEAST_TRIED, MOST_TRIED = 32, 256
 """Runs tried with a value before it is refused: with all the other values of the grid, or so many drawn of them."""
 
@@ -37,7 +110,7 @@ class Campaign:
     @property
     def swept(self) -> dict[str, tuple[Any, ...]]:
         """The keys with lists of values."""
-        return {key: spec.values for key, spec in self.specs.items() if isinstance(spec, Grid)}
+        return {key: spec for key, spec in self.specs.items() if isinstance(spec, tuple)}
 
     @property
     def cells(self) -> int:
@@ -55,10 +128,10 @@ class Campaign:
             if isinstance(spec, Drawn):
                 values[key] = spec.draw(np.random.default_rng([self.seed, world, zlib.crc32(key.encode())]))
             else:
-                cell, which = divmod(cell, len(spec.values))
-                values[key] = spec.values[which]
+                cell, which = divmod(cell, len(spec))
+                values[key] = spec[which]
         seed = int(np.random.SeedSequence([self.seed, world]).generate_state(1)[0])
-        return {SEED: seed} | values
+        return {"sim.seed": seed} | values
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
+from circnav_mav.experiments.campaign.figures import figures, percentile
 from circnav_mav.experiments.campaign.plan import START
-from circnav_mav.experiments.campaign.summary import figures, percentile
-from circnav_mav.report.pictures import STYLE, literal, save
+from circnav_mav.report.plots import STYLE, literal, save
 
 Rows = Sequence[dict[str, str]]
 LOST, LINE = "#c8501e", "#1f5fa8"
@@ -65,59 +65,51 @@ def _starts(rows: Rows, title: str) -> Figure:
     place, turned = figure.subplots(1, 2)
     r, bearing, heading = (_numbers(rows, f"start_{name}") for name in ("range_m", "bearing_deg", "heading_deg"))
     kept = np.array([row["kept"] == "true" for row in rows], float)
-    style: dict[str, Any] = {"cmap": "RdYlGn", "vmin": 0, "vmax": 100, "edgecolors": "#555555", "linewidths": 0.3}
-    (away, towards), share = _shares(kept, r, np.radians(bearing))
-    place.scatter(away * np.sin(towards), away * np.cos(towards), c=share, s=_size(share), **style)
+    (away, towards), style = _shares(kept, r, np.radians(bearing))
+    place.scatter(away * np.sin(towards), away * np.cos(towards), **style)
     place.plot(0, 0, "k+", ms=12, mew=2)
     place.set_aspect("equal", adjustable="datalim")
-    place.set_xlabel("east of the target, m")
-    place.set_ylabel("north of the target, m")
-    (away, off), share = _shares(kept, r, np.round((heading - bearing) % 360 - 180, 3))
-    drawn = turned.scatter(off, away, c=share, s=_size(share), **style)
-    turned.set_xlim(-180, 180)
-    turned.set_xticks(range(-180, 181, 60))
-    turned.set_xlabel("start heading off the line to the target, deg (0: straight at it, right positive)")
-    turned.set_ylabel("start range, m")
+    place.set(xlabel="east of the target, m", ylabel="north of the target, m")
+    (away, off), style = _shares(kept, r, np.round((heading - bearing) % 360 - 180, 3))
+    drawn = turned.scatter(off, away, **style)
+    off_line = "start heading off the line to the target, deg (0: straight at it, right positive)"
+    turned.set(xlim=(-180, 180), xticks=range(-180, 181, 60), xlabel=off_line, ylabel="start range, m")
     figure.colorbar(drawn, ax=turned, label="kept, %")
     return figure
 
 
-def _shares(kept: Any, *coordinates: Any) -> tuple[Any, Any]:
-    """The points that differ in these coordinates, and what share, %, of the flights from each was kept."""
+def _shares(kept: Any, *coordinates: Any) -> tuple[Any, dict[str, Any]]:
+    """The points that differ in these coordinates; and as a style, what share, %, of the flights from each was kept,
+    and the size of a dot among so many."""
     points, which = np.unique(np.stack(coordinates, axis=1), axis=0, return_inverse=True)
-    return points.T, 100 * np.bincount(which.ravel(), kept) / np.bincount(which.ravel())
-
-
-def _size(points: Any) -> float:
-    """Of a dot among so many, points squared."""
-    return float(np.clip(8000 / len(points), 5, 40))
+    share = 100 * np.bincount(which.ravel(), kept) / np.bincount(which.ravel())
+    return points.T, {"c": share, "s": float(np.clip(8000 / len(share), 5, 40)), "cmap": "RdYlGn", "vmin": 0,
+                      "vmax": 100, "edgecolors": "#555555", "linewidths": 0.3}  # fmt: skip
 
 
 def _distributions(rows: Rows, title: str) -> Figure:
     """How large the errors were, how long settling took, how close the flights came."""
     figure = Figure(figsize=(12, 4), layout="constrained")
     found, rows = figures(rows), [row for row in rows if row["rms_m"]]
-    others = ((found.not_engaged, "never engaged"), (found.failed, "could not be flown"))
-    unflown = "".join(f", {count} more {what}" for count, what in others if count)
+    others = (("not_engaged", "never engaged"), ("failed", "could not be flown"))
+    unflown = "".join(f", {found[name]} more {what}" for name, what in others if found[name])
     figure.suptitle(f"{title}: {len(rows)} flights{unflown}")
     error, settling, nearest = figure.subplots(1, 3)
     rms, settled = np.maximum(_numbers(rows, "rms_m"), 1e-6), _numbers(rows, "settled_s")
     error.hist(rms, bins=np.geomspace(rms.min(), max(rms.max(), rms.min() * 1.1), 40).tolist(), color=LINE)
     error.set_xscale("log")
     _label_decades(error.xaxis, rms)
-    error.set_xlabel("RMS radius error of the last third, m")
-    median = percentile(rms, 50) or 0.0
-    error.axvline(median, color=LOST, lw=1, label=f"median {median:.3g} m")
+    error.axvline(found["rms_median"], color=LOST, lw=1, label=f"median {found['rms_median']:.3g} m")
     error.legend()
     never = int(np.isnan(settled).sum())
     if never < len(rows):
         settling.hist(settled[~np.isnan(settled)], bins=40, color=LINE)
-    settling.set_xlabel("time until within 5 % for good, s")
     settling.set_title(f"never: {never}", fontsize=9)
     nearest.hist(_numbers(rows, "closest_m"), bins=40, color=LINE)
-    nearest.set_xlabel("closest approach, m")
     error.set_ylabel("flights")
-    for axis in (error, settling, nearest):
+    labels = "RMS radius error of the last third, m", "time until within 5 % for good, s", "closest approach, m"
+    for axis, label in zip(figure.axes, labels, strict=True):
+        axis.set_xlabel(label)
         axis.yaxis.set_major_locator(MaxNLocator(integer=True))
     return figure
 
@@ -138,7 +130,7 @@ def _against(rows: Rows, key: str, swept: Sequence[str], title: str) -> Figure:
     figure.suptitle(f"{title}: error against {literal(key)}")
     error, share = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
     others = [other for other in swept if other != key and len({row[other] for row in rows}) <= MOST_LINES]
-    values = [json_or_text(row[key]) for row in rows]
+    values = [_json_or_text(row[key]) for row in rows]
     numeric = all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
     names = list(dict.fromkeys(map(str, values)))
     x = np.array(values if numeric else [names.index(str(value)) for value in values], float)
@@ -150,7 +142,7 @@ def _against(rows: Rows, key: str, swept: Sequence[str], title: str) -> Figure:
         mine = lines == label
         colour = f"C{number}" if len(labels) > 1 else LINE
         spots, parts = _binned(x[mine], key in swept)
-        known = [rms[mine][part][np.isfinite(rms[mine][part])] for part in parts]
+        known = [part[np.isfinite(part)] for part in (rms[mine][part] for part in parts)]
         middle, low, high = (np.array([percentile(one, q) for one in known], float) for q in (50, 5, 95))
         shift = 0.0 if numeric else 0.06 * (number - (len(labels) - 1) / 2)
         style: dict[str, Any] = {"color": colour, "marker": "o", "ms": 4, "lw": 1.5 if numeric else 0}
@@ -163,11 +155,9 @@ def _against(rows: Rows, key: str, swept: Sequence[str], title: str) -> Figure:
     _label_decades(error.yaxis, rms[np.isfinite(rms)])
     error.set_ylabel("RMS radius error, m\n(median, 5 to 95 %)")
     error.legend(title=literal(others[0]) if len(labels) > 1 else None, fontsize=8)
-    share.set_ylim(-5, 105)
-    share.set_ylabel("kept, %")
     drawn = len(np.unique(x))
     bins = "" if key in swept or drawn <= BINS else f" ({drawn} drawn values, in {BINS} bins of equally many flights)"
-    share.set_xlabel(literal(key) + bins)
+    share.set(ylim=(-5, 105), ylabel="kept, %", xlabel=literal(key) + bins)
     return figure
 
 
@@ -180,7 +170,7 @@ def _binned(x: Any, exact: bool) -> tuple[Any, list[Any]]:
     return np.array([np.median(x[part]) for part in parts]), parts
 
 
-def json_or_text(cell: str) -> Any:
+def _json_or_text(cell: str) -> Any:
     """A varied value as it was: strings stand in the table without quotes."""
     try:
         return json.loads(cell)

@@ -1,14 +1,16 @@
 """The folder of a campaign: the table, streamed row by row, and what it was flown with, so that it can be resumed."""
 
 import csv
+import errno
 import io
 import json
+import os
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
-from circnav_mav.experiments.campaign.figures import FIGURES, NUMBERS, columns
+from circnav_mav.experiments.campaign.figures import FIGURES, NUMBERS, SUMMARY, columns
 from circnav_mav.experiments.campaign.plan import Campaign
 from circnav_mav.runlog.atomic_write import atomic_write
 
@@ -61,13 +63,9 @@ class Store:
             if row["run"] in self.done:
                 continue
             line = _line([_cell(name, row.get(name)) for name in self._columns])
-            try:
+            with _refusing(self._path, "written", "; what is there can be resumed"):
                 if self._file.write(line) != len(line):
-                    raise OSError(28, "No space left on device")
-            except OSError as error:
-                raise StoreError(
-                    f"{self._path}: cannot be written: {error.strerror or error}; what is there can be resumed"
-                ) from None
+                    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
             self.done.add(row["run"])
 
     def close(self) -> None:
@@ -77,20 +75,16 @@ class Store:
     def sort(self) -> None:
         """Put the rows in the order of their runs, after the last of them: equal campaigns give equal files. Raises
         StoreError."""
-        try:
+        with _refusing(self._path):
             header, *lines = self._path.read_bytes().splitlines(keepends=True) or [b""]
+            lines.sort(key=lambda line: int(line.partition(b",")[0]))
             with atomic_write(self._path) as fresh:
-                fresh.write_bytes(header + b"".join(sorted(lines, key=_number)))
-        except OSError as error:
-            raise _cannot(self._path, error) from None
+                fresh.write_bytes(header + b"".join(lines))
 
     def read(self) -> list[dict[str, str]]:
         """The rows as text. Raises StoreError."""
-        try:
-            with self._path.open(newline="", encoding="utf-8") as file:
-                return list(csv.DictReader(file))
-        except OSError as error:
-            raise _cannot(self._path, error) from None
+        with _refusing(self._path), self._path.open(newline="", encoding="utf-8") as file:
+            return list(csv.DictReader(file))
 
     def _begun(self) -> bool:
         """Whether a row was written there; a header alone is of a campaign that nobody flew."""
@@ -100,14 +94,11 @@ class Store:
         """Nothing that a campaign writes over may be there but the beginnings of this very one. Raises StoreError,
         OSError."""
         whole = {name: text.encode() for name, text in sources.items()} | {TABLE: _line(self._columns)}
-        if all(
-            (self.folder / name).is_file() and (self.folder / name).read_bytes() == there
-            for name, there in whole.items()
-        ):
+        if all(_bytes(self.folder / name) == text for name, text in whole.items()):
             return
         for path in sorted(self.folder.iterdir()):
             of_ours = path.name in whole and whole[path.name].startswith(path.read_bytes())
-            if not of_ours and (path.name in {*whole, "summary.json"} or path.suffix == ".png"):
+            if not of_ours and (path.name in {*whole, SUMMARY} or path.suffix == ".png"):
                 raise StoreError(f"{self.folder}: holds {path.name}, which is not of this campaign: name another --out")
 
     def _reopen(self, sources: dict[str, str], resume: bool) -> None:
@@ -115,17 +106,17 @@ class Store:
         if not resume:
             raise StoreError(f"{self.folder}: holds a campaign already: --resume it, or name another --out")
         for name, text in sources.items():
-            there = (self.folder / name).read_bytes() if (self.folder / name).is_file() else b""
+            there = _bytes(self.folder / name)
             if there != text.encode():
                 what = "has changed since" if there else "is missing"
                 raise StoreError(f"{self.folder}: cannot resume: {name} {what}; name another --out")
         data = self._path.read_bytes()
         whole = data[: data.rfind(b"\n") + 1]
-        header, *lines = whole.splitlines(keepends=True) or [_line(self._columns)]
+        header, *lines = whole.splitlines(keepends=True)
         if header != _line(self._columns):
             raise StoreError(f"{self._path}: cannot resume: its columns are of another version; name another --out")
-        if whole != data or not whole:
-            self._path.write_bytes(header + b"".join(lines))
+        if whole != data:
+            self._path.write_bytes(whole)
         for number, line in enumerate(lines, 2):
             run = self._whole(line)
             if run is None or run in self.done:
@@ -149,6 +140,11 @@ class Store:
             return None
 
 
+def _bytes(path: Path) -> bytes:
+    """Of a file; none where there is no file."""
+    return path.read_bytes() if path.is_file() else b""
+
+
 @contextmanager
 def _lock(folder: Path) -> Iterator[None]:
     """Keeps other processes out of the folder until it is closed or the process ends, however it does. A file system or
@@ -165,12 +161,13 @@ def _lock(folder: Path) -> Iterator[None]:
         yield
 
 
-def _cannot(path: Path, error: OSError) -> StoreError:
-    return StoreError(f"{path}: cannot be read or written: {error.strerror or error}")
-
-
-def _number(line: Any) -> int:
-    return int(line.split(b",", 1)[0])
+@contextmanager
+def _refusing(path: Path, what: str = "read or written", remedy: str = "") -> Iterator[None]:
+    """What the disk refuses, in one line. Raises StoreError."""
+    try:
+        yield
+    except OSError as error:
+        raise StoreError(f"{path}: cannot be {what}: {error.strerror or error}{remedy}") from None
 
 
 def _line(cells: Iterable[str]) -> bytes:

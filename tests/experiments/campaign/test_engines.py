@@ -5,11 +5,10 @@ import pytest
 
 from circnav_mav.emulator.sensor import RangeSensor
 from circnav_mav.emulator.world import Air, TargetMotion
-from circnav_mav.experiments.campaign import emulated
-from circnav_mav.experiments.campaign.batchable import obstacle
 from circnav_mav.experiments.campaign.figures import row
 from circnav_mav.experiments.campaign.file import load_campaign
-from circnav_mav.experiments.campaign.flights import fly_batch
+from circnav_mav.experiments.campaign.flights import emulated_radio, emulated_world, fly_batch
+from circnav_mav.experiments.campaign.fly import obstacle
 from circnav_mav.experiments.campaign.lockstep import fly_lockstep
 from circnav_mav.experiments.campaign.plan import prepare
 
@@ -95,7 +94,7 @@ def test_targets_are_where_the_emulator_has_them(write):
     vary = ("velocity_north_mps = {uniform = [-3, 3]}", "velocity_east_mps = {uniform = [-3, 3]}",
             "acceleration_mps2 = {uniform = [0, 0.1]}", "turn_rate_deg_s = [0.0, 3.0]")  # fmt: skip
     runs = [prepare(load_campaign(write("\n".join(f"sim.target.{line}" for line in vary))), n) for n in range(4)]
-    world = emulated.world(runs)
+    world = emulated_world(runs)
     start = world.p
     for _ in range(800):
         world.step(0.05, np.zeros(4), np.zeros(4))
@@ -109,7 +108,7 @@ def test_the_wind_blows_to_where_the_emulators_does_and_carries_what_flies_throu
     vary = ('"sim.wind.speed_mps" = [6.0]\n"sim.wind.from_deg" = {uniform = [0, 360]}\n'
             '"sim.vehicle.dynamics" = ["airborne", "unicycle"]')  # fmt: skip
     runs = [prepare(load_campaign(write(vary)), n) for n in range(4)]
-    world, airborne = emulated.world(runs), np.array([1.0, 0.0, 1.0, 0.0])
+    world, airborne = emulated_world(runs), np.array([1.0, 0.0, 1.0, 0.0])
     blows = np.array([Air(run.vehicle.wind, 0).velocity[::-1] for run in runs]).T
     nose = np.array(
         [(np.sin(h), np.cos(h)) for h in np.radians([run.vehicle.start.random.heading_deg[0] for run in runs])]
@@ -128,7 +127,7 @@ def test_radios_err_as_the_emulators_do(write, preset):
             '"sim.ranging.outlier_m" = [6.0]\n"orbit.height_above_target_m" = [0.0]\n'
             '"sim.start.altitude_m" = [20.0]')  # fmt: skip
     runs = [prepare(load_campaign(write(vary)), n) for n in range(40)]
-    radio, ours, theirs = emulated.radio(runs, 1), [], []
+    radio, ours, theirs = emulated_radio(runs, 1), [], []
     sensors = [RangeSensor(run.vehicle.ranging, run.vehicle.seed) for run in runs]
     for step in range(1000):
         z, _, arrived = radio.measure(np.full(40, 15.0), step, 0.1)
@@ -148,6 +147,6 @@ def test_a_range_comes_with_the_deviation_that_its_message_can_tell(write, messa
     """DISTANCE_SENSOR says variances up to 254 cm^2; what is not said is the mission's."""
     vary = (f'"ranging.message" = ["{message}"]\n"sim.ranging.message" = ["{message}"]\n'
             f'"sim.ranging.noise_m" = [{noise}]\n"sim.ranging.report_accuracy" = [true]')  # fmt: skip
-    radio = emulated.radio([prepare(load_campaign(write(vary)), 0)], 1)
+    radio = emulated_radio([prepare(load_campaign(write(vary)), 0)], 1)
     _, said, _ = radio.measure(np.array([4000.0]), 0, 0.1)
     assert said == pytest.approx(sigma, rel=1e-3)

@@ -107,32 +107,27 @@ def distributed():
 
 
 @pytest.mark.parametrize(
-    "address",
-    ["foo", "", "tcp://127.0.0.1:notaport", "/tmp/file", "tcp://127.0.0.1:99999", "tcp://:1", "ucx://127.0.0.1:8786"],
-)
-def test_an_address_that_is_none_is_refused_at_once(refusal, distributed, address):
-    assert "write it as tcp://HOST:PORT" in refusal(address)
-
-
-@pytest.mark.parametrize("scheme", ["tls", "wss"])
-def test_an_encrypted_address_without_certificates_is_refused(refusal, distributed, scheme):
-    with socket.create_server(("127.0.0.1", 0)) as other:
-        assert f"{scheme} needs the certificates" in refusal(f"{scheme}://127.0.0.1:{other.getsockname()[1]}")
-
-
-@pytest.mark.parametrize("scheme", ["tcp", "tls", "ws", "wss"])
-def test_an_address_where_nobody_listens_is_refused_before_dask_is_asked(refusal, distributed, monkeypatch, scheme):
-    monkeypatch.setattr(distributed, "Client", None)
-    with socket.socket() as unused:
-        unused.bind(("127.0.0.1", 0))
-        assert "nobody answers: Connection refused" in refusal(f"{scheme}://127.0.0.1:{unused.getsockname()[1]}")
-
-
-def test_somebody_who_listens_and_is_no_scheduler_is_told_apart(refusal, distributed, monkeypatch):
+    ("address", "listens", "says"),
+    [
+        *((address, False, "write it as tcp://HOST:PORT")
+          for address in ("foo", "", "tcp://127.0.0.1:notaport", "/tmp/file", "tcp://127.0.0.1:99999", "tcp://:1",
+                          "ucx://127.0.0.1:8786")),
+        *((scheme + "://127.0.0.1:{}", True, f"{scheme} needs the certificates") for scheme in ("tls", "wss")),
+        *((scheme + "://127.0.0.1:{}", False, "nobody answers: Connection refused")
+          for scheme in ("tcp", "tls", "ws", "wss")),
+        ("tcp://127.0.0.1:{}", True, "nobody answers: timed out"),
+    ],
+)  # fmt: skip
+def test_an_address_where_no_scheduler_can_be_is_refused_before_dask_is_asked(
+    refusal, distributed, monkeypatch, address, listens, says
+):
     monkeypatch.setattr(distributed, "Client", None)
     monkeypatch.setattr(execute, "PATIENCE", 0.2)
-    with socket.create_server(("127.0.0.1", 0)) as other:
-        assert "nobody answers: timed out" in refusal(f"tcp://127.0.0.1:{other.getsockname()[1]}")
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        if listens:
+            other.listen()
+        assert says in refusal(address.format(other.getsockname()[1]))
 
 
 def test_a_scheduler_that_dies_in_between_is_one_line_that_says_how_to_go_on(refusal, distributed, monkeypatch):

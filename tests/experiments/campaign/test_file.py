@@ -1,5 +1,7 @@
 """Campaign files that are wrong are refused before the first flight, in one line that names the file."""
 
+import re
+
 import pytest
 
 from circnav_mav.experiments.campaign.file import CampaignError, load_campaign
@@ -11,10 +13,8 @@ RADIUS = SHIPPED + "orbit.radius_m = "
 
 
 def refusal(path):
-    with pytest.raises(CampaignError) as told:
+    with pytest.raises(CampaignError, match=f"^{re.escape(str(path))}: .*$") as told:
         load_campaign(path)
-    assert str(told.value).startswith(f"{path}: ")
-    assert "\n" not in str(told.value)
     return str(told.value)
 
 
@@ -43,22 +43,21 @@ def test_a_campaign_file_that_is_wrong_is_one_line_with_the_remedy(tmp_path, tex
 
 
 @pytest.mark.parametrize(
-    ("first", "second"),
+    ("first", "second", "says"),
     [
-        ('"sim.wind.speed_mps" = [1.0]', '"sim.wind" = [{from_deg = 5.0}]'),
-        ('"sim.wind" = [{from_deg = 5.0}]', '"sim.wind.speed_mps" = [1.0]'),
-        ('"start.range_m" = [80]', '"sim.start.random.range_m" = [[1, 2]]'),
-        ('"sim.start" = [{}]', '"start.range_m" = [80]'),
+        ('"sim.wind.speed_mps" = [1.0]', '"sim.wind" = [{from_deg = 5.0}]', "{} and {} set the same key: keep one"),
+        ('"sim.wind" = [{from_deg = 5.0}]', '"sim.wind.speed_mps" = [1.0]', "{} and {} set the same key: keep one"),
+        ('"start.range_m" = [80]', '"sim.start.random.range_m" = [[1, 2]]', "{} and {} set the same key: keep one"),
+        ('"sim.start" = [{}]', '"start.range_m" = [80]', "{} and {} set the same key: keep one"),
+        ('"guidance.law" = ["smooth"]', 'guidance.law = ["pi"]', "{} is there twice, in two spellings: keep one"),
     ],
 )
-def test_two_keys_that_set_the_same_are_refused(write, first, second):
-    keys = " and ".join(line.split('"')[1] for line in (first, second))
-    assert refusal(write(f"{first}\n{second}", starts="")).endswith(f"vary: {keys} set the same key: keep one")
+def test_two_keys_that_set_the_same_are_refused(write, first, second, says):
+    keys = [line.split('"')[1] for line in (first, second)]
+    assert refusal(write(f"{first}\n{second}", starts="")).endswith(f"vary: {says.format(*keys)}")
 
 
-def test_a_key_in_two_spellings_is_refused_and_keys_that_only_begin_alike_are_not(write):
-    twice = '"guidance.law" = ["smooth"]\nguidance.law = ["pi"]'
-    assert refusal(write(twice)).endswith("vary: guidance.law is there twice, in two spellings: keep one")
+def test_keys_that_only_begin_alike_are_not_the_same(write):
     assert len(load_campaign(write('"sim.ranging.noise_m" = [1.0]\n"sim.ranging.noise" = [1.0]', starts="")).specs) == 2
 
 
