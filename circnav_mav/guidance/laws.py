@@ -1,4 +1,4 @@
-"""The guidance laws: one function per equation, the table a mission picks from, and the default gains.
+"""The guidance laws: one function per equation, the table a mission picks from.
 
 Every law takes range r (m) and range rate r_dot (m/s), floats or arrays of one shape, and returns the turn rate in
 rad/s, counter-clockwise positive. The sign of the gain k chooses the sense of rotation: k > 0 clockwise, k < 0
@@ -13,8 +13,6 @@ from functools import wraps
 import numpy as np
 
 from circnav_mav.guidance import theory
-from circnav_mav.guidance.estimators.interface import EstimatorSettings
-from circnav_mav.guidance.estimators.range_rate import steady_state
 from circnav_mav.guidance.maths import Number, arcsin, clip, cos, magnitude, maximum, minimum, sign, sqrt, tanh, where
 
 LEAST = 1.2
@@ -194,16 +192,3 @@ LAWS: dict[str, Law] = {
     )
 }  # fmt: skip
 """The laws by their mission names."""
-
-
-def default_gain(law: str, V: float, r_d: float, lag: float) -> float:
-    """Magnitude of a law's gain k at speed V (m/s) on a circle of r_d (m) with so much delay in the loop (s): what the
-    mission check, the pilot and the benchmark all fly by default. (`drift` and `auto` tune their heading loop in
-    flight, see `vector_field.drift_gains`.)"""
-    return float(LAWS[law].default_gain(V, r_d, lag))
-
-
-def loop_lag(turn_lag: float, settings: EstimatorSettings, *, r_d: float, sigma: float, period: float) -> float:
-    """Delay, s, from a change of the range rate to the vehicle's turn: the turn's own, and that of the filter on ranges
-    of noise sigma (m) every `period` (s)."""
-    return turn_lag + steady_state(settings, r=r_d, sigma=sigma, period=period).lag

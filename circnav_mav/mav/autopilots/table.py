@@ -1,8 +1,11 @@
 """The vehicles by (autopilot, kind) of the mission file, and why the others are not there."""
 
-from circnav_mav.mav.autopilots.ardupilot import ArduCopter, ArduPlane, ArduRover
+from circnav_mav.mav.autopilots.ardupilot_copter import ArduCopter
+from circnav_mav.mav.autopilots.ardupilot_plane import ArduPlane
+from circnav_mav.mav.autopilots.ardupilot_rover import ArduRover
 from circnav_mav.mav.autopilots.interface import Autopilot, VehicleFacts
-from circnav_mav.mav.autopilots.px4 import PX4Copter, PX4PlaneAttitude
+from circnav_mav.mav.autopilots.px4_copter import PX4Copter
+from circnav_mav.mav.autopilots.px4_plane_attitude import PX4PlaneAttitude
 from circnav_mav.mav.autopilots.px4_plane_stick import PX4PlaneStick
 
 AUTOPILOTS: dict[tuple[str, str], type[Autopilot]] = {

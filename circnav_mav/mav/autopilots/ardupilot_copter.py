@@ -1,0 +1,57 @@
+"""ArduCopter in GUIDED."""
+
+from types import MappingProxyType
+
+from circnav_mav.mav.autopilots.ardupilot import ARDUPILOT, FENCE, GCS_SYSTEM, ekf_action, gcs_failsafe
+from circnav_mav.mav.autopilots.interface import COPTER_TYPES, Addressee, Autopilot, body_velocity
+from circnav_mav.mav.autopilots.parameters import PASS, WARN, Context, Rule, Verdict, rule, timeout, velocity_limit
+from circnav_mav.mav.codec import Message
+from circnav_mav.mav.setpoint_guard import Steer
+
+
+def _guided_options(value: float, context: Context) -> Verdict:
+    bits = int(value)
+    if bits & (1 << 4 | 1 << 5):
+        return WARN, "bits 4 and 5 switch the stabilising of position and velocity off: it may not hold the speed"
+    yaw = "ignored" if bits & 1 << 2 else "not ignored: keep off it"
+    return PASS, f"velocity is held; the pilot's yaw stick is {yaw}"
+
+
+class ArduCopter(Autopilot):
+    """GUIDED (4): body velocity, lateral acceleration feed-forward and yaw rate. Needs a velocity estimate (GPS, flow).
+
+    SET_POSITION_TARGET_LOCAL_NED, frame BODY_NED (8): the velocity is rotated by the heading once, at receipt, so the
+    message must repeat. Mask 0x407: bits 0..2 ignore position (1); bits 3..5 use velocity (0; masking any one masks
+    all three, so vz goes out as 0, which holds height); bits 6..8 use acceleration (0): V w to the right, without it
+    the course slips 10 degrees behind the nose and turns 1..6 % too fast; bit 9 not a force (0); bit 10 ignore yaw
+    (1); bit 11 use yaw rate (0). A mask outside its table stops the vehicle (`mode_guided.init(true)`).
+    Without setpoints for GUID_TIMEOUT (3 s) it brakes and hovers in GUIDED.
+    """
+
+    MASK = 0x407
+    firmware = ARDUPILOT
+    name = "ardupilot copter"
+    bundled = ("arducopter", "arducopter_nogps")
+    vehicle_types = COPTER_TYPES
+    guided_mode = 4
+    mode_names = MappingProxyType(
+        {0: "STABILIZE", 2: "ALT_HOLD", 3: "AUTO", 4: "GUIDED", 5: "LOITER", 6: "RTL", 9: "LAND", 16: "POSHOLD"}
+        | {17: "BRAKE", 20: "GUIDED_NOGPS", 21: "SMART_RTL", 27: "AUTO_RTL"}
+    )
+    exits = MappingProxyType({"loiter": 5, "rtl": 6, "land": 9, "brake": 17, "hold": 2})
+    default_exit = "stop"
+    shapes = frozenset({("SET_POSITION_TARGET_LOCAL_NED", MASK)})
+    ground_speed_sigma = 0.02
+    parameters = (
+        rule("GUID_TIMEOUT", timeout("brakes and hovers in GUIDED")),
+        rule("GUID_OPTIONS", _guided_options),
+        rule("FS_GCS_ENABLE", gcs_failsafe("it leaves GUIDED after 5 s (1: RTL)")),
+        GCS_SYSTEM,
+        rule("FS_EKF_ACTION", ekf_action("lands (1) or holds height (2), some 8 s after GPS is gone")),
+        Rule((("WP_SPD", 1.0), ("WPNAV_SPEED", 0.01)), velocity_limit, unit="m/s"),
+        FENCE,
+    )
+
+    def setpoint(self, steer: Steer, to: Addressee, now: float) -> Message:
+        """Forward speed, yaw rate, and the acceleration to the right that the two imply."""
+        return body_velocity(self.MASK, to, now, steer, fed=(0.0, steer.speed * steer.yaw_rate, 0.0))

@@ -1,0 +1,59 @@
+"""ArduPlane in GUIDED."""
+
+from types import MappingProxyType
+
+from circnav_mav.mav.autopilots.ardupilot import ARDUPILOT, FENCE, GCS_SYSTEM, gcs_failsafe
+from circnav_mav.mav.autopilots.interface import PLANE_TYPES, Addressee, Autopilot, attitude
+from circnav_mav.mav.autopilots.parameters import (
+    Rule,
+    bank_limit,
+    held_airspeed,
+    least_airspeed,
+    most_airspeed,
+    rule,
+    timeout,
+)
+from circnav_mav.mav.codec import Message
+from circnav_mav.mav.setpoint_guard import Steer
+
+
+class ArduPlane(Autopilot):
+    """GUIDED (15): roll only; the autopilot keeps holding height and airspeed. Works without GPS.
+
+    SET_ATTITUDE_TARGET mask 0xC6: bit 0 (roll rate ignore) CLEAR selects "roll" on Plane, bits 1 and 2 ignore pitch
+    and yaw, bit 6 ignore throttle (TECS keeps it), bit 7 ignore attitude SET: cleared, it would force pitch and rudder
+    as well. Body rates are never used. The roll of a coordinated turn is atan(w V/g); the airframe realises .70 .. 1.0
+    of it, which the turn-rate gain makes up for. Without setpoints for 3 s (fixed in 4.6) it loiters round the point
+    where GUIDED was entered, banking hard at once.
+    """
+
+    MASK = 0xC6
+    firmware = ARDUPILOT
+    name = "ardupilot plane"
+    bundled = ("arduplane",)
+    vehicle_types = PLANE_TYPES
+    guided_mode = 15
+    mode_names = MappingProxyType(
+        {0: "MANUAL", 1: "CIRCLE", 2: "STABILIZE", 5: "FBWA", 6: "FBWB", 7: "CRUISE", 10: "AUTO", 11: "RTL"}
+        | {12: "LOITER", 13: "TAKEOFF", 15: "GUIDED", 16: "INITIALISING"}
+    )
+    exits = MappingProxyType({"loiter": 12, "rtl": 11, "hold": 7})
+    why_no_stop = "a plane left in its mode loiters 3 s later, banking hard at once"
+    shapes = frozenset({("SET_ATTITUDE_TARGET", MASK)})
+    needs = frozenset({"airspeed"})
+    banks = measures_airspeed = cruises = slips = True
+    least_turn_gain = 0.72  # it slips in its turns (flown: .70 .. .75)
+    parameters = (
+        Rule((("ROLL_LIMIT_DEG", 1.0), ("LIM_ROLL_CD", 0.01)), bank_limit, unit="deg"),
+        Rule((("AIRSPEED_CRUISE", 1.0), ("TRIM_ARSPD_CM", 0.01)), held_airspeed, unit="m/s"),
+        Rule((("AIRSPEED_MIN", 1.0), ("ARSPD_FBW_MIN", 1.0)), least_airspeed),
+        Rule((("AIRSPEED_MAX", 1.0), ("ARSPD_FBW_MAX", 1.0)), most_airspeed),
+        rule("GUID_TIMEOUT", timeout("loiters round the point where GUIDED was entered"), optional=True),
+        rule("FS_GCS_ENABL", gcs_failsafe("FS_LONG_ACTN decides (0: it stays in GUIDED)")),
+        GCS_SYSTEM,
+        FENCE,
+    )
+
+    def setpoint(self, steer: Steer, to: Addressee, now: float) -> Message:
+        """The bank of the coordinated turn."""
+        return attitude(self.MASK, to, now, roll=self.bank(steer, to))

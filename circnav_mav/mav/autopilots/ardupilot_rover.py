@@ -1,0 +1,62 @@
+"""ArduPilot Rover in GUIDED."""
+
+from types import MappingProxyType
+
+from pymavlink.dialects.v20 import all as dialect
+
+from circnav_mav.mav.autopilots.ardupilot import ARDUPILOT, FENCE, GCS_SYSTEM, ekf_action, gcs_failsafe
+from circnav_mav.mav.autopilots.interface import Addressee, Autopilot, body_velocity
+from circnav_mav.mav.autopilots.parameters import PASS, Context, Verdict, at_least, rule
+from circnav_mav.mav.codec import Message
+from circnav_mav.mav.setpoint_guard import Steer
+
+_clips = at_least(
+    lambda mission: mission.speed,
+    "the mission's {:g} m/s is within it",
+    "the rover clips the mission's {:g} m/s to this: lower vehicle.speed_mps or raise it",
+)
+
+
+def _wp_speed(value: float, context: Context) -> Verdict:
+    return (PASS, "0: CRUISE_SPEED counts") if value == 0 else _clips(value, context)
+
+
+def _cruise_speed(value: float, context: Context) -> Verdict:
+    limit = context.values.get("WP_SPEED", 0.0)
+    return (PASS, f"WP_SPEED = {limit:g} m/s counts instead") if limit > 0 else _wp_speed(value, context)
+
+
+class ArduRover(Autopilot):
+    """GUIDED (15): speed and yaw rate; needs an EKF origin and a speed (GPS or wheel encoders).
+
+    SET_POSITION_TARGET_LOCAL_NED mask 0x5C7: as the copter's, but bits 6..8 (acceleration) must be set; the frame is
+    irrelevant to Rover. Without setpoints for 3 s (fixed) it stops, says so and stays in GUIDED.
+    """
+
+    MASK = 0x5C7
+    firmware = ARDUPILOT
+    name = "ardupilot rover"
+    bundled = ("ardurover",)
+    vehicle_types = frozenset((dialect.MAV_TYPE_GROUND_ROVER, dialect.MAV_TYPE_SURFACE_BOAT))
+    guided_mode = 15
+    mode_names = MappingProxyType(
+        {0: "MANUAL", 1: "ACRO", 3: "STEERING", 4: "HOLD", 5: "LOITER", 10: "AUTO", 11: "RTL", 15: "GUIDED"}
+        | {16: "INITIALISING"}
+    )
+    exits = MappingProxyType({"hold": 4, "loiter": 5, "rtl": 11})
+    default_exit = "stop"
+    shapes = frozenset({("SET_POSITION_TARGET_LOCAL_NED", MASK)})
+    flies = False
+    ground_speed_sigma = 0.02
+    parameters = (
+        rule("WP_SPEED", _wp_speed),
+        rule("CRUISE_SPEED", _cruise_speed),
+        rule("FS_GCS_ENABLE", gcs_failsafe("it goes to HOLD after 5 to 7 s")),
+        GCS_SYSTEM,
+        rule("FS_EKF_ACTION", ekf_action("stops in HOLD, some 8 s after GPS is gone")),
+        FENCE,
+    )
+
+    def setpoint(self, steer: Steer, to: Addressee, now: float) -> Message:
+        """Forward speed and yaw rate."""
+        return body_velocity(self.MASK, to, now, steer)

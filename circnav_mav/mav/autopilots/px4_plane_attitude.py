@@ -1,0 +1,39 @@
+"""PX4 fixed wing in OFFBOARD, flown by attitude and thrust."""
+
+from math import cos
+
+from circnav_mav.mav.autopilots.interface import PLANE_TYPES, Addressee, attitude
+from circnav_mav.mav.autopilots.parameters import least_airspeed, most_airspeed, rule
+from circnav_mav.mav.autopilots.px4 import OFFBOARD_RULES, PX4Vehicle
+from circnav_mav.mav.codec import Message
+from circnav_mav.mav.setpoint_guard import Steer
+
+
+class PX4PlaneAttitude(PX4Vehicle):
+    """OFFBOARD (6) by attitude: roll for the turn, pitch and thrust from our own height and airspeed loops.
+
+    SET_ATTITUDE_TARGET mask 7: all three rates ignored (bits 0..2), thrust used (bit 6 clear: ignoring it means thrust
+    0), attitude used (bit 7 clear). The yaw in q is ignored on a fixed wing. PX4 holds neither height nor speed here.
+    Without setpoints for COM_OF_LOSS_T (1 s): failsafe.
+    """
+
+    MASK = 0x07
+    name = "px4 plane"
+    bundled = ("px4_plane",)
+    vehicle_types = PLANE_TYPES
+    shapes = frozenset({("SET_ATTITUDE_TARGET", MASK)})
+    needs = frozenset({"airspeed", "altitude", "climb"})
+    banks = measures_airspeed = True
+    least_turn_gain = 0.72  # as ArduPlane
+    parameters = (*OFFBOARD_RULES, rule("FW_AIRSPD_MIN", least_airspeed), rule("FW_AIRSPD_MAX", most_airspeed))
+
+    def setpoint(self, steer: Steer, to: Addressee, now: float) -> Message:
+        """The bank of the coordinated turn, with the pitch and thrust that keep height and speed in it."""
+        roll = self.bank(steer, to)
+        loops, motion = self._facts.loops, to.motion
+        pitch, thrust = 0.0, loops.trim_thrust + loops.thrust_per_bank * (1 / cos(roll) - 1)
+        if motion.altitude is not None and motion.climb is not None and to.height is not None:
+            rise = loops.pitch_per_height * (to.height - motion.altitude) - loops.pitch_per_climb * motion.climb
+            pitch = min(max(rise, -loops.max_pitch), loops.max_pitch)
+        thrust += loops.thrust_per_speed * (self._facts.speed - self.airspeed(motion.airspeed))
+        return attitude(self.MASK, to, now, roll=roll, pitch=pitch, thrust=min(max(thrust, 0.0), 1.0))

@@ -1,0 +1,44 @@
+"""DISTANCE_SENSOR (132): what ArduPilot and PX4 forward; cm, ms since boot."""
+
+from circnav_mav.mav.clocks import BOOT_WRAP
+from circnav_mav.mav.codec import Message
+from circnav_mav.mav.ranging.interface import RangingMessage, RangingSettings, Reading, Reject, boot_stamp
+
+DOWNWARD = 25
+"""MAV_SENSOR_ROTATION_PITCH_270: a height sensor, never a ranging radio."""
+UNKNOWN_VARIANCE = (0, 255)
+"""255 by the definition; ArduPilot fills in 0 always."""
+
+
+def _read(message: Message) -> Reading | Reject | None:
+    """cm; covariance in cm^2; quality 1 means invalid. At or beyond max_distance the autopilots send what they have:
+    no range."""
+    if message.orientation == DOWNWARD:
+        return None
+    cm = message.current_distance
+    if cm in (0, 65535) or (0 < message.max_distance <= cm):
+        return Reject.NO_RANGE
+    if cm < message.min_distance:
+        return Reject.BELOW_MIN
+    if message.signal_quality == 1:
+        return Reject.POOR_QUALITY
+    variance = message.covariance
+    sigma = variance**0.5 / 100 if variance not in UNKNOWN_VARIANCE else None
+    return Reading(cm / 100, sigma, boot_stamp(message))
+
+
+def _why_never(settings: RangingSettings) -> str:
+    if settings.orientation != DOWNWARD:
+        return ""
+    return f"orientation {DOWNWARD} is downward, a height sensor: it is never taken, choose 24 (up)"
+
+
+DISTANCE_SENSOR = RangingMessage(
+    type="DISTANCE_SENSOR",
+    id=132,
+    read=_read,
+    farthest=655.34,
+    stamp_wrap=BOOT_WRAP,
+    marks={"id": "sensor_id", "orientation": "orientation"},
+    why_never=_why_never,
+)

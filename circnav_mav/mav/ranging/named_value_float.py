@@ -1,0 +1,27 @@
+"""NAMED_VALUE_FLOAT (251): metres under an agreed name, ms since boot."""
+
+from math import isfinite
+
+from circnav_mav.mav.clocks import BOOT_WRAP
+from circnav_mav.mav.codec import Message
+from circnav_mav.mav.ranging.interface import RangingMessage, Reading, Reject, boot_stamp
+
+
+def _read(message: Message) -> Reading | Reject | None:
+    """NaN and anything not above 0 mean no range."""
+    if not isfinite(message.value):
+        return Reject.NOT_FINITE
+    if message.value <= 0:
+        return Reject.NO_RANGE
+    return Reading(message.value, None, boot_stamp(message))
+
+
+NAMED_VALUE_FLOAT = RangingMessage(
+    type="NAMED_VALUE_FLOAT",
+    id=251,
+    read=_read,
+    farthest=1e6,
+    stamp_wrap=BOOT_WRAP,
+    marks={"name": "name"},
+    for_anything=True,
+)
