@@ -1,4 +1,4 @@
-"""The guidance laws: one function per equation, the table a mission picks from.
+"""The guidance laws: one function per equation, and the table a mission picks from.
 
 Every law takes range r (m) and range rate r_dot (m/s), floats or arrays of one shape, and returns the turn rate in
 rad/s, counter-clockwise positive. The sign of the gain k chooses the sense of rotation: k > 0 clockwise, k < 0

@@ -1,5 +1,4 @@
-"""What ArduPilot's vehicles in GUIDED share. Signs, masks and timeouts are those flown on ArduPilot 4.6.3 in its
-simulator."""
+"""What ArduPilot's vehicles share. Signs, masks and timeouts are those flown on ArduPilot 4.6.3 in its simulator."""
 
 from pymavlink.dialects.v20 import all as dialect
 
