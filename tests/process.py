@@ -12,7 +12,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 QUICKSTART = str(ROOT / "config" / "quickstart.toml")
 COPTER = str(ROOT / "config" / "arducopter.toml")
-PATIENCE = 120.0
+PATIENCE = 300.0
 """Time, s, after which a process counts as hanging; how long it takes on a busy machine is not judged."""
 
 
