@@ -497,6 +497,7 @@ def test_a_height_above_a_home_that_is_not_told_fails():
         ("arducopter", "FS_EKF_ACTION", {0: WARN}),
         ("arducopter", "FENCE_ENABLE", {0: PASS, 1: WARN}),
         ("arducopter", "WPNAV_SPEED", {500.0: PASS, 499.0: WARN}),
+        ("arducopter", "WPNAV_ACCEL", {240.0: PASS, 230.0: WARN}),
         ("arduplane", "ROLL_LIMIT_DEG", {45.0: PASS, 44.0: FAIL}),
         ("arduplane", "AIRSPEED_CRUISE", {23.0: PASS, 25.0: WARN, 15.0: FAIL}),
         ("arduplane", "AIRSPEED_MIN", {23.0: FAIL}),
