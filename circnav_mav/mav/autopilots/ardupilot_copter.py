@@ -22,7 +22,7 @@ def _guided_options(value: float, context: Context) -> Verdict:
 
 
 def _acceleration(value: float, context: Context) -> Verdict:
-    """Flown at 5 m/s with 2.5 m/s^2: a search that turned at 45 deg/s settled after 16 .. 68 s, at 30 after 14 .. 31."""
+    """Flown at 5 m/s with 2.5 m/s^2: turns of 45 deg/s settled after 16 .. 68 s, of 30 after 14 .. 31."""
     asked = radians(context.max_turn_rate_deg) * context.speed
     words = f"turns at the mission's limit ask for {asked:.1f} m/s^2"
     if asked <= FOLLOWED * value:
