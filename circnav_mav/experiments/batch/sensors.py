@@ -118,7 +118,7 @@ class Radio:
         z = slant + cfg.bias + self._error + cfg.white * white
         z = z + cfg.near_bias * np.maximum(1 - slant / cfg.near, 0.0)
         z = z + (wild < cfg.outlier_share) * cfg.outlier * (2 * spread - 1)
-        # from here on as `slant.horizontal` and the reader of ranges do in flight
+        # from here on as `geometry.horizontal` and the reader of ranges do in flight
         z, reading = np.maximum(z, 0.0), self._reading
         rho = np.sqrt(np.maximum(z**2 - reading.height**2, 1e-9))
         growth = np.where(reading.height > 0, z / rho, 1.0)

@@ -10,7 +10,7 @@ from circnav_mav.mav.codec import Message
 from circnav_mav.mav.setpoint_guard import Steer
 
 FOLLOWED = 1.1
-"""Acceleration over WPNAV_ACCEL up to which the path follows: what is asked at the limit lasts a second or two."""
+"""Acceleration asked for over WPNAV_ACCEL that passes: 1.05 was flown, and the path followed."""
 
 
 def _guided_options(value: float, context: Context) -> Verdict:
@@ -28,7 +28,7 @@ def _acceleration(value: float, context: Context) -> Verdict:
     if asked <= FOLLOWED * value:
         return PASS, f"{words}: the path follows"
     enough = floor(degrees(FOLLOWED * value / context.speed))
-    return WARN, f"{words}, the path cannot follow: vehicle.max_turn_rate_deg_s = {enough} finds the beacon sooner"
+    return WARN, f"{words}, the path cannot follow: lower vehicle.max_turn_rate_deg_s to {enough}, it settles sooner"
 
 
 class ArduCopter(Autopilot):
