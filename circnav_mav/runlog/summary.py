@@ -2,7 +2,6 @@
 
 from dataclasses import asdict, dataclass, field, replace
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,6 @@ from numpy.typing import NDArray
 from circnav_mav.guidance.types import Direction, Orbit
 from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.runlog import metrics
-from circnav_mav.runlog.atomic_write import write_json
 from circnav_mav.runlog.metrics import NAMES, late_figures
 from circnav_mav.runlog.ticks import Ticks, Truth
 
@@ -99,11 +97,6 @@ def summarise(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str
         "clock_speed": facts.clock_speed,
         "recording_problem": _problem(facts.recording_problem, ticks, truth, end),
     }
-
-
-def write_summary(folder: Path, summary: dict[str, Any]) -> None:
-    """Write summary.json, whole or not at all. Raises OSError."""
-    write_json(folder / "summary.json", summary)
 
 
 def _problem(problem: str | None, ticks: Ticks, truth: Truth | None, end: float) -> str | None:
