@@ -9,8 +9,8 @@ import numpy as np
 
 from circnav_mav.mav.framing import split_frames
 from circnav_mav.pilot import OutputMode, Pilot, PilotSettings, TickRecord
+from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.pilot.mission_state import Phase
-from circnav_mav.runlog.loop_steps import LoopStep
 from circnav_mav.runlog.ticks import WORDS, Column, Ticks
 from circnav_mav.runlog.tlog import message_id
 
@@ -67,14 +67,15 @@ def replay(pilot: Pilot, steps: Iterable[LoopStep], *, ticking: bool = False) ->
         while ticking and done.steps and pilot.next_tick < min(step.time, done.until + LONGEST_GAP) and not pilot.done:
             _step(pilot, pilot.next_tick, done)
         if not pilot.done:
-            for link, source, frame in step.received:
-                pilot.receive(frame, step.time, source, link)
+            for link, source, frames in step.heard:
+                for frame in frames:
+                    pilot.receive(frame, step.time, source, link)
             if step.interrupt and pilot.outcome is None:
                 pilot.interrupt(step.time, step.interrupt)
             _step(pilot, step.time, done, held_back=step.held_back)
             pilot.take_frames()
-        done.was_sent += [(step.time, frame) for frame in step.sent]
-        done.frames += len(step.received)
+        done.was_sent += [(step.time, frame) for frame in step.said + step.hello]
+        done.frames += len(step.frames_heard)
         done.steps += 1
         done.until = step.time
     return done

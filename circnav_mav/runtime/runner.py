@@ -9,12 +9,13 @@ from types import FrameType
 
 from circnav_mav.mav.framing import split_frames
 from circnav_mav.pilot import RANGING, VEHICLE, Pilot, TickRecord
+from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.pilot.survey import Survey
 from circnav_mav.runtime.clock import Clock
 from circnav_mav.runtime.keys import SigningTime
 from circnav_mav.runtime.links import Link
 from circnav_mav.runtime.locating import Locating
-from circnav_mav.runtime.recorder import LoopStep, Recorder
+from circnav_mav.runtime.recorder import Recorder
 
 LONGEST_STEP = 0.5
 """Real time, s, after which what a step has to say is not said: we stood still in it, and the vehicle may be in other

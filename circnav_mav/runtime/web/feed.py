@@ -19,8 +19,8 @@ import circnav_mav
 from circnav_mav.locate.locator import Locator
 from circnav_mav.mav.truth import is_truth_frame, relative_truth
 from circnav_mav.pilot import Pilot, PilotSettings, TickRecord
+from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.pilot.mission_state import Phase
-from circnav_mav.runtime.recorder import LoopStep
 from circnav_mav.runtime.status import SILENCED, Status, Watch, told
 
 HOST = "127.0.0.1"
