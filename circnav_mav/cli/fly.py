@@ -6,7 +6,7 @@ import sys
 import threading
 import traceback
 from collections.abc import Callable
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, closing, suppress
 from functools import partial
 from itertools import chain, count
 from pathlib import Path
@@ -73,8 +73,7 @@ def fly_mission(
             locating = open_locating(mission, pilot, signing, open_things)
             locator = None if locating is None else locating.locator
             page = open_page(web, pilot, mission, page_open, locator)
-            recorder = _recorder(out, mission)
-            open_things.callback(recorder.close)
+            recorder = open_things.enter_context(closing(_recorder(out, mission)))
             folder = recorder.folder
             if mission.flies_sim:
                 loading.join()  # its time goes so fast that the patience of the mission would run out

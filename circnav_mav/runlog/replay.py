@@ -11,7 +11,7 @@ from circnav_mav.mav.framing import split_frames
 from circnav_mav.pilot import OutputMode, Pilot, PilotSettings, TickRecord
 from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.pilot.mission_state import Phase
-from circnav_mav.runlog.ticks import WORDS, Column, Ticks
+from circnav_mav.runlog.ticks import NAMES, WORDS, Column, Ticks
 from circnav_mav.runlog.tlog import message_id
 
 SETPOINT_IDS = frozenset({69, 82, 84})
@@ -140,7 +140,6 @@ def as_ticks(records: list[TickRecord]) -> Ticks:
     def column(name: str) -> Column:
         return np.array([np.nan if (v := getattr(record, name)) is None else float(v) for record in records])
 
-    names = [name for name in TickRecord.__dataclass_fields__ if name not in WORDS]
     words = {name: [str(getattr(record, name)) for record in records] for name in WORDS - {"phase"}}
     words["phase"] = [record.phase.value for record in records]
-    return Ticks({name: column(name) for name in names}, words)
+    return Ticks({name: column(name) for name in NAMES - WORDS}, words)

@@ -131,10 +131,10 @@ def _vehicle(ticks: Ticks, steered: NDArray[np.bool_]) -> dict[str, float | int 
     """How the vehicle answered turn commands at the end, what was left of the gains, and how often the law changed."""
     figures: dict[str, float | int | None] = {}
     for name, column in (("turn_gain", "turn_gain"), ("turn_delay_s", "turn_delay"), ("gain_share", "gain_share")):
-        values = ticks.numbers[column][steered] if column in ticks.numbers else np.array([])
+        values = ticks.numbers[column][steered]
         known = values[~np.isnan(values)]
         figures[name] = float(known[-1]) if len(known) else None
-    laws = [law for law, ours in zip(ticks.words.get("law", []), steered, strict=False) if ours and law]
+    laws = [law for law, ours in zip(ticks.words["law"], steered, strict=True) if ours and law]
     return figures | {"law_changes": sum(before != after for before, after in pairwise(laws))}
 
 
