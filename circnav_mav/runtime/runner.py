@@ -89,22 +89,14 @@ def run(
         loaded = loaded or ready()
         step = turn(pilot, links, clock, now, stop.signal_name, deaf=not loaded)
         now = step.time
-        if locating is not None:
-            _locate(locating, step, pilot, links)
+        if locating is not None and (said := locating.turn(step)):
+            links[VEHICLE].send(b"".join(said), pilot.reply_to)
+            step.survey = said
         records = pilot.take_records()
         recorder.step(step)
         recorder.ticks(records)
         newest = records[-1] if records else newest
         show(newest, step)
-
-
-def _locate(locating: Locating, step: LoopStep, pilot: Pilot, links: Mapping[str, Link]) -> None:
-    """Let the survey hear what came in, and send what it has to say."""
-    for name, source, frames in step.heard:
-        locating.hear(name, source, frames, step.time)
-    if not step.held_back and (said := locating.step(step.time)):
-        links[VEHICLE].send(b"".join(said), pilot.reply_to)
-        step.survey = said
 
 
 def turn(
