@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from circnav_mav.cli.exits import Exit, Refused, refusing
+from circnav_mav.cli.exits import Refused, refusing
 from circnav_mav.emulator.config import parse_vehicle
 from circnav_mav.emulator.vehicle import Vehicle
 from circnav_mav.locate.locator import Locator
@@ -37,11 +37,9 @@ def open_links(mission: Mission, open_things: ExitStack) -> dict[str, Link]:
     for name, endpoint in endpoints.items():
         if endpoint in (None, SIM):
             continue
-        try:
-            opens = open_radio if name == RANGING and mission.ranging_driver else open_link
+        opens = open_radio if name == RANGING and mission.ranging_driver else open_link
+        with refusing(endpoint, LinkError):
             links[name] = open_things.enter_context(closing(opens(endpoint, mission.file.link.peer or ())))
-        except LinkError as error:
-            raise Refused(str(error), Exit.NOTHING_HEARD if error.nobody else Exit.USAGE) from None
     return links
 
 
