@@ -109,15 +109,11 @@ class LivePage:
 
 def _listener(port: int) -> socket.socket:
     """Listens on this machine's own interface only; taken before anything flies."""
-    listener = socket.socket()
-    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
-        listener.bind((HOST, port))
+        return socket.create_server((HOST, port))
     except OSError as error:
-        listener.close()
-        raise WebError(f"--web {port}: {HOST}:{port} cannot be had: {error.strerror}; choose another port") from None
-    listener.listen()
-    return listener
+        why = os.strerror(error.errno or 0)
+        raise WebError(f"--web {port}: {HOST}:{port} cannot be had: {why}; choose another port") from None
 
 
 def _serve(listener: socket.socket) -> "subprocess.Popen[bytes]":
