@@ -3,6 +3,7 @@
 import math
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 from random import Random
 from typing import NamedTuple
 
@@ -17,7 +18,7 @@ from .config import VehicleConfig
 from .instruments import Instruments
 from .sensor import Rangefinder
 from .starting import starting_body
-from .world import Air, TargetMotion
+from .world import Air, target_at
 
 IMU_WINDOW_US = 20_000  # what an accelerometer's reading is averaged over: autopilots filter at 20 .. 30 Hz
 DRIFT_STEP_US = 100_000
@@ -66,7 +67,7 @@ class Flight:
         self.booted = -round(config.vehicle.boot_age_s * 1e6)
         self._say = say
         self.air = Air(config.wind, config.seed)
-        self.target = TargetMotion(config.target)
+        self.target = partial(target_at, config.target)
         self.rangefinder = Rangefinder()
         self.instruments = Instruments(config.sensors, config.seed, config.sih)
         self.battery = config.battery.percent
@@ -178,19 +179,19 @@ class Flight:
 
     def slant_range(self) -> float:
         body = self.body
-        return math.dist((body.north, body.east, body.down), self.target.at(self.seconds))
+        return math.dist((body.north, body.east, body.down), self.target(self.seconds))
 
     def slant_rate(self) -> float:
         """How fast the slant range grows, m/s."""
         body, now = self.body, self.seconds
-        offset = [a - b for a, b in zip((body.north, body.east, body.down), self.target.at(now), strict=True)]
-        before, after = self.target.at(now - 0.01), self.target.at(now + 0.01)
+        offset = [a - b for a, b in zip((body.north, body.east, body.down), self.target(now), strict=True)]
+        before, after = self.target(now - 0.01), self.target(now + 0.01)
         moved = [(b - a) / 0.02 for a, b in zip(before, after, strict=True)]
         relative = [a - b for a, b in zip(self._velocity(), moved, strict=True)]
         return sum(a * b for a, b in zip(offset, relative, strict=True)) / max(self.slant_range(), 1e-6)
 
     def truth(self) -> Truth:
-        body, wind, target = self.body, self.air.velocity, self.target.at(self.seconds)
+        body, wind, target = self.body, self.air.velocity, self.target(self.seconds)
         speed, airspeed = body.ground_speed, body.airspeed(wind)
         moved = body.north, body.east, body.down, body.heading, body.course, speed, airspeed, body.turn_rate, body.roll
         pilot = self.autopilot

@@ -94,17 +94,13 @@ def ranging_beacon(config: Ranging, sample: Sample) -> Message:
 
 
 def named_value(config: Ranging, sample: Sample) -> Message:
-    return _named(config, config.name, sample, sample.distance)
+    return mavlink.MAVLink_named_value_float_message(_stamp_ms(config, sample), config.name.encode(), sample.distance)
 
 
 def named_rate(config: Ranging, sample: Sample) -> Message:
     """The range rate under its own name and the stamp of its range, which comes right after it."""
-    rate = sample.rate if config.rate_sign == "opening" else -sample.rate
-    return _named(config, config.rate_name or "", sample, rate)
-
-
-def _named(config: Ranging, name: str, sample: Sample, value: float) -> Message:
-    return mavlink.MAVLink_named_value_float_message(_stamp_ms(config, sample), name.encode(), value)
+    rate, name = sample.rate if config.rate_sign == "opening" else -sample.rate, config.rate_name or ""
+    return mavlink.MAVLink_named_value_float_message(_stamp_ms(config, sample), name.encode(), rate)
 
 
 def _stamp_ms(config: Ranging, sample: Sample) -> int:

@@ -1,7 +1,6 @@
 """Home, the air and the target: what the vehicle cannot change. Flat-earth conversion near home."""
 
 import math
-from dataclasses import dataclass
 from random import Random
 
 from .config import Target, Wind
@@ -20,18 +19,12 @@ def to_degrees(north: float, east: float) -> tuple[float, float]:
     return HOME_LATITUDE_DEG + north / M_PER_LATITUDE, HOME_LONGITUDE_DEG + east / M_PER_LONGITUDE
 
 
-@dataclass(frozen=True)
-class TargetMotion:
-    """Where the target is at a time: NED metres. It keeps its turn rate and its acceleration along its course."""
-
-    config: Target
-
-    def at(self, time: float) -> tuple[float, float, float]:
-        c = self.config
-        speed = math.hypot(c.velocity_north_mps, c.velocity_east_mps)
-        course = math.atan2(c.velocity_east_mps, c.velocity_north_mps)
-        north, east = _path(speed, c.acceleration_mps2, course, math.radians(c.turn_rate_deg_s), time)
-        return c.north_m + north, c.east_m + east, -c.altitude_m
+def target_at(target: Target, time: float) -> tuple[float, float, float]:
+    """Where it is at a time: NED metres. It keeps its turn rate and its acceleration along its course."""
+    speed = math.hypot(target.velocity_north_mps, target.velocity_east_mps)
+    course = math.atan2(target.velocity_east_mps, target.velocity_north_mps)
+    north, east = _path(speed, target.acceleration_mps2, course, math.radians(target.turn_rate_deg_s), time)
+    return target.north_m + north, target.east_m + east, -target.altitude_m
 
 
 def _path(speed: float, acceleration: float, course: float, turn: float, t: float) -> tuple[float, float]:

@@ -20,7 +20,7 @@ from circnav_mav.locate.locator import Locator
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import Ending, Pilot
 from circnav_mav.runlog.atomic_write import write_json, write_text
-from circnav_mav.runlog.summary import FlightFacts, summarise, write_summary
+from circnav_mav.runlog.summary import FlightFacts, summarise
 from circnav_mav.runlog.ticks import NO_TICKS, Ticks, Truth, read_ticks, read_truth
 from circnav_mav.runtime.recorder import Recorder
 
@@ -30,44 +30,43 @@ LIBRARIES = ("pymavlink", "numpy", "filterpy")
 """What takes part in a flight, besides ourselves and Python."""
 
 
-def write_manifest(
-    folder: Path, *, mission: str, voice: str, epoch_us: int, seeds: dict[str, int], **end: object
-) -> None:
+def write_manifest(folder: Path, mission: Mission, pilot: Pilot, epoch_us: int, **end: object) -> None:
     """manifest.json: what a run folder says of itself. Written before the first turn of the loop, so that a run whose
-    process was killed still opens, and again with its end: autopilot, outcome, reason, exit. Raises OSError."""
+    process was killed still opens, and again with its end: outcome, reason, exit. Raises OSError."""
     versions: dict[str, str | None] = {"circnav": __version__, "python": platform.python_version()}
     for library in LIBRARIES:
         with suppress(PackageNotFoundError):
             versions[library] = version(library)
-    facts = {"mission": mission, "voice": voice, "epoch_us": epoch_us, "seeds": seeds, "versions": versions}
-    write_json(folder / "manifest.json", facts | dict.fromkeys(("autopilot", "outcome", "reason", "exit")) | end)
-
-
-def close_flight(
-    pilot: Pilot,
-    recorder: Recorder,
-    mission: Mission,
-    epoch_us: int,
-    manifest: Callable[..., None],
-    code: Exit,
-    locator: Locator | None = None,
-) -> tuple[dict[str, Any], Exit]:
-    """The summary, written as summary.json, and the rest of manifest.json, if the disk takes them; and the exit code: a
-    flight that went well is not done if it was not recorded, for whoever flew it for its record. manifest: writes it
-    with the end of the flight."""
-    gaps = recorder.problem is not None  # from here on it may also be that what was recorded is not understood
-    summary = _summary(pilot, recorder, mission, epoch_us)
-    if locator is not None:
-        gaps |= not _located(summary, recorder.folder, locator)
-    gaps |= not _written(summary, f"{recorder.folder}:", lambda: write_summary(recorder.folder, summary))
-    code = Exit.NOT_RECORDED if gaps and code is Exit.DONE else code
-    session, end = pilot.session, {"outcome": summary["outcome"], "reason": summary["reason"], "exit": int(code)}
-    autopilot: dict[str, Any] | None = None
+    seed, session, autopilot = (mission.file.sim or {}).get("seed"), pilot.session, dict[str, Any]()
     if session.up:
         system, component = session.vehicle_ids
         autopilot = {"system": system, "component": component, "name": session.adapter.name}
         autopilot["firmware"] = session.vehicle.firmware
-    gaps = not _written(summary, "manifest.json", lambda: manifest(autopilot=autopilot, **end))
+    facts = {
+        "mission": mission.file.name,
+        "voice": pilot.settings.output_mode.value,
+        "epoch_us": epoch_us,
+        "seeds": {} if seed is None else {"sim": seed},
+        "versions": versions,
+        "autopilot": autopilot or None,
+    }
+    write_json(folder / "manifest.json", facts | dict.fromkeys(("outcome", "reason", "exit")) | end)
+
+
+def close_flight(
+    pilot: Pilot, recorder: Recorder, mission: Mission, epoch_us: int, code: Exit, locator: Locator | None = None
+) -> tuple[dict[str, Any], Exit]:
+    """The summary, written as summary.json, and the rest of manifest.json, if the disk takes them; and the exit code: a
+    flight that went well is not done if it was not recorded, for whoever flew it for its record."""
+    folder = recorder.folder
+    gaps = recorder.problem is not None  # from here on it may also be that what was recorded is not understood
+    summary = _summary(pilot, recorder, mission, epoch_us)
+    if locator is not None:
+        gaps |= not _located(summary, folder, locator)
+    gaps |= not _written(summary, f"{folder}:", lambda: write_json(folder / "summary.json", summary))
+    code = Exit.NOT_RECORDED if gaps and code is Exit.DONE else code
+    end = {"outcome": summary["outcome"], "reason": summary["reason"], "exit": int(code)}
+    gaps = not _written(summary, "manifest.json", lambda: write_manifest(folder, mission, pilot, epoch_us, **end))
     return summary, Exit.NOT_RECORDED if gaps and code is Exit.DONE else code
 
 

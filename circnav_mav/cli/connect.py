@@ -1,13 +1,13 @@
 """What `fly` and `preflight` open: links, key and clock of a mission, and the bundled vehicle at their other end."""
 
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from math import inf
 from pathlib import Path
 
 import click
 
-from circnav_mav.cli.exits import Exit, Refused, refusing
+from circnav_mav.cli.exits import Refused, refusing
 from circnav_mav.emulator.config import parse_vehicle
 from circnav_mav.emulator.vehicle import Vehicle
 from circnav_mav.locate.locator import Locator
@@ -37,12 +37,9 @@ def open_links(mission: Mission, open_things: ExitStack) -> dict[str, Link]:
     for name, endpoint in endpoints.items():
         if endpoint in (None, SIM):
             continue
-        try:
-            opens = open_radio if name == RANGING and mission.ranging_driver else open_link
-            links[name] = opens(endpoint, mission.file.link.peer or ())
-        except LinkError as error:
-            raise Refused(str(error), Exit.NOTHING_HEARD if error.nobody else Exit.USAGE) from None
-        open_things.callback(links[name].close)
+        opens = open_radio if name == RANGING and mission.ranging_driver else open_link
+        with refusing(endpoint, LinkError):
+            links[name] = open_things.enter_context(closing(opens(endpoint, mission.file.link.peer or ())))
     return links
 
 
@@ -64,11 +61,9 @@ def open_signing(mission: Mission, open_things: ExitStack) -> tuple[Signing, Sig
     path = Path(table.key_file)
     try:
         signing = Signing(read_key(path), link_id=table.link_id)
-        signing_time = SigningTime(signing, timestamp_path(path))
+        return signing, open_things.enter_context(closing(SigningTime(signing, timestamp_path(path))))
     except KeyFileError as error:
         raise Refused(f"signing.key_file: {error}") from None
-    open_things.callback(signing_time.close)
-    return signing, signing_time
 
 
 def open_locating(mission: Mission, pilot: Pilot, signing: Signing | None, open_things: ExitStack) -> Locating | None:
@@ -78,9 +73,8 @@ def open_locating(mission: Mission, pilot: Pilot, signing: Signing | None, open_
         return None
     host, _, port = (mission.file.locate.cot or "").rpartition(":")
     cot, name = (host, int(port)) if port else None, f"{mission.file.name}.target"
-    locating = Locating(Locator(settings, pilot, signing), name, cot, waits=mission.flies_sim)
-    open_things.callback(locating.close)
-    return locating
+    locator = Locator(settings, pilot, signing)
+    return open_things.enter_context(closing(Locating(locator, name, cot, waits=mission.flies_sim)))
 
 
 def open_page(

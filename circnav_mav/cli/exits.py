@@ -32,15 +32,16 @@ class Refused(Exception):  # noqa: N818 - a refusal is not our error
 
 @contextmanager
 def refusing(place: str | Path, *kinds: type[Exception]) -> Iterator[None]:
-    """Errors of these kinds in their own words; and a file that cannot be read or written, named by the error or by
-    `place`. A reader of our output that went away (`| head`) is no file of ours: click ends the process quietly for it.
-    Raises Refused."""
+    """Errors of these kinds in their own words, with the exit code of a vehicle or radio that is not there (`nobody`)
+    or of bad usage; and a file that cannot be read or written, named by the error or by `place`. A reader of our output
+    that went away (`| head`) is no file of ours: click ends the process quietly for it. Raises Refused."""
     try:
         yield
     except BrokenPipeError:
         raise
     except kinds as error:
-        raise Refused(str(error)) from None
+        nobody = getattr(error, "nobody", False)
+        raise Refused(str(error), Exit.NOTHING_HEARD if nobody else Exit.USAGE) from None
     except OSError as error:
         raise Refused(f"{error.filename or place}: {error.strerror or error}") from None
 

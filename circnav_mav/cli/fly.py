@@ -6,7 +6,7 @@ import sys
 import threading
 import traceback
 from collections.abc import Callable
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, closing, suppress
 from functools import partial
 from itertools import chain, count
 from pathlib import Path
@@ -73,8 +73,7 @@ def fly_mission(
             locating = open_locating(mission, pilot, signing, open_things)
             locator = None if locating is None else locating.locator
             page = open_page(web, pilot, mission, page_open, locator)
-            recorder = _recorder(out, mission)
-            open_things.callback(recorder.close)
+            recorder = open_things.enter_context(closing(_recorder(out, mission)))
             folder = recorder.folder
             if mission.flies_sim:
                 loading.join()  # its time goes so fast that the patience of the mission would run out
@@ -82,13 +81,8 @@ def fly_mission(
             recorder.start(clock.epoch_us, at_once=isinstance(clock, Lockstep))
             if locating is not None:
                 locating.epoch_us = clock.epoch_us
-            seed = (mission.file.sim or {}).get("seed")
-            manifest = partial(
-                write_manifest, folder, mission=mission.file.name, voice=output_mode.value, epoch_us=clock.epoch_us,
-                seeds={} if seed is None else {"sim": seed},
-            )  # fmt: skip
             try:
-                manifest()
+                write_manifest(folder, mission, pilot, clock.epoch_us)
             except OSError as error:
                 raise Refused(f"{folder}: cannot be written: {error.strerror or error}") from None
             display = display_for(Console(), pilot, mission.file.name, min(clock.speed, MOST_WATCHED), locator)
@@ -104,7 +98,7 @@ def fly_mission(
             crash = _crash_of(loop, pilot, links, clock, folder)
         assert pilot.outcome is not None
         code = Exit.INTERNAL if crash is not None else EXITS[pilot.outcome.ending]
-        summary, code = close_flight(pilot, recorder, mission, clock.epoch_us, manifest, code, locator)
+        summary, code = close_flight(pilot, recorder, mission, clock.epoch_us, code, locator)
         words = verdict(summary, folder)
         if page is not None:
             page.finish(words)

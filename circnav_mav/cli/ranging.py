@@ -7,7 +7,7 @@ from math import inf, isfinite
 
 import click
 
-from circnav_mav.cli.exits import Exit, Refused
+from circnav_mav.cli.exits import Exit, refusing
 from circnav_mav.mav.clocks import quick_span, span_speed
 from circnav_mav.mission.preflight_ranging import outliers_among, residuals_of, spread_of
 from circnav_mav.pilot.survey import RangeHeard
@@ -27,10 +27,8 @@ OUTLIER = 5.0
 
 def watch_radio(endpoint: str, seconds: float | None) -> int:
     """Print a line a second for each beacon until the time is over or a signal comes. Raises Refused."""
-    try:
+    with refusing(endpoint, LinkError):
         link = open_radio(endpoint)
-    except LinkError as error:
-        raise Refused(str(error), Exit.NOTHING_HEARD if error.nobody else Exit.USAGE) from None
     with closing(link):
         heard = _listen(link, seconds or inf)
         for words, count in link.troubles.items():

@@ -15,9 +15,10 @@ from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.mission.load import MissionError, load_mission, parse_mission
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import OutputMode, Pilot, PilotSettings
+from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.report.plots import plot_replay
 from circnav_mav.runlog.atomic_write import atomic_write
-from circnav_mav.runlog.loop_steps import LogClock, LogSources, LoopStep, RangeSource, recorded_steps, tlog_steps
+from circnav_mav.runlog.loop_steps import LogClock, LogSources, RangeSource, recorded_steps, tlog_steps
 from circnav_mav.runlog.replay import Replayed, as_ticks, differences, held_gain, replay, without_timeouts
 from circnav_mav.runlog.run_folder import Run, RunError, open_run, printable
 from circnav_mav.runlog.summary import UNRECORDED

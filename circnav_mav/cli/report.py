@@ -64,7 +64,7 @@ def _page(run: Run, mission: Mission) -> None:
     table = run.folder / "target.geojson"
     if table.is_file():
         plot_map(run.folder / "target.png", table.read_text(encoding="utf-8"), f"{run.name}: the target")
-    summary = _unfinished(run, mission) | run.summary
+    summary = _figures(run, mission) | run.summary
     if run.damage_text is not None:
         summary["recording_problem"] = "; ".join(filter(None, (summary["recording_problem"], run.damage_text)))
     circles, gate = mission.orbit.words(*mission.radii[1:]), mission.file.guidance.gate_sigma
@@ -86,9 +86,10 @@ def _flat(table: dict[str, Any], before: str = "") -> Iterator[tuple[str, str]]:
             yield before + key, value if isinstance(value, str) else tomlkit.item(value).as_string()
 
 
-def _unfinished(run: Run, mission: Mission) -> dict[str, Any]:
-    """A summary for a run that did not live to write its own, or the parts of it that are missing."""
+def _figures(run: Run, mission: Mission) -> dict[str, Any]:
+    """A summary by the ticks: the figures of the circle, and all else as far as it is known without summary.json."""
     manifest, counts = run.manifest, run.ticks.numbers
+    engaged, flown = map(run.summary.get, ("engaged_s", "flown_s"))
     # the last known number of a column that counts up
     accepted, rejected = (int(np.nanmax(counts[name], initial=0)) for name in ("accepted", "rejected"))
     return summarise(
@@ -105,6 +106,8 @@ def _unfinished(run: Run, mission: Mission) -> dict[str, Any]:
             version=str(manifest.get("versions", {}).get("circnav", __version__)),
             epoch_us=run.epoch_us,
             recording_problem="no whole summary.json: the figures are of what was recorded",
+            engaged_s=engaged,
+            until_s=None if engaged is None or flown is None else engaged + flown,
             later_radii=mission.radii[1:],
         ),
         run.ticks,

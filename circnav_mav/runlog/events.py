@@ -39,10 +39,9 @@ def _changes(ticks: Ticks) -> Iterator[Event]:
             if word != before:
                 yield Event(float(time), kind, plain_text(word))
             before = word
-    if "rejected" in ticks.numbers and len(ticks.time):
-        steps = np.diff(ticks.numbers["rejected"], prepend=0.0)
-        for at in np.flatnonzero(steps > 0):
-            yield Event(float(ticks.time[at]), "rejected", f"ranges rejected: {steps[at]:.0f}")
+    steps = np.diff(ticks.numbers["rejected"], prepend=0.0)
+    for at in np.flatnonzero(steps > 0):
+        yield Event(float(ticks.time[at]), "rejected", f"ranges rejected: {steps[at]:.0f}")
 
 
 def _texts(run: Run) -> list[Event]:

@@ -27,7 +27,6 @@ from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from foxglove_schemas_protobuf.SpherePrimitive_pb2 import SpherePrimitive
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
-from google.protobuf.timestamp_pb2 import Timestamp
 from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
 from pymavlink.dialects.v20 import all as dialect
@@ -36,7 +35,7 @@ from circnav_mav.mav.frames import course_from_yaw
 from circnav_mav.runlog.atomic_write import atomic_write
 from circnav_mav.runlog.events import events
 from circnav_mav.runlog.run_folder import Run
-from circnav_mav.runlog.ticks import Column, Ticks
+from circnav_mav.runlog.ticks import LONGEST, Column, Ticks
 from circnav_mav.runlog.tlog import read_messages
 
 TRUTH_COLUMNS = ("time", "north", "east", "target_north", "target_east", "radius", "turn_rate")
@@ -53,8 +52,7 @@ def export_mcap(run: Run, path: Path) -> dict[str, int]:
         writer = Writer(file)
         writer.start(profile="", library=f"circnav {run.manifest.get('versions', {}).get('circnav', '')}".strip())
 
-        def add(channel: int, topic: str, time: float, data: bytes) -> None:
-            moment = stamp_ns(run, time)
+        def add(channel: int, topic: str, moment: int, data: bytes) -> None:
             writer.add_message(channel, moment, data, moment)
             counts[topic] += 1
 
@@ -64,12 +62,14 @@ def export_mcap(run: Run, path: Path) -> dict[str, int]:
             schema_id = writer.register_schema(name, "jsonschema", schema.encode())
             channel = writer.register_channel(topic, "json", schema_id)
             for row in _tick_rows(table):
-                add(channel, topic, row["time"], json.dumps(row).encode())
+                add(channel, topic, _ns(run, row["time"]), json.dumps(row).encode())
         channels: dict[str, int] = {}
         for topic, time, message in foxglove_messages(run):
             if topic not in channels:
                 channels[topic] = writer.register_channel(topic, "protobuf", register_schema(writer, type(message)))
-            add(channels[topic], topic, time, message.SerializeToString())
+            for stamped in getattr(message, "entities", [message]):
+                stamped.timestamp.FromNanoseconds(_ns(run, time))
+            add(channels[topic], topic, _ns(run, time), message.SerializeToString())
         writer.add_metadata("manifest", {key: json.dumps(value) for key, value in run.manifest.items()})
         writer.add_attachment(
             create_time=run.epoch_us * 1000, log_time=run.epoch_us * 1000, name="mission.toml",
@@ -98,38 +98,37 @@ Said = tuple[str, float, Any]
 """Topic, run time (s), message."""
 
 
-def stamp_ns(run: Run, time: float) -> int:
+def _ns(run: Run, time: float) -> int:
     """A run time as nanoseconds since 1970."""
     return run.epoch_us * 1000 + round(time * 1e6) * 1000
 
 
 def foxglove_messages(run: Run) -> Iterator[Said]:
-    """Everything, topic by topic. Raises RunError, OSError."""
+    """Everything, topic by topic, without stamps. Raises RunError, OSError."""
     ticks, truth, numbers = run.ticks, run.truth, run.ticks.numbers
     height = np.nan_to_num(numbers["height"])
     times, places = ticks.time, np.column_stack([numbers["x"], numbers["y"], height])
-    yield from _poses(run, "/estimate/pose", times, places, numbers["heading"])
+    yield from _poses("/estimate/pose", times, places, numbers["heading"])
     if truth is not None:
         height = np.interp(truth.time, ticks.time, height)
         places = np.column_stack([truth.east - truth.target_east, truth.north - truth.target_north, height])
         times, newest = truth.time, np.maximum(np.searchsorted(ticks.time, truth.time, side="right") - 1, 0)
-        yield from _poses(run, "/truth/pose", times, places, numbers["heading"][newest])
+        yield from _poses("/truth/pose", times, places, numbers["heading"][newest])
     yield from _transforms(run)
     yield from _scene(run, times, places)
     for event in events(run):
         level = Log.ERROR if event.severe else Log.WARNING if event.kind == "rejected" else Log.INFO
-        stamp = _stamp(run, event.time)
-        yield "/events", event.time, Log(timestamp=stamp, level=level, name=event.kind, message=event.text)
+        yield "/events", event.time, Log(level=level, name=event.kind, message=event.text)
     yield from _fixes(run)
     yield from _target(run)
 
 
-def _poses(run: Run, topic: str, times: Column, places: Column, headings: Column) -> Iterator[Said]:
+def _poses(topic: str, times: Column, places: Column, headings: Column) -> Iterator[Said]:
     for time, place, heading in zip(times.tolist(), places.tolist(), headings.tolist(), strict=True):
         if isfinite(sum(place)) and isfinite(heading):
             turn = course_from_yaw(heading)
             pose = Pose(position=Vector3(**_xyz(place)), orientation=Quaternion(z=sin(turn / 2), w=cos(turn / 2)))
-            yield topic, time, PoseInFrame(timestamp=_stamp(run, time), frame_id=BEACON, pose=pose)
+            yield topic, time, PoseInFrame(frame_id=BEACON, pose=pose)
 
 
 def _transforms(run: Run) -> Iterator[Said]:
@@ -142,7 +141,7 @@ def _transforms(run: Run) -> Iterator[Said]:
         rows = [(time, [*place, 0.0]) for time, place in zip(truth.time[at].tolist(), places, strict=True)]
     for time, place in rows:
         yield "/tf", time, FrameTransform(
-            timestamp=_stamp(run, time), parent_frame_id=MAP, child_frame_id=BEACON,
+            parent_frame_id=MAP, child_frame_id=BEACON,
             translation=Vector3(**_xyz(place)), rotation=Quaternion(w=1.0),
         )  # fmt: skip
 
@@ -159,16 +158,16 @@ def _scene(run: Run, times: Column, places: Column) -> Iterator[Said]:
     ]
     if rings := [_ring(radius, float(np.median(height)), GREEN) for radius in _desired_radii(run)]:
         entities.append(SceneEntity(id="desired circle", lines=rings))
-    yield _update(run, begins, entities)
+    yield _update(begins, entities)
     at = _every_piece(times)
     for number, (first, last) in enumerate(zip(at, [*at[1:], len(times) - 1], strict=True)):
         piece = [place for place in places[first : last + 1].tolist() if isfinite(sum(place))]
         if len(piece) > 1:
-            yield _update(run, float(times[last]), [SceneEntity(id=f"track {number}", lines=[_line(piece, BLUE)])])
+            yield _update(float(times[last]), [SceneEntity(id=f"track {number}", lines=[_line(piece, BLUE)])])
     for tick in _every_piece(ticks.time):
         if isfinite(r := float(ticks.numbers["r"][tick])):
             ring = SceneEntity(id="estimated range", lines=[_ring(r, float(height[tick]), GREY)])
-            yield _update(run, float(ticks.time[tick]), [ring])
+            yield _update(float(ticks.time[tick]), [ring])
 
 
 def _desired_radii(run: Run) -> list[float]:
@@ -187,25 +186,22 @@ def _fixes(run: Run) -> Iterator[Said]:
         if system in (None, message.get_srcSystem()) and (message.lat or message.lon):
             time = (stamp - run.epoch_us) / 1e6
             yield "/fix", time, LocationFix(
-                timestamp=_stamp(run, time), frame_id="vehicle", latitude=message.lat / 1e7,
-                longitude=message.lon / 1e7, altitude=message.alt / 1000,
+                frame_id="vehicle", latitude=message.lat / 1e7, longitude=message.lon / 1e7,
+                altitude=message.alt / 1000,
             )  # fmt: skip
 
 
 def _target(run: Run) -> Iterator[Said]:
     """The surveyed place of the target, as the summary has it."""
-    try:
-        place = run.summary["place"]
-        time, variance = float(place["time_s"]), float(place["sigma_m"]) ** 2
-        fix = LocationFix(
-            timestamp=_stamp(run, time), frame_id=BEACON, latitude=place["latitude_deg"],
-            longitude=place["longitude_deg"], altitude=place["altitude_m"] or 0.0,
+    place = run.summary.get("place")
+    if place is not None and 0 <= place["time_s"] < LONGEST:
+        variance = place["sigma_m"] ** 2
+        yield "/target", place["time_s"], LocationFix(
+            frame_id=BEACON, latitude=place["latitude_deg"], longitude=place["longitude_deg"],
+            altitude=place["altitude_m"] or 0.0,
             position_covariance=[variance, 0, 0, 0, variance, 0, 0, 0, 0],
             position_covariance_type=LocationFix.APPROXIMATED,
         )  # fmt: skip
-    except (KeyError, TypeError, ValueError, OverflowError):  # none was found, or the file is not as we wrote it
-        return
-    yield "/target", time, fix
 
 
 def _every_piece(times: Column) -> list[int]:
@@ -213,9 +209,8 @@ def _every_piece(times: Column) -> list[int]:
     return [int(at) for at in np.unique(np.floor(times / PIECE), return_index=True)[1]]
 
 
-def _update(run: Run, time: float, entities: Sequence[SceneEntity]) -> Said:
+def _update(time: float, entities: Sequence[SceneEntity]) -> Said:
     for entity in entities:
-        entity.timestamp.CopyFrom(_stamp(run, time))
         entity.frame_id = BEACON
     return "/scene", time, SceneUpdate(entities=entities)
 
@@ -243,9 +238,3 @@ def _color(rgba: Sequence[float]) -> Color:
 
 def _xyz(place: Sequence[float]) -> dict[str, float]:
     return dict(zip("xyz", place, strict=True))
-
-
-def _stamp(run: Run, time: float) -> Timestamp:
-    stamp = Timestamp()
-    stamp.FromNanoseconds(stamp_ns(run, time))
-    return stamp

@@ -18,11 +18,10 @@ from circnav_mav.mav.ranging.reader import RangeReader
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.mav.statustext import plain_text
 from circnav_mav.pilot import Pilot
+from circnav_mav.pilot.loop_step import HELD_BACK, LoopStep
 from circnav_mav.runlog.tlog import message_id, read_tlog, read_unbroken
 
 LINKS = {"v": "vehicle", "r": "ranging"}
-HELD_BACK = "held"
-"""In the place of a count: nothing of what there was to send was sent."""
 MOST_FRAMES = 10_000
 """More than a datagram of any size can hold."""
 DISORDER = 100_000
@@ -33,18 +32,6 @@ LONGEST_SILENCE = 3_600_000_000
 """Time, us, that a log may be silent; a longer way ahead is a clock that was set, as from 1970 to now."""
 
 
-@dataclass(frozen=True, slots=True)
-class LoopStep:
-    """One step of the loop. received: (link, source, frame) of all that came in. sent: our own frames. interrupt: why
-    it was ended from outside. held_back: whether what there was to send was not sent."""
-
-    time: float
-    received: tuple[tuple[str, str, bytes], ...]
-    sent: tuple[bytes, ...] = ()
-    interrupt: str = ""
-    held_back: bool = False
-
-
 def recorded_steps(folder: Path) -> Iterator[LoopStep]:
     """The steps of a run folder, up to where its files were cut off or damaged. Raises OSError."""
     frames = (frame for _, frame in read_unbroken(folder / "flight.tlog"))
@@ -53,30 +40,32 @@ def recorded_steps(folder: Path) -> Iterator[LoopStep]:
         try:
             next(rows, ())
             for row in rows:
-                step = _step(row, frames)
-                if step is None:
-                    return
-                yield step
+                yield _step(row, frames)
         except (ValueError, KeyError, csv.Error):
             return  # frames are counted off one by one: behind a damaged line nobody knows whose they are
 
 
-def _step(row: list[str], frames: Iterator[bytes]) -> LoopStep | None:
-    """A line of turns.csv with its frames out of the tlog; None if they are not all there. Raises ValueError, KeyError
-    for what the recorder never wrote."""
-    time_us, datagrams, sent, hello, interrupt, *survey = row
-    sources = []
-    for datagram in datagrams.split():
-        source, _, count = datagram.partition("*")
-        sources += [source] * min(int(count), MOST_FRAMES)
-    received = tuple((LINKS[source[:1]], source, frame) for source, frame in zip(sources, frames, strict=False))
-    held_back = sent == HELD_BACK
-    ours = (0 if held_back else int(sent or 0)) + int(hello or 0)
-    sent_frames = tuple(islice(frames, ours))
-    beside = int(survey[0] or 0) if survey else 0  # no pilot sent these, so none is replayed
-    if len(received) < len(sources) or len(sent_frames) < ours or len(tuple(islice(frames, beside))) < beside:
-        return None
-    return LoopStep(int(time_us) / 1e6, received, sent_frames, interrupt, held_back)
+def _step(row: list[str], frames: Iterator[bytes]) -> LoopStep:
+    """A line of turns.csv with its frames out of the tlog. Raises ValueError, KeyError for what the recorder never
+    wrote, and where the frames are not all there."""
+
+    def take(count: int) -> list[bytes]:
+        taken = list(islice(frames, min(count, MOST_FRAMES)))
+        if len(taken) < count:
+            raise ValueError("the log ends")
+        return taken
+
+    time_us, datagrams, said, hello, interrupt, *survey = row
+    parts, held_back = (datagram.partition("*") for datagram in datagrams.split()), said == HELD_BACK
+    return LoopStep(
+        int(time_us) / 1e6,
+        heard=[(LINKS[source[:1]], source, take(int(count))) for source, _, count in parts],
+        said=take(0 if held_back else int(said or 0)),
+        hello=take(int(hello or 0)),
+        survey=take(int(survey[0] or 0) if survey else 0),
+        interrupt=interrupt,
+        held_back=held_back,
+    )
 
 
 def tlog_steps(path: Path, ours: int, clock: "LogClock | None" = None) -> Iterator[LoopStep]:
@@ -92,9 +81,9 @@ def tlog_steps(path: Path, ours: int, clock: "LogClock | None" = None) -> Iterat
     for (stamp, frames), (following, _) in pairwise(chain(stamped, [end])):
         assert stamp is not None
         time = clock.at(stamp, following)
-        received = tuple(("vehicle", "tlog", frame) for frame in frames if frame[6 if frame[0] == V2 else 4] != ours)
+        received = [frame for frame in frames if frame[6 if frame[0] == V2 else 4] != ours]
         if received:
-            yield LoopStep(time, received)
+            yield LoopStep(time, [("vehicle", "tlog", received)])
 
 
 @dataclass(slots=True)
@@ -181,7 +170,7 @@ class LogSources:
         wanted = frozenset({HEARTBEAT, *(one.id for one in RANGING_MESSAGES.values())})
         decoder, reader = Decoder(wanted=wanted), RangeReader(self.settings)
         for step in steps:
-            for frame in (frame for _, _, frame in step.received if message_id(frame) in wanted):
+            for frame in (frame for frame in step.frames_heard if message_id(frame) in wanted):
                 for message in decoder.decode(frame):
                     self._count(message, reader, step.time)
             yield step

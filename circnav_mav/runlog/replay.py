@@ -9,9 +9,9 @@ import numpy as np
 
 from circnav_mav.mav.framing import split_frames
 from circnav_mav.pilot import OutputMode, Pilot, PilotSettings, TickRecord
+from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.pilot.mission_state import Phase
-from circnav_mav.runlog.loop_steps import LoopStep
-from circnav_mav.runlog.ticks import WORDS, Column, Ticks
+from circnav_mav.runlog.ticks import NAMES, WORDS, Column, Ticks
 from circnav_mav.runlog.tlog import message_id
 
 SETPOINT_IDS = frozenset({69, 82, 84})
@@ -67,14 +67,15 @@ def replay(pilot: Pilot, steps: Iterable[LoopStep], *, ticking: bool = False) ->
         while ticking and done.steps and pilot.next_tick < min(step.time, done.until + LONGEST_GAP) and not pilot.done:
             _step(pilot, pilot.next_tick, done)
         if not pilot.done:
-            for link, source, frame in step.received:
-                pilot.receive(frame, step.time, source, link)
+            for link, source, frames in step.heard:
+                for frame in frames:
+                    pilot.receive(frame, step.time, source, link)
             if step.interrupt and pilot.outcome is None:
                 pilot.interrupt(step.time, step.interrupt)
             _step(pilot, step.time, done, held_back=step.held_back)
             pilot.take_frames()
-        done.was_sent += [(step.time, frame) for frame in step.sent]
-        done.frames += len(step.received)
+        done.was_sent += [(step.time, frame) for frame in step.said + step.hello]
+        done.frames += len(step.frames_heard)
         done.steps += 1
         done.until = step.time
     return done
@@ -139,7 +140,6 @@ def as_ticks(records: list[TickRecord]) -> Ticks:
     def column(name: str) -> Column:
         return np.array([np.nan if (v := getattr(record, name)) is None else float(v) for record in records])
 
-    names = [name for name in TickRecord.__dataclass_fields__ if name not in WORDS]
     words = {name: [str(getattr(record, name)) for record in records] for name in WORDS - {"phase"}}
     words["phase"] = [record.phase.value for record in records]
-    return Ticks({name: column(name) for name in names}, words)
+    return Ticks({name: column(name) for name in NAMES - WORDS}, words)

@@ -20,48 +20,8 @@ YEAR_2100_US = 4_102_444_800_000_000
 Text = Annotated[str, Field(strict=True)]
 Flag = Annotated[bool, Field(strict=True)]
 Number = Annotated[float, Field(strict=True, gt=-MOST, lt=MOST)]
-Length = Annotated[float, Field(strict=True, gt=0, lt=MOST)]
 Count = Annotated[int, Field(strict=True, ge=0, lt=MOST)]
 Moment = Annotated[int, Field(strict=True, gt=0, lt=YEAR_2100_US)]
-
-
-class Figures(BaseModel):
-    """What was flown, of the last third. Mean and RMS error are known together."""
-
-    settled_s: Number | None
-    radius_mean_m: Number | None
-    radius_rms_error_m: Number | None
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        if (self.radius_mean_m is None) != (self.radius_rms_error_m is None):
-            raise ValueError("mean and RMS error are known together")
-        return self
-
-
-class TrueFigures(Figures):
-    """The same by the simulator's truth."""
-
-    direction: Text | None
-    closest_approach_m: Number
-
-
-class Circle(Figures):
-    """The figures of the circle belong together: all or none."""
-
-    desired_radius_m: Length
-    direction: Text
-    direction_commanded: Text | None
-    engaged_s: Number | None
-    flown_s: Number
-    truth: TrueFigures | None
-
-
-class CircleFlown(Figures):
-    """One of several circles, in the order flown."""
-
-    desired_radius_m: Length
-    begun_s: Number
 
 
 class SurveyedPlace(BaseModel):
@@ -102,21 +62,18 @@ def _table(kinds: dict[Any, str]) -> dict[str, TypeAdapter[Any]]:
     return {key: TypeAdapter(kind) for kind, keys in kinds.items() for key in keys.split()}
 
 
+# Of the figures of the circle only their time is read back: they are worked out of the ticks again.
 SUMMARY = _table({
     Text: "mission voice outcome reason version",
     Text | None: "firmware recording_problem",
-    Count: "samples_accepted setpoints_sent law_changes",
+    Count: "samples_accepted setpoints_sent",
     dict[str, Count]: "samples_rejected frames_refused",
     Moment: "epoch_us",
-    Number: "steered_s",
-    Number | None: "height_min_m height_max_m turn_std_deg_s turn_at_limit turn_variation_rad_s2 turn_gain "
-                   "turn_delay_s gain_share clock_speed",
-    Flag | None: "turn_limit_cycle",
+    Number: "flown_s",
+    Number | None: "engaged_s clock_speed",
     SurveyedPlace | None: "place",
     PositionsSent | None: "handback",
     list[Alarm]: "gps_watch",
-    list[CircleFlown]: "circles",
-    list[Number]: "circles_wanted_m",
 })  # fmt: skip
 MANIFEST = _table({
     Text: "mission voice",
@@ -201,10 +158,7 @@ def open_run(folder: Path) -> Run:
         raise RunError(f"{folder}: is not a run folder: flight.tlog or mission.toml is missing")
     manifest, summary = _known(_json(folder / "manifest.json"), MANIFEST), dict[str, Any]()
     with suppress(RunError):  # a full disk may have left half of it; its figures can be made anew
-        table = _json(folder / "summary.json")
-        summary = _known(table, SUMMARY)
-        with suppress(ValidationError):
-            summary |= Circle.model_validate(table).model_dump()
+        summary = _known(_json(folder / "summary.json"), SUMMARY)
     epoch = manifest.get("epoch_us") or summary.get("epoch_us")
     if epoch is None:
         raise RunError(f"{folder}: neither manifest.json nor summary.json tells when the run began (epoch_us)")

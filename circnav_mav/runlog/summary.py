@@ -2,7 +2,6 @@
 
 from dataclasses import asdict, dataclass, field, replace
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,6 @@ from numpy.typing import NDArray
 from circnav_mav.guidance.types import Direction, Orbit
 from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.runlog import metrics
-from circnav_mav.runlog.atomic_write import write_json
 from circnav_mav.runlog.metrics import NAMES, late_figures
 from circnav_mav.runlog.ticks import Ticks, Truth
 
@@ -101,11 +99,6 @@ def summarise(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str
     }
 
 
-def write_summary(folder: Path, summary: dict[str, Any]) -> None:
-    """Write summary.json, whole or not at all. Raises OSError."""
-    write_json(folder / "summary.json", summary)
-
-
 def _problem(problem: str | None, ticks: Ticks, truth: Truth | None, end: float) -> str | None:
     """What the recorder said, and up to where the figures go if not to the end of the flight. Truth that ends early
     without a word of the recorder was not heard."""
@@ -138,10 +131,10 @@ def _vehicle(ticks: Ticks, steered: NDArray[np.bool_]) -> dict[str, float | int 
     """How the vehicle answered turn commands at the end, what was left of the gains, and how often the law changed."""
     figures: dict[str, float | int | None] = {}
     for name, column in (("turn_gain", "turn_gain"), ("turn_delay_s", "turn_delay"), ("gain_share", "gain_share")):
-        values = ticks.numbers[column][steered] if column in ticks.numbers else np.array([])
+        values = ticks.numbers[column][steered]
         known = values[~np.isnan(values)]
         figures[name] = float(known[-1]) if len(known) else None
-    laws = [law for law, ours in zip(ticks.words.get("law", []), steered, strict=False) if ours and law]
+    laws = [law for law, ours in zip(ticks.words["law"], steered, strict=True) if ours and law]
     return figures | {"law_changes": sum(before != after for before, after in pairwise(laws))}
 
 

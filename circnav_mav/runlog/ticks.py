@@ -17,6 +17,7 @@ from circnav_mav.runlog.tlog import read_tlog
 
 Column = NDArray[np.float64]
 
+NAMES = frozenset(field.name for field in fields(TickRecord))
 WORDS = frozenset(field.name for field in fields(TickRecord) if field.type in (str, Phase))
 """The columns of ticks.csv that hold words."""
 LONGEST = 1e9
@@ -35,12 +36,12 @@ class Ticks:
     @property
     def phases(self) -> list[str]:
         """The phase of each tick."""
-        return self.words.get("phase", [])
+        return self.words["phase"]
 
     @property
     def modes(self) -> list[str]:
         """The vehicle's mode at each tick."""
-        return self.words.get("mode", [])
+        return self.words["mode"]
 
     @property
     def time(self) -> Column:
@@ -49,8 +50,7 @@ class Ticks:
 
     def desired(self, otherwise: float) -> Column:
         """Radius of the circle of each tick, m; otherwise: of a run whose ticks do not hold it."""
-        known = self.numbers.get("desired", np.full(len(self.time), nan))
-        return np.where(np.isnan(known), otherwise, known)
+        return np.where(np.isnan(self.numbers["desired"]), otherwise, self.numbers["desired"])
 
     def radii(self, otherwise: float) -> list[float]:
         """Of the circles that were flown, in their order, m."""
@@ -63,7 +63,7 @@ class Ticks:
         return next((float(t) for t, phase in zip(self.time, self.phases, strict=True) if phase == "engaged"), None)
 
 
-NO_TICKS = Ticks({name: np.array([]) for name in ("time", "r", "height", "turn_rate", "saturated")}, {})
+NO_TICKS = Ticks({name: np.array([]) for name in NAMES - WORDS}, {name: [] for name in WORDS})
 """What is left of a run whose ticks could not be written."""
 
 
@@ -115,7 +115,7 @@ def read_ticks(folder: Path) -> Ticks:
     count = len(times)
     if count > 1 and times[0] == times[-1]:
         raise ValueError("line 3: time: stands still to the end")
-    missing = {field.name for field in fields(TickRecord)} - set(header)
+    missing = NAMES - set(header)
     words |= {name: [""] * count for name in missing & WORDS}
     numbers |= {name: array("d", [nan]) * count for name in missing - WORDS}
     columns = {name: np.array(cells) for name, cells in numbers.items()}

@@ -6,7 +6,6 @@ from collections import deque
 from contextlib import suppress
 from itertools import takewhile
 from math import degrees
-from typing import Protocol
 
 from rich.console import Console
 from rich.live import Live
@@ -19,16 +18,6 @@ from circnav_mav.runtime.status import Status, Watch, shown
 PICTURES_A_SECOND = 4
 PATIENCE = 1.0
 """Time, s, that a stuck terminal is given at the end of the flight."""
-
-
-class Screen(Protocol):
-    """Where a status is drawn, by the display's own thread."""
-
-    def draw(self, status: Status) -> None:
-        """Draw it."""
-
-    def close(self) -> None:
-        """Put back what has to be."""
 
 
 class PlainScreen:
@@ -85,6 +74,9 @@ class LiveScreen:
     def close(self) -> None:
         """Leave the last picture standing."""
         self._live.stop()
+
+
+Screen = PlainScreen | LiveScreen
 
 
 class Display:

@@ -1,7 +1,6 @@
 """The survey beside the loop of a flight: its process, its socket; and no error of it ends a flight."""
 
 import socket
-from collections.abc import Hashable, Iterable
 from concurrent.futures import Future
 from contextlib import suppress
 
@@ -9,6 +8,7 @@ from circnav_mav.locate.estimator import NotYet, locate
 from circnav_mav.locate.export import cursor_on_target
 from circnav_mav.locate.locator import Locator
 from circnav_mav.locate.place import Place
+from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.runtime.solver import start_solver
 
 
@@ -34,19 +34,16 @@ class Locating:
         """Whether there is something to do after guidance has ended."""
         return self.problem is None and self.locator.busy
 
-    def hear(self, link: str, source: Hashable, frames: Iterable[bytes], now: float) -> None:
-        """What the pilot has heard."""
-        if self.problem is None:
-            try:
-                self.locator.hear(link, source, frames, now)
-            except Exception as error:
-                self._stop(error, now)
-
-    def step(self, now: float) -> list[bytes]:
-        """The frames to send now."""
+    def turn(self, step: LoopStep) -> list[bytes]:
+        """Hear what came in with a step of the loop; the frames to send now, none where the pilot's were held back."""
         if self.problem is not None:
             return []
+        now = step.time
         try:
+            for link, source, frames in step.heard:
+                self.locator.hear(link, source, frames, now)
+            if step.held_back:
+                return []
             if self._under_way is not None and (self._waits or self._under_way.done()):
                 self.locator.found(self._under_way.result())
                 self._under_way = None
@@ -56,7 +53,7 @@ class Locating:
             self._tell_cot(now)
             return frames
         except Exception as error:
-            self._stop(error, now)
+            self.problem = f"survey of the target: stopped at {now:.1f} s: {error!r}"
             return []
 
     def close(self) -> None:
@@ -64,9 +61,6 @@ class Locating:
         self._pool.shutdown(wait=False, cancel_futures=True)
         if self._socket is not None:
             self._socket.close()
-
-    def _stop(self, error: Exception, now: float) -> None:
-        self.problem = f"survey of the target: stopped at {now:.1f} s: {error!r}"
 
     def _tell_cot(self, now: float) -> None:
         place = self.locator.place

@@ -15,7 +15,7 @@ import queue
 import struct
 import threading
 from collections.abc import Hashable, Iterable
-from dataclasses import dataclass, field, fields
+from dataclasses import fields
 from enum import Enum
 from math import inf
 from pathlib import Path
@@ -23,6 +23,7 @@ from typing import IO, Any
 
 from circnav_mav.mav.signing import without_signature
 from circnav_mav.pilot import TickRecord
+from circnav_mav.pilot.loop_step import HELD_BACK, LoopStep
 
 FRAMES_SHARE = 0.75
 """Part of the bound at which frames are no longer recorded, so that the ticks of a long flight find room."""
@@ -37,7 +38,6 @@ TURN_COLUMNS = ("time_us", "heard", "said", "hello", "interrupt", "survey")
 """heard: link initial, number of the source and count of whole frames of each datagram, as in `v0*2 r1*1`. said, hello:
 frames of ours; HELD_BACK: what there was to say was not sent; survey: frames of the survey. The tlog holds the frames
 of a step in this order, the survey's last."""
-HELD_BACK = "held"
 
 
 class RecorderError(Exception):
@@ -46,21 +46,6 @@ class RecorderError(Exception):
 
 class TakenError(RecorderError):
     """Somebody records there."""
-
-
-@dataclass(slots=True)
-class LoopStep:
-    """One step of the loop. heard: (link, source, whole frames) of each datagram. said: frames to the vehicle. hello:
-    frames to the ranging link. survey: frames of the survey, which no pilot sends. interrupt: why the flight was ended
-    from outside in this step. held_back: whether what there was to say was not sent."""
-
-    time: float
-    heard: list[tuple[str, Hashable, list[bytes]]] = field(default_factory=list)
-    said: list[bytes] = field(default_factory=list)
-    hello: list[bytes] = field(default_factory=list)
-    survey: list[bytes] = field(default_factory=list)
-    interrupt: str = ""
-    held_back: bool = False
 
 
 class Recorder:
@@ -162,7 +147,7 @@ class Recorder:
         return False
 
     def _write_step(self, item: LoopStep) -> None:
-        frames = [frame for _, _, datagram in item.heard for frame in datagram] + item.said + item.hello + item.survey
+        frames = item.frames_heard + item.said + item.hello + item.survey
         stamp = struct.pack(">Q", self._epoch_us + round(item.time * 1e6))
         self._written += self._tlog.write(b"".join(stamp + without_signature(frame) for frame in frames))
         self._tlog.flush()

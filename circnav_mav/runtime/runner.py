@@ -9,12 +9,13 @@ from types import FrameType
 
 from circnav_mav.mav.framing import split_frames
 from circnav_mav.pilot import RANGING, VEHICLE, Pilot, TickRecord
+from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.pilot.survey import Survey
 from circnav_mav.runtime.clock import Clock
 from circnav_mav.runtime.keys import SigningTime
 from circnav_mav.runtime.links import Link
 from circnav_mav.runtime.locating import Locating
-from circnav_mav.runtime.recorder import LoopStep, Recorder
+from circnav_mav.runtime.recorder import Recorder
 
 LONGEST_STEP = 0.5
 """Real time, s, after which what a step has to say is not said: we stood still in it, and the vehicle may be in other
@@ -88,22 +89,14 @@ def run(
         loaded = loaded or ready()
         step = turn(pilot, links, clock, now, stop.signal_name, deaf=not loaded)
         now = step.time
-        if locating is not None:
-            _locate(locating, step, pilot, links)
+        if locating is not None and (said := locating.turn(step)):
+            links[VEHICLE].send(b"".join(said), pilot.reply_to)
+            step.survey = said
         records = pilot.take_records()
         recorder.step(step)
         recorder.ticks(records)
         newest = records[-1] if records else newest
         show(newest, step)
-
-
-def _locate(locating: Locating, step: LoopStep, pilot: Pilot, links: Mapping[str, Link]) -> None:
-    """Let the survey hear what came in, and send what it has to say."""
-    for name, source, frames in step.heard:
-        locating.hear(name, source, frames, step.time)
-    if not step.held_back and (said := locating.step(step.time)):
-        links[VEHICLE].send(b"".join(said), pilot.reply_to)
-        step.survey = said
 
 
 def turn(

@@ -2,13 +2,13 @@
 
 from collections import deque
 from dataclasses import dataclass, replace
-from math import degrees, hypot
+from math import degrees, hypot, isfinite
 from typing import NamedTuple
 
 from circnav_mav.locate.locator import Locator
 from circnav_mav.mav.frames import compass_from_vector
 from circnav_mav.mav.ranging.interface import OTHERS
-from circnav_mav.pilot import Ending, OutputMode, Pilot, TickRecord, phase_name
+from circnav_mav.pilot import Ending, OutputMode, Pilot, PilotSettings, TickRecord, phase_name
 from circnav_mav.pilot.mission_state import Phase
 
 RATE_SPAN = 3.0
@@ -110,6 +110,47 @@ class Watch:
 def shown(value: float | None, form: str) -> str:
     """A number in a form such as "{:.2f} m", "-" for none."""
     return "-" if value is None else form.format(value)
+
+
+def told(status: Status, settings: PilotSettings, most_reasons: int | None = None) -> dict[str, str]:
+    """The facts of a status in words, by what they are called; "-" where nothing is known. flown: empty before it
+    engages. most_reasons: how many of the reasons for which ranges were rejected are named; None: all."""
+    tick, timing, orbit = status.tick, settings.timing, settings.orbit
+    frames, accepted, _, setpoints = (shown(rate, "{:.1f}/s") for rate in status.rates or (None,) * 4)
+    range_age, link_age = (shown(age, "{:.2f} s") for age in (tick.range_age, tick.link_age))
+    duration = f" of {timing.duration:.0f} s" if isfinite(timing.duration) else ""
+    desired = tick.desired or orbit.radius
+    measured = "" if tick.measured_rate is None else f"   measured {tick.measured_rate:+.2f} m/s"
+    turn = shown(None if tick.turn_rate is None else degrees(tick.turn_rate), "{:+.1f}")
+    at_limit = "   AT ITS LIMIT" if tick.saturated else ""
+    refused = sum(status.rejected.values())
+    reasons = [f"{count} {reason}" for reason, count in status.rejected.items()]
+    more = ", ..." if len(reasons[:most_reasons]) < len(reasons) else ""
+    why = f": {', '.join(reasons[:most_reasons])}{more}" if reasons else ""
+    others = f"; {status.others} of other senders" if status.others else ""
+    return {
+        "flown": "" if status.flown is None else f"flown {status.flown:.0f} s{duration}",
+        "range": f"{_with_sigma(tick.r, tick.r_sigma, '.2f', 'm')} horizontal   desired {desired:.1f} m",
+        "error": shown(None if tick.r is None else tick.r - desired, "{:+.2f} m"),
+        "range rate": _with_sigma(tick.r_dot, tick.r_dot_sigma, "+.2f", "m/s") + measured,
+        "turn rate": f"commanded {turn} deg/s (limit {degrees(orbit.max_turn_rate):.1f}), "
+        f"gain {tick.turn_gain:.2f}, delay {tick.turn_delay:.2f} s{at_limit}",
+        "heading": shown(None if tick.heading is None else degrees(tick.heading) % 360, "{:03.0f} deg"),
+        "law": status.why or tick.law or "-",
+        "waiting": status.waits or "-",
+        "target": status.target,
+        "place": status.place or "-",
+        "ranging": f"{accepted} accepted, newest {range_age} old, stale at {timing.stale:.2f} s",
+        "rejected": f"{refused} of {refused + tick.accepted}{why}{others}",
+        "link": f"{frames} frames, heartbeat {link_age} old  {status.believed}",
+        "setpoints": f"{setpoints}, {status.setpoints} total",
+    }
+
+
+def _with_sigma(value: float | None, sigma: float | None, form: str, unit: str) -> str:
+    if value is None:
+        return "-"
+    return f"{value:{form}} {unit}" if sigma is None else f"{value:{form}} {unit} ± {sigma:.2f} {unit}"
 
 
 def _alarms(pilot: Pilot, tick: TickRecord, now: float, rates: Rates | None, problem: str | None) -> list[str]:

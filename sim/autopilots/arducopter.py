@@ -54,7 +54,7 @@ class ArduCopter(ArduPilot):
         self._target: Target | None = None
         self._climbing_to: float | None = None
         self._leg_speeds = Speeds({}, self.params)
-        self._since = self._leg_at = 0
+        self._since = 0
         self._demand: Demand = self._idle() if self.armed else FALL
         if self.mode == GUIDED and config.start.speed_mps:
             self._target = self._demand = BodyVelocity(config.start.speed_mps)
@@ -62,10 +62,8 @@ class ArduCopter(ArduPilot):
     def fly(self, dt: float, wind: tuple[float, float]) -> Body:
         return self._airframe.step(self.body, self._demand, dt, wind)
 
-    def wake_us(self) -> int:
-        if not self.armed:
-            return super().wake_us()
-        return min(self._leg_at if self._on_a_leg() else self._target_until(), super().wake_us())
+    def next_thought(self) -> int:
+        return super().next_thought() if self._on_a_leg() or not self.armed else self._target_until()
 
     def _target_until(self) -> int:
         return NEVER if self._target is None else self._since + self.params.microseconds("GUID_TIMEOUT")
@@ -73,7 +71,7 @@ class ArduCopter(ArduPilot):
     def wake(self, now: int) -> None:
         super().wake(now)
         if self.armed and self._on_a_leg():
-            self._leg_at = now + LEG_US
+            self._think_at = now + LEG_US
             self._demand = self._leg()
         elif self.armed and now >= self._target_until():
             self._rest(LEVEL if isinstance(self._target, (Tilt, Spin)) else Brake())  # without a word, in the same mode
@@ -123,7 +121,7 @@ class ArduCopter(ArduPilot):
             self._rest(self._idle())
         if target is None or isinstance(target, (Poison, Stop)):
             return False
-        self._target, self._since, self._leg_at = target, now, now
+        self._target, self._since, self._think_at = target, now, now
         self._demand = to_point(self.body, target, self._leg_speeds) if isinstance(target, GoTo) else target
         return True
 
@@ -147,11 +145,11 @@ class ArduCopter(ArduPilot):
     def _take_off(self, command: Command, now: int) -> int:
         if self.mode != GUIDED or not self.armed or self.flying() or not command.z > 0:
             return Ack.FAILED
-        self._climbing_to, self._leg_at = -command.z, now
+        self._climbing_to, self._think_at = -command.z, now
         return Ack.ACCEPTED
 
     def entered(self, mode: int, now: int) -> None:
-        self._climbing_to, self._leg_at = None, now
+        self._climbing_to, self._think_at = None, now
         self._rest(self._idle())
 
     def flying(self) -> bool:

@@ -47,9 +47,6 @@ class ArduPilot(Autopilot):
         self._gcs_heard: int | None = None
 
     @abstractmethod
-    def entered(self, mode: int, now: int) -> None: ...
-
-    @abstractmethod
     def disarmed(self) -> None: ...
 
     @abstractmethod
@@ -146,7 +143,7 @@ class ArduPilot(Autopilot):
             self.position = True
 
     def wake_us(self) -> int:
-        return min(self._gcs_deadline(), self._position_until)
+        return min(super().wake_us(), self._gcs_deadline())
 
     def wake(self, now: int) -> None:
         if now >= self._position_until:

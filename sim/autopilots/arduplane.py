@@ -3,7 +3,6 @@
 import math
 from typing import ClassVar, NamedTuple
 
-from ..agenda import NEVER
 from ..airframes.fixedwing import FixedWing, Loiter, bank_on_loiter, falling
 from ..body import GRAVITY, Body, euler, within
 from ..config import VehicleConfig
@@ -48,7 +47,7 @@ class ArduPlane(ArduPilot):
         self._loiter = Loiter(start.north, start.east, self.params["WP_LOITER_RAD"])
         self._forced: Forced | None = None
         self._heading: tuple[float, float] | None = None  # held by 43002: heading, bank limit
-        self._since = self._think_at = 0
+        self._since = 0
         self._sticks = Sticks(vehicle.system_id)
         self._bank = 0.0
 
@@ -58,9 +57,6 @@ class ArduPlane(ArduPilot):
         _, pitch, throttle = self._forced or Forced(None, None, None)
         demand = Bank(self._bank, self._speed * self._scale, self._height, pitch, throttle)
         return self._airframe.step(self.body, demand, dt, wind)
-
-    def wake_us(self) -> int:
-        return min(self._think_at if self.armed else NEVER, super().wake_us())
 
     def wake(self, now: int) -> None:
         super().wake(now)

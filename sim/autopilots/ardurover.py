@@ -46,7 +46,7 @@ class ArduRover(ArduPilot):
         self._goal: tuple[float, float] | None = None  # north, east
         self._leg_speed = self.params["WP_SPEED"]
         self._homing: BodyVelocity | None = None
-        self._since = self._think_at = 0
+        self._since = 0
         if self.mode == GUIDED and config.start.speed_mps:
             self._target = BodyVelocity(config.start.speed_mps)
 
@@ -58,13 +58,10 @@ class ArduRover(ArduPilot):
         rate = within(target.yaw_rate * self._gain, tightest)
         return self._airframe.step(self.body, target._replace(yaw_rate=rate), dt)._replace(roll=0.0)
 
-    def wake_us(self) -> int:
-        own = NEVER
+    def next_thought(self) -> int:
         if self.armed and self.mode == GUIDED and self._target is not None:
-            own = self._since + TIMEOUT_US
-        elif self.armed and self._goal is not None:
-            own = self._think_at
-        return min(own, super().wake_us())
+            return self._since + TIMEOUT_US
+        return NEVER if self._goal is None else super().next_thought()
 
     def wake(self, now: int) -> None:
         super().wake(now)

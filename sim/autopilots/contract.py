@@ -93,6 +93,7 @@ class Autopilot(ABC):
         self.armed = config.start.armed
         self.gps = self.position = config.vehicle.gps
         self._position_until = NEVER
+        self._think_at = 0  # when it next decides anew what to fly
         self._placed: tuple[float, float] | None = None
 
     def take_placed(self) -> tuple[float, float] | None:
@@ -100,9 +101,13 @@ class Autopilot(ABC):
         placed, self._placed = self._placed, None
         return placed
 
-    @abstractmethod
     def wake_us(self) -> int:
-        """When the demand may change by itself (a timeout, a waypoint leg)."""
+        """When something may change by itself (a timeout, a waypoint leg)."""
+        return min(self._position_until, self.next_thought())
+
+    def next_thought(self) -> int:
+        """When the demand may change by itself."""
+        return self._think_at if self.armed else NEVER
 
     @abstractmethod
     def wake(self, now: int) -> None: ...
@@ -122,6 +127,10 @@ class Autopilot(ABC):
     @abstractmethod
     def change_mode(self, mode: int, now: int) -> int:
         """Enter a mode unless something stands against it; the ack."""
+
+    @abstractmethod
+    def entered(self, mode: int, now: int) -> None:
+        """A mode has begun."""
 
     @abstractmethod
     def set_armed(self, armed: bool, now: int) -> None: ...

@@ -49,9 +49,6 @@ class Px4(Autopilot):
     def hold_at(self, place: tuple[float, float] | None, down: float | None) -> None:
         """Hold at a place (north, east) and a height; None is where it is."""
 
-    @abstractmethod
-    def entered(self, mode: int, now: int) -> None: ...
-
     def needs_velocity(self) -> bool:
         """Whether what OFFBOARD flies needs a velocity estimate."""
         return not isinstance(self._setpoint, (Tilt, Spin))
@@ -81,7 +78,7 @@ class Px4(Autopilot):
             self._fly_mode(OFFBOARD, now)
 
     def wake_us(self) -> int:
-        return min(self._offboard_deadline(), self._sticks_deadline(), self._position_until, self._act_at)
+        return min(super().wake_us(), self._offboard_deadline(), self._sticks_deadline(), self._act_at)
 
     def wake(self, now: int) -> None:
         if now >= self._position_until:

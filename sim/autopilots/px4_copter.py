@@ -2,7 +2,6 @@
 
 import math
 
-from ..agenda import NEVER
 from ..airframes.copter import CopterAirframe, TiltingCopter
 from ..airframes.multicopter import DraggedCopter, px4_yaw_loop
 from ..airframes.unicycle import Unicycle
@@ -43,16 +42,12 @@ class Px4Copter(Px4):
         by_velocity = ideal if vehicle.dynamics == "unicycle" else real
         self._airframe = CopterAirframe(by_velocity, TiltingCopter(limit, drag=drag))
         self._hold = (start.north, start.east, start.down)
-        self._think_at = 0
         self._demand: Demand = Brake()
 
     def fly(self, dt: float, wind: tuple[float, float]) -> Body:
         if not self.armed:
             return _at_rest(self.body, dt)
         return self._airframe.step(self.body, self._demand, dt, wind)
-
-    def wake_us(self) -> int:
-        return min(super().wake_us(), self._think_at if self.armed else NEVER)
 
     def wake(self, now: int) -> None:
         super().wake(now)

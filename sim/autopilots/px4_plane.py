@@ -3,7 +3,6 @@
 import math
 from dataclasses import replace
 
-from ..agenda import NEVER
 from ..airframes.fixedwing import FixedWing, Loiter, bank_on_loiter, falling
 from ..body import GRAVITY, Body, within
 from ..config import VehicleConfig
@@ -44,7 +43,6 @@ class Px4Plane(Px4):
         self._by_attitude, self._by_stick = trimmed.configured(vehicle), BY_STICK.configured(vehicle)
         self._height = start.down
         self._loiter = Loiter(start.north, start.east, self.params["NAV_LOITER_RAD"])
-        self._think_at = 0
         self._bank = 0.0
 
     def fly(self, dt: float, wind: tuple[float, float]) -> Body:
@@ -63,9 +61,6 @@ class Px4Plane(Px4):
         if self.cruise is not None and self.mode not in BANKED_BY_STICKS:
             speed = max(self.params["FW_AIRSPD_MIN"], min(self.params["FW_AIRSPD_MAX"], self.cruise))
         return Bank(self._bank, speed * self._scale, self._height)
-
-    def wake_us(self) -> int:
-        return min(super().wake_us(), self._think_at if self.armed else NEVER)
 
     def wake(self, now: int) -> None:
         super().wake(now)

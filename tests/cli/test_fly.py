@@ -202,7 +202,7 @@ def test_a_browser_follows_a_flight_to_its_verdict_and_logs_no_error(browser, tm
         assert min(drawn) > 300  # px of line in every chart
         assert browser.value("document.getElementById('link').innerText") == "live"
         assert browser.value(DESIRED_ON_TOP)
-        assert re.fullmatch(r"\d{3} deg", browser.value("document.getElementById('heading').innerText"))
+        assert re.fullmatch(r"\d{3} deg", browser.value("document.querySelector('[data-fact=heading]').innerText"))
         browser.until("!document.getElementById('outcome').hidden")
         assert "COMPLETED: flown to its end" in browser.value("document.getElementById('outcome').innerText")
         assert browser.value("document.getElementById('link').innerText") == "stream ended"

@@ -12,9 +12,9 @@ from pathlib import Path
 from circnav_mav.mav.signing import Signing
 from circnav_mav.mission.load import load_mission
 from circnav_mav.pilot import VEHICLE, Outcome, Pilot, TickRecord
+from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.runtime.links import Link
 from circnav_mav.runtime.lockstep import Lockstep
-from circnav_mav.runtime.recorder import LoopStep
 from circnav_mav.runtime.runner import turn
 from sim.config import parse_vehicle
 from sim.faults.frames import frames, message_id

@@ -8,7 +8,8 @@ from pathlib import Path
 from circnav_mav.cli.closing import write_manifest
 from circnav_mav.mission.load import load_mission
 from circnav_mav.pilot import OutputMode, Pilot
-from circnav_mav.runtime.recorder import LoopStep, Recorder
+from circnav_mav.pilot.loop_step import LoopStep
+from circnav_mav.runtime.recorder import Recorder
 from sim.config import parse_vehicle
 from sim.vehicle import Vehicle
 from tests.flight.lockstep import CONFIG, Flight
@@ -46,8 +47,8 @@ def recorded_flight(folder: Path, mission: str, *overrides: str, output: OutputM
     """A flight of a file in config/, ready to go, that records into a folder; close its recorder at the end."""
     loaded = load_mission(CONFIG / f"{mission}.toml", overrides)
     assert loaded.file.sim is not None
-    recorder = Recorder(folder, loaded.text)
-    write_manifest(folder, mission=mission, voice=output.value, epoch_us=EPOCH_US, seeds={})
+    recorder, pilot = Recorder(folder, loaded.text), Pilot(loaded.pilot_settings(output))
+    write_manifest(folder, loaded, pilot, EPOCH_US)
     recorder.start(EPOCH_US)
     vehicle = Vehicle(parse_vehicle(loaded.file.sim, mission))
-    return RecordedFlight(Pilot(loaded.pilot_settings(output)), vehicle, recorder=recorder)
+    return RecordedFlight(pilot, vehicle, recorder=recorder)

@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import all as mavlink
 from circnav_mav.locate.estimator import NotYet, locate
 from circnav_mav.locate.locator import LocateSettings, Locator
 from circnav_mav.locate.place import Place
-from circnav_mav.runtime.recorder import LoopStep
+from circnav_mav.pilot.loop_step import LoopStep
 from sim.vehicle import Truth
 from sim.world import to_degrees
 from tests.flight.lockstep import Flight, flight

@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 
 from circnav_mav.guidance.types import Direction, Orbit
+from circnav_mav.runlog.atomic_write import write_json
 from circnav_mav.runlog.metrics import NAMES
-from circnav_mav.runlog.summary import FlightFacts, summarise, write_summary
+from circnav_mav.runlog.summary import FlightFacts, summarise
 from circnav_mav.runlog.ticks import NO_TICKS, read_ticks, read_truth
 from tests.runlog.conftest import EPOCH_US, rewrite_ticks
 
@@ -120,13 +121,13 @@ def test_the_file_is_json_that_comes_back_and_a_number_that_json_does_not_know_i
         ({"a": math.nan, "b": {"c": [math.inf, 1.5]}, "d": (-math.inf, True), "e": None},
          {"a": None, "b": {"c": [None, 1.5]}, "d": [None, True], "e": None}),
     ):  # fmt: skip
-        write_summary(tmp_path, made)
+        write_json(tmp_path / "summary.json", made)
         text = (tmp_path / "summary.json").read_text(encoding="utf-8")
         assert json.loads(text, parse_constant=pytest.fail) == (told or made)
 
 
 def test_a_summary_that_finds_no_room_leaves_nothing_half_written(tmp_path, monkeypatch):
-    write_summary(tmp_path, {"outcome": "completed"})
+    write_json(tmp_path / "summary.json", {"outcome": "completed"})
 
     def full(path, *arguments, **options):
         path.write_bytes(b"")
@@ -134,7 +135,7 @@ def test_a_summary_that_finds_no_room_leaves_nothing_half_written(tmp_path, monk
 
     monkeypatch.setattr(Path, "write_text", full)
     with pytest.raises(OSError, match="No space left"):
-        write_summary(tmp_path, {"outcome": "aborted"})
+        write_json(tmp_path / "summary.json", {"outcome": "aborted"})
     assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [
         ("summary.json", '{\n  "outcome": "completed"\n}\n')
     ]

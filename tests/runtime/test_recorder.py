@@ -9,10 +9,11 @@ from pymavlink import mavutil
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.pilot import TickRecord
+from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.runlog.loop_steps import recorded_steps
 from circnav_mav.runlog.ticks import read_ticks
-from circnav_mav.runtime.recorder import TICK_COLUMNS, LoopStep, Recorder, RecorderError
+from circnav_mav.runtime.recorder import TICK_COLUMNS, Recorder, RecorderError
 
 EPOCH_US = 1_790_000_000_000_000
 
@@ -135,7 +136,7 @@ def test_a_bounded_run_folder_keeps_its_bound_and_the_ticks_outlast_the_frames(r
     sizes = {name: (folder / name).stat().st_size for name in ("flight.tlog", "turns.csv", "ticks.csv")}
     assert 0.095e6 < sum(sizes.values()) < 0.1e6 + 1000
     steps, ticks = list(recorded_steps(folder)), read_ticks(folder)
-    assert sizes["flight.tlog"] == sum(8 + len(frame) for step in steps for frame in (*step.sent, *frames(2)))
+    assert sizes["flight.tlog"] == sum(8 + len(frame) for step in steps for frame in (*step.said, *step.frames_heard))
     assert steps[-1].time < ticks.time[-1] < 74
     assert recorder.problem == (
         f"{folder}: frames are recorded up to {steps[-1].time + 0.05:.0f} s: log.max_mb = 0.1 is reached"

@@ -6,7 +6,7 @@ from unittest.mock import Mock
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.runtime.recorder import LoopStep
+from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.runtime.runner import Onlookers, StopRequest, listen, run
 
 

@@ -14,7 +14,7 @@ from math import inf, nan
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.runtime.recorder import LoopStep
+from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.runtime.web import feed
 from circnav_mav.runtime.web.__main__ import COLUMNS, MOST_BROWSERS, MOST_POINTS, NEWEST, History
 from circnav_mav.runtime.web.feed import LivePage, WebError

@@ -8,7 +8,7 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from sim.config import Target
-from sim.world import TargetMotion
+from sim.world import target_at
 from tests.sim.station import Station, aboard, build
 
 
@@ -131,13 +131,13 @@ def test_gusts_have_their_strength_and_memory():
 
 
 def test_a_target_turns_and_accelerates_along_its_course():
-    turning = TargetMotion(Target(velocity_north_mps=2.0, turn_rate_deg_s=90.0))
-    assert turning.at(4.0)[:2] == pytest.approx((0.0, 0.0), abs=1e-9)
-    assert turning.at(1.0)[:2] == pytest.approx((2.0 / (math.pi / 2), 2.0 / (math.pi / 2)))  # clockwise
-    faster = TargetMotion(Target(velocity_east_mps=1.0, acceleration_mps2=0.5))
-    assert faster.at(4.0)[:2] == pytest.approx((0.0, 1.0 * 4 + 0.25 * 16))
-    both = TargetMotion(Target(velocity_north_mps=1.0, acceleration_mps2=0.3, turn_rate_deg_s=10.0))
-    path = [both.at(t / 1000) for t in range(5001)]
+    turning = Target(velocity_north_mps=2.0, turn_rate_deg_s=90.0)
+    assert target_at(turning, 4.0)[:2] == pytest.approx((0.0, 0.0), abs=1e-9)
+    assert target_at(turning, 1.0)[:2] == pytest.approx((2.0 / (math.pi / 2), 2.0 / (math.pi / 2)))  # clockwise
+    faster = Target(velocity_east_mps=1.0, acceleration_mps2=0.5)
+    assert target_at(faster, 4.0)[:2] == pytest.approx((0.0, 1.0 * 4 + 0.25 * 16))
+    both = Target(velocity_north_mps=1.0, acceleration_mps2=0.3, turn_rate_deg_s=10.0)
+    path = [target_at(both, t / 1000) for t in range(5001)]
     speeds = [math.dist(a, b) * 1000 for a, b in itertools.pairwise(path)]
     assert (speeds[0], speeds[-1]) == pytest.approx((1.0, 2.5), abs=0.01)
 

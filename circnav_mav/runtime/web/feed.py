@@ -18,10 +18,10 @@ from typing import Any
 import circnav_mav
 from circnav_mav.locate.locator import Locator
 from circnav_mav.mav.truth import is_truth_frame, relative_truth
-from circnav_mav.pilot import Pilot, TickRecord
+from circnav_mav.pilot import Pilot, PilotSettings, TickRecord
+from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.pilot.mission_state import Phase
-from circnav_mav.runtime.recorder import LoopStep
-from circnav_mav.runtime.status import SILENCED, Status, Watch
+from circnav_mav.runtime.status import SILENCED, Status, Watch, told
 
 HOST = "127.0.0.1"
 LINES_A_SECOND = 10
@@ -54,7 +54,8 @@ class LivePage:
         missing = [package for package in NEEDED if importlib.util.find_spec(package) is None]
         if missing:
             raise WebError(f"--web needs the package {' and '.join(missing)}: pip install {' '.join(missing)}")
-        self._watch, self._period, self._due = Watch(pilot, locator), speed / LINES_A_SECOND, 0.0
+        self._watch, self._settings = Watch(pilot, locator), pilot.settings
+        self._period, self._due = speed / LINES_A_SECOND, 0.0
         self._hears_truth, self._truth = truth, b""
         self._place: tuple[float | None, float | None] = (None, None)
         with _listener(port) as listener:
@@ -77,7 +78,7 @@ class LivePage:
         if place is not None and all(map(isfinite, place)):  # anybody may send a frame that holds no numbers
             self._place = place
         status, (east, north) = self._watch.status(newest, step.time, problem), map(_plain, self._place)
-        self._tell({"kind": "tick", **_told(status), "east": east, "north": north})
+        self._tell({"kind": "tick", **_tick(status, self._settings), "east": east, "north": north})
 
     def finish(self, verdict: str) -> None:
         """Tell the verdict; the flight is over, and the server is given a moment to take it."""
@@ -108,15 +109,11 @@ class LivePage:
 
 def _listener(port: int) -> socket.socket:
     """Listens on this machine's own interface only; taken before anything flies."""
-    listener = socket.socket()
-    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
-        listener.bind((HOST, port))
+        return socket.create_server((HOST, port))
     except OSError as error:
-        listener.close()
-        raise WebError(f"--web {port}: {HOST}:{port} cannot be had: {error.strerror}; choose another port") from None
-    listener.listen()
-    return listener
+        why = os.strerror(error.errno or 0)
+        raise WebError(f"--web {port}: {HOST}:{port} cannot be had: {why}; choose another port") from None
 
 
 def _serve(listener: socket.socket) -> "subprocess.Popen[bytes]":
@@ -141,7 +138,7 @@ def _serve(listener: socket.socket) -> "subprocess.Popen[bytes]":
 
 def _facts(pilot: Pilot, name: str, tolerance: float) -> dict[str, Any]:
     """What does not change in flight. SI units."""
-    orbit, timing = pilot.settings.orbit, pilot.settings.timing
+    orbit = pilot.settings.orbit
     return {
         "name": name,
         "circle": pilot.settings.circles,
@@ -150,27 +147,17 @@ def _facts(pilot: Pilot, name: str, tolerance: float) -> dict[str, Any]:
         "tolerance": tolerance,
         "limit": orbit.max_turn_rate,
         "steady": orbit.steady_turn_rate,
-        "stale": timing.stale,
-        "duration": timing.duration if isfinite(timing.duration) else None,
         "silenced": SILENCED.get(pilot.settings.output_mode),
     }
 
 
-def _told(status: Status) -> dict[str, Any]:
+def _tick(status: Status, settings: PilotSettings) -> dict[str, Any]:
     """A status as JSON holds it."""
     about = {
         "now": status.time,
-        "flown": status.flown,
         "state": status.phase,
-        "waits": status.waits[:LONGEST_TEXT],
-        "why": status.why,
-        "target": status.target,
-        "place": status.place[:LONGEST_TEXT],
         "alarms": [alarm[:LONGEST_TEXT] for alarm in status.alarms],
-        "reasons": status.rejected,
-        "others": status.others,
-        "rates": None if status.rates is None else status.rates._asdict(),
-        "setpoints": status.setpoints,
+        "facts": {name: fact[:LONGEST_TEXT] for name, fact in told(status, settings).items()},
     }
     return {name: _plain(value) for name, value in (asdict(status.tick) | about).items()}
 

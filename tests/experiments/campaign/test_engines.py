@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from circnav_mav.emulator.sensor import RangeSensor
-from circnav_mav.emulator.world import Air, TargetMotion
+from circnav_mav.emulator.world import Air, target_at
 from circnav_mav.experiments.campaign.figures import row
 from circnav_mav.experiments.campaign.file import load_campaign
 from circnav_mav.experiments.campaign.flights import emulated_radio, emulated_world, fly_batch
@@ -98,8 +98,8 @@ def test_targets_are_where_the_emulator_has_them(write):
     start = world.p
     for _ in range(800):
         world.step(0.05, np.zeros(4), np.zeros(4))
-    moved = [TargetMotion(run.vehicle.target).at(40.0)[1::-1] for run in runs]
-    first = [TargetMotion(run.vehicle.target).at(0.0)[1::-1] for run in runs]
+    moved = [target_at(run.vehicle.target, 40.0)[1::-1] for run in runs]
+    first = [target_at(run.vehicle.target, 0.0)[1::-1] for run in runs]
     assert start - world.p == pytest.approx(np.array(moved).T - np.array(first).T, abs=0.02)
 
 
