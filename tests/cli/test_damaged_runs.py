@@ -3,7 +3,6 @@
 import json
 import os
 import re
-import subprocess
 import sys
 from pathlib import Path
 
@@ -13,8 +12,8 @@ from circnav_mav.runlog.ticks import read_truth
 from circnav_mav.runlog.tlog import read_tlog
 from tests.cli.test_verdict import FIGURES, PLACE, SUMMARY
 from tests.flight.recorded import EPOCH_US
-from tests.process import ROOT
 
+pytestmark = pytest.mark.usefixtures("no_pictures")
 COMMANDS = ("report", "export --mcap", "replay")
 
 
@@ -88,7 +87,6 @@ def page_with(told, run, summary):
     return (run / "report.html").read_text().partition('<div class="outcome')[2]
 
 
-@pytest.mark.usefixtures("no_pictures")
 @pytest.mark.parametrize(
     "changed",
     [
@@ -105,13 +103,11 @@ def test_a_summary_with_a_value_of_another_kind_is_told_with_what_was_recorded(t
     assert "600 accepted" in page_with(told, run, json.dumps(SUMMARY | changed))
 
 
-@pytest.mark.usefixtures("no_pictures")
 @pytest.mark.parametrize("text", ["", "{", "[]", "{}", "[" * 100_000, "null"], ids=range(6))
 def test_a_summary_that_a_full_disk_left_half_written_is_no_obstacle(told, run, text):
     assert "no whole summary.json: the figures are of what was recorded" in page_with(told, run, text)
 
 
-@pytest.mark.usefixtures("no_pictures")
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_manifest_with_values_of_another_kind_is_unknown_there(told, with_manifest, command):
     with_manifest(autopilot="x", seeds=[1], versions=None, exit="y", mission=5, outcome=5, reason=[])
@@ -155,7 +151,6 @@ def spoil_check(log):
     spoil(log, records(log)[heard] + 8 + 10, b"\xaa\x55")
 
 
-@pytest.mark.usefixtures("no_pictures")
 def test_a_log_that_was_cut_is_compared_up_to_there_and_called_cut(told, run):
     log = run / "flight.tlog"
     third = records(log)[len(records(log)) // 3]
@@ -176,7 +171,6 @@ def test_a_log_that_ends_between_two_frames_is_not_called_the_same_to_the_end(to
     assert "byte for byte the same up to" in out
 
 
-@pytest.mark.usefixtures("no_pictures")
 def test_zeros_in_a_log_are_told_with_their_place_and_what_is_behind_them_is_in_the_report(told, run):
     newest = read_truth(run, EPOCH_US).time[-1]
     middle = records(run / "flight.tlog")[len(records(run / "flight.tlog")) // 2]
@@ -233,16 +227,16 @@ def test_a_log_of_which_every_stamp_is_wild_is_none(circnav, log):
 # --- names ---
 
 
-def test_a_folder_whose_name_is_no_utf_8_is_told_of_all_the_same(run, with_manifest, tmp_path):
-    """In a process of its own: pytest's own streams bear every name."""
+def test_a_folder_whose_name_is_no_utf_8_is_told_of_all_the_same(circnav, run, with_manifest, tmp_path, monkeypatch):
+    """On an output that bears no other name, as a terminal's: pytest's own streams bear every one."""
     with_manifest(mission="")
     odd = run.rename(Path(os.fsdecode(os.fsencode(tmp_path) + b"/bad\xff\xfename")))
     for command in (["report", odd], ["replay", odd, "--out", odd / "what-if"]):
-        ran = subprocess.run(
-            [sys.executable, "-m", "circnav_mav", *command], capture_output=True, text=True, check=False,
-            env={"PYTHONPATH": str(ROOT), "PATH": "/bin", "PYTHONIOENCODING": "utf-8:strict"},
-        )  # fmt: skip
-        assert (ran.returncode, ran.stderr) == (0, "")
+        with (tmp_path / "out").open("w", encoding="utf-8", errors="strict") as strict:
+            monkeypatch.setattr(sys, "stdout", strict)
+            assert circnav(*command).done == ""
+            sys.stdout.flush()
+        assert "bad\\udcff\\udcfename" in (tmp_path / "out").read_text(encoding="utf-8")
 
 
 def test_a_name_that_no_font_of_the_pictures_has_is_no_noise(circnav, run, tmp_path, recwarn):
