@@ -1,6 +1,7 @@
 """How setpoints flow: every range is answered at once, a tick follows, and the rest of our talk goes beside them."""
 
 import itertools
+from functools import cache
 
 import pytest
 
@@ -17,6 +18,7 @@ def gaps(times: list[float]) -> list[float]:
     return [after - before for before, after in itertools.pairwise(times)]
 
 
+@cache
 def flown(hz: float) -> Flight:
     return flight("quickstart", "limits.duration_s=20.0", *rates(hz)).fly(20.0)
 
