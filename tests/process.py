@@ -20,9 +20,18 @@ UNHURRIED = ("--set", "limits.stale_s=3.0", "--set", "limits.round_trip_s=5.0")
 """What lets a vehicle or a radio that stood still for a moment pass where it is not judged how late they are."""
 
 
-def circnav(*arguments: str) -> subprocess.Popen[str]:
-    """Start it; what it prints and its errors can be read."""
-    return python("-m", "circnav_mav", *arguments)
+UNDRAWN = """
+import importlib
+from circnav_mav.cli import main
+importlib.import_module("circnav_mav.cli.fly").draw_flight = lambda folder: []
+main()
+"""
+
+
+def circnav(*arguments: str, drawn: bool = True) -> subprocess.Popen[str]:
+    """Start it; what it prints and its errors can be read. drawn: whether a flight ends with its pictures, which take a
+    process some seconds."""
+    return python(*(("-m", "circnav_mav") if drawn else ("-c", UNDRAWN)), *arguments)
 
 
 def python(

@@ -91,7 +91,7 @@ def test_tlog_opens_in_the_standard_reader_with_both_directions(run: tuple[Path,
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_signal_leaves_a_safe_setpoint_closes_the_files_and_exits_130(number: signal.Signals, tmp_path: Path) -> None:
     folder = tmp_path / "run"
-    process = circnav("fly", QUICKSTART, "--speed", "5", "--out", str(folder))
+    process = circnav("fly", QUICKSTART, "--speed", "5", "--out", str(folder), drawn=False)
     read_until(process, "engaged")
     process.send_signal(number)
     process.communicate(timeout=PATIENCE)

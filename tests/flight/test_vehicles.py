@@ -40,7 +40,7 @@ def begun(mission: str) -> Flight:
 def test_vehicle_holds_the_circle_to_two_percent_counterclockwise_with_a_quiet_turn(mission: str, most: float) -> None:
     """most: standard deviation of the turn command, deg/s; the turn itself is 5 .. 13. The other vehicles:
     tests/firmware/test_emulated.py; clockwise: test_ringing.py."""
-    flown = flight(mission, 'orbit.direction="counterclockwise"', "limits.duration_s=120.0", law="auto").fly(200)
+    flown = flight(mission, 'orbit.direction="counterclockwise"', "limits.duration_s=90.0", law="auto").fly(200)
     radius = flown.pilot.settings.orbit.radius
     assert flown.outcome.ending is Ending.COMPLETED
     assert rms_error(last_third(flown), radius) < 0.02 * radius

@@ -80,7 +80,7 @@ def test_a_flight_that_goes_well_raises_no_alarm_tells_its_rates_and_counts_from
 
 
 def test_why_this_law_flies_is_told_while_it_steers_and_no_longer(statuses):
-    told = statuses(9.0, 'guidance.law="auto"', event="takeover")
+    told = statuses(9.0, event="takeover", law="auto")
     assert {bool(status.why) for status in during(told, "engaged")} == {True}
     assert {status.why for status in told if status.tick.law == ""} == {""}
     assert told[-1].tick.law == ""
@@ -102,7 +102,7 @@ def test_ranges_that_are_refused_are_counted_by_reason_and_those_of_an_outage_or
 
 
 def test_a_dry_run_would_steer_without_the_mode(statuses):
-    dry = statuses(6.0, output_mode=OutputMode.DRY_RUN)[-1]
+    dry = statuses(6.0, output=OutputMode.DRY_RUN)[-1]
     assert (dry.phase, dry.setpoints) == ("would steer", 0)
     shown = "\n".join(drawn(dry, settings=replace(SETTINGS, output_mode=OutputMode.DRY_RUN)))
     assert "DRY RUN: no setpoint" in shown
