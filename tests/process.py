@@ -5,7 +5,8 @@ import os
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -63,6 +64,14 @@ def read_until(process: subprocess.Popen[str], words: str) -> str:
         if words in said:
             return said
     raise AssertionError(f"{words!r} not in {said!r}")
+
+
+def until(condition: Callable[[], bool]) -> None:
+    """Wait for it; fails when it never comes true."""
+    end = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.05)
 
 
 FIRST, COUNT = 10_000, 2_000
