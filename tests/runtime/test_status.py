@@ -79,13 +79,6 @@ def test_a_flight_that_goes_well_raises_no_alarm_tells_its_rates_and_counts_from
     assert [status.time - status.flown for status in flown] == pytest.approx([engaged] * len(flown))
 
 
-def test_why_this_law_flies_is_told_while_it_steers_and_no_longer(statuses):
-    told = statuses(9.0, event="takeover", law="auto")
-    assert {bool(status.why) for status in during(told, "engaged")} == {True}
-    assert {status.why for status in told if status.tick.law == ""} == {""}
-    assert told[-1].tick.law == ""
-
-
 def test_ranges_that_are_refused_are_counted_by_reason_and_those_of_an_outage_or_of_others_not_at_all(statuses):
     """PX4 repeats what the radio says under its own id."""
     rejecting = statuses(8.0, "ranging.max_range_m=50.0")[-1]
@@ -101,7 +94,11 @@ def test_ranges_that_are_refused_are_counted_by_reason_and_those_of_an_outage_or
     assert flown.ticks[-1].rejected == sum(status.rejected.values())
 
 
-def test_a_dry_run_would_steer_without_the_mode(statuses):
+def test_a_dry_run_would_steer_without_the_mode_and_why_a_law_flies_is_told_while_it_steers_and_no_longer(statuses):
+    told = statuses(9.0, event="takeover", law="auto")
+    assert {bool(status.why) for status in during(told, "engaged")} == {True}
+    assert {status.why for status in told if status.tick.law == ""} == {""}
+    assert told[-1].tick.law == ""
     dry = statuses(6.0, output=OutputMode.DRY_RUN)[-1]
     assert (dry.phase, dry.setpoints) == ("would steer", 0)
     shown = "\n".join(drawn(dry, settings=replace(SETTINGS, output_mode=OutputMode.DRY_RUN)))
