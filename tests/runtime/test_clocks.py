@@ -109,14 +109,11 @@ def lateness(seed):
     return lambda: draw.expovariate(1 / 0.05)
 
 
-def test_before_the_first_boot_time_it_is_the_local_clock(autopilot):
+@pytest.mark.parametrize("speed", [0.2, 1.0, 5.0])
+def test_before_the_first_boot_time_it_is_the_local_clock_and_one_a_second_is_enough(autopilot, speed):
+    """SYSTEM_TIME alone, before ATTITUDE was asked for."""
     assert autopilot.silent(3.0) == pytest.approx(3.0)
     assert autopilot.clock.until(4.0) == pytest.approx(1.0)
-
-
-@pytest.mark.parametrize("speed", [0.2, 1.0, 5.0])
-def test_a_boot_time_once_a_second_is_enough(autopilot, speed):
-    """SYSTEM_TIME alone, before ATTITUDE was asked for."""
     autopilot.speed = speed
     autopilot.run(15.0, every=1.0)
     assert autopilot.run(20.0, every=1.0) == pytest.approx(20.0 * speed, rel=0.02)

@@ -122,16 +122,13 @@ def test_a_clock_that_is_set_forth_is_followed_and_one_set_back_is_not(path: Pat
     assert seen == [0.0, 3600.0, 3600.0, 3600.0]
 
 
-@pytest.mark.parametrize("text", ["", "soon", "-5", "1.5", str(2**48), 5000 * "9", "\xff"])
-def test_a_damaged_timestamp_is_refused_in_one_line(path: Path, text: str) -> None:
-    path.write_text(text, encoding="latin-1")
-    with pytest.raises(KeyFileError, match=f"^{path}: "):
-        Flight(path)
-
-
-def test_a_folder_that_cannot_be_written_is_refused_before_the_flight(tmp_path: Path) -> None:
+def test_a_damaged_timestamp_and_a_folder_that_cannot_be_written_are_refused_in_one_line(path: Path) -> None:
+    for text in ("", "soon", "-5", "1.5", str(2**48), 5000 * "9", "\xff"):
+        path.write_text(text, encoding="latin-1")
+        with pytest.raises(KeyFileError, match=f"^{path}: "):
+            Flight(path)
     with pytest.raises(KeyFileError, match="cannot be written"):
-        Flight(tmp_path / "gone" / "drone.key.timestamp")
+        Flight(path.parent / "gone" / "drone.key.timestamp")
 
 
 def test_a_disk_that_fails_in_flight_is_noted_and_stops_nothing(path: Path) -> None:
