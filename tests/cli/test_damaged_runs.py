@@ -70,9 +70,10 @@ def test_ticks_whose_times_make_no_sense_are_refused_with_their_line(told, run, 
 
 
 def test_a_number_that_no_flight_has_is_unknown(told, run):
-    with_cells(run, -1, accepted="1e308", rejected="1e308", r="1e308", measured="1e308", nis="1e308", turn_rate="1e308")
-    with_cells(run, -2, accepted="", measured="nan", turn_rate="inf")
-    assert told("report").done
+    too_large = dict.fromkeys(("accepted", "rejected", "r", "measured", "nis", "turn_rate"), "1e308")
+    for cells in (too_large, too_large | {"accepted": "", "measured": "nan", "turn_rate": "inf"}):
+        with_cells(run, -1, **cells)
+        assert told("report").done
 
 
 def page_with(told, run, summary):
