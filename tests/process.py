@@ -5,7 +5,8 @@ import os
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -20,9 +21,18 @@ UNHURRIED = ("--set", "limits.stale_s=3.0", "--set", "limits.round_trip_s=5.0")
 """What lets a vehicle or a radio that stood still for a moment pass where it is not judged how late they are."""
 
 
-def circnav(*arguments: str) -> subprocess.Popen[str]:
-    """Start it; what it prints and its errors can be read."""
-    return python("-m", "circnav_mav", *arguments)
+UNDRAWN = """
+import importlib
+from circnav_mav.cli import main
+importlib.import_module("circnav_mav.cli.fly").draw_flight = lambda folder: []
+main()
+"""
+
+
+def circnav(*arguments: str, drawn: bool = True) -> subprocess.Popen[str]:
+    """Start it; what it prints and its errors can be read. drawn: whether a flight ends with its pictures, which take a
+    process some seconds."""
+    return python(*(("-m", "circnav_mav") if drawn else ("-c", UNDRAWN)), *arguments)
 
 
 def python(
@@ -54,6 +64,14 @@ def read_until(process: subprocess.Popen[str], words: str) -> str:
         if words in said:
             return said
     raise AssertionError(f"{words!r} not in {said!r}")
+
+
+def until(condition: Callable[[], bool]) -> None:
+    """Wait for it; fails when it never comes true."""
+    end = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.05)
 
 
 FIRST, COUNT = 10_000, 2_000

@@ -45,7 +45,7 @@ def test_a_picture_that_cannot_be_made_costs_one_line(fly, tmp_path):
 @pytest.mark.usefixtures("undrawn")
 def test_a_map_of_the_target_that_cannot_be_written_is_told_and_counts_as_not_recorded(circnav, tmp_path):
     (tmp_path / "run" / "target.geojson").mkdir(parents=True)
-    surveyed = ("--set", "locate.enabled=true", "--duration", 45)
+    surveyed = ("--set", "locate.enabled=true", "--set", 'guidance.law="smooth"', "--duration", 45)
     ran = circnav("fly", "quickstart", *surveyed, "--out", tmp_path / "run")
     assert (ran.code, ran.err) == (5, "")
     assert "WARNING    target.geojson cannot be written: Is a directory\n" in ran.out

@@ -61,7 +61,11 @@ def test_ticks_truth_and_events_come_back_at_the_times_of_the_flight(exported, r
     assert {("phase", "engaged"), ("mode", "GUIDED"), ("circnav says", "engaged, 100 m clockwise")} <= set(log)
 
 
-def test_the_mission_and_the_manifest_travel_along(circnav, flown, tmp_path):
+def test_the_mission_and_the_manifest_travel_along_and_a_place_that_cannot_be_written_is_named(
+    circnav, flown, tmp_path
+):
+    place = tmp_path / "no" / "x.mcap"
+    assert circnav("export", flown, "--mcap", place).refused == f"{place}: No such file or directory"
     assert circnav("export", flown, "--mcap", tmp_path / "x.mcap").done
     with (tmp_path / "x.mcap").open("rb") as file:
         read = reader.make_reader(file)
@@ -107,17 +111,17 @@ def test_the_scene_is_the_flight_seen_from_the_beacon_east_north_up(exported):
     assert {one.frame_id for one in entities.values()} == {"beacon"}
 
 
-def test_a_text_that_came_in_chunks_is_one_line_of_the_log(exported, run):
+def test_a_position_that_the_vehicle_reports_is_a_fix_on_the_map_and_a_text_in_chunks_one_line_of_the_log(
+    exported, run
+):
     whole = "EKF3 lane switch 1, " * 6
     parts = [whole[50 * chunk : 50 * chunk + 50].encode() for chunk in range(3)]
-    heard_late(run, *(mavlink.MAVLink_statustext_message(3, text, 7, chunk) for chunk, text in enumerate(parts)))
-    said = [row for _, row, _ in exported()["/events"] if row.name == "vehicle says" and "EKF3" in row.message]
+    here = mavlink.MAVLink_global_position_int_message(1000, 473977420, 85455940, 488000, 0, 0, 0, 0, 0)
+    heard_late(run, here, *(mavlink.MAVLink_statustext_message(3, text, 7, at) for at, text in enumerate(parts)))
+    found = exported()
+    said = [row for _, row, _ in found["/events"] if row.name == "vehicle says" and "EKF3" in row.message]
     assert [(row.message, row.level) for row in said] == [(whole, 4)]  # ERROR
-
-
-def test_a_position_that_the_vehicle_reports_is_a_fix_on_the_map(exported, run):
-    heard_late(run, mavlink.MAVLink_global_position_int_message(1000, 473977420, 85455940, 488000, 0, 0, 0, 0, 0))
-    ((at, fix, _),) = exported()["/fix"]
+    ((at, fix, _),) = found["/fix"]
     assert (fix.latitude, fix.longitude, fix.altitude) == pytest.approx((47.3977420, 8.5455940, 488.0))
     assert at == (EPOCH_US + 19_000_000) * 1000
 
@@ -126,21 +130,13 @@ PLACE = {"latitude_deg": -35.3632621, "longitude_deg": 149.1652374, "altitude_m"
          "moves": False, "speed_mps": 0.0, "course_deg": None}  # fmt: skip
 
 
-def test_the_surveyed_place_of_the_target_is_a_fix_on_the_map(exported, run):
+def test_the_surveyed_place_of_the_target_is_a_fix_on_the_map_and_one_that_was_damaged_is_left_out(exported, run):
+    for wrong in ("latitude_deg", "sigma_m", "time_s"):
+        (run / "summary.json").write_text(json.dumps({"place": PLACE | {wrong: "no number"}}))
+        assert "/target" not in exported()
     (run / "summary.json").write_text(json.dumps({"place": PLACE}))
     ((at, fix, schema),) = exported()["/target"]
     assert schema.name == "foxglove.LocationFix"
     assert (fix.latitude, fix.longitude) == (-35.3632621, 149.1652374)
     assert list(fix.position_covariance) == [2.25, 0, 0, 0, 2.25, 0, 0, 0, 0]
     assert at == (EPOCH_US + 18_000_000) * 1000
-
-
-@pytest.mark.parametrize("wrong", ["latitude_deg", "sigma_m", "time_s"])
-def test_a_place_that_was_damaged_is_left_out(exported, run, wrong):
-    (run / "summary.json").write_text(json.dumps({"place": PLACE | {wrong: "no number"}}))
-    assert "/target" not in exported()
-
-
-def test_a_place_that_cannot_be_written_is_named(circnav, flown, tmp_path):
-    place = tmp_path / "no" / "x.mcap"
-    assert circnav("export", flown, "--mcap", place).refused == f"{place}: No such file or directory"

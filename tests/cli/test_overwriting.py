@@ -13,14 +13,11 @@ def contents(folder):
     return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
 
 
-def test_a_replay_is_not_written_over_a_recorded_flight(circnav, flown):
+def test_a_replay_is_written_over_an_earlier_one_and_over_no_flight_and_no_other_ticks(circnav, flown, tmp_path):
     before = contents(flown)
     line = circnav("replay", flown, "--out", flown).refused
     assert line == f"--out {flown}: holds a recorded flight, name another folder for the replay"
     assert contents(flown) == before
-
-
-def test_a_replay_is_written_over_an_earlier_one_and_over_no_other_ticks(circnav, flown, tmp_path):
     for _ in range(2):
         assert circnav("replay", flown, "--out", tmp_path / "what-if").done
     (tmp_path / "kept").mkdir()
@@ -29,17 +26,15 @@ def test_a_replay_is_written_over_an_earlier_one_and_over_no_other_ticks(circnav
     assert contents(tmp_path / "kept") == {"ticks.csv": b"mine"}
 
 
-def test_an_export_is_written_over_nothing_that_is_no_export(circnav, run):
+def test_an_export_is_written_over_nothing_that_is_no_export_and_one_that_fails_leaves_the_earlier_one_whole(
+    circnav, run, monkeypatch
+):
     pytest.importorskip("mcap", reason="needs the extra [mcap]")
     before = contents(run)
     line = circnav("export", run, "--mcap", run / "mission.toml").refused
     assert line == f"--mcap {run / 'mission.toml'}: is there and no MCAP file, name another"
     assert "is there and no file" in circnav("export", run, "--mcap", "/dev/null").refused
     assert contents(run) == before
-
-
-def test_an_export_that_fails_leaves_the_earlier_one_whole(circnav, run, monkeypatch):
-    pytest.importorskip("mcap", reason="needs the extra [mcap]")
     for _ in range(2):
         assert circnav("export", run, "--mcap").done
     before = contents(run)
@@ -52,20 +47,22 @@ def test_an_export_that_fails_leaves_the_earlier_one_whole(circnav, run, monkeyp
     assert contents(run) == before
 
 
-@pytest.mark.parametrize("name", ["flight.tlog", "summary.json", "ticks.csv", "turns.csv", "manifest.json"])
-def test_what_is_left_of_a_flight_is_not_mixed_with_another(circnav, mission, tmp_path, name):
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        *((name, f"{name} already") for name in ("flight.tlog", "summary.json", "ticks.csv", "turns.csv")),
+        ("manifest.json", "manifest.json already"),
+        ("mission.toml", "a mission.toml that is not as flown"),
+    ],
+)
+def test_what_is_left_of_a_flight_or_is_the_persons_own_is_not_mixed_with_another_flight(
+    circnav, mission, tmp_path, name, says
+):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / name).write_text("{}")
-    line = circnav("fly", mission, "--out", tmp_path / "out").refused
-    assert line == f"--out {tmp_path / 'out'}: holds {name} already, name another folder"
+    line = circnav("fly", mission, "--set", "orbit.radius_m=80.0", "--out", tmp_path / "out").refused
+    assert line == f"--out {tmp_path / 'out'}: holds {says}, name another folder"
     assert contents(tmp_path / "out") == {name: b"{}"}
-
-
-def test_a_mission_file_of_the_persons_own_is_not_rewritten_by_its_flight(circnav, mission):
-    before = contents(mission.parent)
-    line = circnav("fly", mission, "--set", "orbit.radius_m=80.0", "--out", mission.parent).refused
-    assert line == f"--out {mission.parent}: holds a mission.toml that is not as flown, name another folder"
-    assert contents(mission.parent) == before
 
 
 def test_of_two_flights_that_begin_at_once_one_has_the_folder(tmp_path):

@@ -14,12 +14,9 @@ from circnav_mav.cli.init import schema_text
 TOML = [*CONFIG.glob("*.toml"), *(CONFIG / "campaigns").glob("*.toml")]
 
 
-@pytest.mark.parametrize("name", ["quickstart", "px4-copter", "px4_copter", "plane", "ArduPlane"])
-def test_a_bundled_mission_goes_by_its_name_in_any_folder(circnav, name):
-    assert circnav("check", name).done
-
-
-def test_a_file_of_ones_own_comes_before_a_bundled_name(circnav, tmp_path):
+def test_a_bundled_mission_goes_by_its_name_in_any_folder_and_a_file_of_ones_own_comes_before_it(circnav, tmp_path):
+    for name in ("quickstart", "px4-copter", "px4_copter", "plane", "ArduPlane"):
+        assert circnav("check", name).done
     (tmp_path / "quickstart").write_text("name = 3")
     assert circnav("check", "quickstart").refused.startswith("quickstart: name: ")
 
@@ -45,9 +42,11 @@ def test_init_overwrites_nothing(circnav, tmp_path):
     assert [(tmp_path / name).read_text() for name in ("plane.toml", "mission.schema.json")] == ["mine", "mine too"]
 
 
-def test_the_schemas_that_ship_are_those_that_are_printed(circnav):
+def test_the_schemas_that_ship_are_those_that_are_printed_with_the_bounds_that_the_vehicle_keeps(circnav):
     for kind in ("mission", "campaign"):
         assert circnav("schema", kind).out == (CONFIG / f"{kind}.schema.json").read_text()
+    vehicle = json.loads(schema_text("mission"))["definitions"]["Airframe"]["properties"]
+    assert vehicle["max_bank_deg"] == {"type": "number", "exclusiveMinimum": 0.0, "maximum": 80.0}
 
 
 @pytest.mark.parametrize("path", TOML, ids=lambda path: path.stem)
@@ -73,18 +72,9 @@ def keeps_to(schema, value, root) -> None:
             keeps_to(schema["properties"][key], inner, root)
 
 
-def test_the_schema_of_the_vehicle_has_the_bounds_that_the_vehicle_keeps():
-    vehicle = json.loads(schema_text("mission"))["definitions"]["Airframe"]["properties"]
-    bank = vehicle["max_bank_deg"]
-    assert bank == {"type": "number", "exclusiveMinimum": 0.0, "maximum": 80.0}
-
-
-@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_a_shell_is_told_how_to_complete(circnav, shell):
-    assert f"_CIRCNAV_COMPLETE={shell}_complete" in circnav("completion", shell).done
-
-
-def test_a_shell_completes_bundled_missions(circnav, monkeypatch):
+def test_a_shell_is_told_how_to_complete_and_completes_bundled_missions(circnav, monkeypatch):
+    for shell in ("bash", "zsh", "fish"):
+        assert f"_CIRCNAV_COMPLETE={shell}_complete" in circnav("completion", shell).done
     for name, value in (("_CIRCNAV_COMPLETE", "bash_complete"), ("COMP_WORDS", "circnav fly px4"), ("COMP_CWORD", "2")):
         monkeypatch.setenv(name, value)
     assert circnav().out.split() == ["file,px4", "plain,px4-copter", "plain,px4-plane", "plain,px4-plane-attitude"]

@@ -70,17 +70,15 @@ def test_it_is_one_line_and_nothing_is_written(circnav, mission, busy_port, comm
     assert list(mission.parent.iterdir()) == [mission]
 
 
-def test_an_interrupt_is_exit_code_130(circnav, monkeypatch):
+def test_usage_that_the_parser_refuses_is_exit_code_2_and_an_interrupt_130(circnav, monkeypatch):
+    for arguments in ("fligh", "fly", "check a.toml b.toml", "fly quickstart --speed fast"):
+        ran = circnav(*arguments.split())
+        assert ran.code == 2
+        assert "Error: " in ran.err
+        assert "Traceback" not in ran.err
+
     def interrupted(shell):
         raise KeyboardInterrupt
 
     monkeypatch.setattr("click.shell_completion.get_completion_class", interrupted)
     assert circnav("completion", "bash").code == 130
-
-
-@pytest.mark.parametrize("arguments", ["fligh", "fly", "check a.toml b.toml", "fly quickstart --speed fast"])
-def test_usage_that_the_parser_refuses_is_exit_code_2(circnav, arguments):
-    ran = circnav(*arguments.split())
-    assert ran.code == 2
-    assert "Error: " in ran.err
-    assert "Traceback" not in ran.err

@@ -2,7 +2,6 @@
 
 from math import nan
 
-import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from sim.faults.frames import write
@@ -24,24 +23,18 @@ def attitude(q: tuple[float, ...]) -> bytes:
     return write(mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 0xC6, q, 0.0, 0.0, 0.0, 0.0), 1, 191)
 
 
-def test_setpoints_within_the_limits_break_no_rule() -> None:
+def test_setpoints_within_the_limits_break_no_rule_and_one_beyond_a_limit_is_named() -> None:
     for frame in (velocity(), attitude(LEVEL)):
         assert is_setpoint(frame)
         assert broken_rule(frame, ALLOWED) is None
-
-
-@pytest.mark.parametrize(
-    ("frame", "words"),
-    [
+    for frame, words in (
         (velocity(forward=10.1), "forward"),
         (velocity(yaw_rate=-0.51), "yaw rate"),
         (velocity(climb=2.0), "climb"),
         (velocity(yaw_rate=nan), "not finite"),
         (attitude(BANKED), "bank"),
-    ],
-)
-def test_setpoint_beyond_a_limit_is_named(frame: bytes, words: str) -> None:
-    assert words in (broken_rule(frame, ALLOWED) or "")
+    ):
+        assert words in (broken_rule(frame, ALLOWED) or "")
 
 
 def test_a_safe_setpoint_turns_nowhere() -> None:
@@ -54,8 +47,9 @@ def test_a_safe_setpoint_turns_nowhere() -> None:
 def test_the_witness_sees_the_vehicle_taken_and_given_back_and_believes_nobody_else() -> None:
     witness = Witness("arducopter")
 
-    def beat(mode: int, armed: int = 128, system: int = 1) -> None:
-        witness.hear(write(mavlink.MAVLink_heartbeat_message(2, 3, 1 | armed, mode, 4, 3), system, 1))
+    def beat(mode: int, armed: int = 128, system: int = 1, *, waited: bool = False) -> None:
+        frame = write(mavlink.MAVLink_heartbeat_message(2, 3, 1 | armed, mode, 4, 3), system, 1)
+        witness.hear(frame, waited=waited)
 
     beat(5)
     assert not witness.taken, "it was never ours"
@@ -68,13 +62,8 @@ def test_the_witness_sees_the_vehicle_taken_and_given_back_and_believes_nobody_e
     assert not witness.taken
     beat(4, armed=0)
     assert witness.taken
-
-
-def test_the_witness_takes_nothing_that_waited_for_a_proof() -> None:
-    witness = Witness("arducopter")
-    frame = write(mavlink.MAVLink_heartbeat_message(2, 3, 129, 4, 4, 3), 1, 1)
     witness.stood_still()
-    witness.hear(frame, waited=True)
-    assert witness.unproved
-    witness.hear(frame)
+    beat(4, waited=True)
+    assert witness.unproved, "what waited is no proof"
+    beat(4)
     assert not witness.unproved

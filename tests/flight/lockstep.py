@@ -11,7 +11,7 @@ from pathlib import Path
 
 from circnav_mav.mav.signing import Signing
 from circnav_mav.mission.load import load_mission
-from circnav_mav.pilot import VEHICLE, Outcome, Pilot, TickRecord
+from circnav_mav.pilot import VEHICLE, Outcome, OutputMode, Pilot, TickRecord
 from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.runtime.links import Link
 from circnav_mav.runtime.lockstep import Lockstep
@@ -126,14 +126,14 @@ def through(pipe: Pipe | None, data: list[bytes], now: float) -> list[bytes]:
     return pipe.take(now)
 
 
-def flight(mission: str, *overrides: str, law: str | None = None) -> Flight:
+def flight(mission: str, *overrides: str, law: str | None = None, output: OutputMode = OutputMode.FLY) -> Flight:
     """A flight of a file in config/, ready to go. Where a mission says "auto" and no law is named, it flies `smooth`:
     what is tested then does not depend on the law, and costs a fifth of the time."""
     loaded = load_mission(CONFIG / f"{mission}.toml", overrides)
     if law is not None or loaded.file.guidance.law == "auto":
         loaded = load_mission(CONFIG / f"{mission}.toml", (*overrides, f'guidance.law="{law or "smooth"}"'))
     assert loaded.file.sim is not None
-    return Flight(Pilot(loaded.pilot_settings()), Vehicle(parse_vehicle(loaded.file.sim, mission)))
+    return Flight(Pilot(loaded.pilot_settings(output)), Vehicle(parse_vehicle(loaded.file.sim, mission)))
 
 
 def message_ids(data: bytes) -> list[int]:

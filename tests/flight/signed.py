@@ -5,11 +5,8 @@ from pathlib import Path
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.mav.signing import Signing
-from circnav_mav.mission.load import load_mission
 from circnav_mav.pilot import Pilot
-from sim.config import parse_vehicle
-from sim.vehicle import Vehicle
-from tests.flight.lockstep import CONFIG, Flight
+from tests.flight.lockstep import Flight, flight
 
 KEY, OTHER = bytes(range(32)), bytes(range(1, 33))
 
@@ -41,11 +38,8 @@ def signed_flight(
     vehicle_clock: float | None = 0.0,
 ) -> Flight:
     """A flight of a file in config/, ready to go: our key and that of vehicle and radio, None for none."""
-    loaded = load_mission(CONFIG / f"{mission}.toml", ('guidance.law="smooth"', *overrides))
-    assert loaded.file.sim is not None
-    table = dict(loaded.file.sim)
     if theirs is not None:
-        table["signing"] = {"key_file": str(key_file(folder, theirs, "vehicle.key"))}
+        overrides = (*overrides, f"sim.signing.key_file={key_file(folder, theirs, 'vehicle.key')}")
+    made = flight(mission, *overrides)
     signing = Signing(ours) if ours is not None else None
-    pilot, vehicle = Pilot(loaded.pilot_settings(), signing), Vehicle(parse_vehicle(table, mission))
-    return Flight(pilot, vehicle, signing=signing, vehicle_clock=vehicle_clock)
+    return Flight(Pilot(made.pilot.settings, signing), made.vehicle, signing=signing, vehicle_clock=vehicle_clock)

@@ -25,7 +25,7 @@ def test_a_simulator_three_times_as_fast_is_flown_in_its_own_seconds(port: int, 
         assert vehicle.stdout is not None
         vehicle.stdout.readline()
         overrides = ("--set", 'link.clock="autopilot"', "--duration", "12", "--out", str(tmp_path / "run"))
-        flight = circnav("fly", COPTER, "--endpoint", f"udpout:127.0.0.1:{port}", *overrides)
+        flight = circnav("fly", COPTER, "--endpoint", f"udpout:127.0.0.1:{port}", *overrides, drawn=False)
         assert flight.stdout is not None
         told = [(float(line.split()[0]), time.monotonic()) for line in flight.stdout if "link age" in line]
         _, errors = flight.communicate(timeout=PATIENCE)

@@ -1,8 +1,10 @@
-"""The command line flying as a process; against the emulator as another one, over real UDP sockets."""
+"""The command line flying as a process: its run folder, read and replayed; and how signals and a kill end it."""
 
 import csv
 import json
 import signal
+import subprocess
+import sys
 from math import hypot
 from pathlib import Path
 
@@ -10,6 +12,11 @@ import pytest
 from pymavlink import mavutil
 
 from circnav_mav.locate.place import Plane
+from circnav_mav.mission.load import parse_mission
+from circnav_mav.pilot import Pilot
+from circnav_mav.runlog.loop_steps import recorded_steps
+from circnav_mav.runlog.replay import Replayed, replay
+from circnav_mav.runlog.run_folder import open_run
 from sim.world import HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG
 from tests.process import PATIENCE, QUICKSTART, circnav, read_until
 
@@ -37,10 +44,24 @@ def test_flight_of_the_command_settles_clockwise_and_says_so(run: tuple[Path, st
     assert "rotation clockwise (as desired)" in printed
 
 
-def test_run_folder_holds_everything(run: tuple[Path, str]) -> None:
+def again(folder: Path) -> Replayed:
+    run = open_run(folder)
+    return replay(Pilot(parse_mission(run.mission_text, "mission.toml").pilot_settings()), recorded_steps(folder))
+
+
+def test_run_folder_holds_everything_and_is_replayed_byte_for_byte(run: tuple[Path, str]) -> None:
     names = {path.name for path in run[0].iterdir()}
     assert names >= {"summary.json", "ticks.csv", "flight.tlog", "mission.toml", "flight.png"}
     assert "duration_s = 72" in (run[0] / "mission.toml").read_text()
+    manifest = json.loads((run[0] / "manifest.json").read_text())
+    assert manifest["exit"] == 0
+    assert manifest["autopilot"] == {"system": 1, "component": 1, "name": "ardupilot copter", "firmware": "4.6.3"}
+    assert set(manifest["versions"]) == {"circnav", "python", "pymavlink", "numpy", "filterpy"}
+    assert (manifest["seeds"], manifest["voice"]) == ({"sim": 7}, "fly")
+    done = again(run[0])
+    assert done.identical
+    assert len(done.was_setpoints) > 1000
+    assert done.frames > 1000
 
 
 def test_the_target_was_surveyed_beside_the_flight(run: tuple[Path, str]) -> None:
@@ -70,7 +91,7 @@ def test_tlog_opens_in_the_standard_reader_with_both_directions(run: tuple[Path,
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_signal_leaves_a_safe_setpoint_closes_the_files_and_exits_130(number: signal.Signals, tmp_path: Path) -> None:
     folder = tmp_path / "run"
-    process = circnav("fly", QUICKSTART, "--speed", "5", "--out", str(folder))
+    process = circnav("fly", QUICKSTART, "--speed", "5", "--out", str(folder), drawn=False)
     read_until(process, "engaged")
     process.send_signal(number)
     process.communicate(timeout=PATIENCE)
@@ -86,3 +107,20 @@ def test_signal_leaves_a_safe_setpoint_closes_the_files_and_exits_130(number: si
         setpoints.append((message.vx, message.yaw_rate))
     assert setpoints[-3:] == [(0.0, 0.0)] * 3
     assert setpoints[-4][0] == 15.0
+
+
+def test_a_killed_flight_loses_at_most_its_last_second_and_is_replayed(tmp_path: Path) -> None:
+    process = circnav("fly", QUICKSTART, "--speed", "2", "--out", str(tmp_path))
+    assert process.stdout is not None
+    times = (float(line.split()[0]) for line in process.stdout if " s  " in line and "link age" in line)
+    shown = next(time for time in times if time >= 6)
+    process.send_signal(signal.SIGKILL)
+    process.communicate(timeout=PATIENCE)
+    run, done = open_run(tmp_path), again(tmp_path)
+    assert (run.summary, run.manifest["exit"], done.identical) == ({}, None, True)
+    assert min(run.ticks.time[-1], done.until) > shown - 1.0
+    replayed = subprocess.run(
+        [sys.executable, "-m", "circnav_mav", "replay", str(tmp_path)], capture_output=True, text=True, check=False
+    )
+    assert (replayed.returncode, replayed.stderr) == (0, "")
+    assert "byte for byte the same" in replayed.stdout

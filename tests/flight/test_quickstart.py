@@ -1,8 +1,11 @@
-"""The quickstart mission in lockstep: both senses of rotation, every ranging message."""
+"""The quickstart mission in lockstep: both senses of rotation, every ranging message; and the paper's three examples
+through real MAVLink bytes."""
+
+import itertools
 
 import pytest
 
-from tests.flight.lockstep import clockwise_turns, flight, last_third, rms_error
+from tests.flight.lockstep import clockwise_turns, flight, last_third, mean_radius, rms_error, true_radius
 
 
 def test_switching_law_flies_the_quickstart_circle_despite_noise() -> None:
@@ -36,3 +39,17 @@ def test_ranging_that_arrives_late_and_seldom_still_flies_the_circle() -> None:
     late = ("sim.ranging.latency_s=0.2", "sim.ranging.rate_hz=4.0", "ranging.rate_hz=4.0", "limits.stale_s=1.0")
     flown = flight("quickstart", "limits.duration_s=110", *late).fly(160)
     assert rms_error(last_third(flown), 100.0) < 4.0
+
+
+@pytest.mark.parametrize(("example", "radius", "tolerance"), [(1, 10.987, 0.02), (2, 10.0, 0.02), (3, 10.0, 0.05)])
+def test_example_reaches_the_papers_radius_clockwise_and_enters_the_circle_once(
+    example: int, radius: float, tolerance: float
+) -> None:
+    """From one start; sixty, and two thousand, without MAVLink: tests/experiments, `circnav paper`."""
+    flown = flight(f"paper_example_{example}", "limits.duration_s=120", "sim.seed=1").fly(130)
+    assert flown.outcome.ending.value == "completed"
+    assert mean_radius(last_third(flown)) == pytest.approx(radius, abs=tolerance)
+    assert clockwise_turns(last_third(flown)) > 0.5
+    if example == 1:  # lemma in_C_d_once
+        inside = [true_radius(truth) < 10.0 for truth in flown.truths if truth.time > 2]
+        assert sum(now and not before for before, now in itertools.pairwise(inside)) <= 1

@@ -24,7 +24,7 @@ def busy() -> Iterator[None]:
 
 
 def flown(folder: Path, *options: str) -> tuple[dict[str, object], bytes, bytes]:
-    process = circnav("fly", "quickstart", "--duration", "8", "--out", str(folder), *options)
+    process = circnav("fly", "quickstart", "--duration", "6", "--out", str(folder), *options, drawn=False)
     _, errors = process.communicate(timeout=PATIENCE)
     assert (process.returncode, errors) == (0, "")
     summary = json.loads((folder / "summary.json").read_text())

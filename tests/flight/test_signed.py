@@ -25,7 +25,7 @@ EPOCH = 1_420_070_400
 
 def test_signed_flight_circles_as_asked(tmp_path: Path) -> None:
     flown = signed_flight("arducopter", tmp_path, 'orbit.direction="counterclockwise"', "limits.duration_s=1000.0")
-    flown.fly(100)
+    flown.fly(75)
     assert flown.pilot.phase is Phase.ENGAGED
     assert clockwise_turns(last_third(flown)) < -0.5
     radius = flown.pilot.settings.orbit.radius
@@ -35,47 +35,53 @@ def test_signed_flight_circles_as_asked(tmp_path: Path) -> None:
     assert all(is_signed(frame) for _, data in flown.sent for frame in split_frames(data))
 
 
-def test_px4_is_given_signed_setpoints_before_and_in_offboard(tmp_path: Path) -> None:
-    flown = signed_flight("px4_copter", tmp_path).fly(15)
+APART = ('ranging.endpoint="sim"', 'sim.ranging.via="direct"')
+
+
+@pytest.mark.parametrize(
+    ("mission", "overrides", "clock"),
+    [
+        ("px4_copter", (), 0.0),
+        ("arducopter", APART, 0.0),
+        ("arducopter", (), None),
+        ("arducopter", (), -7200.0),
+        ("arducopter", (), 7200.0),
+    ],
+    ids=["px4, before and in offboard", "ranging apart", "no clock", "2 h behind", "2 h ahead"],
+)
+def test_a_vehicle_with_our_key_is_flown(
+    mission: str, overrides: tuple[str, ...], clock: float | None, tmp_path: Path
+) -> None:
+    """Without GPS an autopilot has no clock; it takes over ours with the first frame of ours that it hears."""
+    flown = signed_flight(mission, tmp_path, *overrides, vehicle_clock=clock).fly(15)
     assert flown.pilot.phase is Phase.ENGAGED
     assert len(flown.vehicle.setpoint_log) > 200
     assert flown.vehicle.refused == 0
 
 
-def test_ranging_endpoint_of_its_own_is_believed_by_the_same_key(tmp_path: Path) -> None:
-    apart = ('ranging.endpoint="sim"', 'sim.ranging.via="direct"')
-    assert signed_flight("arducopter", tmp_path, *apart).fly(20).pilot.phase is Phase.ENGAGED
-    silent = signed_flight("arducopter", tmp_path, *apart, theirs=None).fly(20)
-    assert silent.pilot.setpoints_sent == 0
-
-
 @pytest.mark.parametrize(
-    ("ours", "theirs", "reason"), [(KEY, None, "unsigned"), (KEY, OTHER, "wrong_signature")], ids=["unsigned", "other"]
+    ("ours", "theirs", "overrides", "reason", "told"),
+    [
+        (KEY, None, (), "unsigned", "every frame heard is unsigned or wrongly signed"),
+        (KEY, OTHER, (), "wrong_signature", "every frame heard is unsigned or wrongly signed"),
+        (KEY, None, APART, "unsigned", "every frame heard is unsigned or wrongly signed"),
+        (None, KEY, (), None, "give [signing] key_file"),
+    ],
+    ids=["unsigned", "other", "ranging apart", "we have no key"],
 )
-def test_a_vehicle_without_our_key_is_not_flown(ours: bytes, theirs: bytes | None, reason: str, tmp_path: Path) -> None:
-    flown = signed_flight("arducopter", tmp_path, ours=ours, theirs=theirs).fly(200)
-    outcome = flown.outcome
-    assert outcome is not None
-    assert outcome.ending is Ending.NOTHING_HEARD
-    assert "every frame heard is unsigned or wrongly signed" in outcome.reason
-    assert set(flown.pilot.frames_refused()) == {reason}
-    assert flown.setpoint_times == []
-
-
-def test_a_vehicle_with_a_key_does_not_fly_what_we_send_without_one(tmp_path: Path) -> None:
-    flown = signed_flight("arducopter", tmp_path, ours=None).fly(100)
+def test_a_vehicle_without_our_key_is_not_flown(
+    ours: bytes | None, theirs: bytes | None, overrides: tuple[str, ...], reason: str | None, told: str, tmp_path: Path
+) -> None:
+    wait = "link.wait_s=15.0"
+    flown = signed_flight("arducopter", tmp_path, wait, *overrides, ours=ours, theirs=theirs).fly(100)
+    assert told in flown.outcome.reason
     assert flown.vehicle.setpoint_log == []
-    assert flown.vehicle.refused > 0
-    assert "give [signing] key_file" in flown.outcome.reason
-
-
-@pytest.mark.parametrize("clock", [None, -7200.0, 7200.0], ids=["none", "2 h behind", "2 h ahead"])
-def test_a_vehicle_with_another_clock_or_none_is_flown(clock: float | None, tmp_path: Path) -> None:
-    """Without GPS an autopilot has none; it takes over ours with the first frame of ours that it hears."""
-    flown = signed_flight("arducopter", tmp_path, vehicle_clock=clock).fly(30)
-    assert flown.pilot.phase is Phase.ENGAGED
-    assert flown.pilot.setpoints_sent > 400
-    assert flown.vehicle.refused == 0
+    if reason is None:
+        assert flown.vehicle.refused > 0
+    else:
+        assert flown.outcome.ending is Ending.NOTHING_HEARD
+        assert set(flown.pilot.frames_refused()) == {reason}
+        assert flown.setpoint_times == []
 
 
 def test_an_autopilot_that_reboots_is_believed_again_and_ends_the_mission(tmp_path: Path) -> None:
@@ -119,22 +125,22 @@ def test_the_operator_with_the_key_takes_over_as_ever(tmp_path: Path) -> None:
     assert "operator or failsafe" in flown.outcome.reason
 
 
-# --- over sockets ---
+# --- the command ---
 
 
-def test_signed_flight_over_sockets_settles_and_is_replayed_without_its_key(tmp_path: Path) -> None:
-    """Between two processes; neither key nor signature is in the run folder."""
+def test_a_signed_flight_of_the_command_is_replayed_without_its_key(tmp_path: Path) -> None:
+    """Neither key nor signature is in the run folder. That it circles: above."""
     key, folder = key_file(tmp_path, KEY), tmp_path / "out"
     process = circnav(
-        *("fly", QUICKSTART, "--duration", "45", "--out", str(folder)),
+        *("fly", QUICKSTART, "--duration", "25", "--out", str(folder)),
         *("--set", f"signing.key_file={key}", "--set", f"sim.signing.key_file={key}"),
         *("--set", 'guidance.law="smooth"'),
+        drawn=False,
     )
     _, errors = process.communicate(timeout=PATIENCE)
     assert (process.returncode, errors) == (0, "")
     summary = json.loads((folder / "summary.json").read_text())
-    assert summary["truth"]["direction"] == summary["direction"] == "clockwise"
-    assert summary["truth"]["radius_rms_error_m"] < 5.0
+    assert summary["setpoints_sent"] > 500
     assert set(summary["frames_refused"]) <= {Refusal.REPEATED.value}, "two datagrams that changed places, at most"
     kept = int(key.with_name("drone.key.timestamp").read_text())
     assert abs(EPOCH + kept / 1e5 - key.with_name("drone.key.timestamp").stat().st_mtime) < 15

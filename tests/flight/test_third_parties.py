@@ -4,13 +4,12 @@ import contextlib
 import json
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
-from tests.process import PATIENCE, ROOT, python, read_until, reserved_port, running
+from tests.process import PATIENCE, ROOT, python, read_until, reserved_port, running, until
 
 MAVPROXY = "MAVProxy==1.8.75"
 
@@ -102,10 +101,3 @@ def test_mavsdk_sees_the_px4_copter_and_its_hold_ends_our_flight(stage: Callable
         assert on.verdict(ours) == (4, "OFFBOARD left for AUTO.LOITER: operator or failsafe")
     finally:
         client.destroy()
-
-
-def until(condition: Callable[[], bool], seconds: float = PATIENCE) -> None:
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.05)

@@ -44,8 +44,10 @@ def points(drawn):
 # --- strips ---
 
 
-def test_a_line_leaves_the_frame_as_steep_as_it_is_and_the_frame_cuts_it_off():
+def test_any_line_can_be_drawn_and_leaves_the_frame_as_steep_as_it_is_and_the_frame_cuts_it_off():
     """From 0 to 10 in ten seconds, shown up to 1: it leaves after one second, and is flat nowhere."""
+    for values in ([None, None], [5, 5], [0, 0], [-1e-9, 1e9]):
+        assert not re.search("NaN|Infinity|undefined", strip([0, 1], values, [0, 1])), values
     drawn = strip([0, 10, 20], [0, 10, 10], [0, 20], shown=[-1, 1])
     assert f'<svg x="{LEFT}" y="8" width="{WIDE}" height="{TALL}">' in drawn
     assert points(drawn) == [(0.0, 81.0), (467.0, -729.0), (934.0, -729.0)]
@@ -67,12 +69,7 @@ def test_a_line_is_drawn_as_its_kind(values, chart, kind, drawn):
     assert path(strip(times, values, [0, times[-1]], **chart), f"{kind} estimate") == drawn
 
 
-@pytest.mark.parametrize("values", [[None, None], [5, 5], [0, 0], [-1e-9, 1e9]])
-def test_any_values_can_be_drawn(values):
-    assert not re.search("NaN|Infinity|undefined", strip([0, 1], values, [0, 1]))
-
-
-def test_zoomed_in_a_line_goes_on_to_its_neighbours_outside_and_the_axis_fits_what_is_seen():
+def test_zoomed_in_a_line_goes_on_to_its_neighbours_outside_and_the_axis_fits_what_is_seen_and_is_not_cut_off():
     """0 .. 99 in as many seconds, seen from 40 to 50.5: the values are 40 .. 50, and none above is a number there."""
     drawn = strip(list(range(100)), list(range(100)), [40, 50.5])
     xs = [x for x, _ in points(drawn)]
@@ -80,9 +77,6 @@ def test_zoomed_in_a_line_goes_on_to_its_neighbours_outside_and_the_axis_fits_wh
     assert xs[-1] > WIDE
     heights = [float(n) for n in re.findall(r'text-anchor="end">([\d.]+)<', drawn)]
     assert 39 < min(heights) <= max(heights) < 52
-
-
-def test_the_last_number_of_the_time_axis_is_not_cut_off():
     drawn = strip([0, 36000], [0, 1], [0, 36000])
     (last,) = re.findall(r'<text x="([0-9.]+)" y="[0-9]+" text-anchor="middle">36000</text>', drawn)
     assert float(last) + 2.5 * 6.5 <= WIDTH
@@ -100,11 +94,17 @@ def test_what_a_run_does_not_hold_is_no_chart_and_no_line():
 # --- words over time, and marks ---
 
 
-def test_words_become_one_stretch_each():
+def test_words_become_one_stretch_each_escaped_and_some_have_a_colour_of_their_own_whatever_came_before():
     spans = stretches(np.arange(6.0), ["a", "a", "b", "b", "a", "a"])
     assert spans == [(0.0, 2.0, "a"), (2.0, 4.0, "b"), (4.0, 5.0, "a")]
     drawn = script(f"Charts.band(spans, [0, 5], {WIDTH})", spans=spans)
     assert re.findall('class="stretch (other[01])"', drawn) == ["other0", "other1", "other0"]
+    assert "<i>" not in script(f"Charts.band([[0, 1, '<i>']], [0, 1], {WIDTH})")
+    assert "<" not in as_script({"mode": "</script>"})
+    for words in ("holding", "would hold", "yielded", "GUIDED", "drift"):
+        first, second = script(f"[Charts.colour('{words}'), Charts.colour('{words}', ['x', 'y', '{words}'])]")
+        assert first == second
+        assert not first.startswith("other")
 
 
 def test_takeovers_outages_changes_of_law_and_alarms_are_marked_and_waiting_before_the_flight_is_not():
@@ -120,11 +120,6 @@ def test_takeovers_outages_changes_of_law_and_alarms_are_marked_and_waiting_befo
     drawn = strip([0, 30], [0, 1], [0, 30], marked=marks)
     assert re.findall('class="mark ([a-z]+)"', drawn) == [mark[2] for mark in marks]
     assert "low battery, 12 s" in drawn
-
-
-def test_text_is_escaped():
-    assert "<i>" not in script(f"Charts.band([[0, 1, '<i>']], [0, 1], {WIDTH})")
-    assert "<" not in as_script({"mode": "</script>"})
 
 
 # --- the track ---
@@ -197,10 +192,3 @@ def test_what_was_critical_and_lowered_gains_are_alarms(run_folder):
     ticks.numbers["gain_share"][100:] = 0.7
     happened = [Event(7.0, "vehicle says", "EKF failsafe", severe=True), Event(8.0, "vehicle says", "hello")]
     assert alarms(ticks, happened) == [(50.0, "gains lowered to 70 %: the turn command swings"), (7.0, "EKF failsafe")]
-
-
-@pytest.mark.parametrize("words", ["holding", "would hold", "yielded", "GUIDED", "drift"])
-def test_what_has_a_colour_of_its_own_has_it_whatever_came_before(words):
-    first, second = script(f"[Charts.colour('{words}'), Charts.colour('{words}', ['x', 'y', '{words}'])]")
-    assert first == second
-    assert not first.startswith("other")

@@ -37,14 +37,11 @@ def test_settled_means_the_last_entry_into_five_percent(radius, settled):
     assert metrics.settling_time(column(10, 11, 12, 13, 14), column(*radius), 100.0) == settled
 
 
-@pytest.mark.parametrize(("entered", "settled"), [(60, 60.0), (200, 200.0), (201, None)])
-def test_a_settled_flight_was_within_the_band_through_all_of_the_last_third(entered, settled):
+def test_a_settled_flight_was_within_the_band_through_all_of_the_last_third():
+    """Of the last, +-8 m at 100 m, 40 s a lap, the last entry, 5 s before the end, is no settling."""
     time = np.arange(0.0, 301.0)
-    assert metrics.settled(time, np.where(time < entered, 150.0, 101.0), 100.0) == settled
-
-
-def test_a_flight_that_swings_out_of_the_band_on_every_lap_is_not_settled_by_its_last_entry():
-    """+-8 m at 100 m, 40 s a lap: the last entry, 5 s before the end, is no settling."""
+    for entered, settled in ((60, 60.0), (200, 200.0), (201, None)):
+        assert metrics.settled(time, np.where(time < entered, 150.0, 101.0), 100.0) == settled
     time = np.arange(0.0, 195.0)
     assert metrics.settled(time, 100 - 8 * np.cos(2 * np.pi * time / 40), 100.0) is None
 
@@ -57,13 +54,10 @@ def test_nothing_flown_is_nothing_known():
     assert turn_figures(TIME, np.full_like(TIME, np.nan), ORBIT) is None
 
 
-def test_the_last_third_is_a_third_of_the_time_and_not_of_the_samples():
+def test_the_last_third_is_of_the_time_and_not_of_the_samples_and_the_mean_hides_what_the_rms_error_shows():
     time = column(0, 1, 2, 3, 4, 5, 20, 30)
     assert list(metrics.last_part(time, time)) == [20, 30]
     assert list(metrics.last_part(column(0, 1, 2, 3), column(5, 6, 7, 8))) == [7, 8], "both its ends included"
-
-
-def test_the_mean_hides_what_the_rms_error_shows():
     assert (metrics.mean(column(90, 110)), metrics.rms_error(column(90, 110), 100.0)) == (100.0, 10.0)
 
 
@@ -142,15 +136,10 @@ def test_what_the_circle_itself_asks_for_in_wind_deviates_as_theory_has_it(wind)
         *((needed(wind) + swinging(size, period) + coloured(0.04, 0.5), True)
           for wind in (0.0, 8.0) for size, period in ((0.12, 2.5), (0.3, 1.0), (0.5, 4.6))),
         (from_limit_to_limit(), True),
+        # less than half a lap is too little to name one
+        *((swinging(0.3, 2.0)[: round(laps * 2 * pi * R / V / STEP)], laps > 0.5) for laps in (0.6, 0.49)),
     ],
     ids=lambda value: str(value) if isinstance(value, bool) else "",
 )  # fmt: skip
 def test_a_command_that_rings_is_a_limit_cycle_and_a_busy_or_a_quiet_one_is_none(command, cycles):
-    assert turn_figures(TIME, np.clip(command, -LIMIT, LIMIT), ORBIT).turn_limit_cycle is cycles
-
-
-def test_less_than_half_a_lap_is_too_little_to_name_a_limit_cycle():
-    ringing = swinging(0.3, 2.0)
-    for laps, cycles in ((0.6, True), (0.49, False)):
-        few = slice(0, round(laps * 2 * pi * R / V / STEP))
-        assert turn_figures(TIME[few], ringing[few], ORBIT).turn_limit_cycle is cycles
+    assert turn_figures(TIME[: len(command)], np.clip(command, -LIMIT, LIMIT), ORBIT).turn_limit_cycle is cycles

@@ -133,12 +133,9 @@ def replayed_plain(flown, steps):
     return pilot, replay(pilot, steps, ticking=True)
 
 
-def test_a_plain_tlog_is_replayed_without_timeouts_and_with_all_other_bounds_of_its_mission(flown):
+def test_a_plain_tlog_is_steered_by_its_ranges_without_timeouts_and_our_own_frames_are_left_out(flown):
     timing = without_timeouts(settings_of(flown, "limits.round_trip_s=0.9", "limits.stale_s=0.7")).timing
     assert (timing.round_trip, timing.stale, timing.hold) == (0.9, 0.7, math.inf)
-
-
-def test_a_plain_tlog_is_steered_by_its_ranges_and_our_own_frames_are_left_out(flown):
     pilot, done = replayed_plain(flown, tlog_steps(flown / "flight.tlog", 191))
     assert pilot.engaged_at is not None
     assert pilot.session.ignored["twin"] == pilot.session.ignored["echo"] == 0
@@ -147,7 +144,13 @@ def test_a_plain_tlog_is_steered_by_its_ranges_and_our_own_frames_are_left_out(f
     assert max(b.time - a.time for a, b in pairwise(done.ticks)) <= pilot.settings.timing.tick + 1e-6
 
 
-def test_a_gap_in_a_plain_tlog_loses_the_vehicle_and_does_not_tick_for_hours(flown):
+def test_a_gap_in_a_plain_tlog_does_not_tick_for_hours_and_one_twice_over_is_replayed_in_twice_the_time(
+    flown, tmp_path
+):
+    (tmp_path / "twice.tlog").write_bytes(2 * (flown / "flight.tlog").read_bytes())
+    times = [step.time for step in tlog_steps(tmp_path / "twice.tlog", 191)]
+    assert times == sorted(times)
+    assert times[-1] == pytest.approx(42, abs=3)
     steps = [step for step in tlog_steps(flown / "flight.tlog", 191) if step.time < 10]
     later = [dataclasses.replace(step, time=step.time + 1e5) for step in steps]
     pilot, done = replayed_plain(flown, [*steps, *later])
@@ -196,10 +199,3 @@ def test_a_clock_that_was_set_takes_no_time_and_is_told(flown, tmp_path, stamp, 
     assert len(clock.lone) == lone
     if steps is not None:
         assert [size for _, size in clock.steps] == pytest.approx(steps, abs=5.0, rel=1e-4)
-
-
-def test_a_log_twice_over_is_replayed_twice_in_twice_the_time(flown, tmp_path):
-    (tmp_path / "twice.tlog").write_bytes(2 * (flown / "flight.tlog").read_bytes())
-    times = [step.time for step in tlog_steps(tmp_path / "twice.tlog", 191)]
-    assert times == sorted(times)
-    assert times[-1] == pytest.approx(42, abs=3)

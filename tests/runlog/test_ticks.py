@@ -18,16 +18,13 @@ from tests.runlog.conftest import EPOCH_US
 LOGS = Path(__file__).parents[2] / "docs" / "logs.md"
 
 
-def test_ticks_are_columns_and_an_empty_cell_is_no_number(run_folder):
+def test_ticks_are_columns_an_empty_cell_is_no_number_and_a_last_line_that_was_cut_off_is_left_out(run_folder):
     ticks = read_ticks(run_folder())
     assert (len(ticks.time), ticks.engaged_at, ticks.modes[0]) == (601, 10.0, "GUIDED")
     assert set(ticks.phases) == {"ready", "engaged"}
     assert np.isnan(ticks.numbers["turn_rate"][0])
     assert ticks.numbers["turn_rate"][-1] == -0.15
     assert read_ticks(run_folder(engaged=False)).engaged_at is None
-
-
-def test_a_last_line_that_was_cut_off_is_left_out_and_a_header_alone_is_no_tick(run_folder):
     folder = run_folder()
     text = (folder / "ticks.csv").read_text()
     (folder / "ticks.csv").write_text(text[:-40])

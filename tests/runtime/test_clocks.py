@@ -59,6 +59,7 @@ def test_time_goes_on_while_the_computer_sleeps(make, monkeypatch):
 
 @BOTH
 def test_the_epoch_is_the_wall_clock_at_second_0_whose_jumps_move_nothing(make, ticking, monkeypatch):
+    assert re.fullmatch(r"20\d{6}-\d{6}", local_time_name()), "run folders sort by time"
     monkeypatch.setattr(time, "time_ns", lambda: 1_790_000_000_123_456_789)
     clock = make()
     assert clock.epoch_us == 1_790_000_000_123_456
@@ -66,10 +67,6 @@ def test_the_epoch_is_the_wall_clock_at_second_0_whose_jumps_move_nothing(make, 
     monkeypatch.setattr(time, "time", lambda: 0.0)
     ticking["now"] += 1.0
     assert clock.now() == 1.0
-
-
-def test_run_folders_sort_by_time():
-    assert re.fullmatch(r"20\d{6}-\d{6}", local_time_name())
 
 
 # --- the autopilot's ---
@@ -112,14 +109,11 @@ def lateness(seed):
     return lambda: draw.expovariate(1 / 0.05)
 
 
-def test_before_the_first_boot_time_it_is_the_local_clock(autopilot):
+@pytest.mark.parametrize("speed", [0.2, 1.0, 5.0])
+def test_before_the_first_boot_time_it_is_the_local_clock_and_one_a_second_is_enough(autopilot, speed):
+    """SYSTEM_TIME alone, before ATTITUDE was asked for."""
     assert autopilot.silent(3.0) == pytest.approx(3.0)
     assert autopilot.clock.until(4.0) == pytest.approx(1.0)
-
-
-@pytest.mark.parametrize("speed", [0.2, 1.0, 5.0])
-def test_a_boot_time_once_a_second_is_enough(autopilot, speed):
-    """SYSTEM_TIME alone, before ATTITUDE was asked for."""
     autopilot.speed = speed
     autopilot.run(15.0, every=1.0)
     assert autopilot.run(20.0, every=1.0) == pytest.approx(20.0 * speed, rel=0.02)
@@ -167,24 +161,31 @@ def stands_still(autopilot):
     autopilot.boot = stood
 
 
+def changes_places(autopilot):
+    """The last message comes after one that was sent later."""
+    before = autopilot.clock.now()
+    autopilot.told -= 0.2
+    assert autopilot.clock.now() == before
+
+
 @pytest.mark.parametrize(
-    ("boot", "jump"),
-    [(100.0, reboots), (WRAP - 25.0, lambda autopilot: None), (100.0, stands_still)],
-    ids=["a reboot", "the wrap of 32 bits of milliseconds", "a pause"],
+    ("boot", "speed", "known", "then", "jump"),
+    [
+        (100.0, 5.0, 3.0, 5.0, reboots),
+        (100.0, 1.0, 0.15, 1.0, reboots),
+        (WRAP - 25.0, 5.0, 3.0, 5.0, lambda autopilot: None),
+        (100.0, 5.0, 3.0, 5.0, stands_still),
+        (100.0, 1.0, 5.0, 2.0, changes_places),
+    ],
+    ids=["reboot", "reboot before the speed is known", "the wrap of 32 bits of milliseconds", "pause", "disorder"],
 )
-def test_a_jump_of_the_boot_time_moves_nothing(autopilot, boot, jump):
-    autopilot.boot, autopilot.speed = boot, 5.0
-    autopilot.run(3.0)
+def test_a_jump_of_the_boot_time_moves_nothing(autopilot, boot, speed, known, then, jump):
+    autopilot.boot, autopilot.speed = boot, speed
+    autopilot.run(known)
     jump(autopilot)
     for _ in range(2):
-        assert autopilot.run(5.0) == pytest.approx(25.0, rel=0.02)
-    assert autopilot.clock.speed == pytest.approx(5.0, rel=0.01)
-
-
-def test_a_reboot_before_the_speed_is_known_moves_nothing_either(autopilot):
-    autopilot.run(0.15)
-    autopilot.boot = 0.0
-    assert autopilot.run(1.0) == pytest.approx(1.0, rel=0.02)
+        assert autopilot.run(then) == pytest.approx(then * speed, rel=0.02)
+    assert autopilot.clock.speed == pytest.approx(speed, rel=0.01)
 
 
 @pytest.mark.parametrize("speeds", [(1.0, 5.0), (5.0, 1.0), (1.0, 100.0), (20.0, 0.2), (1 / 3, 1.0)])
@@ -194,15 +195,6 @@ def test_it_takes_the_autopilots_speed_and_follows_a_change_within_seconds(autop
         assert autopilot.run(5.0) == pytest.approx(5.0 * autopilot.speed, rel=0.01)
         assert autopilot.clock.speed == pytest.approx(autopilot.speed, rel=0.01)
     assert all(map(whole_microseconds, autopilot.times))
-
-
-def test_two_messages_that_changed_places_change_nothing(autopilot):
-    autopilot.run(5.0)
-    before = autopilot.clock.now()
-    autopilot.told -= 0.2
-    assert autopilot.clock.now() == before
-    assert autopilot.run(2.0) == pytest.approx(2.0, rel=0.02)
-    assert autopilot.clock.speed == pytest.approx(1.0, rel=0.01)
 
 
 # --- simulated time ---
@@ -251,22 +243,16 @@ def test_a_pace_waits_in_real_seconds_and_ends_at_the_same_times(ticking):
 
 
 @pytest.mark.parametrize(
-    ("others", "passed"),
-    [(False, 0.005), (True, 0.3)],
-    ids=["a wait cut short by a signal does not run ahead", "beside a real radio it keeps up, also after a pause"],
-)
-def test_a_pace_keeps_to_real_time(ticking, others, passed):
+    ("others", "passed", "goes_on"),
+    [(False, 0.005, 0.005), (True, 0.3, 0.3), (False, 3600.0, 0.02)],
+    ids=["a wait cut short by a signal does not run ahead", "beside a real radio it keeps up, also after a pause",
+         "after a night of sleep it does not race"],
+)  # fmt: skip
+def test_a_pace_keeps_to_real_time(ticking, others, passed, goes_on):
     clock = Lockstep(Metronome(), speed=1.0, others=others)
     ticking["now"] += passed
     clock.advance(1.0)
-    assert clock.now() == pytest.approx(passed, abs=2e-6)
-
-
-def test_a_paced_run_does_not_race_after_a_night_of_sleep(ticking):
-    clock = Lockstep(Metronome(), speed=1.0)
-    ticking["now"] += 3600.0
-    clock.advance(1.0)
-    assert clock.now() == 0.02
+    assert clock.now() == pytest.approx(goes_on, abs=2e-6)
     while clock.until(1e9) == 0.0:
         clock.advance(1e9)
     assert clock.now() < 1.0

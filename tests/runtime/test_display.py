@@ -88,17 +88,17 @@ def test_a_status_that_comes_late_does_not_delay_the_next_drawing():
 # --- plain lines ---
 
 
-@pytest.mark.parametrize(
-    ("term", "is_terminal", "screen"),
-    [("xterm", True, LiveScreen), ("dumb", True, PlainScreen), ("xterm", False, PlainScreen)],
-)
-def test_only_a_terminal_that_can_be_drawn_on_gets_the_picture(monkeypatch, term, is_terminal, screen):
-    monkeypatch.setenv("TERM", term)
-    display = display_for(
-        Console(file=io.StringIO(), force_terminal=is_terminal), flight("quickstart").pilot, "small", 1.0
-    )
-    display.close()
-    assert type(display._screen) is screen
+def test_only_a_terminal_that_can_be_drawn_on_gets_the_picture(monkeypatch):
+    pilot = flight("quickstart").pilot
+    for term, is_terminal, screen in (
+        ("xterm", True, LiveScreen),
+        ("dumb", True, PlainScreen),
+        ("xterm", False, PlainScreen),
+    ):
+        monkeypatch.setenv("TERM", term)
+        display = display_for(Console(file=io.StringIO(), force_terminal=is_terminal), pilot, "small", 1.0)
+        display.close()
+        assert type(display._screen) is screen
 
 
 def test_plain_lines_come_once_a_second_and_none_between():

@@ -75,26 +75,21 @@ def refusal(text):
     return words.removeprefix(f"endpoint {text}: "), caught.value.nobody
 
 
-def test_a_serial_device_that_is_not_there_is_refused():
+def test_a_serial_device_that_is_not_there_is_refused_and_one_without_the_package_for_it_says_what_to_install(
+    monkeypatch,
+):
     pytest.importorskip("serial")
     assert refusal("serial:/dev/nothing-here:57600") == ("no such device", False)
-
-
-def test_a_serial_endpoint_without_the_package_for_it_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "serial", None)
     assert refusal("serial:/dev/ttyUSB0:57600")[0] == "needs the package pyserial: pip install pyserial"
 
 
 @pytest.mark.parametrize("kind", ["udpin", "udpout", "tcp"])
-@pytest.mark.parametrize("host", ["192.168..1", ".localhost", 70 * "a"])
-def test_a_host_that_can_be_no_name_is_refused(kind, host):
-    """An empty label, or one beyond 63 letters: the resolver is not even asked."""
-    assert refusal(f"{kind}:{host}:14550") == ("host name is not known", False)
-
-
-@pytest.mark.parametrize("kind", ["udpin", "udpout", "tcp"])
-def test_a_host_that_nobody_knows_is_refused(kind, monkeypatch):
-    """Without asking a name server: the resolver's own error."""
+def test_a_host_that_can_be_no_name_or_that_nobody_knows_is_refused(kind, monkeypatch):
+    """An empty label, or one beyond 63 letters: the resolver is not even asked. Else, without asking a name server, the
+    resolver's own error."""
+    for host in ("192.168..1", ".localhost", 70 * "a"):
+        assert refusal(f"{kind}:{host}:14550") == ("host name is not known", False)
 
     def unknown(*_arguments, **_keywords):
         raise socket.gaierror(socket.EAI_NONAME, "Name or service not known")

@@ -98,32 +98,23 @@ def test_a_driver_that_fails_costs_its_bytes_and_no_flight():
     assert list(radio.link.troubles) == ["driver broken failed: ValueError('beacon id 70000 is not 0 to 65535')"]
 
 
-@pytest.mark.parametrize(
-    ("endpoint", "port"),
-    [
+def test_a_device_is_a_serial_line_at_the_speed_of_its_radio_and_one_that_cannot_be_opened_is_one_line():
+    for endpoint, port in (
         ("linktrack:/dev/ttyUSB0", "serial:/dev/ttyUSB0:921600"),
         ("dwm1001:/dev/ttyACM0", "serial:/dev/ttyACM0:115200"),
         ("linktrack:/dev/ttyUSB0:460800", "serial:/dev/ttyUSB0:460800"),
         ("linktrack:serial:/dev/ttyUSB0:460800", "serial:/dev/ttyUSB0:460800"),
         ("lines:udpin:0.0.0.0:5005", "udpin:0.0.0.0:5005"),
         ("dwm1001:/dev/serial/by-id/usb-SEGGER:1-port0", "serial:/dev/serial/by-id/usb-SEGGER:1-port0:115200"),
-    ],
-)
-def test_a_device_is_a_serial_line_at_the_speed_of_its_radio(endpoint, port):
-    assert radio_port(endpoint)[2] == port
-
-
-@pytest.mark.parametrize(
-    ("endpoint", "said"),
-    [
+    ):
+        assert radio_port(endpoint)[2] == port
+    for endpoint, said in (
         ("linktrak:/dev/ttyUSB0", "no driver 'linktrak'; there are dwm1001, lines, linktrack"),
         ("linktrack:/dev/ttyUSB77", "no such device"),
         ("linktrack:ttyUSB0", "write udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:PATH:BAUD"),
         ("lines:udpin:0.0.0.0", "port is missing"),
-    ],
-)
-def test_a_radio_that_cannot_be_opened_is_one_line(endpoint, said):
-    with pytest.raises(LinkError) as refused:
-        open_radio(endpoint)
-    assert said in str(refused.value)
-    assert "\n" not in str(refused.value)
+    ):
+        with pytest.raises(LinkError) as refused:
+            open_radio(endpoint)
+        assert said in str(refused.value)
+        assert "\n" not in str(refused.value)

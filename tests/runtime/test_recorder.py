@@ -122,11 +122,6 @@ def test_a_disk_that_fills_up_in_flight_is_noted_and_the_flight_goes_on(recorder
     assert recorder.problem == f"{recorder.folder}: recording stopped: No space left on device"
 
 
-def test_closing_without_a_start_and_twice_is_no_mistake(tmp_path, recorder):
-    Recorder(tmp_path, "").close()
-    recorder.close()
-
-
 def test_a_bounded_run_folder_keeps_its_bound_and_the_ticks_outlast_the_frames(recorder):
     folder = recorder.folder
     for i in range(1500):
@@ -153,7 +148,10 @@ def test_a_disk_that_hangs_costs_gaps_and_not_all_the_memory(tmp_path, monkeypat
     assert recorder.problem == f"{tmp_path}: recording has gaps from 2 s on: the disk is too slow"
 
 
-def test_a_flood_of_senders_does_not_fill_the_memory(recorder):
+def test_a_flood_of_senders_does_not_fill_the_memory_and_closing_without_a_start_or_twice_is_no_mistake(
+    tmp_path, recorder
+):
+    Recorder(tmp_path, "").close()
     for i in range(3000):
         recorder.step(LoopStep(0.001 * i, heard=[("vehicle", ("10.0.0.1", i), [])]))
     recorder.close()

@@ -130,20 +130,19 @@ def fly(stop):
     return run_to_the_end
 
 
-def test_what_comes_in_is_given_to_the_pilot_with_its_source_and_link(fly):
-    pilot = FakePilot()
-    fly(pilot, vehicle=FakeLink((b"a", "x"), (b"b", "y")), ranging=FakeLink((b"c", "radio")))
+def test_the_pilot_is_given_what_comes_in_with_its_source_and_link_and_what_it_says_goes_to_vehicle_recorder_and_screen(
+    fly,
+):
+    pilot, shown = FakePilot(2), []
+    vehicle, ranging = FakeLink((b"a", "x"), (b"b", "y")), FakeLink((b"c", "radio"))
+    recorder = fly(pilot, vehicle=vehicle, ranging=ranging, show=lambda tick, step: shown.append((tick, step.time)))
     assert pilot.heard == [(b"a", "x", "vehicle"), (b"c", "radio", "ranging"), (b"b", "y", "vehicle")]
-
-
-def test_what_the_pilot_says_goes_to_the_vehicle_and_whole_frames_to_the_recorder(fly):
-    vehicle, ranging = FakeLink(), FakeLink()
-    recorder = fly(FakePilot(2), vehicle=vehicle, ranging=ranging)
     said = [frame(1), frame(101), frame(0), frame(100)]  # the setpoint on its own, at once
     assert vehicle.sent == [(one, "the vehicle") for one in said]
     assert recorder.kept == said
     assert recorder.ticked == [1, 0]
     assert ranging.sent == [(b"hello", None)] * 2, "it is greeted and gets no setpoints"
+    assert shown == [(1, 0.05), (0, 0.1)], "the newest tick, after every step"
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -154,12 +153,6 @@ def test_signals_interrupt_the_pilot_once_and_let_it_say_goodbye(fly, number):
     fly(pilot, vehicle=vehicle)
     assert pilot.interrupts == [signal.Signals(number).name]
     assert len(vehicle.sent) == 4
-
-
-def test_the_newest_tick_is_shown_after_every_step(fly):
-    shown = []
-    fly(FakePilot(3), show=lambda tick, step: shown.append((tick, step.time)))
-    assert shown == [(2, 0.05), (1, 0.1), (0, pytest.approx(0.15))]
 
 
 @pytest.mark.parametrize(("seconds", "stands"), [(0.4, False), (5.0, True)])

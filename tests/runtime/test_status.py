@@ -79,26 +79,27 @@ def test_a_flight_that_goes_well_raises_no_alarm_tells_its_rates_and_counts_from
     assert [status.time - status.flown for status in flown] == pytest.approx([engaged] * len(flown))
 
 
-def test_why_this_law_flies_is_told_while_it_steers_and_no_longer(statuses):
-    told = statuses(9.0, 'guidance.law="auto"', event="takeover")
-    assert {bool(status.why) for status in during(told, "engaged")} == {True}
-    assert {status.why for status in told if status.tick.law == ""} == {""}
-    assert told[-1].tick.law == ""
-
-
-def test_before_anything_is_heard_it_says_so():
-    assert flight("quickstart").pilot.waits_for(0.0) == "no autopilot heartbeat, 0 bytes heard"
-
-
-def test_ranges_that_are_refused_are_counted_by_reason_and_those_of_an_outage_not_at_all(statuses):
+def test_ranges_that_are_refused_are_counted_by_reason_and_those_of_an_outage_or_of_others_not_at_all(statuses):
+    """PX4 repeats what the radio says under its own id."""
     rejecting = statuses(8.0, "ranging.max_range_m=50.0")[-1]
     assert list(rejecting.rejected) == ["above_max"]
     assert re.search(r"rejected +\d+ of \d+: \d+ above_max", "\n".join(drawn(rejecting)))
     assert statuses(10.2, event="outage")[-1].rates.taken == 0
+    flown = flight("px4_copter")
+    assert flown.pilot.waits_for(0.0) == "no autopilot heartbeat, 0 bytes heard"
+    flown.fly(8.0)
+    status = Watch(flown.pilot).status(flown.ticks[-1], 8.0)
+    assert status.others > 30
+    assert "wrong_source" not in status.rejected
+    assert flown.ticks[-1].rejected == sum(status.rejected.values())
 
 
-def test_a_dry_run_would_steer_without_the_mode(statuses):
-    dry = statuses(6.0, output_mode=OutputMode.DRY_RUN)[-1]
+def test_a_dry_run_would_steer_without_the_mode_and_why_a_law_flies_is_told_while_it_steers_and_no_longer(statuses):
+    told = statuses(9.0, event="takeover", law="auto")
+    assert {bool(status.why) for status in during(told, "engaged")} == {True}
+    assert {status.why for status in told if status.tick.law == ""} == {""}
+    assert told[-1].tick.law == ""
+    dry = statuses(6.0, output=OutputMode.DRY_RUN)[-1]
     assert (dry.phase, dry.setpoints) == ("would steer", 0)
     shown = "\n".join(drawn(dry, settings=replace(SETTINGS, output_mode=OutputMode.DRY_RUN)))
     assert "DRY RUN: no setpoint" in shown
@@ -109,15 +110,6 @@ def test_a_vehicle_that_is_gone_leaves_no_range_that_counts_down(statuses):
     old = [status.tick for status in flown if (status.tick.range_age or 0.0) > 2.6]
     assert old
     assert {(tick.r, tick.r_dot) for tick in old} == {(None, None)}
-
-
-def test_ranges_of_other_senders_are_counted_apart_and_raise_no_alarm():
-    """PX4 repeats what the radio says under its own id."""
-    flown = flight("px4_copter").fly(8.0)
-    status = Watch(flown.pilot).status(flown.ticks[-1], 8.0)
-    assert status.others > 30
-    assert "wrong_source" not in status.rejected
-    assert flown.ticks[-1].rejected == sum(status.rejected.values())
 
 
 def test_the_target_is_told_as_seen_from_the_vehicle_and_drift_by_where_it_goes_and_a_recording_that_stopped():

@@ -125,13 +125,9 @@ def test_there_is_nothing_else_and_nothing_that_changes_anything_nor_under_anoth
     assert ask(idle, "GET", "/events", Host="elsewhere.example").status == 400
 
 
-def test_no_other_interface_is_bound(idle):
-    """The port of the page is free on another of this machine's addresses, and nobody answers there."""
+def test_connections_that_ask_for_nothing_keep_nobody_from_the_page_and_no_other_interface_is_bound(idle):
     with socket.socket() as other, pytest.raises(ConnectionRefusedError):
         other.connect(("127.0.0.2", address(idle)[1]))
-
-
-def test_connections_that_ask_for_nothing_keep_nobody_from_the_page(idle):
     with ExitStack() as held:
         for _ in range(60):
             held.enter_context(socket.create_connection(address(idle)))
@@ -139,12 +135,14 @@ def test_connections_that_ask_for_nothing_keep_nobody_from_the_page(idle):
         assert Stream(idle).response.status == 200
 
 
-def test_more_browsers_than_the_flight_can_spare_time_for_are_refused(page):
+def test_more_browsers_than_the_flight_can_spare_time_for_are_refused_and_one_that_vanishes_leaves_no_verdict(page):
     streams = [Stream(page) for _ in range(MOST_BROWSERS)]
     for stream in streams:
-        stream.next()
+        stream.until("history")
     assert ask(page, "GET", "/events").status == 503
     assert ask(page, "GET", "/").status == 200
+    page.close()
+    assert [stream.until("end") for stream in streams] == [{"verdict": None}] * MOST_BROWSERS
 
 
 # --- the stream ---
@@ -166,13 +164,6 @@ def test_a_browser_gets_what_was_what_is_and_the_verdict(flown, page):
     page.close()
     assert stream.until("end") == {"verdict": VERDICT}
     assert stream.response.read() == b""
-
-
-def test_a_flight_that_just_vanishes_ends_the_stream_without_a_verdict(page):
-    stream = Stream(page)
-    stream.until("history")
-    page.close()
-    assert stream.until("end") == {"verdict": None}
 
 
 # --- nothing holds up the flight ---
@@ -212,10 +203,6 @@ def test_a_browser_that_never_reads_holds_up_nobody(flown, page, ticks_alone):
         assert page._process.returncode == 0
 
 
-def test_a_number_that_json_does_not_know_is_told_as_unknown():
-    assert [feed._plain(value) for value in (nan, inf, 1.000001)] == [None, None, 1.0]
-
-
 # --- frames that anybody may send ---
 
 
@@ -229,6 +216,7 @@ def truth_frame(north, east):
 def test_the_truth_of_the_bundled_vehicle_alone_is_told_and_what_is_no_number_is_passed_over(
     flown, monkeypatch, bundled
 ):
+    assert [feed._plain(value) for value in (nan, inf, 1.000001)] == [None, None, 1.0]
     told, good = [], truth_frame(30.0, 4.0)
     frames = [truth_frame(nan, 2.0), good, truth_frame(1.0, inf), truth_frame(-inf, 1.0)]
     flown.fly(8.0)
@@ -250,7 +238,7 @@ def history_of(many):
     return history
 
 
-def test_the_history_of_a_long_flight_is_bounded_and_spans_it_evenly():
+def test_the_history_of_a_long_flight_is_bounded_and_spans_it_evenly_and_who_is_a_little_behind_gets_what_he_missed():
     many = 4 * MOST_POINTS + 1000
     (event,) = history_of(many).since(None)
     begun = json.loads(event.partition("data: ")[2])
@@ -259,9 +247,6 @@ def test_the_history_of_a_long_flight_is_bounded_and_spans_it_evenly():
     assert times == [number * begun["every"] for number in range(len(times))]
     assert times[-1] > many - begun["every"] - 1
     assert begun["newest"]["time"] == many - 1
-
-
-def test_a_browser_that_is_a_little_behind_gets_what_it_missed_and_else_all():
     history = history_of(500)
     assert [json.loads(event.partition("data: ")[2])["time"] for event in history.since(497)] == [497, 498, 499]
     assert history.since(500) == []
@@ -270,12 +255,6 @@ def test_a_browser_that_is_a_little_behind_gets_what_it_missed_and_else_all():
 
 
 # --- refusals ---
-
-
-def test_a_port_in_use_is_one_line_with_a_remedy(flown, idle):
-    host, port = address(idle)
-    with pytest.raises(WebError, match=f"--web {port}: {host}:{port} cannot be had: Address already in use; choose"):
-        open_page(flown.pilot, port)
 
 
 def test_without_the_packages_the_command_that_brings_them_is_named(flown, monkeypatch):

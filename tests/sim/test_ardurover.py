@@ -22,19 +22,18 @@ def test_circles_are_a_percent_wide_in_any_frame(speed, rate, radius, frame):
     assert truth.down == 0.0
 
 
-def test_the_speed_is_clipped_and_reverse_works():
+def test_the_speed_is_clipped_reverse_works_and_it_neither_turns_on_the_spot_nor_takes_an_acceleration():
+    companion = rover()
+    companion.velocity(3.0, 0.1, mask=0x407)
+    assert companion.vehicle.setpoint_log == []
+    companion.fly(5.0, 0.0, 0.5, mask=0x5FF)
+    assert abs(companion.truth.heading) < 0.1 and companion.truth.ground_speed < 0.01
     companion = rover()
     companion.fly(8.0, 9.0, 0.0)
     assert companion.truth.ground_speed == pytest.approx(5.0, abs=0.01)
     companion.fly(8.0, -2.0, 0.0)
     assert companion.truth.ground_speed == pytest.approx(2.0, abs=0.01)
     assert abs(companion.truth.course) == pytest.approx(math.pi, abs=0.01)
-
-
-def test_it_does_not_turn_on_the_spot():
-    companion = rover()
-    companion.fly(5.0, 0.0, 0.5, mask=0x5FF)
-    assert abs(companion.truth.heading) < 0.1 and companion.truth.ground_speed < 0.01
 
 
 def test_silence_of_three_seconds_stops_it_and_it_says_so():
@@ -46,12 +45,6 @@ def test_silence_of_three_seconds_stops_it_and_it_says_so():
     assert truth.ground_speed == 0.0 and truth.mode == 15 and truth.armed
     companion.fly(3.0, 3.0, 0.1)
     assert companion.truth.ground_speed == pytest.approx(3.0, abs=0.05)
-
-
-def test_an_acceleration_is_not_taken():
-    companion = rover()
-    companion.velocity(3.0, 0.1, mask=0x407)
-    assert companion.vehicle.setpoint_log == []
 
 
 @pytest.mark.parametrize("mask", [0x83, 0x80, 0x03, 0x00])

@@ -22,16 +22,15 @@ def slip(truth):
     ("speed", "rate", "turned", "slipped"),
     [(3.0, 0.2, 0.2018, 5.0), (5.0, 0.3, 0.311, 10.0), (5.0, -0.5, -0.528, 24.0)],
 )
-def test_a_velocity_alone_turns_faster_than_asked_and_slips(speed, rate, turned, slipped):
+def test_a_velocity_alone_turns_faster_than_asked_and_slips_unless_the_acceleration_is_fed_forward(
+    speed, rate, turned, slipped
+):
     companion = flying(speed)
     companion.fly(20.0, speed, rate)
     truth = companion.truth
     assert truth.turn_rate == pytest.approx(turned, rel=0.015)
     assert slip(truth) == pytest.approx(slipped, abs=2.5)
     assert truth.ground_speed == pytest.approx(speed, rel=0.03)
-
-
-def test_with_the_acceleration_fed_forward_it_hardly_slips():
     companion = flying(5.0)
     companion.repeat(20.0, lambda: companion.turn(5.0, 0.3))
     assert slip(companion.truth) == pytest.approx(2.0, abs=1.0)
@@ -89,26 +88,15 @@ def test_rates_in_part_are_ill_defined_and_no_throttle_is_dropped():
     assert companion.truth.ground_speed < 0.1
 
 
-@pytest.fixture
-def without_gps():
-    companion = aboard("arducopter_nogps", start={"speed_mps": 5.0})
-    assert companion.set_mode(4) == [4] and companion.set_mode(20) == [0]
-    return companion
-
-
-def test_guided_nogps_leans_and_drags(without_gps):
-    without_gps.repeat(40.0, lambda: without_gps.attitude(7, 0.0, math.radians(-4)))
-    assert without_gps.truth.ground_speed == pytest.approx(3.7, abs=0.1)
-
-
-def test_three_seconds_of_silence_level_guided_nogps_and_it_drifts(without_gps):
-    without_gps.repeat(5.0, lambda: without_gps.attitude(7, 0.3, 0.0, 0.0))
-    without_gps.wait(3.5)
-    truth = without_gps.truth
-    assert abs(truth.roll) < 0.02 and truth.mode == 20 and truth.ground_speed > 1.0
-
-
-def test_a_position_target_stops_guided_nogps_and_makes_it_sink(without_gps):
-    without_gps.repeat(8.0, lambda: without_gps.velocity(5.0, 0.2))
-    assert without_gps.truth.down == pytest.approx(-45.0, abs=0.5)
-    assert without_gps.vehicle.setpoint_log == [] and without_gps.truth.mode == 20
+def test_guided_nogps_leans_and_drags_is_levelled_by_silence_and_sinks_under_a_position_target():
+    leaning, silent, sinking = (aboard("arducopter_nogps", start={"speed_mps": 5.0}) for _ in range(3))
+    for companion in (leaning, silent, sinking):
+        assert companion.set_mode(4) == [4] and companion.set_mode(20) == [0]
+    leaning.repeat(40.0, lambda: leaning.attitude(7, 0.0, math.radians(-4)))
+    assert leaning.truth.ground_speed == pytest.approx(3.7, abs=0.1)
+    silent.repeat(5.0, lambda: silent.attitude(7, 0.3, 0.0, 0.0))
+    silent.wait(3.5)
+    assert abs(silent.truth.roll) < 0.02 and silent.truth.mode == 20 and silent.truth.ground_speed > 1.0
+    sinking.repeat(8.0, lambda: sinking.velocity(5.0, 0.2))
+    assert sinking.truth.down == pytest.approx(-45.0, abs=0.5)
+    assert sinking.vehicle.setpoint_log == [] and sinking.truth.mode == 20

@@ -29,8 +29,10 @@ def numbers(out: list[tuple[float, bytes]]):
     return [int.from_bytes(data, "big") for _, data in out]
 
 
-def test_clean_link_passes_everything_at_once_and_in_order():
+def test_a_clean_link_passes_everything_at_once_and_in_order_and_in_an_outage_nothing():
     assert carried(Impairment()) == [(n * 0.01, n.to_bytes(4, "big")) for n in range(2000)]
+    passed = numbers(carried(Impairment(outages=((5.0, 10.0),))))
+    assert passed == [*range(500), *range(1000, 2000)]
 
 
 def test_same_seed_breaks_in_the_same_way_and_another_seed_in_another():
@@ -39,16 +41,12 @@ def test_same_seed_breaks_in_the_same_way_and_another_seed_in_another():
     assert carried(broken, seed=3) != carried(broken, seed=4)
 
 
-def test_loss_duplicates_and_bursts_take_their_shares():
+def test_loss_duplicates_bursts_and_corruption_take_their_shares():
     assert len(carried(Impairment(loss=0.2))) == pytest.approx(1600, abs=60)
     assert len(carried(Impairment(duplicate=0.5))) == pytest.approx(3000, abs=70)
     lost = 1 - len(carried(Impairment(burst_every=0.9, burst=0.1), 20000)) / 20000
     assert 0.05 < lost < 0.2
-
-
-def test_nothing_passes_in_an_outage_and_everything_after_it():
-    passed = numbers(carried(Impairment(outages=((5.0, 10.0),))))
-    assert passed == [*range(500), *range(1000, 2000)]
+    assert sum(byte != 0 for byte in corrupted(bytes(100_000), 0.01, Random(1))) == pytest.approx(1000, rel=0.1)
 
 
 def test_delay_and_jitter_stay_within_their_bounds():
@@ -61,22 +59,13 @@ def test_delay_and_jitter_stay_within_their_bounds():
     assert pipe.next_due == float("inf")
 
 
-def test_jitter_reorders_unless_it_is_told_not_to():
+def test_jitter_reorders_unless_it_is_told_not_to_and_datagrams_held_back_are_overtaken_by_at_most_the_depth():
     assert numbers(carried(Impairment(jitter=0.2))) != list(range(2000))
     assert numbers(carried(Impairment(jitter=0.2, in_order=True))) == list(range(2000))
-
-
-def test_held_back_datagrams_are_overtaken_by_at_most_the_depth():
     passed = numbers(carried(Impairment(reorder=0.25, depth=3)))
     assert sorted(passed) == list(range(2000))
     assert passed != sorted(passed)
     assert max(abs(place - n) for place, n in enumerate(passed)) <= 6
-
-
-def test_corruption_hits_the_fraction_of_bytes_asked_for():
-    clean = bytes(100_000)
-    spoilt = corrupted(clean, 0.01, Random(1))
-    assert sum(byte != 0 for byte in spoilt) == pytest.approx(1000, rel=0.1)
 
 
 def test_split_and_joined_datagrams_lose_no_byte():

@@ -12,16 +12,13 @@ from sim.world import target_at
 from tests.sim.station import Station, aboard, build
 
 
-def test_a_scripted_operator_changes_the_mode():
-    companion = aboard(mode="GUIDED", events=[{"at_s": 2.5, "action": "mode", "mode": "BRAKE"}])
+def test_a_scripted_operator_changes_the_mode_and_disarms_so_that_it_falls():
+    events = [{"at_s": 2.5, "action": "mode", "mode": "BRAKE"}, {"at_s": 3.6, "action": "disarm"}]
+    companion = aboard(mode="GUIDED", events=events)
     companion.fly(3.45, 5.0, 0.1)
     assert companion.vehicle.setpoint_log[-1][0] <= 2.5
     assert [b.custom_mode for b in companion.listen("HEARTBEAT", source=(1, 1))] == [4, 4, 4, 17]
-
-
-def test_disarmed_in_the_air_it_falls():
-    companion = aboard(mode="GUIDED", events=[{"at_s": 1.0, "action": "disarm"}])
-    companion.fly(10.0, 5.0, 0.1)
+    companion.fly(12.0, 5.0, 0.1)
     assert not companion.truth.armed and companion.truth.down == 0.0
     assert not companion.listen("HEARTBEAT", source=(1, 1))[-1].base_mode & 128
 

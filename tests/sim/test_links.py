@@ -30,25 +30,15 @@ def test_requested_intervals_are_kept_per_link():
     assert len(other.listen("ATTITUDE")) == 6
 
 
-@pytest.mark.parametrize("number", [8, 513, 9999, 253])
-def test_an_interval_for_a_message_it_does_not_stream_is_denied(number):
-    companion = aboard()
-    assert companion.stream(number, 100_000) == [2]
-    assert companion.texts() == [f"No ap_message for mavlink id ({number})"]
-
-
-def test_an_interval_too_short_is_denied_and_a_default_is_silence():
-    companion = aboard()
+def test_what_is_not_streamed_and_too_short_an_interval_are_denied_a_default_is_silence_and_heartbeats_may_hurry():
+    companion, unknown = aboard(), (8, 513, 9999, 253)
+    assert [companion.stream(number, 100_000) for number in unknown] == [[2]] * 4
+    assert companion.texts() == [f"No ap_message for mavlink id ({number})" for number in unknown]
     assert companion.stream(30, 500) == [2]
     assert companion.stream(30, 100_000) == [0] and companion.stream(30, 0) == [0]
-    companion.wait(1.0)
-    assert companion.listen("ATTITUDE") == []
-
-
-def test_the_heartbeat_can_be_hurried():
-    companion = aboard()
     assert companion.stream(0, 100_000) == [0]
     companion.wait(2.0)
+    assert companion.listen("ATTITUDE") == []
     assert len(companion.listen("HEARTBEAT", source=(1, 1))) == 21
 
 
@@ -61,29 +51,23 @@ def test_the_old_stream_request_works_for_mavproxy():
     assert len(companion.listen("ATTITUDE")) == 4
 
 
-def test_the_version_is_told_on_request():
+def test_the_version_the_boot_time_and_commands_in_either_form_are_answered_to_their_sender_and_there_are_no_missions():
     companion = aboard()
     assert companion.command(512, 148) == [0] and companion.command(520, 1) == [0]
     version = companion.listen("AUTOPILOT_VERSION")[0]
     assert version.flight_sw_version == 0x040603FF
     wanted = 64 | 128 | 8192  # attitude targets, local position targets, MAVLink 2
     assert version.capabilities & wanted == wanted
-
-
-def test_commands_in_either_form_are_acknowledged_to_their_sender():
-    companion = aboard()
     companion.send(mavlink.MAVLink_command_int_message(1, 1, 0, 176, 0, 0, 1, 4, 0, 0, 0, 0, 0))
     ack = companion.listen("COMMAND_ACK")[-1]
     assert (ack.command, ack.result, ack.target_system, ack.target_component) == (176, 0, 1, 191)
     assert companion.command(31_999) == [3]
-
-
-def test_timesync_is_answered_with_boot_time():
-    companion = aboard()
     companion.wait(1.5)
     companion.send(mavlink.MAVLink_timesync_message(0, 12345))
     answer = companion.listen("TIMESYNC")[-1]
     assert (answer.tc1, answer.ts1) == (1_500_000_000, 12345)
+    companion.send(mavlink.MAVLink_mission_request_list_message(1, 1, 0))
+    assert companion.listen("MISSION_COUNT")[-1].count == 0
 
 
 def test_parameters_are_listed_and_read_by_name():
@@ -97,12 +81,6 @@ def test_parameters_are_listed_and_read_by_name():
     for name in (b"GUID_OPTIONS", b"NO_SUCH"):
         companion.send(mavlink.MAVLink_param_request_read_message(1, 1, name, -1))
     assert [value.param_id for value in companion.listen("PARAM_VALUE")] == ["GUID_OPTIONS"]
-
-
-def test_there_are_no_missions():
-    companion = aboard()
-    companion.send(mavlink.MAVLink_mission_request_list_message(1, 1, 0))
-    assert companion.listen("MISSION_COUNT")[-1].count == 0
 
 
 def test_truth_is_sent_unasked_and_names_its_numbers():
@@ -120,32 +98,25 @@ def test_truth_is_sent_unasked_and_names_its_numbers():
     assert states[-1].yaw == pytest.approx(t.heading) and states[-1].ve == pytest.approx(12.0)
 
 
-def test_false_telemetry_of_others_is_forwarded_unchanged_but_not_obeyed():
+def test_telemetry_of_others_is_forwarded_unchanged_and_a_ranging_beacon_is_not():
     companion = aboard()
     radio = Station(companion.vehicle, 42, 1, link="telem2")
     companion.heartbeat()
     radio.send(mavlink.MAVLink_distance_sensor_message(5, 1, 60000, 4321, 3, 9, 24, 255))
+    radio.send(mavlink.MAVLink_ranging_beacon_message(0, 0, 0, 1, 5000, 0, 0, 0.0, 0, 0, 0, 0, 0, 1, 0))
     heard = companion.listen("DISTANCE_SENSOR", source=(42, 1))
     assert [m.current_distance for m in heard] == [4321] and radio.listen("DISTANCE_SENSOR") == []
-
-
-def test_a_ranging_beacon_is_not_forwarded():
-    companion = aboard()
-    radio = Station(companion.vehicle, 1, 192, link="telem2")
-    companion.heartbeat()
-    radio.send(mavlink.MAVLink_ranging_beacon_message(0, 0, 0, 1, 5000, 0, 0, 0.0, 0, 0, 0, 0, 0, 1, 0))
     assert companion.listen("RANGING_BEACON") == []
 
 
-@pytest.mark.parametrize(
-    ("target", "arrives"), [((1, 191), True), ((1, 1), False), ((1, 77), False), ((99, 1), False), ((0, 0), True)]
-)
-def test_directed_messages_go_to_whom_they_are_directed(target, arrives):
+def test_directed_messages_go_to_whom_they_are_directed():
     companion = aboard()
     companion.heartbeat()
     other = Station(companion.vehicle, 255, 190, link="gcs")
-    other.send(mavlink.MAVLink_tunnel_message(*target, 40000, 3, [1, 2, 3] + [0] * 125))
-    assert bool(companion.listen("TUNNEL")) == arrives
+    for target in ((1, 191), (1, 1), (1, 77), (99, 1), (0, 0)):
+        other.send(mavlink.MAVLink_tunnel_message(*target, 40000, 3, [1, 2, 3] + [0] * 125))
+    heard = [(message.target_system, message.target_component) for message in companion.listen("TUNNEL")]
+    assert heard == [(1, 191), (0, 0)]
 
 
 @pytest.mark.parametrize("profile", ["arducopter", "px4_copter"])
@@ -163,18 +134,15 @@ def test_only_what_is_addressed_to_this_autopilot_is_obeyed(profile, target, obe
     assert bool(companion.command(400, 1, target=target)) == obeyed
 
 
-def test_a_mavlink_1_autopilot_neither_hears_nor_speaks_mavlink_2():
+def test_a_mavlink_1_autopilot_neither_hears_nor_speaks_mavlink_2_and_a_stray_byte_eats_no_datagram():
     companion = Station(build(vehicle={"mavlink_version": 1}, ranging={"rate_hz": 0.0}))
     assert companion.set_mode(4) == []
     companion.wait(1.0)
     frames = companion.vehicle.outgoing()
     assert frames and {frame[0] for frame in frames} == {0xFE}
-
-
-def test_one_stray_byte_does_not_eat_the_next_datagram():
-    companion = aboard()
-    companion.vehicle.receive(b"\xfd")
-    assert companion.set_mode(4) == [0]
+    of_version_2 = aboard()
+    of_version_2.vehicle.receive(b"\xfd")
+    assert of_version_2.set_mode(4) == [0]
 
 
 def test_next_event_lets_a_driver_jump():

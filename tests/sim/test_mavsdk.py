@@ -16,7 +16,7 @@ from mavsdk.plugins.action import Action  # noqa: E402
 from mavsdk.plugins.offboard import Offboard, VelocityBodyYawspeed  # noqa: E402
 from mavsdk.plugins.telemetry import FlightMode, Telemetry  # noqa: E402
 
-from tests.process import PATIENCE, python, reserved_port, running  # noqa: E402
+from tests.process import PATIENCE, python, reserved_port, running, until  # noqa: E402
 
 PX4, ARDUPILOT = 1, 2
 
@@ -41,13 +41,6 @@ def connect(tmp_path):
 
     with open_things:
         yield start
-
-
-def until(condition: Callable[[], bool], seconds=PATIENCE):
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.05)
 
 
 def test_px4_is_seen_flown_in_offboard_and_taken_away(connect: Callable[[str], Any]):

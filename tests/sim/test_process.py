@@ -5,9 +5,11 @@ import socket
 import time
 
 import pytest
+from click.testing import CliRunner
 from pymavlink.dialects.v20 import all as mavlink
 
 from sim import server
+from sim.__main__ import main
 from sim.config import parse_vehicle
 from sim.vehicle import Vehicle
 from tests.process import PATIENCE, python, running
@@ -85,13 +87,6 @@ def test_two_clients_are_two_links_with_their_own_streams(wire, port):
             hear(wire, "ATTITUDE", 0.3)
 
 
-def test_udpout_speaks_first_and_the_duration_ends_it(wire):
-    url = f"udpout:127.0.0.1:{wire.getsockname()[1]}"
-    with emulator("--endpoint", url, "--speed", "20", "--duration", "5") as process:
-        assert hear(wire, "HEARTBEAT").get_srcSystem() == 1
-        assert process.wait(PATIENCE) == 0
-
-
 def test_a_tcp_client_is_served_and_sigint_ends_cleanly(port):
     with emulator("--endpoint", f"tcpin:127.0.0.1:{port}") as process:
         assert process.stdout.readline()
@@ -101,32 +96,33 @@ def test_a_tcp_client_is_served_and_sigint_ends_cleanly(port):
         assert process.wait(PATIENCE) == 0
 
 
-def test_a_direct_radio_has_its_own_port(wire, port, tmp_path):
+def test_a_direct_radio_has_its_own_port_udpout_speaks_first_and_the_duration_ends_it(wire, port, tmp_path):
     vehicle = tmp_path / "vehicle.toml"
     vehicle.write_text('[ranging]\nmessage = "ranging_beacon"\nvia = "direct"\n')
-    radio = f"udpout:127.0.0.1:{wire.getsockname()[1]}"
-    with emulator(str(vehicle), "--endpoint", f"udpin:127.0.0.1:{port}", "--ranging-endpoint", radio) as process:
+    radio, ends = f"udpout:127.0.0.1:{wire.getsockname()[1]}", ("--speed", "20", "--duration", "5")
+    endpoints = ("--endpoint", f"udpin:127.0.0.1:{port}", "--ranging-endpoint", radio)
+    with emulator(str(vehicle), *endpoints, *ends) as process:
         assert process.stdout.readline().endswith(f"on udpin:127.0.0.1:{port}, ranging on {radio}\n")
         assert hear(wire, "RANGING_BEACON").range > 0
+        assert process.wait(PATIENCE) == 0
 
 
-def test_what_cannot_be_started_is_said_in_one_line(wire, port, tmp_path):
+def test_what_cannot_be_started_is_said_in_one_line(wire, port, tmp_path, monkeypatch):
+    monkeypatch.setattr(signal, "signal", lambda *_: None)
     bad, direct = tmp_path / "bad.toml", tmp_path / "direct.toml"
     bad.write_text("[vehicle]\nprofil = 1\n")
     direct.write_text('[ranging]\nvia = "direct"\n')
-    cases = {
-        ("--endpoint", f"udpin:127.0.0.1:{wire.getsockname()[1]}"): "in use",
-        ("--endpoint", "carrier-pigeon"): "not an endpoint",
-        ("--endpoint", "udpin:127.0.0.1:99999"): "outside 1 .. 65535",
-        (str(bad),): 'did you mean "profile"?',
-        (str(tmp_path / "none.toml"),): "cannot be read",
-        (str(direct), "--endpoint", f"udpin:127.0.0.1:{port}"): "--ranging-endpoint",
-    }
-    processes = {arguments: python("-m", "sim", *arguments) for arguments in cases}  # all at once
-    for arguments, process in processes.items():
-        _, errors = process.communicate(timeout=PATIENCE)
-        assert process.returncode == 2, arguments
-        assert errors.count("\n") == 1 and cases[arguments] in errors, errors
+    for arguments, said in (
+        (["--endpoint", f"udpin:127.0.0.1:{wire.getsockname()[1]}"], "in use"),
+        (["--endpoint", "carrier-pigeon"], "not an endpoint"),
+        (["--endpoint", "udpin:127.0.0.1:99999"], "outside 1 .. 65535"),
+        ([str(bad)], 'did you mean "profile"?'),
+        ([str(tmp_path / "none.toml")], "cannot be read"),
+        ([str(direct), "--endpoint", f"udpin:127.0.0.1:{port}"], "--ranging-endpoint"),
+    ):
+        ran = CliRunner().invoke(main, arguments)
+        assert (ran.exit_code, ran.stdout) == (2, ""), arguments
+        assert ran.stderr.count("\n") == 1 and said in ran.stderr, ran.stderr
 
 
 @pytest.mark.parametrize(("step", "said"), [(0.05, 0), (0.3, 2)])

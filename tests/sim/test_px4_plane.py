@@ -45,11 +45,9 @@ def test_sticks_lost_hold_then_return_and_do_not_come_back():
     companion.set_mode(*ALTCTL)
     companion.repeat(2.0, lambda: companion.sticks(0.3))
     companion.wait(0.6)
-    assert companion.px4_mode == "LOITER"
-    companion.repeat(3.0, lambda: companion.sticks(0.3))
-    assert companion.px4_mode == "LOITER"
-    companion.repeat(3.0, lambda: companion.sticks(0.3))
-    assert companion.px4_mode == "RTL"
+    for after in ("LOITER", "LOITER", "RTL"):
+        assert companion.px4_mode == after
+        companion.repeat(3.0, lambda: companion.sticks(0.3))
 
 
 HOLD, OFFBOARD_TOO = 2, 4  # bits of COM_RCL_EXCEPT
@@ -98,16 +96,13 @@ def test_the_loss_of_sticks_is_told_and_a_mode_chosen_afterwards_lasts():
     assert (seen[-1], companion.px4_mode) == ("RTL", "LOITER")
 
 
-def test_the_action_may_be_changed_while_it_holds():
+def test_sticks_never_heard_silent_at_arming_or_without_an_action_are_not_missed():
     companion = plane()
     companion.sticks(0.0)
     companion.wait(1.0)
-    companion.vehicle._flight.autopilot.params["NAV_RCL_ACT"] = 0
+    companion.vehicle._flight.autopilot.params["NAV_RCL_ACT"] = 0  # while it holds
     companion.wait(10.0)
     assert companion.px4_mode == "LOITER"
-
-
-def test_sticks_never_heard_and_sticks_silent_at_arming_are_not_missed():
     companion = plane()
     companion.wait(10.0)
     assert companion.px4_mode == "LOITER"
@@ -165,13 +160,10 @@ def test_attitude_setpoints_turn_exactly_and_a_clients_own_loops_hold_height_and
     assert truth.airspeed == pytest.approx(10.0, abs=0.3) and truth.down == pytest.approx(-100.0, abs=2.5)
 
 
-def test_without_loops_nothing_holds_the_height():
+def test_without_loops_nothing_holds_the_height_and_no_throttle_is_no_thrust():
     companion = offboard()
     companion.repeat(30.0, lambda: companion.attitude(7, math.radians(40.0), thrust=TRIM))
     assert companion.truth.down > -95.0
-
-
-def test_no_throttle_is_no_thrust():
     companion = offboard()
     companion.stream(33, 100_000)
     companion.repeat(16.0, lambda: companion.attitude(7 | 64, thrust=TRIM))

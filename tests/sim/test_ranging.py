@@ -37,13 +37,23 @@ def test_distance_sensor_is_the_slant_range_in_whole_centimetres():
     assert {(m.id, m.orientation, m.covariance) for m in heard} == {(7, 24, 255)}
 
 
-def test_distance_sensor_saturates_at_65535():
-    companion = ranging(start={"north_m": -900.0})
-    companion.wait(0.1)
-    assert companion.listen("DISTANCE_SENSOR")[0].current_distance == 65535
+@pytest.mark.parametrize(
+    ("radio", "after", "told"),
+    [
+        ({"start": {"north_m": -900.0}}, 0.1, [(65535, 0), (65535, 100)]),
+        ({"latency_s": 0.25}, 0.249, []),
+        ({"latency_s": 0.25}, 0.25, [(round(SLANT * 100), 0)]),
+        ({"max_range_m": 200.0}, 2.0, []),
+    ],
+    ids=["too far for the field", "still under way", "late under the stamp of its measuring", "beyond its range"],
+)
+def test_what_a_distance_sensor_says_of_a_far_or_late_range(radio, after, told):
+    companion = ranging(**radio)
+    companion.wait(after)
+    assert [(m.current_distance, m.time_boot_ms) for m in companion.listen("DISTANCE_SENSOR")] == told
 
 
-def test_ranging_beacon_counts_millimetres_and_says_what_it_does_not_know():
+def test_ranging_beacon_counts_millimetres_and_says_what_it_does_not_know_and_a_named_value_has_single_precision():
     companion = ranging(**BEACON, beacon_id=9)
     companion.wait(0.35)
     heard = Station(companion.vehicle, link="ranging").listen()
@@ -54,9 +64,6 @@ def test_ranging_beacon_counts_millimetres_and_says_what_it_does_not_know():
     assert (first.lat, first.lon, first.range_accuracy) == (2**31 - 1, 2**31 - 1, 2**32 - 1)
     assert math.isnan(first.alt)
     assert companion.listen("RANGING_BEACON") == []  # not on the autopilot's link
-
-
-def test_a_named_value_is_a_single_precision_float():
     companion = ranging(message="named_value_float", name="RNG")
     companion.wait(0.1)
     value = companion.listen("NAMED_VALUE_FLOAT")[0]
@@ -75,13 +82,10 @@ def errors(**keys):
     return [m.range / 1000 - SLANT for m in beacons(50.0, rate_hz=100.0, **keys)]
 
 
-def test_noise_and_bias_are_as_configured():
+def test_noise_bias_outliers_and_dropouts_are_as_configured():
     noise = errors(noise_m=2.0, bias_m=1.5)
     assert statistics.fmean(noise) == pytest.approx(1.5, abs=4 * 2.0 / math.sqrt(5000))
     assert statistics.stdev(noise) == pytest.approx(2.0, rel=0.05)
-
-
-def test_outliers_and_dropouts_come_as_often_as_configured():
     spread = errors(outlier_fraction=0.2, outlier_m=40.0, dropout_fraction=0.3)
     assert len(spread) == pytest.approx(3500, abs=4 * math.sqrt(5000 * 0.3 * 0.7))
     wild = [e for e in spread if abs(e) > 0.01]
@@ -111,20 +115,6 @@ def test_another_seed_draws_other_noise():
         return [m.range for m in Station(vehicle, link="ranging").listen()]
 
     assert noise(1) == noise(1) != noise(2)
-
-
-def test_latency_delays_the_message_but_not_its_stamp():
-    companion = ranging(latency_s=0.25)
-    companion.wait(0.249)
-    assert companion.listen("DISTANCE_SENSOR") == []
-    companion.wait(0.001)
-    assert [m.time_boot_ms for m in companion.listen("DISTANCE_SENSOR")] == [0]
-
-
-def test_beyond_its_range_the_radio_is_silent():
-    companion = ranging(max_range_m=200.0)
-    companion.wait(2.0)
-    assert companion.listen("DISTANCE_SENSOR") == []
 
 
 def test_the_autopilot_forwards_only_to_a_link_it_has_heard():

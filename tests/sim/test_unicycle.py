@@ -43,18 +43,12 @@ def test_the_path_does_not_depend_on_the_steps(steps, rate):
     )
 
 
-def test_the_turn_rate_follows_a_first_order_lag():
+def test_the_turn_rate_follows_a_first_order_lag_and_is_limited_and_braking_stops_along_the_course():
     after = LAGGED.step(NORTHBOUND, BodyVelocity(10.0, yaw_rate=0.5), 0.4)
     assert after.turn_rate == pytest.approx(0.5 * (1 - math.exp(-1)))
     assert after.heading == pytest.approx(0.5 * 0.4 - 0.5 * 0.4 * (1 - math.exp(-1)))
-
-
-@pytest.mark.parametrize("sense", [1, -1])
-def test_the_turn_rate_is_limited(sense):
-    assert IDEAL.step(NORTHBOUND, BodyVelocity(10.0, yaw_rate=sense * 100.0), 0.1).turn_rate == sense
-
-
-def test_braking_stops_along_the_course_and_stays():
+    for sense in (1, -1):
+        assert IDEAL.step(NORTHBOUND, BodyVelocity(10.0, yaw_rate=sense * 100.0), 0.1).turn_rate == sense
     moving = Body(0.0, 0.0, -50.0, 1.0, velocity_north=3.0, velocity_east=4.0)
     stopped = IDEAL.step(moving, Brake(2.0), 60.0)
     assert stopped.ground_speed == 0.0

@@ -69,25 +69,25 @@ def test_a_mission_files_sim_table_is_used_and_the_rest_ignored(tmp_path):
     mission.write_text("[orbit]\nradius_m = 80\n[sim]\nseed = 4\n[sim.start]\nnorth_m = 12\n")
     config = load_vehicle(mission)
     assert (config.seed, config.start.north_m) == (4, 12.0)
-    mission.write_text("[sim.start]\nnorht_m = 12\n")
-    with pytest.raises(ConfigError, match=r'mission.toml: sim.start.norht_m: unknown key, did you mean "north_m"\?'):
-        load_vehicle(mission)
 
 
-def test_a_mission_for_a_vehicle_of_ones_own_is_told_from_a_vehicle_file(tmp_path):
-    mission = tmp_path / "mission.toml"
-    mission.write_text('name = "mine"\n[vehicle]\nkind = "copter"\n[orbit]\nradius_m = 80\n')
-    with pytest.raises(ConfigError, match=r"mission.toml: a mission without the table \[sim\]: add one, or name"):
-        load_vehicle(mission)
-
-
-@pytest.mark.parametrize("text", [None, "[vehicle\n", "\xff"])
-def test_a_file_that_cannot_be_read_is_one_line(tmp_path, text):
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("[sim.start]\nnorht_m = 12\n", 'sim.start.norht_m: unknown key, did you mean "north_m"?'),
+        ('name = "mine"\n[vehicle]\nkind = "copter"\n[orbit]\nradius_m = 80\n', "a mission without the table [sim]: "),
+        (None, "cannot be read"),
+        ("[vehicle\n", "not a TOML file"),
+        ("\xff", "not a TOML file"),
+    ],
+)
+def test_a_file_that_is_no_vehicle_or_cannot_be_read_is_one_line(tmp_path, text, complaint):
     path = tmp_path / "vehicle.toml"
     if text is not None:
         path.write_bytes(text.encode("latin-1"))
-    with pytest.raises(ConfigError, match=r"vehicle\.toml: (cannot be read|not a TOML file)"):
+    with pytest.raises(ConfigError) as caught:
         load_vehicle(path)
+    assert str(caught.value).startswith(f"{path}: {complaint}") and "\n" not in str(caught.value)
 
 
 def test_random_starts_stay_in_bounds_and_repeat_with_the_seed():
