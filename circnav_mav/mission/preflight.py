@@ -6,7 +6,7 @@ from math import degrees, isnan
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mav.autopilots.parameters import Context, check_parameters
-from circnav_mav.mav.check_result import Check, Grade
+from circnav_mav.mav.check_result import FAIL, PASS, WARN, Check, Grade
 from circnav_mav.mav.clocks import span_speed
 from circnav_mav.mav.identity import RADIO_NAME
 from circnav_mav.mission.mission import Mission
@@ -14,7 +14,6 @@ from circnav_mav.mission.preflight_ranging import FULL_RATE, SPEED_OFF, judge_ra
 from circnav_mav.pilot import VEHICLE
 from circnav_mav.pilot.survey import Survey
 
-PASS, WARN, FAIL = Grade.PASS, Grade.WARN, Grade.FAIL
 LOW_RATE = 0.5
 """Fraction of a wanted rate below which a stream is as good as missing."""
 SILENT = 2.0
