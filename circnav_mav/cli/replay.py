@@ -136,10 +136,10 @@ def _held_gain(run: Run, settings: PilotSettings) -> float | None:
 
 def _check_steered(name: Path, pilot: Pilot) -> None:
     """A replay that never steered says why, and its exit code does. Raises Refused."""
-    if pilot.engaged_at is not None:
+    if pilot.mission.engaged_at is not None:
         return
-    if pilot.outcome is not None:
-        why = pilot.outcome.reason
+    if pilot.mission.outcome is not None:
+        why = pilot.mission.outcome.reason
     elif not pilot.session.up:
         why = f"no vehicle: {'; '.join(pilot.session.misfits.values()) or pilot.counts().describe()}"
     else:
@@ -190,10 +190,10 @@ def _say_ticks(done: Replayed, pilot: Pilot, was: Ticks | None) -> None:
     click.echo(f"  ticks      {len(done.ticks)}, {steered} of them steering, {saturated} at the turn-rate limit")
     refused = describe_rejected(dict(sorted(pilot.tracker.ranging.rejected.items())))
     click.echo(f"  ranges     {pilot.tracker.accepted} taken, rejected: {refused}")
-    if pilot.outcome is not None:
+    if pilot.mission.outcome is not None:
         early = done.ended is not None and done.until - done.ended > UNRECORDED
         until = f" (at {done.ended:.1f} s; the log goes on to {done.until:.1f} s)" if early else ""
-        click.echo(f"  outcome    {pilot.outcome.ending.value}: {pilot.outcome.reason}{until}")
+        click.echo(f"  outcome    {pilot.mission.outcome.ending.value}: {pilot.mission.outcome.reason}{until}")
 
 
 def _write(log: str, out: str | None, done: Replayed, was: Ticks | None, mission: Mission) -> None:

@@ -6,12 +6,12 @@ from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mav.autopilots.table import adapters
 from circnav_mav.mav.codec import Decoder, Message
+from circnav_mav.mav.identity import AUTOPILOT_COMPONENT
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.mav.session import HANDLED, HEARTBEAT_PERIOD, Session
 from circnav_mav.mav.signing import Signing
 from circnav_mav.pilot.settings import LINKS, RANGING, VEHICLE, PilotSettings
 
-AUTOPILOT_COMPONENT = 1
 HOME_RATE = 1.0
 """Rate, Hz, of HOME_POSITION where the height counts from home, which may be set anew until the engagement."""
 

@@ -1,6 +1,8 @@
-"""What is known of the range to the target: ranges in, an estimate out."""
+"""What is known of the range to the target: ranges in, an estimate out, and when to step without a fresh one."""
 
+from collections import deque
 from collections.abc import Callable, Hashable
+from statistics import median
 
 from circnav_mav.guidance.estimators.interface import Fused
 from circnav_mav.guidance.estimators.table import ESTIMATORS
@@ -20,6 +22,12 @@ FRESH = 0.6
 CALM = 1.0
 """Time, s, for which ranges must not have been stale to steer again otherwise: a radio whose ranges come at an age near
 `stale` would else start and stop steering with each of them."""
+WAIT = 0.25
+"""Share of a tick for which a range that is expected about then is waited for. A radio of 9.98 Hz would else come just
+after the second tick since its last range, always, and its every range be answered twice."""
+AT_ONCE = 1e-5
+"""A range expected within this time, s, of the tick would be here by now, or is lost."""
+REMEMBERED = 9
 
 
 class RangeTracker:
@@ -104,10 +112,6 @@ class RangeTracker:
         rate = self.newest_rate
         return None if rate is None or now - rate.time > self._stale + SAME_TIME else rate.r_dot
 
-    def at(self, now: float) -> RangeEstimate | None:
-        """The estimate of this moment."""
-        return self.estimator.at(now)
-
     def good(self, estimate: RangeEstimate | None, now: float, *, holding: bool) -> bool:
         """Whether an estimate of now may steer: ready, and of a range that is not stale. holding: whether steering was
         given up; then the range must be clearly fresh, or ranges must not have been stale for a while."""
@@ -121,3 +125,32 @@ class RangeTracker:
     def age(self, now: float) -> float | None:
         """Seconds since the newest range was measured."""
         return None if self.newest is None else now - self.newest.time
+
+
+class TickScheduler:
+    """Keeps when the next step without a fresh range is due: a tick after the last one, but not just before a range."""
+
+    def __init__(self, tick: float) -> None:
+        """tick: s."""
+        self._tick = tick
+        self._gaps: deque[float] = deque(maxlen=REMEMBERED)
+        self._heard_at: float | None = None
+        self.due = float("-inf")
+
+    def heard(self, now: float) -> None:
+        """A range came in."""
+        if self._heard_at is not None:
+            self._gaps.append(now - self._heard_at)
+        self._heard_at = now
+
+    def stepped(self, now: float) -> None:
+        """The pilot took a step."""
+        due = now + self._tick
+        wait = WAIT * self._tick
+        # by the usual time between two
+        expected = due if self._heard_at is None or not self._gaps else self._heard_at + median(self._gaps)
+        self.due = expected + wait if AT_ONCE < abs(due - expected) <= wait else due
+
+    def at_once(self) -> None:
+        """Something happened that cannot wait for a tick."""
+        self.due = float("-inf")

@@ -77,11 +77,6 @@ class Survey:
         """Of each start of the vehicle."""
         self._text_reader = TextReader()
 
-    @property
-    def reply_to(self) -> Hashable:
-        """Where the vehicle link's bytes go."""
-        return self.session.reply_to
-
     def receive(self, data: bytes, now: float, source: Hashable = None, link: str = VEHICLE) -> None:
         """Take in one datagram (or chunk of a stream) that arrived at `now` from `source` on a link."""
         for message, of_vehicle, of_ranging in self._connection.receive(data, now, source, link):
@@ -174,7 +169,7 @@ class Survey:
             self._parameters.receive(message)
         if self._settled(now):
             self._counted[message.get_msgId()] += 1
-            boot_time = session.vehicle.boot_time
+            boot_time = session.vehicle.boot.newest
             if type_ in ("ATTITUDE", "ATTITUDE_QUATERNION", "SYSTEM_TIME") and boot_time is not None:
                 self._boots[session.vehicle.reboots].append((now, boot_time))
 

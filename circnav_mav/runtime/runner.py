@@ -80,7 +80,7 @@ def run(
     newest: TickRecord | None = None
     now, loaded = 0.0, False
     while not pilot.done or (locating is not None and locating.busy and not stop.signal_name):
-        due = now + clock.longest_wait if pilot.done else pilot.next_tick
+        due = now + clock.longest_wait if pilot.done else pilot.scheduler.due
         wait(links, stop, min(clock.until(due), clock.longest_wait))
         clock.advance(due)
         if signing_time is not None:
@@ -102,7 +102,7 @@ def _locate(locating: Locating, step: LoopStep, pilot: Pilot, links: Mapping[str
     for name, source, frames in step.heard:
         locating.hear(name, source, frames, step.time)
     if not step.held_back and (said := locating.step(step.time)):
-        links[VEHICLE].send(b"".join(said), pilot.reply_to)
+        links[VEHICLE].send(b"".join(said), pilot.session.reply_to)
         step.survey = said
 
 
@@ -125,7 +125,7 @@ def turn(
     for name, data, source in heard:
         pilot.receive(data, now, source, name)
         step.heard.append((name, source, pilot.take_frames()))
-    if signal_name and pilot.outcome is None:
+    if signal_name and pilot.mission.outcome is None:
         step.interrupt = signal_name
         pilot.interrupt(now, signal_name)
     out = pilot.answer(now)
@@ -133,11 +133,11 @@ def turn(
         out, step.held_back = b"", True
         pilot.hold_back()
     elif out:
-        links[VEHICLE].send(out, pilot.reply_to)
+        links[VEHICLE].send(out, pilot.session.reply_to)
     # the setpoint is on its way: all else that the pilot has to say, to record and to show comes behind it
     more = pilot.follow_up(now)
     if more and clock.real() - began <= LONGEST_STEP:
-        links[VEHICLE].send(more, pilot.reply_to)
+        links[VEHICLE].send(more, pilot.session.reply_to)
         out += more
     step.said, step.hello = split_frames(out), split_frames(_greet(pilot, links, now))
     return step
@@ -161,7 +161,7 @@ def listen(
             for data, source in link.receive(now):
                 survey.receive(data, now, source, name)
         if out := survey.step(now):
-            links[VEHICLE].send(out, survey.reply_to)
+            links[VEHICLE].send(out, survey.session.reply_to)
         _greet(survey, links, now)
 
 

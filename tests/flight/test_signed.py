@@ -26,7 +26,7 @@ EPOCH = 1_420_070_400
 def test_signed_flight_circles_as_asked(tmp_path: Path) -> None:
     flown = signed_flight("arducopter", tmp_path, 'orbit.direction="counterclockwise"', "limits.duration_s=1000.0")
     flown.fly(100)
-    assert flown.pilot.phase is Phase.ENGAGED
+    assert flown.pilot.mission.phase is Phase.ENGAGED
     assert clockwise_turns(last_third(flown)) < -0.5
     radius = flown.pilot.settings.orbit.radius
     assert rms_error(last_third(flown), radius) < 0.05 * radius
@@ -37,14 +37,14 @@ def test_signed_flight_circles_as_asked(tmp_path: Path) -> None:
 
 def test_px4_is_given_signed_setpoints_before_and_in_offboard(tmp_path: Path) -> None:
     flown = signed_flight("px4_copter", tmp_path).fly(15)
-    assert flown.pilot.phase is Phase.ENGAGED
+    assert flown.pilot.mission.phase is Phase.ENGAGED
     assert len(flown.vehicle.setpoint_log) > 200
     assert flown.vehicle.refused == 0
 
 
 def test_ranging_endpoint_of_its_own_is_believed_by_the_same_key(tmp_path: Path) -> None:
     apart = ('ranging.endpoint="sim"', 'sim.ranging.via="direct"')
-    assert signed_flight("arducopter", tmp_path, *apart).fly(20).pilot.phase is Phase.ENGAGED
+    assert signed_flight("arducopter", tmp_path, *apart).fly(20).pilot.mission.phase is Phase.ENGAGED
     silent = signed_flight("arducopter", tmp_path, *apart, theirs=None).fly(20)
     assert silent.pilot.setpoints_sent == 0
 
@@ -73,7 +73,7 @@ def test_a_vehicle_with_a_key_does_not_fly_what_we_send_without_one(tmp_path: Pa
 def test_a_vehicle_with_another_clock_or_none_is_flown(clock: float | None, tmp_path: Path) -> None:
     """Without GPS an autopilot has none; it takes over ours with the first frame of ours that it hears."""
     flown = signed_flight("arducopter", tmp_path, vehicle_clock=clock).fly(30)
-    assert flown.pilot.phase is Phase.ENGAGED
+    assert flown.pilot.mission.phase is Phase.ENGAGED
     assert flown.pilot.setpoints_sent > 400
     assert flown.vehicle.refused == 0
 
@@ -93,7 +93,7 @@ def test_forged_and_replayed_commands_reach_neither_side(tmp_path: Path) -> None
     recorded: list[bytes] = []
     flown.hears = lambda frame, now: recorded.append(frame) or True
     flown.fly(41)
-    before = flown.pilot.engaged_at
+    before = flown.pilot.mission.engaged_at
     forger = voice(OTHER, timestamp=2**47, system=255)
     took_over = voice(OTHER, timestamp=2**47)
     for _ in range(50):
@@ -106,7 +106,7 @@ def test_forged_and_replayed_commands_reach_neither_side(tmp_path: Path) -> None
             flown.pilot.receive(frame, flown.now, "sim")
         flown.fly(flown.now + 0.1)
     flown.fly(60)
-    assert (flown.pilot.phase, flown.pilot.engaged_at) == (Phase.ENGAGED, before)
+    assert (flown.pilot.mission.phase, flown.pilot.mission.engaged_at) == (Phase.ENGAGED, before)
     assert flown.pilot.frames_refused() == {"unsigned": 50, "wrong_signature": 50, Refusal.REPEATED.value: 250}
     assert flown.vehicle.refused == 100
 

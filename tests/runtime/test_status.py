@@ -87,7 +87,7 @@ def test_why_this_law_flies_is_told_while_it_steers_and_no_longer(statuses):
 
 
 def test_before_anything_is_heard_it_says_so():
-    assert flight("quickstart").pilot.waits_for(0.0) == "no autopilot heartbeat, 0 bytes heard"
+    assert flight("quickstart").pilot.status.waits_for(0.0) == "no autopilot heartbeat, 0 bytes heard"
 
 
 def test_ranges_that_are_refused_are_counted_by_reason_and_those_of_an_outage_not_at_all(statuses):
