@@ -58,7 +58,7 @@ class Pilot:
         self.setpoints_sent = 0
         self._records: list[TickRecord] = []
         self._taken: StepTaken | None = None
-        """The newest step, until it is recorded."""
+        """The newest step, until all is said that follows it."""
         self._frames: list[bytes] = []
         self._copter_motion = CopterMotion()
 
@@ -66,7 +66,6 @@ class Pilot:
 
     def receive(self, data: bytes, now: float, source: Hashable = None, link: str = VEHICLE) -> None:
         """Take in one datagram (or chunk of a stream) that arrived at `now` from `source` on a link."""
-        self._note_step()
         if not self._worth_reading(source, len(data), now, link):
             return
         for message, of_vehicle, of_ranging in self._connection.receive(data, now, source, link):
@@ -141,7 +140,6 @@ class Pilot:
     def answer(self, now: float) -> bytes:
         """The setpoint of this step, if any. Acts when a fresh range is waiting or a tick is due; else returns nothing
         at once."""
-        self._note_step()
         if self._authority.stepped(now):
             self.tracker.fresh = False
         if not self._due(now):
@@ -166,20 +164,16 @@ class Pilot:
         """All else that the step of `answer` has to say, once its setpoint is on its way; nothing if it did not act."""
         if self._taken is None:
             return b""
-        estimate, command = self._taken.estimate, self._taken.command
-        self.setpoints_sent += self._taken.spoke
+        step, self._taken = self._taken, None
+        self.setpoints_sent += step.spoke
         self.scheduler.stepped(now)
-        if self._taken.sent is not None and command is not None:
-            self.controller.commanded(command, now)
-        self._say_what_is_new(estimate, command, now)
-        return b"".join(map(self.session.encode, self._housekeeping(estimate, command, now)))
-
-    def _note_step(self) -> None:
-        """Record the newest step, before anything changes."""
-        if self._taken is not None:
-            step, self._taken = self._taken, None
-            law = self.settings.law.name
-            self._records.append(tick_record(step, self.session, self.tracker, self.controller, law))
+        if step.sent is not None and step.command is not None:
+            self.controller.commanded(step.command, now)
+        self._say_what_is_new(step.estimate, step.command, now)
+        said = b"".join(map(self.session.encode, self._housekeeping(step.estimate, step.command, now)))
+        record = tick_record(step, self.session, self.tracker, self.controller, self.settings.law.name)
+        self._records.append(record)
+        return said
 
     def _due(self, now: float) -> bool:
         """Whether this step acts. The safe setpoints of the end are a tick apart, however many ranges come."""
@@ -316,9 +310,7 @@ class Pilot:
 
     def _housekeeping(self, estimate: RangeEstimate | None, command: TurnCommand | None, now: float) -> list[Message]:
         """Heartbeat, commands, streams, texts and plot values; the farewell at the end."""
-        announcer, plots = self.session.announcer, []
-        if announcer.plots_due(now):
-            plots = announcer.plots(plot_values(self.controller.orbit, estimate, command), now)
+        plots = self.session.announcer.plots(plot_values(self.controller.orbit, estimate, command), now)
         if self.settings.output_mode is OutputMode.SHADOW:
             return self.session.heartbeats_due(now) + plots
         if self.done:
@@ -381,9 +373,7 @@ class Pilot:
         return sum((decoder.counts.refused for decoder in self._connection.decoders.values()), Counter())
 
     def take_records(self) -> list[TickRecord]:
-        """The ticks since the last call, the newest step's among them, which was left for after all that it says; and
-        the estimator prepares for what comes next."""
-        self._note_step()
+        """The ticks since the last call; and the estimator prepares for what comes next."""
         self.tracker.estimator.settle()
         records, self._records = self._records, []
         return records
