@@ -15,12 +15,12 @@ from circnav_mav.locate.locator import LocateSettings
 from circnav_mav.mav.autopilots.interface import AirLoops, Autopilot, VehicleFacts
 from circnav_mav.mav.autopilots.table import allowed, table_key
 from circnav_mav.mav.frames import GRAVITY
-from circnav_mav.mav.height import HeightSettings
 from circnav_mav.mav.identity import LinkSettings
 from circnav_mav.mav.ranging.interface import RangingSettings
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.mission.schema import MissionFile
 from circnav_mav.pilot import LINKS, RANGING, VEHICLE, OutputMode, PilotSettings, Timing
+from circnav_mav.pilot.settings import HeightSettings
 from circnav_mav.radios.table import split_driver
 
 MOST_NOISE = 0.5

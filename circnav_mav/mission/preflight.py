@@ -5,7 +5,7 @@ from math import degrees, isnan
 
 from pymavlink.dialects.v20 import all as dialect
 
-from circnav_mav.mav.autopilots.parameters import Context, check_parameters
+from circnav_mav.mav.autopilots.parameters import Context
 from circnav_mav.mav.check_result import FAIL, PASS, WARN, Check, Grade
 from circnav_mav.mav.clocks import span_speed
 from circnav_mav.mav.identity import RADIO_NAME
@@ -45,7 +45,7 @@ def judge(mission: Mission, survey: Survey, clock_speed: float = 1.0) -> list[Ch
         system=survey.session.vehicle_ids[0],
         values=survey.parameters,
     )
-    lines += check_parameters(survey.session.adapter.parameters, context)
+    lines += [line for rule in survey.session.adapter.parameters if (line := rule.check(context)) is not None]
     told = [text for text in survey.texts if any(word in text.lower() for word in TROUBLE)]
     return lines + [Check(WARN, "says", f'"{text}"') for text in told]
 

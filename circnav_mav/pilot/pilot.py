@@ -15,7 +15,6 @@ from circnav_mav.guidance.velocity_loop import CopterMotion
 from circnav_mav.guidance.watches import DriftAlarm, breach, watch_drift
 from circnav_mav.mav.codec import LinkCounts, Message
 from circnav_mav.mav.frames import YawRate
-from circnav_mav.mav.height import HEARD
 from circnav_mav.mav.identity import Allowance
 from circnav_mav.mav.session import LOST_AFTER
 from circnav_mav.mav.setpoint_guard import UnsafeSetpointError
@@ -25,7 +24,7 @@ from circnav_mav.pilot.connection import Connection
 from circnav_mav.pilot.controller import Controller
 from circnav_mav.pilot.mission_state import Ending, Event, MissionState, Outcome, Phase
 from circnav_mav.pilot.mode_request import ExitAction
-from circnav_mav.pilot.range_tracker import RangeTracker, TickScheduler
+from circnav_mav.pilot.range_tracker import HEARD, RangeTracker, TickScheduler
 from circnav_mav.pilot.record import StepTaken, TickRecord, plot_values, tick_record
 from circnav_mav.pilot.settings import VEHICLE, OutputMode, PilotSettings
 from circnav_mav.pilot.status_text import StatusText

@@ -14,13 +14,13 @@ from pymavlink.dialects.v20 import all as dialect
 from circnav_mav.guidance.range_noise import NoiseCheck
 from circnav_mav.mav.clocks import Moment, Span, quick_span
 from circnav_mav.mav.codec import LinkCounts, Message
-from circnav_mav.mav.height import Height
 from circnav_mav.mav.identity import RADIO_NAME, describe_vehicle
 from circnav_mav.mav.params import ParameterReader
 from circnav_mav.mav.ranging.reader import RangeRateReader, RangeReader
 from circnav_mav.mav.signing import Signing
 from circnav_mav.mav.statustext import TextReader, plain_text
 from circnav_mav.pilot.connection import Connection
+from circnav_mav.pilot.range_tracker import Height
 from circnav_mav.pilot.settings import VEHICLE, PilotSettings
 
 TICK = 0.05

@@ -3,9 +3,10 @@
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.mav.height import Height, HeightSettings
 from circnav_mav.pilot import OutputMode
 from circnav_mav.pilot.mission_state import Phase
+from circnav_mav.pilot.range_tracker import Height
+from circnav_mav.pilot.settings import HeightSettings
 
 TOLD = HeightSettings(above_target=60.0)
 ABSOLUTE = HeightSettings(target_altitude=500.0)
