@@ -24,8 +24,8 @@ class Connection:
         self.ranging_message = RANGING_MESSAGES[settings.ranging.message]
         self.more_streams: dict[int, float] = {}
         """Streams to ask for beside the adapter's, message id -> Hz: ranges that the autopilot sends, and home."""
-        if settings.ranging.component == AUTOPILOT_COMPONENT and not settings.ranging_apart:
-            self.more_streams[self.ranging_message.id] = settings.ranging.rate
+        if settings.ranging.component_id == AUTOPILOT_COMPONENT and not settings.ranging_apart:
+            self.more_streams[self.ranging_message.id] = settings.ranging.rate_hz
         if settings.height.target_above_home is not None:
             self.more_streams[dialect.MAVLINK_MSG_ID_HOME_POSITION] = HOME_RATE
         vehicles = adapters(settings.autopilot, settings.kind, settings.facts)

@@ -21,7 +21,7 @@ def ranging(**changes):
 
 
 def test_a_radio_of_the_missions_component_on_another_vehicle_is_not_ours():
-    rig, heard = Rig(ranging=ranging(component=192)), []
+    rig, heard = Rig(ranging=ranging(component_id=192)), []
     ours, theirs, their_vehicle = Voice(1, 192), Voice(2, 192), Voice(2, 1)
     rig.run(0.5, ranges=False)
 
