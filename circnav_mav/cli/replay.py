@@ -14,7 +14,7 @@ from circnav_mav.mav.ranging.interface import describe_rejected
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.mission.load import MissionError, load_mission, parse_mission
 from circnav_mav.mission.mission import Mission
-from circnav_mav.pilot import OutputMode, Pilot, PilotSettings
+from circnav_mav.pilot import VEHICLE, OutputMode, Pilot, PilotSettings
 from circnav_mav.report.plots import plot_replay
 from circnav_mav.runlog.atomic_write import atomic_write
 from circnav_mav.runlog.loop_steps import LogClock, LogSources, LoopStep, RangeSource, recorded_steps, tlog_steps
@@ -90,7 +90,7 @@ def _replay_plain(log: str, path: str | None, overrides: Sequence[str], out: str
     problems = []
     if damage := find_damage(tlog):
         problems.append(f"{damage}: replayed up to {done.until:.1f} s" if damage.cut else str(damage))
-    if spoilt := pilot.counts().bad:
+    if spoilt := pilot.connection.counts[VEHICLE].bad:
         problems.append(f"left out as damaged: {spoilt} of the frames")
     for problem in filter(None, (*problems, str(clock))):
         click.echo(f"  WARNING    {tlog.name}: {problem}")
@@ -141,7 +141,7 @@ def _check_steered(name: Path, pilot: Pilot) -> None:
     if pilot.mission.outcome is not None:
         why = pilot.mission.outcome.reason
     elif not pilot.session.up:
-        why = f"no vehicle: {'; '.join(pilot.session.misfits.values()) or pilot.counts().describe()}"
+        why = f"no vehicle: {'; '.join(pilot.session.misfits.values()) or pilot.connection.counts[VEHICLE].describe()}"
     else:
         refused = describe_rejected(pilot.tracker.ranging.rejected)
         why = f"{pilot.tracker.accepted} ranges of {pilot.settings.ranging.message} taken, rejected: {refused}"
@@ -152,7 +152,7 @@ def _say_damage(run: Run, done: Replayed, pilot: Pilot) -> bool:
     """A warning where not all of the flight is in the log as it was; tells whether all is."""
     end = float(run.ticks.time[-1]) if len(run.ticks.time) else 0.0
     short = end - done.until > UNRECORDED
-    spoilt = pilot.counts().bad
+    spoilt = pilot.connection.counts[VEHICLE].bad
     problems = [run.damage_text] if run.damage_text else []
     if short and not (run.damage and run.damage.cut):
         where = "is damaged" if run.damage else "ends"

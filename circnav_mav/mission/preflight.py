@@ -31,7 +31,7 @@ def judge(mission: Mission, survey: Survey, clock_speed: float = 1.0) -> list[Ch
     follows the autopilot."""
     if not survey.session.up:
         misfits = "; ".join(survey.session.misfits.values())
-        why = misfits or f"no autopilot heartbeat, {survey.links[VEHICLE].describe()}"
+        why = misfits or f"no autopilot heartbeat, {survey.connection.counts[VEHICLE].describe()}"
         return [Check(FAIL, "vehicle", f"none that the mission means; {why}")]
     parts = (_identity, _mode, _protocol, _signing, _company, _streams, _motion, _battery)
     lines = [line for part in parts for line in part(mission, survey)]
@@ -75,7 +75,7 @@ def _mode(mission: Mission, survey: Survey) -> Iterator[Check]:
 
 
 def _protocol(mission: Mission, survey: Survey) -> Iterator[Check]:
-    heard = survey.links[VEHICLE]
+    heard = survey.connection.counts[VEHICLE]
     if heard.version_1:
         yield Check(WARN, "MAVLink", f"{heard.version_1} of {heard.frames} frames are of version 1")
     else:
@@ -84,7 +84,7 @@ def _protocol(mission: Mission, survey: Survey) -> Iterator[Check]:
 
 def _signing(mission: Mission, survey: Survey) -> Iterator[Check]:
     """Whether the frames heard are signed as the mission wants them; nothing where nobody signs."""
-    heard = survey.links[VEHICLE]
+    heard = survey.connection.counts[VEHICLE]
     if mission.file.signing is None:
         if heard.signed:
             words = f"{heard.signed} of {heard.frames} frames are signed and we have no key"

@@ -52,7 +52,7 @@ def _heard(mission: Mission, survey: Survey) -> Check:
         if survey.carriers:
             heard = "; ".join(f"{count} of {sender}" for sender, count in sorted(survey.carriers.items()))
             return Check(FAIL, "ranging", f"no usable {message}. Heard: {heard}. Compare with the mission's [ranging]")
-        link = survey.links[RANGING if mission.file.ranging.endpoint else VEHICLE]
+        link = survey.connection.counts[RANGING if mission.file.ranging.endpoint else VEHICLE]
         return Check(FAIL, "ranging", f"no {message}; {link.describe()}")
     wanted, stale = mission.file.ranging.rate_hz, mission.file.limits.stale_s
     rate = len(survey.ranges) / survey.seconds

@@ -40,6 +40,8 @@ class Connection:
             )
             for link in LINKS
         }
+        self.counts = {link: decoder.counts for link, decoder in self.decoders.items()}
+        """What came in on each link."""
         self._next_hello = float("-inf")
 
     def receive(self, data: bytes, now: float, source: Hashable, link: str) -> Iterator[tuple[Message, bool, bool]]:

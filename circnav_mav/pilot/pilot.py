@@ -13,7 +13,7 @@ from dataclasses import replace
 from circnav_mav.guidance.types import Orbit, RangeEstimate, TurnCommand
 from circnav_mav.guidance.velocity_loop import CopterMotion
 from circnav_mav.guidance.watches import DriftAlarm, breach, watch_drift
-from circnav_mav.mav.codec import LinkCounts, Message
+from circnav_mav.mav.codec import Message
 from circnav_mav.mav.frames import YawRate
 from circnav_mav.mav.identity import Allowance
 from circnav_mav.mav.session import LOST_AFTER
@@ -37,8 +37,8 @@ class Pilot:
         """signing: signs what is sent and tells who is believed; None: neither."""
         self.settings = settings
         self._flies = settings.output_mode is OutputMode.FLY
-        self._connection = Connection(settings, signing)
-        self.session = session = self._connection.session
+        self.connection = Connection(settings, signing)
+        self.session = session = self.connection.session
         self._say = session.announcer.say
         self._said: dict[str, Hashable] = {"circle": id(settings.orbit)}
         """What was said last of each kind of news. The circle by its identity: the same radius may come twice."""
@@ -48,7 +48,7 @@ class Pilot:
         self._authority = Authority(settings, session, self.mission)
         self._exit_action = ExitAction(settings.exit)
         self.scheduler = TickScheduler(settings.timing.tick)
-        self.status = StatusText(settings, self._connection, self.mission, self._authority, self.tracker)
+        self.status = StatusText(settings, self.connection, self.mission, self._authority, self.tracker)
         self.why = ""
         """Why the law flies that flies, for people."""
         self.drift_alarm = DriftAlarm()
@@ -67,12 +67,12 @@ class Pilot:
         """Take in one datagram (or chunk of a stream) that arrived at `now` from `source` on a link."""
         if not self._worth_reading(source, len(data), now, link):
             return
-        for message, of_vehicle, of_ranging in self._connection.receive(data, now, source, link):
+        for message, of_vehicle, of_ranging in self.connection.receive(data, now, source, link):
             if of_vehicle:
                 self._take_motion(message, now)
             if of_ranging:
                 self._take_range(message, now, source)
-        self._frames += self._connection.decoders[link].frames
+        self._frames += self.connection.decoders[link].frames
 
     def interrupt(self, now: float, reason: str) -> None:
         """End the flight now: the next step sends the safe setpoint."""
@@ -88,7 +88,7 @@ class Pilot:
         peer, radio = self.session.peer, self.tracker.ranging.trusted
         unknown = peer is None if link == VEHICLE else radio is None
         trusted = link == VEHICLE and peer is not None and source == peer.source
-        trusted |= link == self._connection.ranging_link and radio is not None and source == radio.source
+        trusted |= link == self.connection.ranging_link and radio is not None and source == radio.source
         return unknown or trusted or self.allowance.take(size, now)
 
     def _take_range(self, message: Message, now: float, source: Hashable) -> None:
@@ -318,7 +318,7 @@ class Pilot:
 
     def hello(self, now: float) -> bytes:
         """What goes out on a separate ranging link."""
-        return b"" if self.done else self._connection.hello(now)
+        return b"" if self.done else self.connection.hello(now)
 
     def _say_what_is_new(self, estimate: RangeEstimate | None, command: TurnCommand | None, now: float) -> None:
         """Say once each time it begins: that somebody else uses the vehicle's name, ours or the radio's; that the drift
@@ -356,20 +356,14 @@ class Pilot:
     def believed(self) -> str:
         """Who is believed to be the vehicle and its radio, and from where, for people; empty while nobody is."""
         peer, radio = self.session.peer, self.tracker.ranging.trusted
-        if peer is None:
-            return ""
-        ranges = "" if radio is None else f", ranges of {radio.system}/{radio.component}"
-        if radio is not None and radio.source != peer.source:
-            ranges = f", ranges of {radio}"
-        return f"{peer}{ranges}"
-
-    def counts(self, link: str = VEHICLE) -> LinkCounts:
-        """What came in on a link."""
-        return self._connection.decoders[link].counts
+        if peer is None or radio is None:
+            return str(peer or "")
+        apart = radio.source != peer.source
+        return f"{peer}, ranges of {radio if apart else f'{radio.system}/{radio.component}'}"
 
     def frames_refused(self) -> Counter[str]:
         """Frames that were not believed on any link, by what was wrong with their signature."""
-        return sum((decoder.counts.refused for decoder in self._connection.decoders.values()), Counter())
+        return sum((counts.refused for counts in self.connection.counts.values()), Counter())
 
     def take_records(self) -> list[TickRecord]:
         """The ticks since the last call; and the estimator prepares for what comes next."""

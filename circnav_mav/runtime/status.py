@@ -8,7 +8,7 @@ from typing import NamedTuple
 from circnav_mav.locate.locator import Locator
 from circnav_mav.mav.frames import compass_from_vector
 from circnav_mav.mav.ranging.interface import OTHERS
-from circnav_mav.pilot import Ending, OutputMode, Pilot, TickRecord, phase_name
+from circnav_mav.pilot import VEHICLE, Ending, OutputMode, Pilot, TickRecord, phase_name
 from circnav_mav.pilot.mission_state import Phase
 
 RATE_SPAN = 3.0
@@ -94,9 +94,8 @@ class Watch:
 
     def _rates(self, now: float) -> Rates | None:
         pilot, seen = self._pilot, self._seen
-        counts = Rates(
-            pilot.counts().frames, pilot.tracker.accepted, pilot.tracker.ranging.refused, pilot.setpoints_sent
-        )
+        frames, tracker = pilot.connection.counts[VEHICLE].frames, pilot.tracker
+        counts = Rates(frames, tracker.accepted, tracker.ranging.refused, pilot.setpoints_sent)
         seen.append((now, counts))
         while len(seen) > 2 and now - seen[1][0] >= RATE_SPAN:
             seen.popleft()

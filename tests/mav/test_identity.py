@@ -3,6 +3,7 @@
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
+from circnav_mav.pilot import VEHICLE
 from circnav_mav.pilot.mission_state import Phase
 from tests.rig import Voice, heartbeat, scattering, timing
 
@@ -251,15 +252,16 @@ def test_what_is_said_in_the_vehicles_name_from_elsewhere_counts_for_nothing(rig
 def test_of_strangers_so_much_is_read_as_leaves_time_for_the_vehicle(rig):
     """And of the vehicle all."""
     rig.engage()
-    junk, before = bytes(1000), rig.pilot.counts().bytes
+    heard = rig.pilot.connection.counts[VEHICLE]
+    junk, before = bytes(1000), heard.bytes
     for source, read in (("elsewhere", 32), ("vehicle", 500)):
         for _ in range(500):
             rig.pilot.receive(junk, rig.now, source)
-        assert rig.pilot.counts().bytes - before == 1000 * read
-        before = rig.pilot.counts().bytes
+        assert heard.bytes - before == 1000 * read
+        before = heard.bytes
     assert rig.pilot.allowance.dropped == 468_000
     rig.pilot.receive(junk, rig.now + 1.0, "elsewhere")
-    assert rig.pilot.counts().bytes - before == 1000
+    assert heard.bytes - before == 1000
 
 
 def test_a_radio_of_its_own_address_is_not_followed_to_another_in_flight(rig):
@@ -269,10 +271,11 @@ def test_a_radio_of_its_own_address_is_not_followed_to_another_in_flight(rig):
     rig.run(4.0, lambda: rig.range(voice=radio, source=("10.0.0.7", 8)))
     assert rig.pilot.tracker.newest.time < 6.1
     assert rig.pilot.believed == "1/1 at vehicle, ranges of 1/192 at 10.0.0.7:7"
-    before = rig.pilot.counts().bytes
+    heard = rig.pilot.connection.counts[VEHICLE]
+    before = heard.bytes
     for _ in range(500):
         rig.pilot.receive(bytes(1000), rig.now, ("10.0.0.7", 7))
-    assert rig.pilot.counts().bytes - before == 500_000, "nor is it a stranger, whose bytes are counted"
+    assert heard.bytes - before == 500_000, "nor is it a stranger, whose bytes are counted"
 
 
 def test_a_second_sender_is_told_of_once_and_only_if_his_ranges_fit_the_mission(rig):
