@@ -164,7 +164,7 @@ class Rig:
     def engage(self, **state: Any) -> "Rig":
         """Fly until engaged, and then some."""
         self.run(3.0, **state)
-        assert self.pilot.phase.name == "ENGAGED"
+        assert self.pilot.mission.phase.name == "ENGAGED"
         return self
 
     def pass_time(self, seconds: float) -> None:

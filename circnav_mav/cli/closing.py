@@ -107,7 +107,7 @@ def _located(summary: dict[str, Any], folder: Path, locator: Locator) -> bool:
 
 def _summary(pilot: Pilot, recorder: Recorder, mission: Mission, epoch_us: int) -> dict[str, Any]:
     """The figures that can be worked out; the rest is unknown."""
-    outcome = pilot.outcome
+    outcome = pilot.mission.outcome
     assert outcome is not None
     ticks, truth = _recorded(recorder, epoch_us, pilot.session.vehicle_ids[0] or None)
     facts = FlightFacts(
@@ -125,7 +125,7 @@ def _summary(pilot: Pilot, recorder: Recorder, mission: Mission, epoch_us: int) 
         recording_problem=recorder.problem,
         voice=pilot.settings.output_mode.value,
         clock_speed=pilot.session.clock_speed.noticed,
-        engaged_s=pilot.engaged_at,
+        engaged_s=pilot.mission.engaged_at,
         until_s=recorder.until,
         later_radii=mission.radii[1:],
     )

@@ -104,7 +104,7 @@ def start_clock(mission: Mission, session: Session, links: dict[str, Link], *, p
         vehicle.tell_time(clock.epoch_us / 1e6)  # once: simulated time would carry signatures, and our key's, far ahead
         links.update(clock.links(ranging_apart=mission.file.ranging.endpoint == SIM))
         return clock
-    return AutopilotClock(lambda: session.vehicle.boot_time) if mission.file.link.clock == "autopilot" else Clock()
+    return AutopilotClock(lambda: session.vehicle.boot.newest) if mission.file.link.clock == "autopilot" else Clock()
 
 
 def run_speed(mission: Mission, *, page: bool = False) -> float:

@@ -96,8 +96,8 @@ def fly_mission(
                 ready=lambda: not loading.is_alive(), locating=locating,
             )  # fmt: skip
             crash = _crash_of(loop, pilot, links, clock, folder)
-        assert pilot.outcome is not None
-        code = Exit.INTERNAL if crash is not None else EXITS[pilot.outcome.ending]
+        assert pilot.mission.outcome is not None
+        code = Exit.INTERNAL if crash is not None else EXITS[pilot.mission.outcome.ending]
         summary, code = close_flight(pilot, recorder, mission, clock.epoch_us, code, locator)
         words = verdict(summary, folder)
         if page is not None:
@@ -165,7 +165,8 @@ def _crash_of(
     try:
         loop()
     except Exception as error:
-        links[VEHICLE].send(pilot.last_words(clock.now()), pilot.reply_to)  # first of all, whatever the disk does
+        # first of all, whatever the disk does
+        links[VEHICLE].send(pilot.last_words(clock.now()), pilot.session.reply_to)
         pilot.abandon(f"internal error: {error}")
         report = folder / "error.txt"
         with suppress(OSError):

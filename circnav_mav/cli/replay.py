@@ -14,7 +14,7 @@ from circnav_mav.mav.ranging.interface import describe_rejected
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.mission.load import MissionError, load_mission, parse_mission
 from circnav_mav.mission.mission import Mission
-from circnav_mav.pilot import OutputMode, Pilot, PilotSettings
+from circnav_mav.pilot import VEHICLE, OutputMode, Pilot, PilotSettings
 from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.report.plots import plot_replay
 from circnav_mav.runlog.atomic_write import atomic_write
@@ -91,7 +91,7 @@ def _replay_plain(log: str, path: str | None, overrides: Sequence[str], out: str
     problems = []
     if damage := find_damage(tlog):
         problems.append(f"{damage}: replayed up to {done.until:.1f} s" if damage.cut else str(damage))
-    if spoilt := pilot.counts().bad:
+    if spoilt := pilot.connection.counts[VEHICLE].bad:
         problems.append(f"left out as damaged: {spoilt} of the frames")
     for problem in filter(None, (*problems, str(clock))):
         click.echo(f"  WARNING    {tlog.name}: {problem}")
@@ -137,12 +137,12 @@ def _held_gain(run: Run, settings: PilotSettings) -> float | None:
 
 def _check_steered(name: Path, pilot: Pilot) -> None:
     """A replay that never steered says why, and its exit code does. Raises Refused."""
-    if pilot.engaged_at is not None:
+    if pilot.mission.engaged_at is not None:
         return
-    if pilot.outcome is not None:
-        why = pilot.outcome.reason
+    if pilot.mission.outcome is not None:
+        why = pilot.mission.outcome.reason
     elif not pilot.session.up:
-        why = f"no vehicle: {'; '.join(pilot.session.misfits.values()) or pilot.counts().describe()}"
+        why = f"no vehicle: {'; '.join(pilot.session.misfits.values()) or pilot.connection.counts[VEHICLE].describe()}"
     else:
         refused = describe_rejected(pilot.tracker.ranging.rejected)
         why = f"{pilot.tracker.accepted} ranges of {pilot.settings.ranging.message} taken, rejected: {refused}"
@@ -153,7 +153,7 @@ def _say_damage(run: Run, done: Replayed, pilot: Pilot) -> bool:
     """A warning where not all of the flight is in the log as it was; tells whether all is."""
     end = float(run.ticks.time[-1]) if len(run.ticks.time) else 0.0
     short = end - done.until > UNRECORDED
-    spoilt = pilot.counts().bad
+    spoilt = pilot.connection.counts[VEHICLE].bad
     problems = [run.damage_text] if run.damage_text else []
     if short and not (run.damage and run.damage.cut):
         where = "is damaged" if run.damage else "ends"
@@ -191,10 +191,10 @@ def _say_ticks(done: Replayed, pilot: Pilot, was: Ticks | None) -> None:
     click.echo(f"  ticks      {len(done.ticks)}, {steered} of them steering, {saturated} at the turn-rate limit")
     refused = describe_rejected(dict(sorted(pilot.tracker.ranging.rejected.items())))
     click.echo(f"  ranges     {pilot.tracker.accepted} taken, rejected: {refused}")
-    if pilot.outcome is not None:
+    if pilot.mission.outcome is not None:
         early = done.ended is not None and done.until - done.ended > UNRECORDED
         until = f" (at {done.ended:.1f} s; the log goes on to {done.until:.1f} s)" if early else ""
-        click.echo(f"  outcome    {pilot.outcome.ending.value}: {pilot.outcome.reason}{until}")
+        click.echo(f"  outcome    {pilot.mission.outcome.ending.value}: {pilot.mission.outcome.reason}{until}")
 
 
 def _write(log: str, out: str | None, done: Replayed, was: Ticks | None, mission: Mission) -> None:

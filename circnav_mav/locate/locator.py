@@ -232,7 +232,7 @@ class Locator:
 
     def _relative(self, time: float) -> RelativeMotion | None:
         """Where the vehicle is from the target by ranges and compass, where that is trusted."""
-        estimate = self._pilot.tracker.at(time)
+        estimate = self._pilot.tracker.estimator.at(time)
         relative = estimate.relative if estimate else None
         return relative if relative is not None and relative.trusted else None
 

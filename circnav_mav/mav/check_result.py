@@ -12,6 +12,9 @@ class Grade(Enum):
     FAIL = "FAIL"
 
 
+PASS, WARN, FAIL = Grade
+
+
 @dataclass(frozen=True, slots=True)
 class Check:
     grade: Grade
@@ -21,4 +24,4 @@ class Check:
 
 def graded(value: float, *, warn_above: float, fail_above: float) -> Grade:
     """The grade of a number that should be small."""
-    return Grade.FAIL if value > fail_above else Grade.WARN if value > warn_above else Grade.PASS
+    return FAIL if value > fail_above else WARN if value > warn_above else PASS

@@ -166,15 +166,12 @@ class OwnMotionSensor:
     def own(self, now: float, airspeed: float, *, banks: bool = False) -> OwnMotion | None:
         """The motion as guidance sees it, at a true airspeed (m/s) that the caller stands for; None without attitude.
         banks: whether the vehicle banks to turn; else it flies by its tilt."""
-        motion = self.at(now)
-        if motion.yaw is None or motion.yaw_rate is None:
+        body = self._attitude(now)
+        if body is None:
             return None
-        psi = course_from_yaw(motion.yaw)
-        turn_rate = turn_rate_from_yaw_rate(motion.yaw_rate)
+        psi, turn_rate = course_from_yaw(body.yaw), turn_rate_from_yaw_rate(body.yaw_rate)
         own = OwnMotion(self._attitude_at, psi, turn_rate, airspeed, felt=self._accelerations.felt)
-        if motion.roll is None or motion.pitch is None:
-            return own
-        roll, pitch = (min(max(angle, -MOST_TILT), MOST_TILT) for angle in (motion.roll, motion.pitch))
+        roll, pitch = (min(max(angle, -MOST_TILT), MOST_TILT) for angle in (body.roll, body.pitch))
         if banks:
             coordinated = YawRate(GRAVITY * tan(roll) / max(airspeed, 1.0))
             return replace(own, bank_turn=turn_rate_from_yaw_rate(coordinated))
@@ -183,10 +180,13 @@ class OwnMotionSensor:
     def at(self, now: float) -> Motion:
         """The motion as far as it is known at a moment."""
         air = self._air if now - self._air_at <= AIR_MAX_AGE else Motion()
-        body = self._body if now - self._attitude_at <= ATTITUDE_MAX_AGE else None
+        body = self._attitude(now)
         if body is None:
             return air
         return replace(air, roll=body.roll, pitch=body.pitch, yaw=body.yaw, yaw_rate=body.yaw_rate)
+
+    def _attitude(self, now: float) -> Attitude | None:
+        return self._body if now - self._attitude_at <= ATTITUDE_MAX_AGE else None
 
 
 def _angles(message: Message) -> tuple[float, float, float] | None:
@@ -226,13 +226,8 @@ class Accelerations:
         force = unit * message.xacc, unit * message.yacc, unit * message.zacc
         time = message.time_boot_ms / 1e3 if kind == "SCALED_IMU" else message.time_usec / 1e6
         step, self._time = time - self._time, time
-        sound = all(abs(value) < MOST_FORCE for value in force)  # NaN is not
-        if (
-            not sound
-            or not 0 <= step <= LONGEST_STEP
-            or attitude is None
-            or abs(time - attitude.time) > OLDEST_ATTITUDE
-        ):
+        sound = 0 <= step <= LONGEST_STEP and all(abs(value) < MOST_FORCE for value in force)  # NaN is not
+        if not sound or attitude is None or abs(time - attitude.time) > OLDEST_ATTITUDE:
             self.felt = None
             return
         roll, pitch, yaw = attitude.at(time)

@@ -7,13 +7,13 @@ from collections.abc import Hashable, Mapping
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mav.autopilots.interface import Autopilot
+from circnav_mav.mav.clocks import Timesync
 from circnav_mav.mav.codec import Encoder, Ids, Message, ids
 from circnav_mav.mav.commands import Command, CommandResult, CommandSender, StreamRequests, once
 from circnav_mav.mav.identity import OUR_NAME, Identity, LinkSettings, Sender
 from circnav_mav.mav.own_motion import ACCELERATIONS, OwnMotionSensor
 from circnav_mav.mav.signing import Signing
 from circnav_mav.mav.statustext import Announcer
-from circnav_mav.mav.timesync import Timesync
 from circnav_mav.mav.vehicle_state import READ, VehicleState
 
 HEARTBEAT_PERIOD = 1.0

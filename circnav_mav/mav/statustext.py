@@ -50,13 +50,10 @@ class Announcer:
             for number, at in enumerate(starts)
         ]
 
-    def plots_due(self, now: float) -> bool:
-        return now - self._last_plot >= PLOT_INTERVAL
-
     def plots(self, values: dict[str, float], now: float) -> list[Message]:
         """NAMED_VALUE_FLOAT messages for any ground station's graphs, when due. Names have at most 9 characters: PX4
         cuts the tenth."""
-        if not self.plots_due(now) or not values:
+        if now - self._last_plot < PLOT_INTERVAL or not values:
             return []
         self._last_plot = now
         return [

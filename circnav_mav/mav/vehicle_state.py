@@ -38,7 +38,8 @@ class VehicleState:
 
     def __init__(self, adapter: Autopilot) -> None:
         self._adapter = adapter
-        self._boot = RemoteClock(wrap=BOOT_WRAP)
+        self.boot = RemoteClock(wrap=BOOT_WRAP)
+        """The vehicle's times since boot, the newest None before it has reported one."""
         self._lost_ours = False
         self._sequence: int | None = None
         self._late = False
@@ -73,11 +74,6 @@ class VehicleState:
     def mode_name(self) -> str:
         return "unknown" if self.mode is None else self._adapter.mode_names.get(self.mode, f"mode {self.mode}")
 
-    @property
-    def boot_time(self) -> float | None:
-        """The vehicle's newest time since boot, s, None before it was reported."""
-        return self._boot.newest
-
     def found(self, adapter: Autopilot) -> None:
         """The vehicle is there, for the first time or again."""
         self._adapter, self.on_ground = adapter, None
@@ -85,7 +81,7 @@ class VehicleState:
 
     def moved(self) -> None:
         """The vehicle speaks from another address, maybe by another way."""
-        self._sequence, self.unproven = None, self._boot.newest is not None
+        self._sequence, self.unproven = None, self.boot.newest is not None
 
     def lost(self) -> None:
         """The vehicle has fallen silent."""
@@ -152,16 +148,16 @@ class VehicleState:
     def _tells_boot_time(self, stamp: float, now: float) -> None:
         """A boot time that steps back is a reboot; the counter's own wrap after 49.7 days is not. After a silence one
         that has gone on by more than ours is another vehicle's."""
-        boot, newest = self._boot.unwrapped(stamp), self._boot.newest
+        boot, newest = self.boot.unwrapped(stamp), self.boot.newest
         step = 0.0 if newest is None else boot - newest
         if step < -REBOOT_STEP:
-            if not self._boot.set_anew(boot, now):
+            if not self.boot.set_anew(boot, now):
                 return
             self.reboots += 1
         else:
-            if self.unproven and newest is not None and self.clock_speed.noticed is None:
-                silence = now - self._boot.newest_at
+            if self.unproven and self.clock_speed.noticed is None:
+                silence = now - self.boot.newest_at
                 self.reboots += step - silence > AHEAD + AHEAD_SHARE * silence
             self.clock_speed.heard(boot, now)
-        self._boot.take(boot, now)
+        self.boot.take(boot, now)
         self.unproven = False

@@ -8,13 +8,12 @@ from circnav_mav.guidance.circles import LAPS, MOST_TRIM
 from circnav_mav.guidance.laws import LAWS
 from circnav_mav.guidance.theory import settling_time, tolerated_drift
 from circnav_mav.mav.autopilots.table import REFUSED, allowed
-from circnav_mav.mav.check_result import Check, Grade, graded
+from circnav_mav.mav.check_result import FAIL, PASS, WARN, Check, graded
 from circnav_mav.mission.checks_ranging import check_ranging
 from circnav_mav.mission.mission import Mission
 from circnav_mav.mission.schema import SELDOM, Table
 from circnav_mav.radios.table import split_driver
 
-PASS, WARN, FAIL = Grade.PASS, Grade.WARN, Grade.FAIL
 WEAK = 0.1
 """Share of the default gain below which a law hardly turns."""
 RADIUS_OFF = 0.01

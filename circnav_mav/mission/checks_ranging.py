@@ -5,11 +5,10 @@ from math import hypot, inf, sqrt
 
 from circnav_mav.guidance.geometry import MAX_SIGMA_GROWTH
 from circnav_mav.guidance.laws import LAWS
-from circnav_mav.mav.check_result import Check, Grade, graded
+from circnav_mav.mav.check_result import FAIL, PASS, WARN, Check, graded
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.mission.mission import Mission
 
-PASS, WARN, FAIL = Grade.PASS, Grade.WARN, Grade.FAIL
 LOOP_BOUND = 0.4
 """Bound on V |d omega/d r'| (turn lag + filter lag): from about .45 on the laws limit-cycle."""
 REACH = 0.8

@@ -15,12 +15,12 @@ from circnav_mav.locate.locator import LocateSettings
 from circnav_mav.mav.autopilots.interface import AirLoops, Autopilot, VehicleFacts
 from circnav_mav.mav.autopilots.table import allowed, table_key
 from circnav_mav.mav.frames import GRAVITY
-from circnav_mav.mav.height import HeightSettings
 from circnav_mav.mav.identity import LinkSettings
 from circnav_mav.mav.ranging.interface import RangingSettings
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.mission.schema import MissionFile
 from circnav_mav.pilot import LINKS, RANGING, VEHICLE, OutputMode, PilotSettings, Timing
+from circnav_mav.pilot.settings import HeightSettings
 from circnav_mav.radios.table import split_driver
 
 MOST_NOISE = 0.5
@@ -211,28 +211,11 @@ class Mission:
         return frozenset(LINKS if accepted else ())
 
     def _ranging(self) -> RangingSettings:
-        table = self.file.ranging
-        return RangingSettings(
-            message=table.message,
-            # a driver's beacons are senders of their own: without an id the first heard counts
-            beacon_id=0 if table.beacon_id is None and not self.ranging_driver else table.beacon_id,
-            sensor_id=table.sensor_id,
-            orientation=table.orientation,
-            name=table.name,
-            system=table.system_id,
-            component=table.component_id,
-            sigma=table.sigma_m,
-            min_range=table.min_range_m,
-            max_range=self.max_range,
-            max_age=self.file.limits.stale_s,
-            sensor_stamps=table.stamp == "sensor",
-            rate=table.rate_hz,
-            resent=table.resent,
-            rate_name=table.rate_name,
-            rate_sign=1 if table.rate_sign == "opening" else -1,
-            rate_sigma=table.rate_sigma_mps,
-            max_sigma=max(MOST_NOISE * min(self.radii), 3 * table.sigma_m),
-        )
+        given = self.file.ranging.model_dump(exclude={"endpoint"}) | {"max_range_m": self.max_range}
+        if given["beacon_id"] is None and not self.ranging_driver:
+            given["beacon_id"] = 0  # a driver's beacons are senders of their own: without an id the first heard counts
+        most = max(MOST_NOISE * min(self.radii), 3 * self.file.ranging.sigma_m)
+        return RangingSettings(**given, max_age=self.file.limits.stale_s, max_sigma=most)
 
     def _facts(self) -> VehicleFacts:
         vehicle = self.file.vehicle

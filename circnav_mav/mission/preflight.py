@@ -5,8 +5,8 @@ from math import degrees, isnan
 
 from pymavlink.dialects.v20 import all as dialect
 
-from circnav_mav.mav.autopilots.parameters import Context, check_parameters
-from circnav_mav.mav.check_result import Check, Grade
+from circnav_mav.mav.autopilots.parameters import Context
+from circnav_mav.mav.check_result import FAIL, PASS, WARN, Check, Grade
 from circnav_mav.mav.clocks import span_speed
 from circnav_mav.mav.identity import RADIO_NAME
 from circnav_mav.mission.mission import Mission
@@ -14,7 +14,6 @@ from circnav_mav.mission.preflight_ranging import FULL_RATE, SPEED_OFF, judge_ra
 from circnav_mav.pilot import VEHICLE
 from circnav_mav.pilot.survey import Survey
 
-PASS, WARN, FAIL = Grade.PASS, Grade.WARN, Grade.FAIL
 LOW_RATE = 0.5
 """Fraction of a wanted rate below which a stream is as good as missing."""
 SILENT = 2.0
@@ -32,7 +31,7 @@ def judge(mission: Mission, survey: Survey, clock_speed: float = 1.0) -> list[Ch
     follows the autopilot."""
     if not survey.session.up:
         misfits = "; ".join(survey.session.misfits.values())
-        why = misfits or f"no autopilot heartbeat, {survey.links[VEHICLE].describe()}"
+        why = misfits or f"no autopilot heartbeat, {survey.connection.counts[VEHICLE].describe()}"
         return [Check(FAIL, "vehicle", f"none that the mission means; {why}")]
     parts = (_identity, _mode, _protocol, _signing, _company, _streams, _motion, _battery)
     lines = [line for part in parts for line in part(mission, survey)]
@@ -46,7 +45,7 @@ def judge(mission: Mission, survey: Survey, clock_speed: float = 1.0) -> list[Ch
         system=survey.session.vehicle_ids[0],
         values=survey.parameters,
     )
-    lines += check_parameters(survey.session.adapter.parameters, context)
+    lines += [line for rule in survey.session.adapter.parameters if (line := rule.check(context)) is not None]
     told = [text for text in survey.texts if any(word in text.lower() for word in TROUBLE)]
     return lines + [Check(WARN, "says", f'"{text}"') for text in told]
 
@@ -76,7 +75,7 @@ def _mode(mission: Mission, survey: Survey) -> Iterator[Check]:
 
 
 def _protocol(mission: Mission, survey: Survey) -> Iterator[Check]:
-    heard = survey.links[VEHICLE]
+    heard = survey.connection.counts[VEHICLE]
     if heard.version_1:
         yield Check(WARN, "MAVLink", f"{heard.version_1} of {heard.frames} frames are of version 1")
     else:
@@ -85,7 +84,7 @@ def _protocol(mission: Mission, survey: Survey) -> Iterator[Check]:
 
 def _signing(mission: Mission, survey: Survey) -> Iterator[Check]:
     """Whether the frames heard are signed as the mission wants them; nothing where nobody signs."""
-    heard = survey.links[VEHICLE]
+    heard = survey.connection.counts[VEHICLE]
     if mission.file.signing is None:
         if heard.signed:
             words = f"{heard.signed} of {heard.frames} frames are signed and we have no key"

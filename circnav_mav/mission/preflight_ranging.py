@@ -5,7 +5,7 @@ from itertools import pairwise
 from math import hypot, sqrt
 from statistics import median
 
-from circnav_mav.mav.check_result import Check, Grade
+from circnav_mav.mav.check_result import FAIL, PASS, WARN, Check
 from circnav_mav.mav.clocks import quick_span, span_speed
 from circnav_mav.mav.ranging.interface import OTHERS, describe_rejected
 from circnav_mav.mission.checks_ranging import height_cost
@@ -13,7 +13,6 @@ from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import RANGING, VEHICLE
 from circnav_mav.pilot.survey import RangeHeard, Survey
 
-PASS, WARN, FAIL = Grade.PASS, Grade.WARN, Grade.FAIL
 FULL_RATE = 0.8
 """Fraction of a wanted rate from which it counts as full."""
 SPEED_OFF = 0.03
@@ -53,7 +52,7 @@ def _heard(mission: Mission, survey: Survey) -> Check:
         if survey.carriers:
             heard = "; ".join(f"{count} of {sender}" for sender, count in sorted(survey.carriers.items()))
             return Check(FAIL, "ranging", f"no usable {message}. Heard: {heard}. Compare with the mission's [ranging]")
-        link = survey.links[RANGING if mission.file.ranging.endpoint else VEHICLE]
+        link = survey.connection.counts[RANGING if mission.file.ranging.endpoint else VEHICLE]
         return Check(FAIL, "ranging", f"no {message}; {link.describe()}")
     wanted, stale = mission.file.ranging.rate_hz, mission.file.limits.stale_s
     rate = len(survey.ranges) / survey.seconds

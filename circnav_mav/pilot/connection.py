@@ -6,12 +6,12 @@ from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mav.autopilots.table import adapters
 from circnav_mav.mav.codec import Decoder, Message
+from circnav_mav.mav.identity import AUTOPILOT_COMPONENT
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.mav.session import HANDLED, HEARTBEAT_PERIOD, Session
 from circnav_mav.mav.signing import Signing
 from circnav_mav.pilot.settings import LINKS, RANGING, VEHICLE, PilotSettings
 
-AUTOPILOT_COMPONENT = 1
 HOME_RATE = 1.0
 """Rate, Hz, of HOME_POSITION where the height counts from home, which may be set anew until the engagement."""
 
@@ -24,8 +24,8 @@ class Connection:
         self.ranging_message = RANGING_MESSAGES[settings.ranging.message]
         self.more_streams: dict[int, float] = {}
         """Streams to ask for beside the adapter's, message id -> Hz: ranges that the autopilot sends, and home."""
-        if settings.ranging.component == AUTOPILOT_COMPONENT and not settings.ranging_apart:
-            self.more_streams[self.ranging_message.id] = settings.ranging.rate
+        if settings.ranging.component_id == AUTOPILOT_COMPONENT and not settings.ranging_apart:
+            self.more_streams[self.ranging_message.id] = settings.ranging.rate_hz
         if settings.height.target_above_home is not None:
             self.more_streams[dialect.MAVLINK_MSG_ID_HOME_POSITION] = HOME_RATE
         vehicles = adapters(settings.autopilot, settings.kind, settings.facts)
@@ -40,6 +40,8 @@ class Connection:
             )
             for link in LINKS
         }
+        self.counts = {link: decoder.counts for link, decoder in self.decoders.items()}
+        """What came in on each link."""
         self._next_hello = float("-inf")
 
     def receive(self, data: bytes, now: float, source: Hashable, link: str) -> Iterator[tuple[Message, bool, bool]]:

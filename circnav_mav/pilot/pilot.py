@@ -13,9 +13,8 @@ from dataclasses import replace
 from circnav_mav.guidance.types import Orbit, RangeEstimate, TurnCommand
 from circnav_mav.guidance.velocity_loop import CopterMotion
 from circnav_mav.guidance.watches import DriftAlarm, breach, watch_drift
-from circnav_mav.mav.codec import LinkCounts, Message
+from circnav_mav.mav.codec import Message
 from circnav_mav.mav.frames import YawRate
-from circnav_mav.mav.height import HEARD
 from circnav_mav.mav.identity import Allowance
 from circnav_mav.mav.session import LOST_AFTER
 from circnav_mav.mav.setpoint_guard import UnsafeSetpointError
@@ -25,11 +24,10 @@ from circnav_mav.pilot.connection import Connection
 from circnav_mav.pilot.controller import Controller
 from circnav_mav.pilot.mission_state import Ending, Event, MissionState, Outcome, Phase
 from circnav_mav.pilot.mode_request import ExitAction
-from circnav_mav.pilot.range_tracker import RangeTracker
+from circnav_mav.pilot.range_tracker import HEARD, RangeTracker, TickScheduler
 from circnav_mav.pilot.record import StepTaken, TickRecord, plot_values, tick_record
 from circnav_mav.pilot.settings import VEHICLE, OutputMode, PilotSettings
 from circnav_mav.pilot.status_text import StatusText
-from circnav_mav.pilot.tick_scheduler import TickScheduler
 
 
 class Pilot:
@@ -39,18 +37,18 @@ class Pilot:
         """signing: signs what is sent and tells who is believed; None: neither."""
         self.settings = settings
         self._flies = settings.output_mode is OutputMode.FLY
-        self._connection = Connection(settings, signing)
-        self.session = session = self._connection.session
+        self.connection = Connection(settings, signing)
+        self.session = session = self.connection.session
         self._say = session.announcer.say
         self._said: dict[str, Hashable] = {"circle": id(settings.orbit)}
         """What was said last of each kind of news. The circle by its identity: the same radius may come twice."""
         self.tracker = RangeTracker(settings, session, self._say_news)
         self.controller = Controller(settings)
-        self._mission = MissionState()
-        self._authority = Authority(settings, session, self._mission)
+        self.mission = MissionState()
+        self._authority = Authority(settings, session, self.mission)
         self._exit_action = ExitAction(settings.exit)
-        self._scheduler = TickScheduler(settings.timing.tick)
-        self._status = StatusText(settings, self._connection, self._mission, self._authority, self.tracker)
+        self.scheduler = TickScheduler(settings.timing.tick)
+        self.status = StatusText(settings, self.connection, self.mission, self._authority, self.tracker)
         self.why = ""
         """Why the law flies that flies, for people."""
         self.drift_alarm = DriftAlarm()
@@ -59,7 +57,7 @@ class Pilot:
         self.setpoints_sent = 0
         self._records: list[TickRecord] = []
         self._taken: StepTaken | None = None
-        """The newest step, until it is recorded."""
+        """The newest step, until all is said that follows it."""
         self._frames: list[bytes] = []
         self._copter_motion = CopterMotion()
 
@@ -67,38 +65,37 @@ class Pilot:
 
     def receive(self, data: bytes, now: float, source: Hashable = None, link: str = VEHICLE) -> None:
         """Take in one datagram (or chunk of a stream) that arrived at `now` from `source` on a link."""
-        self._note_step()
         if not self._worth_reading(source, len(data), now, link):
             return
-        for message, of_vehicle, of_ranging in self._connection.receive(data, now, source, link):
+        for message, of_vehicle, of_ranging in self.connection.receive(data, now, source, link):
             if of_vehicle:
                 self._take_motion(message, now)
             if of_ranging:
                 self._take_range(message, now, source)
-        self._frames += self._connection.decoders[link].frames
+        self._frames += self.connection.decoders[link].frames
 
     def interrupt(self, now: float, reason: str) -> None:
         """End the flight now: the next step sends the safe setpoint."""
         self._finish(Outcome(Ending.INTERRUPTED, reason), now)
-        self._scheduler.at_once()
+        self.scheduler.at_once()
 
     def abandon(self, reason: str) -> None:
         """An error of ours has ended the flight, whatever it had come to."""
-        self._mission.outcome = Outcome(Ending.ABORTED, reason)
+        self.mission.outcome = Outcome(Ending.ABORTED, reason)
 
     def _worth_reading(self, source: Hashable, size: int, now: float, link: str) -> bool:
         """Whether a datagram is read: all of the vehicle and of the ranging radio, of others within an allowance."""
         peer, radio = self.session.peer, self.tracker.ranging.trusted
         unknown = peer is None if link == VEHICLE else radio is None
         trusted = link == VEHICLE and peer is not None and source == peer.source
-        trusted |= link == self._connection.ranging_link and radio is not None and source == radio.source
+        trusted |= link == self.connection.ranging_link and radio is not None and source == radio.source
         return unknown or trusted or self.allowance.take(size, now)
 
     def _take_range(self, message: Message, now: float, source: Hashable) -> None:
-        mission, stalled = self._mission, self._authority.may_be_backlog(now)
+        mission, stalled = self.mission, self._authority.may_be_backlog(now)
         self.tracker.ranging.moving = mission.steering and self._flies
         if self.tracker.receive(message, now, source, stalled=stalled, begun=mission.begun):
-            self._scheduler.heard(now)
+            self.scheduler.heard(now)
 
     def _take_motion(self, message: Message, now: float) -> None:
         """Own motion teaches the height, the turn-rate gain, and estimators that know where the vehicle is heading."""
@@ -111,7 +108,7 @@ class Pilot:
         own = motion.own(now, self._airspeed(now), banks=adapter.measures_airspeed)
         if own is None:
             return
-        if adapter.velocity_loop is not None and self._mission.steering:
+        if adapter.velocity_loop is not None and self.mission.steering:
             self._copter_motion, own = self._copter_motion.follow(own, adapter.velocity_loop)
             self.controller.drag = self._copter_motion.drag
         else:
@@ -120,7 +117,7 @@ class Pilot:
         # a vehicle whose airspeed nobody measures has the commanded one while it flies as commanded; whose setpoints
         # are another's (a dry run) is taken to do so while it turns as we would command
         follows = self.controller.at_speed if self._flies else self.controller.followed
-        if adapter.measures_airspeed or (self._mission.steering and follows):
+        if adapter.measures_airspeed or (self.mission.steering and follows):
             self.tracker.estimator.move(own)
 
     def _airspeed(self, now: float) -> float:
@@ -129,7 +126,7 @@ class Pilot:
         measured = motion.airspeed if adapter.measures_airspeed else None
         believed = adapter.airspeed(measured)
         # on the ground it is no wonder
-        if measured is not None and measured != believed and self._mission.steering:
+        if measured is not None and measured != believed and self.mission.steering:
             self._say_news("airspeed", True, f"airspeed {measured:.1f} m/s implausible, ignored")
         return motion.true_airspeed(believed) if adapter.measures_airspeed else believed
 
@@ -142,56 +139,51 @@ class Pilot:
     def answer(self, now: float) -> bytes:
         """The setpoint of this step, if any. Acts when a fresh range is waiting or a tick is due; else returns nothing
         at once."""
-        self._note_step()
         if self._authority.stepped(now):
             self.tracker.fresh = False
         if not self._due(now):
             return b""
         self.tracker.fresh = False
-        self._mission.step(now)
+        self.mission.step(now)
         self._watch_link(now)
         self._watch_takeover(now)
-        if (outcome := self._status.overdue(now)) is not None:
+        if (outcome := self.status.overdue(now)) is not None:
             self._finish(outcome, now)
-        estimate = self.tracker.at(now)
+        estimate = self.tracker.estimator.at(now)
         self._watch_bounds(estimate, now)
         self._watch_ranging(estimate, now)
         self._watch_engagement(now)
         desired = self.controller.orbit.radius
-        command = self.controller.command(self.phase, estimate, self.session.timesync.worst, now)
+        command = self.controller.command(self.mission.phase, estimate, self.session.timesync.worst, now)
         message, sent = self._setpoint(command, now)
-        self._taken = StepTaken(now, self.phase, estimate, command, message is not None, sent, desired)
+        self._taken = StepTaken(now, self.mission.phase, estimate, command, message is not None, sent, desired)
         return b"" if message is None else self.session.encode(message)
 
     def follow_up(self, now: float) -> bytes:
         """All else that the step of `answer` has to say, once its setpoint is on its way; nothing if it did not act."""
         if self._taken is None:
             return b""
-        estimate, command = self._taken.estimate, self._taken.command
-        self.setpoints_sent += self._taken.spoke
-        self._scheduler.stepped(now)
-        if self._taken.sent is not None and command is not None:
-            self.controller.commanded(command, now)
-        self._say_what_is_new(estimate, command, now)
-        return b"".join(map(self.session.encode, self._housekeeping(estimate, command, now)))
-
-    def _note_step(self) -> None:
-        """Record the newest step, before anything changes."""
-        if self._taken is not None:
-            step, self._taken = self._taken, None
-            law = self.settings.law.name
-            self._records.append(tick_record(step, self.session, self.tracker, self.controller, law))
+        step, self._taken = self._taken, None
+        self.setpoints_sent += step.spoke
+        self.scheduler.stepped(now)
+        if step.sent is not None and step.command is not None:
+            self.controller.commanded(step.command, now)
+        self._say_what_is_new(step.estimate, step.command, now)
+        said = b"".join(map(self.session.encode, self._housekeeping(step.estimate, step.command, now)))
+        record = tick_record(step, self.session, self.tracker, self.controller, self.settings.law.name)
+        self._records.append(record)
+        return said
 
     def _due(self, now: float) -> bool:
         """Whether this step acts. The safe setpoints of the end are a tick apart, however many ranges come."""
-        answers = self.tracker.fresh and self.phase is not Phase.LEAVING
-        return not self.done and (answers or now >= self._scheduler.due)
+        answers = self.tracker.fresh and self.mission.phase is not Phase.LEAVING
+        return not self.done and (answers or now >= self.scheduler.due)
 
     # --- what moves the phases
 
     def _watch_link(self, now: float) -> None:
         """A vehicle that is not proven to be the one of before counts as lost; last words wait for it a while."""
-        session, mission = self.session, self._mission
+        session, mission = self.session, self.mission
         if not session.up:
             return
         if session.heartbeat_age(now) > LOST_AFTER:
@@ -209,11 +201,11 @@ class Pilot:
             self.tracker.estimator.reset()
         if takeover is None:
             return
-        self._mission.yield_to_operator(now)
+        self.mission.yield_to_operator(now)
         self.session.drop_mode_requests()
         self.controller.disengage()
         self.tracker.ranging.sender_stays = False
-        if self.outcome is not None:  # we were leaving: this is the exit action taking effect
+        if self.mission.outcome is not None:  # we were leaving: this is the exit action taking effect
             return
         what, reason = takeover
         self._say("yield", what)
@@ -227,11 +219,11 @@ class Pilot:
             ids = f"{session.encoder.system}/{self.settings.link.component_id}"
             reason = f"another companion sends as {ids}: give one of us another component_id"
             self._finish(Outcome(Ending.ABORTED, reason), now)
-        if not self._mission.steering:
+        if not self.mission.steering:
             return
         broken = breach(
             self.settings.bounds,
-            r=estimate.r if estimate and self.phase is Phase.ENGAGED else None,
+            r=estimate.r if estimate and self.mission.phase is Phase.ENGAGED else None,
             altitude=session.motion.at(now).altitude,
             battery=session.vehicle.battery,
         )
@@ -239,26 +231,26 @@ class Pilot:
             self._finish(Outcome(Ending.ABORTED, broken), now)
 
     def _watch_ranging(self, estimate: RangeEstimate | None, now: float) -> None:
-        good = self.tracker.good(estimate, now, holding=self.phase is Phase.HOLDING)
-        if self.phase is Phase.WAIT_RANGING and self.session.missing(now):
+        good = self.tracker.good(estimate, now, holding=self.mission.phase is Phase.HOLDING)
+        if self.mission.phase is Phase.WAIT_RANGING and self.session.missing(now):
             return
-        steering = self._mission.steering
-        if self._mission.happened(Event.RANGE_GOOD if good else Event.RANGE_LOST, now) and steering:
+        steering = self.mission.steering
+        if self.mission.happened(Event.RANGE_GOOD if good else Event.RANGE_LOST, now) and steering:
             self._say("range", "range regained" if good else "range lost, holding")
 
     def _watch_engagement(self, now: float) -> None:
-        if self._mission.steering or self.phase is Phase.LEAVING or not self._authority.certain:
+        if self.mission.steering or self.mission.phase is Phase.LEAVING or not self._authority.certain:
             return
         engages = self._authority.may_engage(now)
-        if engages and self.phase is Phase.YIELDED:
-            self._mission.happened(Event.MODE_OURS, now)
-        elif engages and self.phase is Phase.READY:
+        if engages and self.mission.phase is Phase.YIELDED:
+            self.mission.happened(Event.MODE_OURS, now)
+        elif engages and self.mission.phase is Phase.READY:
             self._engage(now)
         elif (failure := self._authority.ask_for_mode(now)) is not None:
             self._finish(Outcome(Ending.ABORTED, failure), now)
 
     def _engage(self, now: float) -> None:
-        self._mission.engage(now)
+        self.mission.engage(now)
         self.tracker.ranging.sender_stays = self._flies
         if self._flies:  # a dry run may begin on the ground, far from the height that is told
             self.tracker.height.engage()
@@ -266,7 +258,7 @@ class Pilot:
         self._say("engage", f"{'engaged' if self._flies else 'dry run'}, {_circle(self.controller.orbit)}")
 
     def _finish(self, outcome: Outcome, now: float) -> None:
-        if self._mission.finish(outcome, now, in_our_hands=self._authority.in_our_hands):
+        if self.mission.finish(outcome, now, in_our_hands=self._authority.in_our_hands):
             self._say("end", f"ended, {outcome.reason}")
 
     # --- the setpoint
@@ -275,7 +267,7 @@ class Pilot:
         """The setpoint message of this step, if any, and the yaw rate in it where it steers."""
         allowed = self._authority.allowed(now)
         try:
-            if self.phase is Phase.LEAVING:
+            if self.mission.phase is Phase.LEAVING:
                 return self._leave(allowed, now), None
             if allowed is Allowed.STEER and command is not None:
                 return self.controller.setpoint(command, self.session, now)
@@ -288,7 +280,7 @@ class Pilot:
 
     def _leave(self, allowed: Allowed, now: float) -> Message | None:
         """The safe setpoint until the exit action shows in the vehicle's mode, or some times over; then silence."""
-        mission, exit_action = self._mission, self._exit_action
+        mission, exit_action = self.mission, self._exit_action
         if allowed is Allowed.NOTHING:
             over = not self._flies or exit_action.wait_to_speak(mission.since, now)
         else:
@@ -317,9 +309,7 @@ class Pilot:
 
     def _housekeeping(self, estimate: RangeEstimate | None, command: TurnCommand | None, now: float) -> list[Message]:
         """Heartbeat, commands, streams, texts and plot values; the farewell at the end."""
-        announcer, plots = self.session.announcer, []
-        if announcer.plots_due(now):
-            plots = announcer.plots(plot_values(self.controller.orbit, estimate, command), now)
+        plots = self.session.announcer.plots(plot_values(self.controller.orbit, estimate, command), now)
         if self.settings.output_mode is OutputMode.SHADOW:
             return self.session.heartbeats_due(now) + plots
         if self.done:
@@ -328,7 +318,7 @@ class Pilot:
 
     def hello(self, now: float) -> bytes:
         """What goes out on a separate ranging link."""
-        return b"" if self.done else self._connection.hello(now)
+        return b"" if self.done else self.connection.hello(now)
 
     def _say_what_is_new(self, estimate: RangeEstimate | None, command: TurnCommand | None, now: float) -> None:
         """Say once each time it begins: that somebody else uses the vehicle's name, ours or the radio's; that the drift
@@ -358,62 +348,25 @@ class Pilot:
     # --- what is known of it ----------------------------------------------------------------------------------------
 
     @property
-    def phase(self) -> Phase:
-        """Where the mission stands."""
-        return self._mission.phase
-
-    @property
-    def outcome(self) -> Outcome | None:
-        """How the mission ended; None while it goes on."""
-        return self._mission.outcome
-
-    @property
-    def engaged_at(self) -> float | None:
-        """The first engagement, s."""
-        return self._mission.engaged_at
-
-    @property
     def done(self) -> bool:
         """Whether the mission is over and nothing more will be sent."""
-        return self.phase is Phase.ENDED
-
-    @property
-    def next_tick(self) -> float:
-        """When the next step is due if nothing arrives before."""
-        return self._scheduler.due
-
-    @property
-    def reply_to(self) -> Hashable:
-        """Where the vehicle link's bytes go: the source of the vehicle's frames, None before it was heard."""
-        return self.session.reply_to
+        return self.mission.phase is Phase.ENDED
 
     @property
     def believed(self) -> str:
         """Who is believed to be the vehicle and its radio, and from where, for people; empty while nobody is."""
         peer, radio = self.session.peer, self.tracker.ranging.trusted
-        if peer is None:
-            return ""
-        ranges = "" if radio is None else f", ranges of {radio.system}/{radio.component}"
-        if radio is not None and radio.source != peer.source:
-            ranges = f", ranges of {radio}"
-        return f"{peer}{ranges}"
-
-    def waits_for(self, now: float) -> str:
-        """What the vehicle is not steered for now, for people; empty where nothing is missing."""
-        return self._status.waits_for(now)
-
-    def counts(self, link: str = VEHICLE) -> LinkCounts:
-        """What came in on a link."""
-        return self._connection.decoders[link].counts
+        if peer is None or radio is None:
+            return str(peer or "")
+        apart = radio.source != peer.source
+        return f"{peer}, ranges of {radio if apart else f'{radio.system}/{radio.component}'}"
 
     def frames_refused(self) -> Counter[str]:
         """Frames that were not believed on any link, by what was wrong with their signature."""
-        return sum((decoder.counts.refused for decoder in self._connection.decoders.values()), Counter())
+        return sum((counts.refused for counts in self.connection.counts.values()), Counter())
 
     def take_records(self) -> list[TickRecord]:
-        """The ticks since the last call, the newest step's among them, which was left for after all that it says; and
-        the estimator prepares for what comes next."""
-        self._note_step()
+        """The ticks since the last call; and the estimator prepares for what comes next."""
         self.tracker.estimator.settle()
         records, self._records = self._records, []
         return records

@@ -1,6 +1,12 @@
-"""What is known of the range to the target: ranges in, an estimate out."""
+"""What is known of the range to the target: ranges in, an estimate out, and when to step without a fresh one.
 
+Slant ranges become horizontal with the height above the target, which the vehicle's own altitude tells. Read are
+VFR_HUD.alt and, of HOME_POSITION, the altitude alone: its latitude, longitude and local position never are.
+"""
+
+from collections import deque
 from collections.abc import Callable, Hashable
+from statistics import median
 
 from circnav_mav.guidance.estimators.interface import Fused
 from circnav_mav.guidance.estimators.table import ESTIMATORS
@@ -8,18 +14,31 @@ from circnav_mav.guidance.range_noise import NoiseCheck
 from circnav_mav.guidance.types import SAME_TIME, RangeEstimate, RangeSample, RateSample
 from circnav_mav.mav.clocks import nobody_tells
 from circnav_mav.mav.codec import Message
-from circnav_mav.mav.height import Height
 from circnav_mav.mav.identity import RADIO_NAME
+from circnav_mav.mav.own_motion import AIR_MAX_AGE, MOST_ALTITUDE
 from circnav_mav.mav.ranging.interface import Reject
 from circnav_mav.mav.ranging.reader import RangeRateReader, RangeReader
 from circnav_mav.mav.session import Session
-from circnav_mav.pilot.settings import PilotSettings
+from circnav_mav.pilot.settings import HeightSettings, PilotSettings
 
 FRESH = 0.6
 """Share of `stale` that a range's age must be below to steer again at once after ranges were stale."""
 CALM = 1.0
 """Time, s, for which ranges must not have been stale to steer again otherwise: a radio whose ranges come at an age near
 `stale` would else start and stop steering with each of them."""
+WAIT = 0.25
+"""Share of a tick for which a range that is expected about then is waited for. A radio of 9.98 Hz would else come just
+after the second tick since its last range, always, and its every range be answered twice."""
+AT_ONCE = 1e-5
+"""A range expected within this time, s, of the tick would be here by now, or is lost."""
+REMEMBERED = 9
+MOST_CLIMB = 20.0
+"""Climb or sink rate, m/s, that none of our vehicles has: a quicker change is an altitude estimate that was reset."""
+BUNCHED = 0.25
+"""Least time, s, by which two altitudes count as apart: a link may deliver several at once."""
+
+HEARD = frozenset({"VFR_HUD", "HOME_POSITION"})
+"""Types of the messages that tell of the height."""
 
 
 class RangeTracker:
@@ -104,10 +123,6 @@ class RangeTracker:
         rate = self.newest_rate
         return None if rate is None or now - rate.time > self._stale + SAME_TIME else rate.r_dot
 
-    def at(self, now: float) -> RangeEstimate | None:
-        """The estimate of this moment."""
-        return self.estimator.at(now)
-
     def good(self, estimate: RangeEstimate | None, now: float, *, holding: bool) -> bool:
         """Whether an estimate of now may steer: ready, and of a range that is not stale. holding: whether steering was
         given up; then the range must be clearly fresh, or ranges must not have been stale for a while."""
@@ -121,3 +136,105 @@ class RangeTracker:
     def age(self, now: float) -> float | None:
         """Seconds since the newest range was measured."""
         return None if self.newest is None else now - self.newest.time
+
+
+class Height:
+    """The height above the target. Before the engagement it is what the mission and the newest altitude say; from then
+    on it changes with the altitude alone, and the last one holds when no altitude comes."""
+
+    def __init__(self, settings: HeightSettings) -> None:
+        self._settings = settings
+        self._base = settings.above_target or 0.0
+        self._zero = settings.target_altitude
+        """The altitude at which the height is `_base`, None while it is not known."""
+        self._altitude: float | None = None
+        self._heard_at = float("-inf")
+        self._engaged = False
+        self.jumped = 0.0
+        """The sum of the jumps of the altitude since the engagement, m, which do not count as height."""
+
+    def engage(self) -> None:
+        """Guidance has the vehicle: home and height are now those of the flight."""
+        self._engaged = True
+
+    def hear(self, message: Message, altitude: float | None, now: float) -> bool:
+        """Take in one message of the vehicle. altitude: what is believed of VFR_HUD, None: nothing. Tells whether the
+        altitude has jumped."""
+        above_home = self._settings.target_above_home
+        if message.get_type() == "HOME_POSITION" and above_home is not None and not self._engaged:
+            home = message.altitude / 1000
+            self._zero = home + above_home if abs(home) <= MOST_ALTITUDE else self._zero
+        if message.get_type() != "VFR_HUD" or altitude is None:
+            return False
+        before, waited = self._altitude, max(now - self._heard_at, BUNCHED)
+        self._altitude, self._heard_at = altitude, now
+        if not self._engaged:  # a home that is set late moves the altitude by hundreds of metres, and rightly so
+            return False
+        if self._zero is None:
+            self._zero = altitude if self._settings.above_target is not None else None
+            return False
+        change = 0.0 if before is None else altitude - before
+        if abs(change) <= MOST_CLIMB * waited:
+            return False
+        # the vehicle did not move, its zero did: a glitch that comes and goes leaves nothing behind
+        self._zero += change
+        self.jumped += change
+        return True
+
+    def at(self, now: float) -> float | None:
+        """The height now, m; None where it is not known, or the mission says nothing of it."""
+        live = self._engaged or now - self._heard_at <= AIR_MAX_AGE
+        if self._zero is None or self._altitude is None or not live:
+            return self._settings.above_target
+        return self._base + (self._altitude - self._zero)
+
+    def why_unknown(self, now: float) -> str:
+        """Why there is no height although the mission wants one, for people; empty where there is."""
+        if not self._settings.needs_altitude or self.at(now) is not None:
+            return ""
+        if self._zero is None:
+            return (
+                "no home altitude (HOME_POSITION), from which orbit.target_above_home_m counts: set home, or give "
+                "orbit.target_altitude_m or orbit.height_above_target_m instead"
+            )
+        return "no altitude (VFR_HUD.alt), without which the height above the target is not known"
+
+    def trouble(self, now: float) -> str:
+        """What is wrong with the height of the flight, for people; empty where nothing is."""
+        height = self.at(now)
+        if not self._engaged or height is None:
+            return ""
+        if now - self._heard_at > AIR_MAX_AGE:
+            return f"ALTITUDE NOT HEARD: height above the target held at {height:.1f} m"
+        if abs(self.jumped) > MOST_CLIMB * BUNCHED:
+            return f"ALTITUDE JUMPED by {self.jumped:+.1f} m, not counted as height: compare the radius with the map"
+        return ""
+
+
+class TickScheduler:
+    """Keeps when the next step without a fresh range is due: a tick after the last one, but not just before a range."""
+
+    def __init__(self, tick: float) -> None:
+        """tick: s."""
+        self._tick = tick
+        self._gaps: deque[float] = deque(maxlen=REMEMBERED)
+        self._heard_at: float | None = None
+        self.due = float("-inf")
+
+    def heard(self, now: float) -> None:
+        """A range came in."""
+        if self._heard_at is not None:
+            self._gaps.append(now - self._heard_at)
+        self._heard_at = now
+
+    def stepped(self, now: float) -> None:
+        """The pilot took a step."""
+        due = now + self._tick
+        wait = WAIT * self._tick
+        # by the usual time between two
+        expected = due if self._heard_at is None or not self._gaps else self._heard_at + median(self._gaps)
+        self.due = expected + wait if AT_ONCE < abs(due - expected) <= wait else due
+
+    def at_once(self) -> None:
+        """Something happened that cannot wait for a tick."""
+        self.due = float("-inf")

@@ -8,7 +8,6 @@ from circnav_mav.guidance.step import LawChoice
 from circnav_mav.guidance.types import Orbit
 from circnav_mav.guidance.watches import Bounds
 from circnav_mav.mav.autopilots.interface import VehicleFacts
-from circnav_mav.mav.height import HeightSettings
 from circnav_mav.mav.identity import LinkSettings
 from circnav_mav.mav.ranging.interface import RangingSettings
 from circnav_mav.pilot.mission_state import Timing
@@ -23,6 +22,21 @@ class OutputMode(Enum):
     FLY = "fly"
     DRY_RUN = "dry run"
     SHADOW = "shadow"
+
+
+@dataclass(frozen=True, slots=True)
+class HeightSettings:
+    """What the mission says of the height, at most one of them, m. above_target: of the vehicle above the target when
+    guidance engages. target_altitude: of the target above sea level. target_above_home: of the target above home."""
+
+    above_target: float | None = None
+    target_altitude: float | None = None
+    target_above_home: float | None = None
+
+    @property
+    def needs_altitude(self) -> bool:
+        """Whether nothing is known of the height before the vehicle reports its altitude."""
+        return self.target_altitude is not None or self.target_above_home is not None
 
 
 @dataclass(frozen=True, slots=True)

@@ -61,7 +61,7 @@ class StatusText:
             return "not known whether this is the same vehicle: no boot time yet (ATTITUDE, SYSTEM_TIME)"
         if session.misfits:
             return "; ".join(session.misfits.values())
-        return f"no autopilot heartbeat, {self._heard(VEHICLE)}"
+        return f"no autopilot heartbeat, {self.connection.counts[VEHICLE].describe()}"
 
     def _not_ready(self, now: float) -> str:
         """What is missing of ranging, or of what the vehicle must tell."""
@@ -76,11 +76,9 @@ class StatusText:
         if ready and missing:
             return missing
         wanted, rejected = RANGING_MESSAGES[self.settings.ranging.message], tracker.ranging.rejected
-        heard = f"rejected: {describe_rejected(rejected)}; {self._heard(self.connection.ranging_link)}"
-        return f"no ranging: no usable {wanted.type}, {heard}{denied(self.connection.session)}"
-
-    def _heard(self, link: str) -> str:
-        return self.connection.decoders[link].counts.describe()
+        heard = self.connection.counts[self.connection.ranging_link].describe()
+        words = f"rejected: {describe_rejected(rejected)}; {heard}{denied(self.connection.session)}"
+        return f"no ranging: no usable {wanted.type}, {words}"
 
     # --- what has gone ----------------------------------------------------------------------------------------------
 

@@ -13,14 +13,14 @@ from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.guidance.range_noise import NoiseCheck
 from circnav_mav.mav.clocks import Moment, Span, quick_span
-from circnav_mav.mav.codec import LinkCounts, Message
-from circnav_mav.mav.height import Height
+from circnav_mav.mav.codec import Message
 from circnav_mav.mav.identity import RADIO_NAME, describe_vehicle
 from circnav_mav.mav.params import ParameterReader
 from circnav_mav.mav.ranging.reader import RangeRateReader, RangeReader
 from circnav_mav.mav.signing import Signing
 from circnav_mav.mav.statustext import TextReader, plain_text
 from circnav_mav.pilot.connection import Connection
+from circnav_mav.pilot.range_tracker import Height
 from circnav_mav.pilot.settings import VEHICLE, PilotSettings
 
 TICK = 0.05
@@ -47,8 +47,8 @@ class Survey:
 
     def __init__(self, settings: PilotSettings, *, seconds: float, signing: Signing | None = None) -> None:
         """seconds: how long to measure, once the vehicle was found."""
-        self._connection = Connection(settings, signing, also=[dialect.MAVLINK_MSG_ID_PARAM_VALUE])
-        self.session = self._connection.session
+        self.connection = Connection(settings, signing, also=[dialect.MAVLINK_MSG_ID_PARAM_VALUE])
+        self.session = self.connection.session
         self.done, self.next_tick = False, float("-inf")
         self._settings = settings
         self._listens = seconds
@@ -77,14 +77,9 @@ class Survey:
         """Of each start of the vehicle."""
         self._text_reader = TextReader()
 
-    @property
-    def reply_to(self) -> Hashable:
-        """Where the vehicle link's bytes go."""
-        return self.session.reply_to
-
     def receive(self, data: bytes, now: float, source: Hashable = None, link: str = VEHICLE) -> None:
         """Take in one datagram (or chunk of a stream) that arrived at `now` from `source` on a link."""
-        for message, of_vehicle, of_ranging in self._connection.receive(data, now, source, link):
+        for message, of_vehicle, of_ranging in self.connection.receive(data, now, source, link):
             if of_vehicle:
                 self._take_telemetry(message, now)
             if of_ranging:
@@ -106,14 +101,9 @@ class Survey:
 
     def hello(self, now: float) -> bytes:
         """What goes out on a separate ranging link."""
-        return b"" if self.done else self._connection.hello(now)
+        return b"" if self.done else self.connection.hello(now)
 
     # --- what was heard, once done ----------------------------------------------------------------------------------
-
-    @property
-    def links(self) -> Mapping[str, LinkCounts]:
-        """What came in on each."""
-        return {link: decoder.counts for link, decoder in self._connection.decoders.items()}
 
     @property
     def seconds(self) -> float:
@@ -123,7 +113,7 @@ class Survey:
     @property
     def streams(self) -> Mapping[int, tuple[float, float]]:
         """Message id -> (wanted, measured) in Hz."""
-        wanted = {**self.session.adapter.firmware.streams, **self._connection.more_streams}
+        wanted = {**self.session.adapter.firmware.streams, **self.connection.more_streams}
         return {id: (rate, self._counted[id] / max(self.seconds, TICK)) for id, rate in wanted.items()}
 
     @property
@@ -174,7 +164,7 @@ class Survey:
             self._parameters.receive(message)
         if self._settled(now):
             self._counted[message.get_msgId()] += 1
-            boot_time = session.vehicle.boot_time
+            boot_time = session.vehicle.boot.newest
             if type_ in ("ATTITUDE", "ATTITUDE_QUATERNION", "SYSTEM_TIME") and boot_time is not None:
                 self._boots[session.vehicle.reboots].append((now, boot_time))
 
@@ -184,7 +174,7 @@ class Survey:
             if rate is not None and self._settled(now):
                 self.rates.append(rate.r_dot)
             return
-        marks = self._connection.ranging_message.mark_values(message)
+        marks = self.connection.ranging_message.mark_values(message)
         words = ", ".join(f"{mark} {plain_text(str(value))}" for mark, value in marks.items())
         self.carriers[f"{message.get_srcSystem()}/{message.get_srcComponent()} {words}"] += 1
         peer = None if self._settings.ranging_apart else self.session.peer

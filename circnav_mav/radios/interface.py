@@ -1,7 +1,7 @@
 """What a driver of a ranging radio is, and what those have in common that speak in lines of text."""
 
 import re
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
@@ -51,10 +51,10 @@ class Driver(Protocol):
 
     def ask(self, now: float) -> bytes:
         """What to send to the radio now, if anything. Called at least 20 times a second."""
-        ...
+        return b""
 
 
-class LineDriver(ABC):
+class LineDriver(Driver):
     """A radio that speaks in lines of text. A driver of one reads one line."""
 
     baud = 115200
@@ -87,7 +87,3 @@ class LineDriver(ABC):
             self.unread += len(line) if found is None else 0
             readings += found or ()
         return readings
-
-    def ask(self, now: float) -> bytes:
-        """Nothing: it speaks unasked."""
-        return b""

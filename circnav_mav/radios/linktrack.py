@@ -6,7 +6,7 @@ Source: the manufacturer's github.com/nooploop-dev/nlink_unpack. Choose one of t
 import struct
 from typing import NamedTuple
 
-from circnav_mav.radios.interface import RadioReading
+from circnav_mav.radios.interface import Driver, RadioReading
 
 HEADER = 0x55
 SHORTEST = 4
@@ -26,7 +26,7 @@ LAYOUTS = {0x04: _Layout(119, 13, True), 0x05: _Layout(21, 7, False), 0x07: _Lay
 """By the second byte of the frame: node frame 2, node frame 3, AoA node frame 0."""
 
 
-class LinkTrack:
+class LinkTrack(Driver):
     """Ranges to all nodes in sight, each under the node's id."""
 
     baud = 921600
@@ -49,10 +49,6 @@ class LinkTrack:
                 at += 1
         self._rest = buffer[at:]
         return readings
-
-    def ask(self, now: float) -> bytes:
-        """Nothing: it speaks unasked."""
-        return b""
 
 
 def _frame_size(buffer: bytes, at: int) -> int | None:

@@ -180,7 +180,7 @@ class LogSources:
     @property
     def candidates(self) -> list[RangeSource]:
         """The sources that fit the mission, where there is more than one and no word of it which one is meant."""
-        named = self.settings.system is not None or self.settings.component is not None
+        named = self.settings.system_id is not None or self.settings.component_id is not None
         fit = [source for source, counts in self.ranging.items() if counts.taken or (counts.ignored and not named)]
         return fit if len(fit) > 1 else []
 

@@ -64,13 +64,14 @@ def replay(pilot: Pilot, steps: Iterable[LoopStep], *, ticking: bool = False) ->
     """Feed steps to a pilot at their times. ticking: the steps are not all there, so that ticks are added as due."""
     done = Replayed()
     for step in steps:
-        while ticking and done.steps and pilot.next_tick < min(step.time, done.until + LONGEST_GAP) and not pilot.done:
-            _step(pilot, pilot.next_tick, done)
+        heard_until = min(step.time, done.until + LONGEST_GAP)
+        while ticking and done.steps and pilot.scheduler.due < heard_until and not pilot.done:
+            _step(pilot, pilot.scheduler.due, done)
         if not pilot.done:
             for link, source, frames in step.heard:
                 for frame in frames:
                     pilot.receive(frame, step.time, source, link)
-            if step.interrupt and pilot.outcome is None:
+            if step.interrupt and pilot.mission.outcome is None:
                 pilot.interrupt(step.time, step.interrupt)
             _step(pilot, step.time, done, held_back=step.held_back)
             pilot.take_frames()

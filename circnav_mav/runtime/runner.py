@@ -81,7 +81,7 @@ def run(
     newest: TickRecord | None = None
     now, loaded = 0.0, False
     while not pilot.done or (locating is not None and locating.busy and not stop.signal_name):
-        due = now + clock.longest_wait if pilot.done else pilot.next_tick
+        due = now + clock.longest_wait if pilot.done else pilot.scheduler.due
         wait(links, stop, min(clock.until(due), clock.longest_wait))
         clock.advance(due)
         if signing_time is not None:
@@ -90,7 +90,7 @@ def run(
         step = turn(pilot, links, clock, now, stop.signal_name, deaf=not loaded)
         now = step.time
         if locating is not None and (said := locating.turn(step)):
-            links[VEHICLE].send(b"".join(said), pilot.reply_to)
+            links[VEHICLE].send(b"".join(said), pilot.session.reply_to)
             step.survey = said
         records = pilot.take_records()
         recorder.step(step)
@@ -118,7 +118,7 @@ def turn(
     for name, data, source in heard:
         pilot.receive(data, now, source, name)
         step.heard.append((name, source, pilot.take_frames()))
-    if signal_name and pilot.outcome is None:
+    if signal_name and pilot.mission.outcome is None:
         step.interrupt = signal_name
         pilot.interrupt(now, signal_name)
     out = pilot.answer(now)
@@ -126,11 +126,11 @@ def turn(
         out, step.held_back = b"", True
         pilot.hold_back()
     elif out:
-        links[VEHICLE].send(out, pilot.reply_to)
+        links[VEHICLE].send(out, pilot.session.reply_to)
     # the setpoint is on its way: all else that the pilot has to say, to record and to show comes behind it
     more = pilot.follow_up(now)
     if more and clock.real() - began <= LONGEST_STEP:
-        links[VEHICLE].send(more, pilot.reply_to)
+        links[VEHICLE].send(more, pilot.session.reply_to)
         out += more
     step.said, step.hello = split_frames(out), split_frames(_greet(pilot, links, now))
     return step
@@ -154,7 +154,7 @@ def listen(
             for data, source in link.receive(now):
                 survey.receive(data, now, source, name)
         if out := survey.step(now):
-            links[VEHICLE].send(out, survey.reply_to)
+            links[VEHICLE].send(out, survey.session.reply_to)
         _greet(survey, links, now)
 
 

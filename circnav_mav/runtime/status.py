@@ -8,7 +8,7 @@ from typing import NamedTuple
 from circnav_mav.locate.locator import Locator
 from circnav_mav.mav.frames import compass_from_vector
 from circnav_mav.mav.ranging.interface import OTHERS
-from circnav_mav.pilot import Ending, OutputMode, Pilot, PilotSettings, TickRecord, phase_name
+from circnav_mav.pilot import VEHICLE, Ending, OutputMode, Pilot, PilotSettings, TickRecord, phase_name
 from circnav_mav.pilot.mission_state import Phase
 
 RATE_SPAN = 3.0
@@ -78,9 +78,9 @@ class Watch:
         return Status(
             time=now,
             tick=tick,
-            flown=None if pilot.engaged_at is None else now - pilot.engaged_at,
+            flown=None if pilot.mission.engaged_at is None else now - pilot.mission.engaged_at,
             phase=phase_name(tick.phase, pilot.settings.output_mode),
-            waits=pilot.waits_for(now),
+            waits=pilot.status.waits_for(now),
             why=pilot.why if tick.law else "",
             target=_target(tick),
             believed=pilot.believed,
@@ -94,9 +94,8 @@ class Watch:
 
     def _rates(self, now: float) -> Rates | None:
         pilot, seen = self._pilot, self._seen
-        counts = Rates(
-            pilot.counts().frames, pilot.tracker.accepted, pilot.tracker.ranging.refused, pilot.setpoints_sent
-        )
+        frames, tracker = pilot.connection.counts[VEHICLE].frames, pilot.tracker
+        counts = Rates(frames, tracker.accepted, tracker.ranging.refused, pilot.setpoints_sent)
         seen.append((now, counts))
         while len(seen) > 2 and now - seen[1][0] >= RATE_SPAN:
             seen.popleft()
@@ -158,8 +157,8 @@ def _alarms(pilot: Pilot, tick: TickRecord, now: float, rates: Rates | None, pro
     timing, found = pilot.settings.timing, pilot.session.identity.rivals.recent(now)
     if now - pilot.allowance.dropped_at < RATE_SPAN:
         found.append(f"FLOOD: what others send is not read, {pilot.allowance.dropped / 1000:.0f} kB so far")
-    if pilot.outcome is not None and pilot.outcome.ending is not Ending.COMPLETED:
-        found.append(f"{pilot.outcome.ending.value.upper()}: {pilot.outcome.reason}")
+    if pilot.mission.outcome is not None and pilot.mission.outcome.ending is not Ending.COMPLETED:
+        found.append(f"{pilot.mission.outcome.ending.value.upper()}: {pilot.mission.outcome.reason}")
     elif tick.phase is Phase.YIELDED:
         found.append(f"OPERATOR HAS THE VEHICLE, mode {tick.mode}")
     if tick.phase is not Phase.ENDED:

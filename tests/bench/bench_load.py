@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.pilot.tick_scheduler import TickScheduler
+from circnav_mav.pilot.range_tracker import TickScheduler
 from sim.faults.frames import frames, message_id, write
 from tests.bench.on_port import ROOT, SETPOINT, VehicleOnPort, flown, resident_mb
 from tests.flight.lockstep import true_radius

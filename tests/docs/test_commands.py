@@ -146,7 +146,7 @@ def test_the_mission_of_the_radios_page_is_one():
     mission = load_mission(COPTER, [f"ranging.{key}={value}" for key, value in lines])
     assert mission.ranging_driver == "linktrack"
     settings = mission.pilot_settings()
-    assert (settings.ranging.beacon_id, settings.ranging.sigma, settings.ranging_apart) == (3, 0.1, True)
+    assert (settings.ranging.beacon_id, settings.ranging.sigma_m, settings.ranging_apart) == (3, 0.1, True)
     assert settings.unsigned_links == {"ranging"}
     without = [f"ranging.{key}={value}" for key, value in lines if key != "beacon_id"]
     assert load_mission(COPTER, without).pilot_settings().ranging.beacon_id is None

@@ -118,7 +118,7 @@ def fly(scenario: Scenario, profile: str, seed: int, law: str = LAW) -> Verdict:
     rms = sqrt(sum(e * e for _, e in errors) / len(errors)) if errors else inf
     recovery = _recovery(course, end)
     found_wanting = _want_faults(course, scenario, rms, recovery)
-    outcome, to_safe = course.pilot.outcome, _to_safe(course, start)
+    outcome, to_safe = course.pilot.mission.outcome, _to_safe(course, start)
     _part(course)
     faults = [*course.broken[:3], *_age_faults(course, scenario), *found_wanting]
     if course.spy.backward > backward and not scenario.clocks:
@@ -139,7 +139,7 @@ def fly(scenario: Scenario, profile: str, seed: int, law: str = LAW) -> Verdict:
         recovery,
         rejected,
         outcome.reason if outcome else "",
-        course.pilot.engaged_at is not None,
+        course.pilot.mission.engaged_at is not None,
         tuple(told.lines),
     )
 
@@ -187,7 +187,7 @@ def _part(course: Course) -> None:
     course.interrupt()
     course.fly(course.now + LEAVE_WITHIN)
     if not course.pilot.done:
-        course.broken.append(f"still {course.pilot.phase.value} {LEAVE_WITHIN:g} s after the signal")
+        course.broken.append(f"still {course.pilot.mission.phase.value} {LEAVE_WITHIN:g} s after the signal")
 
 
 def _shifted(impairment: Impairment, by: float) -> Impairment:
@@ -206,7 +206,7 @@ def _recovery(course: Course, end: float) -> float | None:
 
 def _to_safe(course: Course, start: float) -> float | None:
     """Time from the start of the fault to the safe setpoint, or to the last steering one when none was allowed."""
-    outcome = course.pilot.outcome
+    outcome = course.pilot.mission.outcome
     if outcome is None or outcome.ending is not Ending.ABORTED:
         return None
     if course.safe_at is not None:
@@ -228,7 +228,7 @@ def _age_faults(course: Course, scenario: Scenario) -> list[str]:
 
 def _want_faults(course: Course, scenario: Scenario, rms: float, recovery: float | None) -> list[str]:
     want = scenario.on.get(course.profile, scenario.want)
-    outcome = course.pilot.outcome
+    outcome = course.pilot.mission.outcome
     if outcome is not None and want in (Want.HOLD, Want.REGAIN, Want.END) and course.timed_out:
         return []
     if want is Want.HOLD and not (outcome is None and rms < BAND):
@@ -241,10 +241,11 @@ def _want_faults(course: Course, scenario: Scenario, rms: float, recovery: float
         return ["the circle is flown the wrong way round"]
     if want is Want.END and (outcome is None or scenario.reason not in outcome.reason):
         return [f"should have ended with {scenario.reason!r}: {outcome.reason if outcome else 'still flying'}"]
-    if want is Want.ENGAGE and course.pilot.engaged_at is None:
-        return [f"did not engage: {outcome.reason if outcome else course.pilot.phase.value}"]
-    if want is Want.REFUSE and course.pilot.engaged_at is not None:
+    if want is Want.ENGAGE and course.pilot.mission.engaged_at is None:
+        return [f"did not engage: {outcome.reason if outcome else course.pilot.mission.phase.value}"]
+    if want is Want.REFUSE and course.pilot.mission.engaged_at is not None:
         return ["engaged all the same"]
     if want is Want.REFUSE and scenario.reason and (outcome is None or scenario.reason not in outcome.reason):
-        return [f"should have said {scenario.reason!r}: {outcome.reason if outcome else course.pilot.phase.value}"]
+        said = outcome.reason if outcome else course.pilot.mission.phase.value
+        return [f"should have said {scenario.reason!r}: {said}"]
     return []

@@ -117,7 +117,7 @@ class Course:
     def fly(self, until: float, watch: Callable[["Course"], None] | None = None) -> "Course":
         """Run to a time, or until the pilot is done."""
         while self.now < until and not self.pilot.done:
-            tick = max(self.pilot.next_tick - (self.clock(self.now) - self.now), self.now)
+            tick = max(self.pilot.scheduler.due - (self.clock(self.now) - self.now), self.now)
             self._step(min(self.vehicle.next_event, tick, self.link.next_due, until))
             if watch is not None:
                 watch(self)
@@ -147,7 +147,7 @@ class Course:
     def interrupt(self) -> None:
         """A signal ends the flight: the very next words are the safe setpoint, where the vehicle is ours to steer."""
         pilot = self.pilot
-        steering = pilot.phase in STEERING and pilot.session.vehicle.in_our_mode and not self.witness.unproved
+        steering = pilot.mission.phase in STEERING and pilot.session.vehicle.in_our_mode and not self.witness.unproved
         pilot.interrupt(self.clock(self.now), "SIGTERM")
         out = self._answer()
         if steering and not any(is_safe(frame) for frame in frames(out) if is_setpoint(frame)):
@@ -206,8 +206,8 @@ class Course:
             rule = broken_rule(frame, self.allowed)
             if rule is not None:
                 self.broken.append(f"{self.now:.2f} s: {rule}")
-            if self.pilot.outcome is not None and not is_safe(frame):
-                self.broken.append(f"{self.now:.2f} s: steered after the end: {self.pilot.outcome.reason}")
+            if self.pilot.mission.outcome is not None and not is_safe(frame):
+                self.broken.append(f"{self.now:.2f} s: steered after the end: {self.pilot.mission.outcome.reason}")
             self._judge_time()
         for record in records:
             if record.drift_x is not None and record.drift_y is not None:
@@ -218,15 +218,15 @@ class Course:
                 self._judge_holding(record)
 
     def _judge_time(self) -> None:
-        pilot = self.pilot
-        before = pilot.phase is Phase.READY and pilot.session.adapter.wants_setpoints_in(pilot.session.vehicle.mode)
-        if not pilot.session.vehicle.in_our_mode and not before:
-            mode = pilot.session.vehicle.mode_name
-            self.broken.append(f"{self.now:.2f} s: setpoint while {mode}, {pilot.phase.value}")
+        pilot, session = self.pilot, self.pilot.session
+        before = pilot.mission.phase is Phase.READY and session.adapter.wants_setpoints_in(session.vehicle.mode)
+        if not session.vehicle.in_our_mode and not before:
+            mode = session.vehicle.mode_name
+            self.broken.append(f"{self.now:.2f} s: setpoint while {mode}, {pilot.mission.phase.value}")
         if self.witness.taken or self.witness.unproved:
             seen = "the operator's mode was seen" if self.witness.taken else "standing still, no heartbeat since"
             self.broken.append(f"{self.now:.2f} s: setpoint after {seen}")
-        if pilot.phase in STEERING:
+        if pilot.mission.phase in STEERING:
             self.steered_at.append(self.now)
         elif not before and self.safe_at is None:
             self.safe_at = self.now
@@ -292,7 +292,7 @@ def settled(
     while max(abs(error) for _, error in course.errors(course.now - STEADY, course.now)) > BAND / 2:
         course.fly(course.now + STEADY)
         assert course.now < LATEST, f"{profile}: no steady circle"
-    assert course.pilot.phase is Phase.ENGAGED, course.pilot.outcome
+    assert course.pilot.mission.phase is Phase.ENGAGED, course.pilot.mission.outcome
     course.forget()
     return course
 

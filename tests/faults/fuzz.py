@@ -75,7 +75,7 @@ class Target:
         ms = int(self.now * 1000) & 0xFFFFFFFF
         adapter = self.pilot.session.adapter
         mode = adapter.guided_mode or mode
-        self._idle = 0 if self.pilot.phase is Phase.ENGAGED else self._idle + 1
+        self._idle = 0 if self.pilot.mission.phase is Phase.ENGAGED else self._idle + 1
         if self._idle % PATIENCE in (PATIENCE - 2, PATIENCE - 1):  # the operator takes it and gives it back
             mode = adapter.exits["loiter"]
         said = [
@@ -104,14 +104,14 @@ class Target:
         out = self.pilot.step(self.now)
         self.slowest = max(self.slowest, time.perf_counter() - began)
         self.pilot.take_records()
-        self.counts["engaged steps"] += self.pilot.phase is Phase.ENGAGED
+        self.counts["engaged steps"] += self.pilot.mission.phase is Phase.ENGAGED
         for frame in filter(is_setpoint, frames(out)):
             self.counts["setpoints"] += 1
             rule = broken_rule(frame, self.allowed)
             if rule is not None:
                 self.broken.append(f"{self.profile}: {rule}")
         if self.pilot.done:
-            outcome = self.pilot.outcome
+            outcome = self.pilot.mission.outcome
             self.counts[f"ended: {outcome.reason[:40] if outcome else ''}"] += 1
             if outcome is not None and "internal error" in outcome.reason:
                 self.broken.append(f"{self.profile}: {outcome.reason}")

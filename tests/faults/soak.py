@@ -58,8 +58,8 @@ def soak(folder: Path, profile: str, law: str, hours: float) -> Iterator[str]:
         flight.sent.clear()
     assert flight.recorder is not None
     flight.recorder.close()
-    pilot = flight.pilot
-    outcome = f"ended: {pilot.outcome.reason}" if pilot.outcome else f"still {pilot.phase.value}"
+    pilot, mission = flight.pilot, flight.pilot.mission
+    outcome = f"ended: {mission.outcome.reason}" if mission.outcome else f"still {mission.phase.value}"
     yield (
         f"{outcome}; ranges taken {pilot.tracker.accepted}, rejected {dict(pilot.tracker.ranging.rejected)}; "
         f"reboots seen {pilot.session.vehicle.reboots}; recording: {flight.recorder.problem or 'whole'}"

@@ -57,11 +57,11 @@ def test_ranges_that_come_at_an_age_near_stale_do_not_start_and_stop_the_steerin
     """Of a vehicle whose link has become as slow: by each range the newest is just fresh, and just before the next is
     not."""
     rig, phases = Rig().run(15.0), list[Phase]()
-    assert rig.pilot.phase is Phase.ENGAGED
+    assert rig.pilot.mission.phase is Phase.ENGAGED
     rig.ranges, rig.round_trip = False, 2 * lag
     for _ in range(180):
         rig.run(0.05)
         if rig.tick % 2 == 0:
             rig.hear(distance(15000, 1_000_000 + round((rig.now - lag) * 1000)))
-        phases.append(rig.pilot.phase)
+        phases.append(rig.pilot.mission.phase)
     assert sum(a is not b for a, b in pairwise(phases)) <= most

@@ -26,7 +26,7 @@ def test_circle_is_held_through_the_wrap_of_the_49_days_counters(tmp_path: Path)
     def watch(_: object) -> None:
         if flight.now > 60:
             truths.append(flight.vehicle.truth)
-            phases.add(flight.pilot.phase)
+            phases.add(flight.pilot.mission.phase)
 
     flight.fly(100, watch)
     assert flight.recorder is not None

@@ -59,7 +59,7 @@ class Flight:
         """Run both to a time, stepping from event to event; `watch` is called after each step."""
         while self.now < until and not self.pilot.done:
             arrivals = [pipe.next_due for pipe in (self.down, self.up) if pipe is not None]
-            self._step(min(self.pilot.next_tick, until, *arrivals))
+            self._step(min(self.pilot.scheduler.due, until, *arrivals))
             if watch is not None:
                 watch(self)
         return self
@@ -67,8 +67,8 @@ class Flight:
     @property
     def outcome(self) -> Outcome:
         """How the mission ended, which it must have."""
-        assert self.pilot.outcome is not None
-        return self.pilot.outcome
+        assert self.pilot.mission.outcome is not None
+        return self.pilot.mission.outcome
 
     @property
     def setpoint_times(self) -> list[float]:

@@ -44,7 +44,7 @@ def test_a_rate_with_the_wrong_sign_is_dropped_and_the_ranges_fly_on():
     one, alarms = flown(60.0, "sim.ranging.rate_sign=closing")
     assert alarms["RANGE RATE DROPPED"] < 6.0
     assert rms_error(last_third(one), 100.0) < 1.0
-    assert one.pilot.phase is Phase.ENGAGED
+    assert one.pilot.mission.phase is Phase.ENGAGED
 
 
 def test_a_radio_that_freezes_in_flight_counts_as_lost_until_its_number_changes():
@@ -55,5 +55,5 @@ def test_a_radio_that_freezes_in_flight_counts_as_lost_until_its_number_changes(
     held = [tick.time for tick in one.ticks if tick.phase is Phase.HOLDING]
     assert 40.0 <= held[0] <= 41.5
     assert held[-1] < 46.0
-    assert one.pilot.phase is Phase.ENGAGED
+    assert one.pilot.mission.phase is Phase.ENGAGED
     assert one.pilot.tracker.ranging.rejected["frozen"] > 30

@@ -23,7 +23,7 @@ def test_without_own_motion_a_vehicle_is_flown_on_ranges_or_held_but_never_left_
     times = [time for time in flown.setpoint_times if time > 24]
     assert max(b - a for a, b in itertools.pairwise(times)) < 0.2
     assert times[-1] > 36.5
-    assert flown.pilot.phase in STEERING
+    assert flown.pilot.mission.phase in STEERING
 
 
 def test_a_dry_run_beside_somebody_who_flies_the_copter_shows_what_auto_would_do() -> None:
@@ -45,7 +45,7 @@ def test_range_outage_coasts_then_holds_then_regains_the_circle() -> None:
     flown = flight("quickstart", "limits.hold_s=20", "limits.duration_s=80")
     flown.hears = lambda frame, now: not (is_ranging(frame) and 40 < now < 46)
     phases = []
-    flown.fly(90, lambda f: phases.append((f.now, f.pilot.phase)))
+    flown.fly(90, lambda f: phases.append((f.now, f.pilot.mission.phase)))
     holding = [now for now, phase in phases if phase is Phase.HOLDING]
     assert 40.3 < holding[0] < 40.8
     assert 45.9 < holding[-1] < 47.0  # the first range after it is at 46.0

@@ -26,7 +26,7 @@ EPOCH = 1_420_070_400
 def test_signed_flight_circles_as_asked(tmp_path: Path) -> None:
     flown = signed_flight("arducopter", tmp_path, 'orbit.direction="counterclockwise"', "limits.duration_s=1000.0")
     flown.fly(75)
-    assert flown.pilot.phase is Phase.ENGAGED
+    assert flown.pilot.mission.phase is Phase.ENGAGED
     assert clockwise_turns(last_third(flown)) < -0.5
     radius = flown.pilot.settings.orbit.radius
     assert rms_error(last_third(flown), radius) < 0.05 * radius
@@ -54,7 +54,7 @@ def test_a_vehicle_with_our_key_is_flown(
 ) -> None:
     """Without GPS an autopilot has no clock; it takes over ours with the first frame of ours that it hears."""
     flown = signed_flight(mission, tmp_path, *overrides, vehicle_clock=clock).fly(15)
-    assert flown.pilot.phase is Phase.ENGAGED
+    assert flown.pilot.mission.phase is Phase.ENGAGED
     assert len(flown.vehicle.setpoint_log) > 200
     assert flown.vehicle.refused == 0
 
@@ -99,7 +99,7 @@ def test_forged_and_replayed_commands_reach_neither_side(tmp_path: Path) -> None
     recorded: list[bytes] = []
     flown.hears = lambda frame, now: recorded.append(frame) or True
     flown.fly(41)
-    before = flown.pilot.engaged_at
+    before = flown.pilot.mission.engaged_at
     forger = voice(OTHER, timestamp=2**47, system=255)
     took_over = voice(OTHER, timestamp=2**47)
     for _ in range(50):
@@ -112,7 +112,7 @@ def test_forged_and_replayed_commands_reach_neither_side(tmp_path: Path) -> None
             flown.pilot.receive(frame, flown.now, "sim")
         flown.fly(flown.now + 0.1)
     flown.fly(60)
-    assert (flown.pilot.phase, flown.pilot.engaged_at) == (Phase.ENGAGED, before)
+    assert (flown.pilot.mission.phase, flown.pilot.mission.engaged_at) == (Phase.ENGAGED, before)
     assert flown.pilot.frames_refused() == {"unsigned": 50, "wrong_signature": 50, Refusal.REPEATED.value: 250}
     assert flown.vehicle.refused == 100
 

@@ -44,7 +44,7 @@ class Surveyed(Flight):
     def fly(self, until: float, watch=None) -> "Surveyed":  # type: ignore[no-untyped-def, override]
         """Also beyond the end of guidance, as long as the survey has something to do."""
         while self.now < until and (not self.pilot.done or self.locator.busy):  # type: ignore[union-attr]
-            self._step(until if self.pilot.done else min(self.pilot.next_tick, until))
+            self._step(until if self.pilot.done else min(self.pilot.scheduler.due, until))
             if watch is not None:
                 watch(self)
         return self

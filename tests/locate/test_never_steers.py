@@ -73,7 +73,7 @@ def test_false_positions_change_no_byte_of_the_output_with_survey_and_hand_back_
             frame = lied_to.vehicle.say(message)
             lied_to.pilot.receive(frame, lied_to.now, lied_to.source)
             lied_to.locator.hear(VEHICLE, lied_to.source, lied_to.pilot.take_frames(), lied_to.now)
-    assert honest.pilot.phase is Phase.ENGAGED
+    assert honest.pilot.mission.phase is Phase.ENGAGED
     assert lied_to.raw == honest.raw
     said = [message for frame in lied_to.survey for message in decode(frame)]
     assert said, "the survey was silent: nothing was tested"

@@ -3,6 +3,7 @@
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
+from circnav_mav.pilot import VEHICLE
 from circnav_mav.pilot.mission_state import Phase
 from tests.rig import Voice, heartbeat, scattering, timing
 
@@ -39,10 +40,10 @@ def test_nobody_else_is_told_to_change_his_streams_when_our_vehicle_is_gone(make
 @pytest.mark.parametrize("version", [1, 2])
 def test_a_stranger_heard_while_our_vehicle_is_silent_is_not_spoken_to(rig, version):
     outage(rig.engage(), 4.0)
-    assert rig.pilot.phase is Phase.WAIT_LINK
+    assert rig.pilot.mission.phase is Phase.WAIT_LINK
     rig.hear(heartbeat(GUIDED), voice=Voice(2, 1, version=version), source="elsewhere")
     rig.step()
-    assert rig.pilot.reply_to == "vehicle"
+    assert rig.pilot.session.reply_to == "vehicle"
 
 
 def test_a_vehicle_of_another_kind_that_comes_back_under_our_ids_is_not_ours(make_rig):
@@ -73,7 +74,7 @@ def test_another_vehicle_that_has_the_ids_of_ours_by_default_is_not_steered_when
             rig.hear(boot_time(1000.0 + rig.now + offset), voice=twin, source="elsewhere")
         rig.run(0.05)
     assert rig.setpoints(since) == []
-    assert rig.pilot.outcome.reason == "autopilot rebooted"
+    assert rig.pilot.mission.outcome.reason == "autopilot rebooted"
 
 
 @pytest.mark.parametrize("source", ["vehicle", "elsewhere"])
@@ -85,7 +86,7 @@ def test_our_own_vehicle_goes_on_being_ours_after_a_silence_as_soon_as_its_time_
     since = rig.now
     rig.hear(boot_time(1000.0 + rig.now - 0.3))
     rig.run(1.0)
-    assert rig.pilot.phase is Phase.ENGAGED
+    assert rig.pilot.mission.phase is Phase.ENGAGED
     assert len(rig.setpoints(since)) >= 15
 
 
@@ -103,11 +104,11 @@ def test_a_vehicle_that_has_moved_and_never_tells_its_time_is_waited_for_as_for_
     rig.run(0.25, source="elsewhere")
     since = rig.now
     rig.run(1.0)
-    assert rig.pilot.phase is Phase.WAIT_LINK
-    assert "not known whether this is the same vehicle" in rig.pilot.waits_for(rig.now)
+    assert rig.pilot.mission.phase is Phase.WAIT_LINK
+    assert "not known whether this is the same vehicle" in rig.pilot.status.waits_for(rig.now)
     assert mavlink.MAVLINK_MSG_ID_SYSTEM_TIME in [message.param1 for message in rig.commands(512, since - 0.1)]
     rig.run(21.0)
-    assert rig.pilot.outcome.reason == "no vehicle or no ranging for 20 s"
+    assert rig.pilot.mission.outcome.reason == "no vehicle or no ranging for 20 s"
     assert rig.setpoints(since) == []
 
 
@@ -120,8 +121,8 @@ def test_last_words_that_could_not_be_said_are_told_of(make_rig):
     rig.run(1.0, source="elsewhere")
     assert rig.pilot.last_words(rig.now) == b"", "not after an error of ours either"
     rig.run(13.0)
-    assert rig.pilot.phase is Phase.ENDED
-    assert rig.pilot.outcome.reason.startswith("SIGTERM; exit action not requested")
+    assert rig.pilot.mission.phase is Phase.ENDED
+    assert rig.pilot.mission.outcome.reason.startswith("SIGTERM; exit action not requested")
 
 
 def test_a_simulator_that_hurries_is_no_other_vehicle_after_a_silence(rig):
@@ -130,7 +131,7 @@ def test_a_simulator_that_hurries_is_no_other_vehicle_after_a_silence(rig):
         for _ in range(round(10 * seconds)):
             rig.hear(boot_time(100.0 + 5 * rig.now))
             rig.run(0.1)
-        assert rig.pilot.phase is Phase.ENGAGED
+        assert rig.pilot.mission.phase is Phase.ENGAGED
         outage(rig, 20.0)
 
 
@@ -138,10 +139,10 @@ def test_the_ranges_of_another_autopilot_are_given_up_when_its_heartbeat_tells_w
     """They were heard, and flown on, before the first of its heartbeats got through."""
     rig, other = make_rig(), Voice(2, 1)
     rig.run(4.0, lambda: rig.range(4000, voice=other), ranges=False)
-    assert rig.pilot.phase is Phase.ENGAGED
+    assert rig.pilot.mission.phase is Phase.ENGAGED
     rig.hear(heartbeat(GUIDED), voice=other)
     rig.run(3.0, lambda: rig.range(4000, voice=other))
-    assert rig.pilot.phase is Phase.HOLDING
+    assert rig.pilot.mission.phase is Phase.HOLDING
     assert rig.pilot.tracker.newest.time < 5.0
 
 
@@ -178,7 +179,7 @@ def test_a_heartbeat_that_was_overtaken_takes_the_vehicle_and_does_not_give_it_b
     since = rig.now
     rig.pilot.receive(loiter, rig.now, rig.source)
     rig.run(0.5, mode=LOITER)
-    assert rig.pilot.phase is Phase.YIELDED
+    assert rig.pilot.mission.phase is Phase.YIELDED
     rig.pilot.receive(guided, rig.now, rig.source)
     rig.run(2.0)
     assert rig.setpoints(since) == []
@@ -207,12 +208,12 @@ def test_a_vehicle_whose_heartbeats_have_a_counter_of_their_own_is_believed(rig)
 def test_another_companion_ends_the_flight_and_a_stray_frame_now_and_then_does_not(make_rig, apart, ends):
     rig, twin = make_rig().engage(), Voice(1, 191)
     for _ in range(4):
-        assert rig.pilot.outcome is None
+        assert rig.pilot.mission.outcome is None
         rig.hear(mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 3, 3), voice=twin)
         rig.run(apart)
-    assert (rig.pilot.outcome is not None) is ends
+    assert (rig.pilot.mission.outcome is not None) is ends
     if ends:
-        assert "another companion sends as 1/191" in rig.pilot.outcome.reason
+        assert "another companion sends as 1/191" in rig.pilot.mission.outcome.reason
 
 
 def test_frames_in_our_name_that_the_vehicle_did_not_forward_end_nothing_and_are_told_of(make_rig):
@@ -221,7 +222,7 @@ def test_frames_in_our_name_that_the_vehicle_did_not_forward_end_nothing_and_are
     for _ in range(20):
         rig.hear(mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 3, 3), voice=twin, source=("10.9.9.9", 6666))
         rig.run(0.1)
-    assert rig.pilot.outcome is None
+    assert rig.pilot.mission.outcome is None
     (line,) = rig.pilot.session.identity.rivals.recent(rig.now)
     assert line.startswith("circnav has a second sender: 1/191 at 10.9.9.9:6666 is rejected")
     assert "circnav: circnav: second sender rejected" in rig.texts()
@@ -251,15 +252,16 @@ def test_what_is_said_in_the_vehicles_name_from_elsewhere_counts_for_nothing(rig
 def test_of_strangers_so_much_is_read_as_leaves_time_for_the_vehicle(rig):
     """And of the vehicle all."""
     rig.engage()
-    junk, before = bytes(1000), rig.pilot.counts().bytes
+    heard = rig.pilot.connection.counts[VEHICLE]
+    junk, before = bytes(1000), heard.bytes
     for source, read in (("elsewhere", 32), ("vehicle", 500)):
         for _ in range(500):
             rig.pilot.receive(junk, rig.now, source)
-        assert rig.pilot.counts().bytes - before == 1000 * read
-        before = rig.pilot.counts().bytes
+        assert heard.bytes - before == 1000 * read
+        before = heard.bytes
     assert rig.pilot.allowance.dropped == 468_000
     rig.pilot.receive(junk, rig.now + 1.0, "elsewhere")
-    assert rig.pilot.counts().bytes - before == 1000
+    assert heard.bytes - before == 1000
 
 
 def test_a_radio_of_its_own_address_is_not_followed_to_another_in_flight(rig):
@@ -269,10 +271,11 @@ def test_a_radio_of_its_own_address_is_not_followed_to_another_in_flight(rig):
     rig.run(4.0, lambda: rig.range(voice=radio, source=("10.0.0.7", 8)))
     assert rig.pilot.tracker.newest.time < 6.1
     assert rig.pilot.believed == "1/1 at vehicle, ranges of 1/192 at 10.0.0.7:7"
-    before = rig.pilot.counts().bytes
+    heard = rig.pilot.connection.counts[VEHICLE]
+    before = heard.bytes
     for _ in range(500):
         rig.pilot.receive(bytes(1000), rig.now, ("10.0.0.7", 7))
-    assert rig.pilot.counts().bytes - before == 500_000, "nor is it a stranger, whose bytes are counted"
+    assert heard.bytes - before == 500_000, "nor is it a stranger, whose bytes are counted"
 
 
 def test_a_second_sender_is_told_of_once_and_only_if_his_ranges_fit_the_mission(rig):
@@ -292,7 +295,7 @@ def test_where_two_speak_as_the_vehicle_neither_is_engaged_until_one_is_silent(r
     for _ in range(40):
         rig.hear(heartbeat(GUIDED), source="elsewhere")
         rig.run(0.1)
-    assert rig.pilot.phase is Phase.READY
-    assert "the vehicle has a second sender: 1/1 at vehicle is rejected" in rig.pilot.waits_for(rig.now)
-    assert rig.pilot.waits_for(rig.now).endswith("name yours with link.peer, or sign")
+    assert rig.pilot.mission.phase is Phase.READY
+    assert "the vehicle has a second sender: 1/1 at vehicle is rejected" in rig.pilot.status.waits_for(rig.now)
+    assert rig.pilot.status.waits_for(rig.now).endswith("name yours with link.peer, or sign")
     assert rig.setpoints() == []

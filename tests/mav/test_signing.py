@@ -217,7 +217,7 @@ def test_a_vehicle_whose_clock_is_hours_behind_is_greeted_takes_our_time_over_an
     beat(pilot, vehicle, source="vehicle's address")
     assert not pilot.session.up
     assert pilot.frames_refused() == {"clock_behind": 1}
-    assert pilot.reply_to == "vehicle's address"
+    assert pilot.session.reply_to == "vehicle's address"
     for frame in split_frames(pilot.step(0.0)):
         vehicle.decode(bytearray(frame))
     beat(pilot, vehicle, 1.0, "vehicle's address")
@@ -229,5 +229,5 @@ def test_a_frame_that_is_not_believed_gets_no_answer_and_ranges_are_judged_by_th
     for key in (None, OTHER):
         beat(pilot, peer(key))
     pilot.receive(said(peer(None, component=192)), 0.0, "radio", RANGING)
-    assert pilot.reply_to is None
+    assert pilot.session.reply_to is None
     assert pilot.frames_refused() == {"unsigned": 2, "wrong_signature": 1}

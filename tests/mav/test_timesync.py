@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import pytest
 
-from circnav_mav.mav.timesync import Timesync
+from circnav_mav.mav.clocks import Timesync
 
 
 def ask_and_answer(timesync, since, trips):

@@ -74,9 +74,9 @@ def test_every_number_of_a_file_reaches_the_pilot(mission):
     assert settings.orbit.direction is Direction.COUNTERCLOCKWISE
     assert (settings.estimation.gate, settings.estimation.min_samples) == (4.0, 7)
     ranging = settings.ranging
-    assert (ranging.sensor_id, ranging.orientation, ranging.system, ranging.component) == (3, 24, 9, 5)
-    assert (ranging.min_range, ranging.max_range, ranging.max_age) == (2.0, 300.0, 0.4)
-    assert (ranging.sensor_stamps, ranging.resent, ranging.rate) == (False, True, 10.0)
+    assert (ranging.sensor_id, ranging.orientation, ranging.system_id, ranging.component_id) == (3, 24, 9, 5)
+    assert (ranging.min_range_m, ranging.max_range_m, ranging.max_age) == (2.0, 300.0, 0.4)
+    assert (ranging.stamp, ranging.resent, ranging.rate_hz) == ("arrival", True, 10.0)
     assert (settings.bounds.lowest, settings.bounds.highest) == (-20.0, -5.5)
     assert settings.height.above_target == 30.0
     assert (settings.link.system_id, settings.link.component_id) == (4, 192)
@@ -110,7 +110,7 @@ def test_gains_count_on_a_measured_rate_only_where_nothing_flies_without(mission
     assert beside.law.gain == alone.law.gain
     assert mission(*keys, *rate, "guidance.estimator=measured").law.gain > alone.law.gain
     ranging = beside.pilot_settings().ranging
-    assert (ranging.rate_name, ranging.rate_sign, ranging.rate_sigma) == ("RR", -1, 0.1)
+    assert (ranging.rate_name, ranging.rate_sign, ranging.rate_sigma_mps) == ("RR", "closing", 0.1)
 
 
 def test_a_radio_is_not_rejected_for_the_noise_that_the_mission_gives_it(mission):
@@ -155,7 +155,7 @@ def test_what_a_file_does_not_ask_for_is_left_to_the_operator(mission):
     settings = mission().pilot_settings()
     assert (settings.request_mode, settings.end_on_takeover, settings.output_mode) == (False, True, OutputMode.FLY)
     assert settings.max_yaw_acceleration is None
-    assert (settings.ranging.sensor_stamps, settings.ranging.resent) == (True, False)
+    assert (settings.ranging.stamp, settings.ranging.resent) == ("sensor", False)
     assert mission().pilot_settings(OutputMode.DRY_RUN).output_mode is OutputMode.DRY_RUN
 
 

@@ -1,5 +1,5 @@
 """A pilot on a bench: frames in, frames out, no link and no vehicle."""
 
-from tests.rig import rig
+from tests.rig import make_rig, rig
 
-__all__ = ["rig"]
+__all__ = ["make_rig", "rig"]

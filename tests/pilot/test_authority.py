@@ -4,7 +4,7 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.guidance.watches import Bounds
-from circnav_mav.pilot import Ending, OutputMode, Phase
+from circnav_mav.pilot import Ending, Outcome, OutputMode, Phase
 from tests.rig import Rig, timing
 
 GUIDED, LOITER = 4, 5
@@ -26,9 +26,9 @@ NOT_ARMED, MEASURING = "the vehicle is not armed", "measuring the round trip to 
 
 @pytest.mark.parametrize("mode", [LOITER, 20, 0])
 def test_no_setpoint_leaves_in_another_mode(rig, mode):
-    assert rig.run(5.0, mode=mode).pilot.phase is Phase.READY
+    assert rig.run(5.0, mode=mode).pilot.mission.phase is Phase.READY
     assert rig.setpoints() == []
-    assert rig.pilot.waits_for(rig.now) == "mode GUIDED: the operator must enter it"
+    assert rig.pilot.status.waits_for(rig.now) == "mode GUIDED: the operator must enter it"
 
 
 @pytest.mark.parametrize(
@@ -57,14 +57,14 @@ def test_no_setpoint_leaves_in_another_mode(rig, mode):
 @pytest.mark.parametrize("request_mode", [False, True], ids=["waits for the mode", "asks for the mode"])
 def test_nothing_is_commanded_before_all_is_well_and_then_it_is(state, seconds, waits_for, then, request_mode):
     rig = Rig(request_mode=request_mode).run(seconds, mode=LOITER if request_mode else GUIDED, **state)
-    assert (rig.pilot.phase, commanded(rig)) == (Phase.READY, [])
-    assert rig.pilot.waits_for(rig.now) == waits_for
+    assert (rig.pilot.mission.phase, commanded(rig)) == (Phase.READY, [])
+    assert rig.pilot.status.waits_for(rig.now) == waits_for
     assert commanded(rig.run(25.0 if seconds == 25.0 else 5.0, **then))
 
 
 def test_after_a_lost_link_a_vehicle_that_does_not_say_whether_it_flies_is_flown_on_at_once(rig):
-    assert rig.engage().run(5.0, speaks=False).pilot.phase is Phase.WAIT_LINK
-    assert rig.run(1.0, speaks=True, landed_state=None).pilot.phase is Phase.ENGAGED
+    assert rig.engage().run(5.0, speaks=False).pilot.mission.phase is Phase.WAIT_LINK
+    assert rig.run(1.0, speaks=True, landed_state=None).pilot.mission.phase is Phase.ENGAGED
 
 
 def test_streams_that_the_vehicle_denies_are_asked_for_once_and_named_when_the_flight_cannot_begin():
@@ -77,9 +77,9 @@ def test_streams_that_the_vehicle_denies_are_asked_for_once_and_named_when_the_f
     since = rig.run(5.0, denies, ranges=False).now
     assert rig.run(15.0, denies).commands(SET_INTERVAL, since) == []
     rig.run(3.0)
-    assert rig.pilot.outcome.ending is Ending.NOTHING_HEARD
-    assert "streams denied by the vehicle" in rig.pilot.outcome.reason
-    assert "VFR_HUD" in rig.pilot.outcome.reason
+    assert rig.pilot.mission.outcome.ending is Ending.NOTHING_HEARD
+    assert "streams denied by the vehicle" in rig.pilot.mission.outcome.reason
+    assert "VFR_HUD" in rig.pilot.mission.outcome.reason
     assert rig.setpoints() == []
 
 
@@ -114,11 +114,11 @@ def test_a_gap_of_less_than_half_a_second_is_no_stall(rig):
 def test_a_dry_run_computes_everything_commands_nothing_and_is_not_flown_to_its_end():
     limits = timing(duration=4.0)
     rig = Rig(output_mode=OutputMode.DRY_RUN, request_mode=True, timing=limits).run(4.0, mode=LOITER, armed=False)
-    assert rig.pilot.phase is Phase.ENGAGED
+    assert rig.pilot.mission.phase is Phase.ENGAGED
     newest = rig.pilot.take_records()[-1]
     assert newest.turn_rate is not None and newest.yaw_rate_sent is None
     rig.run(3.0)
-    assert (rig.pilot.outcome.ending, rig.pilot.outcome.reason) == (Ending.COMPLETED, "dry run to its end")
+    assert rig.pilot.mission.outcome == Outcome(Ending.COMPLETED, "dry run to its end")
     assert commanded(rig) == [] and rig.pilot.setpoints_sent == 0
 
 
@@ -154,7 +154,7 @@ def test_an_echo_of_our_own_frames_is_no_other_companion(apart):
     rig.run(20.0, echo)
     assert rig.pilot.session.ignored["twin"] == 0
     assert rig.pilot.session.ignored["echo"] >= 15
-    assert rig.pilot.phase is (Phase.WAIT_RANGING if apart else Phase.ENGAGED)
+    assert rig.pilot.mission.phase is (Phase.WAIT_RANGING if apart else Phase.ENGAGED)
 
 
 def battery(percent):
@@ -184,4 +184,4 @@ def test_what_lies_beyond_the_missions_bounds_ends_the_flight(bounds, cm, messag
     if message is not None:
         rig.hear(message)
     rig.run(1.0)
-    assert (rig.pilot.outcome and rig.pilot.outcome.reason) == reason
+    assert (rig.pilot.mission.outcome and rig.pilot.mission.outcome.reason) == reason

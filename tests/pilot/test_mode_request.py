@@ -39,7 +39,7 @@ def safe(rig: Rig, since: float) -> bool:
 
 
 def test_the_mode_is_never_requested_unless_the_mission_says_so(rig):
-    assert rig.run(5.0, mode=LOITER).pilot.phase is Phase.READY
+    assert rig.run(5.0, mode=LOITER).pilot.mission.phase is Phase.READY
     assert rig.commands(SET_MODE) == []
 
 
@@ -58,8 +58,8 @@ def test_a_refused_mode_ends_the_mission_with_the_vehicles_own_words():
     rig = asked()
     rig.hear(mavlink.MAVLink_statustext_message(3, b"Mode change failed: requires position"))
     rig.acknowledge(SET_MODE, result=4)
-    assert rig.run(0.5).pilot.outcome.ending is Ending.ABORTED
-    assert rig.pilot.outcome.reason == (
+    assert rig.run(0.5).pilot.mission.outcome.ending is Ending.ABORTED
+    assert rig.pilot.mission.outcome.reason == (
         'mode GUIDED refused: failed, the vehicle says "Mode change failed: requires position"'
     )
     assert rig.setpoints() == []
@@ -73,25 +73,25 @@ def test_a_refused_mode_ends_the_mission_with_the_vehicles_own_words():
 def test_a_mode_that_is_asked_for_in_vain_ends_the_mission(acknowledged, why, confirmations):
     rig = asked()
     rig.run(15.0, lambda: acknowledged and rig.tick % 10 == 0 and rig.acknowledge(SET_MODE))
-    assert rig.pilot.outcome.reason == f"mode GUIDED {why}"
+    assert rig.pilot.mission.outcome.reason == f"mode GUIDED {why}"
     assert [message.confirmation for message in rig.commands(SET_MODE)] == confirmations
 
 
 def test_a_mode_that_was_reached_and_left_before_the_engagement_is_not_asked_for_again():
     """The ranges had gone when it was reached."""
     rig = asked()
-    assert rig.run(1.0, ranges=False).pilot.phase is Phase.WAIT_RANGING
+    assert rig.run(1.0, ranges=False).pilot.mission.phase is Phase.WAIT_RANGING
     since = rig.run(0.5, mode=GUIDED).now
-    assert rig.run(0.5, mode=LOITER).run(10.0, ranges=True).pilot.phase is Phase.READY
+    assert rig.run(0.5, mode=LOITER).run(10.0, ranges=True).pilot.mission.phase is Phase.READY
     assert rig.commands(SET_MODE, since) == []
-    assert rig.pilot.waits_for(rig.now) == "mode GUIDED: the operator must enter it"
+    assert rig.pilot.status.waits_for(rig.now) == "mode GUIDED: the operator must enter it"
 
 
 def test_a_command_that_waits_when_the_link_is_lost_is_not_sent_to_whoever_comes_back():
     """A mode request still unanswered: the vehicle that comes back may be in the operator's hands."""
     rig = Rig(request_mode=True).run(3.0, mode=LOITER, ranges=False)
     rig.run(1.8, speaks=False).run(1.5, ranges=True)
-    assert rig.pilot.phase is Phase.WAIT_LINK
+    assert rig.pilot.mission.phase is Phase.WAIT_LINK
     assert 1 <= len(rig.commands(SET_MODE)) <= 3, "asked for, and not yet given up"
     since = rig.now
     assert rig.run(5.0, speaks=True, ranges=False).commands(SET_MODE, since) == []
@@ -126,12 +126,12 @@ def test_an_exit_action_is_asked_for_with_safe_setpoints_until_the_mode_shows():
     assert safe(rig, since)
     rig.acknowledge(SET_MODE)
     assert rig.run(0.5, mode=RTL).pilot.done
-    assert rig.pilot.outcome.reason == "SIGINT"
+    assert rig.pilot.mission.outcome.reason == "SIGINT"
 
 
 def test_an_exit_action_is_asked_for_although_the_answer_to_the_first_mode_request_was_lost():
     rig = asked(LAND, exit="loiter").run(5.0, mode=GUIDED)
-    assert rig.pilot.phase is Phase.ENGAGED
+    assert rig.pilot.mission.phase is Phase.ENGAGED
     since = rig.now
     rig.pilot.interrupt(rig.now, "SIGINT")
     assert modes(rig.run(0.5), since) == [LOITER]
@@ -141,7 +141,7 @@ def test_an_exit_action_that_is_refused_is_told_and_left_at_that():
     rig, _ = interrupted()
     rig.run(0.2).acknowledge(SET_MODE, result=4)
     assert rig.run(0.5).pilot.done
-    assert rig.pilot.outcome.reason.startswith("SIGINT; exit action rtl refused: failed")
+    assert rig.pilot.mission.outcome.reason.startswith("SIGINT; exit action rtl refused: failed")
 
 
 def test_an_exit_action_without_an_answer_or_while_every_heartbeat_comes_with_a_stall_does_not_keep_us_for_ever():
@@ -158,7 +158,7 @@ def test_an_exit_action_without_an_answer_or_while_every_heartbeat_comes_with_a_
 def test_a_mission_that_ends_while_it_waits_to_go_on_still_asks_for_its_exit_action(why):
     limits = timing(duration=12.0 if why == "time is over" else 600.0, outage=10.0)
     rig = Rig(exit="rtl", timing=limits).engage()
-    assert rig.run(5.0, speaks=False, ranges=False).run(1.0, speaks=True).pilot.phase is Phase.WAIT_RANGING
+    assert rig.run(5.0, speaks=False, ranges=False).run(1.0, speaks=True).pilot.mission.phase is Phase.WAIT_RANGING
     since = rig.now
     if why == "interrupted":
         rig.pilot.interrupt(rig.now, "SIGTERM")
@@ -211,7 +211,7 @@ def test_the_last_words_are_one_safe_setpoint_and_the_exit_action_while_it_is_ou
     rig.engage()
     if waits:
         rig.run(5.0, speaks=False, ranges=False).run(1.0, speaks=True)
-        assert rig.pilot.phase is Phase.WAIT_RANGING
+        assert rig.pilot.mission.phase is Phase.WAIT_RANGING
     safe, *commands = last_words(rig)
     assert (safe.vx, safe.yaw_rate, safe.type_mask) == (0.0, 0.0, 0x407)
     asks = [(command.command, command.param2) for command in commands]
@@ -227,6 +227,6 @@ def test_the_last_words_are_one_safe_setpoint_and_the_exit_action_while_it_is_ou
 def test_the_last_words_ask_for_no_mode_when_the_vehicle_may_be_in_other_hands(passes):
     rig = Rig(exit="rtl").engage()
     passes(rig)
-    assert rig.pilot.phase is Phase.ENGAGED
+    assert rig.pilot.mission.phase is Phase.ENGAGED
     (safe,) = last_words(rig)
     assert safe.vx == 0.0

@@ -132,11 +132,11 @@ def test_a_setpoint_that_the_shell_held_back_is_neither_counted_nor_recorded_as_
 
 
 def test_a_mission_waits_for_link_ranging_and_mode_in_this_order(rig):
-    assert rig.run(1.0, speaks=False, ranges=False, mode=LOITER).pilot.phase is Phase.WAIT_LINK
-    assert rig.run(1.0, speaks=True).pilot.phase is Phase.WAIT_RANGING
-    assert rig.run(1.0, ranges=True).pilot.phase is Phase.READY
+    assert rig.run(1.0, speaks=False, ranges=False, mode=LOITER).pilot.mission.phase is Phase.WAIT_LINK
+    assert rig.run(1.0, speaks=True).pilot.mission.phase is Phase.WAIT_RANGING
+    assert rig.run(1.0, ranges=True).pilot.mission.phase is Phase.READY
     assert rig.setpoints() == [] and rig.pilot.setpoints_sent == 0
-    assert rig.run(1.0, mode=GUIDED).pilot.phase is Phase.ENGAGED
+    assert rig.run(1.0, mode=GUIDED).pilot.mission.phase is Phase.ENGAGED
     assert len(rig.setpoints()) == rig.pilot.setpoints_sent > 0
 
 
@@ -214,12 +214,12 @@ def test_false_positions_change_no_byte_of_the_output(message, count):
 
 def test_without_fresh_ranges_the_prediction_is_flown_for_half_a_second_and_then_the_steady_turn(rig):
     last = rig.engage().now
-    assert rig.run(0.45, ranges=False).pilot.phase is Phase.ENGAGED
+    assert rig.run(0.45, ranges=False).pilot.mission.phase is Phase.ENGAGED
     since = rig.run(0.15).now
-    assert rig.pilot.phase is Phase.HOLDING
+    assert rig.pilot.mission.phase is Phase.HOLDING
     rig.run(2.0)
     assert {round(message.yaw_rate, 6) for message in rig.setpoints(since)} == {STEADY}
-    assert rig.run(1.0, ranges=True).pilot.phase is Phase.ENGAGED
+    assert rig.run(1.0, ranges=True).pilot.mission.phase is Phase.ENGAGED
     said = [text for text in rig.texts(last) if "range" in text]
     assert said == ["circnav: range lost, holding", "circnav: range regained"]
 
@@ -228,11 +228,11 @@ def test_a_lost_link_is_silence_and_a_found_one_resumes(rig):
     """Three seconds without a heartbeat; the ranges go on."""
     lost = rig.engage().now
     quiet = rig.run(3.3, speaks=False).now
-    assert rig.pilot.phase is Phase.WAIT_LINK
+    assert rig.pilot.mission.phase is Phase.WAIT_LINK
     rig.run(5.0)
     assert rig.setpoints(quiet) == []
     assert rig.setpoints(lost), "until then the vehicle was flown on"
-    assert rig.run(1.0, speaks=True).pilot.phase is Phase.ENGAGED
+    assert rig.run(1.0, speaks=True).pilot.mission.phase is Phase.ENGAGED
     assert rig.setpoints(quiet)
 
 
@@ -240,7 +240,7 @@ def test_a_lost_link_is_silence_and_a_found_one_resumes(rig):
 
 
 def holds(rig):
-    assert rig.run(10.3, ranges=False).pilot.phase is Phase.HOLDING
+    assert rig.run(10.3, ranges=False).pilot.mission.phase is Phase.HOLDING
 
 
 def fails(rig):
@@ -252,7 +252,7 @@ def fails(rig):
     ("happens", "ending", "reason"),
     [
         (holds, Ending.ABORTED, "no range for 10"),
-        (lambda rig: rig.run(rig.pilot.engaged_at + 14.8 - rig.now), Ending.COMPLETED, "flown to its end"),
+        (lambda rig: rig.run(rig.pilot.mission.engaged_at + 14.8 - rig.now), Ending.COMPLETED, "flown to its end"),
         (lambda rig: rig.pilot.interrupt(rig.now, "SIGINT"), Ending.INTERRUPTED, "SIGINT"),
         (fails, Ending.ABORTED, "internal error, unsafe setpoint held back"),
     ],
@@ -264,12 +264,12 @@ def test_a_flight_ends_with_the_safe_setpoint_three_times_and_then_silence(happe
     happens(rig)
     since = rig.now
     assert rig.run(1.0).pilot.done
-    assert (rig.pilot.outcome.ending, rig.pilot.outcome.reason[: len(reason)]) == (ending, reason)
+    assert (rig.pilot.mission.outcome.ending, rig.pilot.mission.outcome.reason[: len(reason)]) == (ending, reason)
     assert flown(rig.setpoints(since)[-3:]) == SAFE_THREE_TIMES
     safe = [then for then, message in rig.sent if getattr(message, "vx", None) == 0.0]
     assert len(safe) == 3 and rig.sent[-1][0] < safe[0] + 0.2
     if ending is Ending.COMPLETED:
-        assert safe[0] == pytest.approx(rig.pilot.engaged_at + 15.0, abs=0.051)
+        assert safe[0] == pytest.approx(rig.pilot.mission.engaged_at + 15.0, abs=0.051)
     given_back = {message.param1 for message in rig.commands(511, since) if message.param2 == 0}
     assert given_back == set(rig.pilot.session.streams.rates)
     quiet = len(rig.sent)
@@ -281,7 +281,7 @@ def test_a_link_that_stays_away_ends_the_mission_when_it_was_waited_for():
     rig = Rig(timing=timing(outage=10.0, wait_link=2.0)).engage()
     assert not rig.run(12.9, speaks=False).pilot.done
     assert rig.run(1.0).pilot.done
-    assert (rig.pilot.outcome.ending, rig.pilot.outcome.reason) == (
+    assert (rig.pilot.mission.outcome.ending, rig.pilot.mission.outcome.reason) == (
         Ending.ABORTED, "no vehicle or no ranging for 10 s"
     )  # fmt: skip
 
@@ -293,8 +293,8 @@ def test_time_that_runs_out_in_a_silence_says_in_which_and_for_how_long(comes_ba
     rig.run(4.0, speaks=False, ranges=False).now_is(speaks=comes_back)
     while not rig.pilot.done:
         rig.run(0.05)
-    assert rig.pilot.outcome.ending is Ending.ABORTED
-    assert rig.pilot.outcome.reason.endswith(f", no {what} for {rig.now - silent_since:.0f} s")
+    assert rig.pilot.mission.outcome.ending is Ending.ABORTED
+    assert rig.pilot.mission.outcome.reason.endswith(f", no {what} for {rig.now - silent_since:.0f} s")
 
 
 def test_the_safe_setpoints_of_the_end_begin_at_once_and_are_a_tick_apart_however_many_ranges_come(rig):
@@ -332,7 +332,7 @@ MISFIT = "no vehicle: system 1 is px4 quadrotor, the mission is for ardupilot co
 def test_a_mission_that_waits_in_vain_ends_and_says_what_was_heard(limit, hears, state, begins, ends):
     rig = Rig(timing=timing(**{limit: 2.0}))
     rig.pilot.receive(hears, rig.now, rig.source)
-    outcome = rig.run(3.0, **state).pilot.outcome
+    outcome = rig.run(3.0, **state).pilot.mission.outcome
     assert outcome.ending is Ending.NOTHING_HEARD
     assert outcome.reason.startswith(begins) and outcome.reason.endswith(ends)
     assert bool(" no_range; heard " in outcome.reason) is (limit == "wait_ranging")

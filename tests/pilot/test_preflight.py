@@ -275,7 +275,7 @@ def test_a_vehicle_that_signs_with_the_all_zero_key_is_as_good_as_unsigned():
     bench.survey.receive = signed
     line = one(bench.lines(), "signing")
     assert (line.grade, "all-zero key" in line.says) == (PASS, True)
-    heard = bench.survey.links[VEHICLE]
+    heard = bench.survey.connection.counts[VEHICLE]
     assert (heard.signed, heard.zero_key, heard.refused) == (0, heard.frames, {})
 
 
@@ -364,8 +364,8 @@ def mode(number, *, armed):
         ("arducopter", {"session.timesync.typical": 0.8}, "round trip", FAIL, "800 ms"),
         ("arducopter", {"session.timesync.typical": None}, "round trip", WARN, "no answer"),
         ("arducopter", {"session.vehicle.firmware": None}, "firmware", WARN, "no answer"),
-        ("arducopter", {"links": {VEHICLE: LinkCounts(frames=100)}}, "MAVLink", PASS, "version 2 only"),
-        ("arducopter", {"links": {VEHICLE: LinkCounts(frames=100, version_1=3)}}, "MAVLink", WARN, "3 of 100"),
+        ("arducopter", {"connection.counts": {VEHICLE: LinkCounts(frames=100)}}, "MAVLink", PASS, "version 2 only"),
+        ("arducopter", {"connection.counts": {VEHICLE: LinkCounts(frames=9, version_1=3)}}, "MAVLink", WARN, "3 of 9"),
         ("arducopter", mode(4, armed=True), "mode", WARN, "at once"),
         ("arducopter", mode(5, armed=True), "mode", PASS, "the flight asks for it"),
         ("arducopter", mode(4, armed=False), "mode", PASS, "the flight asks for it"),

@@ -39,14 +39,14 @@ def test_nothing_is_streamed_on_the_ground_nor_blind(kind, message):
     since = rig.run(3.0, altitude=None).now
     rig.run(3.0, mode=ALTCTL if kind == "plane" else OFFBOARD)
     assert rig.of(message, since) == []
-    assert rig.pilot.phase is Phase.READY
-    assert "in VFR_HUD: a px4" in rig.pilot.waits_for(rig.now)
-    assert rig.run(2.0, altitude=104.0).pilot.phase is Phase.ENGAGED
+    assert rig.pilot.mission.phase is Phase.READY
+    assert "in VFR_HUD: a px4" in rig.pilot.status.waits_for(rig.now)
+    assert rig.run(2.0, altitude=104.0).pilot.mission.phase is Phase.ENGAGED
 
 
 def test_setpoints_flow_before_the_mode_and_ask_for_nothing():
     rig = PX4(POSCTL).run(3.0)
-    assert rig.pilot.phase is Phase.READY
+    assert rig.pilot.mission.phase is Phase.READY
     assert len(rig.setpoints()) > 20
     assert {(message.vx, message.vz, message.yaw_rate) for message in rig.setpoints()} == {(0.0, 0.0, 0.0)}
 
@@ -56,7 +56,7 @@ def test_a_vehicle_disarmed_by_its_operator_is_sent_nothing_when_it_comes_back_a
     rig = PX4(end_on_takeover=False).engage()
     since = rig.run(0.3, armed=False).now
     rig.run(1.0).run(4.0, speaks=False).run(3.0, speaks=True, armed=True)
-    assert (rig.pilot.phase, rig.pilot.session.vehicle.in_our_mode) == (Phase.READY, True)
+    assert (rig.pilot.mission.phase, rig.pilot.session.vehicle.in_our_mode) == (Phase.READY, True)
     assert rig.setpoints(since) == []
 
 
@@ -64,7 +64,7 @@ def test_a_vehicle_disarmed_by_its_operator_is_sent_nothing_when_it_comes_back_a
 def test_over_a_slow_link_offboard_is_not_made_possible_but_kept_without_steering(mode, setpoints):
     """In OFFBOARD the setpoints were another's until now; without ours its failsafe would act."""
     rig = PX4(mode).run(8.0, round_trip=1.5)
-    assert rig.pilot.phase is Phase.READY
+    assert rig.pilot.mission.phase is Phase.READY
     assert {message.vx for message in rig.setpoints()} == ({0.0} if setpoints else set())
     assert bool(len(rig.setpoints()) > 20) is setpoints
     assert rig.run(6.0, round_trip=0.0).setpoints()
@@ -73,18 +73,18 @@ def test_over_a_slow_link_offboard_is_not_made_possible_but_kept_without_steerin
 def test_each_engagement_holds_the_height_at_which_it_began_and_not_that_of_the_setpoints_before_it():
     rig = PX4(POSCTL, end_on_takeover=False).run(3.0)
     since = rig.run(1.0, altitude=120.0).now
-    assert rig.run(2.0, mode=OFFBOARD).pilot.phase is Phase.ENGAGED
+    assert rig.run(2.0, mode=OFFBOARD).pilot.mission.phase is Phase.ENGAGED
     assert {message.vz for message in rig.setpoints(since)} == {0.0}
     assert rig.run(0.5, altitude=121.0).setpoints()[-1].vz == pytest.approx(0.5), "1 m too high: down"
     since = rig.run(1.0, mode=LOITER).now
-    assert rig.run(3.0, mode=OFFBOARD, altitude=150.0).pilot.phase is Phase.ENGAGED
+    assert rig.run(3.0, mode=OFFBOARD, altitude=150.0).pilot.mission.phase is Phase.ENGAGED
     assert {message.vz for message in rig.setpoints(since)} == {0.0}
 
 
 @pytest.mark.parametrize("mode", [MANUAL, POSCTL, 7 << 16, 11 << 16])
 def test_no_stick_is_streamed_to_a_plane_that_its_pilot_flies_by_stick(mode):
     rig = PX4(mode, "plane").run(5.0)
-    assert rig.pilot.phase is Phase.READY
+    assert rig.pilot.mission.phase is Phase.READY
     assert rig.of("MANUAL_CONTROL") == []
 
 
@@ -96,5 +96,5 @@ def test_an_airspeed_that_cannot_be_is_told_once_and_only_of_a_vehicle_that_we_s
 
     rig.run(5.0, tells_its_attitude, airspeed=2.0)
     assert [text for text in rig.texts() if "airspeed" in text] == []
-    assert rig.run(10.0, tells_its_attitude, mode=ALTCTL).pilot.phase is Phase.ENGAGED
+    assert rig.run(10.0, tells_its_attitude, mode=ALTCTL).pilot.mission.phase is Phase.ENGAGED
     assert [text for text in rig.texts() if "airspeed" in text] == ["circnav: airspeed 2.0 m/s implausible, ignored"]

@@ -21,7 +21,7 @@ def ranging(**changes):
 
 
 def test_a_radio_of_the_missions_component_on_another_vehicle_is_not_ours():
-    rig, heard = Rig(ranging=ranging(component=192)), []
+    rig, heard = Rig(ranging=ranging(component_id=192)), []
     ours, theirs, their_vehicle = Voice(1, 192), Voice(2, 192), Voice(2, 1)
     rig.run(0.5, ranges=False)
 
@@ -54,7 +54,7 @@ def test_nobody_stands_in_for_a_radio_that_falls_silent_in_flight(output_mode):
     rig.run(9.0, lambda: rig.range(4000, voice=other), ranges=False)
     newest = rig.pilot.tracker.newest
     if output_mode is OutputMode.FLY:
-        assert rig.pilot.phase is Phase.HOLDING and newest.time <= since
+        assert rig.pilot.mission.phase is Phase.HOLDING and newest.time <= since
     else:
         assert newest.r == pytest.approx(40.0, abs=0.02)
 
@@ -84,7 +84,7 @@ def test_a_heartbeat_of_our_radios_system_does_not_take_its_ranges_from_us(rig, 
         if rig.tick % 2:
             rig.range(voice=radio)
 
-    assert rig.run(15.0 if begins else 5.0, speaks).pilot.phase is Phase.ENGAGED
+    assert rig.run(15.0 if begins else 5.0, speaks).pilot.mission.phase is Phase.ENGAGED
 
 
 # --- ranges that are none ---
@@ -93,7 +93,7 @@ def test_a_heartbeat_of_our_radios_system_does_not_take_its_ranges_from_us(rig, 
 def test_a_repeated_range_is_not_a_fresh_one(rig):
     """The same stamp again and again: stale after half a second."""
     rig.engage().run(1.0, lambda: rig.hear(distance(15000, 1_003_000)), ranges=False)
-    assert rig.pilot.phase is Phase.HOLDING
+    assert rig.pilot.mission.phase is Phase.HOLDING
 
 
 def test_an_outlier_is_counted_and_moves_nothing():
@@ -113,7 +113,7 @@ def test_a_jump_of_the_sensors_clock_starts_the_estimate_anew(rig):
     for i in range(30):
         rig.run(0.1, ranges=False).hear(distance(15000, 5_000 + 100 * i))
     assert rig.pilot.tracker.ranging.rejected["stamp_jump"] == 2
-    assert rig.pilot.phase is Phase.ENGAGED
+    assert rig.pilot.mission.phase is Phase.ENGAGED
 
 
 @pytest.mark.parametrize("accuracy_mm", [80_000, 4_294_967_294])
@@ -152,13 +152,13 @@ def test_ranges_that_scatter_over_half_the_radius_are_lost_ranges():
     since = rig.now
     rig.run(30.0, lambda: rig.tick % 2 or rig.range(draw.randrange(3000, 60000)), ranges=False)
     steered = [time for time, sent in rig.sent if time > since + 1.0 and getattr(sent, "vx", 0) > 0]
-    assert rig.pilot.outcome is not None and rig.pilot.outcome.reason.startswith("no range for")
+    assert rig.pilot.mission.outcome is not None and rig.pilot.mission.outcome.reason.startswith("no range for")
     assert steered and steered[-1] - since < 15.0
 
 
 def test_ranges_without_an_estimate_name_the_estimator():
     rig = Rig(estimator="drift").run(10.0)
-    assert "estimator drift has not converged" in rig.pilot.waits_for(rig.now)
+    assert "estimator drift has not converged" in rig.pilot.status.waits_for(rig.now)
 
 
 # --- delay ---
@@ -169,8 +169,8 @@ def test_a_link_that_gets_slower_in_flight_than_ranges_may_be_old_is_a_lost_rang
     """Stamps cannot show a constant delay; answers to TIMESYNC do."""
     rig = Rig(ranging=ranging(max_age=stale), timing=timing(stale=stale)).engage().run(8.0, round_trip=2.0)
     assert rig.pilot.session.timesync.typical == pytest.approx(2.0)
-    assert rig.pilot.phase is phase
-    ended = rig.run(8.0).pilot.outcome
+    assert rig.pilot.mission.phase is phase
+    ended = rig.run(8.0).pilot.mission.outcome
     assert bool(ended and ended.reason.startswith("no range for")) is (phase is Phase.HOLDING)
 
 
@@ -181,10 +181,10 @@ def test_the_delay_of_the_vehicles_link_is_not_that_of_a_radio_with_a_link_of_it
         if rig.tick % 2 == 0:
             rig.range(link=RANGING)
 
-    assert rig.run(3.0, by_radio, ranges=False).pilot.phase is Phase.ENGAGED
+    assert rig.run(3.0, by_radio, ranges=False).pilot.mission.phase is Phase.ENGAGED
     rig.run(15.0, by_radio, round_trip=2.0)
     assert rig.pilot.session.timesync.typical == pytest.approx(2.0)
-    assert rig.pilot.phase is Phase.ENGAGED
+    assert rig.pilot.mission.phase is Phase.ENGAGED
 
 
 # --- a link of its own ---
@@ -194,7 +194,7 @@ def test_ranging_of_another_link_is_taken_from_there_and_from_nowhere_else():
     rig = Rig(ranging_apart=True).run(3.0)
     assert rig.pilot.tracker.accepted == 0, "ranges on the vehicle's link are not the mission's"
     rig.run(3.0, lambda: rig.tick % 2 or rig.range(link=RANGING, source="radio"), ranges=False)
-    assert rig.pilot.phase is Phase.ENGAGED
+    assert rig.pilot.mission.phase is Phase.ENGAGED
 
 
 def test_a_ranging_link_is_greeted_once_a_second():
@@ -206,7 +206,7 @@ def test_a_ranging_link_is_greeted_once_a_second():
 def test_a_vehicle_on_the_ranging_link_moves_nothing():
     rig = Rig(ranging_apart=True)
     rig.run(2.0, lambda: rig.hear(heartbeat(GUIDED), link=RANGING, source="radio"), speaks=False, ranges=False)
-    assert rig.pilot.phase is Phase.WAIT_LINK
+    assert rig.pilot.mission.phase is Phase.WAIT_LINK
 
 
 def test_a_reboot_of_the_autopilot_makes_the_estimate_forget_what_came_before():

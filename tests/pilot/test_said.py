@@ -22,7 +22,7 @@ def flown_in_wind(max_turn_rate: float) -> tuple[Flight, list[str]]:
 
 @pytest.mark.parametrize(("component", "asked"), [(1, True), (7, False)])
 def test_the_stream_of_ranges_is_asked_for_only_where_the_autopilot_sends_them(component, asked):
-    rig = Rig(ranging=replace(MISSION.ranging, component=component))
+    rig = Rig(ranging=replace(MISSION.ranging, component_id=component))
     rig.run(5.0, lambda: rig.acknowledge(511), ranges=False)
     asked_for = {command.param1 for command in rig.commands(511)}
     assert (mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR in asked_for) is asked

@@ -41,7 +41,7 @@ def stays(**changes: object) -> Callable[[Rig], None]:
 
 def silent(rig: Rig) -> None:
     """An outage of vehicle and ranging."""
-    assert rig.run(5.0, speaks=False, ranges=False).pilot.phase is Phase.WAIT_LINK
+    assert rig.run(5.0, speaks=False, ranges=False).pilot.mission.phase is Phase.WAIT_LINK
     rig.now_is(speaks=True, ranges=True)
 
 
@@ -81,7 +81,7 @@ def backlog(rig: Rig) -> None:
 
 
 def holds(rig: Rig) -> None:
-    assert rig.run(2.0, ranges=False).pilot.phase is Phase.HOLDING
+    assert rig.run(2.0, ranges=False).pilot.mission.phase is Phase.HOLDING
 
 
 def loses_heartbeats(rig: Rig) -> None:
@@ -89,7 +89,7 @@ def loses_heartbeats(rig: Rig) -> None:
     for _ in range(20):
         rig.run(0.5, speaks=False)
         rig.hear(mavlink.MAVLink_current_mode_message(0, GUIDED, GUIDED))
-    assert rig.pilot.phase is Phase.ENGAGED
+    assert rig.pilot.mission.phase is Phase.ENGAGED
 
 
 def says_mode(*modes: int) -> Callable[[Rig], None]:
@@ -131,11 +131,11 @@ def taken(how: str, *, end: bool) -> tuple[Rig, float]:
     if "under way" in how:  # its acknowledgement was lost: a repeat would take the vehicle back
         while not rig.commands(SET_MODE):
             rig.run(0.05, mode=LOITER)
-        assert rig.run(0.6, mode=GUIDED).pilot.phase is Phase.ENGAGED
+        assert rig.run(0.6, mode=GUIDED).pilot.mission.phase is Phase.ENGAGED
     else:
         rig.engage()
     takeover.before(rig)
-    if rig.pilot.phase in (Phase.ENGAGED, Phase.HOLDING):
+    if rig.pilot.mission.phase in (Phase.ENGAGED, Phase.HOLDING):
         assert rig.setpoints(), "it was flown"
     since, rig.now = rig.now, round(rig.now + 0.02, 6)
     takeover.take(rig)
@@ -150,11 +150,11 @@ def test_from_the_step_that_hears_of_a_takeover_nothing_is_commanded_any_more(ho
     """No setpoint, not even the safe one, no mode and no exit action: the vehicle is not ours."""
     rig, since = taken(how, end=end)
     rig.run(0.3)
-    assert rig.pilot.phase in ({Phase.ENDED} if end else {Phase.YIELDED, Phase.READY})
+    assert rig.pilot.mission.phase in ({Phase.ENDED} if end else {Phase.YIELDED, Phase.READY})
     rig.run(10.0 if end or TAKEOVERS[how].stays else 0.9)
     assert rig.setpoints(since) == [] and rig.commands(SET_MODE, since) == []
     assert "circnav: " + TAKEOVERS[how].reason.split(":")[0] in rig.texts(since)
-    outcome = rig.pilot.outcome
+    outcome = rig.pilot.mission.outcome
     assert (outcome and (outcome.ending, outcome.reason)) == ((Ending.ABORTED, TAKEOVERS[how].reason) if end else None)
 
 
@@ -169,12 +169,12 @@ def test_only_the_guided_mode_entered_anew_gives_the_vehicle_back(how):
         rig.run(4.0)
     else:
         rig.run(GIVEN_BACK)
-    assert (rig.pilot.phase is Phase.ENGAGED) == TAKEOVERS[how].left
+    assert (rig.pilot.mission.phase is Phase.ENGAGED) == TAKEOVERS[how].left
     for _ in range(3):  # and again, as often as it is taken
         since = rig.run(0.3, mode=LOITER).now
         rig.run(0.7)
         assert rig.setpoints(since) == []
-        assert rig.run(GIVEN_BACK, mode=GUIDED).pilot.phase is Phase.ENGAGED
+        assert rig.run(GIVEN_BACK, mode=GUIDED).pilot.mission.phase is Phase.ENGAGED
 
 
 # --- what is no hand-over, and what is no takeover ---
@@ -212,8 +212,8 @@ def test_a_vehicle_that_was_taken_is_not_steered_before_it_is_given_back_for_cer
     for state, mode, seconds in what:
         waiting.run(seconds, mode=mode, **{"speaks": True, "armed": True, "landed_state": IN_AIR, **state})
     assert waiting.setpoints(since) == []
-    assert waits_for in waiting.pilot.waits_for(waiting.now)
-    assert waiting.run(2.0, mode=GUIDED, landed_state=IN_AIR).pilot.phase is Phase.ENGAGED
+    assert waits_for in waiting.pilot.status.waits_for(waiting.now)
+    assert waiting.run(2.0, mode=GUIDED, landed_state=IN_AIR).pilot.mission.phase is Phase.ENGAGED
 
 
 @pytest.mark.parametrize("offset", [20, 60, 100, 150, 200, 250])
@@ -233,20 +233,20 @@ def test_a_second_way_of_the_same_vehicle_whose_words_come_late_gives_nothing_ba
 
     rig.run(10.0, both_ways, speaks=False)
     assert rig.setpoints(left + 0.05) == []
-    assert rig.pilot.phase is Phase.YIELDED
+    assert rig.pilot.mission.phase is Phase.YIELDED
 
 
 def test_a_current_mode_of_zero_is_no_mode(rig):
     """Nothing was filled in: neither another mode nor a proof that the vehicle is there."""
     nothing = mavlink.MAVLink_current_mode_message(0, 0, 0)
     rig.engage().run(0.5, lambda: rig.hear(nothing))
-    assert (rig.pilot.phase, rig.pilot.session.vehicle.mode) == (Phase.ENGAGED, GUIDED)
-    assert rig.run(4.0, lambda: rig.hear(nothing), speaks=False).pilot.phase is Phase.WAIT_LINK
+    assert (rig.pilot.mission.phase, rig.pilot.session.vehicle.mode) == (Phase.ENGAGED, GUIDED)
+    assert rig.run(4.0, lambda: rig.hear(nothing), speaks=False).pilot.mission.phase is Phase.WAIT_LINK
 
 
 def test_a_vehicle_that_the_operator_took_is_not_taken_back_after_a_lost_link():
     rig = Rig(request_mode=True, end_on_takeover=False).engage()
-    assert rig.run(2.0, mode=LOITER).pilot.phase is Phase.YIELDED
+    assert rig.run(2.0, mode=LOITER).pilot.mission.phase is Phase.YIELDED
     since = rig.run(4.0, speaks=False).now
     rig.run(10.0, speaks=True)
     assert rig.commands(SET_MODE, since) == []
@@ -265,19 +265,19 @@ def test_a_vehicle_that_the_operator_took_is_not_taken_back_after_a_lost_link():
 def test_a_mission_in_other_hands_is_not_completed_and_ends_by_no_outage_of_before(limits, before, how, ends):
     rig = Rig(end_on_takeover=False, timing=timing(**limits)).engage()
     rig.run(before, speaks=False).run(12.0, **{"speaks": True, **how})
-    assert (rig.pilot.outcome and rig.pilot.outcome.ending) is ends
+    assert (rig.pilot.mission.outcome and rig.pilot.mission.outcome.ending) is ends
 
 
 def test_a_vehicle_is_taken_again_over_a_link_that_was_too_slow_for_the_first_time(waiting):
     waiting.run(10.0, mode=LOITER, round_trip=0.8)
-    assert waiting.run(GIVEN_BACK, mode=GUIDED).pilot.phase is Phase.ENGAGED
+    assert waiting.run(GIVEN_BACK, mode=GUIDED).pilot.mission.phase is Phase.ENGAGED
 
 
 def test_after_a_takeover_another_radio_may_take_the_place_of_ours(waiting):
     other = Voice(system=77, component=192)
     waiting.run(6.0, mode=LOITER, ranges=False)
     waiting.run(5.0, lambda: waiting.tick % 2 and waiting.range(voice=other), mode=GUIDED)
-    assert waiting.pilot.phase is Phase.ENGAGED
+    assert waiting.pilot.mission.phase is Phase.ENGAGED
 
 
 def test_the_first_setpoint_after_a_takeover_is_not_slewed_from_the_last_one_before_it():

@@ -75,7 +75,7 @@ def test_an_interrupt_and_a_turn_that_was_held_back_are_replayed_as_such(tmp_pat
     flight.fly(30).recorder.close()
     pilot, done = replayed(tmp_path)
     assert done.identical
-    assert pilot.outcome.reason == reason
+    assert pilot.mission.outcome.reason == reason
     assert done.until < 9
     assert pilot.setpoints_sent == flight.pilot.setpoints_sent == len(done.was_setpoints)
     steered = [tick for tick in done.ticks if tick.phase is Phase.ENGAGED and tick.time > 5]
@@ -91,7 +91,7 @@ def test_an_impostor_with_the_vehicles_ids_is_told_apart_by_its_source(tmp_path)
     flight.fly(30).recorder.close()
     pilot, done = replayed(tmp_path)
     assert done.identical
-    assert pilot.outcome.reason == "flown to its end"
+    assert pilot.mission.outcome.reason == "flown to its end"
 
 
 def test_another_law_commands_other_turns_from_the_same_estimates(flown):
@@ -137,7 +137,7 @@ def test_a_plain_tlog_is_steered_by_its_ranges_without_timeouts_and_our_own_fram
     timing = without_timeouts(settings_of(flown, "limits.round_trip_s=0.9", "limits.stale_s=0.7")).timing
     assert (timing.round_trip, timing.stale, timing.hold) == (0.9, 0.7, math.inf)
     pilot, done = replayed_plain(flown, tlog_steps(flown / "flight.tlog", 191))
-    assert pilot.engaged_at is not None
+    assert pilot.mission.engaged_at is not None
     assert pilot.session.ignored["twin"] == pilot.session.ignored["echo"] == 0
     assert done.setpoints == []
     assert as_ticks(done.ticks).numbers["r"][-1] == pytest.approx(open_run(flown).ticks.numbers["r"][-1], abs=1.0)
@@ -155,8 +155,8 @@ def test_a_gap_in_a_plain_tlog_does_not_tick_for_hours_and_one_twice_over_is_rep
     later = [dataclasses.replace(step, time=step.time + 1e5) for step in steps]
     pilot, done = replayed_plain(flown, [*steps, *later])
     assert len(done.ticks) < 2000
-    assert pilot.outcome is None
-    assert pilot.engaged_at > 0
+    assert pilot.mission.outcome is None
+    assert pilot.mission.engaged_at > 0
 
 
 # --- stamps of a clock that was set ---

@@ -70,7 +70,7 @@ def test_a_screen_that_cannot_draw_ends_no_flight_and_is_told_of_if_somebody_loo
     display = Display(screen, flown.pilot, 0.0, last=True)
     flown.fly(5.0, showing(display))
     display.close()
-    assert flown.pilot.outcome is None
+    assert flown.pilot.mission.outcome is None
     assert (screen.closed, len(screen.seen), display.problem) == (True, 1, problem)
 
 

@@ -59,10 +59,10 @@ class FakeLink:
 class FakePilot:
     """Ends after some steps, or two steps after an interrupt. It is a survey, too."""
 
-    next_tick, reply_to = 0.0, "the vehicle"
+    next_tick, scheduler, session = 0.0, Mock(due=0.0), Mock(reply_to="the vehicle")
 
     def __init__(self, steps=5):
-        self.left, self.held_back, self.outcome = steps, 0, None
+        self.left, self.held_back, self.mission = steps, 0, Mock(outcome=None)
         self.heard, self.interrupts = [], []
 
     @property
@@ -91,7 +91,7 @@ class FakePilot:
     def interrupt(self, now, reason):
         assert not self.interrupts, "once is enough"
         self.interrupts.append(reason)
-        self.outcome, self.left = "interrupted", 2
+        self.mission.outcome, self.left = "interrupted", 2
 
     def take_frames(self):
         return [data for data, _, _ in self.heard[-1:]]

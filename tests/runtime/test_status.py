@@ -86,7 +86,7 @@ def test_ranges_that_are_refused_are_counted_by_reason_and_those_of_an_outage_or
     assert re.search(r"rejected +\d+ of \d+: \d+ above_max", "\n".join(drawn(rejecting)))
     assert statuses(10.2, event="outage")[-1].rates.taken == 0
     flown = flight("px4_copter")
-    assert flown.pilot.waits_for(0.0) == "no autopilot heartbeat, 0 bytes heard"
+    assert flown.pilot.status.waits_for(0.0) == "no autopilot heartbeat, 0 bytes heard"
     flown.fly(8.0)
     status = Watch(flown.pilot).status(flown.ticks[-1], 8.0)
     assert status.others > 30

@@ -147,11 +147,11 @@ def opening(run: Run) -> tuple[float, float] | None:
     flight = Flight(replace(run, vehicle=clean))
     patience = 2 * run.mission.file.link.wait_s
     heard = None
-    while flight.pilot.engaged_at is None and not flight.pilot.done and flight.now < patience:
+    while flight.pilot.mission.engaged_at is None and not flight.pilot.done and flight.now < patience:
         flight.step(patience)
         if heard is None and flight.pilot.tracker.accepted:
             heard = flight.now
-    steered = flight.pilot.engaged_at
+    steered = flight.pilot.mission.engaged_at
     return None if heard is None or steered is None else (heard, steered)
 
 

@@ -56,7 +56,7 @@ class Flight:
 
     def step(self, until: float) -> None:
         """On to the next thing that happens, `until` at the latest."""
-        self._clock.advance(min(self.pilot.next_tick, until))
+        self._clock.advance(min(self.pilot.scheduler.due, until))
         turn(self.pilot, self._links, self._clock, self.now)
         self.ticks += (tick for tick in self.pilot.take_records() if tick.turn_rate is not None)
 
@@ -64,28 +64,28 @@ class Flight:
 def fly_lockstep(run: Run) -> Track:
     """Fly one run to its end."""
     flight = Flight(run)
-    pilot, timing = flight.pilot, flight.pilot.settings.timing
+    pilot, mission, timing = flight.pilot, flight.pilot.mission, flight.pilot.settings.timing
     start, truths, due = flight.vehicle.truth, list[Truth](), 0.0
     until = timing.duration + timing.wait_link + timing.wait_ranging + timing.outage + EXIT_TIME
     while not pilot.done and flight.now < until:
         flight.step(until)
-        ours = pilot.engaged_at is not None and pilot.outcome is None
-        if ours and flight.now >= due - 1e-9 and flight.now - (pilot.engaged_at or 0.0) < timing.duration - 1e-6:
+        ours = mission.engaged_at is not None and mission.outcome is None
+        if ours and flight.now >= due - 1e-9 and flight.now - (mission.engaged_at or 0.0) < timing.duration - 1e-6:
             truths.append(flight.vehicle.truth)
             due = flight.now + timing.tick
-    ended = pilot.outcome
+    ended = mission.outcome
     outcome = COMPLETED if ended and ended.ending is Ending.COMPLETED else ended.reason if ended else "no end"
     turns = np.array([(tick.time, tick.turn_rate, tick.saturated) for tick in flight.ticks], float).reshape(-1, 3)
     path = np.array([(t.time, t.east - t.target_east, t.north - t.target_north) for t in truths]).reshape(-1, 3)
     return Track(
         engine="lockstep",
         start=(start.east - start.target_east, start.north - start.target_north, start.heading),
-        engaged=pilot.engaged_at,
-        time=path[:, 0] - (pilot.engaged_at or 0.0),
+        engaged=mission.engaged_at,
+        time=path[:, 0] - (mission.engaged_at or 0.0),
         east=path[:, 1],
         north=path[:, 2],
         outcome=outcome,
-        turn_time=turns[:, 0] - (pilot.engaged_at or 0.0),
+        turn_time=turns[:, 0] - (mission.engaged_at or 0.0),
         turn=turns[:, 1],
         turn_cut=turns[:, 2] > 0,
     )

@@ -1,6 +1,6 @@
 """Rules for the autopilots' parameters: what the value of one implies for a flight. Each vehicle's file has its own."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from circnav_mav.mav.check_result import Check, Grade
@@ -43,6 +43,7 @@ class Rule:
     unit: str = ""
 
     def check(self, context: Context) -> Check | None:
+        """The line of the parameter, also of one that the vehicle does not know unless it is optional."""
         for name, factor in self.names:
             if name in context.values:
                 value = context.values[name]
@@ -57,11 +58,6 @@ class Rule:
 def rule(name: str, judge: Judge, *, optional: bool = False) -> Rule:
     """Of a parameter that has one name and one unit in all versions."""
     return Rule(((name, 1.0),), judge, optional)
-
-
-def check_parameters(rules: Iterable[Rule], context: Context) -> list[Check]:
-    """A line for each parameter that matters to a vehicle, also for one that it does not know."""
-    return [line for one in rules if (line := one.check(context)) is not None]
 
 
 # --- judges that several vehicles share -------------------------------------------------------------------------------

@@ -49,15 +49,16 @@ def describe_rejected(rejected: Mapping[str, int]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class RangingSettings:
-    """Which ranging telemetry to use.
+    """Which ranging telemetry to use: [ranging] of the mission under its own names, and what the rest tells.
 
-    message: mission name of the message. beacon_id, sensor_id, orientation, name: its filters. system, component: the
-    sender, None for the first that fits. sigma: standard deviation to assume, m, when the message carries none.
-    min_range, max_range: slant range accepted, m. max_age: oldest sample taken, s. sensor_stamps: whether the message's
-    own time is used. rate: how often the sensor measures, Hz. resent: the sender is known to repeat values faster than
-    that. max_sigma: standard deviation, reported or measured, m, above which a range is of no use. rate_name: the
-    NAMED_VALUE_FLOAT that carries the range rate, None for none. rate_sign: +1 where it is positive away from the
-    target, -1 where it is positive towards it. rate_sigma: standard deviation to assume, m/s.
+    message: mission name of the message. beacon_id, sensor_id, orientation, name: its filters. system_id, component_id:
+    the sender, None for the first that fits. sigma_m: standard deviation to assume when the message carries none.
+    min_range_m, max_range_m: slant range accepted. max_age: oldest sample taken, s. stamp: whose time is used, the
+    message's own ("sensor") or ours ("arrival"). rate_hz: how often the sensor measures. resent: the sender is known to
+    repeat values faster than that. max_sigma: standard deviation, reported or measured, m, above which a range is of no
+    use. rate_name: the NAMED_VALUE_FLOAT that carries the range rate, None for none. rate_sign: "opening" where it is
+    positive away from the target, "closing" where it is positive towards it. rate_sigma_mps: standard deviation to
+    assume.
     """
 
     message: str = "distance_sensor"
@@ -65,19 +66,19 @@ class RangingSettings:
     sensor_id: int | None = None
     orientation: int | None = None
     name: str = "RANGE"
-    system: int | None = None
-    component: int | None = None
-    sigma: float = 0.5
-    min_range: float = 0.0
-    max_range: float = 10000.0
+    system_id: int | None = None
+    component_id: int | None = None
+    sigma_m: float = 0.5
+    min_range_m: float = 0.0
+    max_range_m: float = 10000.0
     max_age: float = 0.5
-    sensor_stamps: bool = True
-    rate: float = 10.0
+    stamp: str = "sensor"
+    rate_hz: float = 10.0
     resent: bool = False
     max_sigma: float = inf
     rate_name: str | None = None
-    rate_sign: int = 1
-    rate_sigma: float = 0.3
+    rate_sign: str = "opening"
+    rate_sigma_mps: float = 0.3
 
 
 @dataclass(frozen=True, slots=True)

@@ -46,7 +46,7 @@ class RangeReader:
         self._settings = settings
         self._noise = noise
         self._kind = RANGING_MESSAGES[settings.message]
-        self.clock = RemoteClock(slower, wrap=self._kind.stamp_wrap if settings.sensor_stamps else None)
+        self.clock = RemoteClock(slower, wrap=self._kind.stamp_wrap if settings.stamp == "sensor" else None)
         """The sensor's clock, on which its range rates are, too."""
         self.trusted: Sender | None = None
         """Whose ranges count, and from where."""
@@ -125,14 +125,14 @@ class RangeReader:
             return Reject.OTHER_SENSOR
         if isinstance(reading, Reject):
             return reading
-        if reading.slant < settings.min_range:
+        if reading.slant < settings.min_range_m:
             return Reject.BELOW_MIN
-        if reading.slant > settings.max_range:
+        if reading.slant > settings.max_range_m:
             return Reject.ABOVE_MAX
         if self.trusted not in (None, sender):
             self._begin_anew()
             self._with_vehicle = False
-        carried = reading.stamp if settings.sensor_stamps else None
+        carried = reading.stamp if settings.stamp == "sensor" else None
         stamp = now if carried is None else self.clock.unwrapped(carried)
         rejection = self._order(reading, stamp, now)
         if rejection is not None:
@@ -149,7 +149,7 @@ class RangeReader:
         self.stepped = self.clock.followed
         if now - time > settings.max_age:
             return Reject.CLOCK if self.clock.doubted else Reject.TOO_OLD
-        sigma = reading.sigma or settings.sigma
+        sigma = reading.sigma or settings.sigma_m
         if noise is not None:
             sigma = noise.corrected(stamp, reading.slant, sigma, moving=self.moving)
             if noise.repeated:
@@ -162,11 +162,11 @@ class RangeReader:
     def _from_our_sensor(self, sender: Sender, now: float, strangers: Collection[int]) -> bool:
         """One sensor only, of the configured ids, from one address: the first heard, until it falls silent."""
         settings = self._settings
-        if settings.system not in (None, sender.system) or settings.component not in (None, sender.component):
+        if settings.system_id not in (None, sender.system) or settings.component_id not in (None, sender.component):
             return False
         # an autopilot's also where they were heard, and believed, before its heartbeat told what it is
         stays = self.sender_stays and sender == self.trusted and sender.component != AUTOPILOT_COMPONENT
-        if settings.system is None and sender.system in strangers and not stays:
+        if settings.system_id is None and sender.system in strangers and not stays:
             return False
         if self.trusted in (None, sender):
             return True
@@ -187,7 +187,7 @@ class RangeReader:
             # of another clock: followed when the next one agrees with it, a glitch must not reset us; and when no range
             # came by the old clock meanwhile, which a looped route does not silence
             anew = clock.set_anew(stamp, now, within=EPOCH_JUMP)
-            if not anew or now - clock.newest_at < MISSED / settings.rate:
+            if not anew or now - clock.newest_at < MISSED / settings.rate_hz:
                 return Reject.STAMP_JUMP
             self._begin_anew()
             return None
@@ -198,7 +198,7 @@ class RangeReader:
         if step < 0:
             return Reject.OLDER
         again = reading.sequence is not None and reading.sequence == self._sequence and now - clock.newest_at < 10
-        resent = settings.resent and reading.slant == self.slant and step < 0.9 / settings.rate
+        resent = settings.resent and reading.slant == self.slant and step < 0.9 / settings.rate_hz
         return Reject.REPEAT if step == 0 or again or resent else None
 
     def _begin_anew(self) -> None:
@@ -217,7 +217,7 @@ class RangeRateReader:
         self._settings, self._ranging, self._noise, self._most = settings, ranging, noise, MOST_RATE * speed
         self._check = RateCheck()
         self._stamp: float | None = None
-        self._sigma = settings.rate_sigma
+        self._sigma = settings.rate_sigma_mps
 
     @property
     def trouble(self) -> str:
@@ -245,14 +245,14 @@ class RangeRateReader:
         settings, ranging = self._settings, self._ranging
         if (*ids(message), source) != ranging.trusted or not isfinite(message.value) or abs(message.value) > self._most:
             return None
-        carried = boot_stamp(message) if settings.sensor_stamps else None
+        carried = boot_stamp(message) if settings.stamp == "sensor" else None
         stamp = now if carried is None else ranging.clock.unwrapped(carried)
         time = now + min(ranging.clock.ahead(stamp, now), 0.0)
         if now - time > settings.max_age - SAME_TIME or (self._stamp is not None and stamp <= self._stamp):
             return None
         self._stamp = stamp
-        rate = settings.rate_sign * message.value
-        self._sigma = self._noise.corrected(stamp, rate, settings.rate_sigma, moving=ranging.moving)
+        rate = message.value if settings.rate_sign == "opening" else -message.value
+        self._sigma = self._noise.corrected(stamp, rate, settings.rate_sigma_mps, moving=ranging.moving)
         self._check.add_rate(stamp, rate)
         if self.trouble:
             return None

@@ -91,8 +91,8 @@ def takeovers(times: int, quick: bool = False) -> Scenario:
             take_over(flown)
             flown.fly(flown.now + 2.5)
             course.broken += flown.broken
-            if flown.pilot.phase is not Phase.ENDED:
-                course.broken.append(f"takeover not seen: {flown.pilot.phase.value}")
+            if flown.pilot.mission.phase is not Phase.ENDED:
+                course.broken.append(f"takeover not seen: {flown.pilot.mission.phase.value}")
         take_over(course)
 
     return Scenario(
@@ -111,7 +111,7 @@ def flapping(course: Course, seed: int) -> None:
         course.fly(course.now + 2.5)
         Operator(course.vehicle).set_mode(course.pilot.session.adapter.guided_mode)
         course.fly(course.now + 2.5)
-        if course.pilot.phase is Phase.YIELDED:
+        if course.pilot.mission.phase is Phase.YIELDED:
             course.broken.append(f"not given back after {course.now:.1f} s")
     take_over(course)
 

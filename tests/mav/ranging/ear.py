@@ -4,7 +4,7 @@ from circnav_mav.mav.ranging.interface import RangingSettings
 from circnav_mav.mav.ranging.reader import RangeReader
 from tests.rig import Voice, distance
 
-DISTANCE = RangingSettings(message="distance_sensor", sigma=0.5)
+DISTANCE = RangingSettings(message="distance_sensor", sigma_m=0.5)
 
 
 class Ear:

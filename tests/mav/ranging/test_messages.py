@@ -13,9 +13,9 @@ from tests.mav.ranging.ear import Ear
 from tests.rig import beacon, distance
 
 NONE = 2**32 - 1
-DISTANCE = RangingSettings(message="distance_sensor", sigma=0.5)
-BEACON = RangingSettings(message="ranging_beacon", beacon_id=3, sigma=0.5)
-NAMED = RangingSettings(message="named_value_float", name="RADIO", sigma=0.5, min_range=5.0, max_range=400.0)
+DISTANCE = RangingSettings(message="distance_sensor", sigma_m=0.5)
+BEACON = RangingSettings(message="ranging_beacon", beacon_id=3, sigma_m=0.5)
+NAMED = RangingSettings(message="named_value_float", name="RADIO", sigma_m=0.5, min_range_m=5.0, max_range_m=400.0)
 
 
 def sensor(cm, stamp_ms=501_000, **fields):

@@ -17,7 +17,7 @@ class Pair:
     """A radio's range and rate, through pymavlink."""
 
     def __init__(self, height=None, **settings):
-        settings = RangingSettings(message="named_value_float", name="R", rate_name="RR", rate_sigma=0.2, **settings)
+        settings = RangingSettings("named_value_float", name="R", rate_name="RR", rate_sigma_mps=0.2, **settings)
         self.ranging, self.height = RangeReader(settings), height
         self.rates = RangeRateReader(settings, self.ranging, NoiseCheck.of_rates(15.0, 0.35), 15.0)
 
@@ -40,7 +40,7 @@ class Pair:
         return speaker.message(message)
 
 
-@pytest.mark.parametrize(("sign", "rate"), [(1, -4.5), (-1, 4.5)])
+@pytest.mark.parametrize(("sign", "rate"), [("opening", -4.5), ("closing", 4.5)])
 def test_it_is_positive_away_from_the_target_whichever_way_the_radio_counts(sign, rate):
     pair = Pair(rate_sign=sign)
     pair.range(100.0, 1.0)

@@ -28,7 +28,7 @@ def test_the_first_sensor_heard_is_the_only_one_taken_until_it_has_been_silent_f
     ("system", "component", "taken"), [(5, None, True), (5, 7, True), (5, 8, False), (6, None, False), (None, 7, True)]
 )
 def test_the_missions_sender_is_the_only_one_taken(system, component, taken):
-    ear = Ear(replace(DISTANCE, system=system, component=component))
+    ear = Ear(replace(DISTANCE, system_id=system, component_id=component))
     assert (ear.distance(speaker=Voice(5, 7)) is not None) == taken
     assert ear.rejected == ({} if taken else {"wrong_source": 1})
 
@@ -102,7 +102,7 @@ def test_stamps_that_jump_about_or_once_only_reset_nothing(stamps):
 
 def test_a_slow_radio_whose_clock_jumps_is_taken_again_and_a_pause_is_no_jump():
     """What confirms a jump is that stamps and arrivals go on alike, be it by seconds."""
-    ear = Ear(replace(DISTANCE, rate=0.4))
+    ear = Ear(replace(DISTANCE, rate_hz=0.4))
     assert ear.distance(stamp=700_000, now=1.0) is not None
     assert ear.distance(stamp=730_000, now=31.0) is not None
     assert not ear.reader.restarted
@@ -111,9 +111,9 @@ def test_a_slow_radio_whose_clock_jumps_is_taken_again_and_a_pause_is_no_jump():
     assert ear.reader.restarted
 
 
-@pytest.mark.parametrize(("sensor_stamps", "stamp"), [(True, 0), (False, 700_000)])
-def test_a_message_without_a_stamp_to_use_is_dated_by_its_arrival(sensor_stamps, stamp):
-    ear = Ear(replace(DISTANCE, sensor_stamps=sensor_stamps))
+@pytest.mark.parametrize(("whose", "stamp"), [("sensor", 0), ("arrival", 700_000)])
+def test_a_message_without_a_stamp_to_use_is_dated_by_its_arrival(whose, stamp):
+    ear = Ear(replace(DISTANCE, stamp=whose))
     samples = [ear.distance(stamp=stamp, now=1 + 0.1 * i) for i in range(3)]
     assert [(sample.stamp, sample.time) for sample in samples] == [(1 + 0.1 * i, 1 + 0.1 * i) for i in range(3)]
     assert ear.distance(stamp=stamp, now=1.2) is None
@@ -122,7 +122,7 @@ def test_a_message_without_a_stamp_to_use_is_dated_by_its_arrival(sensor_stamps,
 @pytest.mark.parametrize("constant", [False, True])
 def test_values_sent_again_faster_than_the_sensor_measures_count_once(constant):
     """ArduPilot stamps at sending and repeats: a 5 Hz sensor sent at 20 Hz, when the mission says so."""
-    ear = Ear(replace(DISTANCE, rate=5.0, resent=True))
+    ear = Ear(replace(DISTANCE, rate_hz=5.0, resent=True))
     cm = [10000 if constant else 10000 + 300 * (i // 4) for i in range(40)]
     assert [ear.distance(cm[i], now=1 + 0.05 * i) is not None for i in range(40)] == [i % 4 == 0 for i in range(40)]
     assert ear.rejected == {"repeat": 30}
@@ -143,7 +143,7 @@ def test_a_sample_that_was_long_on_its_way_is_rejected(late, taken):
 
 def test_a_slant_range_becomes_horizontal_when_the_height_is_known():
     """3, 4, 5; the limits are those of the slant range; overhead there is no range."""
-    ear = Ear(replace(DISTANCE, max_range=50.0), height=30.0)
+    ear = Ear(replace(DISTANCE, max_range_m=50.0), height=30.0)
     sample = ear.distance(5000)
     assert (sample.r, sample.sigma) == pytest.approx((40.0, 0.5 * 50 / 40))
     assert ear.distance(5001, now=1.1) is None

@@ -3,9 +3,10 @@
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.mav.height import Height, HeightSettings
 from circnav_mav.pilot import OutputMode
 from circnav_mav.pilot.mission_state import Phase
+from circnav_mav.pilot.range_tracker import Height
+from circnav_mav.pilot.settings import HeightSettings
 
 TOLD = HeightSettings(above_target=60.0)
 ABSOLUTE = HeightSettings(target_altitude=500.0)
@@ -94,7 +95,7 @@ def test_of_home_only_the_altitude_is_read(make_rig):
             rig.hear(vfr_hud(560.0))
             rig.hear(home(504.0, *place))
 
-        assert rig.run(4.0, report).pilot.phase is Phase.ENGAGED
+        assert rig.run(4.0, report).pilot.mission.phase is Phase.ENGAGED
         assert rig.pilot.tracker.height.at(rig.now) == 60.0
     assert rigs[0].raw == rigs[1].raw
 
@@ -105,7 +106,7 @@ def test_a_dry_run_which_may_begin_on_the_ground_keeps_the_height_told(make_rig,
     for second in range(60):
         rig.run(0.5)
         rig.hear(vfr_hud(500.0 + max(0, second - 30)))
-    assert rig.pilot.phase is Phase.ENGAGED
+    assert rig.pilot.mission.phase is Phase.ENGAGED
     records = rig.pilot.take_records()
     assert records[-1].height == pytest.approx(expected, abs=1.01)
     assert records[-1].measured == pytest.approx((150.0**2 - records[-1].height ** 2) ** 0.5, abs=0.5)
