@@ -4,7 +4,7 @@ that swings from limit to limit."""
 from dataclasses import dataclass, replace
 from math import inf
 
-from circnav_mav.guidance.theory import tolerated_drift
+from circnav_mav.guidance.laws import tolerated_drift
 from circnav_mav.guidance.types import Orbit, RangeEstimate
 
 PERSISTS = 3.0

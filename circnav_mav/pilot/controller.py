@@ -3,8 +3,7 @@
 from math import ceil, pi, remainder
 
 from circnav_mav.guidance.circles import Circles, next_trim
-from circnav_mav.guidance.law_selector import Flies
-from circnav_mav.guidance.step import compensate_turn_gain, holding
+from circnav_mav.guidance.step import Flies, compensate_turn_gain, holding
 from circnav_mav.guidance.turn_gain import TurnGain, learn
 from circnav_mav.guidance.turn_response import PendingTurn, Response, ResponseLearner
 from circnav_mav.guidance.types import SAME_TIME, Orbit, OwnMotion, RangeEstimate, TurnCommand, TurnRate

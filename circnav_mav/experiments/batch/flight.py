@@ -21,10 +21,10 @@ from circnav_mav.experiments.batch.sensors import (
 )
 from circnav_mav.experiments.batch.world import Airframe, Surroundings, Truth, World, along
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
-from circnav_mav.guidance.geometry import wrap
-from circnav_mav.guidance.laws import LAWS
+from circnav_mav.guidance.estimators.range_rate import loop_lag
+from circnav_mav.guidance.laws import LAWS, default_gain
+from circnav_mav.guidance.maths import wrap
 from circnav_mav.guidance.step import StepSettings
-from circnav_mav.guidance.tuning import default_gain, loop_lag
 
 Array = Any
 STALE = 0.5

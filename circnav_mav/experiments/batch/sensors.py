@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from circnav_mav.experiments.batch.world import Draws, turned
-from circnav_mav.guidance.geometry import MAX_SIGMA_GROWTH
+from circnav_mav.guidance.maths import MAX_SIGMA_GROWTH
 
 Array = Any
 

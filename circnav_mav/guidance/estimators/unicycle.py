@@ -14,8 +14,7 @@ import numpy as np
 
 from circnav_mav.guidance.estimators.dead_reckoning import Knot, OwnPath
 from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings, Fused
-from circnav_mav.guidance.geometry import wrap
-from circnav_mav.guidance.maths import Array
+from circnav_mav.guidance.maths import Array, wrap
 from circnav_mav.guidance.types import OwnMotion, RangeEstimate, RangeSample, RateSample
 
 POSITION_PSD, ANGLE_PSD = 0.05**2, 0.03**2
