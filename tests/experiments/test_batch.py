@@ -27,7 +27,7 @@ from circnav_mav.experiments.bench import judged, run
 from circnav_mav.experiments.bench_table import line, markdown
 from circnav_mav.guidance.estimators.interface import Fused
 from circnav_mav.guidance.estimators.relative_motion import AutoEstimator
-from circnav_mav.guidance.step import LawChoice, holding, steering
+from circnav_mav.guidance.step import holding, steering
 from circnav_mav.guidance.turn_response import PendingTurn, Response
 from circnav_mav.guidance.types import Direction, Orbit, OwnMotion, RangeSample
 from circnav_mav.mission.checks import check_mission
@@ -44,7 +44,7 @@ class InTheAir:
     def __init__(self, circle, sense):
         ways = [Direction.COUNTERCLOCKWISE if s > 0 else Direction.CLOCKWISE for s in sense]
         orbits = [Orbit(circle.radius, way, circle.speed, circle.max_turn_rate) for way in ways]
-        choice = LawChoice("auto", circle.gain("auto"))
+        choice = circle.choice("auto")
         self.flights = [(o, AutoEstimator(circle.estimation), steering(o, choice), PendingTurn()) for o in orbits]
         self.answer = Response(0.0, circle.lag, 1 / circle.lag)
         self.newest = [-np.inf] * sense.size
@@ -102,7 +102,7 @@ def test_the_benchmark_flies_the_gain_that_the_check_of_the_quickstart_prints(la
     (said,) = (
         line.says for line in check_mission(load_mission(QUICKSTART, [f"guidance.law={law}"])) if line.subject == "gain"
     )
-    assert f"k = {Circle().gain(law):.4g} " in said
+    assert f"k = {Circle().choice(law).gain:.4g} " in said
 
 
 def test_arcs_are_exact_for_any_step():
