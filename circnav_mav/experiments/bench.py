@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from circnav_mav.experiments.batch import metrics
 from circnav_mav.experiments.batch.flight import LAST, SITUATIONS, Situation, Tracks, fly_situation, policy
@@ -22,7 +23,7 @@ from circnav_mav.experiments.worker_pool import workers
 from circnav_mav.runlog.atomic_write import write_text
 from circnav_mav.runlog.metrics import turn_figures
 
-Array = Any
+Array = NDArray[Any]
 KEPT_BELOW = 10.0
 
 

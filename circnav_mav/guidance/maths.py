@@ -15,6 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = Any
+"""A number of one flight, or an array of many."""
+Batch = NDArray[Any]
+"""An array of many flights, the last axis."""
 Number = float | NDArray[np.float64]
 Flag = bool | NDArray[np.bool_]
 
