@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from circnav_mav.experiments.batch import metrics
 from circnav_mav.experiments.batch.flight import LAST, SITUATIONS, Situation, Tracks, fly_situation, policy
-from circnav_mav.experiments.bench_table import Cell, line, markdown, write_csv
+from circnav_mav.experiments.bench_table import Cell, draw, line, markdown, write_csv
 from circnav_mav.experiments.worker_pool import workers
 from circnav_mav.runlog.atomic_write import write_text
 from circnav_mav.runlog.metrics import turn_figures
@@ -43,8 +43,6 @@ def run(
                 write_csv(done, out / "table.csv")
                 write_text(out / "table.md", markdown(done))
     if out is not None:
-        from circnav_mav.experiments.bench_picture import draw  # matplotlib is not for the workers
-
         draw(done, out / "table.png")
     return done
 

@@ -2,11 +2,10 @@
 
 from math import ceil
 
-from circnav_mav.guidance.circles import Circles, next_trim
 from circnav_mav.guidance.step import Flies, compensate_turn_gain, holding
 from circnav_mav.guidance.turn_response import Response, TurnAnswer
 from circnav_mav.guidance.types import SAME_TIME, Orbit, OwnMotion, RangeEstimate, TurnCommand
-from circnav_mav.guidance.watches import CommandWatch
+from circnav_mav.guidance.watches import Circles, CommandWatch, next_trim
 from circnav_mav.mav.autopilots.interface import Addressee
 from circnav_mav.mav.autopilots.table import allowed
 from circnav_mav.mav.codec import Message
