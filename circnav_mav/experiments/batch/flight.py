@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from math import radians
-from typing import Any
 
 import numpy as np
 
@@ -22,11 +21,10 @@ from circnav_mav.experiments.batch.sensors import (
 )
 from circnav_mav.experiments.batch.world import Airframe, Surroundings, Truth, World, along
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
-from circnav_mav.guidance.maths import wrap
+from circnav_mav.guidance.maths import Array, wrap
 from circnav_mav.guidance.step import LawChoice, StepSettings
 from circnav_mav.guidance.types import Direction, Orbit
 
-Array = Any
 STALE = 0.5
 """Oldest range that may steer, s; the default of `limits.stale_s`."""
 
