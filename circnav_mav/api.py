@@ -5,16 +5,15 @@ turn rates and headings counter-clockwise positive. Time is an argument: any clo
 """
 
 from collections.abc import Callable, Mapping
-from math import pi, remainder
+from dataclasses import replace
 
 from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings, Fused
+from circnav_mav.guidance.estimators.range_rate import loop_lag
 from circnav_mav.guidance.estimators.table import ESTIMATORS, default_estimator
-from circnav_mav.guidance.laws import LAWS
+from circnav_mav.guidance.laws import LAWS, default_gain
 from circnav_mav.guidance.step import LawChoice, compensate_turn_gain, limited, steering
-from circnav_mav.guidance.tuning import default_gain, loop_lag
-from circnav_mav.guidance.turn_gain import TurnGain, learn
-from circnav_mav.guidance.turn_response import PendingTurn, ResponseLearner
-from circnav_mav.guidance.types import SAME_TIME, Orbit, OwnMotion, RangeEstimate, RangeSample, TurnCommand, TurnRate
+from circnav_mav.guidance.turn_response import TurnAnswer
+from circnav_mav.guidance.types import SAME_TIME, Orbit, OwnMotion, RangeEstimate, RangeSample, TurnCommand
 
 OwnLaw = Callable[[RangeEstimate], float]
 """A law of one's own: from the estimate to a turn rate, rad/s, counter-clockwise positive."""
@@ -64,10 +63,7 @@ class Guidance:
             wanted = ESTIMATORS[wanted](EstimatorSettings(orbit.speed, orbit.max_turn_rate))
         self._estimator = wanted
         self._newest: float | None = None
-        self._commanded: TurnRate | None = None
-        self._turned = 0.0
-        self._gain, self._lag = TurnGain(), turn_lag
-        self._response, self._pending = ResponseLearner(turn_lag), PendingTurn()
+        self._answer = TurnAnswer(turn_lag)
 
     def observe(self, sample: RangeSample) -> bool:
         """Take in a range; tells whether it was accepted, or rejected as an outlier."""
@@ -79,10 +75,7 @@ class Guidance:
     def move(self, own: OwnMotion) -> None:
         """Take in own motion, as often as it is known. Without it only laws on range alone fly."""
         self._estimator.move(own)
-        self._turned += remainder(own.heading - self._turned, 2 * pi)
-        if self._commanded is not None:
-            self._response.feel(own.time, self._turned, link=0.0)
-            self._gain = learn(self._gain, lag=self._lag, time=own.time, heading=own.heading, command=self._commanded)
+        self._answer.feel(replace(own, bank_turn=None))
 
     def estimate(self, now: float) -> RangeEstimate | None:
         """Range and range rate now, and in `relative` where the target is, where the estimator knows; None before the
@@ -95,17 +88,12 @@ class Guidance:
         estimate = self.estimate(now)
         fresh = self._newest is not None and now - self._newest <= self._stale + SAME_TIME
         if estimate is None or not fresh or not self._estimator.ready:
-            self._commanded = None  # what the vehicle does now is not our doing: it teaches nothing
-            self._response.reset()
-            self._pending.reset()
+            self._answer.reset()
             return None
         turning = estimate.relative.turn_rate if estimate.relative is not None else 0.0
-        pending = self._pending.at(now, self._response.response(link=0.0), turning)
-        gain = float(self._gain.gain)
-        command = compensate_turn_gain(self._steer(estimate, 0.0, pending, 1.0), self._orbit.max_turn_rate, gain)
-        self._commanded = command.turn_rate
-        self._response.command(now, command.turn_rate)
-        self._pending.command(now, command.turn_rate * gain)
+        wanted = self._steer(estimate, 0.0, self._answer.pending(now, turning), 1.0)
+        command = compensate_turn_gain(wanted, self._orbit.max_turn_rate, self._answer.gain)
+        self._answer.command(now, command.turn_rate)
         return command
 
 

@@ -20,9 +20,8 @@ from circnav_mav.experiments.batch.flight import SITUATIONS
 from circnav_mav.experiments.batch.guidance import POLICIES
 from circnav_mav.experiments.campaign.execute import ExecutionError, cores, on_cores, on_scheduler
 from circnav_mav.experiments.campaign.figures import SUMMARY, summarise
-from circnav_mav.experiments.campaign.file import CampaignError, load_campaign
 from circnav_mav.experiments.campaign.fly import Row, chunks, obstacle
-from circnav_mav.experiments.campaign.plan import Campaign, hopeless, prepare
+from circnav_mav.experiments.campaign.plan import Campaign, CampaignError, hopeless, load_campaign, prepare
 from circnav_mav.experiments.campaign.plots import plot_campaign
 from circnav_mav.experiments.campaign.store import TABLE, Store, StoreError
 from circnav_mav.experiments.paper import random_starts

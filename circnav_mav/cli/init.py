@@ -10,7 +10,7 @@ import click
 from circnav_mav.cli.bundled import bundled, names
 from circnav_mav.cli.exits import Exit, Refused, refusing
 from circnav_mav.emulator.config import VehicleConfig
-from circnav_mav.experiments.campaign.file import CampaignFile
+from circnav_mav.experiments.campaign.plan import CampaignFile
 from circnav_mav.mission.schema import MissionFile
 
 SCHEMA = "mission.schema.json"

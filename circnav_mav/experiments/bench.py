@@ -14,16 +14,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from circnav_mav.experiments.batch import metrics
 from circnav_mav.experiments.batch.flight import LAST, SITUATIONS, Situation, Tracks, fly_situation, policy
-from circnav_mav.experiments.bench_table import Cell, line, markdown, write_csv
+from circnav_mav.experiments.bench_table import Cell, draw, line, markdown, write_csv
 from circnav_mav.experiments.worker_pool import workers
-from circnav_mav.guidance.types import Direction, Orbit
 from circnav_mav.runlog.atomic_write import write_text
 from circnav_mav.runlog.metrics import turn_figures
 
-Array = Any
+Array = NDArray[Any]
 KEPT_BELOW = 10.0
 
 
@@ -43,8 +43,6 @@ def run(
                 write_csv(done, out / "table.csv")
                 write_text(out / "table.md", markdown(done))
     if out is not None:
-        from circnav_mav.experiments.bench_picture import draw  # matplotlib is not for the workers
-
         draw(done, out / "table.png")
     return done
 
@@ -75,8 +73,7 @@ def judged(situation: Situation, policy: str, tracks: Tracks, seconds: float) ->
         V=circle.speed, r_d=r_d, max_turn_rate=circle.max_turn_rate,
     )  # fmt: skip
     ten, two = (metrics.last_exit(tracks.time, tracks.r[:, outside], r_d, band * r_d) / ideal for band in (0.1, 0.02))
-    orbit = Orbit(r_d, Direction.COUNTERCLOCKWISE, circle.speed, circle.max_turn_rate)
-    commands = (turn_figures(end(tracks.time), command, orbit) for command in end(tracks.command).T)
+    commands = (turn_figures(end(tracks.time), command, circle.orbit) for command in end(tracks.command).T)
     turns = [turn for turn in commands if turn]
     rate_error = end(tracks.r_dot_hat) - end(tracks.r_dot)
     nees = end(tracks.nees)

@@ -14,9 +14,9 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from circnav_mav.experiments.batch import metrics
-from circnav_mav.guidance import theory
-from circnav_mav.guidance.geometry import chord
+from circnav_mav.guidance import laws
 from circnav_mav.guidance.laws import LAWS
+from circnav_mav.guidance.maths import chord
 from circnav_mav.report.plots import STYLE, save
 
 Array = NDArray[np.float64]
@@ -126,7 +126,7 @@ class Example:
 
 EXAMPLES = (
     Example(1, "smooth", 0.01, R_D),
-    Example(2, "smooth", 0.01, theory.corrected_radius(R_D, 0.01)),
+    Example(2, "smooth", 0.01, laws.corrected_radius(R_D, 0.01)),
     Example(3, "switching", 0.12, R_D),
 )
 

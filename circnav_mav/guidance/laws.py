@@ -1,4 +1,4 @@
-"""The guidance laws: one function per equation, and the table a mission picks from.
+"""The guidance laws: one function per equation, what is proved about them, and the table a mission picks from.
 
 Every law takes range r (m) and range rate r_dot (m/s), floats or arrays of one shape, and returns the turn rate in
 rad/s, counter-clockwise positive. The sign of the gain k chooses the sense of rotation: k > 0 clockwise, k < 0
@@ -12,7 +12,6 @@ from functools import wraps
 
 import numpy as np
 
-from circnav_mav.guidance import theory
 from circnav_mav.guidance.maths import Number, arcsin, clip, cos, magnitude, maximum, minimum, sign, sqrt, tanh, where
 
 LEAST = 1.2
@@ -32,6 +31,66 @@ class Kind(Enum):
     MEMORY = "its own integral"
     RELATIVE = "position relative to the target and drift"
     AUTO = "nothing, but uses the relative motion as soon as it can be trusted"
+
+
+def smooth_gain_bound(r_d: float) -> float:
+    """Bound of law 1's gain, 1/m^2: k > 1/(2 r_d^2) converges from every state (theorem `circular`)."""
+    return 1 / (2 * r_d**2)
+
+
+def switching_gain_bound(V: float, r_d: float) -> float:
+    """Bound of law 2's gain, rad/s: k > V/r_d converges from every state (theorem `circular-sign-version`)."""
+    return V / r_d
+
+
+def reached_radius(r_d: float, k: float) -> float:
+    """Radius r_a that law 1 settles on, m; always above r_d (eq. `r_a`)."""
+    return sqrt((r_d**2 + sqrt(r_d**4 + 1 / k**2)) / 2)
+
+
+def corrected_radius(r_d: float, k: float) -> float:
+    """Radius to feed law 1 so that it settles on r_d exactly, m (eq. `tilde_r_d`).
+
+    Raises ValueError unless |k| > 1/(2 r_d^2).
+    """
+    inside = 1 - 1 / (4 * k**2 * r_d**4)
+    if inside <= 0:
+        raise ValueError(f"|k| = {abs(k):g} must be above 1/(2 r_d^2) = {smooth_gain_bound(r_d):g}")
+    return r_d * sqrt(inside)
+
+
+def max_range_acceleration(V: Number, max_turn_rate: Number, r: Number) -> Number:
+    """Bound of |r''| = |V sin(theta_b) theta_b'| <= V^2/r + V omega_max, m/s^2.
+
+    Nearer than the tightest turn, V/omega_max, the first term is held at its value there.
+    """
+    return V**2 / maximum(r, V / max_turn_rate) + V * max_turn_rate
+
+
+def rate_gain(V: Number, r_d: Number, lag: Number) -> Number:
+    """Gain k of the range rate, rad/m, that a loop with so much lag (course + filter, s) bears: k V lag = 0.5.
+
+    Above about that value the laws limit-cycle, as flown on real autopilots. No more than 6/r_d, where nothing is won.
+    """
+    return minimum(0.5 / (V * lag), 6 / r_d)
+
+
+def tolerated_drift(V: float, r_d: float, max_turn_rate: float, turn_gain: float = 1.0) -> float:
+    """Largest drift W, m/s, in which the circle can be held, below V; negative if not even in still air.
+
+    (V + W)^2/(V omega_max) <= r_d: at the most downwind point the ground speed is V + W and the turn of the course
+    V/(V + W) times that of the nose. turn_gain: realised over commanded turn rate. Derived; necessary for every law.
+    """
+    return min(sqrt(r_d * V * max_turn_rate * turn_gain) - V, 0.99 * V)
+
+
+def settling_time(r: float, V: float, r_d: float, max_turn_rate: float) -> float:
+    """Time, s, to the circle from range r in still air at worst: half a turn, then the tangent (inside: outwards).
+
+    Dubins: pi/omega_max + sqrt(r^2 - r_d^2)/V; a prediction for `check`, not a bound.
+    """
+    way = sqrt(r**2 - r_d**2) if r > r_d else r_d - r
+    return np.pi / max_turn_rate + way / V
 
 
 def smooth(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number) -> Number:
@@ -63,7 +122,7 @@ class Law:
     function: LawFunction
     gain_unit: str
     gain_condition: str
-    default_gain: Callable[[float, float, float], Number] = theory.rate_gain
+    default_gain: Callable[[float, float, float], Number] = rate_gain
     gain_bound: Callable[[float, float], float] = lambda V, r_d: 0.0
     reached_radius: Callable[[float, float, float], float] = lambda V, r_d, k: r_d
     fed_radius: Callable[[float, float, float], float] = lambda V, r_d, k: r_d
@@ -110,7 +169,7 @@ def relay(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number) -> Num
     following for wheeled mobile robots", Automatica 47 (2011).
     """
     chi = clip(V / r_d * (r - r_d), -0.5 * V, 0.5 * V)
-    phi = k / theory.rate_gain(V, r_d, LOOP_LAG)
+    phi = k / rate_gain(V, r_d, LOOP_LAG)
     return k * clip((r_dot + chi) / phi, -1.0, 1.0) + V / r_d
 
 
@@ -156,7 +215,7 @@ def pi(
 
 def _smooth_gain(V: float, r_d: float, lag: float) -> float:
     """Twice the bound, as in the paper's example, or less where the delay would make the circle oscillate."""
-    bound = theory.smooth_gain_bound(r_d)
+    bound = smooth_gain_bound(r_d)
     return max(LEAST * bound, min(2 * bound, SMOOTH_LOOP / (2 * r_d * V * lag)))
 
 
@@ -165,24 +224,24 @@ LAWS: dict[str, Law] = {
     for law in (
         Law(
             "smooth", smooth, "1/m^2", "k > 1/(2 r_d^2)", _smooth_gain,
-            gain_bound=lambda V, r_d: theory.smooth_gain_bound(r_d),
-            reached_radius=lambda V, r_d, k: theory.reached_radius(r_d, k),
-            fed_radius=lambda V, r_d, k: theory.corrected_radius(r_d, k),
+            gain_bound=lambda V, r_d: smooth_gain_bound(r_d),
+            reached_radius=lambda V, r_d, k: reached_radius(r_d, k),
+            fed_radius=lambda V, r_d, k: corrected_radius(r_d, k),
         ),
         Law(
             "switching", switching, "rad/s", "k > V/r_d",
-            lambda V, r_d, lag: LEAST * theory.switching_gain_bound(V, r_d),  # as in the paper's example
-            gain_bound=theory.switching_gain_bound,
+            lambda V, r_d, lag: LEAST * switching_gain_bound(V, r_d),  # as in the paper's example
+            gain_bound=switching_gain_bound,
             switches=True,
         ),
         Law(
             "bounded", bounded, "1/m", "k > 1/r_d",
-            lambda V, r_d, lag: max(0.5 * theory.rate_gain(V, r_d, LOOP_LAG), 1.5 / r_d),  # its slope in r is k^2 V
+            lambda V, r_d, lag: max(0.5 * rate_gain(V, r_d, LOOP_LAG), 1.5 / r_d),  # its slope in r is k^2 V
             gain_bound=lambda V, r_d: 1 / r_d,
         ),
         Law(
             "relay", relay, "rad/s", "k > V/r_d", lambda V, r_d, lag: 1.33 * V / r_d,
-            gain_bound=theory.switching_gain_bound,
+            gain_bound=switching_gain_bound,
         ),
         Law("pd", pd, "rad/m", "k > 0"),
         Law("pi", feedforward, "rad/m", "k > 0", kind=Kind.MEMORY),
@@ -192,3 +251,10 @@ LAWS: dict[str, Law] = {
     )
 }  # fmt: skip
 """The laws by their mission names."""
+
+
+def default_gain(law: str, V: float, r_d: float, lag: float) -> float:
+    """Magnitude of a law's gain k at speed V (m/s) on a circle of r_d (m), with so much delay in the loop (s), that of
+    the turn and that of the range-rate filter (see `range_rate.loop_lag`). Every default gain comes from here; the
+    heading loop of `drift` and `auto` is tuned in flight, see `vector_field.drift_gains`."""
+    return float(LAWS[law].default_gain(V, r_d, lag))

@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Callable
 from math import inf, nan, sqrt
 
-from circnav_mav.guidance.theory import max_range_acceleration
+from circnav_mav.guidance.laws import max_range_acceleration
 
 KEPT, ENOUGH = 60, 20
 """Bends from sample to sample that are remembered, and how many it takes at least."""

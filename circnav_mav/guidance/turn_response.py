@@ -2,16 +2,18 @@
 
 A dead time, then an answer of first order (a lag) or of second order (a frequency and a damping): the candidates span
 what real firmware showed (ArduPilot, PX4). The likely ones are found by least squares of the turned angle in short
-bins, with a prior about the mission's `turn_lag_s`; the gain is `turn_gain`.
+bins, with a prior about the mission's `turn_lag_s`; the gain is `turn_gain`. `TurnAnswer` holds them together.
 """
 
 from collections import deque
 from dataclasses import dataclass, replace
-from math import exp, sqrt
+from math import exp, inf, pi, remainder, sqrt
 
 import numpy as np
 
 from circnav_mav.guidance.maths import Array
+from circnav_mav.guidance.turn_gain import TurnGain, learn
+from circnav_mav.guidance.types import OwnMotion
 
 DEADS = np.arange(0.0, 1.01, 0.1)
 """Candidates of the dead time, s."""
@@ -235,3 +237,72 @@ class ResponseLearner:
         scale = float(np.exp(middle)) / (dead + lag)
         settles = float(1 / (of_answer @ (1 / RINGING)))
         self._known = Response(scale * dead + self._after, scale * lag, settles, learnt=True)
+
+
+SLIP = 0.2
+"""How much later than its bank a plane's nose turns, s: side-slip, as seen on ArduPlane 4.6.3."""
+LONGEST_FELT = 1.0
+"""Most time, s, for which a bank counts from one report to the next."""
+
+
+class TurnAnswer:
+    """What is known of how one vehicle answers in flight, and what it has not answered yet.
+
+    by_command: turn rate as it was commanded and as flown. by_bank: the same of the bank that it has; None before it
+    was commanded and told a bank. link: there and back, s.
+    """
+
+    def __init__(self, lag: float, *, gain: float | None = None, slips: bool = False, link: float = 0.0) -> None:
+        """lag: from a command to its turn before the flight has told, s. gain: realised over commanded turn rate; None:
+        learnt. slips: whether the nose follows the bank later."""
+        self._lag, self._gain, self.link = lag, gain, link
+        self.by_command = TurnGain(gain=gain or 1.0)
+        self.by_bank: TurnGain | None = None
+        self._learner, self._pending = ResponseLearner(lag, SLIP if slips else 0.0), PendingTurn()
+        self._turned, self._felt_at = 0.0, inf
+        self._commanded: float | None = None
+
+    @property
+    def gain(self) -> float:
+        """Realised over commanded turn rate, as used now."""
+        return self._gain or float((self.by_bank or self.by_command).gain)
+
+    @property
+    def response(self) -> Response:
+        """Delay and lag, as used now."""
+        return self._learner.response(self.link)
+
+    def pending(self, now: float, turn_rate: Array) -> Pending:
+        """What is commanded but not turned yet; turn_rate: of the vehicle now, rad/s."""
+        return self._pending.at(now, self.response, turn_rate)
+
+    def command(self, now: float, rate: float) -> None:
+        """From this time (s) on the vehicle is told to turn at this rate, rad/s."""
+        self._commanded = rate
+        self._learner.command(now, rate)
+        self._pending.command(now, rate * self.gain)
+
+    def feel(self, own: OwnMotion) -> bool:
+        """Learn from the vehicle's heading, or bank; tells whether it was commanded."""
+        if own.bank_turn is None:
+            self._turned += remainder(own.heading - self._turned, 2 * pi)
+        else:
+            self._turned += own.bank_turn * min(max(own.time - self._felt_at, 0.0), LONGEST_FELT)
+            self._felt_at = own.time
+        if self._commanded is None:
+            return False
+        self._learner.feel(own.time, self._turned, self.link)
+        if own.bank_turn is not None:
+            # of the bank it has, not of the commanded one: an autopilot with a lower bank limit turns no worse for it
+            before = self.by_bank or TurnGain()
+            self.by_bank = learn(before, lag=SLIP, time=own.time, heading=own.heading, command=own.bank_turn)
+        self.by_command = learn(
+            self.by_command, lag=self._lag, time=own.time, heading=own.heading, command=self._commanded
+        )
+        return True
+
+    def reset(self) -> None:
+        """The vehicle is not ours any more: what it does now is not our doing, and teaches nothing."""
+        self._commanded = None
+        self._learner.reset()
+        self._pending.reset()

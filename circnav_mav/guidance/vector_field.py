@@ -10,12 +10,12 @@ All of this is for a counter-clockwise orbit, omega > 0 to the left; `mirrored` 
 from dataclasses import dataclass, replace
 from math import pi
 
-from circnav_mav.guidance.geometry import chord_parts, wrap
 from circnav_mav.guidance.maths import (
     Array,
     arccos,
     arcsin,
     arctan2,
+    chord_parts,
     clip,
     cos,
     hypot,
@@ -24,6 +24,7 @@ from circnav_mav.guidance.maths import (
     sin,
     sqrt,
     where,
+    wrap,
 )
 from circnav_mav.guidance.turn_response import Pending
 

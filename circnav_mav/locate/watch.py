@@ -35,14 +35,6 @@ class Culprit(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Alarm:
-    """A disagreement that lasts. text: for people."""
-
-    culprit: Culprit
-    text: str
-
-
-@dataclass(frozen=True, slots=True)
 class Look:
     """One moment. east, north: position, m. heading: of the nose in the paper's frame, rad, None: not known. airspeed:
     m/s. range_off: measured less predicted range, m, with its standard deviation; bearing_off: bearing of the target by
@@ -61,7 +53,10 @@ class GpsWatch:
     """Looks at every position."""
 
     def __init__(self) -> None:
-        self.alarm: Alarm | None = None
+        self.culprit: Culprit | None = None
+        """What is likeliest wrong now."""
+        self.alarm = ""
+        """A disagreement that lasts, for people; empty where there is none."""
         self._looks: deque[Look] = deque()
         self._wind: complex | None = None
         """m/s, east + j north."""
@@ -72,11 +67,6 @@ class GpsWatch:
         self._calm_since: float | None = None
         self.told: list[tuple[float, str]] = []
         """The alarms so far: when each began, and its first words."""
-
-    @property
-    def culprit(self) -> Culprit | None:
-        """What is likeliest wrong now."""
-        return self.alarm.culprit if self.alarm else None
 
     @property
     def trusts_positions(self) -> bool:
@@ -126,7 +116,7 @@ class GpsWatch:
         if not lasting:
             self._calm_since = look.time if self._calm_since is None else self._calm_since
             if look.time - self._calm_since > CALM:
-                self.alarm = None
+                self.culprit, self.alarm = None, ""
             return
         self._calm_since = None
         # the jump itself is seen only once
@@ -134,12 +124,12 @@ class GpsWatch:
         by_range = Culprit.GPS if jumped else Culprit.BEACON
         culprit = by_range if "range" in lasting else Culprit.COMPASS
         off, _ = (look.bearing_off if culprit is Culprit.COMPASS else look.range_off) or (0.0, 0.0)
-        text = f"range and GPS disagree by {abs(off):.0f} m: {culprit.value} likeliest"
+        self.alarm = f"range and GPS disagree by {abs(off):.0f} m: {culprit.value} likeliest"
         if culprit is Culprit.COMPASS:
-            text = f"compass and GPS disagree by {degrees(abs(off)):.0f} deg of bearing: compass likeliest"
-        before, self.alarm = self.culprit, Alarm(culprit, text)
-        if culprit is not before:
-            self.told.append((look.time, self.alarm.text))
+            self.alarm = f"compass and GPS disagree by {degrees(abs(off)):.0f} deg of bearing: compass likeliest"
+        if culprit is not self.culprit:
+            self.told.append((look.time, self.alarm))
+        self.culprit = culprit
 
 
 def angle_between(first: tuple[float, float], second: tuple[float, float]) -> float:

@@ -4,9 +4,8 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from math import degrees, pi
 
-from circnav_mav.guidance.circles import LAPS, MOST_TRIM
-from circnav_mav.guidance.laws import LAWS
-from circnav_mav.guidance.theory import settling_time, tolerated_drift
+from circnav_mav.guidance.laws import LAWS, settling_time, tolerated_drift
+from circnav_mav.guidance.watches import LAPS, MOST_TRIM
 from circnav_mav.mav.autopilots.table import REFUSED, allowed
 from circnav_mav.mav.check_result import FAIL, PASS, WARN, Check, graded
 from circnav_mav.mission.checks_ranging import check_ranging

@@ -3,8 +3,8 @@
 from collections.abc import Iterator
 from math import hypot, inf, sqrt
 
-from circnav_mav.guidance.geometry import MAX_SIGMA_GROWTH
 from circnav_mav.guidance.laws import LAWS
+from circnav_mav.guidance.maths import MAX_SIGMA_GROWTH
 from circnav_mav.mav.check_result import FAIL, PASS, WARN, Check, graded
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.mission.mission import Mission

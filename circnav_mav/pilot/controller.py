@@ -1,14 +1,11 @@
 """From an estimate to the bytes' meaning: law, turn-rate gain, choke point, the vehicle's message."""
 
-from math import ceil, pi, remainder
+from math import ceil
 
-from circnav_mav.guidance.circles import Circles, next_trim
-from circnav_mav.guidance.law_selector import Flies
-from circnav_mav.guidance.step import compensate_turn_gain, holding
-from circnav_mav.guidance.turn_gain import TurnGain, learn
-from circnav_mav.guidance.turn_response import PendingTurn, Response, ResponseLearner
-from circnav_mav.guidance.types import SAME_TIME, Orbit, OwnMotion, RangeEstimate, TurnCommand, TurnRate
-from circnav_mav.guidance.watches import CommandWatch
+from circnav_mav.guidance.step import Flies, compensate_turn_gain, holding
+from circnav_mav.guidance.turn_response import Response, TurnAnswer
+from circnav_mav.guidance.types import SAME_TIME, Orbit, OwnMotion, RangeEstimate, TurnCommand
+from circnav_mav.guidance.watches import Circles, CommandWatch, next_trim
 from circnav_mav.mav.autopilots.interface import Addressee
 from circnav_mav.mav.autopilots.table import allowed
 from circnav_mav.mav.codec import Message
@@ -29,8 +26,6 @@ DOUBTED_AFTER = 0.7
 """Time of not turning as commanded, s, after which its path is not counted: a turn that swings through zero is
 commanded and flown at different moments for as long."""
 DRIFT = Flies.DRIFT.name.lower()
-SLIP = 0.2
-"""How much later than its bank a plane's nose turns, s: side-slip, as seen on ArduPlane 4.6.3."""
 LONGEST_DELAY = 2.0
 """Most delay of the link, s, that the gains are made for."""
 SHORT = 0.95
@@ -58,16 +53,11 @@ class Controller:
                 max_stick=ceil(facts.stick(facts.max_bank)),
             )
         )
-        self._learnt = TurnGain(gain=settings.turn_gain or 1.0)
-        self._banked: TurnGain | None = None
         slips = any(vehicle.slips for vehicle in allowed(settings.autopilot, settings.kind).values())
-        self._response = ResponseLearner(settings.turn_lag, SLIP if slips else 0.0)
-        self._pending = PendingTurn()
-        self._link = settings.timing.tick
-        self._turned, self._felt_at = 0.0, float("inf")
+        lag, gain, link = settings.turn_lag, settings.turn_gain, settings.timing.tick
+        self._answer = TurnAnswer(lag, gain=gain, slips=slips, link=link)
         self.watch = CommandWatch()
         """For a turn command that swings from limit to limit: how often it did, and what that has left of the gains."""
-        self._commanded: TurnRate | None = None
         self._followed_at = self._slow_at = float("-inf")
         self._height: float | None = None
         self.drag = 0.0
@@ -83,49 +73,38 @@ class Controller:
     @property
     def turn_gain(self) -> float:
         """Realised over commanded turn rate, as used now."""
-        return self._settings.turn_gain or float((self._learnt if self._banked is None else self._banked).gain)
+        return self._answer.gain
 
     @property
     def response(self) -> Response:
         """How the vehicle answers turn commands, as used now."""
-        return self._response.response(self._link)
+        return self._answer.response
 
     @property
     def followed(self) -> bool:
         """Whether the vehicle turns as commanded."""
-        return bool(self._learnt.followed)
+        return bool(self._answer.by_command.followed)
 
     @property
     def _short_of_bank(self) -> bool:
         """Whether the vehicle banks less than commanded: its autopilot's limit is below the mission's."""
-        commanded, banked = float(self._learnt.smooth_command), self._banked
+        commanded, banked = float(self._answer.by_command.smooth_command), self._answer.by_bank
         return banked is not None and abs(float(banked.smooth_command)) < SHORT * abs(commanded)
 
     @property
     def at_speed(self) -> bool:
         """Whether the vehicle has flown as commanded for long enough to have the commanded speed."""
-        now = float(self._learnt.time)
+        now = float(self._answer.by_command.time)
         return now - self._followed_at <= DOUBTED_AFTER and now - self._slow_at >= SPEED_UP - SAME_TIME
 
     def on_motion(self, own: OwnMotion) -> None:
         """Learn the turn-rate gain and the delay from the vehicle's heading, and whether it flies as commanded."""
-        if own.bank_turn is None:
-            self._turned += remainder(own.heading - self._turned, 2 * pi)
-        else:
-            self._turned += own.bank_turn * min(max(own.time - self._felt_at, 0.0), LONGEST_GAP)
-            self._felt_at = own.time
-        if self._commanded is None:
+        before = self._answer.by_command.time
+        if not self._answer.feel(own):
             return
-        self._response.feel(own.time, self._turned, self._link)
-        if own.bank_turn is not None:
-            # of the bank it has, not of the commanded one: an autopilot with a lower bank limit turns no worse for it
-            before = self._banked or TurnGain()
-            self._banked = learn(before, lag=SLIP, time=own.time, heading=own.heading, command=own.bank_turn)
-        if own.time - self._learnt.time > LONGEST_GAP:
+        if own.time - before > LONGEST_GAP:
             self._slow_at = self._followed_at = own.time
-        lag = self._settings.turn_lag
-        self._learnt = learn(self._learnt, lag=lag, time=own.time, heading=own.heading, command=self._commanded)
-        if self._learnt.followed:
+        if self.followed:
             self._followed_at = own.time
         elif own.time - self._followed_at > DEAF_AFTER:
             self._slow_at = own.time
@@ -135,9 +114,9 @@ class Controller:
     ) -> TurnCommand | None:
         """The turn now: the law's while engaged, the circle's own while holding. round_trip: of the link, s."""
         orbit = self.orbit
-        self._link = min(self._settings.timing.tick if round_trip is None else round_trip, LONGEST_DELAY)
+        self._answer.link = min(self._settings.timing.tick if round_trip is None else round_trip, LONGEST_DELAY)
         motion = estimate.relative if estimate is not None else None
-        pending = self._pending.at(now, self.response, 0.0 if motion is None else motion.turn_rate)
+        pending = self._answer.pending(now, 0.0 if motion is None else motion.turn_rate)
         if phase is Phase.ENGAGED and estimate is not None:
             command = self._circles.steer(estimate, self._trim, pending, self.watch.share)
             self._trim_radius(estimate, command)
@@ -161,9 +140,7 @@ class Controller:
 
     def commanded(self, command: TurnCommand, now: float) -> None:
         """A command has gone out in a setpoint: the vehicle's answer to it is expected from now on."""
-        self._commanded = command.turn_rate
-        self._response.command(now, command.turn_rate)
-        self._pending.command(now, command.turn_rate * self.turn_gain)
+        self._answer.command(now, command.turn_rate)
 
     def safe_setpoint(self, session: Session, now: float, *, engaged: bool = True) -> Message:
         """The vehicle's safe setpoint. `engaged` holds the height of the engagement. Raises UnsafeSetpointError."""
@@ -173,14 +150,13 @@ class Controller:
     def disengage(self) -> None:
         """The vehicle is not ours any more: the next setpoint starts a new stream at a new height."""
         self._guard.reset()
-        self._response.reset()
-        self._pending.reset()
-        self._commanded, self._height, self._steered_at = None, None, None
+        self._answer.reset()
+        self._height, self._steered_at = None, None
 
     def _trim_radius(self, estimate: RangeEstimate, command: TurnCommand) -> None:
         """Let the slow integral run over the time since the last steered step, while the vehicle follows."""
         before, self._steered_at = self._steered_at, estimate.time
-        if before is not None and self._settings.radius_trim > 0 and self._learnt.followed:
+        if before is not None and self._settings.radius_trim > 0 and self.followed:
             self._trim = next_trim(
                 self._trim,
                 rate=self._settings.radius_trim,

@@ -68,8 +68,8 @@ class Watch:
         alarms, place, timing = _alarms(pilot, tick, now, rates, problem), "", pilot.settings.timing
         if locator is not None:
             place = locator.why if locator.place is None else locator.place.at(now).words()
-            if alarm := locator.watch.alarm:
-                alarms.append(f"GPS WATCH: {alarm.text}")
+            if locator.watch.alarm:
+                alarms.append(f"GPS WATCH: {locator.watch.alarm}")
             if locator.handback and locator.handback.words:
                 alarms.append(f"HAND-BACK: {locator.handback.words}")
         if tick.range_age is not None and tick.range_age > timing.stale + timing.hold:

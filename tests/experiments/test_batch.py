@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from circnav_mav.experiments import bench_picture
 from circnav_mav.experiments.batch import metrics
 from circnav_mav.experiments.batch.estimators import Auto
 from circnav_mav.experiments.batch.flight import (
@@ -24,14 +23,15 @@ from circnav_mav.experiments.batch.guidance import POLICIES
 from circnav_mav.experiments.batch.sensors import LORA, NO_NOISE, UWB, MotionNoise, OwnSenses, Radio, Ranging, Reading
 from circnav_mav.experiments.batch.world import Airframe, Surroundings, Truth, World, flown, turn_step
 from circnav_mav.experiments.bench import judged, run
-from circnav_mav.experiments.bench_table import line, markdown
+from circnav_mav.experiments.bench_table import draw, line, markdown
 from circnav_mav.guidance.estimators.interface import Fused
 from circnav_mav.guidance.estimators.relative_motion import AutoEstimator
-from circnav_mav.guidance.step import LawChoice, holding, steering
+from circnav_mav.guidance.step import holding, steering
 from circnav_mav.guidance.turn_response import PendingTurn, Response
 from circnav_mav.guidance.types import Direction, Orbit, OwnMotion, RangeSample
 from circnav_mav.mission.checks import check_mission
 from circnav_mav.mission.load import load_mission
+from circnav_mav.report import plots
 
 WINDY = Situation("windy", wind=5.0, duration=30.0)
 OUTAGE = Situation("outage", wind=5.0, ranging=Ranging(outage=10.0), duration=60.0)
@@ -44,7 +44,7 @@ class InTheAir:
     def __init__(self, circle, sense):
         ways = [Direction.COUNTERCLOCKWISE if s > 0 else Direction.CLOCKWISE for s in sense]
         orbits = [Orbit(circle.radius, way, circle.speed, circle.max_turn_rate) for way in ways]
-        choice = LawChoice("auto", circle.gain("auto"))
+        choice = circle.choice("auto")
         self.flights = [(o, AutoEstimator(circle.estimation), steering(o, choice), PendingTurn()) for o in orbits]
         self.answer = Response(0.0, circle.lag, 1 / circle.lag)
         self.newest = [-np.inf] * sense.size
@@ -102,7 +102,7 @@ def test_the_benchmark_flies_the_gain_that_the_check_of_the_quickstart_prints(la
     (said,) = (
         line.says for line in check_mission(load_mission(QUICKSTART, [f"guidance.law={law}"])) if line.subject == "gain"
     )
-    assert f"k = {Circle().gain(law):.4g} " in said
+    assert f"k = {Circle().choice(law).gain:.4g} " in said
 
 
 def test_arcs_are_exact_for_any_step():
@@ -266,9 +266,9 @@ def test_what_a_cell_says_is_what_can_be_counted_by_hand(cell):
 
 def test_the_picture_of_a_single_law_has_its_whole_title_and_says_lost_where_the_document_does(cell, monkeypatch):
     figures = []
-    monkeypatch.setattr(bench_picture, "save", lambda figure, path, dpi: figures.append(figure))
+    monkeypatch.setattr(plots, "save", lambda figure, path, dpi: figures.append(figure))
     kept = [replace(cell, situation=str(rms), rms_median=rms, kept=5) for rms in (299.0, 301.0)]
-    bench_picture.draw(kept, Path("table.png"))
+    draw(kept, Path("table.png"))
     (figure,) = figures
     figure.draw_without_rendering()
     title = figure.axes[0].title.get_window_extent()

@@ -16,9 +16,8 @@ from circnav_mav.cli.replay import replay_log
 from circnav_mav.emulator.config import ConfigError, load_vehicle, parse_vehicle
 from circnav_mav.emulator.faults.intruders import tlog_frames
 from circnav_mav.experiments.campaign.figures import summarise
-from circnav_mav.experiments.campaign.file import CampaignError, load_campaign
 from circnav_mav.experiments.campaign.fly import fly_chunk, obstacle
-from circnav_mav.experiments.campaign.plan import hopeless, prepare
+from circnav_mav.experiments.campaign.plan import CampaignError, hopeless, load_campaign, prepare
 from circnav_mav.experiments.campaign.store import TABLE, Store, StoreError
 from circnav_mav.mission.checks import check_mission
 from circnav_mav.mission.load import MissionError, parse_mission

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from circnav_mav.guidance.circles import next_trim
+from circnav_mav.guidance.watches import next_trim
 
 
 def trimmed(trim, error, saturated=False):

@@ -5,7 +5,7 @@ from math import exp, pi, sin
 import numpy as np
 import pytest
 
-from circnav_mav.guidance.law_selector import FADE, WHY, Flies, Handover, hand_over
+from circnav_mav.guidance.step import FADE, WHY, Flies, Handover, hand_over
 
 STEP, LIMIT = 0.05, 0.35
 BY_RANGE, BY_BANK = 0.1, -0.05

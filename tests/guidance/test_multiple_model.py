@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
 from circnav_mav.guidance.estimators.multiple_model import DriftBank, Stage
 from circnav_mav.guidance.estimators.relative_ekf import CLOSEST, KAPPA, STATES, R, update
-from circnav_mav.guidance.geometry import chord
+from circnav_mav.guidance.maths import chord
 from tests.guidance.relative import hypothesis, noise
 
 V, TURN, STEP = 15.0, 0.15, 0.05

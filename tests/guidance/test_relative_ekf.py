@@ -8,7 +8,7 @@ from filterpy.kalman import ExtendedKalmanFilter
 from hypothesis import given
 from hypothesis import strategies as st
 
-from circnav_mav.guidance.estimators.prediction import Belief, predict_belief
+from circnav_mav.guidance.estimators.dead_reckoning import Belief, predict_belief
 from circnav_mav.guidance.estimators.relative_ekf import (
     BIAS_TIME,
     FELT_BIAS_PSD,
@@ -30,7 +30,7 @@ from circnav_mav.guidance.estimators.relative_ekf import (
     update,
     update_rate,
 )
-from circnav_mav.guidance.geometry import chord
+from circnav_mav.guidance.maths import chord
 from tests.guidance.relative import hypothesis, noise
 
 DT, SIGMA = 0.1, 0.7

@@ -15,7 +15,7 @@ from circnav_mav.guidance.estimators.interface import Fused
 from circnav_mav.guidance.estimators.multiple_model import DriftBank, Stage
 from circnav_mav.guidance.estimators.relative_ekf import GX, GY, KAPPA
 from circnav_mav.guidance.estimators.relative_motion import AutoEstimator, DriftEstimator
-from circnav_mav.guidance.geometry import chord
+from circnav_mav.guidance.maths import chord
 from circnav_mav.guidance.types import FeltVelocity, RangeSample
 from tests.guidance.relative import OMEGA, SETTINGS, WIND, Circling, V, error, listen, listened, silent, still
 

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from circnav_mav.guidance.geometry import chord
 from circnav_mav.guidance.laws import pi as pi_law
+from circnav_mav.guidance.maths import chord
 from circnav_mav.guidance.step import LawChoice, compensate_turn_gain, holding, limited, steering
 from circnav_mav.guidance.turn_response import Pending
 from circnav_mav.guidance.types import Direction, Orbit, RangeEstimate

@@ -6,18 +6,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from circnav_mav.guidance import theory
-from circnav_mav.guidance.geometry import horizontal, horizontal_rate
+from circnav_mav.guidance import laws
+from circnav_mav.guidance.maths import horizontal, horizontal_rate
 
 
 @pytest.mark.parametrize(
     ("number", "expected"),
     [
-        (theory.reached_radius(10.0, 0.01), 10.98684113),  # example 1
-        (theory.corrected_radius(10.0, 0.01), 8.66025404),  # example 2
-        (theory.corrected_radius(10.0, -0.01), 8.66025404),
-        (theory.smooth_gain_bound(10.0), 0.005),
-        (theory.switching_gain_bound(15.0, 100.0), 0.15),
+        (laws.reached_radius(10.0, 0.01), 10.98684113),  # example 1
+        (laws.corrected_radius(10.0, 0.01), 8.66025404),  # example 2
+        (laws.corrected_radius(10.0, -0.01), 8.66025404),
+        (laws.smooth_gain_bound(10.0), 0.005),
+        (laws.switching_gain_bound(15.0, 100.0), 0.15),
     ],
 )
 def test_law_1_reaches_and_is_fed_the_papers_radii_above_the_papers_bounds(number, expected):
@@ -31,13 +31,13 @@ def test_no_turn_accelerates_the_range_beyond_its_bound(theta_b, r, turn):
     V = 15 m/s, omega_max = 1/3 rad/s, so the tightest turn is 45 m."""
     V, omega_max = 15.0, 1 / 3
     acceleration = V * sin(theta_b) * (turn * omega_max + V * sin(theta_b) / r)
-    assert abs(acceleration) <= theory.max_range_acceleration(V, omega_max, r) * (1 + 1e-12)
+    assert abs(acceleration) <= laws.max_range_acceleration(V, omega_max, r) * (1 + 1e-12)
 
 
 @pytest.mark.parametrize(("r", "bound"), [(1e-6, 10.0), (45.0, 10.0), (90.0, 7.5)])
 def test_the_acceleration_bound_stops_growing_inside_the_tightest_turn(r, bound):
     """V^2/r + V omega_max of the same vehicle."""
-    assert theory.max_range_acceleration(15.0, 1 / 3, r) == pytest.approx(bound)
+    assert laws.max_range_acceleration(15.0, 1 / 3, r) == pytest.approx(bound)
 
 
 @given(rho=st.floats(10, 1e4), height=st.floats(0.1, 40), sigma=st.floats(0.01, 5), rate=st.floats(-20, 20))

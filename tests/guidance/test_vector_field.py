@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from circnav_mav.guidance.geometry import chord, chord_parts
-from circnav_mav.guidance.maths import clip
+from circnav_mav.guidance.maths import chord, chord_parts, clip
 from circnav_mav.guidance.turn_response import Pending, PendingTurn, Response
 from circnav_mav.guidance.vector_field import (
     DriftGains,

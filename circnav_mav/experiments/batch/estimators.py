@@ -11,10 +11,9 @@ from circnav_mav.guidance.estimators.multiple_model import DriftBank, Stage
 from circnav_mav.guidance.estimators.range_rate import RangeRate, observe, observe_rate
 from circnav_mav.guidance.estimators.relative_ekf import KAPPA, Felt, R, Rates, drift, position
 from circnav_mav.guidance.estimators.unicycle import SURE, UnicycleFilter
-from circnav_mav.guidance.geometry import chord, wrap
+from circnav_mav.guidance.maths import Array, chord, wrap
 from circnav_mav.guidance.types import RelativeMotion
 
-Array = Any
 T = TypeVar("T")
 BLOCK = 250
 """Flights of one bank: one of this size stays in the processor's cache, which is four times as fast."""

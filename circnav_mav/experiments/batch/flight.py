@@ -1,12 +1,12 @@
 """The rows of the benchmark, what `auto` has to reach in them, and a row flown by B vehicles under one policy."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import radians
-from typing import Any
 
 import numpy as np
 
+from circnav_mav.api import tune
 from circnav_mav.experiments.batch.guidance import POLICIES, Authority, Guidance, estimator, fly
 from circnav_mav.experiments.batch.sensors import (
     LORA,
@@ -21,12 +21,10 @@ from circnav_mav.experiments.batch.sensors import (
 )
 from circnav_mav.experiments.batch.world import Airframe, Surroundings, Truth, World, along
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
-from circnav_mav.guidance.geometry import wrap
-from circnav_mav.guidance.laws import LAWS
-from circnav_mav.guidance.step import StepSettings
-from circnav_mav.guidance.tuning import default_gain, loop_lag
+from circnav_mav.guidance.maths import Array, wrap
+from circnav_mav.guidance.step import LawChoice, StepSettings
+from circnav_mav.guidance.types import Direction, Orbit
 
-Array = Any
 STALE = 0.5
 """Oldest range that may steer, s; the default of `limits.stale_s`."""
 
@@ -48,16 +46,19 @@ class Circle:
         """What the estimators know."""
         return EstimatorSettings(self.speed, self.max_turn_rate)
 
-    def gain(self, law: str) -> float:
-        """The default gain of a law in this mission."""
-        settings = {"r_d": self.radius, "sigma": self.sigma, "period": 1 / self.rate}
-        return default_gain(law, self.speed, self.radius, loop_lag(self.lag, self.estimation, **settings))
+    @property
+    def orbit(self) -> Orbit:
+        """Counter-clockwise."""
+        return Orbit(self.radius, Direction.COUNTERCLOCKWISE, self.speed, self.max_turn_rate)
+
+    def choice(self, law: str) -> LawChoice:
+        """A law with its default gain in this mission."""
+        return tune(self.orbit, law, turn_lag=self.lag, sigma=self.sigma, rate=self.rate)
 
     def settings(self, law: str, sense: Array) -> StepSettings:
         """Of flights in these senses of rotation (B,), with the default gain."""
-        k = self.gain(law)
-        fed = LAWS[law].fed_radius(self.speed, self.radius, k)
-        return StepSettings(LAWS[law], sense, self.speed, self.radius, fed, -sense * k, self.max_turn_rate)
+        one = StepSettings.of(self.orbit, self.choice(law))
+        return replace(one, sense=sense, k=sense * one.k)
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,13 +6,14 @@ See `circnav_mav.runlog.metrics` for one recorded flight, `turn_command` for wha
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-Array = Any
+Array = NDArray[Any]
 
 
 def rms(values: Array) -> Array:
     """Root mean square over time, (B,)."""
-    return np.sqrt(np.mean(np.asarray(values, float) ** 2, axis=0))
+    return np.asarray(np.sqrt(np.mean(np.asarray(values, float) ** 2, axis=0)))
 
 
 def last_exit(time: Array, r: Array, r_d: float, within: float) -> Array:
@@ -21,7 +22,7 @@ def last_exit(time: Array, r: Array, r_d: float, within: float) -> Array:
     step = time[1] - time[0]
     newest = len(time) - 1 - outside[::-1].argmax(axis=0)
     settled = np.where(outside.any(axis=0), time[newest] + step, 0.0)
-    return np.where(outside[-1], np.inf, settled)
+    return np.asarray(np.where(outside[-1], np.inf, settled))
 
 
 def overshoot(r: Array, r_d: float) -> Array:
@@ -32,18 +33,18 @@ def overshoot(r: Array, r_d: float) -> Array:
     outside = r[0] > r_d
     e = np.where(outside, r_d - r, r - r_d)
     reached = np.maximum.accumulate(e >= 0, axis=0)
-    return np.where(reached, e, 0.0).max(axis=0)
+    return np.asarray(np.where(reached, e, 0.0).max(axis=0))
 
 
 def swept(angle: Array) -> Array:
     """Angle swept round the target, rad, counter-clockwise positive, (B,)."""
     unwrapped = np.unwrap(angle, axis=0)
-    return unwrapped[-1] - unwrapped[0]
+    return np.asarray(unwrapped[-1] - unwrapped[0])
 
 
 def right_way(angle: Array, sense: Array) -> Array:
     """Whether the flight went round in the sense asked for. Range alone cannot tell."""
-    return np.sign(swept(angle)) == sense
+    return np.asarray(np.sign(swept(angle)) == sense)
 
 
 def went_round(angle: Array) -> Array:

@@ -2,14 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from circnav_mav.experiments.batch.world import Draws, turned
-from circnav_mav.guidance.geometry import MAX_SIGMA_GROWTH
-
-Array = Any
+from circnav_mav.guidance.maths import MAX_SIGMA_GROWTH, Array
 
 
 @dataclass(frozen=True, slots=True)

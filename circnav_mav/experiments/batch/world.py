@@ -2,11 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-Array = Any
+from circnav_mav.guidance.maths import Array
+
 BLOCK = 64
 """Draws made at once: a call of numpy costs as much as some hundred numbers."""
 

@@ -20,11 +20,11 @@ from circnav_mav.experiments.batch.sensors import NO_NOISE, OwnSenses, Radio, Ra
 from circnav_mav.experiments.batch.world import Airframe, Surroundings, Truth, World
 from circnav_mav.experiments.campaign.lockstep import COMPLETED, Flight, Track
 from circnav_mav.experiments.campaign.plan import Run
+from circnav_mav.guidance.maths import Array
 from circnav_mav.guidance.step import StepSettings
 from circnav_mav.guidance.types import SAME_TIME
 from circnav_mav.mav.frames import YawRate, course_from_yaw, turn_rate_from_yaw_rate
 
-Array = Any
 SAID = {"distance_sensor": (0.01, 0.1594), "ranging_beacon": (1e-3, np.inf), "named_value_float": (np.inf, 0.0)}
 """Least and largest standard deviation, m, that a message can tell; whatever is beyond is left to the mission."""
 

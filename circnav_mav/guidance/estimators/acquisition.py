@@ -15,7 +15,7 @@ import numpy as np
 
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
 from circnav_mav.guidance.estimators.range_bins import Bins, RangeWindow
-from circnav_mav.guidance.maths import Array
+from circnav_mav.guidance.maths import Batch
 
 UNKNOWNS = 5
 GUESSES = 32
@@ -54,31 +54,31 @@ class Prior:
     scale: float = 1.0
 
     @property
-    def mean(self) -> Array:
+    def mean(self) -> Batch:
         return np.array([0.0, 0.0, self.dx, self.dy, self.scale])
 
-    def information(self, x: Array) -> Array:
+    def information(self, x: Batch) -> Batch:
         """Weights of the deviations of guesses x (..., 5) in their least squares."""
         of_drift = 2 / (self.drift**2 + self._apart(x))
         none = np.zeros_like(of_drift)
         return np.stack([none, none, of_drift, of_drift, none + self.kappa**-2], axis=-1)
 
-    def cost(self, x: Array) -> Array:
+    def cost(self, x: Batch) -> Batch:
         """How unlikely guesses x (..., 5) are, minus the logarithm."""
         return np.asarray(np.log1p(self._apart(x) / self.drift**2) + 0.5 * ((x[..., 4] - self.scale) / self.kappa) ** 2)
 
-    def _apart(self, x: Array) -> Array:
+    def _apart(self, x: Batch) -> Batch:
         return (x[..., 2] - self.dx) ** 2 + (x[..., 3] - self.dy) ** 2
 
 
 class Guesses(NamedTuple):
     """M guesses for each of B flights: x (B, M, 5) of p, d, kappa now; cost (B, M) there; damping (B, M)."""
 
-    x: Array
-    cost: Array
-    damping: Array
+    x: Batch
+    cost: Batch
+    damping: Batch
 
-    def some(self, of: Array) -> "Guesses":
+    def some(self, of: Batch) -> "Guesses":
         """Those of some flights."""
         return Guesses(*(part[of] for part in self))
 
@@ -96,7 +96,7 @@ class RingSearch:
         self._guesses = all_round(np.zeros(0), self._prior)
         self._guessed = np.zeros(flights), np.zeros((2, flights))
 
-    def hear(self, dt: Array, chord: Array, z: Array, sigma: Array, valid: Array) -> Array:
+    def hear(self, dt: Batch, chord: Batch, z: Batch, sigma: Batch, valid: Batch) -> Batch:
         """Time and path go on, ranges come in where valid; tells whose search it is time to go on with, (B,)."""
         return self._window.add(dt, chord, z, sigma, valid)
 
@@ -104,7 +104,7 @@ class RingSearch:
         """Know nothing of the drift from now on."""
         self._prior, self.remembers = self._nothing_known(), False
 
-    def begin(self, at: Array, r: Array) -> None:
+    def begin(self, at: Batch, r: Batch) -> None:
         """Start on the rings of ranges r (n,) of the flights `at`."""
         self._carry()
         self.at = np.concatenate([self.at, at])
@@ -112,7 +112,7 @@ class RingSearch:
         both = zip(self._guesses, all_round(r, self._prior), strict=True)
         self._guesses = Guesses(*(np.concatenate(parts) for parts in both))
 
-    def go_on(self, due: Array, sigma: Array) -> tuple[Array, Array, Array] | None:
+    def go_on(self, due: Batch, sigma: Batch) -> tuple[Batch, Batch, Batch] | None:
         """Improve the guesses of flights that are due on the window; the answers that became clear leave the search:
         of which flights (n,), x (5, n) of p, d, kappa, and covariance (5, 5, n)."""
         self._carry()
@@ -144,7 +144,7 @@ class RingSearch:
         self.at, self.favourite = self.at[stay], self.favourite[stay]
         return at[found], x[found].T, np.moveaxis(P[found], 0, -1)
 
-    def favourites(self) -> Array:
+    def favourites(self) -> Batch:
         """What each search thinks most of, brought to the present, (5, n): a place to try, not to trust."""
         then, path = self._guessed
         x = self._guesses.x[np.arange(self.at.size), self.favourite].T
@@ -166,7 +166,7 @@ class RingSearch:
         self._guesses = Guesses(x, g.cost, g.damping)
 
 
-def all_round(r: Array, prior: Prior) -> Guesses:
+def all_round(r: Batch, prior: Prior) -> Guesses:
     """Guesses in all directions of the ranges r (B,), the rest as known before."""
     angle = 2 * np.pi * (np.arange(GUESSES) + 0.5) / GUESSES
     x = np.zeros((r.size, GUESSES, UNKNOWNS)) + prior.mean
@@ -185,13 +185,13 @@ def improve(g: Guesses, bins: Bins, prior: Prior) -> Guesses:
     return Guesses(np.where(pays[..., None], x, g.x), np.where(pays, better, cost), damping)
 
 
-def covariance(x: Array, bins: Bins, prior: Prior) -> Array:
+def covariance(x: Batch, bins: Bins, prior: Prior) -> Batch:
     """Covariance of guesses x (B, M, 5) by the curvature of the cost, (B, M, 5, 5)."""
     A = _normal_equations(x, bins, prior)[1]
     return np.linalg.inv(A + 1e-9 * np.eye(UNKNOWNS))
 
 
-def _residual(x: Array, bins: Bins) -> tuple[Array, Array, Array]:
+def _residual(x: Batch, bins: Bins) -> tuple[Batch, Batch, Batch]:
     """Residuals over their standard deviations (B, M, N), and the offsets p then (two of (B, M, N))."""
     px = x[..., 0, None] - x[..., 4, None] * bins.path[0][:, None] - x[..., 2, None] * bins.age[:, None]
     py = x[..., 1, None] - x[..., 4, None] * bins.path[1][:, None] - x[..., 3, None] * bins.age[:, None]
@@ -199,11 +199,11 @@ def _residual(x: Array, bins: Bins) -> tuple[Array, Array, Array]:
     return (bins.z[:, None] - r) / np.sqrt(bins.variance)[:, None], px / r, py / r
 
 
-def _penalty(residual: Array) -> Array:
+def _penalty(residual: Batch) -> Batch:
     return (0.5 * ROBUST**2 * np.log1p((residual / ROBUST) ** 2)).sum(axis=-1)
 
 
-def _normal_equations(x: Array, bins: Bins, prior: Prior) -> tuple[Array, Array, Array]:
+def _normal_equations(x: Batch, bins: Bins, prior: Prior) -> tuple[Batch, Batch, Batch]:
     residual, nx, ny = _residual(x, bins)
     weight = 1 / (1 + (residual / ROBUST) ** 2)
     J = np.empty((*residual.shape, UNKNOWNS))

@@ -18,7 +18,7 @@ from circnav_mav.guidance.estimators import relative_ekf as ekf
 from circnav_mav.guidance.estimators.acquisition import DRIFT_MOST, Prior, RingSearch
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
 from circnav_mav.guidance.estimators.relative_ekf import STATES, THETA, Felt, Hypotheses, Noise, R, Rates
-from circnav_mav.guidance.maths import Array
+from circnav_mav.guidance.maths import Batch
 
 
 class Stage(IntEnum):
@@ -79,16 +79,16 @@ class DriftBank:
         self.spread = np.full(flights, np.inf)
         self.trusted = np.zeros(flights, bool)
         self._since = np.zeros(flights)
-        self._unheard: tuple[Array, Array, Array, Array, Array] | None = None
+        self._unheard: tuple[Batch, Batch, Batch, Batch, Batch] | None = None
         """The newest range (dt, chord, z, sigma, valid) that the search has not taken in."""
-        self._due: tuple[Array, Array] | None = None
+        self._due: tuple[Batch, Batch] | None = None
         """Whose search it is time to go on with, (B,), and the deviations of their ranges, m."""
         self._search = RingSearch(settings, flights, known)
         self._tracking = np.zeros(0, int)
         self._tracks = _copies(self.mean[:, :0], self.covariance[..., :0])
 
     @property
-    def favourite(self) -> Array:
+    def favourite(self) -> Batch:
         """Number of the guess that a search thinks most of, (B,); -1 where there is no search."""
         number = np.full(self.stage.size, -1)
         number[self._search.at] = self._search.favourite
@@ -100,7 +100,7 @@ class DriftBank:
         return self._search.remembers
 
     @property
-    def assumed(self) -> Array:
+    def assumed(self) -> Batch:
         """What the tracking models assume on average of drift_psd, gust and feels, (3, B); the middle of them for those
         that search."""
         weight = np.full((self._assumptions.shape[1], self.stage.size), 1 / self._assumptions.shape[1])
@@ -113,7 +113,7 @@ class DriftBank:
         self.settle()
 
     def observe(
-        self, dt: Array, chord: Array, z: Array, sigma: Array, valid: Array, felt: Felt | None = None,
+        self, dt: Batch, chord: Batch, z: Batch, sigma: Batch, valid: Batch, felt: Felt | None = None,
         rates: Rates | None = None,
     ) -> None:  # fmt: skip
         """Carry flights on by dt (B,) along chord (2, B), and take in their ranges z, sigma where valid (B,). Nothing
@@ -155,7 +155,7 @@ class DriftBank:
             self._tell_favourites()
 
     def _track(
-        self, dt: Array, chord: Array, z: Array, sigma: Array, valid: Array, felt: Felt | None, rates: Rates | None
+        self, dt: Batch, chord: Batch, z: Batch, sigma: Batch, valid: Batch, felt: Felt | None, rates: Rates | None
     ) -> None:
         at = self._tracking
         if not at.size:
@@ -174,7 +174,7 @@ class DriftBank:
         self._believe(at, mean, covariance)
         self._tracks = _revive(h, self._feels, mean, covariance)
 
-    def _believe(self, at: Array, mean: Array, covariance: Array) -> None:
+    def _believe(self, at: Batch, mean: Batch, covariance: Batch) -> None:
         self.mean[:, at], self.covariance[:, :, at] = mean, covariance
         variance = covariance[R, R] / np.maximum(mean[R], 1.0) ** 2 + covariance[THETA, THETA]
         self.spread[at] = np.sqrt(np.maximum(variance, 0.0))
@@ -183,7 +183,7 @@ class DriftBank:
         bound = np.where(self.trusted[at], KEPT, TRUSTED)
         self.trusted[at] = self.spread[at] < bound
 
-    def _count(self, at: Array, nis: Array, taken: Array, valid: Array) -> None:
+    def _count(self, at: Batch, nis: Batch, taken: Batch, valid: Batch) -> None:
         """Keep the share of recent samples that were refused."""
         of = at[valid]
         weight = np.minimum(self._since[of] / RECENT, 0.2)
@@ -218,7 +218,7 @@ class DriftBank:
             self.mean[R, at], self.mean[THETA, at] = np.hypot(x[0], x[1]), np.arctan2(x[1], x[0])
             self.mean[ekf.DX : ekf.B, at], self.mean[ekf.B :, at] = x[ekf.DX :], 0.0
 
-    def _start(self, at: Array, x: Array, P: Array, sigma: Array) -> None:
+    def _start(self, at: Batch, x: Batch, P: Batch, sigma: Batch) -> None:
         """Start the tracks of flights whose search has ended."""
         known = slice(0, ekf.B)
         mean, covariance = np.zeros((STATES, at.size)), np.zeros((STATES, STATES, at.size))
@@ -234,20 +234,20 @@ class DriftBank:
         self.stage[at], self.missed[at] = Stage.TRACK, 0.0
 
 
-def _copies(mean: Array, covariance: Array) -> Hypotheses:
+def _copies(mean: Batch, covariance: Batch) -> Hypotheses:
     """The same belief under every model, equally likely."""
     x, P = np.repeat(mean[:, None], len(MODELS), axis=1), np.repeat(covariance[:, :, None], len(MODELS), axis=2)
     return Hypotheses(x, P, np.zeros((len(MODELS), mean.shape[-1])))
 
 
-def _revive(h: Hypotheses, feels: Array, mean: Array, covariance: Array) -> Hypotheses:
+def _revive(h: Hypotheses, feels: Batch, mean: Batch, covariance: Batch) -> Hypotheses:
     """Start models again that lost, each from the mixture of its own kind: feels (M,), which go by accelerations. Where
     no model of a kind is left, from the mixture of all, mean (12, B) and covariance (12, 12, B).
 
     The models that feel can take a wrong airspeed for a gust that turns with the nose. The others show the mistake only
     if they are not started from it.
     """
-    dead: Array = h.log_weight < FORGOTTEN
+    dead: Batch = h.log_weight < FORGOTTEN
     if not dead.any():
         return h
     x, P = h.x, h.P
@@ -256,8 +256,8 @@ def _revive(h: Hypotheses, feels: Array, mean: Array, covariance: Array) -> Hypo
         if again.any():
             best = h.log_weight[kind].max(axis=0)
             theirs, spread = ekf.mixture(Hypotheses(h.x[:, kind], h.P[:, :, kind], h.log_weight[kind] - best))
-            left: Array = best >= FORGOTTEN
-            start: Array = np.where(left, theirs, mean)
-            of_start: Array = np.where(left, spread, covariance)
+            left: Batch = best >= FORGOTTEN
+            start: Batch = np.where(left, theirs, mean)
+            of_start: Batch = np.where(left, spread, covariance)
             x, P = np.where(again, start[:, None], x), np.where(again, of_start[:, :, None], P)
     return Hypotheses(x, P, np.where(dead, REVIVED, h.log_weight))

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from circnav_mav.guidance.estimators.relative_ekf import BIAS_TIME
-from circnav_mav.guidance.maths import Array
+from circnav_mav.guidance.maths import Batch
 
 WIDTH = 0.25
 """Width of a bin, s: in it the range bends by centimetres."""
@@ -26,10 +26,10 @@ class Bins(NamedTuple):
     """N averaged ranges of B flights, newest last, shape (B, N): age (s) and path (2, B, N; m) since, both counted
     back from now, z (m) and its variance (m^2; infinite for an empty bin)."""
 
-    age: Array
-    path: Array
-    z: Array
-    variance: Array
+    age: Batch
+    path: Batch
+    z: Batch
+    variance: Batch
 
 
 class RangeWindow:
@@ -47,7 +47,7 @@ class RangeWindow:
         self._seen = np.zeros(flights, int)
         self.now, self.path = np.zeros(flights), np.zeros((2, flights))
 
-    def add(self, dt: Array, chord: Array, z: Array, sigma: Array, valid: Array) -> Array:
+    def add(self, dt: Batch, chord: Batch, z: Batch, sigma: Batch, valid: Batch) -> Batch:
         """Time (B,) and path (2, B) go on, ranges come in where valid; tells whose bin was closed, (B,)."""
         self.now = self.now + dt
         self.path = self.path + chord
@@ -61,13 +61,13 @@ class RangeWindow:
             self._roughen(z, valid)
         return due
 
-    def white(self, sigma: Array) -> Array:
+    def white(self, sigma: Batch) -> Batch:
         """Standard deviation of the white part of the noise, m, (B,): sigma until enough was seen."""
         known = np.isfinite(self._bends).sum(axis=0) >= ROUGH_ENOUGH
         middle = _median(np.where(known, self._bends, 0.0))
         return np.where(known, np.minimum(middle / (0.6745 * np.sqrt(6)), sigma), sigma)
 
-    def bins(self, at: Array, sigma: Array) -> Bins:
+    def bins(self, at: Batch, sigma: Batch) -> Bins:
         """The bins of some flights, oldest first, with their variances as of now."""
         closed = self._closed[at]
         used = min(closed.max(initial=0), COUNT)
@@ -80,11 +80,11 @@ class RangeWindow:
         path = self.path[:, None, at] - np.stack([x, y])
         return Bins(age.T, np.swapaxes(path, 1, 2), z.T, np.maximum(variance, 1e-4).T)
 
-    def filled(self, at: Array) -> Array:
+    def filled(self, at: Batch) -> Batch:
         """Bins with at least one sample, (B,)."""
         return np.isfinite(self._bins[4][:, at]).sum(axis=0)
 
-    def _roughen(self, z: Array, valid: Array) -> None:
+    def _roughen(self, z: Batch, valid: Batch) -> None:
         """|z0 - 2 z1 + z2| of equally spaced samples: the motion hardly shows in it, the white noise does."""
         t2, z2, t1, z1 = self._before
         steps = self.now - t1, t1 - t2
@@ -95,7 +95,7 @@ class RangeWindow:
         now = np.array([t1, z1, self.now, z])
         self._before = np.where(valid, now, self._before)
 
-    def _close(self, at: Array, sigma: Array) -> None:
+    def _close(self, at: Batch, sigma: Batch) -> None:
         """Average the open bins of some flights without what is far from their medians."""
         open_ = self._open[..., at]
         z = open_[3]
@@ -112,7 +112,7 @@ class RangeWindow:
         self._filled[at], self._opened[at] = 0, self.now[at]
 
 
-def _median(values: Array) -> Array:
+def _median(values: Batch) -> Batch:
     """Median (B,) of what is not NaN in each column of (n, B); none may be empty. As `np.nanmedian`, which takes ten
     times as long for a few values."""
     count = np.isfinite(values).sum(axis=0)

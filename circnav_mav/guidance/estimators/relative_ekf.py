@@ -22,8 +22,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from circnav_mav.guidance.geometry import wrap
-from circnav_mav.guidance.maths import Array, arctan2, cos, exp, maximum, sin
+from circnav_mav.guidance.maths import Array, arctan2, cos, exp, maximum, sin, wrap
 
 R, THETA, DX, DY, KAPPA, B, GX, GY, FORWARD, LEFT, EX, EY = range(12)
 STATES = 12

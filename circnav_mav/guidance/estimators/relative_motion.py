@@ -6,10 +6,9 @@ from math import sqrt
 import numpy as np
 
 from circnav_mav.guidance.estimators.acquisition import Prior
-from circnav_mav.guidance.estimators.dead_reckoning import Knot, OwnPath
+from circnav_mav.guidance.estimators.dead_reckoning import Belief, Knot, OwnPath, predict_belief
 from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings, Fused
 from circnav_mav.guidance.estimators.multiple_model import TRUSTED, DriftBank, Stage
-from circnav_mav.guidance.estimators.prediction import Belief, predict_belief
 from circnav_mav.guidance.estimators.range_rate import KalmanRangeRate
 from circnav_mav.guidance.estimators.relative_ekf import KAPPA, Felt, Rates, drift
 from circnav_mav.guidance.maths import Array

@@ -14,8 +14,7 @@ import numpy as np
 
 from circnav_mav.guidance.estimators.dead_reckoning import Knot, OwnPath
 from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings, Fused
-from circnav_mav.guidance.geometry import wrap
-from circnav_mav.guidance.maths import Array
+from circnav_mav.guidance.maths import Batch, wrap
 from circnav_mav.guidance.types import OwnMotion, RangeEstimate, RangeSample, RateSample
 
 POSITION_PSD, ANGLE_PSD = 0.05**2, 0.03**2
@@ -44,12 +43,12 @@ class UnicycleFilter:
         self.samples = np.zeros(flights, int)
 
     @property
-    def likelier(self) -> tuple[Array, Array]:
+    def likelier(self) -> tuple[Batch, Batch]:
         """State (2, B) and covariance (2, 2, B) of the likelier hypothesis."""
         best, at = self.log_weight.argmax(axis=0), np.arange(self.nis.size)
         return self.x[:, best, at], self.P[:, :, best, at]
 
-    def predict(self, V: Array, turned: Array, dt: float) -> None:
+    def predict(self, V: Batch, turned: Batch, dt: float) -> None:
         """Carry on by dt at airspeed V (B,) while the heading turns by `turned` (B,), by the midpoint rule."""
         if dt <= 0:
             return
@@ -65,7 +64,7 @@ class UnicycleFilter:
         self.P[1, 1] += ANGLE_PSD * dt
         self.log_weight = self.log_weight * np.exp(-dt / WEIGHT_MEMORY)
 
-    def update(self, z: Array, sigma: Array, arrived: Array) -> None:
+    def update(self, z: Batch, sigma: Batch, arrived: Batch) -> None:
         """Take in ranges z (B,) where they arrived; start where nothing fits any more."""
         fits = self._fuse(z - self.x[0], np.array([1.0, 0.0])[:, None, None], sigma, arrived)
         refused = arrived & ~fits.any(axis=0)
@@ -73,12 +72,12 @@ class UnicycleFilter:
         self.samples = self.samples + (arrived & ~refused)
         self._start(z, sigma, arrived & (self.refused > LOST_AFTER))
 
-    def update_rate(self, z: Array, sigma: Array, V: Array, arrived: Array) -> None:
+    def update_rate(self, z: Batch, sigma: Batch | float, V: Batch, arrived: Batch) -> None:
         """Take in range rates by Doppler, z (B,), m/s."""
         eta = self.x[1]
         self._fuse(z + V * np.cos(eta), np.stack([np.zeros_like(eta), V * np.sin(eta)]), sigma, arrived)
 
-    def _fuse(self, nu: Array, H: Array, sigma: Array, arrived: Array) -> Array:
+    def _fuse(self, nu: Batch, H: Batch, sigma: Batch | float, arrived: Batch) -> Batch:
         PH = (self.P * H[None]).sum(axis=1)
         S = (PH * H).sum(axis=0) + sigma**2
         nis = nu**2 / np.maximum(S, 1e-9)
@@ -95,7 +94,7 @@ class UnicycleFilter:
         self.nis = np.where(arrived, nis[best, np.arange(best.size)], self.nis)
         return fits
 
-    def _start(self, z: Array, sigma: Array, who: Array) -> None:
+    def _start(self, z: Batch, sigma: Batch, who: Batch) -> None:
         if not who.any():
             return
         self.x[0][:, who] = np.maximum(z[who], CLOSEST)

@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Collection, Hashable
 from math import isfinite
 
-from circnav_mav.guidance.geometry import horizontal, horizontal_rate
+from circnav_mav.guidance.maths import horizontal, horizontal_rate
 from circnav_mav.guidance.range_noise import NoiseCheck
 from circnav_mav.guidance.rate_check import RateCheck
 from circnav_mav.guidance.types import SAME_TIME, RangeSample, RateSample

@@ -11,9 +11,8 @@ from circnav_mav.cli.bundled import bundled
 from circnav_mav.emulator.config import parse_vehicle
 from circnav_mav.experiments.batch.guidance import Guidance
 from circnav_mav.experiments.campaign.execute import on_cores
-from circnav_mav.experiments.campaign.file import load_campaign
 from circnav_mav.experiments.campaign.fly import chunks, fly_chunk, obstacle
-from circnav_mav.experiments.campaign.plan import START, prepare
+from circnav_mav.experiments.campaign.plan import START, load_campaign, prepare
 from circnav_mav.experiments.campaign.store import Store
 from circnav_mav.mission.load import load_mission
 from tests.experiments.campaign.conftest import CONFIG

@@ -6,11 +6,10 @@ import pytest
 from circnav_mav.emulator.sensor import RangeSensor
 from circnav_mav.emulator.world import Air, target_at
 from circnav_mav.experiments.campaign.figures import row
-from circnav_mav.experiments.campaign.file import load_campaign
 from circnav_mav.experiments.campaign.flights import emulated_radio, emulated_world, fly_batch
 from circnav_mav.experiments.campaign.fly import obstacle
 from circnav_mav.experiments.campaign.lockstep import fly_lockstep
-from circnav_mav.experiments.campaign.plan import prepare
+from circnav_mav.experiments.campaign.plan import load_campaign, prepare
 
 CELLS = {
     "pi, gusts and a moving target": (

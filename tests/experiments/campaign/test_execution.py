@@ -14,8 +14,8 @@ import pytest
 
 from circnav_mav.experiments.campaign import execute, fly
 from circnav_mav.experiments.campaign.execute import ExecutionError, on_cores, on_scheduler
-from circnav_mav.experiments.campaign.file import load_campaign
 from circnav_mav.experiments.campaign.fly import chunks, fly_chunk, fly_part
+from circnav_mav.experiments.campaign.plan import load_campaign
 from circnav_mav.experiments.campaign.store import Store
 from tests.process import PATIENCE, ROOT
 

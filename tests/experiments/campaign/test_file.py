@@ -4,8 +4,7 @@ import re
 
 import pytest
 
-from circnav_mav.experiments.campaign.file import CampaignError, load_campaign
-from circnav_mav.experiments.campaign.plan import hopeless
+from circnav_mav.experiments.campaign.plan import CampaignError, hopeless, load_campaign
 from tests.experiments.campaign.conftest import CONFIG
 
 SHIPPED = f'mission = "{CONFIG / "campaign_mission.toml"}"\nruns = 3\n[vary]\n'

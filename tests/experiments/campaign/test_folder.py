@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from circnav_mav.experiments.campaign.file import load_campaign
+from circnav_mav.experiments.campaign.plan import load_campaign
 from circnav_mav.experiments.campaign.store import Store, StoreError
 from tests.process import python
 
@@ -15,7 +15,7 @@ VARY = '"guidance.law" = ["smooth", "pi"]\n'
 HOLDS = """
 import sys, time
 from pathlib import Path
-from circnav_mav.experiments.campaign.file import load_campaign
+from circnav_mav.experiments.campaign.plan import load_campaign
 from circnav_mav.experiments.campaign.store import Store
 store = Store(Path(sys.argv[2]), load_campaign(sys.argv[1]))
 print("held", flush=True)
