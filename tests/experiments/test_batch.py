@@ -34,7 +34,7 @@ from circnav_mav.mission.checks import check_mission
 from circnav_mav.mission.load import load_mission
 
 WINDY = Situation("windy", wind=5.0, duration=30.0)
-OUTAGE = Situation("outage", wind=5.0, ranging=Ranging(outage=10.0), duration=60.0)
+OUTAGE = Situation("outage", wind=5.0, ranging=Ranging(outage=10.0), duration=40.0)
 QUICKSTART = Path(__file__).parents[2] / "config" / "quickstart.toml"
 
 
@@ -93,7 +93,7 @@ def test_the_stack_in_the_air_flies_the_same_numbers_as_the_batch():
 
 def test_an_outage_in_wind_leaves_the_vehicle_on_its_circle():
     """The circle's own turn in the drift known; V/r_d would let 5 m/s of wind carry it off for 10 s."""
-    tracks = fly_situation(replace(OUTAGE, start=(60.0, 160.0), duration=120.0), policy("auto"), 8, seed=4)
+    tracks = fly_situation(replace(OUTAGE, start=(60.0, 160.0), duration=100.0), policy("auto"), 8, seed=4)
     assert np.abs(tracks.r[tracks.time > 60] - 100.0).max() < 5.0
 
 
