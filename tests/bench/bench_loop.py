@@ -217,11 +217,11 @@ class Stopwatch:
         self.all += self._heard
 
     def answer(self, now: float) -> bytes:
-        fresh, sent, began = self._pilot.tracker.fresh, self._pilot.setpoints_sent, time.perf_counter()
+        fresh, began = self._pilot.tracker.fresh, time.perf_counter()
         out = self._answer(now)
         took = time.perf_counter() - began
         self.all += took
-        if self._pilot.setpoints_sent > sent and now > SETTLING:
+        if out and message_id(out) in SETPOINT_IDS and now > SETTLING:
             (self.ranges if fresh else self.ticks).append(took + fresh * self._heard)
         return out
 
