@@ -25,9 +25,9 @@ NOT_ARMED, MEASURING = "the vehicle is not armed", "measuring the round trip to 
 
 
 @pytest.mark.parametrize("mode", [LOITER, 20, 0])
-def test_no_setpoint_leaves_in_another_mode(rig, mode):
+def test_nothing_is_commanded_in_another_mode_and_no_mode_asked_for_unless_the_mission_says_so(rig, mode):
     assert rig.run(5.0, mode=mode).pilot.phase is Phase.READY
-    assert rig.setpoints() == []
+    assert commanded(rig) == []
     assert rig.pilot.waits_for(rig.now) == "mode GUIDED: the operator must enter it"
 
 
