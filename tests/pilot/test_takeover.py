@@ -7,7 +7,7 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.pilot import Ending, Phase
-from tests.rig import Rig, Voice, heartbeat, timing
+from tests.rig import Rig, Voice, attitude, heartbeat, timing
 
 GUIDED, LOITER, LAND, RTL = 4, 5, 9, 6
 ON_GROUND, IN_AIR = 1, 2
@@ -45,13 +45,9 @@ def silent(rig: Rig) -> None:
     rig.now_is(speaks=True, ranges=True)
 
 
-def boot_time(rig: Rig) -> None:
-    rig.hear(mavlink.MAVLink_attitude_message(round(rig.now * 1000), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
-
-
 def silent_until_known(rig: Rig) -> None:
     """An outage of a vehicle that tells its time: after it, it is the same vehicle only when it has told it again."""
-    boot_time(rig)
+    rig.hear(attitude(round(rig.now * 1000)))
     silent(rig)
 
 
@@ -61,7 +57,7 @@ def known_late(rig: Rig) -> None:
     rig.run(0.25)
     told(rig, (GUIDED, True))
     rig.run(0.25)
-    boot_time(rig)
+    rig.hear(attitude(round(rig.now * 1000)))
 
 
 def reboots(rig: Rig) -> None:
