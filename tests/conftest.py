@@ -1,5 +1,5 @@
-"""What holds for every test: property tests draw the same examples on every machine, a slow machine is no failure, and
-no two tests share a port."""
+"""What holds for every test: property tests draw the same examples on every machine, a slow machine is no failure, no
+two tests share a port, and each process computes on one core."""
 
 import os
 from collections.abc import Iterator
@@ -9,6 +9,7 @@ from hypothesis import settings
 
 from tests.process import reserved_port
 
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: its threads would wait for each other's cores
 settings.register_profile("seeded", derandomize=True, deadline=None, database=None)
 settings.load_profile("seeded")
 

@@ -230,3 +230,29 @@ def copter() -> Any:
 def make_session(copter: Any) -> Callable[..., Session]:
     """A session with an ArduCopter to be heard."""
     return lambda **settings: Session(LinkSettings(**settings), (copter,))
+
+
+def x25(data: bytes) -> int:
+    """The checksum of MAVLink, CRC-16/MCRF4XX, bit by bit: of no library."""
+    crc = 0xFFFF
+    for byte in data:
+        crc ^= byte
+        for _ in range(8):
+            crc = crc >> 1 ^ (0x8408 if crc & 1 else 0)
+    return crc
+
+
+def attitude(ms: int, yaw: float = 0.0, **rest: float) -> Any:
+    """ATTITUDE at so many ms since boot; rad and rad/s, all else 0."""
+    fields = dict.fromkeys(("roll", "pitch", "rollspeed", "pitchspeed", "yawspeed"), 0.0) | rest
+    return mavlink.MAVLink_attitude_message(time_boot_ms=ms, yaw=yaw, **fields)
+
+
+def vfr_hud(altitude: float, airspeed: float = 15.0) -> Any:
+    """VFR_HUD of a vehicle at an altitude, m, and an airspeed, m/s."""
+    return mavlink.MAVLink_vfr_hud_message(airspeed, 15.0, 0, 50, altitude, 0.0)
+
+
+def boot_time(seconds: float) -> Any:
+    """SYSTEM_TIME with the time since boot, s."""
+    return mavlink.MAVLink_system_time_message(0, round(1000 * seconds))

@@ -221,7 +221,7 @@ class Stopwatch:
         out = self._answer(now)
         took = time.perf_counter() - began
         self.all += took
-        if out and now > SETTLING:
+        if out and message_id(out) in SETPOINT_IDS and now > SETTLING:
             (self.ranges if fresh else self.ticks).append(took + fresh * self._heard)
         return out
 

@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.runtime.web.feed import LivePage
 from tests.flight.lockstep import flight
-from tests.mav.test_signing import KEY
+from tests.flight.signed import KEY
 from tests.process import PATIENCE
 from tests.process import circnav as process_of
 

@@ -130,7 +130,7 @@ def test_what_steers_steers_on_until_it_is_much_worse_and_again_only_when_it_is_
     flown = deepcopy(tracking)
     bank, worst = flown.bank, 0.0
     while worst < 0.55:
-        flown.hear(STEP, 0.5, valid=False)
+        flown.hear(4 * STEP, 0.5, valid=False)
         worst = max(worst, bank.spread[0])
         assert bank.trusted[0] == (worst < 0.5)
     between = False

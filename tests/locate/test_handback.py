@@ -50,22 +50,22 @@ def test_an_autopilot_without_gps_is_kept_where_it_is_also_after_guidance_has_en
     assert given[-1][0] > flown.sent[-1][0] + 5.0, "it ended with guidance"
 
 
-def test_off_by_default_nothing_is_given_and_the_same_autopilot_drifts_away():
-    flown = surveyed("arduplane", *PLANE, law="smooth")
+def lost_early(law, until, **settings):
+    """A flight whose GPS is lost before anybody could have found the target."""
+    lost = 'sim.events=[{at_s=10.0, action="gps_off"}]'
+    flown = surveyed("arduplane", lost, *PLANE[1:], "sim.target.north_m=0", "sim.target.east_m=0", law=law, **settings)
     flown.solve_from = 1e9
-    flown.fly(END)
+    return flown.fly(until)
+
+
+def test_off_by_default_nothing_is_given_and_the_same_autopilot_drifts_away():
+    flown = lost_early("smooth", 45.0)
     assert commands(flown) == []
     assert own_error(flown) > 30.0
 
 
 def test_a_place_that_the_mission_gives_needs_no_survey():
-    """The GPS is lost before anybody could have found the target."""
-    lost = 'sim.events=[{at_s=10.0, action="gps_off"}]'
-    back = HandBackSettings(place=to_degrees(0.0, 0.0))
-    flown = surveyed("arduplane", lost, *PLANE[1:], "sim.target.north_m=0", "sim.target.east_m=0", law="auto",
-                     handback=back)  # fmt: skip
-    flown.solve_from = 1e9
-    flown.fly(70.0)
+    flown = lost_early("auto", 70.0, handback=HandBackSettings(place=to_degrees(0.0, 0.0)))
     assert commands(flown)[0][0] < 45.0
     assert own_error(flown) < 10.0
 

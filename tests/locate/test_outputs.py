@@ -14,6 +14,7 @@ from circnav_mav.locate import export
 from circnav_mav.locate.export import orbit_status, own_beacon
 from circnav_mav.locate.place import Place, Plane
 from sim.world import HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG, to_degrees
+from tests.rig import x25
 
 PLACE = Place(
     time=12.0, plane=Plane(-35.0, 149.0), east=30.0, north=40.0, up=584.0, covariance=np.diag([9.0, 1.0]),
@@ -37,16 +38,6 @@ def test_a_plane_beside_the_date_line_goes_on_across_it():
     _, longitude = plane.to_degrees(100.0, 0.0)
     assert longitude == pytest.approx(-179.9992, abs=1e-4)
     assert plane.to_metres(0.0, longitude)[0] == pytest.approx(100.0)
-
-
-def x25(data):
-    """The checksum of MAVLink: CRC-16/MCRF4XX, bit by bit."""
-    crc = 0xFFFF
-    for byte in data:
-        crc ^= byte
-        for _ in range(8):
-            crc = crc >> 1 ^ (0x8408 if crc & 1 else 0)
-    return crc
 
 
 @pytest.mark.parametrize(("direction", "sign"), [(Direction.CLOCKWISE, 1), (Direction.COUNTERCLOCKWISE, -1)])

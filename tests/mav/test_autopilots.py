@@ -15,7 +15,7 @@ from circnav_mav.mav.codec import Encoder
 from circnav_mav.mav.frames import yaw_rate_from_turn_rate
 from circnav_mav.mav.own_motion import Motion
 from circnav_mav.mav.setpoint_guard import Steer
-from tests.rig import ORBIT, Rig, Voice, decode
+from tests.rig import ORBIT, Rig, Voice, decode, x25
 
 US, VEHICLE_IDS = (7, 191), (7, 1)
 SPEED, TURN = 10.0, 0.2  # m/s; rad/s, left positive
@@ -25,15 +25,6 @@ LEVEL = Motion(roll=0.0, pitch=0.0, yaw=1.0, airspeed=SPEED, altitude=0.0, climb
 STATE = Addressee(*VEHICLE_IDS, motion=LEVEL, height=-1.0)
 BANK = atan(0.2 * 10.0 / 9.80665)  # of the coordinated turn
 SIDES = {"left": (TURN, -1), "right": (-TURN, 1), "straight": (0.0, 0)}  # turn rate, sense in MAVLink
-
-
-def x25(data: bytes) -> int:
-    crc = 0xFFFF
-    for byte in data:
-        mixed = byte ^ (crc & 0xFF)
-        mixed = (mixed ^ (mixed << 4)) & 0xFF
-        crc = (crc >> 8) ^ (mixed << 8) ^ (mixed << 3) ^ (mixed >> 4)
-    return crc & 0xFFFF
 
 
 def test_the_check_sum_of_this_file_is_the_standard_one() -> None:

@@ -1,6 +1,7 @@
 """Own motion from ATTITUDE, VFR_HUD and the IMU: its frames, when it was measured, what is stale, what is missing."""
 
 import random
+from functools import partial
 from math import atan2, cos, nan, pi, sin, sqrt
 
 import pytest
@@ -8,14 +9,13 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.mav.frames import compass_from_vector, course_from_yaw
 from circnav_mav.mav.own_motion import Attitude, OwnMotionSensor
+from tests.rig import attitude as attitude_at_rest
 
 RATE = 0.3
 """Yaw rate of the vehicle, rad/s."""
 
 
-def attitude(ms, yaw=0.0, **rest):
-    fields = {"roll": 0.0, "pitch": 0.0, "rollspeed": 0.0, "pitchspeed": 0.0, "yawspeed": RATE} | rest
-    return mavlink.MAVLink_attitude_message(time_boot_ms=ms, yaw=yaw, **fields)
+attitude = partial(attitude_at_rest, yawspeed=RATE)
 
 
 def hud(**rest):

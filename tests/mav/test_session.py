@@ -3,7 +3,7 @@
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from tests.rig import Voice, heartbeat
+from tests.rig import Voice, attitude, boot_time, heartbeat
 
 GCS, COMPANION = 6, 18
 INVALID = 8
@@ -186,8 +186,7 @@ def test_a_boot_time_that_steps_back_and_goes_on_from_there_is_a_reboot_and_stre
 ):
     here.answer_all(0.0)
     for ms in times:
-        clock, attitude = mavlink.MAVLink_system_time_message(0, ms), mavlink.MAVLink_attitude_message(ms, *[0] * 6)
-        here.hear(clock if carrier == "SYSTEM_TIME" else attitude)
+        here.hear(boot_time(ms / 1000) if carrier == "SYSTEM_TIME" else attitude(ms))
     assert here.session.vehicle.reboots == reboots
     again = {message.param1 for message in here.answer_all(1.0) if message.command == SET_INTERVAL}
     assert again == (set(here.session.streams.rates) if reboots else set())

@@ -9,10 +9,10 @@ from circnav_mav.mav.codec import Decoder
 from circnav_mav.mav.framing import split_frames
 from circnav_mav.mav.signing import EPOCH, LATEST, MINUTE, Refusal, Signing, is_signed, without_signature
 from circnav_mav.pilot import RANGING, Pilot
+from tests.flight.signed import KEY, OTHER, voice
 from tests.mav.test_codec import decoded
 from tests.rig import MISSION, heartbeat
 
-KEY, OTHER = bytes(range(32)), bytes(range(1, 33))
 NOW = 37_000_000_000_000
 """A timestamp of 2026."""
 MESSAGES = (
@@ -24,12 +24,9 @@ MESSAGES = (
 keys = st.binary(min_size=32, max_size=32).filter(any)
 
 
-def peer(key=KEY, *, timestamp=NOW, link_id=0, system=1, component=1):
+def peer(key=KEY, *, timestamp=NOW, **ids):
     """pymavlink with a key."""
-    engine = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
-    engine.signing.secret_key, engine.signing.sign_outgoing = key, key is not None
-    engine.signing.timestamp, engine.signing.link_id = timestamp, link_id
-    return engine
+    return voice(key, timestamp, **ids)
 
 
 def said(engine, number=0):

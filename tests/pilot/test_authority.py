@@ -5,7 +5,7 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.guidance.watches import Bounds
 from circnav_mav.pilot import Ending, Outcome, OutputMode, Phase
-from tests.rig import Rig, timing
+from tests.rig import Rig, timing, vfr_hud
 
 GUIDED, LOITER = 4, 5
 SET_MODE, SET_INTERVAL = 176, 511
@@ -25,9 +25,9 @@ NOT_ARMED, MEASURING = "the vehicle is not armed", "measuring the round trip to 
 
 
 @pytest.mark.parametrize("mode", [LOITER, 20, 0])
-def test_no_setpoint_leaves_in_another_mode(rig, mode):
+def test_nothing_is_commanded_in_another_mode_and_no_mode_asked_for_unless_the_mission_says_so(rig, mode):
     assert rig.run(5.0, mode=mode).pilot.mission.phase is Phase.READY
-    assert rig.setpoints() == []
+    assert commanded(rig) == []
     assert rig.pilot.status.waits_for(rig.now) == "mode GUIDED: the operator must enter it"
 
 
@@ -161,10 +161,6 @@ def battery(percent):
     return mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 12000, 100, percent, 0, 0, 0, 0, 0, 0)
 
 
-def altitude(metres):
-    return mavlink.MAVLink_vfr_hud_message(15, 15, 0, 50, metres, 0)
-
-
 @pytest.mark.parametrize(
     ("bounds", "cm", "message", "reason"),
     [
@@ -175,8 +171,8 @@ def altitude(metres):
         (Bounds(battery=20.0), 15000, battery(19), "battery 19 % is below 20 %"),
         (Bounds(battery=20.0), 15000, battery(20), None),
         (Bounds(battery=20.0), 15000, battery(-1), None),  # not known
-        (Bounds(highest=120.0), 15000, altitude(121.0), "altitude 121.0 m is above 120.0 m"),
-        (Bounds(highest=120.0), 15000, altitude(119.0), None),
+        (Bounds(highest=120.0), 15000, vfr_hud(121.0), "altitude 121.0 m is above 120.0 m"),
+        (Bounds(highest=120.0), 15000, vfr_hud(119.0), None),
     ],
 )
 def test_what_lies_beyond_the_missions_bounds_ends_the_flight(bounds, cm, message, reason):

@@ -7,14 +7,11 @@ from circnav_mav.pilot import OutputMode
 from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.pilot.range_tracker import Height
 from circnav_mav.pilot.settings import HeightSettings
+from tests.rig import vfr_hud
 
 TOLD = HeightSettings(above_target=60.0)
 ABSOLUTE = HeightSettings(target_altitude=500.0)
 FROM_HOME = HeightSettings(target_above_home=-4.0)
-
-
-def vfr_hud(altitude):
-    return mavlink.MAVLink_vfr_hud_message(15.0, 15.0, 0, 50, altitude, 0.0)
 
 
 def home(altitude, latitude=473_000_000, x=0.0):

@@ -38,11 +38,6 @@ def safe(rig: Rig, since: float) -> bool:
 # --- the guided mode ---
 
 
-def test_the_mode_is_never_requested_unless_the_mission_says_so(rig):
-    assert rig.run(5.0, mode=LOITER).pilot.mission.phase is Phase.READY
-    assert rig.commands(SET_MODE) == []
-
-
 def test_the_mode_is_requested_once_everything_is_ready_and_believed_from_the_heartbeat():
     rig = Rig(request_mode=True).run(3.0, mode=LOITER, ranges=False)
     assert rig.commands(SET_MODE) == [], "there is no ranging yet"

@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.guidance.types import Direction, TurnCommand, TurnRate
 from circnav_mav.pilot import Ending, Phase
-from tests.rig import ORBIT, Rig, Voice, decode, heartbeat, timing
+from tests.rig import ORBIT, Rig, Voice, attitude, decode, heartbeat, timing
 
 GUIDED, LOITER = 4, 5
 STEADY = 15.0 / 100.0
@@ -76,7 +76,7 @@ def test_a_vehicle_that_does_not_turn_as_told_teaches_the_estimator_no_motion(ri
 
     def tells_heading(turns):
         heading[0] += 0.05 * rig.setpoints()[-1].yaw_rate if turns else 0.0
-        rig.hear(mavlink.MAVLink_attitude_message(round(1000 * rig.now), 0.0, 0.0, heading[0], 0.0, 0.0, 0.0))
+        rig.hear(attitude(round(1000 * rig.now), heading[0]))
 
     for turns in (True, False):
         heard.clear()

@@ -4,7 +4,7 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.pilot import Phase
-from tests.rig import Rig, heartbeat
+from tests.rig import Rig, attitude, heartbeat, vfr_hud
 
 OFFBOARD, POSCTL, LOITER, MANUAL, ALTCTL = 6 << 16, 3 << 16, 4 << 16 | 3 << 24, 1 << 16, 2 << 16
 ON_GROUND, IN_AIR = 1, 2
@@ -27,7 +27,7 @@ class PX4(Rig):
         self.hear(heartbeat(self.mode, armed=self.armed, autopilot=12, kind=self.kind))
         self.hear(mavlink.MAVLink_extended_sys_state_message(0, self.landed_state))
         if self.altitude is not None:
-            self.hear(mavlink.MAVLink_vfr_hud_message(self.airspeed, 15.0, 0, 50, self.altitude, 0.0))
+            self.hear(vfr_hud(self.altitude, self.airspeed))
 
 
 @pytest.mark.parametrize(("kind", "message"), KINDS)
@@ -92,7 +92,7 @@ def test_an_airspeed_that_cannot_be_is_told_once_and_only_of_a_vehicle_that_we_s
     rig = PX4(LOITER, "plane")
 
     def tells_its_attitude():
-        rig.hear(mavlink.MAVLink_attitude_message(round(rig.now * 1000), 0.0, 0.0, 0.1 * rig.now, 0.0, 0.0, 0.1))
+        rig.hear(attitude(round(rig.now * 1000), 0.1 * rig.now, yawspeed=0.1))
 
     rig.run(5.0, tells_its_attitude, airspeed=2.0)
     assert [text for text in rig.texts() if "airspeed" in text] == []

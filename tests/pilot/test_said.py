@@ -11,11 +11,11 @@ from tests.flight.lockstep import Flight, flight
 from tests.rig import MISSION, Rig
 
 
-def flown_in_wind(max_turn_rate: float) -> tuple[Flight, list[str]]:
-    """A minute in 6 m/s, where (V + W)^2/(V omega_max) <= r_d allows 2.7 m/s at 12 deg/s; and what was said."""
+def flown_in_wind(max_turn_rate: float, seconds: float) -> tuple[Flight, list[str]]:
+    """A flight in 6 m/s, where (V + W)^2/(V omega_max) <= r_d allows 2.7 m/s at 12 deg/s; and what was said."""
     limit = f"vehicle.max_turn_rate_deg_s={max_turn_rate}"
     windy = ('sim.vehicle.dynamics="airborne"', "sim.wind.speed_mps=6.0", limit)
-    flown = flight("quickstart", *windy, law="auto").fly(60.0)
+    flown = flight("quickstart", *windy, law="auto").fly(seconds)
     sent = [message for _, data in flown.sent for message in Decoder().decode(data)]
     return flown, [message.text for message in sent if message.get_type() == "STATUSTEXT"]
 
@@ -30,16 +30,16 @@ def test_the_stream_of_ranges_is_asked_for_only_where_the_autopilot_sends_them(c
 
 
 def test_a_drift_that_the_circle_does_not_allow_is_said_once_and_shown():
-    flown, texts = flown_in_wind(12.0)
+    flown, texts = flown_in_wind(12.0, 30.0)
     (said,) = (text for text in texts if "allows" in text)
     assert said.startswith(("circnav: drift 6.", "circnav: drift 5."))
     assert said.endswith("m/s, this circle allows 2.7")
-    alarms = Watch(flown.pilot).status(flown.ticks[-1], 60.0).alarms
+    alarms = Watch(flown.pilot).status(flown.ticks[-1], 30.0).alarms
     assert [alarm.split(":")[0] for alarm in alarms] == ["DRIFT TOO STRONG"]
 
 
 def test_the_ground_station_is_told_which_law_flies_and_of_no_outage_or_drift_where_there_is_none():
-    _, said = flown_in_wind(20.0)
+    _, said = flown_in_wind(20.0, 45.0)
     assert said[0] == "circnav: engaged, 100 m clockwise"
     laws = [text.split(":")[1].strip() for text in said[1:]]
     assert laws[0] == "feedforward"

@@ -7,7 +7,7 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.pilot import Ending, Phase
-from tests.rig import Rig, Voice, heartbeat, timing
+from tests.rig import Rig, Voice, attitude, heartbeat, timing
 
 GUIDED, LOITER, LAND, RTL = 4, 5, 9, 6
 ON_GROUND, IN_AIR = 1, 2
@@ -45,13 +45,9 @@ def silent(rig: Rig) -> None:
     rig.now_is(speaks=True, ranges=True)
 
 
-def boot_time(rig: Rig) -> None:
-    rig.hear(mavlink.MAVLink_attitude_message(round(rig.now * 1000), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
-
-
 def silent_until_known(rig: Rig) -> None:
     """An outage of a vehicle that tells its time: after it, it is the same vehicle only when it has told it again."""
-    boot_time(rig)
+    rig.hear(attitude(round(rig.now * 1000)))
     silent(rig)
 
 
@@ -61,7 +57,7 @@ def known_late(rig: Rig) -> None:
     rig.run(0.25)
     told(rig, (GUIDED, True))
     rig.run(0.25)
-    boot_time(rig)
+    rig.hear(attitude(round(rig.now * 1000)))
 
 
 def reboots(rig: Rig) -> None:
@@ -182,8 +178,8 @@ def test_only_the_guided_mode_entered_anew_gives_the_vehicle_back(how):
 
 @pytest.fixture
 def waiting() -> Rig:
-    """A rig that flies, and waits to be given the vehicle again after a takeover."""
-    return Rig(end_on_takeover=False).engage()
+    """A rig that flies, may ask for the mode, and waits to be given the vehicle again after a takeover."""
+    return Rig(request_mode=True, end_on_takeover=False).engage()
 
 
 SILENT = {"speaks": False}
@@ -198,6 +194,7 @@ LANDED = {"landed_state": ON_GROUND}
         ([({}, LOITER, 1.0), ({}, GUIDED, 1.0), (SILENT, GUIDED, 2.5), ({}, LOITER, 1.0)], "operator"),
         ([({}, LOITER, 1.0), ({}, GUIDED, 1.0), (SILENT, GUIDED, 4.0), ({}, LOITER, 1.0)], "operator"),
         ([({}, LOITER, 1.0), ({}, GUIDED, 1.0), (SILENT, GUIDED, 4.0), ({}, GUIDED, 1.0)], "operator"),
+        ([({}, LOITER, 2.0), (SILENT, LOITER, 4.0), ({}, LOITER, 10.0)], "operator"),
         ([(LANDED, LAND, 3.0), (LANDED, GUIDED, 3.0)], "the vehicle is on the ground"),
         ([({}, LAND, 5.0), ({**LANDED, "armed": False}, LAND, 5.0), (LANDED, GUIDED, 5.0)], "on the ground"),
         # given back on the ground, and then a switch passes through the guided mode in the air
@@ -205,13 +202,14 @@ LANDED = {"landed_state": ON_GROUND}
          "operator"),
     ],
     ids=["a switch that passes through", "a short silence", "a long silence", "a silence that ends in the guided mode",
-         "on the ground", "landed and disarmed meanwhile", "on the ground, and taken again in the air"],
+         "a link that is lost and found", "on the ground", "landed and disarmed meanwhile",
+         "on the ground, and taken again in the air"],
 )  # fmt: skip
 def test_a_vehicle_that_was_taken_is_not_steered_before_it_is_given_back_for_certain(waiting, what, waits_for):
     since = waiting.run(0.2, mode=what[0][1]).now  # until the next heartbeat tells
     for state, mode, seconds in what:
         waiting.run(seconds, mode=mode, **{"speaks": True, "armed": True, "landed_state": IN_AIR, **state})
-    assert waiting.setpoints(since) == []
+    assert waiting.setpoints(since) == [] and waiting.commands(SET_MODE, since) == []
     assert waits_for in waiting.pilot.status.waits_for(waiting.now)
     assert waiting.run(2.0, mode=GUIDED, landed_state=IN_AIR).pilot.mission.phase is Phase.ENGAGED
 
@@ -242,15 +240,6 @@ def test_a_current_mode_of_zero_is_no_mode(rig):
     rig.engage().run(0.5, lambda: rig.hear(nothing))
     assert (rig.pilot.mission.phase, rig.pilot.session.vehicle.mode) == (Phase.ENGAGED, GUIDED)
     assert rig.run(4.0, lambda: rig.hear(nothing), speaks=False).pilot.mission.phase is Phase.WAIT_LINK
-
-
-def test_a_vehicle_that_the_operator_took_is_not_taken_back_after_a_lost_link():
-    rig = Rig(request_mode=True, end_on_takeover=False).engage()
-    assert rig.run(2.0, mode=LOITER).pilot.mission.phase is Phase.YIELDED
-    since = rig.run(4.0, speaks=False).now
-    rig.run(10.0, speaks=True)
-    assert rig.commands(SET_MODE, since) == []
-    assert rig.setpoints(since) == []
 
 
 @pytest.mark.parametrize(
