@@ -8,10 +8,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings, Fused
-from circnav_mav.guidance.estimators.range_rate import loop_lag
 from circnav_mav.guidance.estimators.table import ESTIMATORS, default_estimator
-from circnav_mav.guidance.laws import LAWS, default_gain
+from circnav_mav.guidance.laws import LAWS
 from circnav_mav.guidance.step import LawChoice, compensate_turn_gain, limited, steering
+from circnav_mav.guidance.tuning import default_gain, loop_lag
 from circnav_mav.guidance.turn_response import TurnAnswer
 from circnav_mav.guidance.types import SAME_TIME, Orbit, OwnMotion, RangeEstimate, RangeSample, TurnCommand
 

@@ -251,10 +251,3 @@ LAWS: dict[str, Law] = {
     )
 }  # fmt: skip
 """The laws by their mission names."""
-
-
-def default_gain(law: str, V: float, r_d: float, lag: float) -> float:
-    """Magnitude of a law's gain k at speed V (m/s) on a circle of r_d (m), with so much delay in the loop (s), that of
-    the turn and that of the range-rate filter (see `range_rate.loop_lag`). Every default gain comes from here; the
-    heading loop of `drift` and `auto` is tuned in flight, see `vector_field.drift_gains`."""
-    return float(LAWS[law].default_gain(V, r_d, lag))

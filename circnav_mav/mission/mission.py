@@ -6,8 +6,8 @@ from math import inf, radians, tan
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
 from circnav_mav.guidance.estimators.range_rate import SteadyState, steady_state
 from circnav_mav.guidance.estimators.table import default_estimator
-from circnav_mav.guidance.laws import default_gain
 from circnav_mav.guidance.step import LawChoice
+from circnav_mav.guidance.tuning import default_gain
 from circnav_mav.guidance.types import Direction, Orbit
 from circnav_mav.guidance.watches import Bounds
 from circnav_mav.locate.handback import HandBackSettings

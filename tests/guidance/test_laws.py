@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from circnav_mav.guidance import laws
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
-from circnav_mav.guidance.estimators.range_rate import loop_lag
-from circnav_mav.guidance.laws import LAWS, Kind, default_gain, smooth, switching
+from circnav_mav.guidance.laws import LAWS, Kind, smooth, switching
+from circnav_mav.guidance.tuning import default_gain, loop_lag
 from circnav_mav.guidance.watches import MOST_TRIM
 
 V, R_D = 15.0, 100.0

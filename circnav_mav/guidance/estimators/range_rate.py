@@ -229,9 +229,3 @@ def steady_state(settings: EstimatorSettings, *, r: float, sigma: float, period:
         alpha, beta = float(rr / (rr + sigma**2)), float(rv / (rr + sigma**2))
         P = fused(P, alpha, beta)
     return SteadyState(float(np.sqrt(P[2])), period * (2 * alpha - beta * period) / (2 * beta * period))
-
-
-def loop_lag(turn_lag: float, settings: EstimatorSettings, *, r_d: float, sigma: float, period: float) -> float:
-    """Delay, s, from a change of the range rate to the vehicle's turn: the turn's own, and that of the filter on ranges
-    of noise sigma (m) every `period` (s)."""
-    return turn_lag + steady_state(settings, r=r_d, sigma=sigma, period=period).lag
