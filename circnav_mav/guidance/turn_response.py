@@ -126,12 +126,10 @@ class PendingTurn:
 class ResponseLearner:
     """Learns in flight how one vehicle answers."""
 
-    def __init__(self, expected: float, after: float = 0.0) -> None:
-        """expected: dead time plus lag before the flight has told, s. after: how much later than what is felt the nose
-        turns, s (a plane is felt by its bank, and slips)."""
+    def __init__(self, expected: float) -> None:
+        """expected: dead time plus lag before the flight has told, s."""
         prior = np.log(np.maximum(DELAYS, 0.05) / max(expected, 0.05)) / PRIOR_SIGMA
         self._prior = -0.5 * (prior**2 + ((LAGS / DELAYS - 0.5) / SPLIT_SIGMA) ** 2)
-        self._after = after
         self._sums = np.zeros((6, *DELAYS.shape))
         self._turned: deque[tuple[float, Array]] = deque()
         self._mode = np.zeros(LAGS.size, complex)
@@ -139,7 +137,7 @@ class ResponseLearner:
         self._bin: tuple[float, float, Array | None] | None = None
         """When it began, how far the vehicle had turned then, and how far each candidate says that it had."""
         self._fit: tuple[Array, float, float, float] | None = None
-        self._known = Response(0.5 * expected + after, 0.5 * expected, 2 / max(expected, 0.05))
+        self._known = Response(0.5 * expected, 0.5 * expected, 2 / max(expected, 0.05))
 
     def response(self, link: float) -> Response:
         """As known now; link: there and back, s."""
@@ -236,11 +234,9 @@ class ResponseLearner:
         dead, lag = float(of_dead @ DEADS), float(of_answer @ LAGS)
         scale = float(np.exp(middle)) / (dead + lag)
         settles = float(1 / (of_answer @ (1 / RINGING)))
-        self._known = Response(scale * dead + self._after, scale * lag, settles, learnt=True)
+        self._known = Response(scale * dead, scale * lag, settles, learnt=True)
 
 
-SLIP = 0.2
-"""How much later than its bank a plane's nose turns, s: side-slip, as seen on ArduPlane 4.6.3."""
 LONGEST_FELT = 1.0
 """Most time, s, for which a bank counts from one report to the next."""
 
@@ -252,13 +248,13 @@ class TurnAnswer:
     was commanded and told a bank. link: there and back, s.
     """
 
-    def __init__(self, lag: float, *, gain: float | None = None, slips: bool = False, link: float = 0.0) -> None:
+    def __init__(self, lag: float, *, gain: float | None = None, link: float = 0.0) -> None:
         """lag: from a command to its turn before the flight has told, s. gain: realised over commanded turn rate; None:
-        learnt. slips: whether the nose follows the bank later."""
+        learnt."""
         self._lag, self._gain, self.link = lag, gain, link
         self.by_command = TurnGain(gain=gain or 1.0)
         self.by_bank: TurnGain | None = None
-        self._learner, self._pending = ResponseLearner(lag, SLIP if slips else 0.0), PendingTurn()
+        self._learner, self._pending = ResponseLearner(lag), PendingTurn()
         self._turned, self._felt_at = 0.0, inf
         self._commanded: float | None = None
 
@@ -295,7 +291,7 @@ class TurnAnswer:
         if own.bank_turn is not None:
             # of the bank it has, not of the commanded one: an autopilot with a lower bank limit turns no worse for it
             before = self.by_bank or TurnGain()
-            self.by_bank = learn(before, lag=SLIP, time=own.time, heading=own.heading, command=own.bank_turn)
+            self.by_bank = learn(before, lag=0.0, time=own.time, heading=own.heading, command=own.bank_turn)
         self.by_command = learn(
             self.by_command, lag=self._lag, time=own.time, heading=own.heading, command=self._commanded
         )

@@ -14,18 +14,17 @@ from math import hypot, isfinite
 import numpy as np
 from pymavlink.dialects.v20 import all as dialect
 
-from circnav_mav.guidance.types import RelativeMotion
+from circnav_mav.guidance.types import OwnMotion, RelativeMotion
 from circnav_mav.locate.estimator import Knowledge, NotYet, Ranges, Track
 from circnav_mav.locate.export import camera, named_values, orbit_status, own_beacon
 from circnav_mav.locate.handback import COMPASS_SIGMA, PLACE_SIGMA, DeadReckoning, HandBack, HandBackSettings
 from circnav_mav.locate.place import Place, Plane
 from circnav_mav.locate.watch import Culprit, GpsWatch, Look, angle_between
-from circnav_mav.mav.autopilots.interface import PLAUSIBLE_AIRSPEED
 from circnav_mav.mav.clocks import BOOT_WRAP, RemoteClock
 from circnav_mav.mav.codec import Decoder, Encoder, Message
 from circnav_mav.mav.commands import Command, CommandSender, StreamRequests
-from circnav_mav.mav.frames import course_from_yaw
 from circnav_mav.mav.framing import frame_at
+from circnav_mav.mav.own_motion import ATTITUDE_MAX_AGE
 from circnav_mav.mav.signing import Signing
 from circnav_mav.mav.statustext import Announcer
 from circnav_mav.pilot import VEHICLE, OutputMode, Pilot
@@ -190,9 +189,7 @@ class Locator:
 
     def _look(self, east: float, north: float, up: float, time: float, now: float) -> None:
         """Let the watch compare the position of a time with the range and the bearing of then."""
-        pilot, place = self._pilot, self.place
-        motion = pilot.session.motion.at(now)
-        heading = None if motion.yaw is None else course_from_yaw(motion.yaw)
+        pilot, place, own = self._pilot, self.place, self._own(now)
         range_off = bearing_off = None
         tracker = pilot.tracker
         if place is not None and tracker.newest is not None and now - tracker.newest.time < 1.0:
@@ -208,7 +205,8 @@ class Locator:
                 sigma_bearing = (relative.sigma + sigma) / hypot(*way)
                 self._learn_compass(off, now)
                 bearing_off = off, sigma_bearing + 0.05
-        self.watch.see(Look(now, east, north, heading, self._airspeed(now), range_off, bearing_off))
+        heading, airspeed = (None, pilot.settings.orbit.speed) if own is None else (own.heading, own.airspeed)
+        self.watch.see(Look(now, east, north, heading, airspeed, range_off, bearing_off))
         if self.watch.culprit is Culprit.BEACON and self.place is not None:
             # the beacon has moved, or another one answers: what was surveyed is no longer so
             self.place = None
@@ -350,19 +348,12 @@ class Locator:
         if place is not None and place.sigma <= PLACE_SIGMA and relative is not None and fresh:
             self._reckoning.ranged(now, place, relative, self._compass_bias)
             return
-        own = self._pilot.session.motion.own(now, self._airspeed(now))
-        self._reckoning.flown(now, own, self._compass_bias[0])
+        self._reckoning.flown(now, self._own(now), self._compass_bias[0])
 
-    def _airspeed(self, now: float) -> float:
-        """True; as measured where that can be, else as commanded. Not asked of the adapter: it remembers what it was
-        asked, and flies by that."""
-        session, commanded = self._pilot.session, self._pilot.settings.orbit.speed
-        if not session.adapter.measures_airspeed:
-            return commanded
-        motion = session.motion.at(now)
-        least, most = (share * commanded for share in PLAUSIBLE_AIRSPEED)
-        measured = motion.airspeed
-        return motion.true_airspeed(measured if measured is not None and least <= measured <= most else commanded)
+    def _own(self, now: float) -> OwnMotion | None:
+        """How the vehicle moves through the air, unless that is stale."""
+        own = self._pilot.own
+        return own if own is not None and now - own.time <= ATTITUDE_MAX_AGE else None
 
     def _aim(self, place: Place) -> bool:
         """Whether the camera must be pointed anew."""

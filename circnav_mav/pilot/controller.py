@@ -7,7 +7,6 @@ from circnav_mav.guidance.turn_response import Response, TurnAnswer
 from circnav_mav.guidance.types import SAME_TIME, Orbit, OwnMotion, RangeEstimate, TurnCommand
 from circnav_mav.guidance.watches import Circles, CommandWatch, next_trim
 from circnav_mav.mav.autopilots.interface import Addressee
-from circnav_mav.mav.autopilots.table import allowed
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.frames import YawRate, yaw_rate_from_turn_rate
 from circnav_mav.mav.session import Session
@@ -53,9 +52,8 @@ class Controller:
                 max_stick=ceil(facts.stick(facts.max_bank)),
             )
         )
-        slips = any(vehicle.slips for vehicle in allowed(settings.autopilot, settings.kind).values())
         lag, gain, link = settings.turn_lag, settings.turn_gain, settings.timing.tick
-        self._answer = TurnAnswer(lag, gain=gain, slips=slips, link=link)
+        self._answer = TurnAnswer(lag, gain=gain, link=link)
         self.watch = CommandWatch()
         """For a turn command that swings from limit to limit: how often it did, and what that has left of the gains."""
         self._followed_at = self._slow_at = float("-inf")

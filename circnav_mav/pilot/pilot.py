@@ -10,7 +10,8 @@ from collections import Counter
 from collections.abc import Hashable
 from dataclasses import replace
 
-from circnav_mav.guidance.types import Orbit, RangeEstimate, TurnCommand
+from circnav_mav.guidance.side_slip import SideSlip
+from circnav_mav.guidance.types import Orbit, OwnMotion, RangeEstimate, TurnCommand
 from circnav_mav.guidance.velocity_loop import CopterMotion
 from circnav_mav.guidance.watches import DriftAlarm, breach, watch_drift
 from circnav_mav.mav.codec import Message
@@ -59,7 +60,9 @@ class Pilot:
         self._taken: StepTaken | None = None
         """The newest step, until all is said that follows it."""
         self._frames: list[bytes] = []
-        self._copter_motion = CopterMotion()
+        self._copter_motion, self._side_slip = CopterMotion(), SideSlip()
+        self.own: OwnMotion | None = None
+        """The newest motion through the air, as the estimators have it; None before an attitude was heard."""
 
     # --- in: every message that arrives -----------------------------------------------------------------------------
 
@@ -113,6 +116,8 @@ class Pilot:
             self.controller.drag = self._copter_motion.drag
         else:
             self._copter_motion = self._copter_motion.stand()
+            self._side_slip, own = self._side_slip.follow(own)
+        self.own = own
         self.controller.on_motion(own)
         # a vehicle whose airspeed nobody measures has the commanded one while it flies as commanded; whose setpoints
         # are another's (a dry run) is taken to do so while it turns as we would command

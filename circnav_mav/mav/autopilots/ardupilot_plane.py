@@ -41,7 +41,7 @@ class ArduPlane(Autopilot):
     why_no_stop = "a plane left in its mode loiters 3 s later, banking hard at once"
     shapes = frozenset({("SET_ATTITUDE_TARGET", MASK)})
     needs = frozenset({"airspeed"})
-    banks = measures_airspeed = cruises = slips = True
+    banks = measures_airspeed = cruises = True
     least_turn_gain = 0.72  # it slips in its turns (flown: .70 .. .75)
     parameters = (
         Rule((("ROLL_LIMIT_DEG", 1.0), ("LIM_ROLL_CD", 0.01)), bank_limit, unit="deg"),

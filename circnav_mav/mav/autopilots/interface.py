@@ -143,8 +143,6 @@ class Autopilot(ABC):
     """How its velocity follows its nose; None where the nose shows the way."""
     least_turn_gain: ClassVar[float] = 1.0
     """The least realised over commanded turn rate to expect."""
-    slips: ClassVar[bool] = False
-    """Whether the nose turns later than the bank, as of a plane without rudder."""
 
     def __init__(self, facts: VehicleFacts) -> None:
         self._facts = facts

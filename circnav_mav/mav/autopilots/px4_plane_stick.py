@@ -86,7 +86,7 @@ class PX4PlaneStick(PX4Vehicle):
     exits = MappingProxyType({name: mode for name, mode in PX4Vehicle.exits.items() if name != "hold"})
     shapes = frozenset({("MANUAL_CONTROL", None)})
     needs = frozenset({"airspeed"})
-    banks = measures_airspeed = cruises = slips = True
+    banks = measures_airspeed = cruises = True
     least_turn_gain = 0.72  # as ArduPlane, not flown long enough to know better
     parameters = (
         rule("COM_RC_IN_MODE", one_of({0: _NO_STICKS, 1: _OUR_STICKS, 4: _NO_STICKS}, _OTHER_STICKS)),
