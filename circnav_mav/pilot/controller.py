@@ -159,7 +159,9 @@ class Controller:
                 self._trim,
                 rate=self._settings.radius_trim,
                 r=estimate.r,
+                r_dot=estimate.r_dot,
                 r_d=self.orbit.radius,
+                V=self.orbit.speed,
                 step=min(estimate.time - before, LONGEST_TRIM_STEP),
                 saturated=command.saturated or self._short_of_bank,
             )

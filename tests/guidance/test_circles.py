@@ -1,5 +1,7 @@
 """The slow integral of the radius error; the circles themselves are flown in tests/flight."""
 
+from math import exp
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -7,9 +9,9 @@ from hypothesis import strategies as st
 from circnav_mav.guidance.watches import next_trim
 
 
-def trimmed(trim, error, saturated=False):
-    """After a tenth of a second off a circle of 100 m, with .05/s; it grows within 20 m, up to 15 m."""
-    return next_trim(trim, rate=0.05, r=100.0 + error, r_d=100.0, step=0.1, saturated=saturated)
+def trimmed(trim, error, saturated=False, r_dot=0.0):
+    """After a tenth of a second off a circle of 100 m at 15 m/s, with .05/s; it grows within 20 m, up to 15 m."""
+    return next_trim(trim, rate=0.05, r=100.0 + error, r_dot=r_dot, r_d=100.0, V=15.0, step=0.1, saturated=saturated)
 
 
 @pytest.mark.parametrize(
@@ -33,6 +35,14 @@ def trimmed(trim, error, saturated=False):
 )  # fmt: skip
 def test_the_trim_holds_the_mean_radius(trim, error, saturated, after):
     assert trimmed(trim, error, saturated) == pytest.approx(after)
+
+
+def test_an_approach_that_settles_by_itself_leaves_next_to_nothing():
+    trim = 0.0
+    for step in range(300):
+        error = 40.0 * exp(-step / 25.0)  # with 2.5 s; a whole count of it within 20 m would be 2.5 m
+        trim = trimmed(trim, error, r_dot=-error / 2.5)
+    assert abs(trim) < 0.25
 
 
 @given(trim=st.floats(-15.0, 15.0), error=st.floats(-300.0, 300.0))
