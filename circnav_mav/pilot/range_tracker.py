@@ -37,6 +37,9 @@ MOST_CLIMB = 20.0
 BUNCHED = 0.25
 """Least time, s, by which two altitudes count as apart: a link may deliver several at once."""
 
+RETURNS = 3.0
+"""Time, s, within which an altitude that jumped may come back by and by, as ArduPlane's does in heavy turbulence."""
+
 HEARD = frozenset({"VFR_HUD", "HOME_POSITION"})
 """Types of the messages that tell of the height."""
 
@@ -152,6 +155,8 @@ class Height:
         self._engaged = False
         self.jumped = 0.0
         """The sum of the jumps of the altitude since the engagement, m, which do not count as height."""
+        self._doubt: tuple[float, float, float] | None = None
+        """When the altitude jumped lately, from where and how far."""
 
     def engage(self) -> None:
         """Guidance has the vehicle: home and height are now those of the flight."""
@@ -174,12 +179,24 @@ class Height:
             self._zero = altitude if self._settings.above_target is not None else None
             return False
         change = 0.0 if before is None else altitude - before
-        if abs(change) <= MOST_CLIMB * waited:
+        if before is None or abs(change) <= MOST_CLIMB * waited:
+            self._forgive(altitude, now)
             return False
         # the vehicle did not move, its zero did: a glitch that comes and goes leaves nothing behind
+        began, origin, so_far = self._doubt or (now, before, 0.0)
+        self._doubt = began, origin, so_far + change
         self._zero += change
         self.jumped += change
         return True
+
+    def _forgive(self, altitude: float, now: float) -> None:
+        """An altitude that came back by and by has the zero that it had before its jump."""
+        if self._doubt is None or now - self._doubt[0] < RETURNS:
+            return
+        (_, origin, jump), self._doubt = self._doubt, None
+        if self._zero is not None and abs(altitude - origin) <= MOST_CLIMB * BUNCHED:
+            self._zero -= jump
+            self.jumped -= jump
 
     def at(self, now: float) -> float | None:
         """The height now, m; None where it is not known, or the mission says nothing of it."""

@@ -83,6 +83,17 @@ def test_an_altitude_that_jumps_in_flight_is_no_height_and_a_glitch_leaves_nothi
     assert climb.height.trouble(climb.now) == ""
 
 
+def test_an_altitude_that_jumps_and_comes_back_by_and_by_is_the_height_again():
+    """ArduPlane 4.6.3 in turbulence: -5.2 m in 0.2 s, and back within 2 s. Kept for a jump, it flew 2 m too wide."""
+    climb = Climb(ABSOLUTE)
+    climb.height.engage()
+    assert [climb.at(573.0), climb.at(567.8)] == [73.0, 73.0]
+    for step in range(20):
+        climb.at(567.8 + min(0.6 * step, 4.6))
+    assert climb.at(572.4) == pytest.approx(72.4)
+    assert climb.height.trouble(climb.now) == ""
+
+
 def test_of_home_only_the_altitude_is_read(make_rig):
     """The UAV is GPS-denied: where home is may not reach the guidance."""
     rigs = [make_rig(height=FROM_HOME), make_rig(height=FROM_HOME)]
