@@ -217,7 +217,7 @@ def _by_drift(settings: StepSettings, relative: RelativeMotion, inputs: Inputs) 
     p, d = (relative.x, relative.y), (relative.drift_x, relative.drift_y)
     here = mirrored(p, d, relative.heading, inputs.pending, settings.sense)
     V, r_d = maximum(relative.airspeed, 0.1 * settings.V), settings.r_d + inputs.trim
-    gains = drift_gains(V, inputs.pending.ahead, inputs.pending.settles, inputs.share)
+    gains = drift_gains(V, inputs.pending.ahead + inputs.pending.told_late, inputs.pending.settles, inputs.share)
     return drift(*here, V=V, r_d=r_d, max_turn_rate=settings.limit, gains=gains)
 
 

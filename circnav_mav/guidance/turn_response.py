@@ -71,11 +71,12 @@ class Response:
 @dataclass(frozen=True, slots=True)
 class Pending:
     """turn: commanded but not turned yet, rad. ahead: the time it takes, s. settles: how fast the vehicle's answer
-    does, 1/s."""
+    does, 1/s. told_late: how much later than it is flown a turn shows, s."""
 
     turn: Array
     ahead: Array
     settles: Array = 10.0
+    told_late: float = 0.0
 
 
 class PendingTurn:
@@ -237,6 +238,9 @@ class ResponseLearner:
         self._known = Response(scale * dead, scale * lag, settles, learnt=True)
 
 
+TOLD_LATE = 0.2
+"""How much later than its bank a plane's nose turns, s, as seen on ArduPlane 4.6.3: the side-slip is known no sooner. With
+gains for the bank alone, LoRa-like ranges cost 2.7 instead of 1.9 m there."""
 LONGEST_FELT = 1.0
 """Most time, s, for which a bank counts from one report to the next."""
 
@@ -270,7 +274,8 @@ class TurnAnswer:
 
     def pending(self, now: float, turn_rate: Array) -> Pending:
         """What is commanded but not turned yet; turn_rate: of the vehicle now, rad/s."""
-        return self._pending.at(now, self.response, turn_rate)
+        pending = self._pending.at(now, self.response, turn_rate)
+        return pending if self.by_bank is None else replace(pending, told_late=TOLD_LATE)
 
     def command(self, now: float, rate: float) -> None:
         """From this time (s) on the vehicle is told to turn at this rate, rad/s."""
