@@ -239,8 +239,8 @@ class ResponseLearner:
 
 
 TOLD_LATE = 0.2
-"""How much later than its bank a plane's nose turns, s, as seen on ArduPlane 4.6.3: the side-slip is known no sooner. With
-gains for the bank alone, LoRa-like ranges cost 2.7 instead of 1.9 m there."""
+"""How much later than its bank a plane's nose turns, s, as seen on ArduPlane 4.6.3: the side-slip is known no sooner.
+With gains for the bank alone, LoRa-like ranges cost 2.7 instead of 1.9 m there."""
 LONGEST_FELT = 1.0
 """Most time, s, for which a bank counts from one report to the next."""
 
