@@ -62,15 +62,16 @@ class Circles:
 
 
 def next_trim(
-    trim: float, *, rate: float, r: float, r_dot: float, r_d: float, V: float, step: float, saturated: bool
+    trim: float, *, rate: float, r: float, change: float, r_d: float, V: float, step: float, saturated: bool
 ) -> float:
-    """The trim (m), added to the radius that the law is fed, after `step` seconds at range r (m) with r_dot (m/s),
-    growing with `rate` (1/s) against the error that the range rate does not close by itself.
+    """The trim (m), added to the radius that the law is fed, after `step` seconds to range r (m) in which it changed by
+    `change` (m), growing with `rate` (1/s) against the error that does not close by itself. (The change, not the
+    estimated range rate: whatever that is wrong by all the time, the trim would hold as an error of the radius.)
 
     A law's radius rests on V and on the turn rate being what they are told to be; a vehicle whose true airspeed is 6 %
     above the indicated one flies 2 m outside a circle of 150 m.
     """
-    after = trim - rate * (r - r_d + CLOSES * r_d / V * r_dot) * step
+    after = trim - rate * ((r - r_d) * step + CLOSES * r_d / V * change)
     if saturated:
         return trim
     if abs(r - r_d) > TRIM_NEAR * r_d:

@@ -61,7 +61,8 @@ class Controller:
         self.drag = 0.0
         """Of a copter, 1/s, as learnt in flight."""
         self._trim = 0.0
-        self._steered_at: float | None = None
+        self._steered: tuple[float, float] | None = None
+        """Time, s, and range, m, of the last steered step."""
 
     @property
     def orbit(self) -> Orbit:
@@ -149,20 +150,21 @@ class Controller:
         """The vehicle is not ours any more: the next setpoint starts a new stream at a new height."""
         self._guard.reset()
         self._answer.reset()
-        self._height, self._steered_at = None, None
+        self._height, self._steered = None, None
 
     def _trim_radius(self, estimate: RangeEstimate, command: TurnCommand) -> None:
         """Let the slow integral run over the time since the last steered step, while the vehicle follows."""
-        before, self._steered_at = self._steered_at, estimate.time
+        before, self._steered = self._steered, (estimate.time, estimate.r)
         if before is not None and self._settings.radius_trim > 0 and self.followed:
+            step = estimate.time - before[0]
             self._trim = next_trim(
                 self._trim,
                 rate=self._settings.radius_trim,
                 r=estimate.r,
-                r_dot=estimate.r_dot,
+                change=estimate.r - before[1] if step <= LONGEST_TRIM_STEP else 0.0,
                 r_d=self.orbit.radius,
                 V=self.orbit.speed,
-                step=min(estimate.time - before, LONGEST_TRIM_STEP),
+                step=min(step, LONGEST_TRIM_STEP),
                 saturated=command.saturated or self._short_of_bank,
             )
 

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from circnav_mav.guidance.watches import next_trim
 
 
-def trimmed(trim, error, saturated=False, r_dot=0.0):
+def trimmed(trim, error, saturated=False, change=0.0):
     """After a tenth of a second off a circle of 100 m at 15 m/s, with .05/s; it grows within 20 m, up to 15 m."""
-    return next_trim(trim, rate=0.05, r=100.0 + error, r_dot=r_dot, r_d=100.0, V=15.0, step=0.1, saturated=saturated)
+    return next_trim(trim, rate=0.05, r=100.0 + error, change=change, r_d=100.0, V=15.0, step=0.1, saturated=saturated)
 
 
 @pytest.mark.parametrize(
@@ -41,7 +41,7 @@ def test_an_approach_that_settles_by_itself_leaves_next_to_nothing():
     trim = 0.0
     for step in range(300):
         error = 40.0 * exp(-step / 25.0)  # with 2.5 s; a whole count of it within 20 m would be 2.5 m
-        trim = trimmed(trim, error, r_dot=-error / 2.5)
+        trim = trimmed(trim, error, change=-error / 25.0)
     assert abs(trim) < 0.25
 
 
