@@ -36,7 +36,6 @@ MOST_CLIMB = 20.0
 """Climb or sink rate, m/s, that none of our vehicles has: a quicker change is an altitude estimate that was reset."""
 BUNCHED = 0.25
 """Least time, s, by which two altitudes count as apart: a link may deliver several at once."""
-
 RETURNS = 3.0
 """Time, s, within which an altitude that jumped may come back by and by, as ArduPlane's does in heavy turbulence."""
 

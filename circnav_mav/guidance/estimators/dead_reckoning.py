@@ -1,6 +1,5 @@
-"""The path through the air, from heading, turn rate and airspeed that come at their own times; and what the belief of a
-flight says of a moment on it soon after its newest range: as `relative_ekf.predict`, but only what is asked, and in
-plain floats."""
+"""Dead reckoning. The path through the air from heading, turn rate and airspeed that come at their own times, and the
+estimate of one flight carried on along it past the newest range: as `relative_ekf.predict`, in plain floats."""
 
 from collections import deque
 from dataclasses import dataclass, replace
