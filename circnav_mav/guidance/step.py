@@ -27,8 +27,8 @@ AT_LIMIT = 0.99
 NEAR, ALONG = 0.3, 0.4
 """Radius error in units of the radius, and range rate in V, below which the vehicle is on its circle already."""
 DRIFT_TIME = 0.5
-"""Time constant, s, with which the law follows the estimated drift. A few bad ranges in a row move the estimate by 1
-m/s for a moment; followed at once, that moved the turn command by 20 deg/s."""
+"""Time constant, s, with which the law follows the estimated drift, and its change. A few bad ranges in a row move the
+estimate by 1 m/s for a moment; followed at once, that moved the turn command by 20 deg/s."""
 CIRCLING_PATIENCE = 10.0
 """Time, s, for which a search on the circle tries no guess."""
 FIRST_GUESS = 1.0
@@ -188,8 +188,10 @@ def _with_relative_motion(
         follows, share = before.handover.flies == Flies.DRIFT, dt / (DRIFT_TIME + dt)
         drift_x = where(follows, drift_x + share * (relative.drift_x - drift_x), relative.drift_x)
         drift_y = where(follows, drift_y + share * (relative.drift_y - drift_y), relative.drift_y)
+        # what it is smoothed by is its change, which turns the field that is followed
+        change = (relative.drift_x - drift_x) / DRIFT_TIME, (relative.drift_y - drift_y) / DRIFT_TIME
         relative = replace(relative, drift_x=drift_x, drift_y=drift_y)
-        by_drift, trusted = _by_drift(settings, relative, inputs), relative.trusted
+        by_drift, trusted = _by_drift(settings, relative, change, inputs), relative.trusted
     handover = hand_over(
         before.handover, dt, trusted=trusted, favourite=_tried(before.handover, settings, inputs),
         by_range=by_range, by_bank=by_drift, limit=settings.limit, r=inputs.r, r_d=settings.r_d,
@@ -212,13 +214,14 @@ def _tried(before: Handover, settings: StepSettings, inputs: Inputs) -> Array:
     return where(relative.drift_remembered & circling & patient, -1, relative.trial)
 
 
-def _by_drift(settings: StepSettings, relative: RelativeMotion, inputs: Inputs) -> Array:
-    """The drift law, seen so that the orbit is counter-clockwise."""
+def _by_drift(settings: StepSettings, relative: RelativeMotion, change: tuple[Array, Array], inputs: Inputs) -> Array:
+    """The drift law, seen so that the orbit is counter-clockwise. change: of the drift, m/s^2."""
     p, d = (relative.x, relative.y), (relative.drift_x, relative.drift_y)
     here = mirrored(p, d, relative.heading, inputs.pending, settings.sense)
     V, r_d = maximum(relative.airspeed, 0.1 * settings.V), settings.r_d + inputs.trim
     gains = drift_gains(V, inputs.pending.ahead + inputs.pending.told_late, inputs.pending.settles, inputs.share)
-    return drift(*here, V=V, r_d=r_d, max_turn_rate=settings.limit, gains=gains)
+    turned = change[0], change[1] * settings.sense
+    return drift(*here, V=V, r_d=r_d, max_turn_rate=settings.limit, gains=gains, change=turned)
 
 
 def hold(settings: StepSettings, relative: RelativeMotion | None, pending: Pending) -> TurnCommand:

@@ -92,21 +92,24 @@ def field_heading(p: Pair, d: Pair, *, V: Array, r_d: Array, k: Array, max_turn_
 
 
 def drift(
-    p: Pair, d: Pair, psi: Array, pending: Pending, *, V: Array, r_d: Array, max_turn_rate: Array, gains: DriftGains
-) -> Array:
+    p: Pair, d: Pair, psi: Array, pending: Pending, *, V: Array, r_d: Array, max_turn_rate: Array, gains: DriftGains,
+    change: Pair = (0.0, 0.0),
+) -> Array:  # fmt: skip
     """Turn rate (rad/s): the field's rotation, seen as far ahead as the vehicle's answer takes, plus the heading error
     times its gain, of which what is already under way is taken off. Outside the circle it turns away from the target
     rather than past it.
 
-    p = vehicle - target (2, ...), m. d = wind - target velocity (2, ...), m/s. psi: heading, rad. pending: what is
-    commanded but not turned yet. V: true airspeed, m/s. Condition: r_d >= (V + W)^2/(V max_turn_rate) and W < V.
+    p = vehicle - target (2, ...), m. d = wind - target velocity (2, ...), m/s, and its change, m/s^2. psi: heading,
+    rad. pending: what is commanded but not turned yet. V: true airspeed, m/s. Condition: r_d >= (V + W)^2/(V
+    max_turn_rate) and W < V.
     """
     ahead, rate = pending.ahead, pending.turn / maximum(pending.ahead, STEP)
 
     def wanted(time: Array) -> Array:
         x, y = chord_parts(V, psi, rate * time, time)
         there = p[0] + d[0] * time + x, p[1] + d[1] * time + y
-        return field_heading(there, d, V=V, r_d=r_d, k=gains.radial, max_turn_rate=max_turn_rate)
+        then = d[0] + change[0] * time, d[1] + change[1] * time
+        return field_heading(there, then, V=V, r_d=r_d, k=gains.radial, max_turn_rate=max_turn_rate)
 
     rotation = wrap(wanted(ahead + STEP) - wanted(ahead - STEP)) / (2 * STEP)
     # under way is what was commanded beyond the rotation: so a delay that is not quite known leaves no lasting error

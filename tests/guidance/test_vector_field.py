@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from circnav_mav.guidance.maths import chord, chord_parts, clip
+from circnav_mav.guidance.maths import chord, chord_parts, clip, wrap
 from circnav_mav.guidance.turn_response import Pending, PendingTurn, Response
 from circnav_mav.guidance.vector_field import (
     DriftGains,
@@ -128,6 +128,20 @@ def test_of_the_heading_error_what_is_under_way_beyond_the_circles_own_turn_is_t
         for heading in (0.0, 1.0)
     )
     assert asked == pytest.approx(rotation - (0.3 - rotation * LAG))
+
+
+@given(at=angles, psi=angles, wind=st.floats(0, 10), blows=angles, r=st.floats(80, 130), turns=st.floats(-0.1, 0.1))
+def test_a_wind_that_turns_takes_the_nose_along_as_its_field_turns(at, psi, wind, blows, r, turns):
+    def blowing(time):
+        return wind * np.array([np.cos(blows + turns * time), np.sin(blows + turns * time)])
+
+    def wanted(time):
+        return field_heading(p, blowing(time), V=V, r_d=R_D, k=GAINS.radial, max_turn_rate=LIMIT)
+
+    p, change = r * np.array([np.cos(at), np.sin(at)]), turns * wind * np.array([-np.sin(blows), np.cos(blows)])
+    known = {"V": V, "r_d": R_D, "max_turn_rate": LIMIT, "gains": GAINS}
+    without, with_it = (drift(p, blowing(0), psi, Pending(0.0, 0.0), **known, change=c) for c in (0 * change, change))
+    assert with_it - without == pytest.approx(wrap(wanted(0.05) - wanted(-0.05)) / 0.1, abs=2e-4)
 
 
 def test_a_dead_time_swings_only_if_nobody_knows_of_it():
