@@ -26,9 +26,9 @@ AT_LIMIT = 0.99
 """Share of the limit from which a command counts as cut: while laws hand over, the limit is only approached."""
 NEAR, ALONG = 0.3, 0.4
 """Radius error in units of the radius, and range rate in V, below which the vehicle is on its circle already."""
-DRIFT_TIME = 0.5
-"""Time constant, s, with which the law follows the estimated drift, and its change. A few bad ranges in a row move the
-estimate by 1 m/s for a moment; followed at once, that moved the turn command by 20 deg/s."""
+CHANGE_TIME = 1.3
+"""Time constant, s, with which the law follows the change of the estimated drift. A few bad ranges in a row move the
+estimate by 1 m/s for a moment, and a shorter one takes that for a change."""
 CIRCLING_PATIENCE = 10.0
 """Time, s, for which a search on the circle tries no guess."""
 FIRST_GUESS = 1.0
@@ -153,8 +153,8 @@ def hand_over(
 
 @dataclass(frozen=True, slots=True)
 class StepState:
-    """What a step remembers. time: of the command before, s. memory: the integral of `pi`, m. drift_x, drift_y: as the
-    law follows it, m/s."""
+    """What a step remembers. time: of the command before, s. memory: the integral of `pi`, m. drift_x, drift_y:
+    smoothed, m/s."""
 
     time: Number = -inf
     memory: Number = 0.0
@@ -184,13 +184,11 @@ def _with_relative_motion(
     by_range = s * settings.law.function(inputs.r, inputs.r_dot, V=settings.V, r_d=radius, k=settings.k)
     by_drift, trusted, drift_x, drift_y = by_range, False, before.drift_x, before.drift_y
     if relative is not None:
-        # smoothed while the relative motion is trusted, at once where it steers first
-        follows, share = before.handover.flies == Flies.DRIFT, dt / (DRIFT_TIME + dt)
+        # the change is what the drift is ahead of its slow self, which begins anew where the relative motion steers first
+        follows, share = before.handover.flies == Flies.DRIFT, dt / (CHANGE_TIME + dt)
         drift_x = where(follows, drift_x + share * (relative.drift_x - drift_x), relative.drift_x)
         drift_y = where(follows, drift_y + share * (relative.drift_y - drift_y), relative.drift_y)
-        # what it is smoothed by is its change, which turns the field that is followed
-        change = (relative.drift_x - drift_x) / DRIFT_TIME, (relative.drift_y - drift_y) / DRIFT_TIME
-        relative = replace(relative, drift_x=drift_x, drift_y=drift_y)
+        change = (relative.drift_x - drift_x) / CHANGE_TIME, (relative.drift_y - drift_y) / CHANGE_TIME
         by_drift, trusted = _by_drift(settings, relative, change, inputs), relative.trusted
     handover = hand_over(
         before.handover, dt, trusted=trusted, favourite=_tried(before.handover, settings, inputs),

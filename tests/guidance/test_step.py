@@ -148,9 +148,8 @@ def test_the_law_flies_with_the_gains_for_the_answer_that_it_is_told():
 
 
 def test_a_drift_that_swings_once_a_second_moves_the_turn_less_than_half_as_far_as_its_crab_swings():
-    """1 m/s of drift across the nose is 1/V of crab, which swings by 2 pi f/V. Once a second a first-order lag of .5 s
-    lets 1/sqrt(1 + pi^2) = .30 of that through, and the loop adds to it: a few unlucky ranges move the estimated drift
-    by 1 m/s for a moment, and it contains how the course lags the nose, too."""
+    """1 m/s of drift across the nose is 1/V of crab, which swings by 2 pi f/V. A few unlucky ranges move the estimated
+    drift by 1 m/s for a moment, and it contains how the course lags the nose, too."""
     orbit = Orbit(radius=150.0, direction=Direction.COUNTERCLOCKWISE, speed=22.0, max_turn_rate=0.44)
 
     def swing(frequency: float) -> float:
