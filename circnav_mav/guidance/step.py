@@ -153,8 +153,8 @@ def hand_over(
 
 @dataclass(frozen=True, slots=True)
 class StepState:
-    """What a step remembers. time: of the command before, s. memory: the integral of `pi`, m. drift_x, drift_y:
-    smoothed, m/s."""
+    """What a step remembers. time: of the command before, s. memory: the integral of `pi`, m. drift_x, drift_y: of
+    the drift, smoothed, m/s."""
 
     time: Number = -inf
     memory: Number = 0.0
@@ -184,7 +184,7 @@ def _with_relative_motion(
     by_range = s * settings.law.function(inputs.r, inputs.r_dot, V=settings.V, r_d=radius, k=settings.k)
     by_drift, trusted, drift_x, drift_y = by_range, False, before.drift_x, before.drift_y
     if relative is not None:
-        # the change is what the drift is ahead of its slow self, which begins anew where the relative motion steers first
+        # what the drift is ahead of its smoothed self tells its change; both begin where the relative motion steers
         follows, share = before.handover.flies == Flies.DRIFT, dt / (CHANGE_TIME + dt)
         drift_x = where(follows, drift_x + share * (relative.drift_x - drift_x), relative.drift_x)
         drift_y = where(follows, drift_y + share * (relative.drift_y - drift_y), relative.drift_y)
