@@ -30,7 +30,7 @@ def as_shipped(mission: str, share_counts: bool = False) -> Callable[..., float]
 
     before = {"psi": 0.0, "time": -inf, "rate": 0.0}
 
-    def steer(settings: StepSettings, found: RelativeMotion, inputs: Inputs) -> float:
+    def steer(settings: StepSettings, found: RelativeMotion, _change: object, inputs: Inputs) -> float:
         lag, delay, sense = LAG[mission], 0.022, settings.sense
         V, r_d = found.airspeed, settings.r_d + inputs.trim
         lead = 1 - 2 * delay / lag
