@@ -18,7 +18,7 @@ from circnav_mav.guidance.laws import LAWS, Kind, Law
 from circnav_mav.guidance.maths import Array, Number, clip, exp, logical_not, magnitude, maximum, minimum, sin, where
 from circnav_mav.guidance.turn_response import Pending
 from circnav_mav.guidance.types import SAME_TIME, Orbit, RangeEstimate, RelativeMotion, TurnCommand
-from circnav_mav.guidance.vector_field import drift, drift_gains, mirrored, orbit_turn_rate
+from circnav_mav.guidance.vector_field import Pair, drift, drift_gains, mirrored, mirrored_pair, orbit_turn_rate
 
 LONGEST_STEP = 0.5
 """A longer time between two commands counts as this, s: nothing may build up over a gap."""
@@ -28,7 +28,7 @@ NEAR, ALONG = 0.3, 0.4
 """Radius error in units of the radius, and range rate in V, below which the vehicle is on its circle already."""
 CHANGE_TIME = 1.3
 """Time constant, s, with which the law follows the change of the estimated drift. A few bad ranges in a row move the
-estimate by 1 m/s for a moment, and a shorter one takes that for a change."""
+estimate by 1 m/s for a moment; a shorter time constant takes that for a change of the wind."""
 CIRCLING_PATIENCE = 10.0
 """Time, s, for which a search on the circle tries no guess."""
 FIRST_GUESS = 1.0
@@ -153,8 +153,8 @@ def hand_over(
 
 @dataclass(frozen=True, slots=True)
 class StepState:
-    """What a step remembers. time: of the command before, s. memory: the integral of `pi`, m. drift_x, drift_y: of
-    the drift, smoothed, m/s."""
+    """What a step remembers. time: of the command before, s. memory: the integral of `pi`, m. drift_x, drift_y: the
+    smoothed drift, m/s."""
 
     time: Number = -inf
     memory: Number = 0.0
@@ -184,7 +184,7 @@ def _with_relative_motion(
     by_range = s * settings.law.function(inputs.r, inputs.r_dot, V=settings.V, r_d=radius, k=settings.k)
     by_drift, trusted, drift_x, drift_y = by_range, False, before.drift_x, before.drift_y
     if relative is not None:
-        # what the drift is ahead of its smoothed self tells its change; both begin where the relative motion steers
+        # how far the drift is ahead of the smoothed one tells its change; smoothing begins where the drift law steers
         follows, share = before.handover.flies == Flies.DRIFT, dt / (CHANGE_TIME + dt)
         drift_x = where(follows, drift_x + share * (relative.drift_x - drift_x), relative.drift_x)
         drift_y = where(follows, drift_y + share * (relative.drift_y - drift_y), relative.drift_y)
@@ -212,14 +212,14 @@ def _tried(before: Handover, settings: StepSettings, inputs: Inputs) -> Array:
     return where(relative.drift_remembered & circling & patient, -1, relative.trial)
 
 
-def _by_drift(settings: StepSettings, relative: RelativeMotion, change: tuple[Array, Array], inputs: Inputs) -> Array:
+def _by_drift(settings: StepSettings, relative: RelativeMotion, change: Pair, inputs: Inputs) -> Array:
     """The drift law, seen so that the orbit is counter-clockwise. change: of the drift, m/s^2."""
     p, d = (relative.x, relative.y), (relative.drift_x, relative.drift_y)
     here = mirrored(p, d, relative.heading, inputs.pending, settings.sense)
     V, r_d = maximum(relative.airspeed, 0.1 * settings.V), settings.r_d + inputs.trim
     gains = drift_gains(V, inputs.pending.ahead + inputs.pending.told_late, inputs.pending.settles, inputs.share)
-    turned = change[0], change[1] * settings.sense
-    return drift(*here, V=V, r_d=r_d, max_turn_rate=settings.limit, gains=gains, change=turned)
+    change = mirrored_pair(change, settings.sense)
+    return drift(*here, V=V, r_d=r_d, max_turn_rate=settings.limit, gains=gains, change=change)
 
 
 def hold(settings: StepSettings, relative: RelativeMotion | None, pending: Pending) -> TurnCommand:
@@ -229,7 +229,7 @@ def hold(settings: StepSettings, relative: RelativeMotion | None, pending: Pendi
     """
     s, turn = settings.sense, settings.V / settings.r_d
     if relative is not None:
-        d, V = (relative.drift_x, s * relative.drift_y), maximum(relative.airspeed, 0.1 * settings.V)
+        d, V = mirrored_pair((relative.drift_x, relative.drift_y), s), maximum(relative.airspeed, 0.1 * settings.V)
         heading = s * (relative.heading + pending.turn)
         turn = where(relative.trusted, orbit_turn_rate(d, heading, V=V, r_d=settings.r_d), turn)
     return limited(s * turn, settings.limit)

@@ -71,7 +71,7 @@ class Response:
 @dataclass(frozen=True, slots=True)
 class Pending:
     """turn: commanded but not turned yet, rad. ahead: the time it takes, s. settles: how fast the vehicle's answer
-    does, 1/s. told_late: how much later than it is flown a turn shows, s."""
+    does, 1/s. told_late: how much later than it is flown a turn is known, s."""
 
     turn: Array
     ahead: Array

@@ -99,8 +99,8 @@ def drift(
     times its gain, of which what is already under way is taken off. Outside the circle it turns away from the target
     rather than past it.
 
-    p = vehicle - target (2, ...), m. d = wind - target velocity (2, ...), m/s, and its change, m/s^2. psi: heading,
-    rad. pending: what is commanded but not turned yet. V: true airspeed, m/s. Condition: r_d >= (V + W)^2/(V
+    p = vehicle - target (2, ...), m. d = wind - target velocity (2, ...), m/s. psi: heading, rad. pending: what is
+    commanded but not turned yet. V: true airspeed, m/s. change: of d (2, ...), m/s^2. Condition: r_d >= (V + W)^2/(V
     max_turn_rate) and W < V.
     """
     ahead, rate = pending.ahead, pending.turn / maximum(pending.ahead, STEP)
@@ -141,9 +141,14 @@ def orbit_turn_rate(d: Pair, psi: Array, *, V: Array, r_d: Array) -> Array:
     return ground**2 / (r_d * along_nose)
 
 
+def mirrored_pair(pair: Pair, sense: Array) -> tuple[Array, Array]:
+    """A vector (2, ...) seen so that the orbit is counter-clockwise."""
+    return pair[0], pair[1] * sense
+
+
 def mirrored(p: Pair, d: Pair, psi: Array, pending: Pending, sense: Array) -> tuple[Pair, Pair, Array, Pending]:
     """The same situation seen so that the orbit is counter-clockwise; sense: +1 counter-clockwise, -1 clockwise.
 
     The turn rate that follows is multiplied by sense on the way out.
     """
-    return (p[0], p[1] * sense), (d[0], d[1] * sense), psi * sense, replace(pending, turn=pending.turn * sense)
+    return mirrored_pair(p, sense), mirrored_pair(d, sense), psi * sense, replace(pending, turn=pending.turn * sense)

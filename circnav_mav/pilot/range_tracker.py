@@ -37,7 +37,7 @@ MOST_CLIMB = 20.0
 BUNCHED = 0.25
 """Least time, s, by which two altitudes count as apart: a link may deliver several at once."""
 RETURNS = 3.0
-"""Time, s, within which an altitude that jumped may come back by and by, as ArduPlane's does in heavy turbulence."""
+"""Time, s, within which an altitude that jumped may come back little by little, as ArduPlane's does in turbulence."""
 
 HEARD = frozenset({"VFR_HUD", "HOME_POSITION"})
 """Types of the messages that tell of the height."""
@@ -189,7 +189,7 @@ class Height:
         return True
 
     def _forgive(self, altitude: float, now: float) -> None:
-        """An altitude that came back by and by has the zero that it had before its jump."""
+        """After an altitude that has come back little by little, the zero of before its jump."""
         if self._doubt is None or now - self._doubt[0] < RETURNS:
             return
         (_, origin, jump), self._doubt = self._doubt, None
