@@ -255,7 +255,7 @@ class TurnAnswer:
     def __init__(self, lag: float, *, gain: float | None = None, link: float = 0.0) -> None:
         """lag: from a command to its turn before the flight has told, s. gain: realised over commanded turn rate; None:
         learnt."""
-        self._lag, self._gain, self.link = lag, gain, link
+        self._gain, self.link = gain, link
         self.by_command = TurnGain(gain=gain or 1.0)
         self.by_bank: TurnGain | None = None
         self._learner, self._pending = ResponseLearner(lag), PendingTurn()
@@ -297,9 +297,9 @@ class TurnAnswer:
             # of the bank it has, not of the commanded one: an autopilot with a lower bank limit turns no worse for it
             before = self.by_bank or TurnGain()
             self.by_bank = learn(before, lag=0.0, time=own.time, heading=own.heading, command=own.bank_turn)
-        self.by_command = learn(
-            self.by_command, lag=self._lag, time=own.time, heading=own.heading, command=self._commanded
-        )
+        # with the lag that the mission states, a copter that answers sooner seemed not to do as it was told
+        lag = self.response.delay
+        self.by_command = learn(self.by_command, lag=lag, time=own.time, heading=own.heading, command=self._commanded)
         return True
 
     def reset(self) -> None:

@@ -41,6 +41,7 @@ MODELS = (
     (3e-4, 0, 0, 0, 0.4, 0.9),
     (5e-2, 0, 0, 0, 1, 0),  # changes quickly
     (1e-2, 0.1, 0, 0, 1, 0),  # gusts
+    (1e-7, 0.08, 0, 0, 1, 0),  # gusts in a wind that stands still
     (3e-4, 0.05, 0.03, 1, 1, 0),  # gusts that accelerations tell
 )
 """m^2/s^3 of d, gust in V, noise of the nose in V, whether accelerations count, white and drifting part of sigma. A
