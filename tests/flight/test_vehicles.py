@@ -169,6 +169,13 @@ def test_px4_copter_holds_its_height_although_zero_climb_rate_does_not() -> None
     assert max(heights) - min(heights) < 1.0
 
 
+def test_px4_copter_is_believed_to_follow_a_command_that_swings_through_zero() -> None:
+    """It answers within .4 s. Judged by the 1.3 s of its mission it seemed deaf: its path did not count, and on its
+    circle the target was searched for again."""
+    flown = flight("px4_copter", "sim.wind.speed_mps=3.0", "sim.seed=4", "limits.duration_s=120.0", law="auto").fly(118)
+    assert {tick.law for tick in flown.ticks if tick.time > 40} == {"drift"}
+
+
 def test_bound_that_is_broken_gives_the_vehicle_back() -> None:
     flown = flight("arduplane", "bounds.min_range_m=200.0", "limits.duration_s=100.0").fly(120)
     assert "is nearer than 200.0 m" in flown.outcome.reason

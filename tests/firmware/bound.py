@@ -1,0 +1,60 @@
+"""python -m tests.firmware.bound: how well any linear guidance could hold the circle of PX4's copter.
+
+PX4's estimate of its velocity is off by some .38 m/s across the circle, which comes and goes like an oscillator of .32
+rad/s, and the vehicle flies by it. Only the range shows that: .5 m of noise (.15: UWB), at 10 Hz. The best linear
+answer (a Kalman filter and the gains of a quadratic cost, LQG) is given plant, delay and disturbance as they are, which
+no guidance knows. Printed for several costs of turning: RMS of the radius, and standard deviation of the turn command.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import expm, solve_discrete_are, solve_discrete_lyapunov
+
+STEP = 0.1
+SPEED = 5.0
+ACROSS, FREQUENCY, DAMPING = 0.38, 0.32, 0.45
+"""Of the error of PX4's velocity across the circle: rms, m/s; rad/s; share of the critical."""
+COSTS = 300.0, 100.0, 30.0, 10.0, 3.0
+"""Of (rad/s)^2 of turn command, in m^2."""
+
+
+def best(cost: float, *, noise: float, delay: float) -> tuple[float, float]:
+    """RMS of the radius, m, and standard deviation of the turn command, deg/s, of ranges with this noise (m) and a
+    vehicle that turns this much later (s) than it is told."""
+    # radius error, course off the tangent, disturbance (m/s) and its change; then the commands under way
+    motion = np.zeros((5, 5))
+    motion[0, 1:3] = SPEED, 1.0
+    motion[1, 4] = motion[2, 3] = 1.0
+    motion[3, 2:4] = -(FREQUENCY**2), -2 * DAMPING * FREQUENCY
+    steps = round(delay / STEP)
+    n = 4 + steps
+    F, G, H = np.zeros((n, n)), np.zeros((n, 1)), np.eye(1, n)
+    F[:4, :5] = expm(motion * STEP)[:4]
+    F[range(4, n - 1), range(5, n)] = G[-1] = 1.0
+    Q, S, C = 1e-12 * np.eye(n), np.eye(1) * noise**2, 1e-9 * np.eye(n)
+    Q[3, 3], C[0, 0] = 4 * DAMPING * FREQUENCY**3 * ACROSS**2 * STEP, 1.0
+    P: NDArray[np.float64] = solve_discrete_are(F.T, H.T, Q, S)
+    K = P @ H.T / (H @ P @ H.T + S)
+    W: NDArray[np.float64] = solve_discrete_are(F, G, C, np.array([[cost]]))
+    L = np.linalg.solve(G.T @ W @ G + cost, G.T @ W @ F)
+    # truth and prediction together; the command goes by the estimate after the range
+    after = np.hstack([K @ H, np.eye(n) - K @ H])
+    both = np.vstack([np.hstack([F, 0 * F]) - G @ L @ after, (F - G @ L) @ after])
+    by_noise = np.vstack([-G @ L @ K, (F - G @ L) @ K])
+    driven = by_noise @ S @ by_noise.T
+    driven[:n, :n] += Q
+    X: NDArray[np.float64] = solve_discrete_lyapunov(both, driven)
+    turn = L @ (after @ X @ after.T + K @ S @ K.T) @ L.T
+    return float(np.sqrt(X[0, 0])), float(np.degrees(np.sqrt(turn[0, 0])))
+
+
+def main() -> None:
+    print("noise m, delay s: RMS m at a turn command of deg/s")
+    for noise in (0.5, 0.15):
+        for delay in (0.4, 0.7, 1.0):
+            figures = (best(cost, noise=noise, delay=delay) for cost in COSTS)
+            print(f"{noise:4.2f}, {delay:.1f}:", ", ".join(f"{rms:.2f} at {turn:.1f}" for rms, turn in figures))
+
+
+if __name__ == "__main__":
+    main()

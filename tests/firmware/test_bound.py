@@ -1,0 +1,8 @@
+from tests.firmware.bound import best
+
+
+def test_to_turn_less_or_later_or_by_worse_ranges_holds_the_circle_worse() -> None:
+    rms, turn = best(30.0, noise=0.5, delay=0.4)
+    calmer, calmer_turn = best(300.0, noise=0.5, delay=0.4)
+    assert calmer > rms and calmer_turn < turn
+    assert best(30.0, noise=0.5, delay=1.0)[0] > rms > best(30.0, noise=0.15, delay=0.4)[0]
