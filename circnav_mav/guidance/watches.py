@@ -65,8 +65,8 @@ def next_trim(
     trim: float, *, rate: float, r: float, change: float, r_d: float, V: float, step: float, saturated: bool
 ) -> float:
     """The trim (m), added to the radius that the law is fed, after `step` seconds to range r (m) in which it changed by
-    `change` (m), growing with `rate` (1/s) against the error that does not close by itself. It takes
-    the change, for a lasting error of the estimated range rate would become one of the radius.
+    `change` (m), growing with `rate` (1/s) against the error that does not close by itself. It goes by
+    the change of the range: a lasting error of the estimated range rate would become one of the radius.
 
     A law's radius rests on V and on the turn rate being what they are told to be; a vehicle whose true airspeed is 6 %
     above the indicated one flies 2 m outside a circle of 150 m.

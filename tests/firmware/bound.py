@@ -1,9 +1,10 @@
 """python -m tests.firmware.bound: how well any linear guidance could hold the circle of PX4's copter.
 
-PX4's estimate of its velocity is off by some .38 m/s across the circle, which comes and goes like an oscillator of .32
-rad/s, and the vehicle flies by it. Only the range shows that: .5 m of noise (.15: UWB), at 10 Hz. The best linear
-answer (a Kalman filter and the gains of a quadratic cost, LQG) is given plant, delay and disturbance as they are, which
-no guidance knows. Printed for several costs of turning: RMS of the radius, and standard deviation of the turn command.
+The emulator's PX4 copter, whose errors are fitted to firmware, is off by .38 m/s across the circle. The error comes and
+goes like an oscillator of .32 rad/s, and the vehicle flies by it. Only the range shows that: .5 m of noise (.15: UWB),
+at 10 Hz. The best linear answer (a Kalman filter and the gains of a quadratic cost, LQG) is given plant, delay and
+disturbance as they are, which no guidance knows. Printed for several costs of turning: RMS of the radius, and standard
+deviation of the turn command.
 """
 
 import numpy as np
@@ -13,7 +14,7 @@ from scipy.linalg import expm, solve_discrete_are, solve_discrete_lyapunov
 STEP = 0.1
 SPEED = 5.0
 ACROSS, FREQUENCY, DAMPING = 0.38, 0.32, 0.45
-"""Of the error of PX4's velocity across the circle: rms, m/s; rad/s; share of the critical."""
+"""Of the error of the velocity across the circle: rms, m/s; rad/s; share of the critical."""
 COSTS = 300.0, 100.0, 30.0, 10.0, 3.0
 """Of (rad/s)^2 of turn command, in m^2."""
 

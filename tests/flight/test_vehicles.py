@@ -170,8 +170,8 @@ def test_px4_copter_holds_its_height_although_zero_climb_rate_does_not() -> None
 
 
 def test_px4_copter_is_believed_to_follow_a_command_that_swings_through_zero() -> None:
-    """It answers within .4 s. Judged by the 1.3 s of its mission it seemed deaf: its path did not count, and on its
-    circle the target was searched for again."""
+    """It answers within half a second. Judged by the 1.3 s of its mission it seemed deaf: its path did not count, and
+    on its circle the target was searched for again."""
     flown = flight("px4_copter", "sim.wind.speed_mps=3.0", "sim.seed=4", "limits.duration_s=120.0", law="auto").fly(118)
     assert {tick.law for tick in flown.ticks if tick.time > 40} == {"drift"}
 
