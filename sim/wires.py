@@ -50,10 +50,8 @@ class UdpWire:
 
     def __init__(self, endpoint: Endpoint, first: str) -> None:
         self._first = first
+        self._peers = {resolved(endpoint): first} if endpoint.kind == "udpout" else {}
         self._socket = bound(socket.SOCK_DGRAM, endpoint)
-        self._peers: dict[tuple[str, int], str] = {}
-        if endpoint.kind == "udpout":
-            self._peers[resolved(endpoint)] = first
 
     def receive(self) -> list[Datagram]:
         """Everything that has arrived: (link name, bytes)."""
@@ -167,17 +165,21 @@ def bound(kind: socket.SocketKind, endpoint: Endpoint) -> socket.socket:
     if kind == socket.SOCK_STREAM:
         made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
-        if endpoint.kind == "udpout":
-            resolved(endpoint)
-            made.bind(("", 0))
-        else:
-            made.bind((endpoint.host, endpoint.port))
+        made.bind(("", 0) if endpoint.kind == "udpout" else (endpoint.host, endpoint.port))
     except OSError as error:
         made.close()
-        raise EndpointError(f"{endpoint}: cannot be opened: {(error.strerror or str(error)).lower()}") from error
+        raise _unusable(endpoint, error) from error
     made.setblocking(False)
     return made
 
 
 def resolved(endpoint: Endpoint) -> tuple[str, int]:
-    return socket.gethostbyname(endpoint.host), endpoint.port
+    """The host's address; raises EndpointError in one line."""
+    try:
+        return socket.gethostbyname(endpoint.host), endpoint.port
+    except OSError as error:
+        raise _unusable(endpoint, error) from error
+
+
+def _unusable(endpoint: Endpoint, error: OSError) -> EndpointError:
+    return EndpointError(f"{endpoint}: cannot be opened: {(error.strerror or str(error)).lower()}")

@@ -69,4 +69,5 @@ class Proxy:
 def _open(endpoint: Endpoint) -> tuple[socket.socket, tuple[str, int] | None]:
     if endpoint.kind == "tcpin":
         raise EndpointError(f"{endpoint}: the fault link speaks UDP only: udpin:HOST:PORT or udpout:HOST:PORT")
-    return bound(socket.SOCK_DGRAM, endpoint), resolved(endpoint) if endpoint.kind == "udpout" else None
+    peer = resolved(endpoint) if endpoint.kind == "udpout" else None
+    return bound(socket.SOCK_DGRAM, endpoint), peer
