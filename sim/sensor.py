@@ -25,8 +25,8 @@ class Character:
 # Figures of guidance literature for ultra-wideband and for 2.4 GHz LoRa ranging (SX1280).
 CHARACTERS = {
     "gaussian": Character(),
-    "uwb": Character(white=0.02, drift=0.15, drift_time=2.0, gap_rate=0.2),
-    "lora": Character(white=1.0, drift=2.0, drift_time=3.0, loss=0.1, near_bias=4.0),
+    "uwb": Character(white=0.02, drift=0.15, drift_time=3.0, gap_rate=0.2),
+    "lora": Character(white=1.0, drift=2.0, drift_time=5.0, loss=0.1, near_bias=4.0),
 }
 
 

@@ -42,6 +42,7 @@ MODELS = (
     (5e-2, 0, 0, 0, 1, 0),  # changes quickly
     (1e-2, 0.1, 0, 0, 1, 0),  # gusts
     (1e-7, 0.08, 0, 0, 1, 0),  # gusts in a wind that stands still
+    (1e-7, 0.02, 0, 0, 1, 0),  # small ones, or an autopilot whose heading is a degree off for seconds
     (3e-4, 0.05, 0.03, 1, 1, 0),  # gusts that accelerations tell
 )
 """m^2/s^3 of d, gust in V, noise of the nose in V, whether accelerations count, white and drifting part of sigma. A
