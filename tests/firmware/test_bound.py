@@ -1,4 +1,4 @@
-from tests.firmware.bound import best
+from tests.firmware.bound import best, told
 
 
 def test_to_turn_less_or_later_or_by_worse_ranges_holds_the_circle_worse() -> None:
@@ -6,3 +6,7 @@ def test_to_turn_less_or_later_or_by_worse_ranges_holds_the_circle_worse() -> No
     calmer, calmer_turn = best(300.0, noise=0.5, delay=0.4)
     assert calmer > rms and calmer_turn < turn
     assert best(30.0, noise=0.5, delay=1.0)[0] > rms > best(30.0, noise=0.15, delay=0.4)[0]
+
+
+def test_a_drift_that_wanders_hides_the_radius() -> None:
+    assert told(1e-3) > told(0.0)
