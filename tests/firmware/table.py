@@ -1,9 +1,9 @@
 """python -m tests.firmware.table --out DIR [--seeds N] [--jobs J] [--only TEXT]: the table of docs/firmware.md.
 
-Flies every row with every seed, J at once, and writes the table between the marks in docs/firmware.md. DIR keeps a line
-for each flight in results.jsonl and the run folders; what is there already is not flown again. Seeds differ in noise,
-start and direction of rotation. A vehicle without a binary is left out with the reason. Other options go to
-every flight (`tests.firmware.fly`).
+Flies every row with every seed, J at once, and writes the table between the marks in docs/firmware.md and its flights
+into docs/firmware.jsonl. DIR keeps a line for each flight in results.jsonl and the run folders; what is there already is
+not flown again. Seeds differ in noise, start and direction of rotation. A vehicle without a binary is left out with the
+reason. Other options go to every flight (`tests.firmware.fly`).
 """
 
 import argparse
@@ -29,6 +29,9 @@ PAGE = ROOT / "docs" / "firmware.md"
 MARKS = "<!-- flights -->\n", "<!-- end of flights -->\n"
 STARTS = ((70, True), (-70, False), (140, True), (-10, False), (-110, True))
 """Bearing of the target from the nose, deg, and whether clockwise; by seed."""
+OF_FLIGHT = ("vehicle", "radius", "speed", "direction", "seed", "wind", "turbulence", "start_bearing")
+LEFT_OUT = {"title", "texts", "modes", "from_app", "ranges", "hidden", "exit_code", "cpu", "own_position"}
+"""What the page's flights keep of their options, and leave out of their results."""
 LASTS, LASTS_PX4_COPTER = 170, 270
 """How long a flight lasts before the operator takes it over, s."""
 APART = 7.0
@@ -185,6 +188,16 @@ def write(lines: Iterator[str], page: Path = PAGE) -> None:
     page.write_text(before + MARKS[0] + "\n".join(["", *lines, ""]) + "\n" + MARKS[1] + after)
 
 
+def keep(flights: dict[tuple[str, int], dict[str, Any]], page: Path = PAGE) -> None:
+    """A line for each flight, row by row, beside the page."""
+    names = [row.name for row in ROWS]
+    lines = []
+    for name, seed in sorted(flights, key=lambda of: (names.index(of[0]), of[1])):
+        one = {key: value for key, value in flights[name, seed].items() if key not in LEFT_OUT}
+        lines.append(json.dumps({**one, "flight": {key: one["flight"][key] for key in OF_FLIGHT}}) + "\n")
+    page.with_suffix(".jsonl").write_text("".join(lines))
+
+
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.firmware.table", description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)  # fmt: skip
@@ -204,11 +217,13 @@ def main(arguments: list[str] | None = None) -> int:
         else:
             able.append(row)
     fly_all(able, options.seeds, options.jobs, options.out.resolve(), extra, lambda text: print(text, flush=True))
-    lines = list(table(list(ROWS), told(options.out / "results.jsonl")))
+    flown = told(options.out / "results.jsonl")
+    lines = table(list(ROWS), flown)
     if options.dry:
         print("\n".join(lines))
     else:
-        write(iter(lines), options.page)
+        write(lines, options.page)
+        keep(flown, options.page)
     return 0
 
 
