@@ -1,7 +1,7 @@
 """python -m tests.firmware.table --out DIR [--seeds N] [--jobs J] [--only TEXT]: the table of docs/firmware.md.
 
 Flies every row with every seed, J at once, and writes the table between the marks in docs/firmware.md and its flights
-into docs/firmware.jsonl. DIR keeps a line for each flight in results.jsonl and the run folders; what is there already is
+into docs/firmware.jsonl. DIR keeps a line for each flight in results.jsonl and the run folders; what is there is
 not flown again. Seeds differ in noise, start and direction of rotation. A vehicle without a binary is left out with the
 reason. Other options go to every flight (`tests.firmware.fly`).
 """
