@@ -21,6 +21,8 @@ from numpy.typing import NDArray
 from scipy.linalg import expm, solve_discrete_are, solve_discrete_lyapunov
 from scipy.optimize import nnls
 
+from tests.firmware.flight import PRESETS, VEHICLES
+
 STEP = 0.1
 FREQUENCY, DAMPING = 0.32, 0.45
 """Of the oscillator: rad/s; share of the critical."""
@@ -34,7 +36,7 @@ COSTS = 1000.0, 300.0, 100.0, 30.0, 10.0, 3.0
 
 def best(cost: float, *, noise: float, delay: float, case: str = "PX4 copter") -> tuple[float, float]:
     """RMS of the radius, m, and standard deviation of the turn command, deg/s, of ranges with this noise (m) and a
-    vehicle that turns this much later (s) than it is told."""
+    vehicle that turns this much later (s) than it is told. case: one of CASES."""
     speed, across, gust = CASES[case]
     # radius error, course off the tangent, disturbance (m/s) and its change; then the commands under way
     motion = np.zeros((5, 5))
@@ -71,8 +73,9 @@ def best(cost: float, *, noise: float, delay: float, case: str = "PX4 copter") -
 def told(wander: float) -> float:
     """RMS, m, of the radius that LoRa-like ranges tell on the plane's circle, where the drift wanders with this power
     density, m^2/s^3."""
-    V, r_d, white, drifting, memory, loss = 22.0, 150.0, 1.0, 2.0, 5.0, 0.1
-    keep, lap = np.exp(-STEP / memory), 2 * np.pi * r_d / V
+    V, r_d, radio = VEHICLES["plane"].speed, VEHICLES["plane"].radius, PRESETS["lora"]
+    drifting, variance = radio["drift"], radio["noise"] ** 2 / (1 - radio["loss"])
+    keep, lap = np.exp(-STEP / radio["drift_s"]), 2 * np.pi * r_d / V
     # position, drift, airspeed scale, drifting range error
     P = np.diag([r_d, r_d, 5.0, 5.0, 0.05, drifting]) ** 2
     F, Q = np.eye(6), np.diag([0, 0, wander * STEP, wander * STEP, 0, drifting**2 * (1 - keep**2)])
@@ -82,7 +85,7 @@ def told(wander: float) -> float:
     for time in np.arange(0.0, 150.0, STEP):
         x, y = np.cos(V * time / r_d), np.sin(V * time / r_d)
         H = np.array([x, y, 0, 0, 0, 1])
-        P -= np.outer(P @ H, H @ P) / (H @ P @ H + white**2 / (1 - loss))
+        P -= np.outer(P @ H, H @ P) / (H @ P @ H + variance)
         if time > 150.0 - 2 * lap:
             late.append(H[:2] @ P[:2, :2] @ H[:2])
         F[0, 4], F[1, 4] = -y * V * STEP, x * V * STEP
@@ -91,8 +94,9 @@ def told(wander: float) -> float:
 
 
 def squeezed(limit: float, *, speed: float = 23.4, wind: float = 5.0, radius: float = 150.0) -> float:
-    """RMS of the radius, m, of the truest lap at this airspeed in this wind (m/s) that turns no faster than limit
-    (rad/s), linear in the radius error: a least-distance problem (Lawson and Hanson, ch. 23)."""
+    """RMS of the radius, m, of the truest lap at this true airspeed in this wind (m/s) that turns no faster than limit
+    (rad/s), linear in the radius error: a least-distance problem (Lawson and Hanson, ch. 23). The defaults are
+    ArduPlane's, as flown: 22 m/s indicated are 23.4."""
     n = 180
     angle = 2 * np.pi * np.arange(n) / n
     nose = np.sqrt(speed**2 - (wind * np.sin(angle)) ** 2)

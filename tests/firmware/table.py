@@ -190,9 +190,8 @@ def write(lines: Iterator[str], page: Path = PAGE) -> None:
 
 def keep(flights: dict[tuple[str, int], dict[str, Any]], page: Path = PAGE) -> None:
     """A line for each flight, row by row, beside the page."""
-    names = [row.name for row in ROWS]
     lines = []
-    for name, seed in sorted(flights, key=lambda of: (names.index(of[0]), of[1])):
+    for name, seed in [of for row in ROWS for of in sorted(flights) if of[0] == row.name]:
         one = {key: value for key, value in flights[name, seed].items() if key not in LEFT_OUT}
         lines.append(json.dumps({**one, "flight": {key: one["flight"][key] for key in OF_FLIGHT}}) + "\n")
     page.with_suffix(".jsonl").write_text("".join(lines))
