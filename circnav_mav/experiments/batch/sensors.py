@@ -38,8 +38,8 @@ class Ranging:
         return np.hypot(self.white, self.drifting)
 
 
-UWB = Ranging(white=0.02, drifting=0.15)
-LORA = Ranging(white=1.0, drifting=2.0, every=2, loss=0.1, near_bias=3.0)
+UWB = Ranging(white=0.02, drifting=0.15, drift_time=3.0)
+LORA = Ranging(white=1.0, drifting=2.0, drift_time=5.0, every=2, loss=0.1, near_bias=3.0)
 
 
 @dataclass(frozen=True, slots=True)
