@@ -63,7 +63,7 @@ class Guidance:
             wanted = ESTIMATORS[wanted](EstimatorSettings(orbit.speed, orbit.max_turn_rate))
         self._estimator = wanted
         self._newest: float | None = None
-        self._answer = TurnAnswer(turn_lag)
+        self._answer = TurnAnswer(turn_lag, orbit.max_turn_rate)
 
     def observe(self, sample: RangeSample) -> bool:
         """Take in a range; tells whether it was accepted, or rejected as an outlier."""

@@ -75,13 +75,13 @@ def rate_gain(V: Number, r_d: Number, lag: Number) -> Number:
     return minimum(0.5 / (V * lag), 6 / r_d)
 
 
-def tolerated_drift(V: float, r_d: float, max_turn_rate: float, turn_gain: float = 1.0) -> float:
+def tolerated_drift(V: float, r_d: float, max_turn_rate: float) -> float:
     """Largest drift W, m/s, in which the circle can be held, below V; negative if not even in still air.
 
     (V + W)^2/(V omega_max) <= r_d: at the most downwind point the ground speed is V + W and the turn of the course
-    V/(V + W) times that of the nose. turn_gain: realised over commanded turn rate. Derived; necessary for every law.
+    V/(V + W) times that of the nose. max_turn_rate: as the vehicle reaches it. Derived; necessary for every law.
     """
-    return min(sqrt(r_d * V * max_turn_rate * turn_gain) - V, 0.99 * V)
+    return min(sqrt(r_d * V * max_turn_rate) - V, 0.99 * V)
 
 
 def settling_time(r: float, V: float, r_d: float, max_turn_rate: float) -> float:

@@ -18,6 +18,8 @@ Array = Any
 """A number of one flight, or an array of many."""
 Batch = NDArray[Any]
 """An array of many flights, the last axis."""
+Pair = tuple[Array, Array] | Array
+"""Two components: a tuple, or an array of shape (2, ...)."""
 Number = float | NDArray[np.float64]
 Flag = bool | NDArray[np.bool_]
 

@@ -13,12 +13,25 @@ from enum import IntEnum
 from math import inf, isfinite, pi
 from typing import Any
 
-from circnav_mav.guidance import laws
+from circnav_mav.guidance import lap_plan, laws
 from circnav_mav.guidance.laws import LAWS, Kind, Law
-from circnav_mav.guidance.maths import Array, Number, clip, exp, logical_not, magnitude, maximum, minimum, sin, where
+from circnav_mav.guidance.maths import (
+    Array,
+    Number,
+    Pair,
+    arctan2,
+    clip,
+    exp,
+    logical_not,
+    magnitude,
+    maximum,
+    minimum,
+    sin,
+    where,
+)
 from circnav_mav.guidance.turn_response import Pending
 from circnav_mav.guidance.types import SAME_TIME, Orbit, RangeEstimate, RelativeMotion, TurnCommand
-from circnav_mav.guidance.vector_field import Pair, drift, drift_gains, mirrored, mirrored_pair, orbit_turn_rate
+from circnav_mav.guidance.vector_field import drift, drift_gains, mirrored, mirrored_pair, orbit_turn_rate
 
 LONGEST_STEP = 0.5
 """A longer time between two commands counts as this, s: nothing may build up over a gap."""
@@ -39,7 +52,7 @@ WEAVE_SHARE, WEAVE_PERIOD = 0.7, 6.0
 """Amplitude in units of the turn-rate limit, and period, s: some 30 deg to either side."""
 FADE = 0.2
 """Time constant of a handover, s."""
-AWAY, BACK = 0.5, 0.1
+AWAY, BACK = 0.4, 0.1
 """By how many radii a trial may lead away before feedforward flies instead, and how near that has to come to the
 closest range of the search again before a guess is worth another try."""
 
@@ -154,13 +167,14 @@ def hand_over(
 @dataclass(frozen=True, slots=True)
 class StepState:
     """What a step remembers. time: of the command before, s. memory: the integral of `pi`, m. drift_x, drift_y: the
-    smoothed drift, m/s."""
+    smoothed drift, m/s. offset: of what it steers to from the circle, outward, m."""
 
     time: Number = -inf
     memory: Number = 0.0
     handover: Handover = AT_START
     drift_x: Number = 0.0
     drift_y: Number = 0.0
+    offset: Number = 0.0
 
 
 def step(before: StepState, settings: StepSettings, inputs: Inputs) -> tuple[StepState, TurnCommand]:
@@ -182,21 +196,21 @@ def _with_relative_motion(
     """`auto` and `drift`, seen so that the orbit is counter-clockwise; only what leaves has its sense again."""
     s, relative, radius = settings.sense, inputs.relative, settings.fed + inputs.trim
     by_range = s * settings.law.function(inputs.r, inputs.r_dot, V=settings.V, r_d=radius, k=settings.k)
-    by_drift, trusted, drift_x, drift_y = by_range, False, before.drift_x, before.drift_y
+    by_drift, trusted, drift_x, drift_y, offset = by_range, False, before.drift_x, before.drift_y, 0.0
     if relative is not None:
         # how far the drift is ahead of the smoothed one tells its change; smoothing begins where the drift law steers
         follows, share = before.handover.flies == Flies.DRIFT, dt / (CHANGE_TIME + dt)
         drift_x = where(follows, drift_x + share * (relative.drift_x - drift_x), relative.drift_x)
         drift_y = where(follows, drift_y + share * (relative.drift_y - drift_y), relative.drift_y)
         change = (relative.drift_x - drift_x) / CHANGE_TIME, (relative.drift_y - drift_y) / CHANGE_TIME
-        by_drift, trusted = _by_drift(settings, relative, change, inputs), relative.trusted
+        (by_drift, offset), trusted = _by_drift(settings, relative, change, inputs), relative.trusted
     handover = hand_over(
         before.handover, dt, trusted=trusted, favourite=_tried(before.handover, settings, inputs),
         by_range=by_range, by_bank=by_drift, limit=settings.limit, r=inputs.r, r_d=settings.r_d,
     )  # fmt: skip
     demanded = where(handover.flies == Flies.FEEDFORWARD, by_range, by_drift)
     cut: Any = magnitude(handover.command) >= AT_LIMIT * settings.limit
-    after = StepState(inputs.time, before.memory, handover, drift_x, drift_y)
+    after = StepState(inputs.time, before.memory, handover, drift_x, drift_y, where(trusted, offset, 0.0))
     return after, TurnCommand(s * handover.command, s * demanded, cut)
 
 
@@ -212,14 +226,17 @@ def _tried(before: Handover, settings: StepSettings, inputs: Inputs) -> Array:
     return where(relative.drift_remembered & circling & patient, -1, relative.trial)
 
 
-def _by_drift(settings: StepSettings, relative: RelativeMotion, change: Pair, inputs: Inputs) -> Array:
-    """The drift law, seen so that the orbit is counter-clockwise. change: of the drift, m/s^2."""
+def _by_drift(settings: StepSettings, relative: RelativeMotion, change: Pair, inputs: Inputs) -> tuple[Array, Array]:
+    """The drift law, seen so that the orbit is counter-clockwise, and by how much what it steers to is outside of the
+    circle here, m. change: of the drift, m/s^2."""
     p, d = (relative.x, relative.y), (relative.drift_x, relative.drift_y)
     here = mirrored(p, d, relative.heading, inputs.pending, settings.sense)
     V, r_d = maximum(relative.airspeed, 0.1 * settings.V), settings.r_d + inputs.trim
     gains = drift_gains(V, inputs.pending.ahead + inputs.pending.told_late, inputs.pending.settles, inputs.share)
     change = mirrored_pair(change, settings.sense)
-    return drift(*here, V=V, r_d=r_d, max_turn_rate=settings.limit, gains=gains, change=change)
+    lap = lap_plan.plan(here[1], V=V, r_d=r_d, limit=minimum(settings.limit, inputs.pending.most))
+    turn = drift(*here, V=V, r_d=r_d, max_turn_rate=settings.limit, gains=gains, change=change, lap=lap)
+    return turn, 0.0 if lap is None else lap.at(arctan2(here[0][1], here[0][0]))[0] - r_d
 
 
 def hold(settings: StepSettings, relative: RelativeMotion | None, pending: Pending) -> TurnCommand:
@@ -268,7 +285,7 @@ def steering(orbit: Orbit, choice: LawChoice) -> Steering:
         if not settings.law.flies_relative_motion:
             return command
         flies = state.handover.flies
-        return replace(command, flies=flies.name.lower(), why=WHY[flies])
+        return replace(command, flies=flies.name.lower(), why=WHY[flies], offset=float(state.offset))
 
     return steer
 

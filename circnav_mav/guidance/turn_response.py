@@ -71,12 +71,14 @@ class Response:
 @dataclass(frozen=True, slots=True)
 class Pending:
     """turn: commanded but not turned yet, rad. ahead: the time it takes, s. settles: how fast the vehicle's answer
-    does, 1/s. told_late: how much later than it is flown a turn is known, s."""
+    does, 1/s. told_late: how much later than it is flown a turn is known, s. most: turn rate that the vehicle reaches,
+    rad/s."""
 
     turn: Array
     ahead: Array
     settles: Array = 10.0
     told_late: float = 0.0
+    most: Array = inf
 
 
 class PendingTurn:
@@ -241,23 +243,62 @@ class ResponseLearner:
 TOLD_LATE = 0.2
 """How much later than its bank a plane's nose turns, s, as seen on ArduPlane 4.6.3: the side-slip is known no sooner.
 With gains for the bank alone, LoRa-like ranges cost 2.7 instead of 1.9 m there."""
+SHORT = 0.95
+"""Share of the commanded turn, both smoothed over a second, below which a bank counts as cut: a limit that leaves more
+costs less than the lag between the two."""
+STANDS, STANDS_FOR = 0.03, 1.0
+"""A bank that is cut stands at its limit where it differs by less than this share from its mean over a second, for so
+long, s: one that rolls does not."""
+LIMIT_SHARE = 0.02
+"""Share of a limit as found now in the mean of what was found: some 50 reports, a few seconds at the limit."""
 LONGEST_FELT = 1.0
 """Most time, s, for which a bank counts from one report to the next."""
+
+
+@dataclass(frozen=True, slots=True)
+class BankLimit:
+    """Recognises the bank beyond which a vehicle does not go, however much is commanded: its autopilot's limit is below
+    the mission's. Turn rates in rad/s.
+
+    bank: the turn that the limit asks for if it is coordinated; inf while nothing is known. turn: of the nose there.
+    short: whether the vehicle banks less than commanded now. since: when it last did as commanded, or still rolled, s.
+    """
+
+    bank: float = inf
+    turn: float = inf
+    short: bool = False
+    since: float = inf
+
+    def follow(self, time: float, commanded: float, banked: float, turned: float, now: float) -> "BankLimit":
+        """Take in the commanded turn, the bank's and the nose's, all smoothed over a second, and the bank's now."""
+        short = abs(banked) < SHORT * abs(commanded)
+        stands = short and banked * commanded > 0 and abs(now - banked) < STANDS * abs(banked)
+        since = min(self.since, time) if stands else time
+        if stands and time - since >= STANDS_FOR:
+            if self.bank == inf:
+                return BankLimit(abs(banked), abs(turned), short, since)
+            bank, turn = self.bank, self.turn
+            bank, turn = bank + LIMIT_SHARE * (abs(banked) - bank), turn + LIMIT_SHARE * (abs(turned) - turn)
+            return BankLimit(bank, turn, short, since)
+        # commands are not cut to the limit, so a bank beyond it shows that it was found too low
+        wrong = abs(banked) > (1 + STANDS) * self.bank
+        return BankLimit(short=short, since=since) if wrong else replace(self, short=short, since=since)
 
 
 class TurnAnswer:
     """What is known of how one vehicle answers in flight, and what it has not answered yet.
 
     by_command: turn rate as it was commanded and as flown. by_bank: the same of the bank that it has; None before it
-    was commanded and told a bank. link: there and back, s.
+    was commanded and told a bank. link: there and back, s. bank_limit: of its autopilot, as found in flight.
     """
 
-    def __init__(self, lag: float, *, gain: float | None = None, link: float = 0.0) -> None:
-        """lag: from a command to its turn before the flight has told, s. gain: realised over commanded turn rate; None:
-        learnt."""
-        self._gain, self.link = gain, link
+    def __init__(self, lag: float, limit: float, *, gain: float | None = None, link: float = 0.0) -> None:
+        """lag: from a command to its turn before the flight has told, s. limit: of the commands, rad/s. gain: realised
+        over commanded turn rate; None: learnt."""
+        self._gain, self._limit, self.link = gain, limit, link
         self.by_command = TurnGain(gain=gain or 1.0)
         self.by_bank: TurnGain | None = None
+        self.bank_limit = BankLimit()
         self._learner, self._pending = ResponseLearner(lag), PendingTurn()
         self._turned, self._felt_at = 0.0, inf
         self._commanded: float | None = None
@@ -268,20 +309,26 @@ class TurnAnswer:
         return self._gain or float((self.by_bank or self.by_command).gain)
 
     @property
+    def most(self) -> float:
+        """Turn rate that the vehicle reaches, rad/s."""
+        return min(self._limit * self.gain, self.bank_limit.turn)
+
+    @property
     def response(self) -> Response:
         """Delay and lag, as used now."""
         return self._learner.response(self.link)
 
     def pending(self, now: float, turn_rate: Array) -> Pending:
         """What is commanded but not turned yet; turn_rate: of the vehicle now, rad/s."""
-        pending = self._pending.at(now, self.response, turn_rate)
-        return pending if self.by_bank is None else replace(pending, told_late=TOLD_LATE)
+        late = 0.0 if self.by_bank is None else TOLD_LATE
+        return replace(self._pending.at(now, self.response, turn_rate), told_late=late, most=self.most)
 
     def command(self, now: float, rate: float) -> None:
         """From this time (s) on the vehicle is told to turn at this rate, rad/s."""
-        self._commanded = rate
-        self._learner.command(now, rate)
-        self._pending.command(now, rate * self.gain)
+        self._commanded, most = rate, self.bank_limit.bank
+        reached = min(max(rate, -most), most)
+        self._learner.command(now, reached)
+        self._pending.command(now, reached * self.gain)
 
     def feel(self, own: OwnMotion) -> bool:
         """Learn from the vehicle's heading, or bank; tells whether it was commanded."""
@@ -300,6 +347,10 @@ class TurnAnswer:
         # with the lag that the mission states, a copter that answers sooner seemed not to do as it was told
         lag = self.response.delay
         self.by_command = learn(self.by_command, lag=lag, time=own.time, heading=own.heading, command=self._commanded)
+        if self.by_bank is not None and own.bank_turn is not None:
+            commanded, turned = float(self.by_command.smooth_command), float(self.by_command.smooth_rate)
+            banked = float(self.by_bank.smooth_command)
+            self.bank_limit = self.bank_limit.follow(own.time, commanded, banked, turned, own.bank_turn)
         return True
 
     def reset(self) -> None:

@@ -173,7 +173,8 @@ class TurnCommand:
 
     turn_rate: what to command, rad/s. demanded: what the law wants it to turn at; the two differ by the vehicle's
     turn-rate gain. saturated: whether the limit cut it. flies, why: which of several laws it is and the reason, for
-    people; empty where there is only one.
+    people; empty where there is only one. offset: by how much it steers outside of the circle here, m,
+    where the vehicle cannot turn as the circle asks.
     """
 
     turn_rate: TurnRate
@@ -181,3 +182,4 @@ class TurnCommand:
     saturated: bool
     flies: str = ""
     why: str = ""
+    offset: float = 0.0

@@ -10,8 +10,10 @@ All of this is for a counter-clockwise orbit, omega > 0 to the left; `mirrored` 
 from dataclasses import dataclass, replace
 from math import pi
 
+from circnav_mav.guidance.lap_plan import Lap
 from circnav_mav.guidance.maths import (
     Array,
+    Pair,
     arccos,
     arcsin,
     arctan2,
@@ -28,8 +30,6 @@ from circnav_mav.guidance.maths import (
 )
 from circnav_mav.guidance.turn_response import Pending
 
-Pair = tuple[Array, Array] | Array
-"""Two components: a tuple, or an array of shape (2, ...)."""
 STEP = 0.05
 """Half the interval of the central difference of the field along the path, s."""
 REACHABLE = 0.98
@@ -82,26 +82,32 @@ def inward_angle(r: Array, *, r_d: Array, k: Array, sharpest: Array) -> Array:
     return k * e * most / sqrt(most**2 + (k * e) ** 2 + 1e-12)
 
 
-def field_heading(p: Pair, d: Pair, *, V: Array, r_d: Array, k: Array, max_turn_rate: Array) -> Array:
-    """Heading (rad) whose ground course follows the field at p (2, ...), drift d (2, ...), true airspeed V."""
-    r = hypot(p[0], p[1])
+def field_heading(
+    p: Pair, d: Pair, *, V: Array, r_d: Array, k: Array, max_turn_rate: Array, lap: Lap | None = None
+) -> Array:
+    """Heading (rad) whose ground course follows the field at p (2, ...), drift d (2, ...), true airspeed V. lap: flown
+    in the place of the circle."""
+    r, angle, outward = hypot(p[0], p[1]), arctan2(p[1], p[0]), 0.0
+    if lap is not None:
+        r_d, slope = lap.at(angle)
+        outward = arctan2(slope, r_d)
     sharpest = max_turn_rate / (V + hypot(d[0], d[1]))
-    course = arctan2(p[1], p[0]) + pi / 2 + inward_angle(r, r_d=r_d, k=k, sharpest=0.7 * sharpest)
+    course = angle + pi / 2 - outward + inward_angle(r, r_d=r_d, k=k, sharpest=0.7 * sharpest)
     across = cos(course) * d[1] - sin(course) * d[0]
     return course - arcsin(clip(across / V, -REACHABLE, REACHABLE))
 
 
 def drift(
     p: Pair, d: Pair, psi: Array, pending: Pending, *, V: Array, r_d: Array, max_turn_rate: Array, gains: DriftGains,
-    change: Pair = (0.0, 0.0),
+    change: Pair = (0.0, 0.0), lap: Lap | None = None,
 ) -> Array:  # fmt: skip
     """Turn rate (rad/s): the field's rotation, seen as far ahead as the vehicle's answer takes, plus the heading error
     times its gain, of which what is already under way is taken off. Outside the circle it turns away from the target
     rather than past it.
 
     p = vehicle - target (2, ...), m. d = wind - target velocity (2, ...), m/s. psi: heading, rad. pending: what is
-    commanded but not turned yet. V: true airspeed, m/s. change: of d (2, ...), m/s^2. Condition: r_d >= (V + W)^2/(V
-    max_turn_rate) and W < V.
+    commanded but not turned yet. V: true airspeed, m/s. change: of d (2, ...), m/s^2. Condition: W < V; and r_d >=
+    (V + W)^2/(V max_turn_rate), or a lap that is flown instead.
     """
     ahead, rate = pending.ahead, pending.turn / maximum(pending.ahead, STEP)
 
@@ -109,7 +115,7 @@ def drift(
         x, y = chord_parts(V, psi, rate * time, time)
         there = p[0] + d[0] * time + x, p[1] + d[1] * time + y
         then = d[0] + change[0] * time, d[1] + change[1] * time
-        return field_heading(there, then, V=V, r_d=r_d, k=gains.radial, max_turn_rate=max_turn_rate)
+        return field_heading(there, then, V=V, r_d=r_d, k=gains.radial, max_turn_rate=max_turn_rate, lap=lap)
 
     rotation = wrap(wanted(ahead + STEP) - wanted(ahead - STEP)) / (2 * STEP)
     # under way is what was commanded beyond the rotation: so a delay that is not quite known leaves no lasting error

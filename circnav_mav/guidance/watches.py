@@ -123,14 +123,14 @@ class DriftAlarm:
         return f"drift {self.drift:.1f} m/s, this circle allows {self.allowed:.1f}"
 
 
-def watch_drift(alarm: DriftAlarm, estimate: RangeEstimate | None, orbit: Orbit, turn_gain: float) -> DriftAlarm:
-    """The alarm after an estimate; unchanged by one that does not know the drift. turn_gain: realised over commanded
-    turn rate, as learnt."""
+def watch_drift(alarm: DriftAlarm, estimate: RangeEstimate | None, orbit: Orbit, most_turn: float) -> DriftAlarm:
+    """The alarm after an estimate; unchanged by one that does not know the drift. most_turn: turn rate that the vehicle
+    reaches, as learnt, rad/s."""
     motion = estimate.relative if estimate is not None else None
     if estimate is None or motion is None or not motion.trusted:
         return alarm
     V = max(motion.airspeed, 0.1 * orbit.speed)
-    allowed = max(tolerated_drift(V, orbit.radius, orbit.max_turn_rate, turn_gain), 0.0)
+    allowed = max(tolerated_drift(V, orbit.radius, most_turn), 0.0)
     drift = motion.drift
     if not drift > allowed * (ALLOWED_AGAIN if alarm.on else 1.0):
         return DriftAlarm(False, None, drift, allowed)

@@ -150,7 +150,7 @@ def _expected_gain(mission: Mission) -> float:
 def drift_allowed(mission: Mission) -> float:
     """Wind less target motion, m/s, in which the circle can be held; not positive if not even in still air."""
     orbit = mission.orbit
-    return tolerated_drift(orbit.speed, min(mission.radii), orbit.max_turn_rate, _expected_gain(mission))
+    return tolerated_drift(orbit.speed, min(mission.radii), orbit.max_turn_rate * _expected_gain(mission))
 
 
 def _drift(mission: Mission) -> Iterator[Check]:

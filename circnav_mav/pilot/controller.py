@@ -27,9 +27,6 @@ commanded and flown at different moments for as long."""
 DRIFT = Flies.DRIFT.name.lower()
 LONGEST_DELAY = 2.0
 """Most delay of the link, s, that the gains are made for."""
-SHORT = 0.95
-"""Share of the commanded turn, both smoothed over a second, below which a bank counts as cut: a limit that leaves more
-costs less than the lag between the two."""
 LONGEST_TRIM_STEP = 0.2
 """Most time, s, that the radius integral counts between two steps: a gap is not an error that lasted."""
 
@@ -53,7 +50,7 @@ class Controller:
             )
         )
         lag, gain, link = settings.turn_lag, settings.turn_gain, settings.timing.tick
-        self._answer = TurnAnswer(lag, gain=gain, link=link)
+        self._answer = TurnAnswer(lag, orbit.max_turn_rate, gain=gain, link=link)
         self.watch = CommandWatch()
         """For a turn command that swings from limit to limit: how often it did, and what that has left of the gains."""
         self._followed_at = self._slow_at = float("-inf")
@@ -75,6 +72,11 @@ class Controller:
         return self._answer.gain
 
     @property
+    def most_turn(self) -> float:
+        """Turn rate that the vehicle reaches, rad/s."""
+        return self._answer.most
+
+    @property
     def response(self) -> Response:
         """How the vehicle answers turn commands, as used now."""
         return self._answer.response
@@ -83,12 +85,6 @@ class Controller:
     def followed(self) -> bool:
         """Whether the vehicle turns as commanded."""
         return bool(self._answer.by_command.followed)
-
-    @property
-    def _short_of_bank(self) -> bool:
-        """Whether the vehicle banks less than commanded: its autopilot's limit is below the mission's."""
-        commanded, banked = float(self._answer.by_command.smooth_command), self._answer.by_bank
-        return banked is not None and abs(float(banked.smooth_command)) < SHORT * abs(commanded)
 
     @property
     def at_speed(self) -> bool:
@@ -162,10 +158,10 @@ class Controller:
                 rate=self._settings.radius_trim,
                 r=estimate.r,
                 change=estimate.r - before[1] if step <= LONGEST_TRIM_STEP else 0.0,
-                r_d=self.orbit.radius,
+                r_d=self.orbit.radius + command.offset,
                 V=self.orbit.speed,
                 step=min(step, LONGEST_TRIM_STEP),
-                saturated=command.saturated or self._short_of_bank,
+                saturated=command.saturated or self._answer.bank_limit.short,
             )
 
     def _state(self, session: Session, now: float, *, engaged: bool) -> Addressee:

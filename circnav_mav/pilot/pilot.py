@@ -334,7 +334,7 @@ class Pilot:
         for name in sorted(rivals - self._rivals):
             self._say(f"rival of {name}", f"{name}: second sender rejected")
         self._rivals = rivals
-        self.drift_alarm = alarm = watch_drift(self.drift_alarm, estimate, controller.orbit, controller.turn_gain)
+        self.drift_alarm = alarm = watch_drift(self.drift_alarm, estimate, controller.orbit, controller.most_turn)
         self._say_news("drift", alarm.on, alarm.text)
         self._say_news("circle", id(controller.orbit), f"next circle, {_circle(controller.orbit)}")
         if command is not None and command.flies:

@@ -103,8 +103,11 @@ def squeezed(limit: float, *, speed: float = 23.4, wind: float = 5.0, radius: fl
     ground = nose + wind * np.cos(angle)
     turn = ground**2 / (radius * nose)
     one = np.eye(n)
-    bend = one + (np.roll(one, 1, 1) - 2 * one + np.roll(one, -1, 1)) / (2 * np.pi / n) ** 2
-    G, h = (turn / radius)[:, None] * bend, turn - limit  # G e >= h
+    step = 2 * np.pi / n
+    bend = one + (np.roll(one, 1, 1) - 2 * one + np.roll(one, -1, 1)) / step**2
+    slope = (np.roll(one, 1, 1) - np.roll(one, -1, 1)) / (2 * step)
+    # a course that is not the circle's meets the wind at another angle
+    G, h = (turn[:, None] * bend + np.gradient(turn, step)[:, None] * slope) / radius, turn - limit  # G e >= h
     E, f = np.vstack([G.T, h]), np.eye(n + 1)[-1]
     rest = E @ nnls(E, f, maxiter=20000)[0] - f
     error = -rest[:-1] / rest[-1]

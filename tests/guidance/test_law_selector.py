@@ -35,7 +35,7 @@ def test_a_trial_that_leads_away_ends_and_the_next_one_waits_until_the_way_is_ma
     ranges = [*np.linspace(300, 340, 100), *np.linspace(340, 360, 50), *np.linspace(360, 305, 100)]
     seen = [(r, step.flies) for r, step in zip(ranges, go_on(Handover(), ranges, favourite=3), strict=True)]
     away = [r for r, flies in seen[20:150] if flies != Flies.TRIAL]
-    assert min(away) == pytest.approx(350.0, abs=1.0)  # half a radius
+    assert min(away) == pytest.approx(340.0, abs=1.0)  # two fifths of a radius
     back = [r for r, flies in seen[150:] if flies == Flies.TRIAL]
     assert max(back) == pytest.approx(310.0, abs=1.0)  # a tenth of one
 

@@ -15,19 +15,21 @@ ALLOWED = sqrt(R * V * LIMIT) - V
 QUIET = DriftAlarm()
 
 
-def after(drifts, gain=1.0, *, alarm=QUIET, start=0.0, trusted=True):
+def after(drifts, most_turn=LIMIT, *, alarm=QUIET, start=0.0, trusted=True):
     """The alarm after estimates of drift, 10 a second."""
     for at, drift in enumerate(drifts):
         motion = known(drift_x=0.6 * drift, drift_y=0.8 * drift, trusted=trusted)
-        alarm = watch_drift(alarm, RangeEstimate(start + 0.1 * at, 100.0, 0.0, 0.5, 0.1, relative=motion), ORBIT, gain)
+        alarm = watch_drift(
+            alarm, RangeEstimate(start + 0.1 * at, 100.0, 0.0, 0.5, 0.1, relative=motion), ORBIT, most_turn
+        )
     return alarm
 
 
-@pytest.mark.parametrize(("gain", "allowed"), [(1.0, ALLOWED), (0.72, sqrt(0.72 * R * V * LIMIT) - V)])
-def test_it_is_raised_at_the_drift_that_the_turn_rate_really_reached_allows(gain, allowed):
+@pytest.mark.parametrize(("most", "allowed"), [(LIMIT, ALLOWED), (0.72 * LIMIT, sqrt(0.72 * R * V * LIMIT) - V)])
+def test_it_is_raised_at_the_drift_that_the_turn_rate_really_reached_allows(most, allowed):
     """Most downwind the ground speed is V + W and the course turns by V/(V + W) of the nose's rate."""
-    assert not after([allowed - 0.01] * 100, gain).on
-    raised = after([allowed + 0.01] * 100, gain)
+    assert not after([allowed - 0.01] * 100, most).on
+    raised = after([allowed + 0.01] * 100, most)
     assert (raised.on, raised.allowed) == (True, pytest.approx(allowed))
 
 
@@ -37,7 +39,7 @@ def test_a_gust_raises_nothing_a_lull_does_not_end_it_and_what_is_not_trusted_ch
     assert after([0.95 * ALLOWED], alarm=raised, start=5.0).on
     assert not after([0.89 * ALLOWED], alarm=raised, start=5.0).on
     assert after([0.0] * 40, alarm=raised, trusted=False) == raised
-    assert after([ALLOWED + 2] * 40, trusted=False) == watch_drift(QUIET, None, ORBIT, 1.0) == QUIET
+    assert after([ALLOWED + 2] * 40, trusted=False) == watch_drift(QUIET, None, ORBIT, LIMIT) == QUIET
 
 
 def test_its_words_fit_a_statustext_with_our_name():

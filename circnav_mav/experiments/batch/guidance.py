@@ -2,7 +2,7 @@
 and its closed loop with world, radio and senses."""
 
 from collections.abc import Callable
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -70,7 +70,8 @@ class Guidance:
         self.estimator.observe(seen, true)
         self._sure_at = np.where(self.estimator.taken, now, self._sure_at)
         if self.settings.law.flies_relative_motion:
-            self._pending = self._pending_turn.at(now, self._response, seen.turn_rate)
+            pending = self._pending_turn.at(now, self._response, seen.turn_rate)
+            self._pending = replace(pending, most=self._gain.gain * self.settings.limit)
 
     def feel(self, now: float, heading: Array, flies: Array) -> None:
         """Learn the turn gain from a heading (B,)."""

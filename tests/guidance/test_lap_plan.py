@@ -1,0 +1,120 @@
+"""The lap of a vehicle that cannot turn as its circle asks, against the geometry of the planned curve."""
+
+from itertools import pairwise
+from math import hypot, inf, pi
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
+from circnav_mav.guidance.lap_plan import ANGLES, plan
+from circnav_mav.guidance.maths import chord_parts, clip
+from circnav_mav.guidance.turn_response import BankLimit, PendingTurn, Response
+from circnav_mav.guidance.vector_field import drift, drift_gains, mirrored
+from tests.firmware.bound import squeezed
+
+V, R_D, WIND = 23.4, 150.0, 5.0
+"""ArduPlane as flown. Its circle asks for up to .230 rad/s."""
+LIMIT = 0.215
+UNKNOWN = BankLimit()
+
+
+def geometry(lap, wind):
+    """Turn rates of the nose along a planned curve, rad/s, and its RMS off the circle over time, m: by positions alone,
+    without the plan's own equation."""
+    knots = np.linspace(-pi, pi, ANGLES, endpoint=False) + lap.downwind
+    radii = [lap.at(float(angle))[0] for angle in knots]
+    curve = CubicSpline([*knots, knots[0] + 2 * pi], [*radii, radii[0]], bc_type="periodic")
+    angle = np.linspace(knots[0], knots[0] + 2 * pi, 4000)
+    place = curve(angle) * np.exp(1j * angle)
+    course = np.unwrap(np.angle(np.gradient(place)))
+    blows = wind * np.exp(-1j * course)
+    time = np.abs(np.gradient(place)) / (np.sqrt(V**2 - blows.imag**2) + blows.real)
+    turn = np.gradient(course - np.arcsin(blows.imag / V)) / time
+    of_a_knot = round(4000 / ANGLES)  # between two of them a spline swings where the bend begins
+    smooth = np.convolve(turn, np.ones(of_a_knot) / of_a_knot, "valid")
+    return smooth, float(np.sqrt(np.average((abs(place) - R_D) ** 2, weights=time)))
+
+
+@pytest.mark.parametrize("blows", [0.0, 2.3])
+def test_the_planned_lap_keeps_the_limit_and_is_nearly_the_truest_that_does(blows):
+    """The least RMS is worked out apart, in tests/firmware/bound.py; a plan for less than the limit has more."""
+    wind = WIND * np.exp(1j * blows)
+    lap = plan((wind.real, wind.imag), V=V, r_d=R_D, limit=LIMIT)
+    assert lap is not None
+    turn, rms = geometry(lap, wind)
+    assert turn.max() < 1.01 * LIMIT
+    assert squeezed(LIMIT) < rms < squeezed(0.98 * LIMIT)
+
+
+def test_a_circle_within_the_limit_needs_no_plan():
+    assert plan((WIND, 0.0), V=V, r_d=R_D, limit=0.24) is None
+    assert plan((0.0, 0.0), V=V, r_d=R_D, limit=V / R_D * 1.02) is None
+
+
+def test_many_flights_are_planned_as_one_and_those_within_the_limit_keep_their_circle():
+    d = np.array([[5.0, 5.0, -2.0], [0.0, 0.0, 4.0]])
+    limit, angle = np.array([LIMIT, 0.4, LIMIT]), np.array([0.3, 0.3, -2.0])
+    many = plan(d, V=np.full(3, V), r_d=R_D, limit=limit)
+    assert many is not None
+    radius, slope = many.at(angle)
+    assert (radius[1], slope[1]) == (R_D, 0.0)
+    for i in (0, 2):
+        one = plan((float(d[0, i]), float(d[1, i])), V=V, r_d=R_D, limit=LIMIT)
+        assert one is not None
+        assert one.at(float(angle[i])) == pytest.approx((radius[i], slope[i]))
+
+
+def flown(limit_known, sense=1.0, seconds=240.0, dt=0.05):
+    """RMS off the circle over the last two laps, m, of a vehicle that turns no faster than LIMIT, and its angular
+    momentum at the end."""
+    lag, p, psi, rate, d = 0.4, (R_D + 40.0, 0.0), 1.5 * sense, 0.0, (3.0, -4.0)
+    under_way, response, errors = PendingTurn(), Response(0.0, lag, 1 / lag), []
+    for i in range(round(seconds / dt)):
+        here = mirrored(p, d, psi, under_way.at(i * dt, response, rate), sense)
+        lap = plan(here[1], V=V, r_d=R_D, limit=LIMIT) if limit_known else None
+        gains = drift_gains(V, lag, 1 / lag)
+        command = clip(sense * drift(*here, V=V, r_d=R_D, max_turn_rate=0.3, gains=gains, lap=lap), -LIMIT, LIMIT)
+        under_way.command(i * dt, command)
+        rate += (command - rate) * dt / lag
+        x, y = chord_parts(V, psi, rate * dt, dt)
+        p, psi = (p[0] + x + d[0] * dt, p[1] + y + d[1] * dt), psi + rate * dt
+        errors.append(hypot(*p) - R_D)
+    last = errors[-round(4 * pi * R_D / V / dt) :]
+    v = V * np.cos(psi) + d[0], V * np.sin(psi) + d[1]
+    return float(np.sqrt(np.mean(np.square(last)))), p[0] * v[1] - p[1] * v[0]
+
+
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_a_vehicle_at_its_limit_flies_the_planned_lap_truer_than_the_circle(sense):
+    planned, momentum = flown(True, sense)
+    assert planned < 1.3 * squeezed(0.98 * LIMIT)
+    assert planned < 0.5 * flown(False, sense)[0]
+    assert momentum * sense > 0
+
+
+def after(*banks, commanded=0.4, step=0.05, limit=UNKNOWN):
+    """What is known of a limit after banks (as turn rates) of a vehicle whose nose turns .7 of them."""
+    for i, (before, now) in enumerate(pairwise(banks)):
+        limit = limit.follow(i * step, commanded, before, 0.7 * before, now)
+    return limit
+
+
+def test_a_bank_that_stays_below_what_is_commanded_for_a_second_is_the_limit():
+    assert after(*[0.3] * 15).bank == inf
+    found = after(*[0.3] * 60)
+    assert (found.bank, found.turn) == pytest.approx((0.3, 0.21))
+    assert after(*[-0.3] * 60, commanded=-0.4).turn == pytest.approx(0.21)
+
+
+@pytest.mark.parametrize(
+    ("banks", "commanded"),
+    [([0.39] * 60, 0.4), (list(np.linspace(-0.3, 0.35, 60)), 0.4), ([-0.3] * 60, 0.4)],
+    ids=["does as commanded", "still rolls", "banks the other way"],
+)
+def test_what_is_no_limit_is_not_taken_for_one(banks, commanded):
+    assert after(*banks, commanded=commanded).bank == inf
+
+
+def test_a_vehicle_that_banks_farther_than_its_limit_has_none():
+    assert after(*[0.33] * 10, limit=after(*[0.3] * 60)).bank == inf
