@@ -5,7 +5,8 @@ emulator's copter, fitted to firmware, by .38 m/s across the circle, its plane b
 ArduPilot's plane as gusts of 2.4 m/s that last 3 s. Only the range shows either: .5 m of noise (.15: UWB), at 10 Hz.
 The best linear answer (a Kalman filter and the gains of a quadratic cost, LQG) is given plant, delay and disturbance
 as they are, which no guidance knows. Printed for several costs of turning: RMS of the radius, and standard deviation
-of the turn command.
+of the turn command. Last in each line the same filter with circnav's gains for that delay, which keep 6 dB and 45 deg
+of margin; LQG's do not.
 
 **LoRa-like ranges** (`told`): how well they tell the radius of ArduPilot's plane over the last two of 150 s on the
 circle. The Cramer-Rao bound with place, steady wind and airspeed scale unknown, for errors of the own motion, which
@@ -21,6 +22,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm, solve_discrete_are, solve_discrete_lyapunov
 from scipy.optimize import nnls
 
+from circnav_mav.guidance.vector_field import drift_gains
 from tests.firmware.flight import PRESETS, VEHICLES
 
 STEP = 0.1
@@ -34,9 +36,10 @@ COSTS = 1000.0, 300.0, 100.0, 30.0, 10.0, 3.0
 """Of (rad/s)^2 of turn command, in m^2."""
 
 
-def best(cost: float, *, noise: float, delay: float, case: str = "PX4 copter") -> tuple[float, float]:
+def best(cost: float | None, *, noise: float, delay: float, case: str = "PX4 copter") -> tuple[float, float]:
     """RMS of the radius, m, and standard deviation of the turn command, deg/s, of ranges with this noise (m) and a
-    vehicle that turns this much later (s) than it is told. case: one of CASES."""
+    vehicle that turns this much later (s) than it is told. case: one of CASES. cost: of turning; None: with circnav's
+    gains."""
     speed, across, gust = CASES[case]
     # radius error, course off the tangent, disturbance (m/s) and its change; then the commands under way
     motion = np.zeros((5, 5))
@@ -57,8 +60,16 @@ def best(cost: float, *, noise: float, delay: float, case: str = "PX4 copter") -
     Q[driven_at, driven_at], C[0, 0] = power * across**2 * STEP, 1.0
     P: NDArray[np.float64] = solve_discrete_are(F.T, H.T, Q, S)
     K = P @ H.T / (H @ P @ H.T + S)
-    W: NDArray[np.float64] = solve_discrete_are(F, G, C, np.array([[cost]]))
-    L = np.linalg.solve(G.T @ W @ G + cost, G.T @ W @ F)
+    if cost is None:
+        gains = drift_gains(speed, delay, 1 / delay)
+        heading, radial = float(gains.heading), float(gains.radial)
+        # the course asked for is -radial e - disturbance/speed, and its change is fed forward; what is under way counts
+        L = np.zeros((1, n))
+        L[0, :3] = heading * radial, heading + radial * speed, heading / speed + radial
+        L[0, 4:] = (heading + radial * speed) * STEP
+    else:
+        W: NDArray[np.float64] = solve_discrete_are(F, G, C, np.array([[cost]]))
+        L = np.linalg.solve(G.T @ W @ G + cost, G.T @ W @ F)
     # truth and prediction together; the command goes by the estimate after the range
     after = np.hstack([K @ H, np.eye(n) - K @ H])
     both = np.vstack([np.hstack([F, 0 * F]) - G @ L @ after, (F - G @ L) @ after])
@@ -117,7 +128,7 @@ def squeezed(limit: float, *, speed: float = 23.4, wind: float = 5.0, radius: fl
 def main() -> None:
     print("noise m, delay s: RMS m at a turn command of deg/s")
     for case, noise, delay in product(CASES, (0.5, 0.15), (0.4, 0.7, 1.0)):
-        figures = (best(cost, noise=noise, delay=delay, case=case) for cost in COSTS)
+        figures = (best(cost, noise=noise, delay=delay, case=case) for cost in (*COSTS, None))
         print(f"{case}, {noise:4.2f}, {delay:.1f}:", ", ".join(f"{rms:.2f} at {turn:.1f}" for rms, turn in figures))
     for wander in (0.0, 1e-4, 3e-4, 1e-3):
         print(f"LoRa-like ranges, drift wanders {wander:g} m^2/s^3: {told(wander):.2f} m")
