@@ -1,6 +1,7 @@
 """A part of the fault matrix: one or two levels of each fault, on copter and plane by turns. The rest:
 tests.faults.matrix, of which --quick flies these on both."""
 
+import re
 from dataclasses import replace
 
 import pytest
@@ -9,6 +10,7 @@ from tests.faults.attacks import ATTACKS, row
 from tests.faults.cell import Scenario, Verdict, Want, fly
 from tests.faults.course import on_the_circle
 from tests.faults.matrix import FAULTS, FIRST, SCENARIOS, by_fault
+from tests.process import ROOT
 
 QUICK = [
     (scenario, [name for name in FIRST if name in (scenario.profiles or FIRST)][n % 2])
@@ -103,3 +105,14 @@ def test_a_fault_is_a_line_with_the_worst_of_its_cells_and_who_passed_them_all()
     *_, line = table.splitlines()
     wants = "holds the circle; regains the circle; ends the mission"
     assert line == f"| F2 | {FAULTS['F2']} | 4 | {wants} | 1.1 | 21.6 | 3.0 | arducopter |"
+
+
+def test_each_line_of_the_trust_model_names_an_attack_or_a_test_that_there_is() -> None:
+    lines = [
+        line.split(" | ") for line in (ROOT / "docs" / "safety.md").read_text().splitlines() if line.count("|") == 5
+    ]
+    named = [name for cells in lines[2:] for name in re.findall("`([^`]+)`", cells[-1])]
+    attacks = {scenario.level.partition(", 3.")[0] for scenario in ATTACKS}
+    tests = "".join(path.read_text() for path in (ROOT / "tests").rglob("test_*.py"))
+    assert len(named) >= 10
+    assert [name for name in named if name not in attacks and f"def {name}(" not in tests] == []
