@@ -61,6 +61,13 @@ def test_the_page_of_a_package_index_is_parts_of_the_readme_without_the_links_an
     assert len(blocks) > 10
 
 
+def test_in_the_container_the_missions_folder_belongs_to_the_user_that_writes_there():
+    """A folder that WORKDIR makes is root's."""
+    before, _, after = (ROOT / "deploy" / "Containerfile").read_text().partition("USER circnav\n")
+    assert "mkdir /missions && chown circnav: /missions" in before
+    assert "WORKDIR /missions" in after
+
+
 def test_the_readme_leads_to_every_page():
     read, new = set(), [ROOT / "README.md"]
     while new:
