@@ -33,7 +33,7 @@ from circnav_mav.pilot.settings import VEHICLE, OutputMode, PilotSettings
 from circnav_mav.pilot.status_text import StatusText
 
 ALARMS = frozenset(
-    {"drift", "range trouble", "range rate trouble", "sensor clock", "clock speed", "height", "link", "flood"}
+    {"drift", "cycle", "range trouble", "range rate trouble", "sensor clock", "clock speed", "height", "link", "flood"}
 )
 """Kinds of news that are said as a warning while they are so; charts mark every warning."""
 FLOODED = 3.0
@@ -250,7 +250,8 @@ class Pilot:
             return
         steering = self.mission.steering
         if self.mission.happened(Event.RANGE_GOOD if good else Event.RANGE_LOST, now) and steering:
-            self._say("range", "range regained" if good else "range lost, holding")
+            severity = MAV_SEVERITY_NOTICE if good else MAV_SEVERITY_WARNING
+            self._say("range", "range regained" if good else "range lost, holding", severity=severity)
 
     def _watch_engagement(self, now: float) -> None:
         if self.mission.steering or self.mission.phase is Phase.LEAVING or not self._authority.certain:

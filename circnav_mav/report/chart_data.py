@@ -99,16 +99,11 @@ def as_script(data: dict[str, Any]) -> str:
 
 
 def alarms(ticks: Ticks, happened: list[Event], gps_watch: list[dict[str, Any]]) -> list[tuple[float, str]]:
-    """What was wrong, as far as the record tells: gains that were lowered, ranges mostly rejected, what the vehicle
-    called an error and circnav a warning, and what the GPS watch said, in its own words."""
-    share = np.nan_to_num(ticks.numbers["gain_share"], nan=1.0)
-    lowered = np.flatnonzero(np.diff(share, prepend=1.0) < 0)
-    found = [
-        (float(ticks.time[at]), f"gains lowered to {100 * share[at]:.0f} %: the turn command swings") for at in lowered
-    ]
+    """What was wrong, as far as the record tells: ranges mostly rejected, what the vehicle called an error and circnav
+    a warning, and what the GPS watch said, in its own words."""
     most = _mostly_rejected(ticks)
     begins = np.flatnonzero(most & ~np.append(False, most[:-1]))
-    found += [(float(ticks.time[at]), "most ranges rejected") for at in begins]
+    found = [(float(ticks.time[at]), "most ranges rejected") for at in begins]
     found += [(said["time_s"], f"{GPS_WATCH}: {said['text']}") for said in gps_watch]
     told = [event for event in happened if event.severe and not (gps_watch and event.text.startswith(GPS_WATCH))]
     return found + [(event.time, event.text) for event in told]

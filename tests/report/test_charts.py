@@ -135,6 +135,18 @@ def test_a_takeover_that_ends_the_flight_is_marked_as_one_and_not_twice_where_it
     assert marks == [[9, 12, "takeover", "yielded"]]
 
 
+def test_an_alarm_of_an_outage_is_the_mark_of_its_phase_and_one_of_its_own_where_it_is_too_short_for_a_phase():
+    held = {"phase": [(0, 3, "ready"), (3, 9, "engaged"), (9, 12, "holding"), (12, 40, "engaged")]}
+    said = [
+        [9, "range lost, holding"],
+        [9.1, "RANGE STALE 0.6 s"],
+        [20, "vehicle silent"],
+        [30, "range frozen, rejected"],
+    ]
+    marks = script("Charts.marks(bands, said)", bands=held, said=said)
+    assert [mark[:3] for mark in marks] == [[9, 12, "outage"], [20, 20, "outage"], [30, 30, "alarm"]]
+
+
 # --- the track ---
 
 
@@ -200,15 +212,12 @@ def test_the_columns_are_those_of_the_run_on_its_own_time(run_folder):
     assert len(json.loads(as_script(data))["columns"]) == len(columns)
 
 
-def test_errors_of_the_vehicle_lowered_gains_ranges_mostly_rejected_and_the_gps_watch_are_alarms(run_folder):
+def test_errors_of_the_vehicle_warnings_of_ours_ranges_mostly_rejected_and_the_gps_watch_are_alarms(run_folder):
     ticks = read_ticks(run_folder())
-    ticks.numbers["gain_share"][100:] = 0.7
     ticks.numbers["rejected"][400:] += 2.0 * np.arange(len(ticks.time) - 400)  # 4 a second, beside one that is accepted
     happened = [Event(7.0, "vehicle says", "EKF failsafe", severe=True), Event(8.0, "vehicle says", "hello")]
     happened += [Event(9.5, "circnav says", "GPS WATCH: GPS likeliest wrong", severe=True)]
-    lowered = (50.0, "gains lowered to 70 %: the turn command swings")
-    rejected, *found = alarms(ticks, happened, [{"time_s": 9.0, "text": "off by 31 m"}])[1:]
-    assert alarms(ticks, happened, [])[0] == lowered
+    rejected, *found = alarms(ticks, happened, [{"time_s": 9.0, "text": "off by 31 m"}])
     assert rejected == (pytest.approx(200.0, abs=1.5), "most ranges rejected")
     assert found == [(9.0, "GPS WATCH: off by 31 m"), (7.0, "EKF failsafe")]
     assert (9.5, "GPS WATCH: GPS likeliest wrong") in alarms(ticks, happened, [])
