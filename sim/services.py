@@ -125,6 +125,8 @@ class Services:
             "PARAM_SET": self._param_set,
             "MISSION_REQUEST_LIST": self._mission_list,
             "MISSION_COUNT": self._mission_count,
+            "MISSION_CLEAR_ALL": self._mission_clear,
+            "LOG_REQUEST_LIST": self._log_list,
             "REQUEST_DATA_STREAM": self._data_stream,
             "TIMESYNC": self._timesync,
             "FILE_TRANSFER_PROTOCOL": self._file_transfer,
@@ -181,6 +183,14 @@ class Services:
         """No missions are kept here: an upload of none is fine, any other is refused."""
         result = MISSION_ACCEPTED if message.count == 0 else MISSION_UNSUPPORTED
         link.send(mavlink.MAVLink_mission_ack_message(*_sender(message), result, message.mission_type))
+
+    def _mission_clear(self, message: Message, link: Link) -> None:
+        """There is none."""
+        link.send(mavlink.MAVLink_mission_ack_message(*_sender(message), MISSION_ACCEPTED, message.mission_type))
+
+    def _log_list(self, message: Message, link: Link) -> None:
+        """There are none: one entry that says so."""
+        link.send(mavlink.MAVLink_log_entry_message(0, 0, 0, 0, 0))
 
     def _data_stream(self, message: Message, link: Link) -> None:
         """REQUEST_DATA_STREAM: the old way to ask, which MAVProxy uses."""

@@ -251,7 +251,7 @@ def ranging() -> None:
     """
 
 
-@command("ranging:watch_radio", group=ranging)
+@command("ranging:watch_radio", group=ranging, short_help="Show what a radio measures, a line a second.")
 @click.argument("endpoint", metavar="DRIVER:PORT")
 @click.option("--seconds", type=click.FloatRange(1), metavar="N", help="How long. [default: until Ctrl-C]")
 def watch() -> None:

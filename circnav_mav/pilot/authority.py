@@ -14,6 +14,8 @@ GIVEN_AFTER = 1.5
 """Time, s, for which the vehicle must have reported nothing but the guided mode, from one report to a later one, before
 it is given back: a switch may pass through that mode, and what was reported before it was left may come late by another
 way, between newer reports."""
+TAKEN_OVER = "taken over"
+"""How texts of a takeover begin, on the link and as the reason of an end; charts mark by it."""
 LANDED_PATIENCE = 1.5
 """Time, s, that a vehicle is given to report whether it flies before the first engagement."""
 STALL = 0.5
@@ -190,9 +192,9 @@ class Authority:
             return None
         self.holder = Holder.OPERATOR_IN_MODE if left_for is None else Holder.OPERATOR
         if self.rebooted or left_for is None:
-            what = "autopilot rebooted" if self.rebooted else "vehicle disarmed"
+            what = f"{TAKEN_OVER}, {'autopilot rebooted' if self.rebooted else 'vehicle disarmed'}"
             return what, what
-        what = f"{session.adapter.guided_name} left for {left_for}"
+        what = f"{TAKEN_OVER}, {session.adapter.guided_name} left for {left_for}"
         return what, f"{what}: operator or failsafe"
 
     def _watch_return(self, *, left: bool, in_mode: bool) -> None:

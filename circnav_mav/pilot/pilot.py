@@ -10,6 +10,8 @@ from collections import Counter
 from collections.abc import Hashable
 from dataclasses import replace
 
+from pymavlink.dialects.v20.all import MAV_SEVERITY_NOTICE, MAV_SEVERITY_WARNING
+
 from circnav_mav.guidance.side_slip import SideSlip
 from circnav_mav.guidance.types import Orbit, OwnMotion, RangeEstimate, TurnCommand
 from circnav_mav.guidance.velocity_loop import CopterMotion
@@ -20,7 +22,7 @@ from circnav_mav.mav.identity import Allowance
 from circnav_mav.mav.session import LOST_AFTER
 from circnav_mav.mav.setpoint_guard import UnsafeSetpointError
 from circnav_mav.mav.signing import Signing
-from circnav_mav.pilot.authority import Allowed, Authority
+from circnav_mav.pilot.authority import SILENT, TAKEN_OVER, Allowed, Authority
 from circnav_mav.pilot.connection import Connection
 from circnav_mav.pilot.controller import Controller
 from circnav_mav.pilot.mission_state import Ending, Event, MissionState, Outcome, Phase
@@ -29,6 +31,13 @@ from circnav_mav.pilot.range_tracker import HEARD, RangeTracker, TickScheduler
 from circnav_mav.pilot.record import StepTaken, TickRecord, plot_values, tick_record
 from circnav_mav.pilot.settings import VEHICLE, OutputMode, PilotSettings
 from circnav_mav.pilot.status_text import StatusText
+
+ALARMS = frozenset(
+    {"drift", "cycle", "range trouble", "range rate trouble", "sensor clock", "clock speed", "height", "link", "flood"}
+)
+"""Kinds of news that are said as a warning while they are so; charts mark every warning."""
+FLOODED = 3.0
+"""Time, s, since something was last left unread, after which a flood is over."""
 
 
 class Pilot:
@@ -104,8 +113,8 @@ class Pilot:
         """Own motion teaches the height, the turn-rate gain, and estimators that know where the vehicle is heading."""
         adapter, motion, height = self.session.adapter, self.session.motion, self.tracker.height
         is_attitude = motion.receive(message, now)
-        if message.get_type() in HEARD and height.hear(message, motion.at(now).altitude, now):
-            self._say("altitude", f"altitude jumped, {height.jumped:+.0f} m ignored")
+        if message.get_type() in HEARD:
+            height.hear(message, motion.at(now).altitude, now)
         if not is_attitude:
             return
         own = motion.own(now, self._airspeed(now), banks=adapter.measures_airspeed)
@@ -213,7 +222,7 @@ class Pilot:
         if self.mission.outcome is not None:  # we were leaving: this is the exit action taking effect
             return
         what, reason = takeover
-        self._say("yield", what)
+        self._say("yield", what, severity=MAV_SEVERITY_WARNING)
         if self.settings.end_on_takeover:
             self._finish(Outcome(Ending.ABORTED, reason), now)
 
@@ -241,7 +250,8 @@ class Pilot:
             return
         steering = self.mission.steering
         if self.mission.happened(Event.RANGE_GOOD if good else Event.RANGE_LOST, now) and steering:
-            self._say("range", "range regained" if good else "range lost, holding")
+            severity = MAV_SEVERITY_NOTICE if good else MAV_SEVERITY_WARNING
+            self._say("range", "range regained" if good else "range lost, holding", severity=severity)
 
     def _watch_engagement(self, now: float) -> None:
         if self.mission.steering or self.mission.phase is Phase.LEAVING or not self._authority.certain:
@@ -264,7 +274,9 @@ class Pilot:
 
     def _finish(self, outcome: Outcome, now: float) -> None:
         if self.mission.finish(outcome, now, in_our_hands=self._authority.in_our_hands):
-            self._say("end", f"ended, {outcome.reason}")
+            told = outcome.ending is Ending.COMPLETED or outcome.reason.startswith(TAKEN_OVER)
+            severity = MAV_SEVERITY_NOTICE if told else MAV_SEVERITY_WARNING
+            self._say("end", f"ended, {outcome.reason}", severity=severity)
 
     # --- the setpoint
 
@@ -332,7 +344,7 @@ class Pilot:
         controller = self.controller
         rivals = {line.partition(" has ")[0] for line in self.session.identity.rivals.recent(now)}
         for name in sorted(rivals - self._rivals):
-            self._say(f"rival of {name}", f"{name}: second sender rejected")
+            self._say(f"rival of {name}", f"{name}: second sender rejected", severity=MAV_SEVERITY_WARNING)
         self._rivals = rivals
         self.drift_alarm = alarm = watch_drift(self.drift_alarm, estimate, controller.orbit, controller.most_turn)
         self._say_news("drift", alarm.on, alarm.text)
@@ -343,12 +355,28 @@ class Pilot:
                 self._say_news("law", command.flies, command.why)
         cut = f"limit cycle, gains reduced to {100 * controller.watch.share:.0f} %"
         self._say_news("cycle", controller.watch.cycles, cut)
+        self._say_trouble(now)
+
+    def _say_trouble(self, now: float) -> None:
+        """Say what is wrong with what is heard, and that it no longer is."""
+        if self.session.up:
+            silent = self.session.heartbeat_age(now) > SILENT
+            self._say_news("link", silent, "vehicle silent" if silent else "vehicle heard again")
+        stepped = self.tracker.ranging.clock.doubted
+        self._say_news("sensor clock", stepped, f"sensor clock {'stepped' if stepped else 'runs steadily again'}")
+        speed = self.session.clock_speed.found or 1.0
+        self._say_news("clock speed", speed != 1.0, f"autopilot clock runs {speed:.2g} times as fast as ours")
+        height = self.tracker.height.trouble(now).partition(":")[0].lower()
+        self._say_news("height", height or False, height or "altitude counts again")
+        flooded = now - self.allowance.dropped_at < FLOODED
+        self._say_news("flood", flooded, "flood, others are not read" if flooded else "flood over")
 
     def _say_news(self, kind: str, news: Hashable, text: str) -> None:
         """Say what has changed since it was said last, or is so for the first time."""
         if news != self._said.get(kind, False):
             self._said[kind] = news
-            self._say(kind, text)
+            alarming = bool(news) and kind in ALARMS
+            self._say(kind, text, severity=MAV_SEVERITY_WARNING if alarming else MAV_SEVERITY_NOTICE)
 
     # --- what is known of it ----------------------------------------------------------------------------------------
 

@@ -13,9 +13,13 @@ from circnav_mav.guidance.types import Orbit
 from circnav_mav.runlog.events import Event
 from circnav_mav.runlog.metrics import TOLERANCE
 from circnav_mav.runlog.ticks import Column, Ticks, Truth
+from circnav_mav.runtime.status import MOST_REJECTED, RATE_SPAN
 
 GAP = 5.0
 """Usual steps between two samples beyond which nothing is known of what lies between."""
+
+GPS_WATCH = "GPS WATCH"
+"""How its texts begin."""
 
 
 def broken(time: Column, *columns: Column) -> tuple[Column, ...]:
@@ -94,14 +98,23 @@ def as_script(data: dict[str, Any]) -> str:
     return json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
 
 
-def alarms(ticks: Ticks, happened: list[Event]) -> list[tuple[float, str]]:
-    """What was wrong, as far as the record tells: gains that were lowered, and what the vehicle called critical."""
-    share = np.nan_to_num(ticks.numbers["gain_share"], nan=1.0)
-    lowered = np.flatnonzero(np.diff(share, prepend=1.0) < 0)
-    found = [
-        (float(ticks.time[at]), f"gains lowered to {100 * share[at]:.0f} %: the turn command swings") for at in lowered
-    ]
-    return found + [(event.time, event.text) for event in happened if event.severe]
+def alarms(ticks: Ticks, happened: list[Event], gps_watch: list[dict[str, Any]]) -> list[tuple[float, str]]:
+    """What was wrong, as far as the record tells: ranges mostly rejected, what the vehicle called an error and circnav
+    a warning, and what the GPS watch said, in its own words."""
+    most = _mostly_rejected(ticks)
+    begins = np.flatnonzero(most & ~np.append(False, most[:-1]))
+    found = [(float(ticks.time[at]), "most ranges rejected") for at in begins]
+    found += [(said["time_s"], f"{GPS_WATCH}: {said['text']}") for said in gps_watch]
+    told = [event for event in happened if event.severe and not (gps_watch and event.text.startswith(GPS_WATCH))]
+    return found + [(event.time, event.text) for event in told]
+
+
+def _mostly_rejected(ticks: Ticks) -> NDArray[np.bool_]:
+    """Where most ranges of the last seconds were rejected, as the display has it."""
+    before = np.searchsorted(ticks.time, ticks.time - RATE_SPAN)
+    accepted, rejected = (np.nan_to_num(ticks.numbers[name]) for name in ("accepted", "rejected"))
+    taken, refused = accepted - accepted[before], rejected - rejected[before]
+    return np.asarray(refused > MOST_REJECTED * (taken + refused), bool)
 
 
 def stretches(time: Column, words: list[str]) -> list[tuple[float, float, str]]:

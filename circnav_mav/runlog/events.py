@@ -12,14 +12,14 @@ from circnav_mav.runlog.tlog import read_messages
 
 STATUSTEXT = 253
 OUR_COMPONENTS = range(191, 195)
-SEVERE = 3
-"""MAV_SEVERITY_ERROR; what is worse has a smaller number."""
+SEVERE = {"vehicle says": 3, "circnav says": 4}
+"""MAV_SEVERITY_ERROR and WARNING; what is worse has a smaller number."""
 
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """A moment of a run. kind: phase, mode, law, rejected, vehicle says, circnav says. severe: a text that
-    its sender calls an error or worse."""
+    """A moment of a run. kind: phase, mode, law, rejected, vehicle says, circnav says. severe: an
+    error of the vehicle, a warning of ours, or worse."""
 
     time: float
     kind: str
@@ -54,7 +54,7 @@ def _texts(run: Run) -> list[Event]:
         sender = message.get_srcSystem() << 8 | message.get_srcComponent()
         if before is None:
             newest[sender] = len(found)
-            found.append(Event((stamp - run.epoch_us) / 1e6, who, text, message.severity <= SEVERE))
+            found.append(Event((stamp - run.epoch_us) / 1e6, who, text, message.severity <= SEVERE[who]))
         else:
             found[newest[sender]] = replace(found[newest[sender]], text=text)
     return found

@@ -101,6 +101,11 @@ def unix_time() -> float:
     return time.time()
 
 
+def utc_minute() -> str:
+    """The present minute, for people."""
+    return time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime())
+
+
 def local_time_name() -> str:
     """The present local time as a folder name."""
     return time.strftime("%Y%m%d-%H%M%S")

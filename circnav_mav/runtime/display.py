@@ -69,7 +69,7 @@ class LiveScreen:
         """Draw the picture."""
         if not self._live.is_started:
             self._live.start()
-        self._live.update(self._picture.draw(status), refresh=True)
+        self._live.update(self._picture.draw(status, self._live.console.width), refresh=True)
 
     def close(self) -> None:
         """Leave the last picture standing."""

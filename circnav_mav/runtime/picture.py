@@ -1,4 +1,5 @@
-"""The picture that a terminal shows of a flight: 80 columns, at most 23 rows; words, not colours, carry the meaning."""
+"""The picture that a terminal shows of a flight: 80 columns or as many as it has, at most 23 rows; words, not colours,
+carry the meaning."""
 
 from collections import deque
 from collections.abc import Iterable
@@ -15,11 +16,11 @@ from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.runtime.status import SILENCED, Status, told
 
 STYLES = {Phase.ENGAGED: "green", Phase.HOLDING: "yellow", Phase.YIELDED: "magenta", Phase.LEAVING: "cyan"}
-WIDTH = 80
+NARROWEST, WIDEST = 80, 160
 BAR = 41
-"""Cells of a bar, an odd number: the middle one is a place of its own."""
+"""Cells of a bar on the narrowest, an odd number: the middle one is a place of its own."""
 CELLS, CELL = 40, 1.5
-"""Cells of the sparkline, and the time that each stands for, s."""
+"""Cells of the sparkline on the narrowest, and the time that each stands for, s."""
 ALARM, LABEL = "ALARM", 12
 """The label of an alarm, and the columns of all labels."""
 MOST_ALARMS, MOST_REASONS = 3, 3
@@ -50,20 +51,24 @@ class Picture:
     def __init__(self, settings: PilotSettings, name: str, *, ascii_only: bool) -> None:
         self._settings, self._signs = settings, ASCII if ascii_only else FINE
         self._title = f"{name}: {settings.circles}"
-        self._errors: deque[tuple[int, float]] = deque(maxlen=CELLS)
+        self._errors: deque[tuple[int, float]] = deque(maxlen=CELLS + WIDEST - NARROWEST)
+        self._width = NARROWEST
 
-    def draw(self, status: Status) -> Panel:
-        """The picture of now. Alarms are near the top: a terminal that is too low shows no more than the first rows."""
-        alarms: list[Row] = [(ALARM, Text(line, "bold reverse red")) for line in _folded(status.alarms[:MOST_ALARMS])]
+    def draw(self, status: Status, columns: int = NARROWEST) -> Panel:
+        """The picture of now. Alarms are near the top: a terminal that is too low shows no more than the first rows.
+        columns: of the terminal."""
+        self._width = min(max(columns, NARROWEST), WIDEST)
+        folded = self._folded(status.alarms[:MOST_ALARMS])
+        alarms: list[Row] = [(ALARM, Text(line, "bold reverse red")) for line in folded]
         facts = told(status, self._settings, MOST_REASONS)
         rows: list[Row] = [
             *self._phase(status, facts["flown"]),
             *(alarms or [("alarms", "none")]),
             ("law", facts["law"]),
-            *zip(("waiting", ""), _folded([status.waits]), strict=False),
+            *zip(("waiting", ""), self._folded([status.waits]), strict=False),
             *self._circle(status.tick, facts),
             ("target", status.target),
-            *(("place", line) for line in _folded([status.place])[:1]),  # there is no room for more
+            *(("place", line) for line in self._folded([status.place])[:1]),  # there is no room for more
             *((name, facts[name]) for name in ("ranging", "rejected", "link", "setpoints")),
         ]
         text = Text(no_wrap=True, overflow="crop")
@@ -72,7 +77,7 @@ class Picture:
         text.right_crop()
         return Panel(
             text, title=f"{self._title}, t = {status.time:.1f} s", subtitle=HOW_TO_STOP,
-            border_style=_style(status), width=WIDTH,
+            border_style=_style(status), width=self._width,
         )  # fmt: skip
 
     def _phase(self, status: Status, flown: str) -> list[Row]:
@@ -98,8 +103,8 @@ class Picture:
 
     def _bar(self, share: float | None) -> str:
         """A line with a mark at -1 .. 1, kept at its ends beyond that."""
-        signs, half = self._signs, BAR // 2
-        cells = [signs.line] * BAR
+        signs, half = self._signs, (BAR + self._width - NARROWEST) // 2
+        cells = [signs.line] * (2 * half + 1)
         cells[half] = signs.middle
         if share is not None:
             at = half + round(half * min(max(share, -1.0), 1.0))
@@ -107,24 +112,24 @@ class Picture:
         return "".join(cells)
 
     def _sparkline(self, tick: TickRecord, desired: float) -> str:
-        """The size of the error over the last minute: the largest of each cell."""
+        """The size of the error over the last minute or more: the largest of each cell."""
         if tick.r is None:
             return ""
         error, cell = abs(tick.r - desired), int(tick.time / CELL)
         if self._errors and self._errors[-1][0] == cell:
             error = max(error, self._errors.pop()[1])
         self._errors.append((cell, error))
-        recent = [(at, size) for at, size in self._errors if cell - at < CELLS]
+        recent = [(at, size) for at, size in self._errors if cell - at < CELLS + self._width - NARROWEST]
         full, levels = max(size for _, size in recent), self._signs.levels
         line = [" "] * (cell - recent[0][0] + 1)
         for at, size in recent:
             line[at - recent[0][0]] = levels[min(int(size / full * len(levels)), len(levels) - 1) if full else 0]
         return f"   {''.join(line)} full {full:.1f} m"
 
-
-def _folded(texts: Iterable[str]) -> list[str]:
-    """Texts in lines that fit, two for each at most."""
-    return [line for text in texts for line in wrap(text, WIDTH - LABEL - 4, max_lines=2, placeholder=" ...")]
+    def _folded(self, texts: Iterable[str]) -> list[str]:
+        """Texts in lines that fit, two for each at most."""
+        room = self._width - LABEL - 4
+        return [line for text in texts for line in wrap(text, room, max_lines=2, placeholder=" ...")]
 
 
 def _style(status: Status) -> str:

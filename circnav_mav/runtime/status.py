@@ -9,12 +9,12 @@ from circnav_mav.locate.locator import Locator
 from circnav_mav.mav.frames import compass_from_vector
 from circnav_mav.mav.ranging.interface import OTHERS
 from circnav_mav.pilot import VEHICLE, Ending, OutputMode, Pilot, PilotSettings, TickRecord, phase_name
+from circnav_mav.pilot.authority import SILENT
 from circnav_mav.pilot.mission_state import Phase
+from circnav_mav.pilot.pilot import FLOODED
 
 RATE_SPAN = 3.0
 """Time, s, over which rates are taken."""
-SILENT = 1.5
-"""Age of the vehicle's newest heartbeat, s, that is worth a warning; it says one a second at the least."""
 MOST_REJECTED = 0.5
 """Share of the ranges that may be refused before it is worth a warning."""
 SILENCED = {
@@ -36,8 +36,9 @@ class Rates(NamedTuple):
 class Status:
     """A tick and what stands round it. time: of the run, s. flown: s since engaging, None before. phase: in words,
     waits: what the vehicle is not steered for, why: why this law flies, target: where it is and what drifts,
-    place: where it is on the map, believed: who is believed, and from where, alarms: what is wrong, all for people.
-    rejected: ranges refused, by reason; others: those of other senders, harmless. A range too old to hold is none."""
+    place: where it is on the map, vehicle: what flies and its firmware, believed: who is believed, and from where,
+    alarms: what is wrong, all for people. rejected: ranges refused, by reason; others: those of other senders,
+    harmless. A range too old to hold is none."""
 
     time: float
     tick: TickRecord
@@ -53,6 +54,7 @@ class Status:
     rates: Rates | None
     setpoints: int
     place: str
+    vehicle: str
 
 
 class Watch:
@@ -90,6 +92,7 @@ class Watch:
             others=sum(pilot.tracker.ranging.rejected[why] for why in OTHERS),
             rates=rates,
             setpoints=pilot.setpoints_sent,
+            vehicle=_vehicle(pilot),
         )
 
     def _rates(self, now: float) -> Rates | None:
@@ -128,6 +131,7 @@ def told(status: Status, settings: PilotSettings, most_reasons: int | None = Non
     why = f": {', '.join(reasons[:most_reasons])}{more}" if reasons else ""
     others = f"; {status.others} of other senders" if status.others else ""
     return {
+        "vehicle": status.vehicle,
         "flown": "" if status.flown is None else f"flown {status.flown:.0f} s{duration}",
         "range": f"{_with_sigma(tick.r, tick.r_sigma, '.2f', 'm')} horizontal   desired {desired:.1f} m",
         "error": shown(None if tick.r is None else tick.r - desired, "{:+.2f} m"),
@@ -155,7 +159,7 @@ def _with_sigma(value: float | None, sigma: float | None, form: str, unit: str) 
 def _alarms(pilot: Pilot, tick: TickRecord, now: float, rates: Rates | None, problem: str | None) -> list[str]:
     """What is wrong now, the worst first."""
     timing, found = pilot.settings.timing, pilot.session.identity.rivals.recent(now)
-    if now - pilot.allowance.dropped_at < RATE_SPAN:
+    if now - pilot.allowance.dropped_at < FLOODED:
         found.append(f"FLOOD: what others send is not read, {pilot.allowance.dropped / 1000:.0f} kB so far")
     if pilot.mission.outcome is not None and pilot.mission.outcome.ending is not Ending.COMPLETED:
         found.append(f"{pilot.mission.outcome.ending.value.upper()}: {pilot.mission.outcome.reason}")
@@ -187,6 +191,13 @@ def _alarms(pilot: Pilot, tick: TickRecord, now: float, rates: Rates | None, pro
     if problem is not None:
         found.append(f"NOT RECORDING: {problem}")
     return found
+
+
+def _vehicle(pilot: Pilot) -> str:
+    """What flies, as far as it has said."""
+    session = pilot.session
+    name = session.adapter.name if session.up else "vehicle not known"
+    return f"{name}, firmware {session.vehicle.firmware or 'not known'}"
 
 
 def _target(tick: TickRecord) -> str:

@@ -22,6 +22,7 @@ NEEDS_POSITION = frozenset({POSCTL, LOITER, RTL, TAKEOFF, MODES["MISSION"]})
 MAIN_AUTO = 4
 DO_SET_MODE, ARM_DISARM, DO_CHANGE_SPEED, DO_REPOSITION, TAKEOFF_COMMAND = 176, 400, 178, 192, 22
 MODE_COMMANDS = {20: RTL, 21: LAND, 17: LOITER}
+NOT_GIVEN = (2**31 - 1) * 1e-7  # degrees: what a COMMAND_INT holds for "not given", which a COMMAND_LONG says by NaN
 LOSS_DELAY_US = 50_000
 LOSS_ACTIONS = {3: RTL, 4: LAND, 5: LOITER}  # COM_OBL_RC_ACT; anything else falls through to RTL without sticks
 STICK_LOSS_ACTIONS = {1: LOITER, 2: RTL, 3: LAND}  # NAV_RCL_ACT; 5 (terminate) and 6 (disarm) stop the motors
@@ -175,18 +176,32 @@ class Px4(Autopilot):
         if number == DO_REPOSITION:
             return (self._reposition(command, now),)
         if number == DO_CHANGE_SPEED:
-            self.cruise = command.params[1] if command.params[1] > 0 else None
-            return (Ack.ACCEPTED,)
+            return (self._change_speed(command.params[1]),)
         mode = MODE_COMMANDS.get(number)
         return (Ack.UNSUPPORTED if mode is None else self.change_mode(mode, now),)
 
     def _reposition(self, command: Command, now: int) -> int:
-        """Hold there, in degrees and metres above sea level; what is no number or no place is kept as it is."""
+        """Hold there, in degrees and metres above sea level; what is not given is kept as it is. A real one takes it on
+        the ground, too, and stays there; here that is refused, and so is what is no place."""
+        given = [abs(degrees) < NOT_GIVEN for degrees in (command.x, command.y)]
+        place = abs(command.x) <= 90 and abs(command.y) <= 180
+        if not self.flying() or (any(given) and not place):
+            self.say(Severity.CRITICAL, f"Reposition denied: {'no such place' if self.flying() else 'not in the air'}")
+            return Ack.DENIED if self.flying() else Ack.TEMPORARILY_REJECTED
         ack = self.change_mode(LOITER, now)
         if ack == Ack.ACCEPTED:
-            place = from_degrees(command.x, command.y) if abs(command.x) <= 90 and abs(command.y) <= 180 else None
-            self.hold_at(place, HOME_AMSL_M - command.z if math.isfinite(command.z) else None)
+            there = from_degrees(command.x, command.y) if place else None
+            self.hold_at(there, HOME_AMSL_M - command.z if math.isfinite(command.z) else None)
         return ack
+
+    def _change_speed(self, speed: float) -> int:
+        """m/s; -1: as it is, -2: the default."""
+        if not (0 < speed < math.inf or speed in (-1, -2)):
+            self.say(Severity.CRITICAL, f"Change speed denied: {speed:g} m/s")
+            return Ack.DENIED
+        if speed != -1:
+            self.cruise = speed if speed > 0 else None
+        return Ack.ACCEPTED
 
     def _set_mode(self, command: Command, now: int) -> int:
         base, main, sub = command.params[0], command.params[1], command.params[2]

@@ -91,6 +91,7 @@ def _parameters(config: VehicleConfig, gcs_switch: str, *own: Parameter) -> Para
         Parameter("SYSID_THISMAV", config.vehicle.system_id, INT16),
         Parameter("SYSID_MYGCS", 255, INT16),
         Parameter("ARMING_CHECK", 1, INT16),
+        Parameter("FENCE_ENABLE", 0, INT8),
         Parameter(gcs_switch, 0, INT8),
         Parameter("FS_GCS_TIMEOUT", 5.0),
         *own,

@@ -28,6 +28,9 @@ def test_the_help_names_the_commands_in_the_order_of_a_newcomer_and_the_exit_cod
         out = circnav(command, flag).done
         assert "Example" in out
         assert f"    circnav {command} " in out
+        commands = out.partition("Commands:\n")[2].splitlines()
+        assert commands or command not in ("ranging", "runs")
+        assert not [line for line in commands if line.endswith("...")], "cut off at 80 columns"
     assert circnav("--version").done == f"circnav, version {__version__}\n"
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     assert project["project"]["version"] == __version__

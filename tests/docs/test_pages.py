@@ -3,6 +3,7 @@
 import ast
 import re
 import shlex
+import tomllib
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -41,6 +42,30 @@ def test_links_lead_somewhere(page):
         if place:
             headings = re.findall(r"^#+ (.+)$", file.read_text(), re.MULTILINE)
             assert place in map(anchor, headings), target
+
+
+def test_the_page_of_a_package_index_is_parts_of_the_readme_without_the_links_and_pictures_that_break_there():
+    """It knows no other file of ours, and there is no public address to link to."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    page, text = (ROOT / project["readme"]).read_text(), (ROOT / "README.md").read_text()
+    assert not re.search(r"\]\(|<img|<a |https?:", page)
+    text = text.replace("pip install .  ", f"pip install {project['name']}  ").replace(
+        "'.[web,", f"'{project['name']}[web,"
+    )
+    linked = r"\[([^\]]*)\]\([^)]*\)"
+    text = re.sub(linked, r"\1", re.sub(rf" \({linked}\)", "", re.sub(rf"!{linked}", "", text)))
+    known = {" ".join(block.split()) for block in text.split("\n\n")}
+    *blocks, last = page.split("\n\n")
+    assert [block for block in blocks if " ".join(block.split()) not in known] == []
+    assert last.startswith("All pages")
+    assert len(blocks) > 10
+
+
+def test_in_the_container_the_missions_folder_belongs_to_the_user_that_writes_there():
+    """A folder that WORKDIR makes is root's."""
+    before, _, after = (ROOT / "deploy" / "Containerfile").read_text().partition("USER circnav\n")
+    assert "mkdir /missions && chown circnav: /missions" in before
+    assert "WORKDIR /missions" in after
 
 
 def test_the_readme_leads_to_every_page():

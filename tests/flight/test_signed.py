@@ -88,7 +88,8 @@ def test_an_autopilot_that_reboots_is_believed_again_and_ends_the_mission(tmp_pa
     flown = signed_flight("arducopter", tmp_path).fly(30)
     flown.vehicle._happen(Event(action="reboot", value=2.0))
     flown.fly(60)
-    assert flown.outcome.reason == "GUIDED left for STABILIZE: operator or failsafe", "in which it finds itself then"
+    left_for = "taken over, GUIDED left for STABILIZE"  # in which it finds itself then
+    assert flown.outcome.reason == f"{left_for}: operator or failsafe"
     assert flown.now < 35
     assert flown.pilot.frames_refused() == {}
 

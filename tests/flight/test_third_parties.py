@@ -79,7 +79,7 @@ def test_mavproxy_sees_the_copter_and_its_mode_command_ends_our_flight(
     station.stdin.write("status VFR_HUD\nmode BRAKE\n")
     station.stdin.flush()
     read_until(station, "Mode BRAKE")
-    assert on.verdict(ours) == (4, "GUIDED left for BRAKE: operator or failsafe")
+    assert on.verdict(ours) == (4, "taken over, GUIDED left for BRAKE: operator or failsafe")
 
 
 def test_mavsdk_sees_the_px4_copter_and_its_hold_ends_our_flight(stage: Callable[[str], Stage]) -> None:
@@ -98,6 +98,6 @@ def test_mavsdk_sees_the_px4_copter_and_its_hold_ends_our_flight(stage: Callable
         until(lambda: telemetry.armed() and telemetry.flight_mode() == FlightMode.OFFBOARD)
         until(lambda: telemetry.position().relative_altitude_m > 10)
         Action(system).hold()
-        assert on.verdict(ours) == (4, "OFFBOARD left for AUTO.LOITER: operator or failsafe")
+        assert on.verdict(ours) == (4, "taken over, OFFBOARD left for AUTO.LOITER: operator or failsafe")
     finally:
         client.destroy()

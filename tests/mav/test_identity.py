@@ -70,7 +70,7 @@ def test_another_vehicle_that_has_the_ids_of_ours_by_default_is_not_steered_when
             rig.hear(boot_time(1000.0 + rig.now + offset), voice=twin, source="elsewhere")
         rig.run(0.05)
     assert rig.setpoints(since) == []
-    assert rig.pilot.mission.outcome.reason == "autopilot rebooted"
+    assert rig.pilot.mission.outcome.reason == "taken over, autopilot rebooted"
 
 
 @pytest.mark.parametrize("source", ["vehicle", "elsewhere"])

@@ -8,7 +8,7 @@ from pymavlink.dialects.v20 import all as mavlink
 from circnav_mav.mav.codec import Decoder
 from circnav_mav.runtime.status import Watch
 from tests.flight.lockstep import Flight, flight
-from tests.rig import MISSION, Rig
+from tests.rig import LOITER, MISSION, Rig
 
 
 def flown_in_wind(max_turn_rate: float, seconds: float) -> tuple[Flight, list[str]]:
@@ -36,6 +36,18 @@ def test_a_drift_that_the_circle_does_not_allow_is_said_once_and_shown():
     assert said.endswith("m/s, this circle allows 2.7")
     alarms = Watch(flown.pilot).status(flown.ticks[-1], 30.0).alarms
     assert [alarm.split(":")[0] for alarm in alarms] == ["DRIFT TOO STRONG"]
+
+
+def test_an_alarm_is_said_once_as_a_warning_and_its_end_as_news(rig):
+    """MAV_SEVERITY_WARNING 4, NOTICE 5. A takeover that ends the flight is no second alarm."""
+    since = rig.engage().now
+    rig.run(2.5, speaks=False)
+    rig.run(4.0, speaks=True)
+    rig.run(1.0, mode=LOITER)
+    said = [(text.severity, text.text.removeprefix("circnav: ")) for text in rig.of("STATUSTEXT", since)]
+    taken = "taken over, GUIDED left for LOITER"
+    ended = f"ended, {taken}: operator or failsafe"
+    assert said[:4] == [(4, "vehicle silent"), (5, "vehicle heard again"), (4, taken), (5, ended[:41])]
 
 
 def test_the_ground_station_is_told_which_law_flies_and_of_no_outage_or_drift_where_there_is_none():

@@ -22,7 +22,7 @@ class Takeover:
     stays out of our hands. left: whether the guided mode was left, so that entering it gives the vehicle back."""
 
     take: Callable[[Rig], None]
-    reason: str = "GUIDED left for LOITER: operator or failsafe"
+    reason: str = "taken over, GUIDED left for LOITER: operator or failsafe"
     before: Callable[[Rig], None] = lambda rig: None
     stays: bool = True
     left: bool = True
@@ -92,10 +92,10 @@ def says_mode(*modes: int) -> Callable[[Rig], None]:
     return lambda rig: [rig.hear(mavlink.MAVLink_current_mode_message(0, mode, 0)) for mode in modes] and None
 
 
-DISARMED, REBOOTED = "vehicle disarmed", "autopilot rebooted"
+DISARMED, REBOOTED = "taken over, vehicle disarmed", "taken over, autopilot rebooted"
 TAKEOVERS = {
     "another mode": Takeover(stays(mode=LOITER)),
-    "return to launch": Takeover(stays(mode=RTL), "GUIDED left for RTL: operator or failsafe"),
+    "return to launch": Takeover(stays(mode=RTL), "taken over, GUIDED left for RTL: operator or failsafe"),
     "disarmed": Takeover(stays(armed=False), DISARMED, left=False),
     "rebooted": Takeover(reboots, REBOOTED, stays=False, left=False),
     "another mode while holding": Takeover(stays(mode=LOITER), before=holds),

@@ -122,6 +122,31 @@ def test_takeovers_outages_changes_of_law_and_alarms_are_marked_and_waiting_befo
     assert "low battery, 12 s" in drawn
 
 
+def test_a_takeover_that_ends_the_flight_is_marked_as_one_and_not_twice_where_its_phase_shows_it_already():
+    """By default the phase goes from engaged to ended; what was said of it tells, on the link and on the live page."""
+    ended = {"phase": [(0, 3, "ready"), (3, 9, "engaged"), (9, 10, "ended")]}
+    for words in ("taken over, GUIDED left for LOITER", "ABORTED: taken over, vehicle disarmed"):
+        marks = script("Charts.marks(bands, [[9, words]])", bands=ended, words=words)
+        assert marks == [[9, 9, "takeover", words]]
+        assert ">T</text>" in track([90, 80], [100] * 2, marked=[[0, *marks[0][1:]]])
+    yielded = {"phase": [(0, 3, "ready"), (3, 9, "engaged"), (9, 12, "yielded"), (12, 20, "engaged")]}
+    said = [[9, "taken over, GUIDED left for LOITER"], [9.1, "OPERATOR HAS THE VEHICLE, mode LOITER"]]
+    marks = script("Charts.marks(bands, said)", bands=yielded, said=said)
+    assert marks == [[9, 12, "takeover", "yielded"]]
+
+
+def test_an_alarm_of_an_outage_is_the_mark_of_its_phase_and_one_of_its_own_where_it_is_too_short_for_a_phase():
+    held = {"phase": [(0, 3, "ready"), (3, 9, "engaged"), (9, 12, "holding"), (12, 40, "engaged")]}
+    said = [
+        [9, "range lost, holding"],
+        [9.1, "RANGE STALE 0.6 s"],
+        [20, "vehicle silent"],
+        [30, "range frozen, rejected"],
+    ]
+    marks = script("Charts.marks(bands, said)", bands=held, said=said)
+    assert [mark[:3] for mark in marks] == [[9, 12, "outage"], [20, 20, "outage"], [30, 30, "alarm"]]
+
+
 # --- the track ---
 
 
@@ -187,8 +212,12 @@ def test_the_columns_are_those_of_the_run_on_its_own_time(run_folder):
     assert len(json.loads(as_script(data))["columns"]) == len(columns)
 
 
-def test_what_was_critical_and_lowered_gains_are_alarms(run_folder):
+def test_errors_of_the_vehicle_warnings_of_ours_ranges_mostly_rejected_and_the_gps_watch_are_alarms(run_folder):
     ticks = read_ticks(run_folder())
-    ticks.numbers["gain_share"][100:] = 0.7
+    ticks.numbers["rejected"][400:] += 2.0 * np.arange(len(ticks.time) - 400)  # 4 a second, beside one that is accepted
     happened = [Event(7.0, "vehicle says", "EKF failsafe", severe=True), Event(8.0, "vehicle says", "hello")]
-    assert alarms(ticks, happened) == [(50.0, "gains lowered to 70 %: the turn command swings"), (7.0, "EKF failsafe")]
+    happened += [Event(9.5, "circnav says", "GPS WATCH: GPS likeliest wrong", severe=True)]
+    rejected, *found = alarms(ticks, happened, [{"time_s": 9.0, "text": "off by 31 m"}])
+    assert rejected == (pytest.approx(200.0, abs=1.5), "most ranges rejected")
+    assert found == [(9.0, "GPS WATCH: off by 31 m"), (7.0, "EKF failsafe")]
+    assert (9.5, "GPS WATCH: GPS likeliest wrong") in alarms(ticks, happened, [])

@@ -19,10 +19,10 @@ BACK = "the operator has the vehicle: enter GUIDED again to hand it back"
 STALE = r"RANGE STALE 4\.\d s: holding the circle's turn rate, ends at 10\.5 s"
 
 
-def drawn(status, *, ascii_only=False, settings=SETTINGS):
+def drawn(status, *, ascii_only=False, settings=SETTINGS, columns=80):
     """The picture of a status as lines of text."""
-    console = Console(width=80, file=io.StringIO(), color_system=None)
-    console.print(Picture(settings, "small", ascii_only=ascii_only).draw(status))
+    console = Console(width=columns, file=io.StringIO(), color_system=None)
+    console.print(Picture(settings, "small", ascii_only=ascii_only).draw(status, columns))
     return console.file.getvalue().splitlines()
 
 
@@ -36,7 +36,7 @@ def drawn(status, *, ascii_only=False, settings=SETTINGS):
         (12.0, [], None, "engaged", "", ""),
         (10.2, [], "outage", "holding", "", STALE),
         (9.0, ['engage.on_takeover="wait"'], "takeover", "yielded", BACK, "OPERATOR HAS THE VEHICLE, mode LOITER"),
-        (9.0, [], "takeover", "ended", "", "ABORTED: GUIDED left for LOITER.*"),
+        (9.0, [], "takeover", "ended", "", "ABORTED: taken over, GUIDED left for LOITER.*"),
         (8.0, ["ranging.max_range_m=50.0"], None, "waiting for ranging", "no ranging: ",
          "MOST RANGES REJECTED: .* per second"),
         (9.0, [], "silence", "waiting for the link", "", r"LINK SILENT for [23]\.\d s; .*"),
@@ -123,6 +123,16 @@ def test_the_target_is_told_as_seen_from_the_vehicle_and_drift_by_where_it_goes_
     assert " m horizontal   desired 100.0 m" in lines
     assert "deg/s (limit 20.0), gain 0.72, delay 0.46 s" in lines
     assert f"target      {status.target}" in lines
+
+
+def test_a_wide_terminal_is_used_and_one_below_80_columns_gets_80(statuses):
+    """The bar as wide as the terminal allows: 41 cells of 80, 101 of 140; and no word is left out for want of room."""
+    for columns, cells in ((60, 41), (80, 41), (140, 101)):
+        picture = Picture(SETTINGS, "small", ascii_only=False).draw(statuses(12.0)[-1], columns)
+        assert picture.width == max(columns, 80)
+        assert max(sum(line.count(sign) for sign in "─┼●") for line in picture.renderable.plain.splitlines()) == cells
+    waits = statuses(8.0, "ranging.max_range_m=50.0")[-1]
+    assert [" ... " in "\n".join(drawn(waits, columns=columns)) for columns in (80, 140)] == [True, False]
 
 
 @pytest.mark.parametrize("height", [6, 14])

@@ -4,6 +4,7 @@ import http.client
 import importlib.util
 import json
 import os
+import re
 import select
 import signal
 import socket
@@ -157,6 +158,8 @@ def test_a_browser_gets_what_was_what_is_and_the_verdict(flown, page):
     assert (begun["flight"]["name"], begun["flight"]["radius"]) == ("small", 100.0)
     assert {point[0] for point in begun["points"]} == {round(tick.time, 5) for tick in flown.ticks}
     assert begun["newest"]["time"] == round(flown.ticks[-1].time, 5)
+    assert re.fullmatch(r"2\d{3}-\d\d-\d\d \d\d:\d\d UTC", begun["flight"]["date"])
+    assert begun["newest"]["facts"]["vehicle"] == "ardupilot copter, firmware 4.6.3"
     fly(flown, 10.0, page)
     newest = stream.until_tick(flown.ticks[-1].time)
     assert (newest["phase"], newest["r"]) == ("engaged", round(flown.ticks[-1].r, 5))

@@ -38,6 +38,7 @@ const Charts = (() => {
 
   // --- what is worth a mark: [from, to, kind, words], to = from for a moment ---
   const AWAY = { yielded: "takeover", holding: "outage", "would hold": "outage", "waiting for ranging": "outage", "waiting for the link": "outage" };
+  const SAID = { takeover: /taken over|operator has the vehicle/i, outage: /^(range (lost|stale)|(link|vehicle) silent)/i };
   const LETTERS = { takeover: "T", outage: "O", law: "L", alarm: "!" };
   const KINDS = { takeover: "operator has the vehicle", outage: "no ranges or no link", law: "change of law", alarm: "alarm" };
 
@@ -46,7 +47,10 @@ const Charts = (() => {
     const first = phases.findIndex(([, , word]) => !(AWAY[word] === "outage" || word === "ready"));
     phases.forEach(([from, to, word], i) => { if (AWAY[word] && first >= 0 && i > first) found.push([from, to, AWAY[word], word]); });
     laws.slice(1).forEach(([from, , word], i) => { if (laws[i][2] !== word) found.push([from, from, "law", `law ${word}`]); });
-    for (const [time, words] of alarms) found.push([time, time, "alarm", words]);
+    for (const [time, words] of alarms) {
+      const kind = Object.keys(SAID).find(kind => SAID[kind].test(words)) ?? "alarm"; // a takeover at the end and a short outage have no phase
+      if (kind === "alarm" || !found.some(([from, to, has]) => has === kind && time > from - 2 && time < to + 1)) found.push([time, time, kind, words]);
+    }
     return found.sort((a, b) => a[0] - b[0]);
   }
 

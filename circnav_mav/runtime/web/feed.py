@@ -21,6 +21,7 @@ from circnav_mav.mav.truth import is_truth_frame, relative_truth
 from circnav_mav.pilot import Pilot, PilotSettings, TickRecord
 from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.pilot.mission_state import Phase
+from circnav_mav.runtime.clock import utc_minute
 from circnav_mav.runtime.status import SILENCED, Status, Watch, told
 
 HOST = "127.0.0.1"
@@ -141,6 +142,7 @@ def _facts(pilot: Pilot, name: str, tolerance: float) -> dict[str, Any]:
     orbit = pilot.settings.orbit
     return {
         "name": name,
+        "date": utc_minute(),
         "circle": pilot.settings.circles,
         "radii": [orbit.radius, *(later.radius for later, _ in pilot.settings.later_circles)],
         "radius": orbit.radius,

@@ -1,0 +1,130 @@
+"""Every command that README and documents print: run, shorter where it would fly for minutes; or in a list that says
+why not, and then its words are those that the program takes."""
+
+import ast
+import math
+import re
+import shlex
+import subprocess
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+from textwrap import dedent
+
+import click
+import pytest
+
+from circnav_mav.cli import circnav as cli
+from tests.cli.conftest import circnav, undrawn
+from tests.docs.test_pages import PAGES, ROOT
+from tests.process import PATIENCE, UNHURRIED, python, read_until, running
+from tests.process import circnav as process_of
+
+__all__ = ["circnav", "undrawn"]
+
+ELSEWHERE = {"tutorial-pilot.md", "tutorial-researcher.md", "tutorial-integrator.md", "first-minute.md"}
+"""Pages whose commands test_commands.py runs, as they stand there."""
+NOT_RUN = {
+    r"python3 -m venv": ".ci/run installs the wheel in an empty folder, and runs the tests by that very line",
+    r"pip install": "the same; the driver of radios.md: test_commands.py",
+    r"sudo ": "changes the computer",
+    r"plotjuggler ": "opens a window; its layout: test_pages.py",
+    r"sim_vehicle.py|(PX4_HOME_ALT=0 )?make px4|export CIRCNAV|python -m tests.firmware": "a firmware, for hours",
+    r"python docs/beacon.py": "beside a firmware; tests/flight/test_beacon.py",
+    r"python -m tests\.": "minutes to hours, in a checkout; their parts: tests/faults, tests/bench, tests/experiments",
+    r"python -m circnav_mav.emulator.faults": "between two others; tests/sim/test_process.py",
+    r"circnav emulate .*--endpoint|circnav emulate arducopter": "as the pair of the README, which is run",
+    r"circnav (preflight|fly) (?!quickstart).*--endpoint": "a vehicle; on ports: tests/flight/test_process.py",
+    r"circnav ranging watch \w+:/dev/": "a radio on a serial line; test_commands.py has one",
+    r"circnav campaign .*--scheduler": "a cluster; tests/experiments/campaign/test_execution.py has a small one",
+    r"circnav locate (runs/|flight.tlog)": "an earlier flight; tests/locate/test_locate_command.py",
+    r"circnav bench": "half an hour; cells of it: tests/cli/test_commands.py and tutorial-researcher.md",
+}
+SHORTER = {"fly": "--duration 3", "campaign": "--runs 2 --processes 1", "watch": "--seconds 1"}
+
+
+def blocks(page: Path):
+    """What is printed to be typed, a block at a time; a transcript's lines begin with $."""
+    listing = r"^```(\w*)\n(.*?)^```|((?:^    [^\n]*\n)+)"
+    for language, fenced, indented in re.findall(listing, page.read_text(), re.MULTILINE | re.DOTALL):
+        if language == "sh":
+            yield fenced
+        elif language in ("", "console"):
+            yield "".join(re.findall(r"^\$ (.*\n)", fenced, re.MULTILINE))
+        if indented:
+            with suppress(SyntaxError):
+                ast.parse(dedent(indented))
+                continue  # a program
+            yield dedent(indented)
+
+
+def printed(page: Path) -> list[str]:
+    """The commands of a page, without comments."""
+    lines = [line for block in blocks(page) for line in re.sub(r"\\\n\s*", "", block).splitlines()]
+    bare = (re.sub(r"(^|\s+)#.*|\s{3,}.*", "", line) for line in lines)
+    return [
+        command for line in bare if (command := line.replace("[", "").replace("]", "") if "tests." in line else line)
+    ]
+
+
+def reason(command: str) -> str | None:
+    return next((why for pattern, why in NOT_RUN.items() if re.match(pattern, command)), None)
+
+
+COMMANDS = {page: printed(page) for page in PAGES}
+RUN = [page for page in PAGES if page.name not in ELSEWHERE and not all(map(reason, COMMANDS[page]))]
+KEPT = [(page, command) for page, commands in COMMANDS.items() for command in commands if reason(command)]
+
+
+@pytest.mark.parametrize("page", RUN, ids=lambda page: page.name)
+def test_the_printed_commands_run(page, circnav, undrawn, tmp_path, monkeypatch, port):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    track = [(t, 47.0 + 0.001 * math.sin(t / 9), 8.5 + 0.0015 * math.cos(t / 9)) for t in range(120)]
+    rows = [
+        f"{t},{lat:.7f},{lon:.7f},{math.hypot((lat - 47) * 111_200, (lon - 8.5) * 75_900):.2f},17"
+        for t, lat, lon in track
+    ]
+    (tmp_path / "collar.csv").write_text("\n".join(["time,latitude,longitude,range,tag", *rows]) + "\n")
+    for command in (part for one in COMMANDS[page] if not reason(one) for part in one.split(" && ")):
+        words = shlex.split(re.sub(r"\b(14550|5005)\b", str(port), command))
+        if words[0] != "circnav":
+            subprocess.run(["sh", "-e", "-c", command.replace("~", str(tmp_path))], cwd=tmp_path, check=True)
+        elif words[1] == "emulate":
+            emulator = process_of(*words[1:], "--endpoint", f"udpout:127.0.0.1:{port}")
+        elif "--endpoint" in words:
+            with running(emulator):
+                read_until(emulator, "udpout")
+                assert circnav(*words[1:], *SHORTER["fly"].split(), *UNHURRIED).code == 0, command
+        else:
+            ran = circnav(*words[1:], *SHORTER.get(words[1 + (words[1] == "ranging")], "").split())
+            silent = words[1:3] == ["ranging", "watch"]  # no radio speaks here
+            assert (ran.code, ran.err) == (3 if silent else 0, ""), command
+
+
+@pytest.mark.parametrize(("page", "command"), KEPT, ids=lambda it: it if isinstance(it, str) else it.name)
+def test_a_printed_command_that_is_not_run_here_has_the_words_that_its_program_takes(page, command, circnav, tmp_path):
+    for name in ("my.toml", "vehicle.toml"):
+        (tmp_path / name).write_bytes((ROOT / "config" / "quickstart.toml").read_bytes())
+    if command.startswith("circnav"):
+        named, rest = cli, shlex.split(command)[1:]
+        while isinstance(named, click.Group):
+            named, rest = named.commands[rest[0]], rest[1:]
+        named.make_context(named.name, rest)
+    elif (program := re.match(r"python (-m )?[\w./]+", command)) and "--" in command:
+        told = helped(program[0])
+        for option in re.findall(r"--[\w-]+", command):
+            assert re.search(rf"{option}\b", told), option
+
+
+@cache
+def helped(program: str) -> str:
+    """What a program of this repository says of its options."""
+    words = [*program.removeprefix("python ").split(), "--help"]
+    said, _ = python(*words).communicate(timeout=PATIENCE)
+    return said
+
+
+def test_no_reason_is_left_of_a_command_that_is_printed_no_more():
+    told = [command for commands in COMMANDS.values() for command in commands]
+    assert len(told) > 80
+    assert [pattern for pattern in NOT_RUN if not any(re.match(pattern, command) for command in told)] == []
