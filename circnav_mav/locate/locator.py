@@ -281,7 +281,6 @@ class Locator:
         return [self._encode(message) for message in messages]
 
     def _tell(self, place: Place, now: float, mode: OutputMode) -> list[Message]:
-        assert self.plane is not None
         messages = named_values(place, now)
         if mode is OutputMode.SHADOW or self._pilot.done:
             return messages
@@ -299,15 +298,15 @@ class Locator:
         assert session.peer is not None
         target, flies = session.peer.ids, self._pilot.settings.output_mode is OutputMode.FLY
         farewell = self._stream(now, done=done)
+        for result in self._commands.take_results():
+            if result.command.number == dialect.MAV_CMD_DO_SET_ROI_LOCATION:
+                self._aims &= not result.refused
+                self._aimed_at = self._aimed_at if result.accepted else None  # without an answer, again
+            elif result.refused and self._streams is not None:
+                self._streams.denied(result.command)
         if flies and self._aims:
             self._aim(None if done else place)
         messages = farewell + self._commands.poll(target, now)
-        for result in self._commands.take_results():
-            if result.command.number != dialect.MAV_CMD_SET_MESSAGE_INTERVAL:
-                self._aims &= not result.refused
-                self._aimed_at = self._aimed_at if result.accepted else None
-            elif result.refused and self._streams is not None:
-                self._streams.denied(result.command)
         if flies and self.handback is not None:
             messages += self._give_back(self.handback, place, target, now)
         return messages

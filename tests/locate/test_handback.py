@@ -10,15 +10,10 @@ from circnav_mav.guidance.types import OwnMotion
 from circnav_mav.locate.handback import DeadReckoning, HandBack, HandBackSettings, Health, Where
 from circnav_mav.locate.place import Plane
 from sim.world import to_degrees
-from tests.locate.flown import surveyed
+from tests.locate.flown import GPS_LOST, surveyed
 
 POSITION = mavlink.MAV_CMD_EXTERNAL_POSITION_ESTIMATE
 LOST_AT, END = 60.0, 105.5  # not a whole second: each position is answered
-PLANE = (
-    'sim.events=[{at_s=60.0, action="gps_off"}]', "sim.sensors.dead_reckoning_mps=1", "sim.sensors.gps_error_m=1",
-    "sim.sensors.gps_error_time_s=600", "sim.wind.speed_mps=5", "sim.start.north_m=150", "sim.start.east_m=-100",
-    "limits.duration_s=85",
-)  # fmt: skip
 HERE = Where(0.0, 15.0, 0.0, 3.0, 0j, 1.0, True)
 ON_PLANE = Plane(-35.0, 149.0)
 
@@ -35,7 +30,7 @@ def own_error(flown):
 def test_an_autopilot_without_gps_is_kept_where_it_is_also_after_guidance_has_ended():
     """Of an autopilot that drifts away by 1 m/s in each axis, which nobody helps: 45 s later it is some 45 m off."""
     errors: list[tuple[float, float]] = []
-    flown = surveyed("arduplane", *PLANE, law="auto", handback=HandBackSettings())
+    flown = surveyed("arduplane", *GPS_LOST, law="auto", handback=HandBackSettings())
     flown.solve_from, flown.solve_every = 50.0, 10.0
     flown.fly(END, lambda one: errors.append((one.now, own_error(one))))
     given = commands(flown)
@@ -54,7 +49,9 @@ def test_an_autopilot_without_gps_is_kept_where_it_is_also_after_guidance_has_en
 def lost_early(law, until, **settings):
     """A flight whose GPS is lost before anybody could have found the target."""
     lost = 'sim.events=[{at_s=10.0, action="gps_off"}]'
-    flown = surveyed("arduplane", lost, *PLANE[1:], "sim.target.north_m=0", "sim.target.east_m=0", law=law, **settings)
+    flown = surveyed(
+        "arduplane", lost, *GPS_LOST[1:], "sim.target.north_m=0", "sim.target.east_m=0", law=law, **settings
+    )
     flown.solve_from = 1e9
     return flown.fly(until)
 
