@@ -14,6 +14,7 @@ from circnav_mav.guidance.types import OwnMotion
 from circnav_mav.locate.handback import HandBackSettings, Where
 from circnav_mav.locate.locator import LocateSettings, Locator
 from circnav_mav.locate.place import Place, Plane
+from circnav_mav.mav.ranging.interface import RangingSettings
 from circnav_mav.mission.load import load_mission
 from circnav_mav.pilot import VEHICLE
 from circnav_mav.pilot.loop_step import LoopStep
@@ -30,8 +31,8 @@ PLACE = Place(0.0, HERE, 30.0, 40.0, 584.0, np.eye(2), up_sigma=0.5, up_known=Tr
 class Beside:
     """A locator beside a rig. said: (time, message)."""
 
-    def __init__(self, **settings):
-        self.rig = Rig()
+    def __init__(self, rig=None, **settings):
+        self.rig = rig or Rig()
         self.locator = Locator(LocateSettings(194, **settings), self.rig.pilot)
         self.said = []
 
@@ -76,6 +77,14 @@ def test_a_vehicle_without_a_camera_is_asked_once():
     beside.hear(mavlink.MAVLink_command_ack_message(ROI, mavlink.MAV_RESULT_UNSUPPORTED, 0, 0, 1, 194))
     beside.locator.found(replace(PLACE, time=10.0, east=60.0))
     assert len(beside.run(3.0).of(ROI)) == 1
+
+
+def test_its_beacon_has_the_id_of_the_radio():
+    ranging = RangingSettings(message="distance_sensor", orientation=24, beacon_id=7)
+    beside = Beside(beacon=True, rig=Rig(ranging=ranging)).run(3.0)
+    beside.locator.found(PLACE)
+    beside.run(1.0)
+    assert {one.beacon_id for _, one in beside.said if one.get_type() == "RANGING_BEACON"} == {7}
 
 
 def test_every_range_of_a_datagram_counts():
