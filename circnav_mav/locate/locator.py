@@ -271,11 +271,13 @@ class Locator:
         self._encoder.system = session.encoder.system
         messages: list[Message] = []
         place = None if self.place is None else self.place.at(now)
-        if place is not None and now >= self._tell_at and not self.only_hand_back:
+        whole = not self.only_hand_back
+        if whole and place is not None and now >= self._tell_at:
             self._tell_at, self.cot_due = now + TELL_EVERY, True
             messages += self._tell(place, now, mode)
         if mode is not OutputMode.SHADOW:
             messages += self._requests(place, now)
+        if whole and mode is not OutputMode.SHADOW:
             self._say(place, now)
             messages += self._announcer.texts(now)
         return [self._encode(message) for message in messages]
@@ -304,7 +306,7 @@ class Locator:
                 self._aimed_at = self._aimed_at if result.accepted else None  # without an answer, again
             elif result.refused and self._streams is not None:
                 self._streams.denied(result.command)
-        if flies and self._aims:
+        if flies and (done or self._aims) and not self.only_hand_back:
             self._aim(None if done else place)
         messages = farewell + self._commands.poll(target, now)
         if flies and self.handback is not None:

@@ -50,8 +50,8 @@ class Locating:
         except Exception as error:
             locator = self.locator
             self._ended = locator.handback is None or locator.only_hand_back
-            what = "survey" if not locator.only_hand_back else "hand-back"
-            locator.problem = f"{what} of the target stopped at {step.time:.1f} s: {error!r}"
+            what = "hand-back" if locator.only_hand_back else "survey of the target"
+            locator.problem = f"{what} stopped at {step.time:.1f} s: {error!r}"
             locator.only_hand_back = True
         return frames
 
