@@ -16,7 +16,7 @@ from .ranging_radio import centimetres
 from .world import HOME_AMSL_M, HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG, to_degrees
 
 EPOCH_US = 1_750_000_000_000_000  # SYSTEM_TIME's wall clock at simulated time zero: fixed, so that runs repeat
-EKF_GOOD, EKF_NO_POSITION = 0x33F, 0xA7
+EKF_GOOD, EKF_NO_POSITION, EKF_RECKONS = 0x33F, 0xA7, 0x12F  # the last without an absolute position
 GPS_FIX_RTK, GPS_NO_FIX = 6, 1
 UNKNOWN_VOLTAGE = 65535
 ONLY_VELOCITY = 3079
@@ -121,6 +121,7 @@ def battery_status(flight: Flight) -> Message:
 
 def ekf_status_report(flight: Flight) -> Message:
     flags = EKF_GOOD if flight.autopilot.position else EKF_NO_POSITION
+    flags = EKF_RECKONS if flight.autopilot.reckons() else flags
     return mavlink.MAVLink_ekf_status_report_message(flags, 0.02, 0.03, 0.01, 0.02, 0.0, 0.0)
 
 

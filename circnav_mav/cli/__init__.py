@@ -230,9 +230,9 @@ def export() -> None:
 def locate() -> None:
     """Tell where the targets of a log are. Writes GeoJSON, KML and a picture.
 
-    A log is a run folder, a tlog with positions and ranges, or a CSV whose first line names time (s), latitude,
-    longitude, range (m), and maybe altitude (m), sigma (m), tag. Exit codes: 0 located, 2 bad usage, 3 nothing to
-    locate.
+    A log is a run folder, a tlog with positions and ranges, or a CSV whose first line names time (s or ISO 8601),
+    latitude, longitude, range (m), and maybe altitude (m), sigma (m), tag. Exit codes: 0 located, 2 bad usage,
+    3 nothing to locate.
 
     \b
     Examples:

@@ -1,5 +1,6 @@
 """What `fly` and `preflight` open: links, key and clock of a mission, and the bundled vehicle at their other end."""
 
+import socket
 from collections.abc import Iterator
 from contextlib import ExitStack, closing
 from math import inf
@@ -14,6 +15,7 @@ from circnav_mav.locate.locator import Locator
 from circnav_mav.mav.session import Session
 from circnav_mav.mav.signing import Signing
 from circnav_mav.mission.mission import SIM, Mission
+from circnav_mav.mission.schema import MOST_PORT
 from circnav_mav.pilot import RANGING, VEHICLE, Pilot
 from circnav_mav.runlog.metrics import TOLERANCE
 from circnav_mav.runtime.clock import AutopilotClock, Clock
@@ -25,7 +27,6 @@ from circnav_mav.runtime.lockstep import Lockstep
 from circnav_mav.runtime.radio_link import open_radio
 from circnav_mav.runtime.web.feed import LivePage, WebError
 
-MOST_PORT = 65535
 PAGE_SPEED = 6.0
 """Times real time that the bundled vehicle flies for people who watch the live page and have asked for no speed."""
 
@@ -67,13 +68,15 @@ def open_signing(mission: Mission, open_things: ExitStack) -> tuple[Signing, Sig
 
 
 def open_locating(mission: Mission, pilot: Pilot, signing: Signing | None, open_things: ExitStack) -> Locating | None:
-    """The survey of the target beside the pilot, where the mission wants one."""
+    """The survey of the target beside the pilot, where the mission wants one. Raises Refused."""
     settings = mission.locate_settings
     if settings is None:
         return None
-    host, _, port = (mission.file.locate.cot or "").rpartition(":")
-    cot, name = (host, int(port)) if port else None, f"{mission.file.name}.target"
-    locator = Locator(settings, pilot, signing)
+    cot, name, locator = None, f"{mission.file.name}.target", Locator(settings, pilot, signing)
+    if mission.file.locate.cot is not None:
+        host, _, port = mission.file.locate.cot.rpartition(":")
+        with refusing(f"locate.cot: {host}"):
+            cot = socket.gethostbyname(host), int(port)  # once: in flight setpoints would wait for a name server
     return open_things.enter_context(closing(Locating(locator, name, cot, waits=mission.flies_sim)))
 
 

@@ -108,7 +108,7 @@ def fly_mission(
         *onlookers.problems,
         display.problem,
         signing_time.problem if signing_time else None,
-        locating.problem if locating else None,
+        locator.problem if locator else None,
     ]
     for problem in filter(None, (*problems, *draw_flight(folder))):
         click.echo(f"  WARNING    {problem}")

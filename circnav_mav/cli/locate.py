@@ -10,9 +10,11 @@ from circnav_mav.cli.exits import Exit, Refused, refusing
 from circnav_mav.locate.estimator import Knowledge, NotYet, locate
 from circnav_mav.locate.export import geojson, kml
 from circnav_mav.locate.place import NOT_OBSERVABLE, Place, Plane
+from circnav_mav.mission.load import MissionError, load_mission
+from circnav_mav.mission.mission import Mission
 from circnav_mav.report.plots import plot_map
 from circnav_mav.runlog.atomic_write import write_text
-from circnav_mav.runlog.range_log import RangeLog, read_log
+from circnav_mav.runlog.range_log import EmptyLogError, RangeLog, read_log
 from circnav_mav.runlog.run_folder import RunError, printable
 
 MIXED, POOR = 0.25, 0.05
@@ -28,10 +30,15 @@ def locate_log(
     """Locate every tag of a log, and write the map: the command line of `locate`. Raises Refused."""
     source = Path(path)
     with refusing(source):
+        flown = _mission(source)
         try:
-            log = read_log(source)
+            log = read_log(source) if flown is None else read_log(source, flown.file.ranging.name)
         except RunError as error:
-            raise Refused(str(error), Exit.NOTHING_HEARD if "in it" in str(error) else Exit.USAGE) from None
+            empty = isinstance(error, EmptyLogError)
+            raise Refused(str(error), Exit.NOTHING_HEARD if empty else Exit.USAGE) from None
+        if flown is not None:
+            sigma = flown.file.ranging.sigma_m if sigma is None else sigma
+            altitude = flown.height.target_altitude if altitude is None else altitude
         plane, unknown = log.plane(), [tag for tag in tags if tag not in log.ranges]
         if unknown:
             raise Refused(f"--tag {unknown[0]}: not in {source}, which has: {', '.join(map(repr, log.ranges))}")
@@ -46,6 +53,15 @@ def locate_log(
             raise Refused(f"{source}: no target was located", Exit.NOTHING_HEARD)
         _write(out, source, places, log)
     return Exit.DONE
+
+
+def _mission(source: Path) -> Mission | None:
+    """The mission of a run folder, whose ranges and target are as it says. Raises Refused."""
+    file = source / "mission.toml"
+    if not file.exists():
+        return None
+    with refusing(file, MissionError):
+        return load_mission(file)
 
 
 def _one(log: RangeLog, plane: Plane, tag: str, sigma: float | None, known: Knowledge) -> Place | None:

@@ -22,6 +22,8 @@ GAP = 3.0
 """Longest time, s, between two positions that a range may lie in."""
 GUESSED = 150
 """Ranges by which the starting points are tried out."""
+GPS_TIME, SPEED_SIGMA = 100.0, 10.0
+"""How long, s, the error of a position stays; standard deviation of a target's velocity, each axis, m/s."""
 NODES, MOST_NODES = 8, 40
 """Nodes in the correlation time of the positions' error, and most of them. With fewer, what it does between two looks
 like a height: a lap at 2 a correlation time claimed heights that were 20 m off."""
@@ -72,16 +74,14 @@ class Ranges:
 
 @dataclass(frozen=True, slots=True)
 class Knowledge:
-    """What is known beforehand; standard deviations in m and s. gps_sigma: of a position, each axis; gps_time: for how
-    long its error stays. up: of the target. sigma_known: whether the ranges' own standard deviations are meant."""
+    """What is known beforehand; standard deviations in m and s. gps_sigma: of a position, each axis. up: of the
+    target. sigma_known: whether the ranges' own standard deviations are meant."""
 
     up: float
     up_sigma: float = 50.0
     gps_sigma: float = 1.5
-    gps_time: float = 100.0
     bias_sigma: float = 2.0
     delay_sigma: float = 0.15
-    speed_sigma: float = 10.0
     sigma_known: bool = True
 
 
@@ -199,14 +199,14 @@ class _Problem:
         self.track, self.ranges, self.known, self.moves = track, ranges, known, moves
         self.end = float(ranges.time[-1])
         self._own = VN + 1 if moves else DELAY + 1
-        sigmas = known.up_sigma, known.bias_sigma, known.delay_sigma, known.speed_sigma, known.speed_sigma
+        sigmas = known.up_sigma, known.bias_sigma, known.delay_sigma, SPEED_SIGMA, SPEED_SIGMA
         self._expected_sigma = np.array(sigmas[: self._own - U])
         self._expected = np.array([known.up, 0.0, 0.0, 0.0, 0.0][: self._own - U])  # of all that is not the place
         span = self.end - float(ranges.time[0])
-        count = int(min(nodes, 1 + np.ceil(NODES * span / known.gps_time)))
+        count = int(min(nodes, 1 + np.ceil(NODES * span / GPS_TIME)))
         places = np.linspace(ranges.time[0], self.end, count)
         self._between = np.column_stack([np.interp(ranges.time, places, row) for row in np.eye(count)])
-        kernel = known.gps_sigma**2 * np.exp(-np.abs(places[:, None] - places) / known.gps_time)
+        kernel = known.gps_sigma**2 * np.exp(-np.abs(places[:, None] - places) / GPS_TIME)
         self._whiten = np.linalg.inv(np.linalg.cholesky(kernel))
         # slopes of the track, by which a delay moves the position
         self._rates = [np.gradient(way, track.time) for way in (track.east, track.north, track.up)]

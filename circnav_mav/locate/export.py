@@ -14,6 +14,7 @@ from circnav_mav.guidance.types import Direction, Orbit
 from circnav_mav.locate.place import Place
 from circnav_mav.mav.clocks import our_boot_ms
 from circnav_mav.mav.codec import Message
+from circnav_mav.mav.commands import Command
 
 UNKNOWN_ACCURACY = 2**32 - 1
 
@@ -45,22 +46,19 @@ def orbit_status(place: Place, orbit: Orbit, now: float) -> Message:
     return dialect.MAVLink_orbit_execution_status_message(round(now * 1e6), radius, dialect.MAV_FRAME_GLOBAL, x, y, z)
 
 
-def own_beacon(place: Place, slant: float, sigma: float, target: tuple[int, int], now: float) -> Message:
-    """RANGING_BEACON: the newest range with the place of its beacon, mm; PX4 knows the message."""
+def own_beacon(place: Place, ident: int, slant: float, sigma: float, target: tuple[int, int], now: float) -> Message:
+    """RANGING_BEACON: the newest range with the id and the place of its beacon, mm; PX4 knows the message."""
     x, y = degrees_e7(place)
     altitude, vertical = (place.up, round(place.up_sigma * 1000)) if place.up_known else (nan, UNKNOWN_ACCURACY)
     return dialect.MAVLink_ranging_beacon_message(
-        round(now * 1e6), *target, 0, round(slant * 1000), x, y, altitude, 0, round(place.sigma * 1000), vertical, 0,
-        round(sigma * 1000), round(now * 10) % 256, 0,
+        round(now * 1e6), *target, ident, round(slant * 1000), x, y, altitude, 0, round(place.sigma * 1000), vertical,
+        0, round(sigma * 1000), round(now * 10) % 256, 0,
     )  # fmt: skip
 
 
-def camera(place: Place, target: tuple[int, int]) -> Message:
-    """MAV_CMD_DO_SET_ROI_LOCATION, as COMMAND_INT: single precision would be metres off."""
-    x, y = degrees_e7(place)
-    return dialect.MAVLink_command_int_message(
-        *target, dialect.MAV_FRAME_GLOBAL, dialect.MAV_CMD_DO_SET_ROI_LOCATION, 0, 0, 0.0, 0.0, 0.0, 0.0, x, y, place.up
-    )
+def camera(place: Place) -> Command:
+    """MAV_CMD_DO_SET_ROI_LOCATION."""
+    return Command(dialect.MAV_CMD_DO_SET_ROI_LOCATION, (0.0,) * 6 + (place.up,), degrees_e7(place))
 
 
 def position_estimate(

@@ -1,10 +1,10 @@
 """Giving a position back to an autopilot that has lost its own: MAV_CMD_EXTERNAL_POSITION_ESTIMATE every few seconds.
 
-Never while the GPS has a fix, or when nobody says whether it has; never again to an autopilot that does not know the
-command, answers what nobody understands, or accepts and does nothing.
+Never while the autopilot has an absolute position of any kind, or when nobody says whether it has; never again to an
+autopilot that does not know the command, answers what nobody understands, or accepts and does nothing.
 """
 
-from cmath import rect
+from cmath import phase, rect
 from dataclasses import dataclass, replace
 from math import hypot
 from typing import Any
@@ -17,16 +17,32 @@ from circnav_mav.locate.place import Place, Plane
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.commands import RESULT_NAMES
 
+RECEIVERS = ("GPS_RAW_INT", "GPS2_RAW")
+FIX_3D, SILENT = 3, 3.0
+"""Their fix_type from which a position is one, and the silence, s, after which a word counts no more."""
+FUSES = {
+    "EKF_STATUS_REPORT": dialect.EKF_POS_HORIZ_ABS,
+    "ESTIMATOR_STATUS": dialect.ESTIMATOR_PRED_POS_HORIZ_ABS,
+}
+"""The flag of each estimator's report that an absolute position is fused. ArduPilot's falls 10 s after the last one of
+GPS, vision or beacons (NavEKF3's posTimeout), and a position that is given back does not raise it. PX4's absolute one
+stays up in dead reckoning by airspeed; its predicted one is GNSS or an auxiliary position, and falls within 7 s."""
+REPORTS = {
+    "ardupilot": dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT,
+    "px4": dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS,
+}
+"""Message ids, by firmware."""
 LOST_FOR = 2.0
-"""Time, s, without a fix from which the position counts as lost."""
+"""Time, s, that there must have been no position."""
 ANSWER_PATIENCE, MOST_SILENT = 2.0, 3
 AFTER_FAILED = 10.0
 """Time, s, until the next try after FAILED: the autopilot has a position after all, or none to set anew."""
 LOOK_AFTER, EFFECT, MOST_WITHOUT = 0.5, 30.0, 3
 """When, s, after an acceptance the reported position is looked at; how far, m, it may be from the one that was given;
 so many in a row without effect are enough."""
-LEAST_SIGMA, MOST_SIGMA = 1.0, 150.0
-"""Standard deviation, m, that is told at least (PX4 resets hard below it); of a position that helps nobody any more."""
+LEAST_SIGMA, MOST_SIGMA = 1.0, 300.0
+"""Standard deviation, m, that is told at least (PX4 resets hard below it); of a position that helps nobody any more: an
+autopilot by itself was some km off."""
 PLACE_SIGMA = 15.0
 COMPASS_SIGMA = 0.03
 """What is not known of the compass, rad, where its bias was learnt; three times that where it was not."""
@@ -35,7 +51,10 @@ WIND_SIGMA = 0.3
 WIND_MEMORY = 40.0
 """Time, s, over which that wind is averaged: about a lap. The drift of one moment has its gust and the slip of the
 nose, and .7 m/s of it put a plane 190 m off on its way home."""
-LONGEST_STEP = 1.0
+BIAS_MEMORY = 60.0
+"""Time, s, over which the compass bias is learnt."""
+RECKON_EVERY, LONGEST_STEP = 0.1, 1.0
+"""Time, s, between two steps of dead reckoning; over a longer one nobody knows how the vehicle has turned."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,19 +92,83 @@ class Where:
     by_ranges: bool
 
 
+class Health:
+    """What the autopilot says of its own position."""
+
+    def __init__(self) -> None:
+        self._said: dict[str, tuple[bool, float]] = {}
+
+    def hear(self, message: Message, now: float) -> None:
+        """A message of RECEIVERS or FUSES."""
+        kind = message.get_type()
+        good = message.fix_type >= FIX_3D if kind in RECEIVERS else bool(message.flags & FUSES[kind])
+        self._said[kind] = good, now
+
+    def has_fix(self, now: float) -> bool:
+        """Whether a receiver has one."""
+        fresh = self._fresh(now)
+        return any(fresh.get(kind, False) for kind in RECEIVERS)
+
+    def good(self, now: float) -> bool | None:
+        """Whether there is a fix, or the estimator fuses a position of any other kind; None: receiver or estimator is
+        not heard, and nobody says that there is none."""
+        fresh = self._fresh(now)
+        heard = RECEIVERS[0] in fresh and not FUSES.keys().isdisjoint(fresh)
+        return True if any(fresh.values()) else False if heard else None
+
+    def _fresh(self, now: float) -> dict[str, bool]:
+        return {kind: good for kind, (good, at) in self._said.items() if now - at <= SILENT}
+
+
+class CompassBias:
+    """Of bearings by compass less those by GPS, while there is GPS: a mean of unit vectors with a memory."""
+
+    def __init__(self) -> None:
+        self._turned: complex = 0j
+        self._turned_for, self._turned_at = 0.0, 0.0
+
+    def learn(self, off: float, now: float) -> None:
+        """off: rad, counter-clockwise positive."""
+        dt = min(now - self._turned_at, 1.0)
+        self._turned_at = now
+        self._turned_for = min(self._turned_for + dt, BIAS_MEMORY)
+        self._turned += dt / max(self._turned_for, dt, 1e-3) * (rect(1.0, off) - self._turned)
+
+    @property
+    def value(self) -> tuple[float, float]:
+        """The bias, rad, counter-clockwise positive, and its standard deviation; 0 before it was learnt."""
+        learnt = self._turned_for > 10.0
+        return (phase(self._turned), COMPASS_SIGMA) if learnt else (0.0, 3 * COMPASS_SIGMA)
+
+
 class DeadReckoning:
     """The vehicle's place from the target's, the ranges and the compass; without ranges, from air path and wind."""
 
     def __init__(self) -> None:
         self.where: Where | None = None
+        self.compass = CompassBias()
         self._wind_for = 0.0
+        self._air: complex = 0j
+        """Velocity through the air, m/s, east + j north, as last known."""
+        self._stepped_at = float("-inf")
 
-    def ranged(self, now: float, target: Place, relative: RelativeMotion, compass: tuple[float, float]) -> None:
-        """Take the filter's word. compass: bias, rad, counter-clockwise positive, and its standard deviation."""
-        turn = rect(1.0, -compass[0])
+    def step(self, now: float, own: OwnMotion | None, target: Place | None, relative: RelativeMotion | None) -> None:
+        """Take the filter's word, where ranges give one, or carry the place on. own: None where it is not heard."""
+        if now - self._stepped_at < RECKON_EVERY:
+            return
+        self._stepped_at = now
+        if target is not None and relative is not None and target.sigma <= PLACE_SIGMA:
+            self._ranged(now, target, relative)
+        elif self.where is not None:
+            self._flown(now, self.where, own)
+
+    def _ranged(self, now: float, target: Place, relative: RelativeMotion) -> None:
+        bias, bias_sigma = self.compass.value
+        turn = rect(1.0, -bias)
         way, drift = turn * complex(relative.x, relative.y), turn * complex(relative.drift_x, relative.drift_y)
-        sigma = hypot(target.sigma, relative.sigma, compass[1] * abs(way))
+        sigma = hypot(target.sigma, relative.sigma, bias_sigma * abs(way))
         wind = self._averaged(drift + complex(*target.velocity), now)
+        self._air = rect(relative.airspeed, relative.heading - bias)
         self.where = Where(now, target.east + way.real, target.north + way.imag, sigma, wind, relative.scale, True)
 
     def _averaged(self, wind: complex, now: float) -> complex:
@@ -97,18 +180,16 @@ class DeadReckoning:
         self._wind_for = min(self._wind_for + dt, WIND_MEMORY)
         return before.wind + dt / max(self._wind_for, 1e-3) * (wind - before.wind)
 
-    def flown(self, now: float, own: OwnMotion | None, bias: float) -> None:
-        """Carry the place on through the air."""
-        before = self.where
-        if before is None or own is None or now <= before.time:
-            return
+    def _flown(self, now: float, before: Where, own: OwnMotion | None) -> None:
+        """On through the air; straight on where the vehicle is not heard, which may have turned anywhere since."""
+        bias, bias_sigma = self.compass.value
         dt = now - before.time
-        if dt > LONGEST_STEP:
-            self.where = None  # where it went meanwhile is not known
-            return
-        v = rect(own.airspeed * before.scale, own.heading - bias) + before.wind
+        if own is not None:
+            self._air = rect(own.airspeed * before.scale, own.heading - bias)
+        known = own is not None and dt <= LONGEST_STEP
+        v, off = self._air + before.wind, hypot(WIND_SIGMA, (bias_sigma if known else 1.0) * abs(self._air))
         self.where = replace(
-            before, time=now, by_ranges=False, sigma=before.sigma + WIND_SIGMA * dt,
+            before, time=now, by_ranges=False, sigma=before.sigma + off * dt,
             east=before.east + v.real * dt, north=before.north + v.imag * dt,
         )  # fmt: skip
 
@@ -124,6 +205,8 @@ class HandBack:
         self.over = False
         """Whether nothing will be given any more."""
         self._lost_since: float | None = None
+        self._lacks = ""
+        """Why there is nothing to give now, for people."""
         self._due = 0.0
         self._waits = False
         self._silent = self._without = 0
@@ -137,34 +220,40 @@ class HandBack:
     @property
     def words(self) -> str:
         """What goes on, for people; empty where nothing does."""
-        if not self.given or not self.begun:
+        if self.over or self._lost_since is None:
             return f"stopped: {self.ended}" if self.over else ""
+        if self._lacks:
+            return f"position lost, none to give: {self._lacks}"
+        if not self.given or self.given[-1].time < self._lost_since:
+            return ""
         newest = self.given[-1]
-        return f"GPS lost, position given by {newest.by}, +-{newest.sigma:.0f} m, {newest.answer}"
+        return f"position lost, given by {newest.by}, +-{newest.sigma:.0f} m, {newest.answer}"
 
     def step(
-        self, now: float, *, fix: bool | None, where: Where | None, plane: Plane, target: tuple[int, int]
+        self, now: float, *, good: bool | None, where: Where | None, plane: Plane, target: tuple[int, int]
     ) -> Message | None:
-        """The command due now. fix: whether the GPS has one; None: nobody says."""
-        if fix is None or fix:
-            self._lost_since, self._waits = None, False
+        """The command due now. good: whether the autopilot has a position; None: nobody says."""
+        if good is None or good:
+            self._lost_since, self._waits, self._lacks = None, False, ""
             if self.given and not self.over:
-                self.ended = "GPS is back" if fix else "GPS_RAW_INT is not heard"
+                self.ended = "the autopilot has a position again" if good else "GPS or EKF status is not heard"
             return None
         self._lost_since = now if self._lost_since is None else self._lost_since
         if self._waits and now - self.given[-1].time > ANSWER_PATIENCE:
             self._waits, self._silent = False, self._silent + 1
             if self._silent >= MOST_SILENT:
                 self._end("the autopilot does not answer")
-        early = self.over or self._waits or now - self._lost_since < LOST_FOR or now < self._due
-        if early or where is None or where.sigma > MOST_SIGMA:
+        if self.over or self._waits or now - self._lost_since < LOST_FOR or now < self._due:
+            return None
+        if where is None or where.sigma > MOST_SIGMA:
+            self._lacks = "the target's place is not known" if where is None else "too long without ranges"
             return None
         self._due, self._waits, self._look_at = now + self.settings.every, True, None
         latitude, longitude = map(float, plane.to_degrees(where.east, where.north))
         sigma = max(where.sigma, LEAST_SIGMA)
         by = "ranges" if where.by_ranges else "dead reckoning"
         self.given.append(Given(now, latitude, longitude, sigma, by))
-        self.ended = "going on"
+        self.ended, self._lacks = "going on", ""
         return position_estimate(latitude, longitude, sigma, target, now, now - where.time)
 
     def answered(self, message: Message, us: tuple[int, int], now: float) -> None:

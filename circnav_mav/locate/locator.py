@@ -4,7 +4,7 @@ Speaks as a component of its own, so that what the pilot sends stays what it is,
 that moves the vehicle: `SAYS` is all there is.
 """
 
-from cmath import phase, rect
+from cmath import rect
 from collections import deque
 from collections.abc import Hashable, Iterable
 from dataclasses import dataclass
@@ -14,29 +14,39 @@ from math import hypot, isfinite
 import numpy as np
 from pymavlink.dialects.v20 import all as dialect
 
-from circnav_mav.guidance.types import OwnMotion, RelativeMotion
+from circnav_mav.guidance.types import OwnMotion, RangeSample, RelativeMotion
 from circnav_mav.locate.estimator import Knowledge, NotYet, Ranges, Track
 from circnav_mav.locate.export import camera, named_values, orbit_status, own_beacon
-from circnav_mav.locate.handback import COMPASS_SIGMA, PLACE_SIGMA, DeadReckoning, HandBack, HandBackSettings
+from circnav_mav.locate.handback import (
+    FUSES,
+    RECEIVERS,
+    REPORTS,
+    DeadReckoning,
+    HandBack,
+    HandBackSettings,
+    Health,
+)
 from circnav_mav.locate.place import Place, Plane
 from circnav_mav.locate.watch import Culprit, GpsWatch, Look, angle_between
 from circnav_mav.mav.clocks import BOOT_WRAP, RemoteClock
 from circnav_mav.mav.codec import Decoder, Encoder, Message
-from circnav_mav.mav.commands import Command, CommandSender, StreamRequests
+from circnav_mav.mav.commands import Command, CommandSender, StreamRequests, once
 from circnav_mav.mav.framing import frame_at
 from circnav_mav.mav.own_motion import ATTITUDE_MAX_AGE
 from circnav_mav.mav.signing import Signing
 from circnav_mav.mav.statustext import Announcer
 from circnav_mav.pilot import VEHICLE, OutputMode, Pilot
 
-WANTED = frozenset({dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, dialect.MAVLINK_MSG_ID_GPS_RAW_INT,
-                    dialect.MAVLINK_MSG_ID_COMMAND_ACK})  # fmt: skip
+WANTED = frozenset({
+    dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, dialect.MAVLINK_MSG_ID_GPS_RAW_INT, dialect.MAVLINK_MSG_ID_GPS2_RAW,
+    dialect.MAVLINK_MSG_ID_COMMAND_ACK, *REPORTS.values(),
+})  # fmt: skip
 STREAMS = {dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 4.0, dialect.MAVLINK_MSG_ID_GPS_RAW_INT: 2.0}
 SAYS = frozenset({"NAMED_VALUE_FLOAT", "STATUSTEXT", "ORBIT_EXECUTION_STATUS", "RANGING_BEACON", "COMMAND_LONG",
                   "COMMAND_INT"})  # fmt: skip
 """Types of the messages that may leave here; of commands those of COMMANDS."""
 COMMANDS = frozenset({
-    dialect.MAV_CMD_SET_MESSAGE_INTERVAL, dialect.MAV_CMD_DO_SET_ROI_LOCATION,
+    dialect.MAV_CMD_SET_MESSAGE_INTERVAL, dialect.MAV_CMD_DO_SET_ROI_LOCATION, dialect.MAV_CMD_DO_SET_ROI_NONE,
     dialect.MAV_CMD_EXTERNAL_POSITION_ESTIMATE,
 })  # fmt: skip
 REBOOTED = 5.0
@@ -44,13 +54,10 @@ REBOOTED = 5.0
 WINDOW = 600.0
 """Newest time, s, that the place is made from."""
 MOST_KEPT = 2000
-FIX_3D, FIX_SILENT = 3, 3.0
-"""GPS_RAW_INT.fix_type from which a position is one, and the silence, s, after which there is none."""
 GONE = 10.0
 """Silence of the vehicle, s, after which nothing is given back any more."""
 AFTER = {dialect.MAVLINK_MSG_ID_ATTITUDE: 10.0, dialect.MAVLINK_MSG_ID_VFR_HUD: 5.0}
 """Streams that dead reckoning needs when the pilot has given its own back, message id -> Hz."""
-RECKON_EVERY = 0.1
 SOLVE_EVERY, TELL_EVERY, TEXT_EVERY = 1.0, 1.0, 30.0
 SOLVE_SHARE = 0.03
 """Of the time that the positions span, between two estimates: one takes up to half a second, and the more there is to
@@ -59,8 +66,8 @@ HEIGHT_SIGMA = 5.0
 """Standard deviation, m, of a height that the mission gives: a barometer's drift and an operator's guess."""
 HOME_SIGMA = 50.0
 """Of the height of a target of which nothing is said, above home, m."""
-BIAS_MEMORY = 60.0
-"""Time, s, over which the compass bias is learnt."""
+FRESH_RANGE = 2.0
+"""Age, s, up to which ranges tell where the vehicle is."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,30 +91,32 @@ class Locator:
         self._decoder = Decoder(wanted=WANTED)
         self._encoder = Encoder(1, settings.component, signing)
         self._announcer, self._commands = Announcer(), CommandSender()
-        self._streams, self._after = StreamRequests(STREAMS), StreamRequests(AFTER)
+        self._streams: StreamRequests | None = None
         self.plane: Plane | None = None
         self.place: Place | None = None
         self.why = "no position of the vehicle"
         """Why there is no place, for people."""
         self.watch = GpsWatch()
         self.handback = HandBack(settings.handback) if settings.handback else None
-        self._reckoning = DeadReckoning()
-        self._reckoned_at = float("-inf")
+        self._health, self._reckoning = Health(), DeadReckoning()
+        self.only_hand_back = False
+        """Whether the survey has failed, and a position is given back by what is known."""
+        self.problem: str | None = None
+        """What has failed, for people."""
         self._track: deque[tuple[float, float, float, float]] = deque()
         self._ranges: deque[tuple[float, float, float]] = deque()
         self._accepted = 0
-        self._fix, self._fix_at, self._gps_sigma = 0, float("-inf"), settings.gps_sigma
+        self._gps_sigma = settings.gps_sigma
         self._home = 0.0
         self._clock = RemoteClock(pilot.session.timesync.slower, wrap=BOOT_WRAP)
-        self._turned: complex = 0j
-        self._turned_for, self._turned_at = 0.0, 0.0
         self._solve_at = self._tell_at = 0.0
         self._solved_to = float("-inf")
         self._said_at = float("-inf")
         self._said: Place | None = None
         self._culprit: Culprit | None = None
-        self._aimed: Place | None = None
-        self._ended = False
+        self._aims, self._aimed = settings.camera, False
+        self._aimed_at: Place | None = None
+        self._alone = self._ended = False
         self._now = 0.0
         self.cot_due = False
 
@@ -119,19 +128,22 @@ class Locator:
         if link == VEHICLE and session.peer is not None and source == session.peer.source:
             for frame in frames:
                 header = frame_at(frame, 0)  # most are of no interest: that is cheaper than to decode them
-                for message in self._decoder.decode(frame) if header is not None and header.ident in WANTED else ():
-                    if (message.get_srcSystem(), message.get_srcComponent()) == session.vehicle_ids:
-                        self._take(message, now)
-        if tracker.accepted > self._accepted and tracker.newest is not None:
-            height, sample = tracker.height.at(now) or 0.0, tracker.newest
-            slant = hypot(sample.r, height)
-            self._range(sample.time, slant, sample.sigma * sample.r / max(slant, 1e-3), now)
-        self._accepted = tracker.accepted
+                if header is None or (header.system, header.component) != session.vehicle_ids:
+                    continue
+                if self._streams is not None:
+                    self._streams.heard(header.ident)
+                for message in self._decoder.decode(frame) if header.ident in WANTED else ():
+                    self._take(message, now)
+        fresh, self._accepted = tracker.accepted - self._accepted, tracker.accepted
+        if not self.only_hand_back:
+            for sample in list(tracker.recent)[-fresh:] if fresh > 0 else ():
+                self._range(sample, now)
 
     def _take(self, message: Message, now: float) -> None:
         kind = message.get_type()
+        if kind in RECEIVERS or kind in FUSES:
+            self._health.hear(message, now)
         if kind == "GPS_RAW_INT":
-            self._fix, self._fix_at = message.fix_type, now
             reported = message.h_acc / 1000 / 1.414 if message.h_acc else 0.0  # of one axis; 0: not known
             self._gps_sigma = max(self._settings.gps_sigma, min(reported, 100.0))
         elif kind == "COMMAND_ACK":
@@ -139,7 +151,7 @@ class Locator:
             self._commands.acknowledge(message, us, now)
             if self.handback is not None:
                 self.handback.answered(message, us, now)
-        elif (message.lat, message.lon) != (0, 0) and abs(message.lat) <= 90e7 and abs(message.lon) <= 180e7:
+        elif kind == "GLOBAL_POSITION_INT" and 0 < max(abs(message.lat), abs(message.lon) / 2) <= 90e7:
             self._position(message, now)
 
     @property
@@ -149,13 +161,10 @@ class Locator:
             return []
         return [self.plane.to_degrees(east, north) for _, east, north, _ in self._track]
 
-    def has_fix(self, now: float) -> bool:
-        """Whether the newest word of the GPS is a fix, and not old."""
-        return self._fix >= FIX_3D and now - self._fix_at <= FIX_SILENT
-
     def _position(self, message: Message, now: float) -> None:
         latitude, longitude, up = message.lat / 1e7, message.lon / 1e7, message.alt / 1000
-        if self.plane is None and self.has_fix(now):
+        fix = self._health.has_fix(now)
+        if self.plane is None and fix:
             self.plane = Plane(latitude, longitude)
         if self.plane is None:
             return
@@ -163,7 +172,7 @@ class Locator:
         self._home = up - message.relative_alt / 1000
         if self.handback is not None:
             self.handback.reported(east, north, self._reckoning.where, now)
-        if not self.has_fix(now):
+        if not fix or self.only_hand_back:
             return  # a position without GPS is the autopilot's own dead reckoning
         # by the vehicle's own clock: on the way it may have waited, and V times that is metres
         stamp = self._clock.unwrapped(message.time_boot_ms / 1000)
@@ -177,11 +186,12 @@ class Locator:
             while now - self._track[0][0] > WINDOW:
                 self._track.popleft()
 
-    def _range(self, time: float, slant: float, sigma: float, now: float) -> None:
-        if self._ranges and time <= self._ranges[-1][0]:
+    def _range(self, sample: RangeSample, now: float) -> None:
+        if self._ranges and sample.time <= self._ranges[-1][0]:
             return
         if self.watch.trusts_positions or self.watch.culprit is None:
-            self._ranges.append((time, slant, max(sigma, 0.02)))
+            slant = hypot(sample.r, self._pilot.tracker.height.at(now) or 0.0)
+            self._ranges.append((sample.time, slant, max(sample.sigma * sample.r / max(slant, 1e-3), 0.02)))
         while self._ranges and now - self._ranges[0][0] > WINDOW:
             self._ranges.popleft()
         if len(self._ranges) > MOST_KEPT:  # every second one: to hand over thousands would cost a tick
@@ -189,9 +199,8 @@ class Locator:
 
     def _look(self, east: float, north: float, up: float, time: float, now: float) -> None:
         """Let the watch compare the position of a time with the range and the bearing of then."""
-        pilot, place, own = self._pilot, self.place, self._own(now)
+        place, own, tracker = self.place, self._own(now), self._pilot.tracker
         range_off = bearing_off = None
-        tracker = pilot.tracker
         if place is not None and tracker.newest is not None and now - tracker.newest.time < 1.0:
             there = place.at(time)
             way = there.east - east, there.north - north
@@ -202,31 +211,17 @@ class Locator:
             relative = self._relative(time)
             if relative is not None and hypot(*way) > 10:
                 off = angle_between((-relative.x, -relative.y), way)
-                sigma_bearing = (relative.sigma + sigma) / hypot(*way)
-                self._learn_compass(off, now)
-                bearing_off = off, sigma_bearing + 0.05
-        heading, airspeed = (None, pilot.settings.orbit.speed) if own is None else (own.heading, own.airspeed)
-        self.watch.see(Look(now, east, north, heading, airspeed, range_off, bearing_off))
+                bearing_off = off, (relative.sigma + sigma) / hypot(*way) + 0.05
+        air = None if own is None else rect(own.airspeed, own.heading)
+        self.watch.see(Look(now, east, north, air, range_off, bearing_off))
+        if bearing_off is not None and self.watch.trusts_positions:
+            self._reckoning.compass.learn(bearing_off[0], now)
         if self.watch.culprit is Culprit.BEACON and self.place is not None:
             # the beacon has moved, or another one answers: what was surveyed is no longer so
             self.place = None
             self._track.clear()
             self._ranges.clear()
             self.watch.forget_ranges()
-
-    def _learn_compass(self, off: float, now: float) -> None:
-        """The compass bias while there is GPS: a mean of unit vectors with a memory."""
-        dt = min(now - self._turned_at, 1.0)
-        self._turned_at = now
-        self._turned_for = min(self._turned_for + dt, BIAS_MEMORY)
-        self._turned += dt / max(self._turned_for, dt, 1e-3) * (rect(1.0, off) - self._turned)
-
-    @property
-    def _compass_bias(self) -> tuple[float, float]:
-        """Of bearings by compass less those by GPS, rad, counter-clockwise positive, and its standard deviation; 0
-        before it was learnt."""
-        learnt = self._turned_for > 10.0
-        return (phase(self._turned), COMPASS_SIGMA) if learnt else (0.0, 3 * COMPASS_SIGMA)
 
     def _relative(self, time: float) -> RelativeMotion | None:
         """Where the vehicle is from the target by ranges and compass, where that is trusted."""
@@ -276,17 +271,18 @@ class Locator:
         self._encoder.system = session.encoder.system
         messages: list[Message] = []
         place = None if self.place is None else self.place.at(now)
-        if place is not None and now >= self._tell_at:
+        whole = not self.only_hand_back
+        if whole and place is not None and now >= self._tell_at:
             self._tell_at, self.cot_due = now + TELL_EVERY, True
             messages += self._tell(place, now, mode)
         if mode is not OutputMode.SHADOW:
             messages += self._requests(place, now)
+        if whole and mode is not OutputMode.SHADOW:
             self._say(place, now)
             messages += self._announcer.texts(now)
         return [self._encode(message) for message in messages]
 
     def _tell(self, place: Place, now: float, mode: OutputMode) -> list[Message]:
-        assert self.plane is not None
         messages = named_values(place, now)
         if mode is OutputMode.SHADOW or self._pilot.done:
             return messages
@@ -294,71 +290,76 @@ class Locator:
         newest = self._pilot.tracker.newest
         if self._settings.beacon and newest is not None:
             slant = hypot(newest.r, self._pilot.tracker.height.at(now) or 0.0)
-            messages.append(own_beacon(place, slant, newest.sigma, self._pilot.session.vehicle_ids, now))
+            ident = self._pilot.settings.ranging.beacon_id or 0
+            messages.append(own_beacon(place, ident, slant, newest.sigma, self._pilot.session.vehicle_ids, now))
         return messages
 
     def _requests(self, place: Place | None, now: float) -> list[Message]:
         """Streams, the camera, and the position that is given back."""
-        peer = self._pilot.session.peer
-        assert peer is not None
-        requests: list[Command] = []
-        if not self._pilot.done:
-            requests = self._streams.poll(now)
-        elif self.busy:
-            requests = [*self._streams.poll(now), *self._after.poll(now)]
-        elif not self._ended:
-            self._ended = True
-            requests = [*self._streams.give_back(), *(self._after.give_back() if self.handback else ())]
-        for request in requests:
-            self._commands.send(request)
-        messages = self._commands.poll(peer.ids, now)
+        session, done = self._pilot.session, self._pilot.done
+        assert session.peer is not None
+        target, flies = session.peer.ids, self._pilot.settings.output_mode is OutputMode.FLY
+        farewell = self._stream(now, done=done)
         for result in self._commands.take_results():
-            if result.refused and result.command.number == dialect.MAV_CMD_SET_MESSAGE_INTERVAL:
+            if result.command.number == dialect.MAV_CMD_DO_SET_ROI_LOCATION:
+                self._aims &= not result.refused
+                self._aimed_at = self._aimed_at if result.accepted else None  # without an answer, again
+            elif result.refused and self._streams is not None:
                 self._streams.denied(result.command)
-        flies = self._pilot.settings.output_mode is OutputMode.FLY
+        if flies and (done or self._aims) and not self.only_hand_back:
+            self._aim(None if done else place)
+        messages = farewell + self._commands.poll(target, now)
         if flies and self.handback is not None:
-            messages += self._give_back(self.handback, place, peer.ids, now)
-        if flies and self._settings.camera and place is not None and not self._pilot.done and self._aim(place):
-            self._aimed = place
-            messages.append(camera(place, peer.ids))
+            messages += self._give_back(self.handback, place, target, now)
         return messages
+
+    def _stream(self, now: float, *, done: bool) -> list[Message]:
+        """Ask for the streams that are due; when all is over, what gives the vehicle its own rates back."""
+        session = self._pilot.session
+        assert session.peer is not None
+        if self._streams is None or (done and not self._alone and self.busy):
+            self._alone = done  # from then on the pilot's own streams are given back
+            report = {REPORTS[session.adapter.firmware.key]: 2.0} if self.handback else {}
+            self._streams = StreamRequests(STREAMS | report | (AFTER if done else {}))
+        if not done or self.busy:
+            for request in self._streams.poll(now):
+                self._commands.send(request)
+            return []
+        ended, self._ended = self._ended, True
+        return [] if ended else [once(request, session.peer.ids) for request in self._streams.give_back()]
+
+    def _aim(self, place: Place | None) -> None:
+        """Point the camera where the place has moved to; None: let go of it."""
+        before = self._aimed_at
+        if place is None:
+            if self._aimed:
+                self._aimed = False
+                self._commands.drop(dialect.MAV_CMD_DO_SET_ROI_LOCATION)
+                self._commands.send(Command(dialect.MAV_CMD_DO_SET_ROI_NONE))
+        elif before is None or (place.time - before.time > 1.0 and place.distance(before) > max(2.0, place.sigma / 2)):
+            self._aimed, self._aimed_at = True, place
+            self._commands.drop(dialect.MAV_CMD_DO_SET_ROI_LOCATION)
+            self._commands.send(camera(place))
 
     def _give_back(self, back: HandBack, place: Place | None, target: tuple[int, int], now: float) -> list[Message]:
         """The position for an autopilot that has lost its own, when it is due."""
-        given = back.settings.place
-        if given is not None and self.plane is None:
-            self.plane = Plane(*given)
+        given, newest = back.settings.place, self._pilot.tracker.newest
+        if given is not None:
+            self.plane = self.plane or Plane(*given)
+            east, north = self.plane.to_metres(*given)
+            place = Place(now, self.plane, east, north, 0.0, np.eye(2), up_sigma=HOME_SIGMA, up_known=False)
         if self.plane is None:
             return []
-        if now - self._reckoned_at >= RECKON_EVERY:
-            self._reckoned_at = now
-            if given is not None:
-                east, north = self.plane.to_metres(*given)
-                place = Place(now, self.plane, east, north, 0.0, np.eye(2), up_sigma=HOME_SIGMA, up_known=False)
-            self._reckon(place, now)
-        heard = now - self._fix_at <= FIX_SILENT and self._pilot.session.vehicle.armed
-        fix = self._fix >= FIX_3D if heard else None
-        message = back.step(now, fix=fix, where=self._reckoning.where, plane=self.plane, target=target)
+        fresh = newest is not None and now - newest.time < FRESH_RANGE
+        self._reckoning.step(now, self._own(now), place, self._relative(now) if fresh else None)
+        good = self._health.good(now) if self._pilot.session.vehicle.armed else None
+        message = back.step(now, good=good, where=self._reckoning.where, plane=self.plane, target=target)
         return [] if message is None else [message]
-
-    def _reckon(self, place: Place | None, now: float) -> None:
-        """Where the vehicle is by ranges and compass, or by its way through the air since."""
-        newest, relative = self._pilot.tracker.newest, self._relative(now)
-        fresh = newest is not None and now - newest.time < 2.0
-        if place is not None and place.sigma <= PLACE_SIGMA and relative is not None and fresh:
-            self._reckoning.ranged(now, place, relative, self._compass_bias)
-            return
-        self._reckoning.flown(now, self._own(now), self._compass_bias[0])
 
     def _own(self, now: float) -> OwnMotion | None:
         """How the vehicle moves through the air, unless that is stale."""
         own = self._pilot.own
         return own if own is not None and now - own.time <= ATTITUDE_MAX_AGE else None
-
-    def _aim(self, place: Place) -> bool:
-        """Whether the camera must be pointed anew."""
-        before = self._aimed
-        return before is None or (place.time - before.time > 1.0 and place.distance(before) > max(2.0, place.sigma / 2))
 
     def _say(self, place: Place | None, now: float) -> None:
         """STATUSTEXT: the place when it is first known and when it has moved; alarms as they begin and end."""
@@ -374,6 +375,8 @@ class Locator:
             self._said_at, self._said = now, place
             sigma = f"{place.sigma:.1f}" if isfinite(place.sigma) else "?"
             self._announcer.say("place", f"target {place.latitude:.6f} {place.longitude:.6f} {sigma} m")
+            if place.up_known:  # one text is as long as may be
+                self._announcer.say("altitude", f"target altitude {place.up:.1f} +-{place.up_sigma:.1f} m")
 
     def _encode(self, message: Message) -> bytes:
         """One frame; only what may be said. Raises ValueError."""

@@ -5,7 +5,6 @@ reported positions make against the way through the air and the wind learnt befo
 position against that by ranges and compass. What fails together names the culprit. It never steers.
 """
 
-from cmath import rect
 from collections import deque
 from dataclasses import dataclass
 from enum import Enum
@@ -36,15 +35,14 @@ class Culprit(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """One moment. east, north: position, m. heading: of the nose in the paper's frame, rad, None: not known. airspeed:
-    m/s. range_off: measured less predicted range, m, with its standard deviation; bearing_off: bearing of the target by
+    """One moment. east, north: position, m. air: velocity through the air, m/s, east + j north; None: not known.
+    range_off: measured less predicted range, m, with its standard deviation; bearing_off: bearing of the target by
     compass less that by position, rad, with its own; None where there is nothing to compare."""
 
     time: float
     east: float
     north: float
-    heading: float | None
-    airspeed: float
+    air: complex | None
     range_off: tuple[float, float] | None = None
     bearing_off: tuple[float, float] | None = None
 
@@ -94,7 +92,7 @@ class GpsWatch:
         """The way by positions less the way through the air: the wind, and what does not fit it."""
         first, last = self._looks[0], self._looks[-1]
         span = last.time - first.time
-        air = [rect(look.airspeed, look.heading) for look in self._looks if look.heading is not None]
+        air = [look.air for look in self._looks if look.air is not None]
         if span < SPAN / 2 or len(air) < len(self._looks):
             return
         wind = complex(last.east - first.east, last.north - first.north) / span - sum(air) / len(air)

@@ -1,4 +1,4 @@
-"""COMMAND_LONG with retries and matched acknowledgements (timings of MAVSDK: 0.5 s, three retries, 3 s in progress).
+"""Commands with retries and matched acknowledgements (timings of MAVSDK: 0.5 s, three retries, 3 s in progress).
 
 And the telemetry streams: asked for with SET_MESSAGE_INTERVAL, measured, asked for again when they fall away.
 """
@@ -27,10 +27,12 @@ RESULT_NAMES = {
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """A MAV_CMD number with its parameters (unset ones are 0)."""
+    """A MAV_CMD number with its parameters (unset ones are 0). place: latitude, longitude in 1e-7 degrees, of a
+    COMMAND_INT: single precision would be metres off."""
 
     number: int
     params: tuple[float, ...] = ()
+    place: tuple[int, int] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,8 +126,11 @@ class CommandSender:
 
 
 def once(command: Command, target: Ids, confirmation: int = 0) -> Message:
-    """A COMMAND_LONG, whether anybody waits for its answer or not. confirmation: how often it was sent before."""
+    """The message, whether anybody waits for its answer or not. confirmation: how often it was sent before."""
     params = command.params + (0.0,) * (7 - len(command.params))
+    if command.place is not None:
+        fields = dialect.MAV_FRAME_GLOBAL, command.number, 0, 0, *params[:4], *command.place, params[6]
+        return dialect.MAVLink_command_int_message(*target, *fields)
     return dialect.MAVLink_command_long_message(*target, command.number, confirmation, *params)
 
 

@@ -27,7 +27,7 @@ DRIFT_LAWS = frozenset({"auto", "drift"})
 
 def check_mission(mission: Mission) -> list[Check]:
     """All the lines for a mission."""
-    parts = (_keys, _vehicle, _estimator, _gain, _trim, _radius, _turn_rate, check_ranging, _drift, _signing)
+    parts = (_keys, _vehicle, _estimator, _gain, _trim, _radius, _turn_rate, check_ranging, _drift, _locate, _signing)
     return [*(line for part in parts for line in _of_circles(mission, part)), *_laps(mission)]
 
 
@@ -59,6 +59,13 @@ def _needless(table: Table, before: str = "") -> Iterator[str]:
             yield from _needless(value, f"{before}{name}.")
         elif SELDOM in field.metadata and value == field.default:
             yield before + name
+
+
+def _locate(mission: Mission) -> Iterator[Check]:
+    """What is said of the target needs somebody who looks for it."""
+    told = [f"locate.{name}" for name in ("camera", "beacon", "cot") if getattr(mission.file.locate, name)]
+    if told and mission.locate_settings is None:
+        yield Check(WARN, "locate", f"{', '.join(told)}: nobody looks for the target, set locate.enabled = true")
 
 
 def _vehicle(mission: Mission) -> Iterator[Check]:

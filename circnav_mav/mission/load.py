@@ -124,6 +124,8 @@ def _clashes(file: MissionFile) -> Iterator[str]:
         yield "vehicle.max_turn_rate_deg_s: missing, add it"
     if (file.handback.latitude_deg is None) != (file.handback.longitude_deg is None):
         yield "handback.latitude_deg and handback.longitude_deg: one is missing, give both or neither"
+    if file.locate.camera and vehicle.kind == "copter":
+        yield "locate.camera: is true, a copter turns its nose to what it looks at, not its camera alone: leave it out"
     ways = ("height_above_target_m", "target_altitude_m", "target_above_home_m")
     given = [f"orbit.{way}" for way in ways if getattr(orbit, way) is not None]
     if len(given) > 1:

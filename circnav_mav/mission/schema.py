@@ -6,7 +6,7 @@ Bounds keep out what cannot be meant (a tick of 1 kHz, a bank of 80 deg); what i
 from ipaddress import ip_network
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, TypeAdapter
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, TypeAdapter
 from pydantic_core import PydanticCustomError
 
 from circnav_mav.guidance.estimators.table import ESTIMATORS
@@ -18,6 +18,7 @@ SELDOM = "seldom set"
 """Marks a key that nobody needs to set: its default was flown on every vehicle. It counts where a file has it."""
 FAR = 1e9
 """Most that a number may be: beyond, products of a few of them are no numbers any more."""
+MOST_PORT = 65535
 Positive = Annotated[float, Field(gt=0, le=FAR)]
 NotNegative = Annotated[float, Field(ge=0, le=FAR)]
 Height = Annotated[float, Field(ge=-FAR, le=FAR)]
@@ -36,6 +37,14 @@ def _addresses(given: Any) -> list[str]:
         advice = 'must be an address or network, such as "10.0.0.5" or "10.0.0.0/24", or a list of them'
         raise PydanticCustomError("address", advice) from None
     return names
+
+
+def _host_and_port(given: str) -> str:
+    """Where datagrams go: host:port."""
+    host, _, port = given.rpartition(":")
+    if not host or ":" in host or not port.isdecimal() or not 0 < int(port) <= MOST_PORT:
+        raise PydanticCustomError("host", f'must be host:port, port 1 .. {MOST_PORT}, such as "239.2.3.1:6969"')
+    return given
 
 
 Addresses = Annotated[list[str], BeforeValidator(_addresses)]
@@ -195,7 +204,7 @@ class LocateTable(Table):
     enabled: bool = False
     gps_sigma_m: Annotated[float, Field(ge=0.01, le=1000)] = 1.5
     range_bias_m: Annotated[float, Field(ge=0.01, le=1000)] = 2.0
-    cot: Annotated[str, Field(pattern=r"^[^:]+:[0-9]{1,5}$")] | None = None
+    cot: Annotated[str, AfterValidator(_host_and_port)] | None = None
     camera: bool = False
     beacon: bool = False
 

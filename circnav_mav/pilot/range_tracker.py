@@ -32,6 +32,8 @@ after the second tick since its last range, always, and its every range be answe
 AT_ONCE = 1e-5
 """A range expected within this time, s, of the tick would be here by now, or is lost."""
 REMEMBERED = 9
+MOST_AT_ONCE = 64
+"""Ranges that one datagram of a slow link may hold."""
 MOST_CLIMB = 20.0
 """Climb or sink rate, m/s, that none of our vehicles has: a quicker change is an altitude estimate that was reset."""
 BUNCHED = 0.25
@@ -61,6 +63,8 @@ class RangeTracker:
         self.rates = RangeRateReader(settings.ranging, self.ranging, NoiseCheck.of_rates(speed, max_turn_rate), speed)
         self.estimator = ESTIMATORS[settings.estimator](settings.estimation)
         self.newest: RangeSample | None = None
+        self.recent: deque[RangeSample] = deque(maxlen=MOST_AT_ONCE)
+        """The newest ones that were taken."""
         self.newest_rate: RateSample | None = None
         self.fresh = False
         self.accepted = 0
@@ -112,6 +116,7 @@ class RangeTracker:
             return False
         self.accepted += 1
         self.newest, self.fresh = sample, True
+        self.recent.append(sample)
         return True
 
     def _say_trouble(self) -> None:

@@ -147,9 +147,11 @@ TRACK, TARGET = "#0063a6", "#d55e00"
 def plot_map(path: Path, table: str, title: str) -> None:
     """Draw the features of a GeoJSON of ours: once with the track, once as near as the ellipses are. Raises OSError."""
     features = json.loads(table)["features"]
-    first = next(feature for feature in features if feature["geometry"]["type"] == "Point")
-    longitude, latitude = first["geometry"]["coordinates"]
+    points = [feature for feature in features if feature["geometry"]["type"] == "Point"]
+    longitude, latitude = points[0]["geometry"]["coordinates"]
     plane = Plane(latitude, longitude)
+    places = np.array([plane.to_metres(*point["geometry"]["coordinates"][::-1]) for point in points])
+    reaches = np.array([[point["properties"]["ellipse_95"]["semi_major_m"]] for point in points])
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(11, 5.5), layout="constrained")
         figure.suptitle(literal(title))
@@ -159,9 +161,10 @@ def plot_map(path: Path, table: str, title: str) -> None:
                 _draw(axis, feature, plane)
             axis.set_aspect("equal", adjustable="datalim")
             axis.set(xlabel=f"east of {latitude:.6f} {longitude:.6f}, m", ylabel="north, m")
-        half = max(2.0, 1.5 * first["properties"]["ellipse_95"]["semi_major_m"])
+        low, high = (places - reaches).min(axis=0), (places + reaches).max(axis=0)
+        middle, half = (low + high) / 2, max(2.0, 0.75 * float((high - low).max()))
         near.set_aspect("equal", adjustable="box")
-        near.set(xlim=(-half, half), ylim=(-half, half))
+        near.set(xlim=(middle[0] - half, middle[0] + half), ylim=(middle[1] - half, middle[1] + half))
         wide.legend(loc="upper right", fontsize=8)
         save(figure, path)
 

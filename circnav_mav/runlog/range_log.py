@@ -3,6 +3,7 @@
 import csv
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from math import isfinite, nan
 from pathlib import Path
 
@@ -19,19 +20,25 @@ from circnav_mav.runlog.tlog import read_messages
 
 NAMES = {
     "time": ("time", "time_s", "t", "timestamp"),
-    "latitude": ("latitude", "latitude_deg", "lat"),
-    "longitude": ("longitude", "longitude_deg", "lon", "lng"),
-    "altitude": ("altitude", "altitude_m", "alt"),
+    "latitude": ("latitude", "latitude_deg", "lat", "location-lat"),
+    "longitude": ("longitude", "longitude_deg", "lon", "lng", "location-long"),
+    "altitude": ("altitude", "altitude_m", "alt", "height-above-msl"),
     "range": ("range", "range_m", "distance", "distance_m"),
     "sigma": ("sigma", "sigma_m", "range_sigma", "range_sigma_m", "accuracy"),
-    "tag": ("tag", "tag_id", "id", "beacon_id", "beacon"),
+    "tag": ("tag", "tag_id", "id", "beacon_id", "beacon", "tag-local-identifier"),
 }
-"""The columns of a CSV, by the names that are understood."""
+"""The columns of a CSV, by the names that are understood; those with hyphens are Movebank's."""
 NEEDED = ("time", "latitude", "longitude", "range")
 ONE_TAG = "target"
 FIX_3D = 3
 DOWN = 25
 """MAV_SENSOR_ORIENTATION of a height sensor."""
+OURS = "CN_TEAST"
+"""A NAMED_VALUE_FLOAT of our own survey, whose RANGING_BEACON repeats a range that the log holds already."""
+
+
+class EmptyLogError(RunError):
+    """A log without what a place is made from."""
 
 
 @dataclass(slots=True)
@@ -47,10 +54,12 @@ class RangeLog:
         return Plane(*self.positions[0][1:3])
 
     def track(self, plane: Plane) -> Track:
-        """The positions in the order of their times; without an altitude, at zero."""
-        table = np.array(sorted(self.positions))
-        east, north = plane.to_metres(table[:, 1], table[:, 2])
-        return Track(table[:, 0], east, north, np.nan_to_num(table[:, 3]))
+        """The positions in the order of their times. An altitude that is missing is that between its neighbours, or
+        zero where there is none at all."""
+        time, latitude, longitude, up = np.array(sorted(self.positions)).T
+        told = np.isfinite(up)
+        up = np.interp(time, time[told], up[told]) if told.any() else np.zeros_like(up)
+        return Track(time, *plane.to_metres(latitude, longitude), up)
 
     def of(self, tag: str, sigma: float | None) -> tuple[Ranges, bool]:
         """A tag's ranges, and whether they say how good they are. sigma: m, for all that do not; None: not known."""
@@ -60,18 +69,19 @@ class RangeLog:
         return Ranges(table[:, 0], table[:, 1], filled), bool(told.all() or sigma is not None)
 
 
-def read_log(path: Path) -> RangeLog:
-    """Positions and ranges of a run folder, a tlog or a CSV. Raises RunError, OSError."""
+def read_log(path: Path, name: str = RangingSettings().name) -> RangeLog:
+    """Positions and ranges of a run folder, a tlog or a CSV. name: of a NAMED_VALUE_FLOAT that is a range. Raises
+    RunError, OSError."""
     file = path / "flight.tlog" if path.is_dir() else path
     if not file.exists():
         raise RunError(f"{file}: no such file")
-    log = _read_csv(file) if file.suffix.lower() in (".csv", ".txt") else _read_tlog(file)
+    log = _read_csv(file) if file.suffix.lower() in (".csv", ".txt") else _read_tlog(file, name)
     if not log.ranges:
         kinds = ", ".join(kind.type for kind in RANGING_MESSAGES.values())
-        raise RunError(f"{file}: no ranges in it: {kinds} of a tlog, or the column range of a CSV")
+        raise EmptyLogError(f"{file}: no ranges in it: {kinds} of a tlog, or the column range of a CSV")
     if len(log.positions) < 2:
         kinds = "GLOBAL_POSITION_INT with a 3D fix, or latitude and longitude of a CSV"
-        raise RunError(f"{file}: no positions in it: {kinds}")
+        raise EmptyLogError(f"{file}: no positions in it: {kinds}")
     return log
 
 
@@ -86,9 +96,11 @@ def _read_csv(file: Path) -> RangeLog:
                 for name, column in columns.items():
                     cell = row.get(column) or ""
                     try:
-                        cells[name] = float(cell) if cell.strip() and name != "tag" else nan
+                        if cell.strip() and name != "tag":
+                            cells[name] = _seconds(cell) if name == "time" else float(cell)
                     except ValueError:
-                        raise RunError(f"{line}: {name}: {printable(cell)[:40]!r} is not a number") from None
+                        what = "a number" if name != "time" else "a time: seconds, or as 2026-07-01T12:00:00Z"
+                        raise RunError(f"{line}: {name}: {printable(cell)[:40]!r} is not {what}") from None
                 time, latitude, longitude = cells["time"], cells["latitude"], cells["longitude"]
                 if not isfinite(time):
                     raise RunError(f"{line}: time: is missing")
@@ -104,6 +116,15 @@ def _read_csv(file: Path) -> RangeLog:
     return log
 
 
+def _seconds(cell: str) -> float:
+    """A number of seconds, or a date and time of ISO 8601, UTC where it says no zone. Raises ValueError."""
+    try:
+        return float(cell)
+    except ValueError:
+        moment = datetime.fromisoformat(cell.strip())
+        return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
+
+
 def _columns(file: Path, header: Sequence[str]) -> dict[str, str]:
     """Our names of the columns that are there. Raises RunError."""
     known = {column.strip().lower(): column for column in header}
@@ -111,15 +132,15 @@ def _columns(file: Path, header: Sequence[str]) -> dict[str, str]:
     missing = [name for name in NEEDED if name not in found]
     if missing:
         raise RunError(
-            f"{file}: no column {', '.join(missing)}: the first line must name time (s), latitude, longitude (degrees) "
-            "and range (m), and may name altitude (m), sigma (m), tag"
+            f"{file}: no column {', '.join(missing)}: the first line must name time (s or ISO 8601), latitude, "
+            "longitude (degrees) and range (m), and may name altitude (m), sigma (m), tag"
         )
     return found
 
 
-def _read_tlog(file: Path) -> RangeLog:
-    """Positions of the first vehicle while it has a fix; ranges of every source, a tag each."""
-    log, fixed, vehicle, began = RangeLog(), None, None, None
+def _read_tlog(file: Path, name: str) -> RangeLog:
+    """Positions of the first vehicle while it has a fix; ranges of every source but our own survey, a tag each."""
+    log, fixed, vehicle, began, ours = RangeLog(), None, None, None, set[tuple[int, int]]()
     kinds = {kind.id: kind for kind in RANGING_MESSAGES.values()}
     wanted = {dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, dialect.MAVLINK_MSG_ID_GPS_RAW_INT, *kinds}
     newest = dict[str, tuple[float | None, float]]()
@@ -128,7 +149,9 @@ def _read_tlog(file: Path) -> RangeLog:
         time = (stamp - began) / 1e6
         sender, kind = (message.get_srcSystem(), message.get_srcComponent()), kinds.get(message.get_msgId())
         if kind is not None:
-            reading, tag = kind.read(message), _tag(message)
+            if getattr(message, "name", None) == OURS:
+                ours.add(sender)
+            reading, tag = kind.read(message), None if sender in ours else _tag(message, name)
             if isinstance(reading, Reading) and tag is not None:
                 one = reading.stamp, reading.slant
                 if newest.get(tag) != one:  # autopilots repeat a range
@@ -143,13 +166,12 @@ def _read_tlog(file: Path) -> RangeLog:
     return log
 
 
-def _tag(message: Message) -> str | None:
-    """Name of the source of a range, None where it is none: a height sensor, a value of another kind."""
+def _tag(message: Message, wanted: str) -> str | None:
+    """Name of the source of a range, None where it is none: a height sensor, a value of another name."""
     sender = f"{message.get_srcSystem()}/{message.get_srcComponent()}"
     match message.get_type():
         case "DISTANCE_SENSOR":
             return None if message.orientation == DOWN else f"sensor {message.id} of {sender}"
         case "RANGING_BEACON":
             return f"beacon {message.beacon_id} of {sender}"
-    name = message.name.decode("ascii", "replace") if isinstance(message.name, bytes) else message.name
-    return f"{name} of {sender}" if name == RangingSettings().name else None
+    return f"{wanted} of {sender}" if message.name == wanted else None

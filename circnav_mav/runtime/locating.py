@@ -17,13 +17,13 @@ class Locating:
     hold the interpreter's lock while a range waits for its answer."""
 
     def __init__(self, locator: Locator, name: str, cot: tuple[str, int] | None = None, *, waits: bool) -> None:
-        """name: of the target for others. cot: where Cursor on Target goes. waits: for every estimate, so that a flight
+        """name: of the target for others. cot: where Cursor on Target goes, an address: a name would be looked up in
+        the loop. waits: for every estimate, so that a flight
         in simulated time is the same on every computer."""
         self.locator, self._name, self._cot, self._waits = locator, name, cot, waits
         self.epoch_us = 0
-        self.problem: str | None = None
-        """Why nothing more is surveyed."""
         self._pool = start_solver()  # now, not in flight
+        self._ended = False
         self._under_way: Future[Place | NotYet] | None = None
         self._socket = None if cot is None else socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         if self._socket is not None:
@@ -32,29 +32,36 @@ class Locating:
     @property
     def busy(self) -> bool:
         """Whether there is something to do after guidance has ended."""
-        return self.problem is None and self.locator.busy
+        return not self._ended and self.locator.busy
 
     def turn(self, step: LoopStep) -> list[bytes]:
-        """Hear what came in with a step of the loop; the frames to send now, none where the pilot's were held back."""
-        if self.problem is not None:
+        """Hear what came in with a step of the loop; the frames to send now, none where the pilot's were held back. An
+        error ends the survey; the hand-back goes on by what is known, until it has one of its own."""
+        if self._ended:
             return []
-        now = step.time
+        frames: list[bytes] = []
         try:
-            for link, source, frames in step.heard:
-                self.locator.hear(link, source, frames, now)
-            if step.held_back:
-                return []
-            if self._under_way is not None and (self._waits or self._under_way.done()):
-                self.locator.found(self._under_way.result())
-                self._under_way = None
-            if self._under_way is None and (job := self.locator.job(now)) is not None:
-                self._under_way = self._pool.submit(locate, *job)
-            frames = self.locator.step(now)
-            self._tell_cot(now)
-            return frames
+            for link, source, heard in step.heard:
+                self.locator.hear(link, source, heard, step.time)
+            if not step.held_back:
+                frames = self.locator.step(step.time)
+                if not self.locator.only_hand_back:
+                    self._survey(step.time)
         except Exception as error:
-            self.problem = f"survey of the target: stopped at {now:.1f} s: {error!r}"
-            return []
+            locator = self.locator
+            self._ended = locator.handback is None or locator.only_hand_back
+            what = "hand-back" if locator.only_hand_back else "survey of the target"
+            locator.problem = f"{what} stopped at {step.time:.1f} s: {error!r}"
+            locator.only_hand_back = True
+        return frames
+
+    def _survey(self, now: float) -> None:
+        if self._under_way is not None and (self._waits or self._under_way.done()):
+            self.locator.found(self._under_way.result())
+            self._under_way = None
+        if self._under_way is None and (job := self.locator.job(now)) is not None:
+            self._under_way = self._pool.submit(locate, *job)
+        self._tell_cot(now)
 
     def close(self) -> None:
         """End the process."""

@@ -70,6 +70,8 @@ class Watch:
         alarms, place, timing = _alarms(pilot, tick, now, rates, problem), "", pilot.settings.timing
         if locator is not None:
             place = locator.why if locator.place is None else locator.place.at(now).words()
+            if locator.problem:
+                alarms.append(f"SURVEY: {locator.problem}")
             if locator.watch.alarm:
                 alarms.append(f"GPS WATCH: {locator.watch.alarm}")
             if locator.handback and locator.handback.words:

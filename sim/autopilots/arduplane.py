@@ -32,6 +32,7 @@ class ArduPlane(ArduPilot):
     """The plane's flight modes: every one comes down to a bank, a height and an airspeed."""
 
     FIRST_MODE = "LOITER"
+    POSITION_LOSS_US = 10_000_000  # NavEKF3's posRetryTimeUseVel_ms
     NOT_ARMABLE = frozenset({10, 16})
     MANUAL_MODES, GUIDED_MODES = frozenset({0, 2, 4, 5, 6, 7, 8}), frozenset({1, 10, 11, 12, 13, 15})
     MODE_COMMANDS: ClassVar = {20: RTL, 17: LOITER}

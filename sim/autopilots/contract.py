@@ -157,6 +157,10 @@ class Autopilot(ABC):
         elif event.action == "gps_on":
             self.gps, self.position, self._position_until = True, True, NEVER
 
+    def reckons(self) -> bool:
+        """Whether the estimator goes on without any position measured."""
+        return self.position and not self.gps and self._position_until == NEVER
+
     def mode_name(self, mode: int) -> str:
         return next((name for name, number in self.identity.modes.items() if number == mode), str(mode))
 

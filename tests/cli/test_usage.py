@@ -21,6 +21,8 @@ CELL = "bench --law pd --situation calm"
         ("fly mission.toml --speed 8", "--speed: only the bundled vehicle flies at another speed, not udpin:127."),
         ("fly mission.toml --endpoint udpin:127.0.0.1:BUSY", PORT_IN_USE),
         ("fly mission.toml --set ranging.endpoint=udpin:127.0.0.1:BUSY", PORT_IN_USE),
+        ("fly mission.toml --set locate.enabled=true --set locate.cot=nowhere.invalid:6969",
+         "locate.cot: nowhere.invalid: "),
         ("fly mission.toml --out /dev/null/run", "/dev/null/run: cannot be written: Not a directory"),
         ("fly mission.toml --web eighty", "--web eighty: is not a port; write: circnav fly MISSION --web [PORT]"),
         ("fly mission.toml --web 65536", "--web 65536: is not a port; write: circnav fly MISSION --web [PORT]"),

@@ -25,7 +25,8 @@ from tests.process import PATIENCE, QUICKSTART, circnav, read_until
 def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     """A quickstart flight of 72 s: its run folder and what it printed."""
     folder = tmp_path_factory.mktemp("run") / "out"
-    process = circnav("fly", QUICKSTART, "--duration", "72", "--out", str(folder), "--set", "locate.enabled=true")
+    process = circnav("fly", QUICKSTART, "--duration", "72", "--out", str(folder), "--set", "locate.enabled=true",
+                      "--set", "locate.beacon=true")  # fmt: skip
     printed, errors = process.communicate(timeout=PATIENCE)
     assert (process.returncode, errors) == (0, "")
     return folder, printed
@@ -73,6 +74,8 @@ def test_the_target_was_surveyed_beside_the_flight(run: tuple[Path, str]) -> Non
     assert hypot(*place) < 4 * summary["place"]["sigma_m"] and summary["place"]["sigma_m"] < 5
     assert summary["gps_watch"] == [] and "  target  " in run[1]
     assert {"target.geojson", "target.kml", "target.png"} <= {path.name for path in run[0].iterdir()}
+    located = circnav("locate", run[0]).communicate(timeout=PATIENCE)[0]
+    assert "sensor 0 of 1/192: " in located and "beacon" not in located, "what it said itself is another target"
     log = mavutil.mavlink_connection(str(run[0] / "flight.tlog"))
     circle = log.recv_match(type="ORBIT_EXECUTION_STATUS")
     assert circle.get_srcComponent() == 194 and circle.radius == 100.0

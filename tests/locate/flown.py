@@ -16,6 +16,12 @@ from sim.world import to_degrees
 from tests.flight.lockstep import Flight, flight
 
 COMPONENT = 194
+GPS_LOST = (
+    'sim.events=[{at_s=60.0, action="gps_off"}]', "sim.sensors.dead_reckoning_mps=1", "sim.sensors.gps_error_m=1",
+    "sim.sensors.gps_error_time_s=600", "sim.wind.speed_mps=5", "sim.start.north_m=150", "sim.start.east_m=-100",
+    "limits.duration_s=85",
+)  # fmt: skip
+"""A plane that circles, loses its GPS after a minute, and is given back 25 s later."""
 
 
 @dataclass

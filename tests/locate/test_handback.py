@@ -2,22 +2,18 @@
 
 from math import hypot, pi
 
+import numpy as np
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.guidance.types import OwnMotion
-from circnav_mav.locate.handback import DeadReckoning, HandBack, HandBackSettings, Where
+from circnav_mav.locate.handback import DeadReckoning, HandBack, HandBackSettings, Health, Where
 from circnav_mav.locate.place import Plane
 from sim.world import to_degrees
-from tests.locate.flown import surveyed
+from tests.locate.flown import GPS_LOST, surveyed
 
 POSITION = mavlink.MAV_CMD_EXTERNAL_POSITION_ESTIMATE
 LOST_AT, END = 60.0, 105.5  # not a whole second: each position is answered
-PLANE = (
-    'sim.events=[{at_s=60.0, action="gps_off"}]', "sim.sensors.dead_reckoning_mps=1", "sim.sensors.gps_error_m=1",
-    "sim.sensors.gps_error_time_s=600", "sim.wind.speed_mps=5", "sim.start.north_m=150", "sim.start.east_m=-100",
-    "limits.duration_s=85",
-)  # fmt: skip
 HERE = Where(0.0, 15.0, 0.0, 3.0, 0j, 1.0, True)
 ON_PLANE = Plane(-35.0, 149.0)
 
@@ -34,13 +30,13 @@ def own_error(flown):
 def test_an_autopilot_without_gps_is_kept_where_it_is_also_after_guidance_has_ended():
     """Of an autopilot that drifts away by 1 m/s in each axis, which nobody helps: 45 s later it is some 45 m off."""
     errors: list[tuple[float, float]] = []
-    flown = surveyed("arduplane", *PLANE, law="auto", handback=HandBackSettings())
+    flown = surveyed("arduplane", *GPS_LOST, law="auto", handback=HandBackSettings())
     flown.solve_from, flown.solve_every = 50.0, 10.0
     flown.fly(END, lambda one: errors.append((one.now, own_error(one))))
     given = commands(flown)
-    assert [time for time, _ in given if time < LOST_AT + 2.0] == []
+    assert given[0][0] == pytest.approx(LOST_AT + 12.0, abs=1.0), "not when the estimator says so"
     assert len(given) >= 8 and flown.pilot.done
-    late = sorted(error for time, error in errors if time > LOST_AT + 10)
+    late = sorted(error for time, error in errors if time > LOST_AT + 15)
     assert late[len(late) // 2] < 10.0 and late[-1] < 25.0
     (_, first), back = given[0], flown.locator.handback
     assert first.frame == mavlink.MAV_FRAME_GLOBAL and first.z != first.z and first.param3 >= 1.0
@@ -53,7 +49,9 @@ def test_an_autopilot_without_gps_is_kept_where_it_is_also_after_guidance_has_en
 def lost_early(law, until, **settings):
     """A flight whose GPS is lost before anybody could have found the target."""
     lost = 'sim.events=[{at_s=10.0, action="gps_off"}]'
-    flown = surveyed("arduplane", lost, *PLANE[1:], "sim.target.north_m=0", "sim.target.east_m=0", law=law, **settings)
+    flown = surveyed(
+        "arduplane", lost, *GPS_LOST[1:], "sim.target.north_m=0", "sim.target.east_m=0", law=law, **settings
+    )
     flown.solve_from = 1e9
     return flown.fly(until)
 
@@ -68,35 +66,98 @@ def test_a_place_that_the_mission_gives_needs_no_survey():
     flown = lost_early("auto", 70.0, handback=HandBackSettings(place=to_degrees(0.0, 0.0)))
     assert commands(flown)[0][0] < 45.0
     assert own_error(flown) < 10.0
+    asked = [one.param1 for _, one in flown.messages if one.get_type() == "COMMAND_LONG"]
+    assert sorted(asked) == [GPS, mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, EKF], "streams that flow are asked for"
 
 
-def give(fixes, result, every=1.0, off=0.0):
+def give(goods, result, every=1.0, off=0.0, until=1e9):
     """When, s, positions were given to an autopilot that answers each with a result, and reports to be so far off, m.
-    fixes: what its GPS says, every .1 s."""
+    goods: whether it has a position, every .1 s. until: when ours is lost, s."""
     back, times = HandBack(HandBackSettings(every=every)), []
-    for tick, fix in enumerate(fixes):
-        if back.step(tick / 10, fix=fix, where=HERE, plane=ON_PLANE, target=(1, 1)) is not None:
+    for tick, good in enumerate(goods):
+        where = HERE if tick / 10 < until else None
+        if back.step(tick / 10, good=good, where=where, plane=ON_PLANE, target=(1, 1)) is not None:
             times.append(tick / 10)
             back.answered(mavlink.MAVLink_command_ack_message(POSITION, result, 0, 0, 1, 194), (1, 194), tick / 10)
         back.reported(HERE.east + off, HERE.north, HERE, tick / 10)
     return back, times
 
 
-def test_nothing_is_given_while_the_gps_has_a_fix_or_nobody_says_so_and_no_more_once_it_is_back():
+def test_nothing_is_given_while_there_is_a_position_or_nobody_says_so_and_no_more_once_it_is_back():
     back, times = give([True] * 50 + [False] * 200 + [None] * 100 + [True] * 100, mavlink.MAV_RESULT_ACCEPTED, 5.0)
-    assert times == [7.0, 12.0, 17.0, 22.0]  # the fix is gone at 5 s, and has been for 2
-    assert back.ended == "GPS is back"
+    assert times == [7.0, 12.0, 17.0, 22.0]  # it is gone at 5 s, and has been for 2
+    assert back.ended == "the autopilot has a position again"
+
+
+def test_the_alarm_does_not_say_that_a_position_is_given_when_none_is():
+    assert give([False] * 100, mavlink.MAV_RESULT_ACCEPTED)[0].words.startswith("position lost, given by ranges")
+    assert "none to give" in give([False] * 100, mavlink.MAV_RESULT_ACCEPTED, until=5.0)[0].words
+    assert give([False] * 50 + [True] * 20 + [False] * 10, mavlink.MAV_RESULT_ACCEPTED)[0].words == ""
+
+
+GPS, GPS2 = mavlink.MAVLINK_MSG_ID_GPS_RAW_INT, mavlink.MAVLINK_MSG_ID_GPS2_RAW
+EKF, ESTIMATOR = mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT, mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS
+RECKONS, CONSTANT = 0x12F, 0xA7
+"""ArduPilot's flags as NavEKF3_core::updateFilterStatus sets them: by airspeed alone; at rest."""
+PX4_RECKONS, PX4_FUSES = 0x13F, 0x33F
+"""PX4's as Ekf::get_ekf_soln_status does: by airspeed and no slip its absolute position counts as valid."""
+
+
+@pytest.mark.parametrize(
+    ("said", "good"),
+    [
+        ({GPS: 1, EKF: RECKONS}, False),
+        ({GPS: 1, EKF: CONSTANT}, False),
+        ({GPS: 1, EKF: RECKONS | 0x10}, True),
+        ({GPS: 1, GPS2: 3, EKF: RECKONS}, True),
+        ({GPS: 3, EKF: RECKONS}, True),
+        ({GPS: 1, GPS2: 0, ESTIMATOR: PX4_RECKONS}, False),
+        ({GPS: 1, ESTIMATOR: PX4_FUSES}, True),
+        ({GPS: 1}, None),
+        ({EKF: RECKONS}, None),
+    ],
+    ids=["dead reckoning", "at rest", "vision or beacons", "a second GPS", "a fix", "PX4, dead reckoning",
+         "PX4, auxiliary position", "estimator not heard", "GPS not heard"],
+)  # fmt: skip
+def test_a_position_is_lost_only_where_receivers_and_estimator_both_say_so(said, good):
+    health = Health()
+    for ident, value in said.items():
+        message = mavlink.mavlink_map[ident]
+        fields = {name: value if name in ("fix_type", "flags") else 0 for name in message.fieldnames}
+        health.hear(message(**fields), 10.0)
+    assert health.good(12.0) is good
+    assert health.good(13.1) is None, "an old word counts"
+
+
+def reckoned(heard):
+    """Due north at 20 m/s through the air, 5 m/s of wind to the east, for 60 s from 100 m east of the target. heard:
+    whether the vehicle is, by the time, s."""
+    reckoning = DeadReckoning()
+    reckoning.where = Where(0.0, 100.0, 0.0, 3.0, 5 + 0j, 1.0, True)
+    for now in np.arange(1, 601) / 10:
+        reckoning.step(now, OwnMotion(now, pi / 2, 0.0, 20.0) if heard(now) else None, None, None)
+    return reckoning.where
 
 
 def test_dead_reckoning_goes_on_through_the_air_with_the_wind_learnt_before():
-    """Due north at 20 m/s through the air, 5 m/s of wind to the east, for 60 s from 100 m east of the target."""
-    reckoning = DeadReckoning()
-    reckoning.where = Where(0.0, 100.0, 0.0, 3.0, 5 + 0j, 1.0, True)
-    for tick in range(1, 601):
-        reckoning.flown(tick / 10, OwnMotion(tick / 10, pi / 2, 0.0, 20.0), 0.0)
-    here = reckoning.where
+    """By a compass whose bias was not learnt, .09 rad of 20 m/s, and .3 m/s of wind."""
+    here = reckoned(lambda now: True)
     assert (here.east, here.north) == pytest.approx((400.0, 1200.0), abs=1e-6)
-    assert here.sigma == pytest.approx(3.0 + 0.3 * 60) and not here.by_ranges
+    assert here.sigma == pytest.approx(3.0 + hypot(0.3, 0.09 * 20) * 60, rel=1e-3) and not here.by_ranges
+
+
+def test_a_gap_in_attitude_or_airspeed_costs_certainty_and_not_the_place():
+    """In 3 s without a word it may have turned anywhere."""
+    here = reckoned(lambda now: not 20 < now < 23)
+    assert (here.east, here.north) == pytest.approx((400.0, 1200.0), abs=1e-6)
+    assert here.sigma - reckoned(lambda now: True).sigma == pytest.approx(2.9 * (20 - 1.8), rel=0.05)
+
+
+def test_a_slow_tick_costs_certainty_and_not_the_place():
+    reckoning = DeadReckoning()
+    reckoning.where = Where(0.0, 0.0, 0.0, 3.0, 0j, 1.0, True)
+    reckoning.step(2.0, OwnMotion(2.0, 0.0, 0.0, 20.0), None, None)
+    assert (reckoning.where.east, reckoning.where.sigma) == pytest.approx((40.0, 43.0), abs=0.1)
 
 
 @pytest.mark.parametrize(

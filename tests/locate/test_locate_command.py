@@ -3,6 +3,8 @@
 import csv
 import json
 from collections.abc import Sequence
+from datetime import UTC, datetime, timedelta
+from math import nan
 
 import numpy as np
 import pytest
@@ -12,9 +14,15 @@ from pymavlink.dialects.v20 import all as mavlink
 from circnav_mav import cli
 from circnav_mav.cli.exits import Exit, Refused
 from circnav_mav.locate.estimator import Ranges, Track
+from circnav_mav.locate.export import own_beacon
+from circnav_mav.locate.place import Place, Plane
+from circnav_mav.report import plots
+from circnav_mav.runlog.range_log import RangeLog
 from tests.locate.worlds import PLANE, circles
+from tests.small_mission import TEXT
 
 Row = Sequence[object]
+PLACE = Place(0.0, PLANE, 0.0, 0.0, 400.0, np.eye(2), up_sigma=0.5, up_known=True)
 PRECISE = ("--gps-sigma", "0.05", "--altitude", "400")
 
 
@@ -29,22 +37,89 @@ def places(path):
 
 def located(folder, track, *tags, names=("",), options=()):
     """What the command finds in a CSV of positions and ranges."""
-    latitude, longitude = PLANE.to_degrees(track.east, track.north)
-    rows: list[Row] = [(*place, "", "", "") for place in zip(track.time, latitude, longitude, track.up, strict=True)]
-    for name, tag in zip(names, tags, strict=True):
-        rows += [(time, "", "", "", r, name) for time, r in zip(tag.time, tag.r, strict=True)]
-    with (folder / "log.csv").open("w", newline="") as file:
-        csv.writer(file).writerows([("time", "lat", "lon", "alt", "range", "tag"), *rows])
-    assert run(folder / "log.csv", *options) == Exit.DONE
+    assert run(as_csv(folder, track, *tags, names=names), *options) == Exit.DONE
     return places(folder / "log.locate.geojson")
+
+
+def as_csv(folder, track, *tags, names=("",), header=("time", "lat", "lon", "alt", "range", "tag"), when=float):
+    """A CSV of positions and ranges. when: what is written for a time."""
+    latitude, longitude = PLANE.to_degrees(track.east, track.north)
+    told = zip(track.time, latitude, longitude, track.up, strict=True)
+    rows: list[Row] = [(when(time), *place, "", "") for time, *place in told]
+    for name, tag in zip(names, tags, strict=True):
+        rows += [(when(time), "", "", "", r, name) for time, r in zip(tag.time, tag.r, strict=True)]
+    with (folder / "log.csv").open("w", newline="") as file:
+        csv.writer(file).writerows([header, *rows])
+    return folder / "log.csv"
+
+
+def as_tlog(file, track, ranges, say=lambda ms, r: distances(ms, r)):
+    """A tlog of system 3. say: what its radio, or anybody, says of a range: message and component."""
+    latitude, longitude = PLANE.to_degrees(track.east, track.north)
+    records = []
+    for time, lat, lon, up in zip(track.time, latitude, longitude, track.up, strict=True):
+        ms, place = round(time * 1000), (round(lat * 1e7), round(lon * 1e7))
+        records.append((time, 1, mavlink.MAVLink_gps_raw_int_message(ms * 1000, 3, *place, 0, 1, 1, 0, 0, 9)))
+        here = mavlink.MAVLink_global_position_int_message(ms, *place, round(up * 1000), 40_000, 0, 0, 0, 0)
+        records.append((time, 1, here))
+    for time, r in zip(ranges.time, ranges.r, strict=True):
+        records += [(time, component, message) for component, message in say(round(time * 1000), r)]
+    with file.open("wb") as log:
+        for time, component, message in sorted(records, key=lambda record: record[0]):
+            speaker = mavlink.MAVLink(None, srcSystem=3, srcComponent=component)
+            log.write(round(1.75e15 + time * 1e6).to_bytes(8, "big") + message.pack(speaker))
+    return file
+
+
+def distances(ms, r):
+    """DISTANCE_SENSOR of a radio and of a height sensor."""
+    for cm, sensor, orientation in ((round(r * 100), 5, 24), (4000, 6, 25)):
+        yield 1, mavlink.MAVLink_distance_sensor_message(ms, 20, 60000, cm, 4, sensor, orientation, 0)
+
+
+def as_run(folder, track, ranges):
+    """A run folder, whose radio has a name of its own, with what our survey said beside it."""
+
+    def say(ms, r):
+        yield 1, mavlink.MAVLink_named_value_float_message(ms, b"UWB", r)
+        yield 194, mavlink.MAVLink_named_value_float_message(ms, b"CN_TEAST", 30.0)
+        yield 194, own_beacon(PLACE, 0, r, 0.5, (3, 1), ms / 1000)
+
+    text = TEXT.replace("[orbit]", "[orbit]\ntarget_altitude_m = 400.0")
+    (folder / "mission.toml").write_text(text.replace('"distance_sensor"', '"named_value_float"\nname = "UWB"'))
+    as_tlog(folder / "flight.tlog", track, ranges, say)
+    return folder
+
+
+def as_movebank(folder, track, ranges):
+    """A CSV with the names and times of a wildlife group."""
+    names = ("timestamp", "location-lat", "location-long", "height-above-msl", "range", "tag-local-identifier")
+    began = datetime(2026, 7, 1, 12, tzinfo=UTC)
+
+    def when(time):
+        return (began + timedelta(seconds=time)).strftime("%Y-%m-%d %H:%M:%S.%f")
+
+    return as_csv(folder, track, ranges, header=names, when=when)
+
+
+def drawn(folder, monkeypatch):
+    """Limits of the near picture of a log's map, and the east and north of what they must hold, m from the first."""
+    figures = []
+    monkeypatch.setattr(plots, "save", lambda figure, path: figures.append(figure))
+    table = (folder / "log.locate.geojson").read_text()
+    plots.plot_map(folder / "map.png", table, "map")
+    near = figures[0].axes[1]
+    points = [(one["latitude_deg"], one["longitude_deg"]) for one in places(folder / "log.locate.geojson").values()]
+    for east, north in (Plane(*points[0]).to_metres(*point) for point in points):
+        yield from ((near.get_xlim(), east), (near.get_ylim(), north))
 
 
 def off(found, target):
     return float(np.hypot(*(PLANE.to_metres(found["latitude_deg"], found["longitude_deg"]) - target)))
 
 
-def filtered(track, ranges, target):
-    """filterpy's unscented filter: place of the target and range bias at the end, positions taken as they are."""
+def smoothed(track, ranges, target):
+    """filterpy's unscented filter and smoother: place of the target and range bias, positions taken as they are."""
     here = {}
 
     def measured(x):
@@ -54,23 +129,49 @@ def filtered(track, ranges, target):
     ukf = UnscentedKalmanFilter(3, 1, 0.1, measured, lambda x, dt: x, points)
     ukf.x, ukf.P = np.array([target[0] + 20.0, target[1] - 15.0, 0.0]), np.diag([900.0, 900.0, 4.0])
     ukf.Q, ukf.R = np.eye(3) * 1e-9, np.array([[0.25]])
+    means, covariances = [], []
     for time, r in zip(ranges.time[::4], ranges.r[::4], strict=True):
         here["e"], here["n"] = np.interp(time, track.time, track.east), np.interp(time, track.time, track.north)
         ukf.predict()
         ukf.update(np.array([r]))
-    return ukf.x, ukf.P
+        means.append(ukf.x.copy())
+        covariances.append(ukf.P.copy())
+    x, P, _ = ukf.rts_smoother(np.array(means), np.array(covariances))
+    return x[0], P[0]
 
 
-def test_it_agrees_with_an_independent_filter_on_the_same_log(tmp_path):
+AS_TOLD = ("--altitude", "400")
+
+
+@pytest.mark.parametrize(
+    ("write", "named", "tag", "options"),
+    [
+        (as_csv, "log.locate", "target", AS_TOLD),
+        (as_movebank, "log.locate", "target", AS_TOLD),
+        (lambda folder, *world: as_tlog(folder / "log.tlog", *world), "log.locate", "sensor 5 of 3/1", AS_TOLD),
+        (as_run, "locate", "UWB of 3/1", ()),
+    ],
+    ids=["CSV", "Movebank's CSV", "tlog", "run folder"],
+)
+def test_it_agrees_with_an_independent_smoother_whatever_the_log(tmp_path, write, named, tag, options, capsys):
     track, ranges, target = circles(gps=0.0, laps=2)
-    found = located(tmp_path, track, ranges, options=PRECISE)["target"]
-    x, P = filtered(track, ranges, target)
-    assert off(found, x[:2]) < 3 * np.sqrt(P[0, 0] + P[1, 1] + 2 * found["sigma_m"] ** 2)
-    assert off(found, target) < 0.3
-    assert found["sigma_m"] < 0.2
+    assert run(write(tmp_path, track, ranges), "--gps-sigma", 0.05, *options) == Exit.DONE
+    found = places(tmp_path / f"{named}.geojson")
+    assert list(found) == [tag] and "sensor 6" not in capsys.readouterr().out, "a height sensor or our survey is a tag"
+    x, P = smoothed(track, ranges, target)
+    one = found[tag]
+    assert off(one, x[:2]) < 3 * np.sqrt(P[0, 0] + P[1, 1] + 2 * one["sigma_m"] ** 2)
+    assert off(one, target) < 0.3
+    assert one["sigma_m"] < 0.2 and abs(one["range_bias_m"]) < 1.0
 
 
-def test_several_tags_are_told_apart_by_their_ids_and_mixed_ones_get_a_warning(tmp_path, capsys):
+def test_an_altitude_that_is_missing_is_that_between_its_neighbours():
+    log = RangeLog([(0.0, 47.3, 8.5, 400.0), (1.0, 47.3, 8.5, nan), (2.0, 47.3, 8.5, 410.0), (3.0, 47.3, 8.5, nan)])
+    assert list(log.track(PLANE).up) == [400.0, 405.0, 410.0, 410.0]
+    assert list(RangeLog([(0.0, 47.3, 8.5, nan)]).track(PLANE).up) == [0.0]
+
+
+def test_several_tags_are_told_apart_by_their_ids_and_mixed_ones_get_a_warning(tmp_path, capsys, monkeypatch):
     track, one, first = circles()
     rng, second = np.random.default_rng(5), np.array([20.0, -140.0])
     east, north = (np.interp(one.time, track.time, way) for way in (track.east, track.north))
@@ -78,6 +179,8 @@ def test_several_tags_are_told_apart_by_their_ids_and_mixed_ones_get_a_warning(t
     other = Ranges(one.time, far, one.sigma)
     found = located(tmp_path, track, one, other, names=("7", "tag 9"))
     assert off(found["7"], first) < 6 and off(found["tag 9"], second) < 6
+    edges = drawn(tmp_path, monkeypatch)
+    assert all(near[0] < at < near[1] for near, at in edges), "the near picture shows but the first tag"
     capsys.readouterr()
     located(tmp_path, track, one, other, names=("", ""))
     assert "two tags mixed" in capsys.readouterr().out
@@ -109,32 +212,6 @@ def test_a_ranging_antenna_off_the_gps_antenna_reads_as_delay_and_bias_and_leave
     assert off(found, target) < 0.1
 
 
-def test_a_tlog_of_anybodys_is_read_by_its_messages(tmp_path, capsys):
-    track, ranges, target = circles(gps=0.3)
-    speaker = mavlink.MAVLink(None, srcSystem=3, srcComponent=1)
-    latitude, longitude = PLANE.to_degrees(track.east, track.north)
-    records = []
-    for time, lat, lon, up in zip(track.time, latitude, longitude, track.up, strict=True):
-        ms = round(time * 1000)
-        fix = mavlink.MAVLink_gps_raw_int_message(ms * 1000, 3, round(lat * 1e7), round(lon * 1e7), 0, 1, 1, 0, 0, 9)
-        here = mavlink.MAVLink_global_position_int_message(
-            ms, round(lat * 1e7), round(lon * 1e7), round(up * 1000), 40_000, 0, 0, 0, 0
-        )
-        records += [(time, fix), (time, here)]
-    for time, r in zip(ranges.time, ranges.r, strict=True):
-        for cm, sensor, orientation in ((round(r * 100), 5, 24), (4000, 6, 25)):
-            fields = round(time * 1000), 20, 60000, cm, 4, sensor, orientation, 0
-            records.append((time, mavlink.MAVLink_distance_sensor_message(*fields)))
-    log = tmp_path / "flight.tlog"
-    with log.open("wb") as file:
-        for time, message in sorted(records, key=lambda record: record[0]):
-            file.write(round(1.75e15 + time * 1e6).to_bytes(8, "big") + message.pack(speaker))
-    assert run(log) == Exit.DONE
-    found = places(tmp_path / "flight.locate.geojson")
-    assert list(found) == ["sensor 5 of 3/1"] and "sensor 6" not in capsys.readouterr().out, "a height sensor is no tag"
-    assert off(found["sensor 5 of 3/1"], target) < 2.0
-
-
 @pytest.mark.parametrize(
     ("text", "says"),
     [
@@ -142,6 +219,7 @@ def test_a_tlog_of_anybodys_is_read_by_its_messages(tmp_path, capsys):
         ("time,lat,lon,range\n1,2,3,\n2,2,3,\n", "no ranges in it"),
         ("time,lat,lon,range\n1,,,5\n2,,,6\n", "no positions in it"),
         ("time,lat,lon,range\n1,95,3,5\n", "line 2: 95 3 is no place"),
+        ("time,lat,lon,range\nnoon,2,3,5\n", "line 2: time: 'noon' is not a time: seconds, or as 2026"),
         ("time,lat,lon,range\n1,2,3,far\n", "line 2: range: 'far' is not a number"),
         ("time,lat,lon,range\n1,2,3,5\n2,2,3,5\n", "no target was located"),
     ],
@@ -151,3 +229,11 @@ def test_bad_input_is_one_line_that_names_file_and_remedy(tmp_path, text, says):
     with pytest.raises(Refused, match=says) as refusal:
         run(tmp_path / "bad.csv")
     assert "\n" not in str(refusal.value) and "bad.csv" in str(refusal.value)
+
+
+def test_a_log_that_is_not_there_is_bad_usage_whatever_its_name(tmp_path):
+    for name, exit in (("nothing in it.csv", Exit.USAGE), ("empty.csv", Exit.NOTHING_HEARD)):
+        (tmp_path / "empty.csv").write_text("time,lat,lon,range\n")
+        with pytest.raises(Refused) as refusal:
+            run(tmp_path / name)
+        assert refusal.value.exit == exit

@@ -55,9 +55,10 @@ def test_the_orbit_status_is_what_a_c_decoder_reads_from_the_wire(direction, sig
 
 
 def test_ranging_beacon_carries_range_place_and_their_accuracy_in_millimetres():
-    packed = own_beacon(PLACE, 107.7, 0.5, (1, 1), 12.0).pack(mavlink.MAVLink(None))
+    packed = own_beacon(PLACE, 7, 107.7, 0.5, (1, 1), 12.0).pack(mavlink.MAVLink(None))
     (message,) = mavlink.MAVLink(None).parse_buffer(packed)
     assert (message.range, message.range_accuracy, message.hacc_est) == (107700, 500, 3000)
+    assert message.beacon_id == 7, "not that of the radio"
     assert (message.lat / 1e7, message.lon / 1e7) == HERE
 
 

@@ -32,6 +32,11 @@ def test_height_and_bias_are_known_after_the_second_circle_and_not_after_the_fir
     known = flown.solve()
     assert known.up_known and abs(known.up - 584.0) < 0.5
     assert known.bias == pytest.approx(1.5, abs=0.3) and known.bias_sigma < 0.3
+    flown.locator.found(known)
+    flown.fly(125.0)
+    texts = [message.text for _, message in flown.messages if message.get_type() == "STATUSTEXT"]
+    assert texts == [f"circnav: target {known.latitude:.6f} {known.longitude:.6f} {known.sigma:.1f} m",
+                     f"circnav: target altitude {known.up:.1f} +-{known.up_sigma:.1f} m"]  # fmt: skip
 
 
 def test_the_second_circle_begins_after_a_lap_of_the_first_and_all_that_is_said_is_of_the_circle_flown(

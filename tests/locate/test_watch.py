@@ -1,5 +1,6 @@
 """The GPS watch: which of GPS, beacon and compass is the odd one out, and how soon it says so."""
 
+from cmath import rect
 from math import atan2, cos, hypot, pi, sin
 
 import pytest
@@ -21,7 +22,6 @@ def looks(fault, *, noise=1.0):
         wrong = max(0.0, t - FROM)
         # the nose is where air velocity = ground velocity - wind points
         air = -V * sin(angle) - 4.0, V * cos(angle)
-        heading, airspeed = atan2(air[1], air[0]), hypot(*air)
         told = (east, north + (min(50.0 * wrong, 500.0) if fault == "spoof" else 0.0))
         measured = hypot(east - (5.0 * wrong if fault == "beacon" else 0.0), north)
         turned = 0.6 if fault == "compass" and wrong else 0.0
@@ -29,9 +29,8 @@ def looks(fault, *, noise=1.0):
         # by ranges and heading the bearing turns with the compass; by a spoofed position it is that of the lie
         by_position = atan2(-told[1], -told[0])
         bearing = (angle + pi + turned - by_position + pi) % (2 * pi) - pi
-        yield Look(
-            t, *told, heading + turned, airspeed, (measured - hypot(*told) + wobble, 2.0), (bearing, 0.06)
-        )  # fmt: skip
+        air = rect(hypot(*air), atan2(air[1], air[0]) + turned)
+        yield Look(t, *told, air, (measured - hypot(*told) + wobble, 2.0), (bearing, 0.06))
 
 
 @pytest.mark.parametrize(
