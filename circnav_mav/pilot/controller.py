@@ -1,6 +1,6 @@
 """From an estimate to the bytes' meaning: law, turn-rate gain, choke point, the vehicle's message."""
 
-from math import ceil
+from math import ceil, isfinite
 
 from circnav_mav.guidance.step import Flies, compensate_turn_gain, holding
 from circnav_mav.guidance.turn_response import Response, TurnAnswer
@@ -75,6 +75,12 @@ class Controller:
     def most_turn(self) -> float:
         """Turn rate that the vehicle reaches, rad/s."""
         return self._answer.most
+
+    @property
+    def bank_limit(self) -> float | None:
+        """Turn rate of the bank beyond which the vehicle does not go, rad/s; None while it does as commanded."""
+        found = self._answer.bank_limit.bank
+        return found if isfinite(found) else None
 
     @property
     def response(self) -> Response:

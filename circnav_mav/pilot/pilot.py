@@ -9,6 +9,7 @@ ranges the orbit's own turn rate is held, then given up. The operator always win
 from collections import Counter
 from collections.abc import Hashable
 from dataclasses import replace
+from math import atan, degrees
 
 from pymavlink.dialects.v20.all import MAV_SEVERITY_NOTICE, MAV_SEVERITY_WARNING
 
@@ -17,7 +18,7 @@ from circnav_mav.guidance.types import Orbit, OwnMotion, RangeEstimate, TurnComm
 from circnav_mav.guidance.velocity_loop import CopterMotion
 from circnav_mav.guidance.watches import DriftAlarm, breach, watch_drift
 from circnav_mav.mav.codec import Message
-from circnav_mav.mav.frames import YawRate
+from circnav_mav.mav.frames import GRAVITY, YawRate
 from circnav_mav.mav.identity import Allowance
 from circnav_mav.mav.session import LOST_AFTER
 from circnav_mav.mav.setpoint_guard import UnsafeSetpointError
@@ -339,8 +340,8 @@ class Pilot:
 
     def _say_what_is_new(self, estimate: RangeEstimate | None, command: TurnCommand | None, now: float) -> None:
         """Say once each time it begins: that somebody else uses the vehicle's name, ours or the radio's; that the drift
-        is more than the circle allows (and that it no longer is); the next circle; another law, and why; and that the
-        gains were lowered, for the command swings."""
+        is more than the circle allows (and that it no longer is); the next circle; another law, and why; that the gains
+        were lowered, for the command swings; and how far the vehicle banks, where that is less than commanded."""
         controller = self.controller
         rivals = {line.partition(" has ")[0] for line in self.session.identity.rivals.recent(now)}
         for name in sorted(rivals - self._rivals):
@@ -355,6 +356,10 @@ class Pilot:
                 self._say_news("law", command.flies, command.why)
         cut = f"limit cycle, gains reduced to {100 * controller.watch.share:.0f} %"
         self._say_news("cycle", controller.watch.cycles, cut)
+        limit, own = controller.bank_limit, self.own
+        if limit is not None and own is not None:
+            bank = degrees(atan(limit * own.airspeed / GRAVITY))
+            self._say_news("bank limit", True, f"vehicle banks {bank:.0f} deg at most")
         self._say_trouble(now)
 
     def _say_trouble(self, now: float) -> None:

@@ -94,3 +94,4 @@ def test_a_bank_limit_below_the_missions_is_learnt_as_one_and_a_lap_is_planned_w
     assert flown.ticks[-1].turn_gain == pytest.approx(EFFECTIVENESS / AIRSPEED_SCALE, abs=0.02)
     lap = [truth for truth in flown.truths if truth.time > 110.0]
     assert rms_error(lap, 150.0) < 1.6
+    assert sum(b"vehicle banks 35 deg at most" in data for _, data in flown.sent) == 1
