@@ -26,7 +26,7 @@ FUSES = {
 }
 """The flag of each estimator's report that an absolute position is fused. ArduPilot's falls 10 s after the last one of
 GPS, vision or beacons (NavEKF3's posTimeout), and a position that is given back does not raise it. PX4's absolute one
-stays up in dead reckoning by airspeed; its predicted one is GNSS or an auxiliary position, and falls within 7 s."""
+stays up in dead reckoning by airspeed; its predicted one is GNSS or an auxiliary position, and falls after 7 s."""
 REPORTS = {
     "ardupilot": dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT,
     "px4": dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS,
