@@ -249,8 +249,8 @@ costs less than the lag between the two."""
 STANDS, STANDS_FOR = 0.03, 1.0
 """A bank that is cut stands at its limit where it differs by less than this share from its mean over a second, for so
 long, s: one that rolls does not."""
-LIMIT_SHARE = 0.02
-"""Share of a limit as found now in the mean of what was found: some 50 reports, a few seconds at the limit."""
+STOOD_LEAST, STOOD_MOST = 0.5, 20.0
+"""Time at the limit, s, by which it is told first, and over which it is averaged: 1 % of it is .3 m of radius."""
 LONGEST_FELT = 1.0
 """Most time, s, for which a bank counts from one report to the next."""
 
@@ -258,31 +258,49 @@ LONGEST_FELT = 1.0
 @dataclass(frozen=True, slots=True)
 class BankLimit:
     """Recognises the bank beyond which a vehicle does not go, however much is commanded: its autopilot's limit is below
-    the mission's. Turn rates in rad/s.
+    the mission's.
 
-    bank: the turn that the limit asks for if it is coordinated; inf while nothing is known. turn: of the nose there.
-    short: whether the vehicle banks less than commanded now. since: when it last did as commanded, or still rolled, s.
+    time, heading: of the newest report, s, rad. since: when it last did as commanded, or still rolled, s. short:
+    whether it banks less than commanded now. stood: for how long it was seen at its limit, s; banked, turned: by how
+    much the coordinated turn of its bank, and the nose, turned meanwhile, rad.
     """
 
-    bank: float = inf
-    turn: float = inf
-    short: bool = False
+    time: float = inf
+    heading: float = 0.0
     since: float = inf
+    short: bool = False
+    stood: float = 0.0
+    banked: float = 0.0
+    turned: float = 0.0
 
-    def follow(self, time: float, commanded: float, banked: float, turned: float, now: float) -> "BankLimit":
-        """Take in the commanded turn, the bank's and the nose's, all smoothed over a second, and the bank's now."""
+    @property
+    def bank(self) -> float:
+        """The turn that the limit asks for if it is coordinated, rad/s; inf while nothing is known."""
+        return self.banked / self.stood if self.stood >= STOOD_LEAST else inf
+
+    @property
+    def turn(self) -> float:
+        """Turn of the nose there, rad/s."""
+        return self.turned / self.stood if self.stood >= STOOD_LEAST else inf
+
+    def follow(self, own: OwnMotion, commanded: float, banked: float) -> "BankLimit":
+        """Take in a report beside the commanded turn and that of the bank, both smoothed over a second, rad/s."""
+        time, now, step = own.time, own.bank_turn or 0.0, own.time - self.time
         short = abs(banked) < SHORT * abs(commanded)
         stands = short and banked * commanded > 0 and abs(now - banked) < STANDS * abs(banked)
         since = min(self.since, time) if stands else time
-        if stands and time - since >= STANDS_FOR:
-            if self.bank == inf:
-                return BankLimit(abs(banked), abs(turned), short, since)
-            bank, turn = self.bank, self.turn
-            bank, turn = bank + LIMIT_SHARE * (abs(banked) - bank), turn + LIMIT_SHARE * (abs(turned) - turn)
-            return BankLimit(bank, turn, short, since)
+        after = replace(self, time=time, heading=own.heading, since=since, short=short)
         # commands are not cut to the limit, so a bank beyond it shows that it was found too low
-        wrong = abs(banked) > (1 + STANDS) * self.bank
-        return BankLimit(short=short, since=since) if wrong else replace(self, short=short, since=since)
+        if abs(banked) > (1 + STANDS) * self.bank:
+            return replace(after, stood=0.0, banked=0.0, turned=0.0)
+        if time - since < STANDS_FOR or not 0 < step <= LONGEST_FELT:
+            return after
+        kept = exp(-step / STOOD_MOST)
+        turned = abs(remainder(own.heading - self.heading, 2 * pi))
+        return replace(
+            after, stood=kept * self.stood + step, banked=kept * self.banked + abs(now) * step,
+            turned=kept * self.turned + turned,
+        )  # fmt: skip
 
 
 class TurnAnswer:
@@ -348,9 +366,8 @@ class TurnAnswer:
         lag = self.response.delay
         self.by_command = learn(self.by_command, lag=lag, time=own.time, heading=own.heading, command=self._commanded)
         if self.by_bank is not None and own.bank_turn is not None:
-            commanded, turned = float(self.by_command.smooth_command), float(self.by_command.smooth_rate)
-            banked = float(self.by_bank.smooth_command)
-            self.bank_limit = self.bank_limit.follow(own.time, commanded, banked, turned, own.bank_turn)
+            commanded, banked = float(self.by_command.smooth_command), float(self.by_bank.smooth_command)
+            self.bank_limit = self.bank_limit.follow(own, commanded, banked)
         return True
 
     def reset(self) -> None:

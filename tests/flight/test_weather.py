@@ -79,7 +79,7 @@ def test_a_link_that_takes_a_while_does_not_make_the_turn_swing(mission: str, mo
     assert clockwise_turns(last_third(flown)) > 0.2
 
 
-EFFECTIVENESS, AIRSPEED_SCALE = 0.73, 1.065 / 1.033
+EFFECTIVENESS, AIRSPEED_SCALE = 0.747, 1.065 / 1.033
 """Of the emulated plane: realised over coordinated turn rate, and true airspeed over the standard atmosphere's."""
 
 

@@ -8,8 +8,9 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from circnav_mav.guidance.lap_plan import ANGLES, plan
-from circnav_mav.guidance.maths import chord_parts, clip
+from circnav_mav.guidance.maths import chord_parts, clip, wrap
 from circnav_mav.guidance.turn_response import BankLimit, PendingTurn, Response
+from circnav_mav.guidance.types import OwnMotion
 from circnav_mav.guidance.vector_field import drift, drift_gains, mirrored
 from tests.firmware.bound import squeezed
 
@@ -95,8 +96,10 @@ def test_a_vehicle_at_its_limit_flies_the_planned_lap_truer_than_the_circle(sens
 
 def after(*banks, commanded=0.4, step=0.05, limit=UNKNOWN):
     """What is known of a limit after banks (as turn rates) of a vehicle whose nose turns .7 of them."""
+    heading = 3.0
     for i, (before, now) in enumerate(pairwise(banks)):
-        limit = limit.follow(i * step, commanded, before, 0.7 * before, now)
+        heading = wrap(heading + 0.7 * now * step)
+        limit = limit.follow(OwnMotion(i * step, heading, 0.7 * now, V, bank_turn=now), commanded, before)
     return limit
 
 
