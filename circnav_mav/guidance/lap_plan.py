@@ -26,7 +26,7 @@ DRIFT_STEP, LIMIT_STEP = 1 / 200, 1 / 400
 SURE = 0.99
 """Share of the limit that a lap is planned for. Limit, drift and airspeed as estimated are a percent off together, and
 a lap that asks for too much ends farther outside: of three flights of ArduPlane the worst held 1.50 m with 1, 1.06 m
-with .99, 1.16 m with .98."""
+with .99."""
 MOST_DRIFT = 0.9
 """Drift in units of V beyond which no lap is flown anyway."""
 MOST_OFFSET = 0.2
