@@ -286,10 +286,10 @@ def emulate() -> None:
 
 
 @command("experiments:fly_bench", short_help="Compare the laws over many flights.")
-@click.option("--flights", type=int, default=1000, metavar="N", help="Flights of each cell.")
+@click.option("--flights", type=click.IntRange(1), default=1000, metavar="N", help="Flights of each cell.")
 @click.option("--law", "laws", multiple=True, metavar="NAME", help="Only this law (law+estimator). May be repeated.")
 @click.option("--situation", "situations", multiple=True, metavar="NAME", help="Only this situation. May be repeated.")
-@click.option("--seed", type=int, default=1, metavar="N", help="Of all random numbers.")
+@click.option("--seed", type=click.IntRange(0), default=1, metavar="N", help="Of all random numbers.")
 @click.option("--out", type=Folder(), metavar="DIR", help="Write table.csv, table.md and table.png there.")
 def bench() -> None:
     """Compare the laws over many flights. Wind, gusts, moving targets, bad sensors; the result is one table.
@@ -321,8 +321,8 @@ def campaign() -> None:
 
 @command("experiments:reproduce_paper", short_help="Reproduce the paper's three examples.")
 @click.option("--out", type=Folder(), default="paper", metavar="DIR", help="Where to write.")
-@click.option("--starts", type=int, default=200, metavar="N", help="Random starts of each example.")
-@click.option("--seed", type=int, default=1, metavar="N", help="Of the random starts.")
+@click.option("--starts", type=click.IntRange(1), default=200, metavar="N", help="Random starts of each example.")
+@click.option("--seed", type=click.IntRange(0), default=1, metavar="N", help="Of the random starts.")
 def paper() -> None:
     """Reproduce the three examples of the paper. Draws six figures, and prints a table of predicted and reached radius.
 
