@@ -79,6 +79,10 @@ class Body(NamedTuple):
     on_the_way: Line = ()  # commands within the dead time (through_line)
 
     @property
+    def velocity(self) -> Vector:
+        return self.velocity_north, self.velocity_east, self.velocity_down
+
+    @property
     def ground_speed(self) -> float:
         return math.hypot(self.velocity_north, self.velocity_east)
 
@@ -158,11 +162,6 @@ def lean(north: float, east: float, heading: float) -> tuple[float, float]:
     """The roll and pitch of a copter whose thrust accelerates it so, m/s^2."""
     cos, sin = math.cos(heading), math.sin(heading)
     return math.atan((east * cos - north * sin) / GRAVITY), -math.atan((north * cos + east * sin) / GRAVITY)
-
-
-def coordinated_bank(speed: float, turn_rate: float) -> float:
-    """The bank that turns at this rate without slip: tan(roll) = V w / g."""
-    return math.atan(speed * turn_rate / GRAVITY)
 
 
 def euler(q: tuple[float, ...]) -> tuple[float, float, float]:

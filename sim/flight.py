@@ -16,12 +16,13 @@ from .autopilots.px4_plane import Px4Plane
 from .body import GRAVITY, Body, Vector
 from .config import VehicleConfig
 from .instruments import Instruments
-from .sensor import Rangefinder
+from .sensor import Sample
 from .starting import starting_body
 from .world import Air, target_at
 
 IMU_WINDOW_US = 20_000  # what an accelerometer's reading is averaged over: autopilots filter at 20 .. 30 Hz
 DRIFT_STEP_US = 100_000
+RANGE_TOO_OLD_US = 450_000
 AUTOPILOTS: dict[str, Callable[[VehicleConfig, Say, Body], Autopilot]] = {
     "arducopter": ArduCopter,
     "arducopter_nogps": ArduCopter,
@@ -68,12 +69,12 @@ class Flight:
         self._say = say
         self.air = Air(config.wind, config.seed)
         self.target = partial(target_at, config.target)
-        self.rangefinder = Rangefinder()
+        self._ranged: tuple[int, Sample] | None = None  # what the rangefinder's driver holds, and since when
         self.instruments = Instruments(config.sensors, config.seed, config.sih)
         self.battery = config.battery.percent
         self._battery_at = 0
-        self.autopilot = self._build_autopilot(config, starting_body(config, self.air.velocity))
-        self._velocities: deque[tuple[int, Vector]] = deque([(0, self._velocity())])
+        self.autopilot = AUTOPILOTS[config.vehicle.profile](config, say, starting_body(config, self.air.velocity))
+        self._velocities: deque[tuple[int, Vector]] = deque([(0, self.body.velocity)])
         self._estimator_rng = Random(f"{config.seed}:estimator")
         self._position_rng = Random(f"{config.seed}:position")
         size, drift = config.sensors.gps_error_m, config.sensors.dead_reckoning_mps
@@ -81,9 +82,6 @@ class Flight:
         self._lost_drift = self._position_rng.gauss(0.0, drift), self._position_rng.gauss(0.0, drift)
         self.position_error = self._gps_error  # reported less true, north and east, m
         self.spoofed = 0.0  # m/s by which what the receiver believes moves north
-
-    def next_due(self) -> int:
-        return max(self.now, self.autopilot.wake_us())
 
     def run(self, until: int) -> None:
         """Fly to `until`, letting the autopilot act whenever it wants to on the way."""
@@ -100,12 +98,9 @@ class Flight:
             self.autopilot.body = self.autopilot.fly((to - self.now) * 1e-6, self.air.velocity)
             self.now = to
             trail = self._velocities
-            trail.append((to, self._velocity()))
+            trail.append((to, self.body.velocity))
             while trail[1][0] <= to - IMU_WINDOW_US:
                 trail.popleft()
-
-    def _velocity(self) -> Vector:
-        return self.body.velocity_north, self.body.velocity_east, self.body.velocity_down
 
     def specific_force(self) -> Vector:
         """What accelerometers feel: acceleration without gravity, m/s^2, forward, right, down; at rest (0, 0, -g)."""
@@ -139,15 +134,19 @@ class Flight:
         drift = self._lost_drift
         self.position_error = self.position_error[0] + drift[0] * dt, self.position_error[1] + drift[1] * dt
 
+    def range_heard(self, sample: Sample) -> None:
+        """By the autopilot's rangefinder driver, which holds it until the next one, or until it is too old."""
+        self._ranged = self.now, sample
+
+    def range_held(self) -> Sample | None:
+        return self._ranged[1] if self._ranged is not None and self.now - self._ranged[0] <= RANGE_TOO_OLD_US else None
+
     def reboot(self) -> None:
         """The autopilot starts afresh: disarmed, in its first mode, its clock at zero. The body stays where it is."""
         fresh = self.config.rebooted()
         self.booted = self.now
-        self.rangefinder = Rangefinder()
-        self.autopilot = self._build_autopilot(fresh, self.body)
-
-    def _build_autopilot(self, config: VehicleConfig, body: Body) -> Autopilot:
-        return AUTOPILOTS[config.vehicle.profile](config, self._say, body)
+        self._ranged = None
+        self.autopilot = AUTOPILOTS[fresh.vehicle.profile](fresh, self._say, self.body)
 
     @property
     def body(self) -> Body:
@@ -187,7 +186,7 @@ class Flight:
         offset = [a - b for a, b in zip((body.north, body.east, body.down), self.target(now), strict=True)]
         before, after = self.target(now - 0.01), self.target(now + 0.01)
         moved = [(b - a) / 0.02 for a, b in zip(before, after, strict=True)]
-        relative = [a - b for a, b in zip(self._velocity(), moved, strict=True)]
+        relative = [a - b for a, b in zip(self.body.velocity, moved, strict=True)]
         return sum(a * b for a, b in zip(offset, relative, strict=True)) / max(self.slant_range(), 1e-6)
 
     def truth(self) -> Truth:

@@ -89,19 +89,3 @@ class DopplerSensor:
         white, fresh = rng.gauss(0.0, 1.0), rng.gauss(0.0, 1.0)
         self._offset = self._kept * self._offset + c.rate_bias_mps * math.sqrt(1 - self._kept**2) * fresh
         return true_rate + self._offset + c.rate_noise_mps * white
-
-
-class Rangefinder:
-    """The autopilot's rangefinder driver: holds the last value until it is too old."""
-
-    TOO_OLD_US = 450_000
-
-    def __init__(self) -> None:
-        self._sample: Sample | None = None
-        self._heard = 0
-
-    def update(self, sample: Sample, now: int) -> None:
-        self._sample, self._heard = sample, now
-
-    def latest(self, now: int) -> Sample | None:
-        return self._sample if self._sample is not None and now - self._heard <= self.TOO_OLD_US else None

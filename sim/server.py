@@ -1,6 +1,7 @@
 """The vehicle on real sockets in real or scaled time: the only place of the emulator that reads a clock."""
 
 import select
+import signal
 import time
 from collections.abc import Callable
 
@@ -45,6 +46,14 @@ def serve(
             wire.close()
 
 
+def stop_signals() -> Callable[[], bool]:
+    """From here on SIGINT and SIGTERM end nothing by themselves; tells whether one has come."""
+    heard: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda received, _frame: heard.append(received))
+    return lambda: bool(heard)
+
+
 def _fly(
     vehicle: Vehicle, wires: dict[str, Wire], speed: float, duration: float | None,
     stopped: Callable[[], bool], say: Callable[[str], None],
@@ -66,15 +75,11 @@ def _fly(
             simulated -= behind - BURST
         vehicle.tell_time(time.time())
         vehicle.advance(simulated)
-        _hear(vehicle, wires)  # what has arrived acts now, not when the vehicle was last looked at
+        for name, wire in wires.items():  # what has arrived acts now, not when the vehicle was last looked at
+            for link, data in wire.receive():
+                vehicle.receive(data, RANGING if name == RANGING else link, stream=wire.stream)
         _speak(vehicle, wires)
         _sleep(wires, (vehicle.next_event - simulated) / speed)
-
-
-def _hear(vehicle: Vehicle, wires: dict[str, Wire]) -> None:
-    for name, wire in wires.items():
-        for link, data in wire.receive():
-            vehicle.receive(data, RANGING if name == RANGING else link, stream=wire.stream)
 
 
 def _speak(vehicle: Vehicle, wires: dict[str, Wire]) -> None:

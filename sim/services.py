@@ -72,17 +72,12 @@ class Streams:
     def run(self, link: Link, number: int, interval: int) -> None:
         link.intervals[number] = interval
         if number != DISTANCE_SENSOR or not self._flight.autopilot.identity.ranges_on_update:
-            self._appoint(link, number, self._flight.now + interval)
+            send, first = partial(self.send_once, link, number), self._flight.now + interval
+            self._agenda.every(("stream", link.name, number), interval, first, send)
 
     def stop(self, link: Link, number: int) -> None:
         link.intervals.pop(number, None)
         self._agenda.drop(("stream", link.name, number))
-
-    def forget_all(self, links: list[Link]) -> None:
-        """A reboot: nobody has asked for anything."""
-        self._agenda.drop_all("stream")
-        for link in links:
-            link.intervals.clear()
 
     def send_once(self, link: Link, number: int) -> bool:
         """Send one now; False when this vehicle has no such message or nothing to put in it."""
@@ -102,13 +97,6 @@ class Streams:
                 self._range_sent[link.name] = now
                 self.send_once(link, DISTANCE_SENSOR)
 
-    def _appoint(self, link: Link, number: int, due: int) -> None:
-        self._agenda.put(("stream", link.name, number), due, partial(self._fire, link, number, due))
-
-    def _fire(self, link: Link, number: int, due: int) -> None:
-        self.send_once(link, number)
-        self._appoint(link, number, due + link.intervals[number])
-
 
 class Services:
     """Answers to one message at a time, on the link it came from."""
@@ -124,8 +112,8 @@ class Services:
             "PARAM_REQUEST_LIST": self._param_list,
             "PARAM_SET": self._param_set,
             "MISSION_REQUEST_LIST": self._mission_list,
-            "MISSION_COUNT": self._mission_count,
-            "MISSION_CLEAR_ALL": self._mission_clear,
+            "MISSION_COUNT": self._mission_change,
+            "MISSION_CLEAR_ALL": self._mission_change,
             "LOG_REQUEST_LIST": self._log_list,
             "REQUEST_DATA_STREAM": self._data_stream,
             "TIMESYNC": self._timesync,
@@ -167,26 +155,22 @@ class Services:
         return Ack.ACCEPTED
 
     def _param_read(self, message: Message, link: Link) -> None:
-        link.send(self._flight.autopilot.params.read(_text(message.param_id), message.param_index))
+        link.send(self._flight.autopilot.params.read(message.param_id, message.param_index))
 
     def _param_list(self, message: Message, link: Link) -> None:
         for value in self._flight.autopilot.params.all_values():
             link.send(value)
 
     def _param_set(self, message: Message, link: Link) -> None:
-        link.send(self._flight.autopilot.params.write(_text(message.param_id), message.param_value))
+        link.send(self._flight.autopilot.params.write(message.param_id, message.param_value))
 
     def _mission_list(self, message: Message, link: Link) -> None:
         link.send(mavlink.MAVLink_mission_count_message(*_sender(message), 0, message.mission_type))
 
-    def _mission_count(self, message: Message, link: Link) -> None:
-        """No missions are kept here: an upload of none is fine, any other is refused."""
-        result = MISSION_ACCEPTED if message.count == 0 else MISSION_UNSUPPORTED
+    def _mission_change(self, message: Message, link: Link) -> None:
+        """No missions are kept here: to clear them or to upload none is fine, any other upload is refused."""
+        result = MISSION_UNSUPPORTED if getattr(message, "count", 0) else MISSION_ACCEPTED
         link.send(mavlink.MAVLink_mission_ack_message(*_sender(message), result, message.mission_type))
-
-    def _mission_clear(self, message: Message, link: Link) -> None:
-        """There is none."""
-        link.send(mavlink.MAVLink_mission_ack_message(*_sender(message), MISSION_ACCEPTED, message.mission_type))
 
     def _log_list(self, message: Message, link: Link) -> None:
         """There are none: one entry that says so."""
@@ -213,10 +197,6 @@ class Services:
         header = [sequence & 0xFF, sequence >> 8, asked[2], FTP_REFUSED, 1, asked[3], *[0] * 6]
         answer = [*header, FTP_FILE_NOT_FOUND, *[0] * (len(asked) - 13)]
         link.send(mavlink.MAVLink_file_transfer_protocol_message(0, *_sender(message), answer))
-
-
-def _text(field: str | bytes) -> str:
-    return field.decode("ascii", "replace") if isinstance(field, bytes) else str(field)
 
 
 def _sender(message: Message) -> tuple[int, int]:

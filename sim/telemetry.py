@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 from pymavlink.dialects.v20 import all as mavlink
 
-from .body import GRAVITY, to_earth
+from .body import GRAVITY, to_earth, within
 from .demands import BodyVelocity, EarthVelocity, Tilt
 from .flight import Flight
 from .links import Message
@@ -81,23 +81,21 @@ def highres_imu(flight: Flight) -> Message:
 def _milli_imu(flight: Flight) -> list[int]:
     """Thousandths of g and of rad/s, as ArduPilot tells them."""
     acceleration, rates = flight.imu()
-    values = [value / GRAVITY for value in acceleration] + list(rates)
-    return [max(-32768, min(32767, round(value * 1000))) for value in values]
+    return [round(within(value * 1000, 32767)) for value in (*(part / GRAVITY for part in acceleration), *rates)]
 
 
 def local_position_ned(flight: Flight) -> Message | None:
     body = flight.shown()
     if not flight.autopilot.position:
         return None
-    velocity = body.velocity_north, body.velocity_east, body.velocity_down
-    return mavlink.MAVLink_local_position_ned_message(flight.boot_ms, body.north, body.east, body.down, *velocity)
+    return mavlink.MAVLink_local_position_ned_message(flight.boot_ms, body.north, body.east, body.down, *body.velocity)
 
 
 def global_position_int(flight: Flight) -> Message:
     body = flight.shown()
     place = _degrees_e7(flight) if flight.autopilot.position else (0, 0)
     heights = round((HOME_AMSL_M - body.down) * 1000), round(-body.down * 1000)
-    velocity = map(_centi, (body.velocity_north, body.velocity_east, body.velocity_down))
+    velocity = (round(within(speed * 100, 32767)) for speed in body.velocity)
     return mavlink.MAVLink_global_position_int_message(
         flight.boot_ms, *place, *heights, *velocity, _centidegrees(body.heading)
     )
@@ -131,7 +129,7 @@ def extended_sys_state(flight: Flight) -> Message:
 
 def distance_sensor(flight: Flight) -> Message | None:
     """The autopilot's own range. ArduPilot repeats the last value, stamped when sent, until the input is 0.45 s old."""
-    sample = flight.rangefinder.latest(flight.now)
+    sample = flight.range_held()
     if sample is None:
         return None
     config, stamp, number = flight.config.ranging, flight.boot_ms, 0
@@ -214,11 +212,10 @@ def sim_state(flight: Flight) -> Message:
     body = flight.body
     latitude, longitude = to_degrees(body.north, body.east)
     angles = *body.quaternion(), body.roll, body.pitch, body.heading
-    velocity = body.velocity_north, body.velocity_east, body.velocity_down
     place = latitude, longitude, HOME_AMSL_M - body.down
     whole = round(latitude * 1e7), round(longitude * 1e7)
     return mavlink.MAVLink_sim_state_message(
-        *angles, *flight.specific_force(), *body.body_rates(), *place, 0.0, 0.0, *velocity, *whole
+        *angles, *flight.specific_force(), *body.body_rates(), *place, 0.0, 0.0, *body.velocity, *whole
     )
 
 
@@ -243,10 +240,6 @@ def _degrees_e7(flight: Flight) -> tuple[int, int]:
 def _centidegrees(angle: float) -> int:
     """0 .. 35999."""
     return round(math.degrees(angle) % 360 * 100) % 36000
-
-
-def _centi(value: float) -> int:
-    return max(-32767, min(32767, round(value * 100)))
 
 
 _FUNCTIONS: tuple[Callable[[Flight], Message | None], ...] = (

@@ -41,7 +41,9 @@ class Vehicle:
         self._text_ids = itertools.cycle(range(1, 65536))
         self._flight = Flight(config, self._say)
         identity = self._flight.autopilot.identity
-        self._notary = _notary(config)
+        signing, px4 = config.signing, config.vehicle.profile.startswith("px4")
+        key = None if signing.key_file is None else read_key(signing.key_file, "signing.key_file")
+        self._notary = Notary(key, UNSIGNED_BY_PX4 if px4 else UNSIGNED_BY_ARDUPILOT, signing.accept_unsigned)
         own = (config.vehicle.system_id, AUTOPILOT_COMPONENT)
         self._router = Router(own, identity.unknown_ids, identity.adopts_strays)
         self._streams = Streams(self._agenda, self._flight)
@@ -86,7 +88,8 @@ class Vehicle:
     @property
     def next_event(self) -> float:
         """Simulated time at which something is next due, s."""
-        return min(self._agenda.next_due(), self._flight.next_due(), NEVER) / SECOND
+        flight = self._flight
+        return min(self._agenda.next_due(), max(flight.now, flight.autopilot.wake_us()), NEVER) / SECOND
 
     @property
     def time(self) -> float:
@@ -195,7 +198,9 @@ class Vehicle:
         self._flight.reboot()
         self._notary.reboot()
         self._router.forget()
-        self._streams.forget_all(self._autopilot_links())
+        self._agenda.drop_all("stream")
+        for link in self._autopilot_links():
+            link.intervals.clear()
         self._agenda.put(("boot",), self._flight.now + round(seconds * SECOND), self._boot)
 
     def _boot(self) -> None:
@@ -216,14 +221,6 @@ class Vehicle:
 
     def _driver(self, sample: Sample) -> None:
         """A sample at the autopilot's rangefinder port."""
-        self._flight.rangefinder.update(sample, self._flight.now)
+        self._flight.range_heard(sample)
         if self._flight.autopilot.identity.ranges_on_update and not self._deaf:
             self._streams.range_updated(self._autopilot_links())
-
-
-def _notary(config: VehicleConfig) -> Notary:
-    """Who the vehicle and its radio believe, and how they sign."""
-    signing = config.signing
-    key = None if signing.key_file is None else read_key(signing.key_file, "signing.key_file")
-    px4 = config.vehicle.profile.startswith("px4")
-    return Notary(key, UNSIGNED_BY_PX4 if px4 else UNSIGNED_BY_ARDUPILOT, signing.accept_unsigned)

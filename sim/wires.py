@@ -48,9 +48,10 @@ class UdpWire:
 
     stream = False
 
-    def __init__(self, endpoint: Endpoint, first: str) -> None:
+    def __init__(self, endpoint: Endpoint, first: str, most_peers: int) -> None:
         self._first = first
-        self._peers = {resolved(endpoint): first} if endpoint.kind == "udpout" else {}
+        self._most_peers = most_peers
+        self._peers = {(socket.gethostbyname(endpoint.host), endpoint.port): first} if endpoint.kind == "udpout" else {}
         self._socket = bound(socket.SOCK_DGRAM, endpoint)
 
     def receive(self) -> list[Datagram]:
@@ -63,7 +64,7 @@ class UdpWire:
                 break
             except OSError:
                 continue  # an earlier datagram bounced: the peer is not (yet) there
-            if peer in self._peers or len(self._peers) < MOST_PEERS:
+            if peer in self._peers or len(self._peers) < self._most_peers:
                 heard.append((self._name(peer), data))
         return heard
 
@@ -154,32 +155,23 @@ class TcpWire:
 Wire = UdpWire | TcpWire
 
 
-def open_wire(endpoint: Endpoint, first: str) -> Wire:
+def open_wire(endpoint: Endpoint, first: str, most_peers: int = MOST_PEERS) -> Wire:
     """The endpoint opened; raises EndpointError in one line when it cannot be."""
-    return TcpWire(endpoint, first) if endpoint.kind == "tcpin" else UdpWire(endpoint, first)
+    try:
+        return TcpWire(endpoint, first) if endpoint.kind == "tcpin" else UdpWire(endpoint, first, most_peers)
+    except OSError as error:
+        raise EndpointError(f"{endpoint}: cannot be opened: {(error.strerror or str(error)).lower()}") from error
 
 
 def bound(kind: socket.SocketKind, endpoint: Endpoint) -> socket.socket:
-    """A socket at the endpoint, of any port for udpout; raises EndpointError in one line."""
+    """A socket at the endpoint, of any port for udpout."""
     made = socket.socket(socket.AF_INET, kind)
     if kind == socket.SOCK_STREAM:
         made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         made.bind(("", 0) if endpoint.kind == "udpout" else (endpoint.host, endpoint.port))
-    except OSError as error:
+    except OSError:
         made.close()
-        raise _unusable(endpoint, error) from error
+        raise
     made.setblocking(False)
     return made
-
-
-def resolved(endpoint: Endpoint) -> tuple[str, int]:
-    """The host's address; raises EndpointError in one line."""
-    try:
-        return socket.gethostbyname(endpoint.host), endpoint.port
-    except OSError as error:
-        raise _unusable(endpoint, error) from error
-
-
-def _unusable(endpoint: Endpoint, error: OSError) -> EndpointError:
-    return EndpointError(f"{endpoint}: cannot be opened: {(error.strerror or str(error)).lower()}")

@@ -17,6 +17,7 @@ import click
 from circnav_mav import __version__
 from circnav_mav.cli.bundled import FileOrName
 from circnav_mav.cli.exits import Exit, Refused, mind_output
+from circnav_mav.emulator.__main__ import main as emulator
 
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100, "show_default": True}
 
@@ -86,7 +87,7 @@ def circnav() -> None:
     """
 
 
-def command(does: str, group: click.Group = circnav, **words: str) -> Callable[[Callable[[], None]], click.Command]:
+def command(does: str, group: click.Group = circnav, **words: Any) -> Callable[[Callable[[], None]], click.Command]:
     """A command with the name, the help and the options of a function. does: `module:function` of this package, which
     is imported when it runs, gets the options by name and answers with the exit code."""
 
@@ -268,11 +269,10 @@ def watch() -> None:
     """
 
 
-@command("emulate:run_emulator", short_help="Run the bundled vehicle alone, for any client.")
+@command(
+    "emulate:run_emulator", short_help="Run the bundled vehicle alone, for any client.", params=emulator.params[1:]
+)
 @click.argument("vehicle", required=False, type=FileOrName("mission"), metavar="[VEHICLE]")
-@click.option("--endpoint", default="udpout:127.0.0.1:14550", metavar="URL", help="Where it sends to.")
-@click.option("--ranging-endpoint", metavar="URL", help='Where its radio sends to, for ranging that goes "direct".')
-@click.option("--speed", type=float, default=1.0, metavar="N", help="Times real time.")
 def emulate() -> None:
     """Run the bundled simulated vehicle alone, in real time. Any ground station or client may connect; Ctrl-C ends it.
 
@@ -286,10 +286,10 @@ def emulate() -> None:
 
 
 @command("experiments:fly_bench", short_help="Compare the laws over many flights.")
-@click.option("--flights", type=int, default=1000, metavar="N", help="Flights of each cell.")
+@click.option("--flights", type=click.IntRange(1), default=1000, metavar="N", help="Flights of each cell.")
 @click.option("--law", "laws", multiple=True, metavar="NAME", help="Only this law (law+estimator). May be repeated.")
 @click.option("--situation", "situations", multiple=True, metavar="NAME", help="Only this situation. May be repeated.")
-@click.option("--seed", type=int, default=1, metavar="N", help="Of all random numbers.")
+@click.option("--seed", type=click.IntRange(0), default=1, metavar="N", help="Of all random numbers.")
 @click.option("--out", type=Folder(), metavar="DIR", help="Write table.csv, table.md and table.png there.")
 def bench() -> None:
     """Compare the laws over many flights. Wind, gusts, moving targets, bad sensors; the result is one table.
@@ -321,8 +321,8 @@ def campaign() -> None:
 
 @command("experiments:reproduce_paper", short_help="Reproduce the paper's three examples.")
 @click.option("--out", type=Folder(), default="paper", metavar="DIR", help="Where to write.")
-@click.option("--starts", type=int, default=200, metavar="N", help="Random starts of each example.")
-@click.option("--seed", type=int, default=1, metavar="N", help="Of the random starts.")
+@click.option("--starts", type=click.IntRange(1), default=200, metavar="N", help="Random starts of each example.")
+@click.option("--seed", type=click.IntRange(0), default=1, metavar="N", help="Of the random starts.")
 def paper() -> None:
     """Reproduce the three examples of the paper. Draws six figures, and prints a table of predicted and reached radius.
 

@@ -186,7 +186,7 @@ def _say_ticks(done: Replayed, pilot: Pilot, was: Ticks | None) -> None:
             far = f"differs by {gap.rms:.4g} {unit} RMS, {gap.largest:.4g} {unit} at most"
             says = far if gap.largest > LAST_DIGIT else "the same"
             click.echo(f"  {name:<16} {says}, in {gap.ticks} ticks")
-    steered = sum(phase == "engaged" for phase in would.phases)
+    steered = sum(phase == "engaged" for phase in would.words["phase"])
     saturated = sum(record.saturated for record in done.ticks)
     click.echo(f"  ticks      {len(done.ticks)}, {steered} of them steering, {saturated} at the turn-rate limit")
     refused = describe_rejected(dict(sorted(pilot.tracker.ranging.rejected.items())))

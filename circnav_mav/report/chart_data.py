@@ -80,8 +80,8 @@ BINS = 240
 def chart_data(ticks: Ticks, truth: Truth | None, orbit: Orbit, names: dict[str, str], **flight: Any) -> dict[str, Any]:
     """All of it. names: of the phases, for people. flight: what the charts' levels need beside the orbit."""
     span = (float(ticks.time[0]), float(ticks.time[-1]))
-    phases = [names.get(phase, phase) for phase in ticks.phases]
-    words = {"phase": phases, "vehicle mode": ticks.modes, "law": ticks.words["law"]}
+    phases = [names.get(phase, phase) for phase in ticks.words["phase"]]
+    words = {"phase": phases, "vehicle mode": ticks.words["mode"], "law": ticks.words["law"]}
     track = known_track(ticks, truth)
     return {
         "flight": flight | {"radius": orbit.radius, "tolerance": TOLERANCE * orbit.radius, "limit": orbit.max_turn_rate,

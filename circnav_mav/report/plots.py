@@ -37,7 +37,7 @@ HOLD_BAND = "#f6d8a8"
 def plot_flight(path: Path, ticks: Ticks, truth: Truth | None, orbit: Orbit, title: str) -> None:
     """Draw a run and write it as PNG. Raises OSError."""
     time, desired, track, new = ticks.time, ticks.desired(orbit.radius), known_track(ticks, truth), fresh(ticks)
-    holding = np.array([phase == "holding" for phase in ticks.phases])
+    holding = np.array([phase == "holding" for phase in ticks.words["phase"]])
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(12, 7), layout="constrained")
         figure.suptitle(literal(title))

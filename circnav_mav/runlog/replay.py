@@ -108,7 +108,7 @@ def held_gain(settings: PilotSettings, flown: PilotSettings, was: Ticks) -> floa
     same = all(getattr(settings, name) == getattr(flown, name) for name in STEERING)
     if same or settings.turn_gain is not None or settings.output_mode is not OutputMode.FLY:
         return None
-    learnt = was.numbers["turn_gain"][[phase == Phase.ENGAGED.value for phase in was.phases]]
+    learnt = was.numbers["turn_gain"][[phase == Phase.ENGAGED.value for phase in was.words["phase"]]]
     known = learnt[learnt > 0]
     return float(known[-1]) if len(known) else None
 

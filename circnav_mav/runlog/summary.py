@@ -24,9 +24,10 @@ UNRECORDED = 1.0
 
 @dataclass(frozen=True, slots=True)
 class FlightFacts:
-    """What the flight itself knows at its end. engaged_s, until_s: run time of the engagement and of the last tick,
-    recorded or not; None: as the recorded ticks say. clock_speed: of the autopilot's time, where it was not ours.
-    orbit: the first circle; later_radii: of those after it, m, flown or not."""
+    """What the flight itself knows at its end; it stands in the summary under the same names, but for the last three
+    and the orbit. engaged_s, until_s: run time of the engagement and of the last tick, recorded or not; None: as the
+    recorded ticks say. clock_speed: of the autopilot's time, where it was not ours. orbit: the first circle;
+    later_radii: of those after it, m, flown or not."""
 
     mission: str
     outcome: str
@@ -54,13 +55,13 @@ def summarise(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str
     start = ticks.engaged_at if facts.engaged_s is None else facts.engaged_s
     end = float(ticks.time[-1]) if facts.until_s is None and len(ticks.time) else facts.until_s or 0.0
     flown = ticks.time >= (np.inf if start is None else start)
-    steered = np.array([phase == Phase.ENGAGED.value for phase in ticks.phases], bool)
+    steered = np.array([phase == Phase.ENGAGED.value for phase in ticks.words["phase"]], bool)
     known = flown & steered & ~np.isnan(ticks.numbers["r"])
     circles = _circles(ticks, known, facts.orbit.radius, start or 0.0)
     orbit, begun = replace(facts.orbit, radius=circles[-1]["desired_radius_m"]), circles[-1]["begun_s"]
     known &= ticks.time >= begun
     # the operator flew, or the vehicle was not heard; what was not recorded counts as steered
-    without = flown[:-1] & np.array([phase in NOT_OURS for phase in ticks.phases], bool)[:-1]
+    without = flown[:-1] & np.array([phase in NOT_OURS for phase in ticks.words["phase"]], bool)[:-1]
     # how quiet the turn command was, over the ticks by which the radius is judged
     turn = late_figures(ticks.time[known], ticks.numbers["turn_rate"][known], ticks.numbers["saturated"][known], orbit)
     height = ticks.numbers["height"][flown & steered]
@@ -68,11 +69,10 @@ def summarise(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str
     # in which sense most turning was commanded in the last third that was steered: turns on the way count for nothing
     turned = np.nansum(metrics.last_part(ticks.time[flown & steered], ticks.numbers["turn_rate"][flown & steered]))
     commanded = None if turned == 0 else Direction.COUNTERCLOCKWISE if turned > 0 else Direction.CLOCKWISE
-    return {
-        "mission": facts.mission,
-        "voice": facts.voice,
-        "outcome": facts.outcome,
-        "reason": facts.reason,
+    told = asdict(facts)
+    for used in ("orbit", "engaged_s", "until_s", "later_radii"):
+        del told[used]
+    return told | {
         "desired_radius_m": orbit.radius,
         "direction": orbit.direction.value,
         "direction_commanded": commanded.value if commanded else None,
@@ -86,15 +86,7 @@ def summarise(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str
         "height_max_m": float(height.max()) if len(height) else None,
         **(asdict(turn) if turn else dict.fromkeys(NAMES)),
         **_vehicle(ticks, flown & steered),
-        "samples_accepted": facts.samples_accepted,
-        "samples_rejected": facts.samples_rejected,
-        "frames_refused": facts.frames_refused,
-        "setpoints_sent": facts.setpoints_sent,
         "truth": None if truth is None or start is None else _truth(truth, max(start, begun), end, orbit),
-        "firmware": facts.firmware,
-        "version": facts.version,
-        "epoch_us": facts.epoch_us,
-        "clock_speed": facts.clock_speed,
         "recording_problem": _problem(facts.recording_problem, ticks, truth, end),
     }
 

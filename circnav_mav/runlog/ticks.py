@@ -34,16 +34,6 @@ class Ticks:
     words: dict[str, list[str]]
 
     @property
-    def phases(self) -> list[str]:
-        """The phase of each tick."""
-        return self.words["phase"]
-
-    @property
-    def modes(self) -> list[str]:
-        """The vehicle's mode at each tick."""
-        return self.words["mode"]
-
-    @property
     def time(self) -> Column:
         """Run time of each tick, s."""
         return self.numbers["time"]
@@ -60,7 +50,9 @@ class Ticks:
     @property
     def engaged_at(self) -> float | None:
         """Run time of the first engaged tick, s."""
-        return next((float(t) for t, phase in zip(self.time, self.phases, strict=True) if phase == "engaged"), None)
+        return next(
+            (float(t) for t, phase in zip(self.time, self.words["phase"], strict=True) if phase == "engaged"), None
+        )
 
 
 NO_TICKS = Ticks({name: np.array([]) for name in NAMES - WORDS}, {name: [] for name in WORDS})

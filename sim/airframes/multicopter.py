@@ -48,11 +48,6 @@ class YawLoop:
         )
 
 
-def ardupilot_yaw_loop(limit: float) -> YawLoop:
-    """Swings of +-45 deg/s at 1 Hz came back 1.19 times as large, no more: the acceleration is limited."""
-    return YawLoop(limit, dead_time=0.18, frequency=7.5, damping=0.46, most_acceleration=3.5)
-
-
 @dataclass(frozen=True)
 class Multicopter:
     """ArduCopter 4.6.3: the wind is held against, a gust pushes until it is.
@@ -72,7 +67,9 @@ class Multicopter:
 
     def _small_step(self, body: Body, demand: EarthVelocity | Brake, h: float) -> Body:
         wanted = demand if isinstance(demand, EarthVelocity) else EarthVelocity(0.0, 0.0, demand.down)
-        turned = self._yaw(body, wanted, h)
+        command = within(wanted.yaw_rate, self.yaw_loop.limit)
+        command *= 1 + YAW_EXCESS * abs(body.ground_speed * command) / GRAVITY
+        turned = self.yaw_loop.turn(body, command, h)
         if isinstance(demand, Brake) and turned.ground_speed > STOPPED:
             moved = _brake(turned, demand.deceleration, h)
         elif min(math.hypot(wanted.north, wanted.east), body.ground_speed) < SLOW:
@@ -80,11 +77,6 @@ class Multicopter:
         else:
             moved = _follow(turned, wanted, h)
         return _tilted(_displaced(moved, body, wanted.down, h), body, h)
-
-    def _yaw(self, body: Body, wanted: EarthVelocity, h: float) -> Body:
-        command = within(wanted.yaw_rate, self.yaw_loop.limit)
-        command *= 1 + YAW_EXCESS * abs(body.ground_speed * command) / GRAVITY
-        return self.yaw_loop.turn(body, command, h)
 
 
 def _pushed(body: Body, wind: tuple[float, float], h: float) -> Body:
@@ -165,11 +157,6 @@ def _tilted(moved: Body, before: Body, h: float) -> Body:
     return moved._replace(
         roll=roll, pitch=pitch, roll_rate=(roll - before.roll) / h, pitch_rate=(pitch - before.pitch) / h
     )
-
-
-def px4_yaw_loop(limit: float) -> YawLoop:
-    """63 % of a step after 0.45 .. 0.5 s."""
-    return YawLoop(limit, dead_time=0.12, frequency=5.0, damping=0.7)
 
 
 @dataclass(frozen=True)

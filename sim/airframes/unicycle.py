@@ -8,7 +8,7 @@ Gauss-Legendre quadrature over at most 0.1 s and 0.25 rad (error below a microme
 import math
 from dataclasses import dataclass
 
-from ..body import Body, coordinated_bank, to_earth, within
+from ..body import GRAVITY, Body, to_earth, within
 from ..demands import BodyVelocity, Brake, EarthVelocity, Velocity
 
 SETTLED = 1e-12
@@ -37,7 +37,7 @@ class Unicycle:
         return moved._replace(
             down=down,
             velocity_down=(down - body.down) / dt,
-            roll=coordinated_bank(moved.forward_speed, moved.turn_rate),
+            roll=math.atan(moved.forward_speed * moved.turn_rate / GRAVITY),  # turns at this rate without slip
         )
 
     def _with_the_nose(self, body: Body, demand: BodyVelocity, dt: float) -> Body:

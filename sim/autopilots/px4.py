@@ -135,13 +135,10 @@ class Px4(Autopilot):
             )
             return Ack.TEMPORARILY_REJECTED
         self.intended = mode
-        self._end_stick_failsafe()
+        self._sticks_lost, self._act_at = False, NEVER
         if self.mode != mode:
             self._fly_mode(mode, now)
         return Ack.ACCEPTED
-
-    def _end_stick_failsafe(self) -> None:
-        self._sticks_lost, self._act_at = False, NEVER
 
     def _fly_mode(self, mode: int, now: int) -> None:
         self.mode = mode
@@ -227,7 +224,7 @@ class Px4(Autopilot):
     def set_armed(self, armed: bool, now: int) -> None:
         """Sticks that are already silent when it is armed are not missed until they are heard again."""
         self.armed = armed
-        self._end_stick_failsafe()
+        self._sticks_lost, self._act_at = False, NEVER
         if not self.sticks_alive(now):
             self._missed = self.sticks.last
         self.entered(self.mode, now)

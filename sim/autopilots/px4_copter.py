@@ -3,7 +3,7 @@
 import math
 
 from ..airframes.copter import CopterAirframe, TiltingCopter
-from ..airframes.multicopter import DraggedCopter, px4_yaw_loop
+from ..airframes.multicopter import DraggedCopter, YawLoop
 from ..airframes.unicycle import Unicycle
 from ..body import Body, at_most
 from ..config import VehicleConfig
@@ -38,7 +38,8 @@ class Px4Copter(Px4):
         super().__init__(IDENTITY, px4_parameters(config, *own), config, say, start)
         limit = min(MOST_YAW_RATE, math.radians(vehicle.max_turn_rate_deg_s))
         drag = vehicle.drag_per_s
-        real, ideal = DraggedCopter(px4_yaw_loop(limit), drag), Unicycle(limit, vehicle.turn_lag_s, vehicle.speed_lag_s)
+        yaw_loop = YawLoop(limit, dead_time=0.12, frequency=5.0, damping=0.7)  # 63 % of a step after 0.45 .. 0.5 s
+        real, ideal = DraggedCopter(yaw_loop, drag), Unicycle(limit, vehicle.turn_lag_s, vehicle.speed_lag_s)
         by_velocity = ideal if vehicle.dynamics == "unicycle" else real
         self._airframe = CopterAirframe(by_velocity, TiltingCopter(limit, drag=drag))
         self._hold = (start.north, start.east, start.down)

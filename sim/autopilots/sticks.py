@@ -8,12 +8,12 @@ IGNORED_AXIS = 32767
 
 
 class Sticks:
-    """The roll stick and when it was last heard; ArduPilot listens only to its own ground station's id."""
+    """The roll stick and when it was heard last; ArduPilot listens only to its own ground station's id."""
 
     def __init__(self, system: int) -> None:
         self._system = system
         self._roll = 0.0
-        self._heard: int | None = None
+        self.last: int | None = None
 
     def heard(self, message: Message, now: int, pilot: int | None) -> bool:
         """True if the message moved the stick. `pilot` is the only system listened to, None listens to all."""
@@ -21,22 +21,18 @@ class Sticks:
             return False
         kind = message.get_type()
         if kind == "MANUAL_CONTROL" and message.target == self._system and message.y != IGNORED_AXIS:
-            self._roll, self._heard = within(message.y / 1000, 1.0), now
+            self._roll, self.last = within(message.y / 1000, 1.0), now
             return True
         if kind == "RC_CHANNELS_OVERRIDE" and message.chan1_raw != IGNORED_PWM:
             released = message.chan1_raw == RELEASED_PWM
             self._roll = 0.0 if released else within((message.chan1_raw - 1500) / 500, 1.0)
-            self._heard = now
+            self.last = now
             return True
         return False
-
-    @property
-    def last(self) -> int | None:
-        return self._heard
 
     def roll(self, now: int, timeout: int) -> float:
         """-1 .. 1, to the right positive; centred once it is `timeout` us old."""
         return self._roll if self.alive(now, timeout) else 0.0
 
     def alive(self, now: int, timeout: int) -> bool:
-        return self._heard is not None and now - self._heard < timeout
+        return self.last is not None and now - self.last < timeout

@@ -1,6 +1,5 @@
 """A broken link: python -m circnav_mav.emulator.faults --listen URL --forward URL [faults]."""
 
-import signal
 import sys
 from collections.abc import Callable
 from dataclasses import fields
@@ -9,6 +8,7 @@ from typing import Any
 
 import click
 
+from ..server import stop_signals
 from ..wires import EndpointError
 from .intruders import ground_station, recorded, strangers, twin, vehicle
 from .link import FaultLink
@@ -58,9 +58,7 @@ def main(
     twin_ids: str | None, flood: float | None, inject: Path | None, inject_rate: float, **line: Any,
 ) -> None:  # fmt: skip
     """A broken UDP link between your own application and your own vehicle, in both directions."""
-    stop: list[int] = []
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda received, _frame: stop.append(received))
+    stopped = stop_signals()
     try:
         broken = Impairment(**line, outages=tuple(map(_outage, outage)))
         up, down = (CLEAN if only == other else broken for other in ("down", "up"))
@@ -80,7 +78,7 @@ def main(
         sys.exit(BAD_USAGE)
     click.echo(f"faults: {listen} <-> {forward}, seed {seed}: {broken}")
     try:
-        proxy.run(lambda: bool(stop))
+        proxy.run(stopped)
     finally:
         proxy.close()
     click.echo(f"faults: lost {link.lost}")

@@ -27,9 +27,10 @@ import numpy as np
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.pilot import VEHICLE
-from sim.faults.frames import frames, message_id, read
+from sim.faults.frames import frames, message_id
 from tests.bench.on_port import ROOT
 from tests.flight.lockstep import SETPOINT_IDS, Flight, flight
+from tests.frames import read
 
 MISSION = ROOT / "config" / "quickstart.toml"
 BARE, LAWS = "bare pymavlink", ("smooth", "auto")

@@ -11,8 +11,9 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
-from sim.faults.frames import frames, message_id, read
+from sim.faults.frames import frames, message_id
 from tests.bench.on_port import ROOT, SETPOINT, VehicleOnPort, flown
+from tests.frames import read
 
 PATIENCE, FLY_FOR = 60.0, 1.0
 

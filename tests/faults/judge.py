@@ -9,7 +9,8 @@ from typing import Any
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.pilot import PilotSettings
-from sim.faults.frames import message_id, read
+from sim.faults.frames import message_id
+from tests.frames import read
 
 SETPOINTS = {84: "SET_POSITION_TARGET_LOCAL_NED", 82: "SET_ATTITUDE_TARGET", 69: "MANUAL_CONTROL"}
 SLACK = 1e-4

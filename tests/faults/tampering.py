@@ -7,8 +7,9 @@ from random import Random
 
 from pymavlink.dialects.v20 import all as mavlink
 
-from sim.faults.frames import message_id, read, rewritten, sender, write
+from sim.faults.frames import message_id, write
 from sim.faults.link import DOWN, UP, Passage, Tamper
+from tests.frames import read, rewritten, sender
 
 DISTANCE_SENSOR, COMMAND_LONG, COMMAND_ACK = 132, 76, 77
 STAMPED = {132: "time_boot_ms", 30: "time_boot_ms", 2: "time_boot_ms", 251: "time_boot_ms", 513: "time_usec"}

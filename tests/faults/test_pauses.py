@@ -7,10 +7,10 @@ import pytest
 from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.runtime.status import Watch
 from sim.faults import UP, Impairment
-from sim.faults.frames import read
 from tests.faults.course import on_the_circle
 from tests.faults.scenarios.pauses import PAUSES, radio_pauses
 from tests.faults.tampering import on
+from tests.frames import read
 from tests.rig import Rig, distance
 
 SMOOTH = ('guidance.law="smooth"',)

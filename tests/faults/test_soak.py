@@ -7,12 +7,13 @@ import pytest
 
 from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.runlog.tlog import read_tlog
-from sim.faults.frames import message_id, read
+from sim.faults.frames import message_id
 from tests.faults.files import assault_files
 from tests.faults.fuzz import run
 from tests.faults.soak import WRAP
 from tests.flight.lockstep import rms_error
 from tests.flight.recorded import EPOCH_US, recorded_flight
+from tests.frames import read
 
 ATTITUDE, RANGE = 30, 132
 

@@ -20,8 +20,8 @@ LOGS = Path(__file__).parents[2] / "docs" / "logs.md"
 
 def test_ticks_are_columns_an_empty_cell_is_no_number_and_a_last_line_that_was_cut_off_is_left_out(run_folder):
     ticks = read_ticks(run_folder())
-    assert (len(ticks.time), ticks.engaged_at, ticks.modes[0]) == (601, 10.0, "GUIDED")
-    assert set(ticks.phases) == {"ready", "engaged"}
+    assert (len(ticks.time), ticks.engaged_at, ticks.words["mode"][0]) == (601, 10.0, "GUIDED")
+    assert set(ticks.words["phase"]) == {"ready", "engaged"}
     assert np.isnan(ticks.numbers["turn_rate"][0])
     assert ticks.numbers["turn_rate"][-1] == -0.15
     assert read_ticks(run_folder(engaged=False)).engaged_at is None

@@ -8,9 +8,10 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from sim.faults import DOWN, UP, FaultLink, Impairment
-from sim.faults.frames import message_id, read, rewritten, write
+from sim.faults.frames import message_id, write
 from sim.faults.pipe import Pipe, corrupted
 from tests.faults.tampering import dropping, on, outliers
+from tests.frames import read, rewritten
 from tests.process import PATIENCE, python, running
 
 

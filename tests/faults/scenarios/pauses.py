@@ -2,10 +2,10 @@
 
 from collections.abc import Callable
 
-from sim.faults.frames import read, rewritten
 from tests.faults.cell import Scenario, Want
 from tests.faults.course import Course
 from tests.faults.tampering import on
+from tests.frames import read, rewritten
 
 RANGE = 132
 STEP = 0.01

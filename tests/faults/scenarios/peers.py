@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import all as mavlink
 from circnav_mav.pilot.mission_state import Phase
 from sim.config import Event
 from sim.faults import DOWN, UP, Impairment
-from sim.faults.frames import message_id, raw_frame, sender
+from sim.faults.frames import message_id, raw_frame
 from sim.faults.intruders import GCS, ground_station, speaking, strangers, twin, vehicle
 from sim.faults.link import Intruder, Passage, Tamper
 from tests.faults.cell import FRESH, Scenario, Want
@@ -20,6 +20,7 @@ from tests.faults.scenarios.line import PX4
 from tests.faults.scenarios.ranging import SLOW
 from tests.faults.tampering import acknowledgement, answered, dropping, late, said_again
 from tests.flight.ground_station import Operator
+from tests.frames import sender
 
 SET_MODE, ACK = 176, 77
 ARDUPILOT = ("arducopter", "arduplane", "ardurover")

@@ -4,11 +4,11 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from sim.faults.frames import read, rewritten
 from tests.faults.cell import Scenario, Want
 from tests.faults.course import Course
 from tests.faults.scenarios.line import PX4
 from tests.faults.tampering import Change, every, noise, offset, on, outliers, quantised, sometimes, stamps, stuck
+from tests.frames import read, rewritten
 
 HOLD, REGAIN = Want.HOLD, Want.REGAIN
 SLOW = {"px4_copter": REGAIN}

@@ -1,0 +1,25 @@
+"""What stands in a MAVLink 2 frame, and the same frame with something else in it."""
+
+from typing import Any
+
+from pymavlink.dialects.v20 import all as mavlink
+
+from sim.faults.frames import write
+
+
+def sender(frame: bytes) -> tuple[int, int]:
+    """System and component id."""
+    return frame[5], frame[6]
+
+
+def read(frame: bytes) -> Any:
+    """The message in a good frame."""
+    return mavlink.MAVLink(None).decode(bytearray(frame))
+
+
+def rewritten(frame: bytes, **fields: float) -> bytes:
+    """The same frame with other values in some fields."""
+    message = read(frame)
+    values = {name: fields.get(name, getattr(message, name)) for name in message.fieldnames}
+    texts = {name: value.encode("ascii", "replace") for name, value in values.items() if isinstance(value, str)}
+    return write(type(message)(**values | texts), *sender(frame), frame[4])
