@@ -6,7 +6,7 @@ ArduPilot's plane as gusts of 2.4 m/s that last 3 s. Only the range shows either
 The best linear answer (a Kalman filter and the gains of a quadratic cost, LQG) is given plant, delay and disturbance
 as they are, which no guidance knows. Printed for several costs of turning: RMS of the radius, and standard deviation
 of the turn command. Last in each line the same filter with circnav's gains for that delay, which keep 6 dB and 45 deg
-of margin; LQG's do not.
+of margin (tests/guidance/test_margins.py).
 
 **LoRa-like ranges** (`told`): how well they tell the radius of ArduPilot's plane over the last two of 150 s on the
 circle. The Cramer-Rao bound with place, steady wind and airspeed scale unknown, for errors of the own motion, which
