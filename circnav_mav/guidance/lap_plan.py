@@ -1,13 +1,13 @@
 """The truest lap of a vehicle that turns less than its circle asks for where the drift is behind it.
 
-Flown at the limit without a plan, it is carried outside and stays there until the drift is ahead again. The planned lap
-begins to turn at the limit earlier: it is inside of the circle first, outside of it later, and nowhere far.
+Without a plan it is carried outside, and stays there until the drift is ahead again. The planned lap begins to turn at
+the limit earlier. It is a little outside before and after, inside in between, and nowhere far.
 
     turn of the nose = t - (t (e + e'') + t' e')/r_d <= limit,   t = v_g^2/(r_d V cos(crab))
 
-e: radius error, linear, by the angle round the target; t: turn that the circle asks for, by the angle, too: the course
-is not the circle's, which t' e' counts. The least mean square of e over time under this condition is a least-distance
-problem (Lawson, Hanson, Solving Least Squares Problems, ch. 23).
+e: radius error, by the angle round the target. t: turn that the circle asks for, by the angle, too. The equation is
+linear; t' e' counts that the course is not the circle's. The least mean square of e over time under this condition is a
+least-distance problem (Lawson, Hanson, Solving Least Squares Problems, ch. 23).
 """
 
 from dataclasses import dataclass

@@ -1,6 +1,6 @@
 """The lap of a vehicle that cannot turn as its circle asks, against the geometry of the planned curve."""
 
-from itertools import pairwise
+from itertools import pairwise, product
 from math import hypot, inf, pi
 
 import numpy as np
@@ -46,6 +46,15 @@ def test_the_planned_lap_keeps_the_limit_and_is_nearly_the_truest_that_does(blow
     turn, rms = geometry(lap, wind)
     assert turn.max() < 1.01 * LIMIT
     assert squeezed(LIMIT) < rms < squeezed(0.98 * LIMIT)
+
+
+def test_every_drift_and_limit_that_can_be_estimated_has_a_lap():
+    """A flight must not end by an equation without a solution: up to no limit at all, and a drift of V."""
+    for wind, limit in product(np.arange(0.0, 1.2, 0.1), np.arange(0.0, 3.2, 0.2)):
+        lap = plan((wind * V, 0.0), V=V, r_d=R_D, limit=limit * V / R_D)
+        radii = [R_D] if lap is None else [lap.at(float(angle))[0] for angle in np.linspace(-pi, pi, 20)]
+        assert np.isfinite(radii).all()
+        assert np.abs(np.array(radii) - R_D).max() <= 0.2 * R_D + 1e-9
 
 
 def test_a_circle_within_the_limit_needs_no_plan():
