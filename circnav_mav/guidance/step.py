@@ -52,9 +52,9 @@ WEAVE_SHARE, WEAVE_PERIOD = 0.7, 6.0
 """Amplitude in units of the turn-rate limit, and period, s: some 30 deg to either side."""
 FADE = 0.2
 """Time constant of a handover, s."""
-AWAY, BACK = 0.4, 0.1
-"""By how many radii a trial may lead away before feedforward flies instead, and how near that has to come to the
-closest range of the search again before a guess is worth another try."""
+LEAVES, LEAVES_FAST = 0.2, 0.4
+"""Range rates, in V, from which a vehicle outside the circle that does not know where the target is turns harder than
+it would, and at the limit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,16 +124,13 @@ WHY = {
 @dataclass(frozen=True, slots=True)
 class Handover:
     """flies: who steered last; -1: nobody yet. favourite: which guess was on trial. command: what was flown, rad/s.
-    offset: what is left of the last change, rad/s. untrusted: s since the target was last known. closest: range since
-    then, m. astray: whether trials have led away from there."""
+    offset: what is left of the last change, rad/s. untrusted: s since the target was last known."""
 
     flies: Array = -1
     favourite: Array = -1
     command: Array = 0.0
     offset: Array = 0.0
     untrusted: Array = 0.0
-    closest: Array = inf
-    astray: Array = False
 
 
 AT_START = Handover()
@@ -141,27 +138,27 @@ AT_START = Handover()
 
 def hand_over(
     before: Handover, dt: Array, *, trusted: Array, favourite: Array, by_range: Array, by_bank: Array, limit: Array,
-    r: Array, r_d: Array,
+    leaves: Array,
 ) -> Handover:  # fmt: skip
     """The command of this step, for the counter-clockwise orbit. favourite: number of the likeliest guess while the
     target is searched for, else -1.
 
     by_range, by_bank: what feedforward and the drift law ask for, rad/s; by_bank counts only where it has grounds.
-    r: range, r_d: desired, m.
+    leaves: 0 where the vehicle does not leave the target behind, 1 where it does so fast.
     """
     untrusted = where(trusted, 0.0, before.untrusted + dt)
-    closest = where(trusted, r, minimum(before.closest, r))
-    gone = r - closest
-    astray = logical_not(trusted) & ((gone > AWAY * r_d) | (before.astray & (gone > BACK * r_d)))
-    trial = logical_not(trusted) & (favourite >= 0) & (untrusted >= FIRST_GUESS - SAME_TIME) & logical_not(astray)
+    trial = logical_not(trusted) & (favourite >= 0) & (untrusted >= FIRST_GUESS - SAME_TIME)
     flies = where(trusted, Flies.DRIFT, where(trial, Flies.TRIAL, Flies.FEEDFORWARD))
     on_trial = where(trial, favourite, -1)
     weave = WEAVE_SHARE * limit * sin(2 * pi * untrusted / WEAVE_PERIOD)
     by_bank = by_bank + where(trial & (untrusted > PATIENCE + SAME_TIME), weave, 0.0)
     wanted = clip(where(flies == Flies.FEEDFORWARD, by_range, by_bank), -limit, limit)
+    # whichever way a vehicle turns that leaves, half a circle ends it: the tightest one leads away least
+    about = where(wanted < 0, -limit, limit)
+    wanted = wanted + where(trusted, 0.0, leaves) * (about - wanted)
     changed = (before.flies >= 0) & ((flies != before.flies) | (on_trial != before.favourite))
     offset = where(changed, before.command - wanted, before.offset * exp(-dt / FADE))
-    return Handover(flies, on_trial, clip(wanted + offset, -limit, limit), offset, untrusted, closest, astray)
+    return Handover(flies, on_trial, clip(wanted + offset, -limit, limit), offset, untrusted)
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,7 +203,7 @@ def _with_relative_motion(
         (by_drift, offset), trusted = _by_drift(settings, relative, change, inputs), relative.trusted
     handover = hand_over(
         before.handover, dt, trusted=trusted, favourite=_tried(before.handover, settings, inputs),
-        by_range=by_range, by_bank=by_drift, limit=settings.limit, r=inputs.r, r_d=settings.r_d,
+        by_range=by_range, by_bank=by_drift, limit=settings.limit, leaves=_leaves(settings, inputs),
     )  # fmt: skip
     demanded = where(handover.flies == Flies.FEEDFORWARD, by_range, by_drift)
     cut: Any = magnitude(handover.command) >= AT_LIMIT * settings.limit
@@ -224,6 +221,13 @@ def _tried(before: Handover, settings: StepSettings, inputs: Inputs) -> Array:
     circling = near & (magnitude(inputs.r_dot) < ALONG * settings.V)
     patient = before.untrusted < CIRCLING_PATIENCE - SAME_TIME
     return where(relative.drift_remembered & circling & patient, -1, relative.trial)
+
+
+def _leaves(settings: StepSettings, inputs: Inputs) -> Array:
+    """How far a vehicle leaves the target behind: 0 not at all, or it flies `drift`, which knows; 1 fast."""
+    outside = (inputs.r > settings.r_d) & (settings.law.kind is Kind.AUTO)
+    fast = clip((inputs.r_dot / settings.V - LEAVES) / (LEAVES_FAST - LEAVES), 0.0, 1.0)
+    return where(outside, fast, 0.0)
 
 
 def _by_drift(settings: StepSettings, relative: RelativeMotion, change: Pair, inputs: Inputs) -> tuple[Array, Array]:

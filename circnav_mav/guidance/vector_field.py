@@ -46,9 +46,8 @@ FASTEST = 1.8
 RADIAL_SHARE = 0.4
 """Radius loop over heading loop: of all shares at these margins, two fifths hold slow errors down most: wind and
 turbulence push the radius below .4 rad/s, as flown on ArduPlane 4.6.3."""
-OUTWARD, FINISHED = 0.5 * pi, 1.0
-"""How much longer, rad, a turn may be than one the other way: because it leads away from the target instead of past it;
-because it is under way at the limit."""
+OUTWARD = 0.5 * pi
+"""How much longer, rad, a turn may be than one the other way because it leads away from the target, not past it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,8 +119,8 @@ def drift(
     rotation = wrap(wanted(ahead + STEP) - wanted(ahead - STEP)) / (2 * STEP)
     # under way is what was commanded beyond the rotation: so a delay that is not quite known leaves no lasting error
     under_way = pending.turn - rotation * ahead
-    turning = clip(rate / max_turn_rate, -1.0, 1.0)
-    favoured = _outward(hypot(p[0], p[1]), V / max_turn_rate, r_d) + FINISHED * turning
+    # a turn the other way would first have to undo what is under way
+    favoured = _outward(hypot(p[0], p[1]), V / max_turn_rate, r_d) + pending.turn
     error = wrap(wanted(0.0 * ahead) - psi - favoured) + favoured
     return rotation + gains.heading * (error - under_way)
 
