@@ -66,8 +66,7 @@ def _end(crew: list[BaseProcess]) -> None:
 def _hired(crew: list[BaseProcess]) -> Connection:
     """One more worker, by our end of the pipe to it. It never hears a Ctrl-C, not even while it imports: that is kept
     from this thread, and so from what it starts; the main thread hears it."""
-    if hasattr(signal, "pthread_sigmask"):
-        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     spawn = multiprocessing.get_context("spawn")
     ours, theirs = spawn.Pipe()
     process = spawn.Process(target=_work, args=(theirs,), daemon=True)

@@ -13,9 +13,9 @@ from unittest.mock import MagicMock
 import pytest
 
 from circnav_mav.experiments.campaign import execute, fly
-from circnav_mav.experiments.campaign.execute import ExecutionError, on_cores, on_scheduler
+from circnav_mav.experiments.campaign.execute import on_cores, on_scheduler
 from circnav_mav.experiments.campaign.fly import chunks, fly_chunk, fly_part
-from circnav_mav.experiments.campaign.plan import load_campaign
+from circnav_mav.experiments.campaign.plan import CampaignError, load_campaign
 from circnav_mav.experiments.campaign.store import Store
 from tests.process import PATIENCE, ROOT
 
@@ -93,7 +93,7 @@ def refusal(write):
     """Why nobody at an address flies: refusal(address)."""
 
     def refusal(address):
-        with pytest.raises(ExecutionError) as told:
+        with pytest.raises(CampaignError) as told:
             list(on_scheduler(load_campaign(write(SHORT)), [[0]], address))
         assert "\n" not in str(told.value)
         return str(told.value)
