@@ -72,7 +72,7 @@ def on_scheduler(campaign: Campaign, chunks: Chunks, address: str, done: Done = 
         import distributed
     except ImportError:
         raise CampaignError("--scheduler needs Dask: pip install distributed") from None
-    _knock(address)
+    _check_listens(address)
     safe = distributed.Security().get_connection_args("client").get("ssl_context")  # type: ignore[no-untyped-call]
     if address.startswith(("tls:", "wss:")) and safe is None:
         scheme = address.partition(":")[0]
@@ -96,7 +96,7 @@ def on_scheduler(campaign: Campaign, chunks: Chunks, address: str, done: Done = 
             ) from None
 
 
-def _knock(address: str) -> None:
+def _check_listens(address: str) -> None:
     """Whether anybody listens there, and greets as a scheduler does; Dask itself would try for long, and leave threads
     that complain. Raises CampaignError."""
     scheme, _, place = address.rpartition("://")

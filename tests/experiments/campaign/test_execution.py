@@ -138,7 +138,7 @@ def test_a_scheduler_that_dies_in_between_is_one_line_that_says_how_to_go_on(ref
     client.return_value.get_executor.return_value.submit.return_value = died
     client.return_value.__exit__.return_value = False
     monkeypatch.setattr(distributed, "Client", client)
-    monkeypatch.setattr(execute, "_knock", lambda address: None)
+    monkeypatch.setattr(execute, "_check_listens", lambda address: None)
     assert re.search("scheduler-connection-lost.*--resume flies what is missing", refusal("tcp://there:1"))
 
 
