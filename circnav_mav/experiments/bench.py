@@ -55,7 +55,6 @@ def fly_cell(situation: str, law: str, flights: int, seed: int) -> Cell:
 
 
 def judged(situation: Situation, policy: str, tracks: Tracks, seconds: float) -> Cell:
-    """The numbers of a cell."""
     start, r_d, late = tracks.start, ORBIT.radius, tracks.time >= tracks.time[-1] - LAST
 
     def end(values: Batch) -> Batch:

@@ -75,7 +75,6 @@ def line(cell: Cell) -> str:
 
 
 def write_csv(cells: list[Cell], path: Path) -> None:
-    """All numbers of all cells."""
     with atomic_write(path) as fresh, fresh.open("w", newline="", encoding="utf-8") as file:
         rows = [asdict(cell) for cell in cells]
         writer = csv.DictWriter(file, list(rows[0]))

@@ -116,7 +116,6 @@ def policy(name: str) -> Make:
 
 
 def fly_situation(situation: Situation, make: Make, flights: int, seed: int) -> Tracks:
-    """Fly B flights of a situation."""
     world, radio, senses, sense = begin(situation, flights, seed)
     steps, first = round(situation.duration / situation.dt), world.truth
     guidance = make(sense)

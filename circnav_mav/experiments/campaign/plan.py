@@ -27,7 +27,6 @@ class Drawn:
     numbers: tuple[Any, ...]
 
     def draw(self, rng: np.random.Generator) -> Any:
-        """One value."""
         return DRAWS[self.kind](rng, *self.numbers)
 
 
