@@ -18,12 +18,12 @@ from circnav_mav.emulator.config import ConfigError
 from circnav_mav.experiments import bench, paper
 from circnav_mav.experiments.batch.flight import SITUATIONS
 from circnav_mav.experiments.batch.guidance import POLICIES
-from circnav_mav.experiments.campaign.execute import ExecutionError, cores, on_cores, on_scheduler
+from circnav_mav.experiments.campaign.execute import cores, on_cores, on_scheduler
 from circnav_mav.experiments.campaign.figures import SUMMARY, summarise
 from circnav_mav.experiments.campaign.fly import Row, chunks, obstacle
 from circnav_mav.experiments.campaign.plan import Campaign, CampaignError, hopeless, load_campaign, prepare
 from circnav_mav.experiments.campaign.plots import plot_campaign
-from circnav_mav.experiments.campaign.store import TABLE, Store, StoreError
+from circnav_mav.experiments.campaign.store import TABLE, Store
 from circnav_mav.experiments.paper import random_starts
 from circnav_mav.experiments.worker_pool import WorkerDiedError
 from circnav_mav.mission.load import MissionError
@@ -82,7 +82,7 @@ def fly_campaign(
     file: str, *, runs: int | None, out: str | None, resume: bool, scheduler: str | None, processes: int | None
 ) -> int:
     """Fly what is missing, tell what came of it, and return the exit code. Raises Refused."""
-    with refusing(file, CampaignError, StoreError, ExecutionError):
+    with refusing(file, CampaignError):
         campaign = load_campaign(file, runs)
         if reason := hopeless(campaign):
             raise Refused(reason)
@@ -117,7 +117,7 @@ def _engines(campaign: Campaign) -> str:
 
 
 def _fly(campaign: Campaign, store: Store, scheduler: str | None, processes: int | None) -> bool:
-    """Fly the missing runs; tells whether somebody interrupted. Raises StoreError, ExecutionError."""
+    """Fly the missing runs; tells whether somebody interrupted. Raises CampaignError."""
     torn = [chunk for chunk in chunks(campaign) if not store.done.issuperset(chunk)]
     if not torn:
         return False
@@ -171,7 +171,7 @@ def _lines(before: int, total: int) -> Callable[[int, list[Row]], None]:
 
 
 def _finish(campaign: Campaign, store: Store, name: str, interrupted: bool) -> int:
-    """Sort the table, write and print the summary, draw. Raises StoreError, Refused."""
+    """Sort the table, write and print the summary, draw. Raises CampaignError, Refused."""
     store.sort()
     rows = store.read()
     summary = summarise(rows, campaign.swept)

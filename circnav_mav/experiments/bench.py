@@ -11,19 +11,17 @@ import zlib
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from circnav_mav.experiments.batch import metrics
-from circnav_mav.experiments.batch.flight import LAST, SITUATIONS, Situation, Tracks, fly_situation, policy
+from circnav_mav.experiments.batch.flight import LAST, ORBIT, SITUATIONS, Situation, Tracks, fly_situation, policy
 from circnav_mav.experiments.bench_table import Cell, draw, line, markdown, write_csv
 from circnav_mav.experiments.worker_pool import workers
+from circnav_mav.guidance.maths import Batch
 from circnav_mav.runlog.atomic_write import write_text
 from circnav_mav.runlog.metrics import turn_figures
 
-Array = NDArray[Any]
 KEPT_BELOW = 10.0
 
 
@@ -57,11 +55,9 @@ def fly_cell(situation: str, law: str, flights: int, seed: int) -> Cell:
 
 
 def judged(situation: Situation, policy: str, tracks: Tracks, seconds: float) -> Cell:
-    """The numbers of a cell."""
-    circle, start = situation.circle, tracks.start
-    r_d, late = circle.radius, tracks.time >= tracks.time[-1] - LAST
+    start, r_d, late = tracks.start, ORBIT.radius, tracks.time >= tracks.time[-1] - LAST
 
-    def end(values: Array) -> Array:
+    def end(values: Batch) -> Batch:
         return np.asarray(values[late], float)
 
     error = end(tracks.r) - r_d
@@ -70,10 +66,10 @@ def judged(situation: Situation, policy: str, tracks: Tracks, seconds: float) ->
     outside = tracks.r[0] > 1.3 * r_d
     ideal = metrics.tangent_time(
         start.p[:, outside], start.psi[outside], tracks.sense[outside],
-        V=circle.speed, r_d=r_d, max_turn_rate=circle.max_turn_rate,
+        V=ORBIT.speed, r_d=r_d, max_turn_rate=ORBIT.max_turn_rate,
     )  # fmt: skip
     ten, two = (metrics.last_exit(tracks.time, tracks.r[:, outside], r_d, band * r_d) / ideal for band in (0.1, 0.02))
-    commands = (turn_figures(end(tracks.time), command, circle.orbit) for command in end(tracks.command).T)
+    commands = (turn_figures(end(tracks.time), command, ORBIT) for command in end(tracks.command).T)
     turns = [turn for turn in commands if turn]
     rate_error = end(tracks.r_dot_hat) - end(tracks.r_dot)
     nees = end(tracks.nees)
@@ -109,6 +105,6 @@ def judged(situation: Situation, policy: str, tracks: Tracks, seconds: float) ->
     )
 
 
-def _percentile(values: Array, q: float) -> float:
+def _percentile(values: Batch, q: float) -> float:
     """A percentile; the larger neighbour, because between a number and infinity there is no mean."""
     return float(np.percentile(values, q, method="higher")) if len(values) else float("nan")

@@ -60,7 +60,7 @@ class Cell:
 def line(cell: Cell) -> str:
     """A row of the printed table. Settling is told in times of the shortest way there, median and 95th percentile."""
     need = SITUATIONS[cell.situation].required
-    wanted = "" if need is None or cell.policy != "auto" else f" (<= {need:.2f})"
+    wanted = "" if need is None or cell.policy != OWN else f" (<= {need:.2f})"
     wrong = f"wrong way {cell.wrong_way}  " if cell.wrong_way else ""
     cycles = f", limit cycles {cell.limit_cycles}" if cell.limit_cycles else ""
     return (
@@ -75,7 +75,6 @@ def line(cell: Cell) -> str:
 
 
 def write_csv(cells: list[Cell], path: Path) -> None:
-    """All numbers of all cells."""
     with atomic_write(path) as fresh, fresh.open("w", newline="", encoding="utf-8") as file:
         rows = [asdict(cell) for cell in cells]
         writer = csv.DictWriter(file, list(rows[0]))

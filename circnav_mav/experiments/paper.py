@@ -6,20 +6,20 @@ Arrays over steps and starts; SI, radians, the paper's frame (x right, y up, ang
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from circnav_mav.experiments.batch import metrics
 from circnav_mav.guidance import laws
 from circnav_mav.guidance.laws import LAWS
-from circnav_mav.guidance.maths import chord
+from circnav_mav.guidance.maths import Batch, chord
 from circnav_mav.report.plots import STYLE, save
 
-Array = NDArray[np.float64]
 V, TARGET, R_D = 1.0, (0.0, -10.0), 10.0
 TOLERANCE = 0.05
 """Settled: within this fraction of r_d of the predicted radius."""
@@ -34,24 +34,24 @@ STEP = 0.02
 class Starts:
     """x, y, heading of each start."""
 
-    x: Array
-    y: Array
-    heading: Array
+    x: Batch
+    y: Batch
+    heading: Batch
 
-    def mirrored(self) -> "Starts":
-        """The reflection in the upright line through the target."""
-        return Starts(2 * TARGET[0] - self.x, self.y, np.pi - self.heading)
+    def mirrored(self, count: int) -> "Starts":
+        """The first ones, reflected in the upright line through the target."""
+        return Starts(2 * TARGET[0] - self.x[:count], self.y[:count], np.pi - self.heading[:count])
 
 
 @dataclass(frozen=True, slots=True)
 class Tracks:
     """time: of each step. x, y, r, theta_b: (steps, starts); theta_b in [0, 2 pi)."""
 
-    time: Array
-    x: Array
-    y: Array
-    r: Array
-    theta_b: Array
+    time: Batch
+    x: Batch
+    y: Batch
+    r: Batch
+    theta_b: Batch
 
 
 def random_starts(count: int, seed: int) -> Starts:
@@ -60,7 +60,7 @@ def random_starts(count: int, seed: int) -> Starts:
     return Starts(10 * x, 10 * y, 2 * np.pi * heading)
 
 
-def fly(starts: Starts, law: Callable[[Array, Array], Array], seconds: float) -> Tracks:
+def fly(starts: Starts, law: Callable[[Batch, Batch], Any], seconds: float) -> Tracks:
     """Fly all starts. law: range and range rate to turn rate. Each step is an exact arc at the law's turn rate in its
     middle (second order)."""
     steps = round(seconds / STEP)
@@ -75,25 +75,25 @@ def fly(starts: Starts, law: Callable[[Array, Array], Array], seconds: float) ->
     return tracks
 
 
-def polar(x: Array, y: Array, heading: Array) -> tuple[Array, Array]:
+def polar(x: Batch, y: Batch, heading: Batch) -> tuple[Batch, Batch]:
     """Range, and bearing angle theta_b from the line of sight to the heading, counter-clockwise."""
     to_x, to_y = TARGET[0] - x, TARGET[1] - y
     return np.hypot(to_x, to_y), np.mod(heading - np.arctan2(to_y, to_x), 2 * np.pi)
 
 
-def arc(x: Array, y: Array, heading: Array, V: float, omega: Array, step: float) -> tuple[Array, Array, Array]:
+def arc(x: Batch, y: Batch, heading: Batch, V: float, omega: Batch, step: float) -> tuple[Batch, Batch, Batch]:
     """Where a turn at constant rate leads."""
     east, north = chord(V, heading, omega * step, step)
     return x + east, y + north, heading + omega * step
 
 
-def lyapunov(r: Array, theta_b: Array, *, r_d: float, r_a: float, k: float) -> Array:
+def lyapunov(r: Batch, theta_b: Batch, *, r_d: float, r_a: float, k: float) -> Batch:
     """The paper's function for law 1: 1 - sin(theta_b) + integral from r_a to r of (-1/z + 2 k z cos asin(r_d/z)) dz.
 
     The integral in closed form; r >= r_d.
     """
 
-    def integral(z: Array) -> Array:
+    def integral(z: Batch) -> Batch:
         root = np.sqrt(np.maximum(z**2 - r_d**2, 0.0))
         return np.asarray(k * (z * root - r_d**2 * np.log(z + root)) - np.log(z))
 
@@ -116,12 +116,7 @@ class Example:
 
     def fly(self, starts: Starts, seconds: float, sign: int = 1) -> Tracks:
         """All starts under this law, or under its mirror image (sign -1)."""
-        law = LAWS[self.law].function
-
-        def omega(r: Array, r_dot: Array) -> Array:
-            return np.asarray(law(r, r_dot, V=V, r_d=self.fed, k=sign * self.k))
-
-        return fly(starts, omega, seconds)
+        return fly(starts, partial(LAWS[self.law].function, V=V, r_d=self.fed, k=sign * self.k), seconds)
 
 
 EXAMPLES = (
@@ -140,7 +135,7 @@ class Findings:
     example: Example
     starts: int
     reached: tuple[float, float]
-    settling: Array
+    settling: Batch
     clockwise: int
     most_entries: int
     bearings: tuple[float, float]
@@ -153,8 +148,7 @@ def study(example: Example, starts: Starts, seconds: float = SECONDS) -> tuple[F
     """Fly one example from all starts and look at every track."""
     tracks = example.fly(starts, seconds)
     last = tracks.r[-len(tracks.time) // 5 :].mean(axis=0)
-    few = Starts(starts.x[:MIRRORED], starts.y[:MIRRORED], starts.heading[:MIRRORED])
-    mirror = example.fly(few.mirrored(), seconds, sign=-1)
+    mirror = example.fly(starts.mirrored(MIRRORED), seconds, sign=-1)
     apart = np.hypot(mirror.x + tracks.x[:, :MIRRORED] - 2 * TARGET[0], mirror.y - tracks.y[:, :MIRRORED])
     findings = Findings(
         example,
@@ -171,13 +165,13 @@ def study(example: Example, starts: Starts, seconds: float = SECONDS) -> tuple[F
     return findings, tracks
 
 
-def turning(tracks: Tracks) -> Array:
+def turning(tracks: Tracks) -> Batch:
     """Angle swept round the target over the last tenth, by the positions alone; counter-clockwise positive."""
     tail = slice(-len(tracks.time) // 10, None)
     return np.asarray(metrics.swept(np.arctan2(tracks.y[tail] - TARGET[1], tracks.x[tail] - TARGET[0])))
 
 
-def entries(r: Array, r_d: float) -> Array:
+def entries(r: Batch, r_d: float) -> Batch:
     """How often each track enters the circle from outside (lemma: at most once); a stay at its start counts as one."""
     inside = r < r_d * (1 - SLACK)
     return np.asarray(inside[0] + (inside[1:] & ~inside[:-1]).sum(axis=0))
@@ -242,7 +236,7 @@ def table(found: list[Findings]) -> str:
     return "\n".join("| " + " | ".join(c.ljust(w) for c, w in zip(line, widths, strict=True)) + " |" for line in lines)
 
 
-def _settling(times: Array) -> str:
+def _settling(times: Batch) -> str:
     known = times[np.isfinite(times)]
     if not len(known):
         return "never"

@@ -27,14 +27,14 @@ class WorkerDiedError(Exception):
 
 
 @contextmanager
-def workers(processes: int) -> Iterator[Submit]:
+def workers(count: int) -> Iterator[Submit]:
     """What submits jobs to so many processes. A job whose process died raises WorkerDiedError. Left, it ends them all
     in the middle of their work."""
-    crew: list[BaseProcess] = []
+    processes: list[BaseProcess] = []
     mine = threading.local()
 
-    def hire() -> None:
-        mine.pipe = _hired(crew)
+    def connect() -> None:
+        mine.pipe = _start_worker(processes)
 
     def work(function: Callable[..., Any], *arguments: Any) -> Any:
         try:
@@ -47,33 +47,32 @@ def workers(processes: int) -> Iterator[Submit]:
         return result
 
     resource_tracker.ensure_running()  # which would let Ctrl-C through again where a process is started
-    pool = ThreadPoolExecutor(processes, "worker", hire)
+    pool = ThreadPoolExecutor(count, "worker", connect)
     try:
         yield lambda function, *arguments: pool.submit(work, function, *arguments)
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
-        _end(crew)
+        _terminate(processes)
         pool.shutdown()
-        _end(crew)  # who was hired meanwhile
+        _terminate(processes)  # who was started meanwhile
 
 
-def _end(crew: list[BaseProcess]) -> None:
-    for process in crew:
+def _terminate(processes: list[BaseProcess]) -> None:
+    for process in processes:
         process.terminate()
         process.join()
 
 
-def _hired(crew: list[BaseProcess]) -> Connection:
+def _start_worker(processes: list[BaseProcess]) -> Connection:
     """One more worker, by our end of the pipe to it. It never hears a Ctrl-C, not even while it imports: that is kept
     from this thread, and so from what it starts; the main thread hears it."""
-    if hasattr(signal, "pthread_sigmask"):
-        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     spawn = multiprocessing.get_context("spawn")
     ours, theirs = spawn.Pipe()
     process = spawn.Process(target=_work, args=(theirs,), daemon=True)
     process.start()
     theirs.close()  # so that the worker's end is the end of the pipe
-    crew.append(process)
+    processes.append(process)
     return ours
 
 

@@ -160,19 +160,13 @@ class Encoder:
     """Packs messages as MAVLink 2 in our name, with our own running sequence number; signs them if it can."""
 
     def __init__(self, system: int, component: int, signing: Signing | None = None) -> None:
-        self._dialect = dialect.MAVLink(None, srcSystem=system, srcComponent=component)
+        self.system = system
+        self._dialect = dialect.MAVLink(None, srcComponent=component)
         self._signing = signing
-
-    @property
-    def system(self) -> int:
-        return int(self._dialect.srcSystem)
-
-    @system.setter
-    def system(self, system: int) -> None:
-        self._dialect.srcSystem = system
 
     def encode(self, message: Message) -> bytes:
         """One frame. `pack` does not advance the sequence number: that is done here."""
+        self._dialect.srcSystem = self.system
         frame = bytes(message.pack(self._dialect))
         self._dialect.seq = (self._dialect.seq + 1) % 256
         return frame if self._signing is None else self._signing.sign(frame)

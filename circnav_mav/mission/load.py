@@ -62,7 +62,7 @@ def parse_mission(text: str, where: str, overrides: Iterable[str] = (), folder: 
 def _change(table: Any, changes: Iterable[tuple[list[str], Any, str]], folder: Path | None) -> None:
     """Put overrides (keys, value, as written) into a mission's table, and make its paths absolute."""
     for keys, value, override in changes:
-        _put(table, keys, value, override)
+        put(table, keys, value, f"--set {override}")
     if folder is not None:
         _make_absolute(table, folder)
 
@@ -163,11 +163,12 @@ def _override(text: str) -> tuple[list[str], Any]:
     return key.strip().split("."), parsed
 
 
-def _put(table: Any, keys: list[str], value: Any, override: str) -> None:
+def put(table: Any, keys: list[str], value: Any, said: str) -> None:
+    """Set a key of nested tables, made where they are missing; `said` names it in errors. Raises MissionError."""
     for key in keys[:-1]:
         table = table.setdefault(key, {})
         if not isinstance(table, Mapping):
-            raise MissionError(f"--set {override}: {key} is a value, not a table")
+            raise MissionError(f"{said}: {key} is a value, not a table")
     table[keys[-1]] = value
 
 

@@ -71,7 +71,6 @@ class LineDriver(Driver):
         """The readings in a line, None for one that is not understood."""
 
     def receive(self, data: bytes, now: float) -> list[RadioReading]:
-        """The readings of the lines that these bytes complete."""
         # "3.4" may be the end of "123.4": what came before the first line end, or over a pause, is left out
         if self._rest and now - self._heard_at > PAUSE:
             self._rest, self._whole = b"", False

@@ -37,7 +37,6 @@ class LinkTrack(Driver):
         self._rest = b""
 
     def receive(self, data: bytes, now: float) -> list[RadioReading]:
-        """The readings of the frames that these bytes complete."""
         buffer, at, readings = self._rest + data, 0, []
         while at < len(buffer) and (size := _frame_size(buffer, at)) is not None:
             frame = buffer[at : at + size]

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from circnav_mav.mav.codec import Ids, ids
 from circnav_mav.mav.statustext import TextReader, plain_text
 from circnav_mav.runlog.run_folder import Run
 from circnav_mav.runlog.ticks import Ticks
@@ -46,12 +47,12 @@ def _changes(ticks: Ticks) -> Iterator[Event]:
 
 def _texts(run: Run) -> list[Event]:
     reader, found = TextReader(), list[Event]()
-    newest: dict[int, int] = {}
+    newest: dict[Ids, int] = {}
     for stamp, message in read_messages(run.folder / "flight.tlog", {STATUSTEXT}):
-        who = "circnav says" if message.get_srcComponent() in OUR_COMPONENTS else "vehicle says"
+        sender = ids(message)
+        who = "circnav says" if sender[1] in OUR_COMPONENTS else "vehicle says"
         text, before = reader.read(message)
         text = text.removeprefix("circnav: ")  # as ours begin
-        sender = message.get_srcSystem() << 8 | message.get_srcComponent()
         if before is None:
             newest[sender] = len(found)
             found.append(Event((stamp - run.epoch_us) / 1e6, who, text, message.severity <= SEVERE[who]))

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from pymavlink.dialects.v20 import all as dialect
 
-from circnav_mav.mav.codec import Decoder, Message
+from circnav_mav.mav.codec import Decoder, Ids, Message, ids
 from circnav_mav.mav.framing import V2
 from circnav_mav.mav.identity import describe_vehicle
 from circnav_mav.mav.ranging.interface import RangingSettings, Reject
@@ -132,7 +132,6 @@ def _is_lone(moved: int, then: int) -> bool:
 
 
 HEARTBEAT = dialect.MAVLINK_MSG_ID_HEARTBEAT
-Ids = tuple[int, int]
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,17 +196,17 @@ class LogSources:
         return [f"ranging.{key}" for key, values in differs.items() if len(values) > 1]
 
     def _count(self, message: Message, reader: RangeReader, now: float) -> None:
-        ids = (message.get_srcSystem(), message.get_srcComponent())
+        sender = ids(message)
         if message.get_msgId() == HEARTBEAT:
             if message.autopilot != dialect.MAV_AUTOPILOT_INVALID and message.type != dialect.MAV_TYPE_GCS:
-                self.vehicles[ids] = describe_vehicle(message)
-                self.heartbeats[ids] += 1
+                self.vehicles[sender] = describe_vehicle(message)
+                self.heartbeats[sender] += 1
             return
         name, kind = next(item for item in RANGING_MESSAGES.items() if item[1].id == message.get_msgId())
         marks = tuple(plain_text(str(value)) for value in kind.mark_values(message).values())
         if kind.for_anything and name != self.settings.message and not kind.picked(message, self.settings):
             return  # values of any kind come under names
-        counts = self.ranging.setdefault(RangeSource(name, *ids, marks), RangeCounts())
+        counts = self.ranging.setdefault(RangeSource(name, *sender, marks), RangeCounts())
         foreign = reader.rejected[Reject.WRONG_SOURCE.value]
         counts.messages += 1
         counts.taken += reader.read(message, now) is not None

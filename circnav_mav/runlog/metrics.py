@@ -36,9 +36,9 @@ def settled(time: Column, radius: Column, desired: float) -> float | None:
     return None if first is None or first > (1 - LAST) * (time[-1] - time[0]) else first
 
 
-def last_part(time: Column, values: Column, fraction: float = LAST) -> Column:
-    """The values of the last fraction of the time."""
-    return values[time >= time[-1] - fraction * (time[-1] - time[0])] if len(time) else values
+def last_part(time: Column, values: Column) -> Column:
+    """The values of the part of the time by which the circle is judged."""
+    return values[time >= time[-1] - LAST * (time[-1] - time[0])] if len(time) else values
 
 
 def mean(values: Column) -> float | None:
@@ -134,7 +134,7 @@ def cycles(time: Column, command: Column, *, limit: float, lap: float) -> bool:
         return False
     fast = _without_mean(even, width)
     swing = float(np.sqrt(np.mean(fast**2)))
-    return swing >= BANGS * limit or (swing >= LEAST_SWING * limit and _repeats(fast, width) >= REPEATS)
+    return swing >= BANGS * limit or (swing >= LEAST_SWING * limit and _autocorrelation_peak(fast, width) >= REPEATS)
 
 
 def _without_mean(values: Column, width: int) -> Column:
@@ -144,7 +144,7 @@ def _without_mean(values: Column, width: int) -> Column:
     return values[first : first + len(means)] - means
 
 
-def _repeats(values: Column, most: int) -> float:
+def _autocorrelation_peak(values: Column, most: int) -> float:
     """The highest autocorrelation at lags up to `most` samples, past the first lag at which it is negative."""
     n = len(values)
     correlation = np.fft.irfft(np.abs(np.fft.rfft(values, 2 * n)) ** 2)[:most] / (n - np.arange(most))

@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.locate.estimator import Ranges, Track
 from circnav_mav.locate.place import Plane
-from circnav_mav.mav.codec import Message
+from circnav_mav.mav.codec import Message, ids
 from circnav_mav.mav.ranging.interface import RangingSettings, Reading
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.runlog.run_folder import RunError, printable
@@ -31,8 +31,6 @@ NAMES = {
 NEEDED = ("time", "latitude", "longitude", "range")
 ONE_TAG = "target"
 FIX_3D = 3
-DOWN = 25
-"""MAV_SENSOR_ORIENTATION of a height sensor."""
 OURS = "CN_TEAST"
 """A NAMED_VALUE_FLOAT of our own survey, whose RANGING_BEACON repeats a range that the log holds already."""
 
@@ -147,7 +145,7 @@ def _read_tlog(file: Path, name: str) -> RangeLog:
     for stamp, message in read_messages(file, wanted):
         began = stamp if began is None else began
         time = (stamp - began) / 1e6
-        sender, kind = (message.get_srcSystem(), message.get_srcComponent()), kinds.get(message.get_msgId())
+        sender, kind = ids(message), kinds.get(message.get_msgId())
         if kind is not None:
             if getattr(message, "name", None) == OURS:
                 ours.add(sender)
@@ -167,11 +165,11 @@ def _read_tlog(file: Path, name: str) -> RangeLog:
 
 
 def _tag(message: Message, wanted: str) -> str | None:
-    """Name of the source of a range, None where it is none: a height sensor, a value of another name."""
+    """Name of the source of a range, None where it is none: a value of another name."""
     sender = f"{message.get_srcSystem()}/{message.get_srcComponent()}"
     match message.get_type():
         case "DISTANCE_SENSOR":
-            return None if message.orientation == DOWN else f"sensor {message.id} of {sender}"
+            return f"sensor {message.id} of {sender}"
         case "RANGING_BEACON":
             return f"beacon {message.beacon_id} of {sender}"
     return f"{wanted} of {sender}" if message.name == wanted else None

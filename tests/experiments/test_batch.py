@@ -7,12 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from circnav_mav.api import tune
 from circnav_mav.experiments.batch import metrics
 from circnav_mav.experiments.batch.estimators import Auto
 from circnav_mav.experiments.batch.flight import (
+    ESTIMATION,
+    ORBIT,
     SITUATIONS,
     STALE,
-    Circle,
+    TURN_LAG,
     Situation,
     Tracks,
     begin,
@@ -28,7 +31,7 @@ from circnav_mav.guidance.estimators.interface import Fused
 from circnav_mav.guidance.estimators.relative_motion import AutoEstimator
 from circnav_mav.guidance.step import holding, steering
 from circnav_mav.guidance.turn_response import PendingTurn, Response
-from circnav_mav.guidance.types import Direction, Orbit, OwnMotion, RangeSample
+from circnav_mav.guidance.types import Direction, OwnMotion, RangeSample
 from circnav_mav.mission.checks import check_mission
 from circnav_mav.mission.load import load_mission
 from circnav_mav.report import plots
@@ -41,14 +44,13 @@ QUICKSTART = Path(__file__).parents[2] / "config" / "quickstart.toml"
 class InTheAir:
     """The estimator and the steering that fly, one pair per flight, in place of the batch's guidance."""
 
-    def __init__(self, circle, sense):
+    def __init__(self, sense):
         ways = [Direction.COUNTERCLOCKWISE if s > 0 else Direction.CLOCKWISE for s in sense]
-        orbits = [Orbit(circle.radius, way, circle.speed, circle.max_turn_rate) for way in ways]
-        choice = circle.choice("auto")
-        self.flights = [(o, AutoEstimator(circle.estimation), steering(o, choice), PendingTurn()) for o in orbits]
-        self.answer = Response(0.0, circle.lag, 1 / circle.lag)
+        orbits, choice = [replace(ORBIT, direction=way) for way in ways], tune(ORBIT)
+        self.flights = [(o, AutoEstimator(ESTIMATION), steering(o, choice), PendingTurn()) for o in orbits]
+        self.answer = Response(0.0, TURN_LAG, 1 / TURN_LAG)
         self.newest = [-np.inf] * sense.size
-        self.estimator = Auto(circle.estimation, sense.size, circle.speed)  # for its metrics alone
+        self.estimator = Auto(ESTIMATION, sense.size, ORBIT.speed)  # for its metrics alone
 
     def see(self, now, seen, true):
         self.now, self.seen = now, seen
@@ -102,7 +104,7 @@ def test_the_benchmark_flies_the_gain_that_the_check_of_the_quickstart_prints(la
     (said,) = (
         line.says for line in check_mission(load_mission(QUICKSTART, [f"guidance.law={law}"])) if line.subject == "gain"
     )
-    assert f"k = {Circle().choice(law).gain:.4g} " in said
+    assert f"k = {tune(ORBIT, law, turn_lag=TURN_LAG).gain:.4g} " in said
 
 
 def test_arcs_are_exact_for_any_step():

@@ -18,7 +18,7 @@ from circnav_mav.emulator.faults.intruders import tlog_frames
 from circnav_mav.experiments.campaign.figures import summarise
 from circnav_mav.experiments.campaign.fly import fly_chunk, obstacle
 from circnav_mav.experiments.campaign.plan import CampaignError, hopeless, load_campaign, prepare
-from circnav_mav.experiments.campaign.store import TABLE, Store, StoreError
+from circnav_mav.experiments.campaign.store import TABLE, Store
 from circnav_mav.mission.checks import check_mission
 from circnav_mav.mission.load import MissionError, parse_mission
 from circnav_mav.runlog.events import events
@@ -95,7 +95,7 @@ def read_run(folder: Path, files: dict[str, bytes]) -> None:
 
 def read_campaign(folder: Path, text: str, table: bytes | None) -> None:
     """Everything that is done with a campaign file before the flights, and with the table of one that is resumed.
-    Raises CampaignError and StoreError only."""
+    Raises CampaignError only."""
     path, out = folder / "campaign.toml", folder / "out"
     path.write_text(text, encoding="utf-8")
     campaign = load_campaign(path)
@@ -146,8 +146,8 @@ def assault_files(count: int, seed: int) -> list[str]:
             run = good | {spoilt: spoilt_bytes(good[spoilt], chance)}
             read(n, (MissionError, ConfigError), read_mission, text)
             read(n, (ConfigError,), read_vehicle, Path(folder) / "x.toml", text)
-            read(n, (CampaignError, StoreError), read_campaign, Path(folder), varied, None)
-            read(n, (CampaignError, StoreError), read_campaign, Path(folder), campaign, rows)
+            read(n, (CampaignError,), read_campaign, Path(folder), varied, None)
+            read(n, (CampaignError,), read_campaign, Path(folder), campaign, rows)
             read(n, (RunError, Refused), read_run, Path(folder), run)
     return escaped
 

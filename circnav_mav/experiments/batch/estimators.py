@@ -118,9 +118,8 @@ class Auto(Estimator):
         cfg = replace(settings, speed=speed, gate=float(np.max(settings.gate)))
         self._parts = [slice(first, min(first + BLOCK, flights)) for first in range(0, flights, BLOCK)]
         self._banks = [DriftBank(cfg, part.stop - part.start) for part in self._parts]
-        self._speed, self._before = speed, None
-
-    _before: tuple[Array, Array] | None
+        self._speed = speed
+        self._before: tuple[Array, Array] | None = None
 
     def observe(self, seen: Seen, true: Truth) -> None:
         self._kalman.observe(seen, true)

@@ -22,43 +22,15 @@ from circnav_mav.experiments.batch.sensors import (
 from circnav_mav.experiments.batch.world import Airframe, Surroundings, Truth, World, along
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
 from circnav_mav.guidance.maths import Array, wrap
-from circnav_mav.guidance.step import LawChoice, StepSettings
+from circnav_mav.guidance.step import StepSettings
 from circnav_mav.guidance.types import Direction, Orbit
 
 STALE = 0.5
 """Oldest range that may steer, s; the default of `limits.stale_s`."""
-
-
-@dataclass(frozen=True, slots=True)
-class Circle:
-    """The mission of the benchmark: config/quickstart.toml's. speed: V, m/s. radius: r_d, m. max_turn_rate: rad/s.
-    lag: of the turn, s. sigma (m), rate (Hz): what the mission says of its radio, from which its gains are made."""
-
-    speed: float = 15.0
-    radius: float = 100.0
-    max_turn_rate: float = radians(20.0)
-    lag: float = 0.4
-    sigma: float = 0.5
-    rate: float = 10.0
-
-    @property
-    def estimation(self) -> EstimatorSettings:
-        """What the estimators know."""
-        return EstimatorSettings(self.speed, self.max_turn_rate)
-
-    @property
-    def orbit(self) -> Orbit:
-        """Counter-clockwise."""
-        return Orbit(self.radius, Direction.COUNTERCLOCKWISE, self.speed, self.max_turn_rate)
-
-    def choice(self, law: str) -> LawChoice:
-        """A law with its default gain in this mission."""
-        return tune(self.orbit, law, turn_lag=self.lag, sigma=self.sigma, rate=self.rate)
-
-    def settings(self, law: str, sense: Array) -> StepSettings:
-        """Of flights in these senses of rotation (B,), with the default gain."""
-        one = StepSettings.of(self.orbit, self.choice(law))
-        return replace(one, sense=sense, k=sense * one.k)
+ORBIT = Orbit(100.0, Direction.COUNTERCLOCKWISE, 15.0, radians(20.0))
+TURN_LAG = 0.4
+"""The circle, flown in either sense, and the lag of the turn, s: those of config/quickstart.toml."""
+ESTIMATION = EstimatorSettings(ORBIT.speed, ORBIT.max_turn_rate)
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +56,6 @@ class Situation:
     noise: MotionNoise = field(default_factory=MotionNoise)
     airspeed_error: float = 0.0
     imu: ImuNoise | None = None
-    circle: Circle = field(default_factory=Circle)
     start: tuple[float, float] = (10.0, 600.0)
     duration: float = 400.0
     dt: float = 0.05
@@ -109,7 +80,7 @@ class Tracks:
 def begin(situation: Situation, flights: int, seed: int) -> tuple[World, Radio, OwnSenses, Array]:
     """B flights at their start, and their senses of rotation (B,), +1 counter-clockwise; of one seed always the same,
     however many there are."""
-    s, cfg, seeds = situation, situation.circle, [(seed, flight) for flight in range(flights)]
+    s, seeds = situation, [(seed, flight) for flight in range(flights)]
     draws = np.array([np.random.default_rng([*one, 3]).random(10) for one in seeds]).T
     angle, psi, wind, course = 2 * np.pi * draws[:4]
     turns, bias, drift, speed = np.where(draws[4:8] < 0.5, -1.0, 1.0)
@@ -119,7 +90,7 @@ def begin(situation: Situation, flights: int, seed: int) -> tuple[World, Radio, 
         phase=draws[9],
     )  # fmt: skip
     r = s.start[0] + (s.start[1] - s.start[0]) * draws[8]
-    airframe = Airframe(cfg.speed, cfg.max_turn_rate, cfg.lag)
+    airframe = Airframe(ORBIT.speed, ORBIT.max_turn_rate, TURN_LAG)
     return (
         World(around, airframe, r * along(angle), psi, seeds),
         Radio(s.ranging, Reading(s.ranging.sigma), seeds, rates=s.rates),
@@ -128,35 +99,31 @@ def begin(situation: Situation, flights: int, seed: int) -> tuple[World, Radio, 
     )
 
 
-Make = Callable[[Circle, Array], Guidance]
-"""Makes the guidance for a circle and the senses of rotation (B,)."""
+Make = Callable[[Array], Guidance]
+"""Makes the guidance for senses of rotation (B,)."""
 
 
 def policy(name: str) -> Make:
-    """The guidance by the name of a policy."""
+    """The guidance by the name of a policy, with its law's default gain."""
     law, source = POLICIES[name]
 
-    def make(circle: Circle, sense: Array) -> Guidance:
-        of_flights = estimator(source, circle.estimation, sense.size)
-        return Guidance(
-            circle.settings(law, sense), of_flights, sense.size, lag=circle.lag, stale=STALE, answers=circle.lag
-        )
+    def make(sense: Array) -> Guidance:
+        one = StepSettings.of(ORBIT, tune(ORBIT, law, turn_lag=TURN_LAG))
+        settings, of_flights = replace(one, sense=sense, k=sense * one.k), estimator(source, ESTIMATION, sense.size)
+        return Guidance(settings, of_flights, sense.size, lag=TURN_LAG, stale=STALE, answers=TURN_LAG)
 
     return make
 
 
 def fly_situation(situation: Situation, make: Make, flights: int, seed: int) -> Tracks:
-    """Fly B flights of a situation."""
     world, radio, senses, sense = begin(situation, flights, seed)
     steps, first = round(situation.duration / situation.dt), world.truth
-    guidance = make(situation.circle, sense)
+    guidance = make(sense)
     kept = {name: np.zeros((steps, flights), np.float32) for name in ROWS}
 
     def record(step: int, true: Truth, command: Array, cut: Array) -> None:
-        v = situation.circle.speed * along(true.psi) + true.d
-        r, e = np.hypot(true.p[0], true.p[1]), guidance.estimator
-        row = (r, (true.p * v).sum(axis=0) / np.maximum(r, 1e-9), np.arctan2(true.p[1], true.p[0]), command,
-               e.r, e.r_dot, _nees(e.belief, true.p))  # fmt: skip
+        e, angle = guidance.estimator, np.arctan2(true.p[1], true.p[0])
+        row = (world.r, world.r_dot, angle, command, e.r, e.r_dot, _nees(e.belief, true.p))
         for name, value in zip(ROWS, row, strict=True):
             kept[name][step] = value
 
@@ -178,7 +145,7 @@ def _nees(belief: tuple[Array, Array] | None, p: Array) -> Array:
     return weighted / np.where(determinant > 0, determinant, np.nan)
 
 
-V = Circle().speed
+V = ORBIT.speed
 LAST = 100.0
 """The circle is judged over so many seconds at the end of a flight."""
 

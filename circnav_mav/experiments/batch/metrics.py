@@ -1,22 +1,19 @@
 """How good the flights of a batch were, each number per flight. Tracks have shape (N, B); SI units.
 
-See `circnav_mav.runlog.metrics` for one recorded flight, `turn_command` for what was commanded.
+See `circnav_mav.runlog.metrics` for one recorded flight, and for what was commanded.
 """
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[Any]
+from circnav_mav.guidance.maths import Batch
 
 
-def rms(values: Array) -> Array:
+def rms(values: Batch) -> Batch:
     """Root mean square over time, (B,)."""
     return np.asarray(np.sqrt(np.mean(np.asarray(values, float) ** 2, axis=0)))
 
 
-def last_exit(time: Array, r: Array, r_d: float, within: float) -> Array:
+def last_exit(time: Batch, r: Batch, r_d: float, within: float) -> Batch:
     """Time (B,) after which |r - r_d| stays within so many m; infinite if the flight ends outside."""
     outside = np.abs(r - r_d) > within
     step = time[1] - time[0]
@@ -25,7 +22,7 @@ def last_exit(time: Array, r: Array, r_d: float, within: float) -> Array:
     return np.asarray(np.where(outside[-1], np.inf, settled))
 
 
-def overshoot(r: Array, r_d: float) -> Array:
+def overshoot(r: Batch, r_d: float) -> Batch:
     """How far a flight went beyond the circle after it first reached it, m, (B,); 0 if it never did or never passed.
 
     For starts outside this is how deep it went inside, for starts inside how far out.
@@ -36,23 +33,23 @@ def overshoot(r: Array, r_d: float) -> Array:
     return np.asarray(np.where(reached, e, 0.0).max(axis=0))
 
 
-def swept(angle: Array) -> Array:
+def swept(angle: Batch) -> Batch:
     """Angle swept round the target, rad, counter-clockwise positive, (B,)."""
     unwrapped = np.unwrap(angle, axis=0)
     return np.asarray(unwrapped[-1] - unwrapped[0])
 
 
-def right_way(angle: Array, sense: Array) -> Array:
+def right_way(angle: Batch, sense: Batch) -> Batch:
     """Whether the flight went round in the sense asked for. Range alone cannot tell."""
     return np.asarray(np.sign(swept(angle)) == sense)
 
 
-def went_round(angle: Array) -> Array:
+def went_round(angle: Batch) -> Batch:
     """Whether the flight went round at all, (B,): a quarter turn or more, as in `metrics.direction_of`."""
     return np.abs(swept(angle)) >= np.pi / 2
 
 
-def tangent_time(p: Array, psi: Array, sense: Array, *, V: float, r_d: float, max_turn_rate: float) -> Array:
+def tangent_time(p: Batch, psi: Batch, sense: Batch, *, V: float, r_d: float, max_turn_rate: float) -> Batch:
     """Time (s), (B,), to the tangent point: one turn at the limit, then the straight line that touches the circle (a
     Dubins path). In still air it is the yardstick for settling.
 

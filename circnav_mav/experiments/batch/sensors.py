@@ -115,7 +115,7 @@ class Radio:
         z = slant + cfg.bias + self._error + cfg.white * white
         z = z + cfg.near_bias * np.maximum(1 - slant / cfg.near, 0.0)
         z = z + (wild < cfg.outlier_share) * cfg.outlier * (2 * spread - 1)
-        # from here on as `geometry.horizontal` and the reader of ranges do in flight
+        # from here on as `maths.horizontal` and the reader of ranges do in flight
         z, reading = np.maximum(z, 0.0), self._reading
         rho = np.sqrt(np.maximum(z**2 - reading.height**2, 1e-9))
         growth = np.where(reading.height > 0, z / rho, 1.0)
@@ -157,12 +157,11 @@ class OwnSenses:
         self._sigma = np.array([[noise.heading], [noise.turn_rate], [noise.airspeed]])
         self._bias, self._drift, self._scale = bias, drift, airspeed_scale
         self._draws = Draws(seeds, 2, 3) if self._sigma.any() else None
-        self._imu, self._felt_at = imu, None
+        self._imu = imu
+        self._felt_at: tuple[Array, Array, float] | None = None
         if imu is not None:
             self._shakes = Draws(seeds, 4, 2)
             self._imu_bias = imu.bias * self._shakes.next()
-
-    _felt_at: tuple[Array, Array, float] | None
 
     def report(self, psi: Array, turn_rate: Array, airspeed: Array, now: float) -> tuple[Array, Array, Array]:
         """Heading, turn rate and airspeed as reported."""

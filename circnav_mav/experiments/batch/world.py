@@ -21,7 +21,6 @@ class Draws:
         self._block = np.empty((BLOCK, normals + uniforms, len(seeds)))
 
     def next(self) -> Array:
-        """The next numbers."""
         if self._at == BLOCK:
             for flight, stream in enumerate(self._streams):
                 self._block[:, : self._normals, flight] = stream.standard_normal((BLOCK, self._normals))

@@ -1,10 +1,9 @@
 """A track as one row of the table, from the true path alone, whichever engine flew it; and the figures of many rows
 with their confidence intervals."""
 
-import math
 from collections.abc import Mapping, Sequence, Sized
 from dataclasses import asdict
-from math import ceil, floor, isfinite, prod, sqrt
+from math import atan2, ceil, degrees, floor, hypot, isfinite, prod, sqrt
 from typing import Any
 
 import numpy as np
@@ -40,9 +39,9 @@ def row(run: Run, track: Track) -> dict[str, Any]:
         **run.values,
         "engine": track.engine,
         "outcome": track.outcome,
-        "start_range_m": math.hypot(east, north),
-        "start_bearing_deg": math.degrees(math.atan2(east, north)) % 360,
-        "start_heading_deg": math.degrees(heading) % 360,
+        "start_range_m": hypot(east, north),
+        "start_bearing_deg": degrees(atan2(east, north)) % 360,
+        "start_heading_deg": degrees(heading) % 360,
         "engaged_s": track.engaged,
         "kept": False,
     }

@@ -61,13 +61,12 @@ def emulated_radio(runs: Sequence[Run], every: int) -> Radio:
     """Their radios, of which a sample comes `every` so many steps, and what the pilot reads of them."""
     configs = [run.vehicle.ranging for run in runs]
     kinds = [CHARACTERS[config.preset] for config in configs]
-    pairs = list(zip(configs, kinds, strict=True))
     ranging = Ranging(
         white=_array(map(white_noise, configs)),
         drifting=_array(k.drift for k in kinds),
         drift_time=_array(k.drift_time for k in kinds),
         bias=_array(c.bias_m for c in configs),
-        loss=_array(1 - (1 - c.dropout_fraction) * (1 - k.loss) for c, k in pairs),
+        loss=_array(1 - (1 - c.dropout_fraction) * (1 - k.loss) for c, k in zip(configs, kinds, strict=True)),
         outlier_share=_array(c.outlier_fraction for c in configs),
         outlier=_array(c.outlier_m for c in configs),
         near_bias=_array(k.near_bias for k in kinds),

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from circnav_mav.emulator.vehicle import Truth, Vehicle
 from circnav_mav.experiments.campaign.plan import Run
 from circnav_mav.pilot import Ending, Pilot, TickRecord
+from circnav_mav.runlog.metrics import Column
 from circnav_mav.runtime.lockstep import Lockstep
 from circnav_mav.runtime.runner import turn
 
-Column = NDArray[np.float64]
 COMPLETED = "completed"
 EXIT_TIME = 60.0
 """Time, s, beyond the mission's own that a flight may take to wait, engage and give the vehicle back."""

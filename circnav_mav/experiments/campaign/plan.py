@@ -15,12 +15,8 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from circnav_mav.emulator.config import ConfigError, VehicleConfig, parse_vehicle
-from circnav_mav.mission.load import MissionError, in_words, load_mission, mission_of, read_text, read_toml
+from circnav_mav.mission.load import MissionError, in_words, load_mission, mission_of, put, read_text, read_toml
 from circnav_mav.mission.mission import Mission
-
-
-class SpecError(Exception):
-    """A spec that says nothing; the message names the remedy."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +27,6 @@ class Drawn:
     numbers: tuple[Any, ...]
 
     def draw(self, rng: np.random.Generator) -> Any:
-        """One value."""
         return DRAWS[self.kind](rng, *self.numbers)
 
 
@@ -49,20 +44,20 @@ FORMS = "a list, {uniform=[low, high]}, {log_uniform=[low, high]}, {normal=[mean
 
 
 def read_spec(value: Any) -> Spec:
-    """The spec of one key of [vary]. Raises SpecError."""
+    """The spec of one key of [vary]. Raises ValueError that names the remedy of one that says nothing."""
     if isinstance(value, list):
         if not value:
-            raise SpecError("is an empty list, name at least one value")
+            raise ValueError("is an empty list, name at least one value")
         return tuple(value)
     if not isinstance(value, dict) or len(value) != 1:
-        raise SpecError(f"write {FORMS}, not {value!r}")
+        raise ValueError(f"write {FORMS}, not {value!r}")
     ((kind, numbers),) = value.items()
     if kind not in DRAWS:
         near = get_close_matches(kind, DRAWS, n=1)
         hint = f"did you mean {near[0]}?" if near else f"known here: {', '.join(DRAWS)}"
-        raise SpecError(f"{kind}: unknown key, {hint}")
+        raise ValueError(f"{kind}: unknown key, {hint}")
     if not isinstance(numbers, list) or not numbers:
-        raise SpecError(f"{kind}: must be a list, not {numbers!r}")
+        raise ValueError(f"{kind}: must be a list, not {numbers!r}")
     if kind != "choice":
         _check_numbers(kind, numbers)
     return Drawn(kind, tuple(numbers))
@@ -70,14 +65,14 @@ def read_spec(value: Any) -> Spec:
 
 def _check_numbers(kind: str, numbers: list[Any]) -> None:
     if len(numbers) != 2 or not all(type(number) in (int, float) and abs(number) <= MOST for number in numbers):
-        raise SpecError(f"{kind}: must be two numbers, neither of them above {MOST:g}, not {numbers!r:.80}")
+        raise ValueError(f"{kind}: must be two numbers, neither of them above {MOST:g}, not {numbers!r:.80}")
     first, second = numbers
     if kind == "normal" and second < 0:
-        raise SpecError(f"normal: the standard deviation must be at least 0, not {second:g}")
+        raise ValueError(f"normal: the standard deviation must be at least 0, not {second:g}")
     if kind != "normal" and first > second:
-        raise SpecError(f"{kind}: [{first:g}, {second:g}] is empty, write the lower bound first")
+        raise ValueError(f"{kind}: [{first:g}, {second:g}] is empty, write the lower bound first")
     if kind == "log_uniform" and first <= 0:
-        raise SpecError(f"log_uniform: must be above 0, not {first:g}")
+        raise ValueError(f"log_uniform: must be above 0, not {first:g}")
 
 
 def flat(
@@ -138,7 +133,8 @@ class Campaign:
 
 
 class CampaignError(Exception):
-    """A campaign that cannot be flown as written; the message is one line for the person who wrote it."""
+    """A campaign that cannot be flown as written, or there, or kept in that folder; the message is one line with the
+    remedy."""
 
 
 class CampaignFile(BaseModel):
@@ -197,7 +193,7 @@ def _specs(vary: Mapping[str, Any], where: str) -> dict[str, Spec]:
         _check_alone(key, specs, where)
         try:
             specs[key] = read_spec(value)
-        except SpecError as error:
+        except ValueError as error:
             raise CampaignError(f"{where}: vary.{key}: {error}") from None
     if not specs:
         raise CampaignError(f'{where}: vary: is empty, name what varies: "sim.wind.speed_mps" = [0.0, 5.0]')
@@ -231,7 +227,8 @@ def prepare(campaign: Campaign, number: int) -> Run:
     table = copy.deepcopy(campaign.mission)
     where = f"{campaign.where}: vary"
     for key, value in values.items():
-        _put(table, START.get(key, key), [value, value] if key in START else value, where)
+        path, given = START.get(key, key), [value, value] if key in START else value
+        put(table, path.split("."), given, f"{where}: {path}")
     mission = mission_of(table, where)
     if mission.file.sim is None or not mission.flies_sim:
         raise MissionError(f'{where}: link.endpoint: must stay "sim"')
@@ -264,13 +261,3 @@ def _why_not(campaign: Campaign, stride: int, values: int, which: int) -> str | 
         except (MissionError, ConfigError) as error:
             first = first or str(error)
     return first
-
-
-def _put(table: dict[str, Any], key: str, value: Any, where: str) -> None:
-    *above, last = key.split(".")
-    for part in above:
-        inner = table.setdefault(part, {})
-        if not isinstance(inner, Mapping):
-            raise MissionError(f"{where}: {key}: {part} is a value, not a table")
-        table = inner  # type: ignore[assignment]
-    table[last] = value

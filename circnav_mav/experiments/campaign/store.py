@@ -2,6 +2,7 @@
 
 import csv
 import errno
+import fcntl
 import io
 import json
 import os
@@ -11,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from circnav_mav.experiments.campaign.figures import FIGURES, NUMBERS, SUMMARY, columns
-from circnav_mav.experiments.campaign.plan import Campaign
+from circnav_mav.experiments.campaign.plan import Campaign, CampaignError
 from circnav_mav.runlog.atomic_write import atomic_write
 
 TABLE = "runs.csv"
@@ -23,16 +24,12 @@ SOURCE = "campaign.toml"
 """The campaign file as it is flown; whoever flies it holds it locked."""
 
 
-class StoreError(Exception):
-    """A folder that cannot be used or a disk that cannot be written, in one line."""
-
-
 class Store:
     """The table of a campaign. What was written stays readable and can be resumed, whatever happens afterwards. One
     process at a time has the folder; nothing in it that is not this campaign's is written over."""
 
     def __init__(self, folder: Path, campaign: Campaign, *, resume: bool = False) -> None:
-        """Make the folder, or open that of an earlier run of the same campaign. Raises StoreError."""
+        """Make the folder, or open that of an earlier run of the same campaign. Raises CampaignError."""
         self.folder, self.done = folder, set[int]()
         self._columns, self._runs = columns(campaign), campaign.runs
         self._path = folder / TABLE
@@ -41,7 +38,7 @@ class Store:
             try:
                 if folder.exists() and not (folder / SOURCE).is_file():
                     if resume and self._begun():
-                        raise StoreError(f"{folder}: cannot resume: {SOURCE} is missing; name another --out")
+                        raise CampaignError(f"{folder}: cannot resume: {SOURCE} is missing; name another --out")
                     self._refuse_foreign(sources)
                 folder.mkdir(parents=True, exist_ok=True)
                 held.enter_context(_lock(folder))
@@ -54,11 +51,11 @@ class Store:
                     self._path.write_bytes(_line(self._columns))
                 self._file = held.enter_context(self._path.open("ab", buffering=0))
             except OSError as error:
-                raise StoreError(f"{error.filename or folder}: cannot be used: {error.strerror or error}") from None
+                raise CampaignError(f"{error.filename or folder}: cannot be used: {error.strerror or error}") from None
             self._held = held.pop_all()
 
     def add(self, rows: Iterable[dict[str, Any]]) -> None:
-        """Append the rows that are not there yet, each of them at once. Raises StoreError."""
+        """Append the rows that are not there yet, each of them at once. Raises CampaignError."""
         for row in rows:
             if row["run"] in self.done:
                 continue
@@ -74,7 +71,7 @@ class Store:
 
     def sort(self) -> None:
         """Put the rows in the order of their runs, after the last of them: equal campaigns give equal files. Raises
-        StoreError."""
+        CampaignError."""
         with _refusing(self._path):
             header, *lines = self._path.read_bytes().splitlines(keepends=True) or [b""]
             lines.sort(key=lambda line: int(line.partition(b",")[0]))
@@ -82,7 +79,7 @@ class Store:
                 fresh.write_bytes(header + b"".join(lines))
 
     def read(self) -> list[dict[str, str]]:
-        """The rows as text. Raises StoreError."""
+        """The rows as text. Raises CampaignError."""
         with _refusing(self._path), self._path.open(newline="", encoding="utf-8") as file:
             return list(csv.DictReader(file))
 
@@ -91,7 +88,7 @@ class Store:
         return self._path.exists() and self._path.read_bytes().count(b"\n") > 1
 
     def _refuse_foreign(self, sources: dict[str, str]) -> None:
-        """Nothing that a campaign writes over may be there but the beginnings of this very one. Raises StoreError,
+        """Nothing that a campaign writes over may be there but the beginnings of this very one. Raises CampaignError,
         OSError."""
         whole = {name: text.encode() for name, text in sources.items()} | {TABLE: _line(self._columns)}
         if all(_bytes(self.folder / name) == text for name, text in whole.items()):
@@ -99,32 +96,34 @@ class Store:
         for path in sorted(self.folder.iterdir()):
             of_ours = path.name in whole and whole[path.name].startswith(path.read_bytes())
             if not of_ours and (path.name in {*whole, SUMMARY} or path.suffix == ".png"):
-                raise StoreError(f"{self.folder}: holds {path.name}, which is not of this campaign: name another --out")
+                raise CampaignError(
+                    f"{self.folder}: holds {path.name}, which is not of this campaign: name another --out"
+                )
 
     def _reopen(self, sources: dict[str, str], resume: bool) -> None:
-        """Take up where it stopped; a last line that was torn is dropped. Raises StoreError, OSError."""
+        """Take up where it stopped; a last line that was torn is dropped. Raises CampaignError, OSError."""
         if not resume:
-            raise StoreError(f"{self.folder}: holds a campaign already: --resume it, or name another --out")
+            raise CampaignError(f"{self.folder}: holds a campaign already: --resume it, or name another --out")
         for name, text in sources.items():
             there = _bytes(self.folder / name)
             if there != text.encode():
                 what = "has changed since" if there else "is missing"
-                raise StoreError(f"{self.folder}: cannot resume: {name} {what}; name another --out")
+                raise CampaignError(f"{self.folder}: cannot resume: {name} {what}; name another --out")
         data = self._path.read_bytes()
         whole = data[: data.rfind(b"\n") + 1]
         header, *lines = whole.splitlines(keepends=True)
         if header != _line(self._columns):
-            raise StoreError(f"{self._path}: cannot resume: its columns are of another version; name another --out")
+            raise CampaignError(f"{self._path}: cannot resume: its columns are of another version; name another --out")
         if whole != data:
             self._path.write_bytes(whole)
         for number, line in enumerate(lines, 2):
             run = self._whole(line)
             if run is None or run in self.done:
-                raise StoreError(f"{self._path}: line {number} is damaged: delete it, and its run is flown again")
+                raise CampaignError(f"{self._path}: line {number} is damaged: delete it, and its run is flown again")
             self.done.add(run)
         beyond = [run for run in self.done if run >= self._runs]
         if beyond:
-            raise StoreError(
+            raise CampaignError(
                 f"{self._path}: holds run {min(beyond)} and more: ask for at least {max(beyond) + 1} --runs"
             )
 
@@ -147,27 +146,27 @@ def _bytes(path: Path) -> bytes:
 
 @contextmanager
 def _lock(folder: Path) -> Iterator[None]:
-    """Keeps other processes out of the folder until it is closed or the process ends, however it does. A file system or
-    a machine without locks is taken as it is. Raises StoreError, OSError."""
+    """Keeps other processes out of the folder until it is closed or the process ends, however it does. A file system
+    without locks is taken as it is. Raises CampaignError, OSError."""
     with (folder / SOURCE).open("ab") as file:
         try:
-            import fcntl
-
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise StoreError(f"{folder}: another process flies a campaign there: wait, or name another --out") from None
-        except (ImportError, OSError):
+            raise CampaignError(
+                f"{folder}: another process flies a campaign there: wait, or name another --out"
+            ) from None
+        except OSError:
             pass
         yield
 
 
 @contextmanager
 def _refusing(path: Path, what: str = "read or written", remedy: str = "") -> Iterator[None]:
-    """What the disk refuses, in one line. Raises StoreError."""
+    """What the disk refuses, in one line. Raises CampaignError."""
     try:
         yield
     except OSError as error:
-        raise StoreError(f"{path}: cannot be {what}: {error.strerror or error}{remedy}") from None
+        raise CampaignError(f"{path}: cannot be {what}: {error.strerror or error}{remedy}") from None
 
 
 def _line(cells: Iterable[str]) -> bytes:

@@ -89,23 +89,14 @@ def _sticks_override(value: float, context: Context) -> Verdict:
     return PASS, "in OFFBOARD the pilot's sticks do nothing; a change of mode takes the vehicle"
 
 
+_NOT_PASSED = (FAIL, "setpoints from MAVLink are not passed to the controllers: set it to 1")
+_MAVLINK_ONLY = (WARN, "the pilot's transmitter is ignored: the operator takes over from a ground station only")
+_TRANSMITTER = (PASS, "0: transmitter, 2 and up: transmitter and ground station, 4: no sticks at all")
 OFFBOARD_RULES = (
-    rule(
-        "MAV_FWDEXTSP",
-        one_of(
-            {0: (FAIL, "setpoints from MAVLink are not passed to the controllers: set it to 1")},
-            (PASS, "setpoints from MAVLink reach the controllers"),
-        ),
-    ),
+    rule("MAV_FWDEXTSP", one_of({0: _NOT_PASSED}, (PASS, "setpoints from MAVLink reach the controllers"))),
     rule("COM_OF_LOSS_T", timeout("falls into its failsafe (and returns by itself when setpoints do)")),
     rule("COM_OBL_RC_ACT", _offboard_loss),
-    rule(
-        "COM_RC_IN_MODE",
-        one_of(
-            {1: (WARN, "the pilot's transmitter is ignored: the operator takes over from a ground station only")},
-            (PASS, "0: transmitter, 2 and up: transmitter and ground station, 4: no sticks at all"),
-        ),
-    ),
+    rule("COM_RC_IN_MODE", one_of({1: _MAVLINK_ONLY}, _TRANSMITTER)),
     rule("COM_RC_OVERRIDE", _sticks_override),
     rule("COM_RC_LOSS_T", lambda value, context: (PASS, f"a transmitter silent for {value:g} s counts as lost")),
 )

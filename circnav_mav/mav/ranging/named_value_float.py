@@ -7,7 +7,7 @@ from circnav_mav.mav.codec import Message
 from circnav_mav.mav.ranging.interface import RangingMessage, Reading, Reject, boot_stamp
 
 
-def _read(message: Message) -> Reading | Reject | None:
+def _read(message: Message) -> Reading | Reject:
     """NaN and anything not above 0 mean no range."""
     if not isfinite(message.value):
         return Reject.NOT_FINITE

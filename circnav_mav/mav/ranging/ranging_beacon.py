@@ -6,7 +6,7 @@ from circnav_mav.mav.ranging.interface import RangingMessage, Reading, Reject
 UNKNOWN = (0, 0xFFFFFFFF)
 
 
-def _read(message: Message) -> Reading | Reject | None:
+def _read(message: Message) -> Reading | Reject:
     """mm, 1 sigma in mm, sequence, status bit 0 = poor signal."""
     if message.range in UNKNOWN:
         return Reject.NO_RANGE

@@ -13,9 +13,9 @@ from unittest.mock import MagicMock
 import pytest
 
 from circnav_mav.experiments.campaign import execute, fly
-from circnav_mav.experiments.campaign.execute import ExecutionError, on_cores, on_scheduler
+from circnav_mav.experiments.campaign.execute import on_cores, on_scheduler
 from circnav_mav.experiments.campaign.fly import chunks, fly_chunk, fly_part
-from circnav_mav.experiments.campaign.plan import load_campaign
+from circnav_mav.experiments.campaign.plan import CampaignError, load_campaign
 from circnav_mav.experiments.campaign.store import Store
 from tests.process import PATIENCE, ROOT
 
@@ -93,7 +93,7 @@ def refusal(write):
     """Why nobody at an address flies: refusal(address)."""
 
     def refusal(address):
-        with pytest.raises(ExecutionError) as told:
+        with pytest.raises(CampaignError) as told:
             list(on_scheduler(load_campaign(write(SHORT)), [[0]], address))
         assert "\n" not in str(told.value)
         return str(told.value)
@@ -138,7 +138,7 @@ def test_a_scheduler_that_dies_in_between_is_one_line_that_says_how_to_go_on(ref
     client.return_value.get_executor.return_value.submit.return_value = died
     client.return_value.__exit__.return_value = False
     monkeypatch.setattr(distributed, "Client", client)
-    monkeypatch.setattr(execute, "_knock", lambda address: None)
+    monkeypatch.setattr(execute, "_check_listens", lambda address: None)
     assert re.search("scheduler-connection-lost.*--resume flies what is missing", refusal("tcp://there:1"))
 
 

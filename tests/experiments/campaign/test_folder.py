@@ -7,8 +7,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from circnav_mav.experiments.campaign.plan import load_campaign
-from circnav_mav.experiments.campaign.store import Store, StoreError
+from circnav_mav.experiments.campaign.plan import CampaignError, load_campaign
+from circnav_mav.experiments.campaign.store import Store
 from tests.process import python
 
 VARY = '"guidance.law" = ["smooth", "pi"]\n'
@@ -68,7 +68,7 @@ def test_a_folder_with_a_file_of_somebody_elses_is_refused_untouched(campaign, t
     folder = tmp_path / "out"
     folder.mkdir()
     (folder / name).write_text(text)
-    with pytest.raises(StoreError, match=re.escape(says)):
+    with pytest.raises(CampaignError, match=re.escape(says)):
         Store(folder, campaign, resume=resume)
     assert contents(folder) == {name: text.encode()}
 
@@ -77,7 +77,7 @@ def test_a_folder_with_a_file_of_somebody_elses_is_refused_untouched(campaign, t
 def test_a_campaign_that_lost_its_files_is_not_resumed_and_says_which(campaign, tmp_path, name):
     begin(tmp_path / "out", campaign, 0)
     (tmp_path / "out" / name).unlink()
-    with pytest.raises(StoreError, match=f"cannot resume: {name} is missing; name another --out"):
+    with pytest.raises(CampaignError, match=f"cannot resume: {name} is missing; name another --out"):
         Store(tmp_path / "out", campaign, resume=True)
 
 
@@ -103,7 +103,7 @@ def test_an_empty_folder_and_one_of_the_same_campaign_before_its_first_row_are_t
 
 @pytest.mark.parametrize("place", ["/proc/circnav", "/dev/null", "/dev/null/out"])
 def test_a_folder_that_cannot_be_had_is_one_line_without_a_word_of_resuming(campaign, place):
-    with pytest.raises(StoreError) as told:
+    with pytest.raises(CampaignError) as told:
         Store(Path(place), campaign)
     assert re.fullmatch(rf"{place}(?!.*resume).*", str(told.value))
 
@@ -121,7 +121,7 @@ def other(write, tmp_path):
 
 @pytest.mark.parametrize("resume", [False, True])
 def test_a_second_process_in_one_folder_is_refused(campaign, other, tmp_path, resume):
-    with pytest.raises(StoreError, match="another process flies a campaign there: wait, or name another --out"):
+    with pytest.raises(CampaignError, match="another process flies a campaign there: wait, or name another --out"):
         Store(tmp_path / "out", campaign, resume=resume)
 
 
@@ -138,16 +138,16 @@ def test_a_machine_without_locks_is_taken_as_it_is(campaign, tmp_path, monkeypat
 
 def test_fewer_runs_than_were_flown_are_refused_with_how_many_there_are(write, tmp_path):
     begin(tmp_path / "out", load_campaign(write(VARY, "runs = 24")), 3, 12, 23)
-    with pytest.raises(StoreError, match=r"runs\.csv: holds run 12 and more: ask for at least 24 --runs"):
+    with pytest.raises(CampaignError, match=r"runs\.csv: holds run 12 and more: ask for at least 24 --runs"):
         Store(tmp_path / "out", load_campaign(write(VARY, "runs = 24"), runs=12), resume=True)
 
 
 def test_a_folder_is_neither_overwritten_nor_resumed_with_another_campaign_and_free_again_when_refused(write, tmp_path):
     campaign = load_campaign(write(VARY))
     begin(tmp_path / "out", campaign, 0)
-    with pytest.raises(StoreError, match="holds a campaign already: --resume it, or name another --out") as kept:
+    with pytest.raises(CampaignError, match="holds a campaign already: --resume it, or name another --out") as kept:
         Store(tmp_path / "out", campaign)
-    with pytest.raises(StoreError, match=r"cannot resume: campaign\.toml has changed"):
+    with pytest.raises(CampaignError, match=r"cannot resume: campaign\.toml has changed"):
         Store(tmp_path / "out", load_campaign(write(VARY, "runs = 8\nseed = 4")), resume=True)
     Store(tmp_path / "out", campaign, resume=True).close()
     assert kept.value is not None  # and with it all that its traceback holds
@@ -160,7 +160,7 @@ def test_a_full_disk_is_one_line_and_what_is_there_can_be_resumed(campaign, tmp_
     store.add(rows[:3])
     real = store._file
     store._file = SimpleNamespace(write=lambda data: real.write(data[:10]))
-    with pytest.raises(StoreError, match="No space left on device; what is there can be resumed"):
+    with pytest.raises(CampaignError, match="No space left on device; what is there can be resumed"):
         store.add(rows[3:])
     store.close()
     again = Store(tmp_path / "out", campaign, resume=True)
