@@ -10,8 +10,8 @@ linear; t' e' counts that the course is not the circle's. The least mean square 
 least-distance problem (Lawson, Hanson, Solving Least Squares Problems, ch. 23).
 """
 
-from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -35,8 +35,7 @@ _SPACING = 2 * np.pi / ANGLES
 _CIRCLE = np.zeros((ANGLES + 1, 2))
 
 
-@dataclass(frozen=True, slots=True)
-class Lap:
+class Lap(NamedTuple):
     """What is planned, for a counter-clockwise circle. downwind: angle round the target, rad, at which the ground speed
     is highest. table: e/r_d and its slope by the angle from half a lap before that, (ANGLES + 1, 2), of many flights
     (B, ANGLES + 1, 2). radius: r_d, m."""

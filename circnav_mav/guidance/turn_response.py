@@ -6,8 +6,8 @@ bins, with a prior about the mission's `turn_lag_s`; the gain is `turn_gain`. `T
 """
 
 from collections import deque
-from dataclasses import dataclass, replace
 from math import exp, inf, pi, remainder, sqrt
+from typing import NamedTuple
 
 import numpy as np
 
@@ -51,8 +51,7 @@ KEPT = 4.0
 """Time for which commands are remembered, s: the longest dead time and link delay."""
 
 
-@dataclass(frozen=True, slots=True)
-class Response:
+class Response(NamedTuple):
     """dead: from a command to the first answer, without the link, s. lag: mean delay of the answer, s. settles: how
     fast it does, 1/s. link: there and back, s. learnt: whether flight has told, or only the mission."""
 
@@ -68,8 +67,7 @@ class Response:
         return self.dead + self.lag + self.link
 
 
-@dataclass(frozen=True, slots=True)
-class Pending:
+class Pending(NamedTuple):
     """turn: commanded but not turned yet, rad. ahead: the time it takes, s. settles: how fast the vehicle's answer
     does, 1/s. told_late: how much later than it is flown a turn is known, s. most: turn rate that the vehicle reaches,
     rad/s."""
@@ -145,7 +143,7 @@ class ResponseLearner:
     def response(self, link: float) -> Response:
         """As known now; link: there and back, s."""
         if link != self._known.link:
-            self._known = replace(self._known, link=link)
+            self._known = self._known._replace(link=link)
         return self._known
 
     def command(self, time: float, rate: float) -> None:
@@ -255,8 +253,7 @@ LONGEST_FELT = 1.0
 """Most time, s, for which a bank counts from one report to the next."""
 
 
-@dataclass(frozen=True, slots=True)
-class BankLimit:
+class BankLimit(NamedTuple):
     """Recognises the bank beyond which a vehicle does not go, however much is commanded: its autopilot's limit is below
     the mission's.
 
@@ -289,16 +286,16 @@ class BankLimit:
         short = abs(banked) < SHORT * abs(commanded)
         stands = short and banked * commanded > 0 and abs(now - banked) < STANDS * abs(banked)
         since = min(self.since, time) if stands else time
-        after = replace(self, time=time, heading=own.heading, since=since, short=short)
+        after = self._replace(time=time, heading=own.heading, since=since, short=short)
         # commands are not cut to the limit, so a bank beyond it shows that it was found too low
         if abs(banked) > (1 + STANDS) * self.bank:
-            return replace(after, stood=0.0, banked=0.0, turned=0.0)
+            return after._replace(stood=0.0, banked=0.0, turned=0.0)
         if time - since < STANDS_FOR or not 0 < step <= LONGEST_FELT:
             return after
         kept = exp(-step / STOOD_MOST)
         turned = abs(remainder(own.heading - self.heading, 2 * pi))
-        return replace(
-            after, stood=kept * self.stood + step, banked=kept * self.banked + abs(now) * step,
+        return after._replace(
+            stood=kept * self.stood + step, banked=kept * self.banked + abs(now) * step,
             turned=kept * self.turned + turned,
         )  # fmt: skip
 
@@ -339,7 +336,7 @@ class TurnAnswer:
     def pending(self, now: float, turn_rate: Array) -> Pending:
         """What is commanded but not turned yet; turn_rate: of the vehicle now, rad/s."""
         late = 0.0 if self.by_bank is None else TOLD_LATE
-        return replace(self._pending.at(now, self.response, turn_rate), told_late=late, most=self.most)
+        return self._pending.at(now, self.response, turn_rate)._replace(told_late=late, most=self.most)
 
     def command(self, now: float, rate: float) -> None:
         """From this time (s) on the vehicle is told to turn at this rate, rad/s."""

@@ -5,8 +5,8 @@ Read from ATTITUDE or ATTITUDE_QUATERNION, VFR_HUD (of which the ground speed is
 that is missing or older than its bound is None; who needs it says so.
 """
 
-from dataclasses import dataclass, replace
 from math import cos, hypot, inf, nan, sin, tan
+from typing import NamedTuple
 
 from circnav_mav.guidance.types import FeltVelocity, OwnMotion
 from circnav_mav.mav.clocks import BOOT_WRAP, RemoteClock, Slower, nobody_tells
@@ -52,8 +52,7 @@ OTHER_SOURCE = 2.0
 """Time, s, after which another message type is taken when the first one has ended."""
 
 
-@dataclass(frozen=True, slots=True)
-class Motion:
+class Motion(NamedTuple):
     """roll, pitch, yaw: rad, NED (yaw clockwise from north). yaw_rate: heading rate, rad/s, clockwise positive.
     airspeed: m/s, indicated. altitude: m above sea level. climb: m/s, up positive. None: not known now."""
 
@@ -75,8 +74,7 @@ class Motion:
         return indicated / root_of_density
 
 
-@dataclass(frozen=True, slots=True)
-class Attitude:
+class Attitude(NamedTuple):
     """As in an ATTITUDE: time (s, the vehicle's clock), roll, pitch, yaw (rad, NED), body rates p, q, r (rad/s)."""
 
     time: float
@@ -174,8 +172,8 @@ class OwnMotionSensor:
         roll, pitch = (min(max(angle, -MOST_TILT), MOST_TILT) for angle in (body.roll, body.pitch))
         if banks:
             coordinated = YawRate(GRAVITY * tan(roll) / max(airspeed, 1.0))
-            return replace(own, bank_turn=turn_rate_from_yaw_rate(coordinated))
-        return replace(own, push=push_from_tilt(roll, pitch, psi))
+            return own._replace(bank_turn=turn_rate_from_yaw_rate(coordinated))
+        return own._replace(push=push_from_tilt(roll, pitch, psi))
 
     def at(self, now: float) -> Motion:
         """The motion as far as it is known at a moment."""
@@ -183,7 +181,7 @@ class OwnMotionSensor:
         body = self._attitude(now)
         if body is None:
             return air
-        return replace(air, roll=body.roll, pitch=body.pitch, yaw=body.yaw, yaw_rate=body.yaw_rate)
+        return air._replace(roll=body.roll, pitch=body.pitch, yaw=body.yaw, yaw_rate=body.yaw_rate)
 
     def _attitude(self, now: float) -> Attitude | None:
         return self._body if now - self._attitude_at <= ATTITUDE_MAX_AGE else None

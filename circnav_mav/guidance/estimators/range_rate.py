@@ -8,9 +8,10 @@ and variance V^2/2: what -V cos(theta_b) has for a bearing nobody knows.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache, partial
 from math import sqrt
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,8 +35,7 @@ RANGE, RATE = 0, 1
 """What was measured: which component of the state."""
 
 
-@dataclass(frozen=True, slots=True)
-class RangeRate:
+class RangeRate(NamedTuple):
     """The filter at its newest sample, floats or arrays (B,). rr, rv, vv: covariance of (r, r').
 
     samples: taken in since the start; 0: not started, and rr is only there to divide by. refused: samples in a row
@@ -135,7 +135,7 @@ def observe_rate(
     ahead, after, nis = by(before, h, acceleration_variance(settings, before.r), z, sigma, RATE)
     taken = nis <= settings.gate**2
     r, r_dot, rr, rv, vv = (where(taken, new, old) for new, old in zip(after, ahead, strict=True))
-    return replace(before, r=r, r_dot=r_dot, rr=rr, rv=rv, vv=vv)
+    return before._replace(r=r, r_dot=r_dot, rr=rr, rv=rv, vv=vv)
 
 
 class KalmanRangeRate(Estimator):
