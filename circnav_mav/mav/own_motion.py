@@ -111,6 +111,8 @@ class OwnMotionSensor:
     def __init__(self, slower: Slower = nobody_tells) -> None:
         """slower: tells of the vehicle's link."""
         self._body: Attitude | None = None
+        self._turned = Motion()
+        """Of the newest attitude."""
         self._attitude_at = float("-inf")
         self._air = Motion()
         self._air_at = float("-inf")
@@ -138,7 +140,8 @@ class OwnMotionSensor:
         measured = self._measured(message.time_boot_ms, now)
         if measured is None:
             return False
-        self._body = Attitude(message.time_boot_ms / 1e3, *values)
+        self._body = body = Attitude(message.time_boot_ms / 1e3, *values)
+        self._turned = Motion(body.roll, body.pitch, body.yaw, body.yaw_rate)
         self._attitude_at = max(measured, self._attitude_at)
         return True
 
@@ -178,10 +181,10 @@ class OwnMotionSensor:
     def at(self, now: float) -> Motion:
         """The motion as far as it is known at a moment."""
         air = self._air if now - self._air_at <= AIR_MAX_AGE else Motion()
-        body = self._attitude(now)
-        if body is None:
+        if self._attitude(now) is None:
             return air
-        return air._replace(roll=body.roll, pitch=body.pitch, yaw=body.yaw, yaw_rate=body.yaw_rate)
+        roll, pitch, yaw, yaw_rate, *_ = self._turned
+        return Motion(roll, pitch, yaw, yaw_rate, air.airspeed, air.altitude, air.climb)
 
     def _attitude(self, now: float) -> Attitude | None:
         return self._body if now - self._attitude_at <= ATTITUDE_MAX_AGE else None

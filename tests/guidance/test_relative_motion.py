@@ -230,7 +230,7 @@ def in_gusts(imu: ImuNoise | None, told: tuple[str, ...] = LIES) -> tuple[dict[s
             if (felt := seen.felt) is not None:
                 shaken = felt + shakes.normal(0, 0.15, felt.shape)  # 3 m/s^2 in steps of .05 s
                 lies = [felt, 0 * felt + 0.02, felt[::-1], shaken]
-                seen = seen._replace(felt=np.select([lie == one for one in LIES], lies))
+                seen = replace(seen, felt=np.select([lie == one for one in LIES], lies))
             super().observe(seen, true)
 
     def make(circle, sense):
