@@ -171,7 +171,7 @@ def write_ticks(path: Path, records: Iterable[TickRecord]) -> None:
 
 def tick_row(record: TickRecord) -> list[Any]:
     """A tick as a line of ticks.csv."""
-    return [_plain(getattr(record, name)) for name in TICK_COLUMNS]
+    return list(map(_plain, record))
 
 
 def _plain(value: Any) -> Any:
