@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from circnav_mav.guidance.maths import Array, Batch, Pair, arctan2, hypot, minimum, wrap
+from circnav_mav.guidance.maths import Array, Batch, Pair, arctan2, hypot, minimum, some, wrap
 
 ANGLES = 72
 """Points of a lap: finer ones change the radius error by less than 2 %."""
@@ -63,7 +63,7 @@ def plan(d: Pair, *, V: Array, r_d: Array, limit: Array) -> Lap | None:
     within it, of all flights."""
     drift, limits = minimum(hypot(d[0], d[1]) / V, MOST_DRIFT), SURE * limit * r_d / V
     short = (1 + drift) ** 2 > limits
-    if not np.any(short):
+    if not some(short):
         return None
     cells = np.floor(drift / DRIFT_STEP), np.floor(limits / LIMIT_STEP)
     if isinstance(short, np.ndarray):

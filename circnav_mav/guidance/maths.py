@@ -37,7 +37,7 @@ def _either_of_two(one: Callable[..., Any], many: Callable[..., Any]) -> Callabl
 cos, sin, sqrt = _either(math.cos, np.cos), _either(math.sin, np.sin), _either(math.sqrt, np.sqrt)
 arccos, arcsin = _either(math.acos, np.arccos), _either(math.asin, np.arcsin)
 exp, tanh = _either(math.exp, np.exp), _either(math.tanh, np.tanh)
-logical_not = _either(lambda x: not x, np.logical_not)
+logical_not, some = _either(lambda x: not x, np.logical_not), _either(bool, np.any)
 rint, sign = _either(round, np.rint), _either(lambda x: bool(x > 0) - bool(x < 0), np.sign)
 arctan2, hypot = _either_of_two(math.atan2, np.arctan2), _either_of_two(math.hypot, np.hypot)
 minimum, maximum = _either_of_two(min, np.minimum), _either_of_two(max, np.maximum)
