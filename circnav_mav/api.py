@@ -5,7 +5,6 @@ turn rates and headings counter-clockwise positive. Time is an argument: any clo
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 
 from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings, Fused
 from circnav_mav.guidance.estimators.table import ESTIMATORS, default_estimator
@@ -75,7 +74,7 @@ class Guidance:
     def move(self, own: OwnMotion) -> None:
         """Take in own motion, as often as it is known. Without it only laws on range alone fly."""
         self._estimator.move(own)
-        self._answer.feel(replace(own, bank_turn=None))
+        self._answer.feel(own._replace(bank_turn=None))
 
     def estimate(self, now: float) -> RangeEstimate | None:
         """Range and range rate now, and in `relative` where the target is, where the estimator knows; None before the

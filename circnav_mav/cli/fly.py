@@ -19,6 +19,8 @@ from circnav_mav.cli.closing import close_flight, draw_flight, write_manifest
 from circnav_mav.cli.connect import link_troubles, open_links, open_locating, open_page, open_signing, start_clock
 from circnav_mav.cli.exits import Exit, Refused, outlive_terminal, refusing
 from circnav_mav.cli.verdict import verdict
+from circnav_mav.guidance.estimators.range_rate import load_filterpy
+from circnav_mav.guidance.laws import LAWS
 from circnav_mav.mav.check_result import Grade
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import VEHICLE, Ending, OutputMode, Pilot
@@ -63,7 +65,8 @@ def fly_mission(
         raise Refused(f"--speed: only the bundled vehicle flies at another speed, not {mission.file.link.endpoint}")
     refuse_failing(path, mission, shown=[Grade.WARN])
     _run_folder(out, mission)  # refused before anything is opened
-    loading = threading.Thread(target=_load_filter, name="load filterpy", daemon=True)
+    plans_laps = LAWS[mission.file.guidance.law].flies_relative_motion
+    loading = threading.Thread(target=_load_filter, args=(plans_laps,), name="load filterpy", daemon=True)
     loading.start()
     with ExitStack() as page_open:
         with ExitStack() as open_things:
@@ -117,10 +120,13 @@ def fly_mission(
     return code
 
 
-def _load_filter() -> None:
-    """Load what filters the ranges, a second of computing, while the vehicle is started and waited for."""
+def _load_filter(plans_laps: bool) -> None:
+    """Load what filters the ranges and plans laps, half a second of computing, while the vehicle is started and waited
+    for."""
     gc.disable()
-    importlib.import_module("filterpy.kalman")
+    load_filterpy()
+    if plans_laps:
+        importlib.import_module("scipy.optimize")
     gc.freeze()
     gc.enable()
 

@@ -10,12 +10,12 @@ linear; t' e' counts that the course is not the circle's. The least mean square 
 least-distance problem (Lawson, Hanson, Solving Least Squares Problems, ch. 23).
 """
 
-from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
-from circnav_mav.guidance.maths import Array, Batch, Pair, arctan2, hypot, minimum, wrap
+from circnav_mav.guidance.maths import Array, Batch, Pair, arctan2, hypot, minimum, some, wrap
 
 ANGLES = 72
 """Points of a lap: finer ones change the radius error by less than 2 %."""
@@ -35,8 +35,7 @@ _SPACING = 2 * np.pi / ANGLES
 _CIRCLE = np.zeros((ANGLES + 1, 2))
 
 
-@dataclass(frozen=True, slots=True)
-class Lap:
+class Lap(NamedTuple):
     """What is planned, for a counter-clockwise circle. downwind: angle round the target, rad, at which the ground speed
     is highest. table: e/r_d and its slope by the angle from half a lap before that, (ANGLES + 1, 2), of many flights
     (B, ANGLES + 1, 2). radius: r_d, m."""
@@ -64,7 +63,7 @@ def plan(d: Pair, *, V: Array, r_d: Array, limit: Array) -> Lap | None:
     within it, of all flights."""
     drift, limits = minimum(hypot(d[0], d[1]) / V, MOST_DRIFT), SURE * limit * r_d / V
     short = (1 + drift) ** 2 > limits
-    if not np.any(short):
+    if not some(short):
         return None
     cells = np.floor(drift / DRIFT_STEP), np.floor(limits / LIMIT_STEP)
     if isinstance(short, np.ndarray):
@@ -77,7 +76,7 @@ def plan(d: Pair, *, V: Array, r_d: Array, limit: Array) -> Lap | None:
 @lru_cache(maxsize=512)
 def _table(drift_cell: float, limit_cell: float) -> Batch:
     """e/r_d and its slope over a lap, in the middle of a cell of the grid."""
-    from scipy.optimize import nnls  # filterpy has loaded it; a mission's check needs neither
+    from scipy.optimize import nnls  # a flight that may plan laps has loaded it; a mission's check does not need it
 
     drift, limit = (drift_cell + 0.5) * DRIFT_STEP, (limit_cell + 0.5) * LIMIT_STEP
     angle = _SPACING * np.arange(ANGLES) - np.pi

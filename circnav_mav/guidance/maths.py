@@ -8,10 +8,12 @@ without a result raise ValueError, and NaN must stand first in `minimum`, `maxim
 """
 
 import math
+from cmath import rect
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from numpy import ndarray
 from numpy.typing import NDArray
 
 Array = Any
@@ -25,20 +27,25 @@ Flag = bool | NDArray[np.bool_]
 
 
 def _either(one: Callable[..., Any], many: Callable[..., Any]) -> Callable[[Any], Any]:
-    return lambda x: many(x) if isinstance(x, np.ndarray) else one(x)
+    return lambda x: many(x) if isinstance(x, ndarray) else one(x)
 
 
 def _either_of_two(one: Callable[..., Any], many: Callable[..., Any]) -> Callable[[Any, Any], Any]:
-    return lambda x, y: many(x, y) if isinstance(x, np.ndarray) or isinstance(y, np.ndarray) else one(x, y)
+    return lambda x, y: many(x, y) if isinstance(x, ndarray) or isinstance(y, ndarray) else one(x, y)
 
 
 cos, sin, sqrt = _either(math.cos, np.cos), _either(math.sin, np.sin), _either(math.sqrt, np.sqrt)
 arccos, arcsin = _either(math.acos, np.arccos), _either(math.asin, np.arcsin)
 exp, tanh = _either(math.exp, np.exp), _either(math.tanh, np.tanh)
-logical_not = _either(lambda x: not x, np.logical_not)
+logical_not, some = _either(lambda x: not x, np.logical_not), _either(bool, np.any)
 rint, sign = _either(round, np.rint), _either(lambda x: bool(x > 0) - bool(x < 0), np.sign)
 arctan2, hypot = _either_of_two(math.atan2, np.arctan2), _either_of_two(math.hypot, np.hypot)
 minimum, maximum = _either_of_two(min, np.minimum), _either_of_two(max, np.maximum)
+
+
+def unit(angle: Any) -> Any:
+    """The unit vector in a direction, as a complex number."""
+    return np.exp(1j * angle) if isinstance(angle, ndarray) else rect(1.0, angle)
 
 
 def magnitude(x: Number) -> Number:
@@ -48,14 +55,14 @@ def magnitude(x: Number) -> Number:
 
 def clip(value: Any, low: Any, high: Any) -> Any:
     """The value, or the nearer bound."""
-    if isinstance(value, np.ndarray) or isinstance(low, np.ndarray):
+    if isinstance(value, ndarray) or isinstance(low, ndarray):
         return np.clip(value, low, high)
     return min(max(value, low), high)
 
 
 def sinc(x: Any) -> Any:
     """sin(pi x)/(pi x)."""
-    if isinstance(x, np.ndarray):
+    if isinstance(x, ndarray):
         return np.sinc(x)
     y = math.pi * x
     return math.sin(y) / y if y else 1.0
@@ -63,7 +70,7 @@ def sinc(x: Any) -> Any:
 
 def where(condition: Any, then: Any, otherwise: Any) -> Any:
     """One of two values, both worked out."""
-    if isinstance(condition, np.ndarray):
+    if isinstance(condition, ndarray):
         return np.where(condition, then, otherwise)
     return then if condition else otherwise
 

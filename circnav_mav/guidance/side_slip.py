@@ -8,8 +8,8 @@ flies 2 deg inside of its nose, and not in straight flight. Source: balance of t
 true tracks of ArduPilot (.5 .. .75 s, calm, wind 8, target) and PX4 (.42 s) in simulation.
 """
 
-from dataclasses import dataclass, replace
 from math import exp
+from typing import NamedTuple
 
 from circnav_mav.guidance.types import OwnMotion
 
@@ -21,8 +21,7 @@ LONGEST_STEP = 0.5
 """Gap between two reports, s, after which the slip begins anew at its steady value."""
 
 
-@dataclass(frozen=True, slots=True)
-class SideSlip:
+class SideSlip(NamedTuple):
     """What is known of it after a report. time: s. angle: counter-clockwise from the nose, rad."""
 
     time: float = float("-inf")
@@ -37,4 +36,4 @@ class SideSlip:
         step = own.time - self.time
         kept = exp(-step / BENDS_AWAY) if 0 <= step <= LONGEST_STEP else 0.0
         slip = SideSlip(own.time, steady + kept * (self.angle - steady))
-        return slip, replace(own, heading=own.heading + slip.angle)
+        return slip, own._replace(heading=own.heading + slip.angle)

@@ -8,10 +8,10 @@ apart, the approach weaves. Every change is bumpless: the difference to the comm
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import IntEnum
 from math import inf, isfinite, pi
-from typing import Any
+from typing import Any, NamedTuple
 
 from circnav_mav.guidance import lap_plan, laws
 from circnav_mav.guidance.laws import LAWS, Kind, Law
@@ -91,8 +91,7 @@ class StepSettings:
         return cls(law, sense, orbit.speed, orbit.radius, fed, -sense * choice.gain, orbit.max_turn_rate)
 
 
-@dataclass(frozen=True, slots=True)
-class Inputs:
+class Inputs(NamedTuple):
     """What a step goes by. time: s. r, r_dot: m, m/s. pending: what is commanded but not turned yet. relative: where
     the target is; None without grounds. trim: m, added to the radius that the law is fed. share: of the gains that the
     rule gives."""
@@ -121,8 +120,7 @@ WHY = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Handover:
+class Handover(NamedTuple):
     """flies: who steered last; -1: nobody yet. favourite: which guess was on trial. command: what was flown, rad/s.
     offset: what is left of the last change, rad/s. untrusted: s since the target was last known."""
 
@@ -161,8 +159,7 @@ def hand_over(
     return Handover(flies, on_trial, clip(wanted + offset, -limit, limit), offset, untrusted)
 
 
-@dataclass(frozen=True, slots=True)
-class StepState:
+class StepState(NamedTuple):
     """What a step remembers. time: of the command before, s. memory: the integral of `pi`, m. drift_x, drift_y: the
     smoothed drift, m/s. offset: of what it steers to from the circle, outward, m."""
 
@@ -265,7 +262,7 @@ def limited(demanded: Array, limit: Number) -> TurnCommand:
 def compensate_turn_gain(command: TurnCommand, limit: Number, gain: Number) -> TurnCommand:
     """What to command to a vehicle that turns at `gain` times what is commanded, within +-limit (rad/s)."""
     cut = limited(command.turn_rate / gain, limit)
-    return replace(command, turn_rate=cut.turn_rate, saturated=command.saturated | cut.saturated)
+    return command._replace(turn_rate=cut.turn_rate, saturated=command.saturated | cut.saturated)
 
 
 Steering = Callable[[RangeEstimate, float, Pending | None, float], TurnCommand]
@@ -289,7 +286,7 @@ def steering(orbit: Orbit, choice: LawChoice) -> Steering:
         if not settings.law.flies_relative_motion:
             return command
         flies = state.handover.flies
-        return replace(command, flies=flies.name.lower(), why=WHY[flies], offset=float(state.offset))
+        return command._replace(flies=flies.name.lower(), why=WHY[flies], offset=float(state.offset))
 
     return steer
 

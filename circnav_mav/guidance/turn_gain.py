@@ -5,8 +5,8 @@ one percent left over is .2 .. .3 m of radius. Least squares of the heading's ra
 exponential forgetting; both pass the same low-pass, so that the vehicle's lag does not bias the ratio.
 """
 
-from dataclasses import dataclass
 from math import inf, pi
+from typing import NamedTuple
 
 from circnav_mav.guidance.maths import Flag, Number, clip, exp, logical_not, magnitude, maximum, rint, where
 from circnav_mav.guidance.types import SAME_TIME
@@ -25,8 +25,7 @@ LONGEST_STEP = 0.5
 """Gap between two headings, s, after which the low-pass starts anew."""
 
 
-@dataclass(frozen=True, slots=True)
-class TurnGain:
+class TurnGain(NamedTuple):
     """The state of the estimate; `gain` is realised over commanded turn rate. time: of the newest heading, s, at first
     -inf. age: for how long the low-pass has followed the vehicle, s."""
 

@@ -6,8 +6,8 @@ bins, with a prior about the mission's `turn_lag_s`; the gain is `turn_gain`. `T
 """
 
 from collections import deque
-from dataclasses import dataclass, replace
-from math import exp, inf, pi, remainder, sqrt
+from math import exp, inf, log, pi, remainder, sqrt
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,6 +23,7 @@ SECOND_ORDER = ((3.0, 0.3), (3.0, 0.6), (5.0, 0.3), (5.0, 0.6), (8.0, 0.4))
 LAGS = np.array([*FIRST_ORDER, *(2 * damping / frequency for frequency, damping in SECOND_ORDER)])
 """Mean delay of each answer, s."""
 DELAYS = DEADS[:, None] + LAGS
+LOG_DELAYS = np.log(np.maximum(DELAYS, 0.05))
 RINGING = np.array([*(1 / lag for lag in FIRST_ORDER), *(damping * frequency for frequency, damping in SECOND_ORDER)])
 """How fast each answer settles, 1/s."""
 _SECOND = [complex(-z * f, f * (1 - z * z) ** 0.5) for f, z in SECOND_ORDER]
@@ -32,6 +33,8 @@ RESIDUES = np.array(
      *(f * f / (2j * pole.imag) for (f, _), pole in zip(SECOND_ORDER, _SECOND, strict=True))]
 )  # fmt: skip
 """Each answer as twice the real part of one complex mode, q' = pole q + residue c."""
+STEADY = -RESIDUES / POLES
+"""Each mode, under a command of 1 that lasts."""
 BIN = 0.2
 """Width of a bin, s: shorter ones see the gyro's noise, longer ones lose the delay."""
 MEMORY = 90.0
@@ -51,8 +54,7 @@ KEPT = 4.0
 """Time for which commands are remembered, s: the longest dead time and link delay."""
 
 
-@dataclass(frozen=True, slots=True)
-class Response:
+class Response(NamedTuple):
     """dead: from a command to the first answer, without the link, s. lag: mean delay of the answer, s. settles: how
     fast it does, 1/s. link: there and back, s. learnt: whether flight has told, or only the mission."""
 
@@ -68,8 +70,7 @@ class Response:
         return self.dead + self.lag + self.link
 
 
-@dataclass(frozen=True, slots=True)
-class Pending:
+class Pending(NamedTuple):
     """turn: commanded but not turned yet, rad. ahead: the time it takes, s. settles: how fast the vehicle's answer
     does, 1/s. told_late: how much later than it is flown a turn is known, s. most: turn rate that the vehicle reaches,
     rad/s."""
@@ -131,9 +132,10 @@ class ResponseLearner:
 
     def __init__(self, expected: float) -> None:
         """expected: dead time plus lag before the flight has told, s."""
-        prior = np.log(np.maximum(DELAYS, 0.05) / max(expected, 0.05)) / PRIOR_SIGMA
+        prior = (LOG_DELAYS - log(max(expected, 0.05))) / PRIOR_SIGMA
         self._prior = -0.5 * (prior**2 + ((LAGS / DELAYS - 0.5) / SPLIT_SIGMA) ** 2)
-        self._sums = np.zeros((6, *DELAYS.shape))
+        self._sums: tuple[Array, ...] = (0.0,) * 6
+        """Of 1, model, rate, model^2, model rate and rate^2, where the model is an array of all candidates."""
         self._turned: deque[tuple[float, Array]] = deque()
         self._mode = np.zeros(LAGS.size, complex)
         self._command: float | None = None
@@ -145,13 +147,13 @@ class ResponseLearner:
     def response(self, link: float) -> Response:
         """As known now; link: there and back, s."""
         if link != self._known.link:
-            self._known = replace(self._known, link=link)
+            self._known = self._known._replace(link=link)
         return self._known
 
     def command(self, time: float, rate: float) -> None:
         """From this time on the vehicle is told to turn at `rate`, rad/s."""
         if self._command is None:
-            self._mode = -RESIDUES * rate / POLES
+            self._mode = STEADY * rate
             self._turned.append((time, np.zeros(LAGS.size)))
         else:
             self._advance(time)
@@ -179,9 +181,9 @@ class ResponseLearner:
         step = time - last
         if step <= 0 or self._command is None:
             return
-        force = RESIDUES * self._command
-        mode = (self._mode + force / POLES) * np.exp(POLES * step) - force / POLES
-        self._turned.append((time, angle + 2 * ((mode - self._mode - force * step) / POLES).real))
+        steady = STEADY * self._command
+        mode = steady + (self._mode - steady) * np.exp(POLES * step)
+        self._turned.append((time, angle + 2 * ((mode - self._mode) / POLES + steady * step).real))
         self._mode = mode
         while len(self._turned) > 2 and self._turned[1][0] < time - KEPT:
             self._turned.popleft()
@@ -191,13 +193,11 @@ class ResponseLearner:
         if time - DEADS[-1] < self._turned[0][0]:
             return None
         self._advance(time)
-        times = np.array([at for at, _ in self._turned])
-        angles = np.array([angle for _, angle in self._turned])
-        then = time - DEADS
-        after = np.clip(np.searchsorted(times, then), 1, times.size - 1)
-        share = np.clip((then - times[after - 1]) / np.maximum(times[after] - times[after - 1], 1e-9), 0.0, 1.0)
-        moved = angles[after] - angles[after - 1]
-        return np.asarray(angles[after - 1] + share[:, None] * moved)
+        turned = list(self._turned)
+        place = np.interp(time - DEADS, [at for at, _ in turned], np.arange(len(turned)))
+        before = np.minimum(place.astype(int), len(turned) - 2)
+        low, high = (np.array([turned[i][1] for i in (before + step).tolist()]) for step in (0, 1))
+        return np.asarray(low + (place - before)[:, None] * (high - low))
 
     def _weight(self, model: Array, rate: float) -> float:
         """Of a bin: less for one far from what the best candidate says. A step that takes the roll to its rate limit
@@ -210,29 +210,28 @@ class ResponseLearner:
 
     def _learn(self, model: Array, rate: float, width: float) -> None:
         """Take in the mean turn rate of a bin, and what the candidates say of it."""
-        one, y = np.ones_like(model), np.full_like(model, rate)
-        self._sums *= exp(-width / MEMORY)
-        self._sums += self._weight(model, rate) * np.array([one, model, y, model * model, model * y, y * y])
+        keep, share = exp(-width / MEMORY), self._weight(model, rate)
+        now = 1.0, model, rate, model * model, model * rate, rate * rate
+        self._sums = tuple(old * keep + share * new for old, new in zip(self._sums, now, strict=True))
         n, m, s, mm, my, yy = self._sums
-        if n[0, 0] < 10:
+        if n < 10:
             return
         var, cov, all_ = mm - m * m / n, my - m * s / n, yy - s * s / n
         left = np.maximum(all_ - np.maximum(cov, 0.0) ** 2 / np.maximum(var, 1e-9), 0.0)
-        noise = max(float(left.min() / n[0, 0]), LEAST_NOISE**2)
+        noise = max(float(left.min() / n), LEAST_NOISE**2)
         likely = self._prior - 0.5 * left / noise
         best = np.unravel_index(likely.argmax(), likely.shape)
         slope = cov[best] / max(var[best], 1e-9)
-        self._fit = best, slope, (s[best] - slope * m[best]) / n[best], sqrt(noise)
+        self._fit = best, slope, (s - slope * m[best]) / n, sqrt(noise)
         # the turns of a vehicle that does not hear us, or only circles, are no answers to our commands
-        if cov[best] ** 2 <= EXPLAINED * var[best] * all_[best] or not LEAST_SLOPE < slope < MOST_SLOPE:
+        if cov[best] ** 2 <= EXPLAINED * var[best] * all_ or not LEAST_SLOPE < slope < MOST_SLOPE:
             return
         weight = np.exp(likely - likely.max())
         weight /= weight.sum()
         of_dead, of_answer = weight.sum(axis=1), weight.sum(axis=0)
         # what flight tells first is the sum of both; half of the prior's spread is a clear word
-        total = np.log(np.maximum(DELAYS, 0.05))
-        middle = (weight * total).sum()
-        if (weight * (total - middle) ** 2).sum() > (0.5 * PRIOR_SIGMA) ** 2:
+        middle = (weight * LOG_DELAYS).sum()
+        if (weight * (LOG_DELAYS - middle) ** 2).sum() > (0.5 * PRIOR_SIGMA) ** 2:
             return
         dead, lag = float(of_dead @ DEADS), float(of_answer @ LAGS)
         scale = float(np.exp(middle)) / (dead + lag)
@@ -255,8 +254,7 @@ LONGEST_FELT = 1.0
 """Most time, s, for which a bank counts from one report to the next."""
 
 
-@dataclass(frozen=True, slots=True)
-class BankLimit:
+class BankLimit(NamedTuple):
     """Recognises the bank beyond which a vehicle does not go, however much is commanded: its autopilot's limit is below
     the mission's.
 
@@ -289,16 +287,16 @@ class BankLimit:
         short = abs(banked) < SHORT * abs(commanded)
         stands = short and banked * commanded > 0 and abs(now - banked) < STANDS * abs(banked)
         since = min(self.since, time) if stands else time
-        after = replace(self, time=time, heading=own.heading, since=since, short=short)
+        after = self._replace(time=time, heading=own.heading, since=since, short=short)
         # commands are not cut to the limit, so a bank beyond it shows that it was found too low
         if abs(banked) > (1 + STANDS) * self.bank:
-            return replace(after, stood=0.0, banked=0.0, turned=0.0)
+            return after._replace(stood=0.0, banked=0.0, turned=0.0)
         if time - since < STANDS_FOR or not 0 < step <= LONGEST_FELT:
             return after
         kept = exp(-step / STOOD_MOST)
         turned = abs(remainder(own.heading - self.heading, 2 * pi))
-        return replace(
-            after, stood=kept * self.stood + step, banked=kept * self.banked + abs(now) * step,
+        return after._replace(
+            stood=kept * self.stood + step, banked=kept * self.banked + abs(now) * step,
             turned=kept * self.turned + turned,
         )  # fmt: skip
 
@@ -339,7 +337,7 @@ class TurnAnswer:
     def pending(self, now: float, turn_rate: Array) -> Pending:
         """What is commanded but not turned yet; turn_rate: of the vehicle now, rad/s."""
         late = 0.0 if self.by_bank is None else TOLD_LATE
-        return replace(self._pending.at(now, self.response, turn_rate), told_late=late, most=self.most)
+        return self._pending.at(now, self.response, turn_rate)._replace(told_late=late, most=self.most)
 
     def command(self, now: float, rate: float) -> None:
         """From this time (s) on the vehicle is told to turn at this rate, rad/s."""

@@ -4,7 +4,7 @@ turn rates counter-clockwise positive seen from above."""
 from dataclasses import dataclass
 from enum import Enum
 from math import atan2, hypot, pi
-from typing import NewType
+from typing import NamedTuple, NewType
 
 SAME_TIME = 1e-6
 """Times are told to the microsecond, s; less apart is rounding."""
@@ -24,8 +24,7 @@ class Direction(Enum):
         return 1 if self is Direction.COUNTERCLOCKWISE else -1
 
 
-@dataclass(frozen=True, slots=True)
-class RangeSample:
+class RangeSample(NamedTuple):
     """One measured range.
 
     stamp: time of the measurement on the sensor's clock, s (any epoch; only differences count). time: the same moment
@@ -47,8 +46,7 @@ class RangeSample:
         return None if self.r_dot is None else RateSample(self.stamp, self.time, self.r_dot, self.r_dot_sigma)
 
 
-@dataclass(frozen=True, slots=True)
-class RateSample:
+class RateSample(NamedTuple):
     """One measured range rate, m/s, horizontal, positive away from the target; the rest as of a RangeSample."""
 
     stamp: float
@@ -57,8 +55,7 @@ class RateSample:
     sigma: float
 
 
-@dataclass(frozen=True, slots=True)
-class FeltVelocity:
+class FeltVelocity(NamedTuple):
     """The integral of the measured horizontal acceleration since a time, m/s."""
 
     x: float
@@ -66,8 +63,7 @@ class FeltVelocity:
     since: float
 
 
-@dataclass(frozen=True, slots=True)
-class OwnMotion:
+class OwnMotion(NamedTuple):
     """What the autopilot knows of itself without GPS.
 
     time: local clock, s. heading: of the flight through the air, rad; of a plane that slips or a copter that crabs not
@@ -86,8 +82,7 @@ class OwnMotion:
     felt: FeltVelocity | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class RelativeMotion:
+class RelativeMotion(NamedTuple):
     """Where the vehicle is relative to the target and what carries it, as the compass has it; experiments hold arrays.
 
     x, y: vehicle minus target, m. sigma: standard deviation of that, m. drift_x, drift_y: wind minus target velocity,
@@ -127,8 +122,7 @@ class RelativeMotion:
         return hypot(self.drift_x, self.drift_y)
 
 
-@dataclass(frozen=True, slots=True)
-class RangeEstimate:
+class RangeEstimate(NamedTuple):
     """What an estimator believes at one moment of the local clock.
 
     r, r_dot: range (m) and range rate (m/s); r_sigma, r_dot_sigma: their standard deviations. eta: angle from the
@@ -167,8 +161,7 @@ class Orbit:
         return TurnRate(self.direction.turn_sign * self.speed / self.radius)
 
 
-@dataclass(frozen=True, slots=True)
-class TurnCommand:
+class TurnCommand(NamedTuple):
     """A law's answer after the vehicle's limit.
 
     turn_rate: what to command, rad/s. demanded: what the law wants it to turn at; the two differ by the vehicle's

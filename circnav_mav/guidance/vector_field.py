@@ -7,8 +7,8 @@ of r it has no singular heading and can never ask for a closing speed that the w
 All of this is for a counter-clockwise orbit, omega > 0 to the left; `mirrored` gives the clockwise one.
 """
 
-from dataclasses import dataclass, replace
 from math import pi
+from typing import NamedTuple
 
 from circnav_mav.guidance.lap_plan import Lap
 from circnav_mav.guidance.maths import (
@@ -50,8 +50,7 @@ OUTWARD = 0.5 * pi
 """How much longer, rad, a turn may be than one the other way because it leads away from the target, not past it."""
 
 
-@dataclass(frozen=True, slots=True)
-class DriftGains:
+class DriftGains(NamedTuple):
     """heading: of the heading error, 1/s. radial: slope of the inward course angle at the circle, rad/m."""
 
     heading: Array
@@ -156,4 +155,4 @@ def mirrored(p: Pair, d: Pair, psi: Array, pending: Pending, sense: Array) -> tu
 
     The turn rate that follows is multiplied by sense on the way out.
     """
-    return mirrored_pair(p, sense), mirrored_pair(d, sense), psi * sense, replace(pending, turn=pending.turn * sense)
+    return mirrored_pair(p, sense), mirrored_pair(d, sense), psi * sense, pending._replace(turn=pending.turn * sense)

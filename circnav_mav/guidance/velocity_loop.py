@@ -10,8 +10,9 @@ Source: PX4 PositionControl (MPC_XY_VEL_P_ACC, _I_ACC, _D_ACC); compared with PX
 """
 
 from cmath import phase, rect
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import exp, hypot, pi, remainder
+from typing import NamedTuple
 
 from circnav_mav.guidance.types import OwnMotion
 
@@ -46,8 +47,7 @@ class VelocityLoop:
         return min(drag * speed, MOST_FED), (1 + self.derivative) * speed * turn_rate
 
 
-@dataclass(frozen=True, slots=True)
-class CopterMotion:
+class CopterMotion(NamedTuple):
     """What is known of the motion after a report, east and north as a complex number. v: velocity, m/s; a: what the
     leaning thrust pushes, m/s^2; q: the loop's integrator, m/s^2; drag: 1/s. sums: of the drag's least squares (time,
     v, a, v v, v a)."""
@@ -63,13 +63,13 @@ class CopterMotion:
         """Take in a report; answers with the motion that the vehicle really has: course, course rate and speed in the
         place of heading, turn rate and the speed that it is told."""
         if self.time is None:  # from rest: a copter is handed over hovering, and how it gets to speed tells its drag
-            return replace(self, time=own.time), self._as_motion(own, 0.0)
+            return self._replace(time=own.time), self._as_motion(own, 0.0)
         step = own.time - self.time
         if step <= 0:
             return self, self._as_motion(own, 0.0)
         u = rect(own.airspeed, own.heading)
         if step > LONGEST_STEP:
-            fresh = replace(self, time=own.time, v=u, a=self.drag * u, q=0j)
+            fresh = self._replace(time=own.time, v=u, a=self.drag * u, q=0j)
             return fresh, fresh._as_motion(own, own.turn_rate)
         f = complex(*loop.fed(own.airspeed, own.turn_rate, self.drag)) * rect(1.0, own.heading)
         v, a, q = self.v, self.a, self.q
@@ -80,7 +80,7 @@ class CopterMotion:
             a += (loop.proportional * e + q + f - loop.derivative * rate - a) * h / TILT
             v += rate * h
             q += loop.integral * e * h
-        moved = replace(self, time=own.time, v=v, a=a, q=q)
+        moved = self._replace(time=own.time, v=v, a=a, q=q)
         learnt = moved._learn(own, (v - self.v) / step, step)
         return learnt, learnt._as_motion(own, remainder(phase(v) - phase(self.v), 2 * pi) / step)
 
@@ -97,13 +97,13 @@ class CopterMotion:
         n, v, a, vv, va = (old * keep + new * step for old, new in zip(self.sums, now, strict=True))
         spread, product = (vv - _dot(v, v) / n).real, (va - _dot(v, a) / n).real
         drag = (product + PRIOR * FIRST_DRAG) / (spread + PRIOR)
-        return replace(self, drag=min(max(drag, 0.0), MOST_DRAG), sums=(n, v, a, vv, va))
+        return self._replace(drag=min(max(drag, 0.0), MOST_DRAG), sums=(n, v, a, vv, va))
 
     def _as_motion(self, own: OwnMotion, course_rate: float) -> OwnMotion:
         speed = hypot(self.v.real, self.v.imag)
         if speed < SLOW * own.airspeed:
             return own
-        return replace(own, heading=phase(self.v), turn_rate=course_rate, airspeed=speed)
+        return own._replace(heading=phase(self.v), turn_rate=course_rate, airspeed=speed)
 
 
 def _dot(a: complex, b: complex) -> float:

@@ -2,8 +2,9 @@
 mean radius; the mission's bounds, a drift that the circle does not allow, a turn command that swings from limit to
 limit."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import inf, pi
+from typing import NamedTuple
 
 from circnav_mav.guidance.laws import tolerated_drift
 from circnav_mav.guidance.step import LawChoice, steering
@@ -106,8 +107,7 @@ def breach(bounds: Bounds, *, r: float | None, altitude: float | None, battery: 
     return None
 
 
-@dataclass(frozen=True, slots=True)
-class DriftAlarm:
+class DriftAlarm(NamedTuple):
     """Whether the drift (wind less target motion) is more than the circle allows. on: whether it is raised. since: when
     the drift became too strong, s; None while it is not. drift: as estimated last, m/s. allowed: the most in which the
     circle can be held, m/s."""
@@ -138,8 +138,7 @@ def watch_drift(alarm: DriftAlarm, estimate: RangeEstimate | None, orbit: Orbit,
     return DriftAlarm(alarm.on or estimate.time - since >= PERSISTS, since, drift, allowed)
 
 
-@dataclass(frozen=True, slots=True)
-class CommandWatch:
+class CommandWatch(NamedTuple):
     """Recognises a turn command that swings from limit to limit, and lowers the gains until it stops.
 
     A loop that is too quick for its vehicle does not diverge: the limit holds it in a cycle. On firmware such cycles
@@ -161,13 +160,13 @@ class CommandWatch:
         """Take in a command (rad/s) of a time (s) to a vehicle with this limit (rad/s)."""
         size = command / limit
         if (size > self.extreme) == self.rising:
-            return replace(self, extreme=size)
+            return self._replace(extreme=size)
         if abs(size - self.extreme) < SWING:
             return self
         # of two reversals, for a cycle about a turn spends longer on one side
         before, last = self.reversed_at
         count = self.reversals + 1 if time - before <= PERIOD else min(self.reversals, 1) + 1
-        after = replace(self, extreme=size, rising=not self.rising, reversals=count, reversed_at=(last, time))
+        after = self._replace(extreme=size, rising=not self.rising, reversals=count, reversed_at=(last, time))
         if count < REVERSALS:
             return after
-        return replace(after, share=max(self.share * LOWERED, LEAST), cycles=self.cycles + 1, reversals=0)
+        return after._replace(share=max(self.share * LOWERED, LEAST), cycles=self.cycles + 1, reversals=0)

@@ -5,8 +5,8 @@ Read from ATTITUDE or ATTITUDE_QUATERNION, VFR_HUD (of which the ground speed is
 that is missing or older than its bound is None; who needs it says so.
 """
 
-from dataclasses import dataclass, replace
 from math import cos, hypot, inf, nan, sin, tan
+from typing import NamedTuple
 
 from circnav_mav.guidance.types import FeltVelocity, OwnMotion
 from circnav_mav.mav.clocks import BOOT_WRAP, RemoteClock, Slower, nobody_tells
@@ -52,8 +52,7 @@ OTHER_SOURCE = 2.0
 """Time, s, after which another message type is taken when the first one has ended."""
 
 
-@dataclass(frozen=True, slots=True)
-class Motion:
+class Motion(NamedTuple):
     """roll, pitch, yaw: rad, NED (yaw clockwise from north). yaw_rate: heading rate, rad/s, clockwise positive.
     airspeed: m/s, indicated. altitude: m above sea level. climb: m/s, up positive. None: not known now."""
 
@@ -75,8 +74,7 @@ class Motion:
         return indicated / root_of_density
 
 
-@dataclass(frozen=True, slots=True)
-class Attitude:
+class Attitude(NamedTuple):
     """As in an ATTITUDE: time (s, the vehicle's clock), roll, pitch, yaw (rad, NED), body rates p, q, r (rad/s)."""
 
     time: float
@@ -113,6 +111,8 @@ class OwnMotionSensor:
     def __init__(self, slower: Slower = nobody_tells) -> None:
         """slower: tells of the vehicle's link."""
         self._body: Attitude | None = None
+        self._turned = Motion()
+        """Of the newest attitude."""
         self._attitude_at = float("-inf")
         self._air = Motion()
         self._air_at = float("-inf")
@@ -140,7 +140,8 @@ class OwnMotionSensor:
         measured = self._measured(message.time_boot_ms, now)
         if measured is None:
             return False
-        self._body = Attitude(message.time_boot_ms / 1e3, *values)
+        self._body = body = Attitude(message.time_boot_ms / 1e3, *values)
+        self._turned = Motion(body.roll, body.pitch, body.yaw, body.yaw_rate)
         self._attitude_at = max(measured, self._attitude_at)
         return True
 
@@ -174,16 +175,16 @@ class OwnMotionSensor:
         roll, pitch = (min(max(angle, -MOST_TILT), MOST_TILT) for angle in (body.roll, body.pitch))
         if banks:
             coordinated = YawRate(GRAVITY * tan(roll) / max(airspeed, 1.0))
-            return replace(own, bank_turn=turn_rate_from_yaw_rate(coordinated))
-        return replace(own, push=push_from_tilt(roll, pitch, psi))
+            return own._replace(bank_turn=turn_rate_from_yaw_rate(coordinated))
+        return own._replace(push=push_from_tilt(roll, pitch, psi))
 
     def at(self, now: float) -> Motion:
         """The motion as far as it is known at a moment."""
         air = self._air if now - self._air_at <= AIR_MAX_AGE else Motion()
-        body = self._attitude(now)
-        if body is None:
+        if self._attitude(now) is None:
             return air
-        return replace(air, roll=body.roll, pitch=body.pitch, yaw=body.yaw, yaw_rate=body.yaw_rate)
+        roll, pitch, yaw, yaw_rate, *_ = self._turned
+        return Motion(roll, pitch, yaw, yaw_rate, air.airspeed, air.altitude, air.climb)
 
     def _attitude(self, now: float) -> Attitude | None:
         return self._body if now - self._attitude_at <= ATTITUDE_MAX_AGE else None

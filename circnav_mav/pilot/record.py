@@ -1,6 +1,5 @@
 """A step in numbers: its record, and the values that a ground station plots."""
 
-from dataclasses import dataclass
 from math import isfinite
 from typing import NamedTuple
 
@@ -20,8 +19,7 @@ def phase_name(phase: Phase, output_mode: OutputMode) -> str:
     return phase.value if output_mode is OutputMode.FLY else _WOULD.get(phase, phase.value)
 
 
-@dataclass(frozen=True, slots=True)
-class TickRecord:
+class TickRecord(NamedTuple):
     """One tick, for the log and the display. Rates are the paper's (counter-clockwise positive) except yaw_rate_sent,
     which is MAVLink's. turn_gain, turn_delay (s), gain_share: how the vehicle answers turn commands, and what is left
     of the gains once the command was found swinging. law, x .. airspeed_scale: which law flies, and the relative motion

@@ -2,7 +2,7 @@
 
 import csv
 from array import array
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from math import isfinite, nan
 from pathlib import Path
 from sys import intern
@@ -17,8 +17,8 @@ from circnav_mav.runlog.tlog import read_tlog
 
 Column = NDArray[np.float64]
 
-NAMES = frozenset(field.name for field in fields(TickRecord))
-WORDS = frozenset(field.name for field in fields(TickRecord) if field.type in (str, Phase))
+NAMES = frozenset(TickRecord._fields)
+WORDS = frozenset(name for name, kind in TickRecord.__annotations__.items() if kind in (str, Phase))
 """The columns of ticks.csv that hold words."""
 LONGEST = 1e9
 """Time, s, that no run takes."""

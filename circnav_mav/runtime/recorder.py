@@ -15,7 +15,6 @@ import queue
 import struct
 import threading
 from collections.abc import Hashable, Iterable
-from dataclasses import fields
 from enum import Enum
 from math import inf
 from pathlib import Path
@@ -33,7 +32,7 @@ MOST_SOURCES = 1000
 """Senders told apart in turns.csv."""
 CLOSE_PATIENCE = 10.0
 """Time, s, that a slow disk is given at the end."""
-TICK_COLUMNS = tuple(field.name for field in fields(TickRecord))
+TICK_COLUMNS = TickRecord._fields
 TURN_COLUMNS = ("time_us", "heard", "said", "hello", "interrupt", "survey")
 """heard: link initial, number of the source and count of whole frames of each datagram, as in `v0*2 r1*1`. said, hello:
 frames of ours; HELD_BACK: what there was to say was not sent; survey: frames of the survey. The tlog holds the frames
@@ -172,7 +171,7 @@ def write_ticks(path: Path, records: Iterable[TickRecord]) -> None:
 
 def tick_row(record: TickRecord) -> list[Any]:
     """A tick as a line of ticks.csv."""
-    return [_plain(getattr(record, name)) for name in TICK_COLUMNS]
+    return list(map(_plain, record))
 
 
 def _plain(value: Any) -> Any:

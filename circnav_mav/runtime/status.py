@@ -1,7 +1,7 @@
 """What there is to tell of a flight at one moment, the same for the terminal and the live page."""
 
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import degrees, hypot, isfinite
 from typing import NamedTuple
 
@@ -78,7 +78,7 @@ class Watch:
                 alarms.append(f"HAND-BACK: {locator.handback.words}")
         if tick.range_age is not None and tick.range_age > timing.stale + timing.hold:
             # the prediction stands for no range any more: by now it would not hold the turn either
-            tick = replace(tick, r=None, r_dot=None, r_sigma=None, r_dot_sigma=None)
+            tick = tick._replace(r=None, r_dot=None, r_sigma=None, r_dot_sigma=None)
         return Status(
             time=now,
             tick=tick,

@@ -42,6 +42,7 @@ loaded, receive = [], Pilot.receive
 
 def heard(pilot, *arguments):
     loaded.append(hasattr(sys.modules.get("filterpy.kalman"), "update"))
+    loaded.append("scipy.optimize" in sys.modules and "scipy.stats" not in sys.modules)
     receive(pilot, *arguments)
 
 def draw(folder):
@@ -54,9 +55,30 @@ Pilot.receive, fly.draw_flight = heard, draw
 
 
 def test_a_flight_has_its_filter_before_it_hears_anything_and_pictures_neither_load_nor_end_with_it(tmp_path):
-    """A signal that comes while pictures are made leaves the flight its exit code."""
+    """A signal that comes while pictures are made leaves the flight its exit code. scipy.optimize plans laps;
+    scipy.stats, 40 MB, is for nothing."""
     arguments = ["fly", "quickstart", "--duration", "3", "--out", str(tmp_path / "run")]
     code, loaded = told(arguments, "[code, loaded]", WATCHED)
     assert code == 0
     assert len(loaded) > 100
     assert all(loaded)
+
+
+LIKELIHOOD = """
+import sys
+from math import exp, pi, sqrt
+from circnav_mav.guidance.estimators.range_rate import load_filterpy
+one = load_filterpy().KalmanFilter(1, 1)
+assert "scipy.stats" not in sys.modules
+one.H[:] = 1.0
+one.predict()
+one.update(1.0)
+variance = float(one.S[0, 0])
+assert abs(one.likelihood - exp(-float(one.y[0, 0]) ** 2 / (2 * variance)) / sqrt(2 * pi * variance)) < 1e-9
+import filterpy.stats
+assert filterpy.stats.gaussian(0.0, 0.0, 1.0) > 0.39
+"""
+
+
+def test_filterpy_comes_without_its_statistics_and_has_them_for_whoever_asks():
+    subprocess.run([sys.executable, "-c", LIKELIHOOD], check=True)

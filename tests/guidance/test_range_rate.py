@@ -1,7 +1,5 @@
 """The range-rate filter, which is filterpy's in flight, against filterpy's general object."""
 
-from dataclasses import astuple
-
 import numpy as np
 import pytest
 from filterpy.kalman import KalmanFilter
@@ -99,7 +97,7 @@ def test_many_flights_are_filtered_as_filterpy_filters_one(rates):
     rng, t, r = flight(11, 400)
     z = r + rng.normal(0, 0.5, r.size) + np.where(rng.random(r.size) < 0.05, 60.0, 0.0) + np.where(t > 20, 90.0, 0.0)
     kalman, began = KalmanRangeRate(SETTINGS), 0
-    many = RangeRate(*(np.full(3, value) for value in astuple(RangeRate())))
+    many = RangeRate(*(np.full(3, value) for value in RangeRate()))
     for before, now, measured in zip(np.r_[t[0], t], t, z, strict=False):
         rate = {"r_dot": rng.normal(-6.0, 0.2), "r_dot_sigma": 0.2} if rates else {}
         kalman.observe(sample(now, measured, epoch=0.0, **rate))
@@ -107,8 +105,8 @@ def test_many_flights_are_filtered_as_filterpy_filters_one(rates):
         many = observe(many, SETTINGS, h=now - before, z=np.full(3, measured), sigma=0.5)
         if rates:
             many = observe_rate(many, SETTINGS, h=0.0, z=rate["r_dot"], sigma=0.2)
-        theirs = [np.broadcast_to(value, 3)[1] for value in astuple(many)]
-        assert theirs == pytest.approx(astuple(kalman._state), rel=1e-9, abs=1e-9)
+        theirs = [np.broadcast_to(value, 3)[1] for value in many]
+        assert theirs == pytest.approx(kalman._state, rel=1e-9, abs=1e-9)
         assert many.ready(SETTINGS)[1] == kalman.ready
         began += many.samples[1] == 1
     assert began > 1, "the jump started it anew"

@@ -38,8 +38,8 @@ def test_a_range_in_five_that_is_20_m_off_and_an_airspeed_sensor_10_percent_off_
     for i, t in enumerate(np.arange(0, 60, 0.05)):
         sample = world.range(t)
         wild = 20.0 if i % 7 == 3 else -20.0 if i % 11 == 5 else 0.0
-        estimator.move(world.motion(t) if wrong == "outliers" else replace(world.motion(t), airspeed=1.1 * V))
-        estimator.observe(replace(sample, r=max(sample.r + wild, 0.1)) if wrong == "outliers" else sample)
+        estimator.move(world.motion(t) if wrong == "outliers" else world.motion(t)._replace(airspeed=1.1 * V))
+        estimator.observe(sample._replace(r=max(sample.r + wild, 0.1)) if wrong == "outliers" else sample)
     assert estimator.ready and error(estimator, world, 59.95) < 3.0
     scale = 1.0 if wrong == "outliers" else 1 / 1.1
     assert estimator.at(59.95).relative.scale == pytest.approx(scale, abs=0.02)
@@ -117,7 +117,7 @@ def test_after_a_gap_the_drift_is_known_from_before_it(trouble):
     if trouble:
         for t in np.arange(45.0, 52.0, 0.05):
             estimator.move(world.motion(t))
-            estimator.observe(replace(world.range(45.0), time=t, stamp=t))
+            estimator.observe(world.range(45.0)._replace(time=t, stamp=t))
         for t in np.arange(53.0, 80.0, 0.5):
             estimator.observe(world.range(t))  # how it flies is not told any more
     listen(estimator, world, 80.0, 80.3)
@@ -170,7 +170,7 @@ def test_a_jump_of_the_sensors_clock_leaves_the_target_where_it_was():
     for t in np.arange(30, 33, 0.05):
         sample = world.range(float(t))
         estimator.move(world.motion(float(t)))
-        estimator.observe(replace(sample, stamp=sample.stamp + 3600))
+        estimator.observe(sample._replace(stamp=sample.stamp + 3600))
         assert estimator.drift.ready
         assert error(estimator, world, float(t)) < 5.0
     assert estimator.kalman.ready
@@ -267,7 +267,7 @@ def test_a_wrong_airspeed_that_passes_for_a_gust_is_found_out():
     def listen_felt(start, end):
         for t in np.arange(start, end, 0.05):
             felt = FeltVelocity(V * cos(OMEGA * t), V * sin(OMEGA * t), 0.0)
-            estimator.move(replace(world.motion(t), airspeed=told, felt=felt))
+            estimator.move(world.motion(t)._replace(airspeed=told, felt=felt))
             if round(t / 0.05) % 2 == 0:
                 estimator.observe(world.range(t))
 

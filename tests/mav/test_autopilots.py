@@ -78,7 +78,7 @@ def sent(key: tuple[str, str], turn_rate: float | None, state: Addressee = STATE
 
 
 def at_airspeed(airspeed: float | None) -> Addressee:
-    return replace(STATE, motion=replace(LEVEL, airspeed=airspeed))
+    return STATE._replace(motion=LEVEL._replace(airspeed=airspeed))
 
 
 @pytest.mark.parametrize("side", SIDES)
@@ -92,13 +92,13 @@ def test_copters_and_rovers_are_commanded_speed_yaw_rate_and_the_acceleration_of
     assert sent(("ardupilot", "copter"), turn_rate) == copter
     assert sent(("ardupilot", "rover"), turn_rate) == velocity_frame(0x5C7, **turn, down=0.0)
     px4 = velocity_frame(0x407, **turn, down=0.5, ahead=3.0, right=1.2 * 10.0 * 0.2 * sense)
-    assert sent(("px4", "copter"), turn_rate, replace(STATE, drag=0.3)) == px4
+    assert sent(("px4", "copter"), turn_rate, STATE._replace(drag=0.3)) == px4
 
 
 def test_a_leaning_px4_copter_is_fed_an_acceleration_that_is_level_when_its_attitude_has_turned_it() -> None:
     """PX4 multiplies it by the rotation matrix of roll and pitch, and then of the yaw."""
     roll, pitch = 0.2, -0.45
-    leaning = replace(STATE, drag=0.3, motion=replace(STATE.motion, roll=roll, pitch=pitch))
+    leaning = STATE._replace(drag=0.3, motion=STATE.motion._replace(roll=roll, pitch=pitch))
     fed = struct.unpack_from("<3f", sent(("px4", "copter"), -0.2, leaning), 10 + 4 + 6 * 4)
     by_roll = np.array([[1, 0, 0], [0, cos(roll), -sin(roll)], [0, sin(roll), cos(roll)]])
     by_pitch = np.array([[cos(pitch), 0, sin(pitch)], [0, 1, 0], [-sin(pitch), 0, cos(pitch)]])
@@ -198,7 +198,7 @@ def test_an_airspeed_that_can_be_makes_the_bank_of_its_own_coordinated_turn(airs
 
 def test_thin_air_makes_the_bank_steeper() -> None:
     """3000 m above the sea, where the density is .909 kg/m^3: by the true airspeed, which nobody shows."""
-    thin = replace(STATE, motion=replace(LEVEL, altitude=3000.0))
+    thin = STATE._replace(motion=LEVEL._replace(altitude=3000.0))
     bank = atan(TURN * SPEED * sqrt(1.225 / 0.90925) / 9.80665)
     assert sent(("px4", "plane"), TURN, thin) == stick_frame(-round(1000 * bank / 0.8))
 

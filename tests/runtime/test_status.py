@@ -115,7 +115,7 @@ def test_a_vehicle_that_is_gone_leaves_no_range_that_counts_down(statuses):
 def test_the_target_is_told_as_seen_from_the_vehicle_and_drift_by_where_it_goes_and_a_recording_that_stopped():
     """Vehicle 30 m east and 40 m south of the target, carried north: by hand."""
     flown = flight("quickstart").fly(6.0)
-    tick = replace(flown.ticks[-1], x=30.0, y=-40.0, drift_x=0.0, drift_y=2.0, turn_gain=0.72, turn_delay=0.46)
+    tick = flown.ticks[-1]._replace(x=30.0, y=-40.0, drift_x=0.0, drift_y=2.0, turn_gain=0.72, turn_delay=0.46)
     status = Watch(flown.pilot).status(tick, 6.0, "disk full")
     assert status.target == "bearing 323 deg, drift 2.0 m/s towards 000 deg"
     assert status.alarms == ("NOT RECORDING: disk full",)

@@ -1,6 +1,6 @@
 """The estimators of the flight for B flights that are stepped together."""
 
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
@@ -14,7 +14,7 @@ from circnav_mav.guidance.estimators.unicycle import SURE, UnicycleFilter
 from circnav_mav.guidance.maths import Array, chord, wrap
 from circnav_mav.guidance.types import RelativeMotion
 
-T = TypeVar("T")
+T = TypeVar("T", bound=tuple[Any, ...])
 BLOCK = 250
 """Flights of one bank: one of this size stays in the processor's cache, which is four times as fast."""
 
@@ -58,11 +58,10 @@ def merged(which: Array, after: T, before: T) -> T:
     if which.all() or not which.any():
         return after if which.any() else before
 
-    def one(name: str) -> Any:
-        new, old = getattr(after, name), getattr(before, name)
-        return merged(which, new, old) if is_dataclass(new) else np.where(which, new, old)
+    def one(new: Any, old: Any) -> Any:
+        return merged(which, new, old) if isinstance(new, tuple) else np.where(which, new, old)
 
-    return type(before)(*(one(field.name) for field in fields(before)))  # type: ignore[arg-type]
+    return type(before)(*map(one, after, before))
 
 
 class Kalman(Estimator):
@@ -70,8 +69,7 @@ class Kalman(Estimator):
 
     def __init__(self, settings: EstimatorSettings, flights: int) -> None:
         self._settings, self._age = settings, np.zeros(flights)
-        nothing = RangeRate()
-        self._state = RangeRate(*(np.full(flights, getattr(nothing, field.name)) for field in fields(nothing)))
+        self._state = RangeRate(*(np.full(flights, value) for value in RangeRate()))
         self.r, self.r_dot = np.zeros((2, flights))
         self.ready, self.taken = np.zeros((2, flights), bool)
 

@@ -2,7 +2,6 @@
 and its closed loop with world, radio and senses."""
 
 from collections.abc import Callable
-from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -54,8 +53,7 @@ class Guidance:
         self._pending, self._pending_turn = Pending(0.0, lag), PendingTurn()
         self._lag, self._learns = lag, learns + np.zeros(flights, bool)
         self._response = Response(0.0, answers, 1 / max(answers, SHORTEST), learnt=True)
-        gain = TurnGain(gain=turn_gain)
-        self._gain = TurnGain(*(getattr(gain, field.name) + np.zeros(flights) for field in fields(gain)))
+        self._gain = TurnGain(*(value + np.zeros(flights) for value in TurnGain(gain=turn_gain)))
         self._sure_at, self._now = np.full(flights, -np.inf), 0.0
         self._told: Array = np.zeros(flights)
 
@@ -71,7 +69,7 @@ class Guidance:
         self._sure_at = np.where(self.estimator.taken, now, self._sure_at)
         if self.settings.law.flies_relative_motion:
             pending = self._pending_turn.at(now, self._response, seen.turn_rate)
-            self._pending = replace(pending, most=self._gain.gain * self.settings.limit)
+            self._pending = pending._replace(most=self._gain.gain * self.settings.limit)
 
     def feel(self, now: float, heading: Array, flies: Array) -> None:
         """Learn the turn gain from a heading (B,)."""

@@ -2,7 +2,6 @@
 estimate of one flight carried on along it past the newest range: as `relative_ekf.predict`, in plain floats."""
 
 from collections import deque
-from dataclasses import dataclass, replace
 from math import cos, exp, sin
 from typing import NamedTuple
 
@@ -20,8 +19,7 @@ HOLE = 3.0
 """A longer silence, s, breaks the path: where the vehicle went meanwhile is not known."""
 
 
-@dataclass(frozen=True, slots=True)
-class Knot:
+class Knot(NamedTuple):
     """A report and how far the path had come: x, y in m at the measured airspeed. piece: counts the holes before.
     nose_x, nose_y: integral of the unit vector of the nose, s. report: the newest report that it is made from, for
     accelerations are not carried on."""
@@ -86,7 +84,7 @@ class OwnPath:
             turned = last.turn_rate * ahead
             motion = OwnMotion(last.time + ahead, last.heading + turned, last.turn_rate, last.airspeed)
             carried = newest.carried(motion, last.airspeed, turned, ahead)
-            return replace(carried, nose_x=newest.nose_x, nose_y=newest.nose_y, report=last)
+            return carried._replace(nose_x=newest.nose_x, nose_y=newest.nose_y, report=last)
         for after, before in zip(reversed(self._knots), list(self._knots)[-2::-1], strict=False):
             if before.motion.time <= time:
                 return _between(before, after, time) if before.piece == after.piece else None

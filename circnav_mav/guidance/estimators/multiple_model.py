@@ -60,7 +60,8 @@ class DriftBank:
 
     mean (12, B), covariance (12, 12, B), stage, nis, missed, refused, spread, trusted (B,): nis of the heaviest
     hypothesis, share of recent misses, whether the last sample was refused, standard deviation of the position over the
-    range (infinite before it is known where the target is), whether the estimate may steer.
+    range (infinite before it is known where the target is), whether the estimate may steer. assumed (3, B): what the
+    tracking models assume on average of drift_psd, gust and feels; the middle of them for those that search.
     """
 
     def __init__(self, settings: EstimatorSettings, flights: int = 1, known: Prior | None = None) -> None:
@@ -88,6 +89,7 @@ class DriftBank:
         self._search = RingSearch(settings, flights, known)
         self._tracking = np.zeros(0, int)
         self._tracks = _copies(self.mean[:, :0], self.covariance[..., :0])
+        self._assume()
 
     @property
     def favourite(self) -> Batch:
@@ -100,14 +102,6 @@ class DriftBank:
     def remembers(self) -> bool:
         """Whether the drift is known from before."""
         return self._search.remembers
-
-    @property
-    def assumed(self) -> Batch:
-        """What the tracking models assume on average of drift_psd, gust and feels, (3, B); the middle of them for those
-        that search."""
-        weight = np.full((self._assumptions.shape[1], self.stage.size), 1 / self._assumptions.shape[1])
-        weight[:, self._tracking] = self._tracks.weight
-        return self._assumptions @ weight
 
     def step(self, *heard: Any) -> None:
         """`observe` and `settle`."""
@@ -162,21 +156,25 @@ class DriftBank:
         at = self._tracking
         if not at.size:
             return
-        theirs = None if felt is None else felt.of(at)
         h = self._tracks
-        if dt[at].any():  # a rate has the very moment of its range
-            h = ekf.predict(h, self.noise, dt[at], chord[:, at], sigma[at], theirs)
-        if valid[at].any():
-            h, nis, taken = ekf.update(h, self.noise, z[at], sigma[at], valid[at], self._settings.gate)
+        of: Any = slice(None)
+        if self.stage.size > 1:
+            dt, chord, z, sigma, valid = (part[..., at] for part in (dt, chord, z, sigma, valid))
+            felt, rates, of = felt and felt.of(at), rates and rates.of(at), at
+        if dt.any():  # a rate has the very moment of its range
+            h = ekf.predict(h, self.noise, dt, chord, sigma, felt)
+        if valid.any():
+            h, nis, taken = ekf.update(h, self.noise, z, sigma, valid, self._settings.gate)
             heaviest = (h.log_weight.argmax(axis=0), np.arange(at.size))
-            self._count(at, nis[heaviest], taken[heaviest], valid[at])
-        if rates is not None and rates.valid[at].any():
-            h = ekf.update_rate(h, rates.of(at), self._settings.gate)
+            self._count(of, nis[heaviest], taken[heaviest], valid)
+        if rates is not None and rates.valid.any():
+            h = ekf.update_rate(h, rates, self._settings.gate)
         mean, covariance = ekf.mixture(h)
-        self._believe(at, mean, covariance)
+        self._believe(of, mean, covariance)
         self._tracks = _revive(h, self._feels, mean, covariance)
+        self._assume()
 
-    def _believe(self, at: Batch, mean: Batch, covariance: Batch) -> None:
+    def _believe(self, at: Any, mean: Batch, covariance: Batch) -> None:
         self.mean[:, at], self.covariance[:, :, at] = mean, covariance
         variance = covariance[R, R] / np.maximum(mean[R], 1.0) ** 2 + covariance[THETA, THETA]
         self.spread[at] = np.sqrt(np.maximum(variance, 0.0))
@@ -185,13 +183,17 @@ class DriftBank:
         bound = np.where(self.trusted[at], KEPT, TRUSTED)
         self.trusted[at] = self.spread[at] < bound
 
-    def _count(self, at: Batch, nis: Batch, taken: Batch, valid: Batch) -> None:
+    def _count(self, at: Any, nis: Batch, taken: Batch, valid: Batch) -> None:
         """Keep the share of recent samples that were refused."""
-        of = at[valid]
-        weight = np.minimum(self._since[of] / RECENT, 0.2)
+        missed, weight = self.missed[at], valid * np.minimum(self._since[at] / RECENT, 0.2)
         self.refused[at] = valid & ~taken
-        self.missed[of] += (~taken[valid] - self.missed[of]) * weight
-        self.nis[of] = nis[valid]
+        self.missed[at] = missed + (~taken - missed) * weight
+        self.nis[at] = np.where(valid, nis, self.nis[at])
+
+    def _assume(self) -> None:
+        weight = np.full((self._assumptions.shape[1], self.stage.size), 1 / self._assumptions.shape[1])
+        weight[:, self._tracking] = self._tracks.weight
+        self.assumed = self._assumptions @ weight
 
     def _lose(self) -> bool:
         """Send flights back to the ring whose track does not hold; tells whether there are any."""
@@ -209,6 +211,7 @@ class DriftBank:
         self.stage[lost], self.spread[lost] = Stage.EMPTY, np.inf
         self.trusted[lost] = self.refused[lost] = False
         self.mean[:, ~sound], self.covariance[:, :, ~sound] = 0.0, 0.0
+        self._assume()
         self._search.forget()
         return True
 
@@ -233,6 +236,7 @@ class DriftBank:
         self._tracks = Hypotheses(*(np.concatenate(parts, axis=-1) for parts in both))
         self._tracking = np.concatenate([self._tracking, at])
         self._believe(at, mean, covariance)
+        self._assume()
         self.stage[at], self.missed[at] = Stage.TRACK, 0.0
 
 

@@ -7,10 +7,14 @@ deviation is a third of the physical bound |r''| <= V^2/r + V omega_max. The fir
 and variance V^2/2: what -V cos(theta_b) has for a bearing nobody knows.
 """
 
+import sys
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from dataclasses import dataclass
+from functools import cache, lru_cache, partial
+from importlib import import_module
 from math import sqrt
+from types import ModuleType
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -30,12 +34,12 @@ Belief = tuple[Number, Number, Number, Number, Number]
 """r (m), r_dot (m/s) and their covariance."""
 Filtered = tuple[Belief, Belief, Number]
 """Before a measurement and after it, and its innovation squared over the variance of that."""
+STATISTICS = "filterpy.stats"
 RANGE, RATE = 0, 1
 """What was measured: which component of the state."""
 
 
-@dataclass(frozen=True, slots=True)
-class RangeRate:
+class RangeRate(NamedTuple):
     """The filter at its newest sample, floats or arrays (B,). rr, rv, vv: covariance of (r, r').
 
     samples: taken in since the start; 0: not started, and rr is only there to divide by. refused: samples in a row
@@ -87,15 +91,31 @@ def filtered(before: RangeRate, h: Number, q: Number, z: Number, sigma: Number, 
     return (r, r_dot, *P), (r + gain_r * nu, r_dot + gain_v * nu, *fused(P, gain_r, gain_v, of)), nu**2 / S
 
 
-def filtered_by_filterpy(before: RangeRate, h: float, q: float, z: float, sigma: float, of: int = RANGE) -> Filtered:
-    """`filtered` by filterpy. It takes a second to load: a flight does so while it waits for its vehicle."""
-    from filterpy.kalman import predict, update
+@cache
+def load_filterpy() -> Any:
+    """filterpy's filters, without its statistics: of those they want one function, which nothing here calls, and which
+    loads scipy.stats, half a second of computing and 40 MB. It does so once somebody calls it.
 
+    A flight loads them while it waits for its vehicle."""
+    if STATISTICS in sys.modules:
+        return import_module("filterpy.kalman")
+    sys.modules[STATISTICS] = later = ModuleType(STATISTICS)
+    later.__dict__["logpdf"] = lambda *given, **named: import_module(STATISTICS).logpdf(*given, **named)
+    try:
+        return import_module("filterpy.kalman")
+    finally:
+        del sys.modules[STATISTICS]
+
+
+def filtered_by_filterpy(before: RangeRate, h: float, q: float, z: float, sigma: float, of: int = RANGE) -> Filtered:
+    """`filtered` by filterpy."""
+    filterpy = load_filterpy()
     x, P = np.array([before.r, before.r_dot]), np.array([[before.rr, before.rv], [before.rv, before.vv]])
     g = h * h / 2
     Q = np.array([[q * g * g, q * g * h], [q * h * g, q * h * h]])
-    x, P = predict(x, P, F=np.array([[1.0, h], [0.0, 1.0]]), Q=Q)
-    after = update(x, P, z, sigma**2, np.eye(2)[of : of + 1])  # all that it could return costs twice as much again
+    x, P = filterpy.predict(x, P, F=np.array([[1.0, h], [0.0, 1.0]]), Q=Q)
+    # all that it could return costs twice as much again
+    after = filterpy.update(x, P, z, sigma**2, np.eye(2)[of : of + 1])
     nis = (z - x.tolist()[of]) ** 2 / (float(P[of, of]) + sigma**2)
     upper = (0, 0, 1), (0, 1, 1)
     return (*x.tolist(), *P[upper].tolist()), (*after[0].tolist(), *after[1][upper].tolist()), nis
@@ -135,7 +155,7 @@ def observe_rate(
     ahead, after, nis = by(before, h, acceleration_variance(settings, before.r), z, sigma, RATE)
     taken = nis <= settings.gate**2
     r, r_dot, rr, rv, vv = (where(taken, new, old) for new, old in zip(after, ahead, strict=True))
-    return replace(before, r=r, r_dot=r_dot, rr=rr, rv=rv, vv=vv)
+    return before._replace(r=r, r_dot=r_dot, rr=rr, rv=rv, vv=vv)
 
 
 class KalmanRangeRate(Estimator):
@@ -167,13 +187,18 @@ class KalmanRangeRate(Estimator):
         begun = state.samples == 0 or (state.samples == 1 and state.refused == 0)
         return None if begun else float(state.nis)
 
-    def observe(self, sample: RangeSample) -> Fused:
-        """Take one sample in, or refuse it at the gate. Stamps must rise from call to call."""
+    def observe(self, sample: RangeSample, *, at_leisure: bool = False) -> Fused:
+        """Take one sample in, or refuse it at the gate. Stamps must rise from call to call. at_leisure: no setpoint
+        waits for it."""
         self.settle()
         before, newest = self._state, self._newest
         h = 0.0 if newest is None else max(sample.stamp - newest.stamp, 0.0)  # a rate may have come before its range
         taken_in = partial(observe, before, self._settings, h=h, z=sample.r, sigma=sample.sigma)
-        self._state, self._unsettled, self._newest = taken_in(), partial(taken_in, by=filtered_by_filterpy), sample
+        self._unsettled, self._newest = partial(taken_in, by=filtered_by_filterpy), sample
+        if at_leisure:
+            self.settle()
+        else:
+            self._state = taken_in()
         if sample.rate is not None:
             self.observe_rate(sample.rate)
         return Fused.GATED if self._state.refused else Fused.ACCEPTED

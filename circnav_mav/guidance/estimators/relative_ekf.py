@@ -22,10 +22,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from circnav_mav.guidance.maths import Array, arctan2, cos, exp, maximum, sin, wrap
+from circnav_mav.guidance.maths import Array, arctan2, cos, exp, maximum, sin, unit, wrap
 
 R, THETA, DX, DY, KAPPA, B, GX, GY, FORWARD, LEFT, EX, EY = range(12)
 STATES = 12
+AXES = np.zeros((2, STATES, 1, 1))
+AXES[0, [DX, GX, EX]] = AXES[1, [DY, GY, EY]] = 1.0
+"""Which states are a drift to the east and to the north."""
 BIAS_TIME = 2.0
 """Correlation time of the drifting range error, s: what UWB and LoRa radios show (1..3 s)."""
 GUST_TIME = 10.0
@@ -125,18 +128,20 @@ def predict(h: Hypotheses, noise: Noise, dt: Array, chord: Array, sigma: Array, 
     # rows of range and direction after the step, and of what is felt of it, by the states before
     rows = np.empty((2 if felt is None else 4, *x.shape))
     rows[0], rows[1] = place.real, place.imag / r
-    lever = np.zeros((len(rows), 2, *x.shape[1:]))  # what noise of each axis does to them, meanwhile
-    lever[:2] = rows[:2, DX:KAPPA] / 2
+    half, lever = rows[:2, DX:KAPPA] / 2, np.zeros(rows.shape)  # what noise of the drift does to them, meanwhile
+    lever[:2, DX:KAPPA] = lever[:2, GX:FORWARD] = lever[:2, EX:] = half
     if felt is not None:
-        rows[2:] = _felt_rows(felt, keep)
-        lever[2, 0] = lever[3, 1] = 1.0
+        rows[2:], lever[2:] = _felt_rows(felt, keep), AXES
     moved = np.einsum("ik...,kj...->ij...", rows, P)
     near = np.einsum("ik...,jk...->ij...", moved, rows)
     moved *= keep
     steady, gusty = steps(noise.drift_psd, noise.gust, dt)
     fresh = 0.0 if felt is None else (dt > 0) * noise.nose**2
-    for first, q in (DX, steady), (GX, gusty), (EX, fresh):
-        moved[:, first : first + 2] += lever * q
+    q = np.zeros(x.shape)  # by how much the variance of each state grows
+    q[DX:KAPPA], q[GX:FORWARD], q[EX:] = steady, gusty, fresh
+    moved += lever * q
+    q[KAPPA], q[B] = KAPPA_PSD * dt, (1 - keep[B] ** 2) * (noise.drifting * sigma) ** 2
+    q[FORWARD:EX] = FELT_BIAS_PSD * dt
     wander = wandered(steady, gusty, dt) + fresh * (dt / 2) ** 2
     near[0, 0] += wander
     near[1, 1] += wander / r**2
@@ -145,16 +150,11 @@ def predict(h: Hypotheses, noise: Noise, dt: Array, chord: Array, sigma: Array, 
     x[R], x[THETA] = r, theta
     P[:2], P[:, :2] = moved[:2], np.swapaxes(moved[:2], 0, 1)
     P[:2, :2] = near[:2, :2]
-    drifting = (1 - keep[B] ** 2) * (noise.drifting * sigma) ** 2
-    bias = FELT_BIAS_PSD * dt
-    for i, q in (
-        (DX, steady), (DY, steady), (GX, gusty), (GY, gusty), (KAPPA, KAPPA_PSD * dt), (B, drifting),
-        (FORWARD, bias), (LEFT, bias), (EX, fresh), (EY, fresh),
-    ):  # fmt: skip
-        P[i, i] += q
+    variances = np.einsum("ii...->i...", P)
+    variances += q
     if felt is not None:
         all_ = steady + gusty + fresh
-        moved[2:, :2] = near[2:, :2] + np.swapaxes(lever[:2], 0, 1) * all_
+        moved[2:, :2] = near[2:, :2] + np.swapaxes(half, 0, 1) * all_
         felt_noise = all_ + FELT_PSD * dt
         expected = felt.air[:, None] * h.x[KAPPA] + (rows[2:, GX:] * h.x[GX:]).sum(axis=1)
         _correct(x, P, noise.feels, moved[2:], near[2:, 2:], felt_noise, felt.change[:, None] - expected)
@@ -206,11 +206,11 @@ def motion(x: Any, dt: Array, chord: Any) -> tuple[Array, Array, tuple[tuple[int
     x: by state, arrays or floats. East and north are the parts of complex numbers, and conj(u) turns them to along and
     across the line of sight u.
     """
-    towards, path = cos(x[THETA]) - 1j * sin(x[THETA]), chord[0] + 1j * chord[1]
+    towards, path = unit(-x[THETA]), chord[0] + 1j * chord[1]
     drifts = x[DX] + x[GX] + x[EX] / 2 + 1j * (x[DY] + x[GY] + x[EY] / 2)
     seen = x[R] + (x[KAPPA] * path + drifts * dt) * towards
     turn = arctan2(seen.imag, seen.real)
-    turned = cos(turn) - 1j * sin(turn)
+    turned = unit(-turn)
     after = towards * turned
     east = after * dt
     north = 1j * east

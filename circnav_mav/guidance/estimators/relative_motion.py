@@ -164,7 +164,7 @@ class AutoEstimator(Estimator):
         """`kalman`, with the newest sample."""
         sample, self._waiting = self._waiting, None
         if sample is not None:
-            self._kalman.observe(sample)
+            self._kalman.observe(sample, at_leisure=True)
         return self._kalman
 
     def reset(self) -> None:

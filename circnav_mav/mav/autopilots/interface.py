@@ -4,7 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import atan
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 from pymavlink.dialects.v20 import all as dialect
 
@@ -67,8 +67,7 @@ class VehicleFacts:
         return 1000 * min(max(bank / self.stick_bank, -1.0), 1.0)
 
 
-@dataclass(frozen=True, slots=True)
-class Addressee:
+class Addressee(NamedTuple):
     """Whom a setpoint is for, and what may be used beside the command.
 
     target_system, target_component: its ids. motion: what is known of the vehicle's own motion. height: altitude to

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from math import inf
+from typing import NamedTuple
 
 from circnav_mav.mav.codec import Message
 
@@ -81,8 +82,7 @@ class RangingSettings:
     rate_sigma_mps: float = 0.3
 
 
-@dataclass(frozen=True, slots=True)
-class Reading:
+class Reading(NamedTuple):
     """What one message says, in SI units. stamp None: no usable time. sequence None: none carried."""
 
     slant: float

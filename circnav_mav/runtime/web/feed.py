@@ -9,7 +9,6 @@ import select
 import socket
 import subprocess
 import sys
-from dataclasses import asdict
 from enum import Enum
 from math import isfinite
 from pathlib import Path
@@ -161,7 +160,7 @@ def _tick(status: Status, settings: PilotSettings) -> dict[str, Any]:
         "alarms": [alarm[:LONGEST_TEXT] for alarm in status.alarms],
         "facts": {name: fact[:LONGEST_TEXT] for name, fact in told(status, settings).items()},
     }
-    return {name: _plain(value) for name, value in (asdict(status.tick) | about).items()}
+    return {name: _plain(value) for name, value in (status.tick._asdict() | about).items()}
 
 
 def _plain(value: Any) -> Any:
