@@ -5,6 +5,7 @@ import json
 import os
 import pty
 import sys
+from importlib import import_module
 
 import pytest
 
@@ -45,6 +46,47 @@ def test_a_picture_that_cannot_be_made_costs_one_line(fly, tmp_path):
 @pytest.mark.usefixtures("undrawn")
 def test_a_map_of_the_target_that_cannot_be_written_is_told_and_counts_as_not_recorded(circnav, tmp_path):
     (tmp_path / "run" / "target.geojson").mkdir(parents=True)
+def test_what_draws_is_loaded_beside_the_bundled_vehicle_and_never_beside_a_real_flight(circnav, mission, monkeypatch):
+    """A companion computer has a setpoint to send."""
+    fly, happened = import_module("circnav_mav.cli.fly"), []
+
+    class Drawing:
+        def __init__(self, folder):
+            happened.append("loads")
+
+        def draw(self):
+            happened.append("draws")
+            return []
+
+    run = fly.run
+    monkeypatch.setattr(fly, "run", lambda *things, **named: (run(*things, **named), happened.append("flown")))
+    monkeypatch.setattr(fly, "Drawing", Drawing)
+    circnav("fly", "quickstart", "--duration", 1)
+    assert happened == ["loads", "flown", "draws"]
+    happened.clear()
+    circnav("fly", mission)
+    assert happened == ["flown", "loads", "draws"]
+
+
+def test_of_a_flight_that_is_killed_nothing_goes_on_to_draw(tmp_path):
+    words = "from circnav_mav.cli.closing import *; import time; one = Drawing(Path('run')); "
+    flight = python("-c", words + "print(one._process.pid, flush=True); time.sleep(900)")
+    drawing = int(flight.stdout.readline())
+    os.kill(drawing, 0)
+    flight.kill()
+    flight.communicate()
+    until(lambda: not is_there(drawing))
+
+
+def is_there(process):
+    """Whether it runs: one that has ended may wait to be noticed."""
+    try:
+        with open(f"/proc/{process}/stat") as file:
+            return file.read().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
     surveyed = ("--set", "locate.enabled=true", "--set", 'guidance.law="smooth"', "--duration", 45)
     ran = circnav("fly", "quickstart", *surveyed, "--out", tmp_path / "run")
     assert (ran.code, ran.err) == (5, "")
