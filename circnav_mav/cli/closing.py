@@ -54,13 +54,20 @@ def write_manifest(folder: Path, mission: Mission, pilot: Pilot, epoch_us: int, 
 
 
 def close_flight(
-    pilot: Pilot, recorder: Recorder, mission: Mission, epoch_us: int, code: Exit, locator: Locator | None = None
+    pilot: Pilot,
+    recorder: Recorder,
+    mission: Mission,
+    epoch_us: int,
+    code: Exit,
+    alarms: list[tuple[float, str]],
+    locator: Locator | None = None,
 ) -> tuple[dict[str, Any], Exit]:
     """The summary, written as summary.json, and the rest of manifest.json, if the disk takes them; and the exit code: a
     flight that went well is not done if it was not recorded, for whoever flew it for its record."""
     folder = recorder.folder
     gaps = recorder.problem is not None  # from here on it may also be that what was recorded is not understood
     summary = _summary(pilot, recorder, mission, epoch_us)
+    summary["alarms"] = [{"time_s": round(time, 1), "text": text} for time, text in alarms]
     if locator is not None:
         gaps |= not _located(summary, folder, locator)
     gaps |= not _written(summary, f"{folder}:", lambda: write_json(folder / "summary.json", summary))

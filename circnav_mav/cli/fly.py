@@ -28,6 +28,7 @@ from circnav_mav.runtime.links import Link
 from circnav_mav.runtime.lockstep import Lockstep
 from circnav_mav.runtime.recorder import Recorder, RecorderError, TakenError
 from circnav_mav.runtime.runner import Onlookers, Show, StopRequest, run
+from circnav_mav.runtime.status import AlarmLog
 
 EXITS = {
     Ending.COMPLETED: Exit.DONE,
@@ -85,12 +86,16 @@ def fly_mission(
                 write_manifest(folder, mission, pilot, clock.epoch_us)
             except OSError as error:
                 raise Refused(f"{folder}: cannot be written: {error.strerror or error}") from None
-            display = display_for(Console(), pilot, mission.file.name, min(clock.speed, MOST_WATCHED), locator)
             # It loads what draws, a second of computing, while the bundled vehicle flies. Beside a real flight it never
             # runs: a companion computer has a setpoint to send, and no memory to give away.
             drawing = Drawing(folder) if isinstance(clock, Lockstep) else None
+            display = display_for(Console(), pilot, mission.file.name, min(clock.speed, MOST_WATCHED), locator)
             open_things.callback(display.close)
-            shows: dict[str, Show] = {"display": lambda new, step: display.show(new, step.time, recorder.problem)}
+            alarms = AlarmLog(pilot, locator)
+            shows: dict[str, Show] = {
+                "display": lambda new, step: display.show(new, step.time, recorder.problem),
+                "alarms": lambda new, step: alarms.show(new, step.time, recorder.problem),
+            }
             if page is not None:
                 shows["live page"] = lambda new, step: page.show(new, step, recorder.problem)
             onlookers = Onlookers(shows)
@@ -101,7 +106,7 @@ def fly_mission(
             crash = _crash_of(loop, pilot, links, clock, folder)
         assert pilot.mission.outcome is not None
         code = Exit.INTERNAL if crash is not None else EXITS[pilot.mission.outcome.ending]
-        summary, code = close_flight(pilot, recorder, mission, clock.epoch_us, code, locator)
+        summary, code = close_flight(pilot, recorder, mission, clock.epoch_us, code, alarms.begun, locator)
         words = verdict(summary, folder)
         if page is not None:
             page.finish(words)
