@@ -193,5 +193,5 @@ class Flight:
         body, wind, target = self.body, self.air.velocity, self.target(self.seconds)
         speed, airspeed = body.ground_speed, body.airspeed(wind)
         moved = body.north, body.east, body.down, body.heading, body.course, speed, airspeed, body.turn_rate, body.roll
-        pilot = self.autopilot
-        return Truth(self.seconds, *moved, *target, self.slant_range(), *wind, pilot.mode, pilot.armed)
+        slant, pilot = math.dist((body.north, body.east, body.down), target), self.autopilot
+        return Truth(self.seconds, *moved, *target, slant, *wind, pilot.mode, pilot.armed)

@@ -46,7 +46,7 @@ class RangingRadio:
     def _measure(self) -> None:
         now = self._flight.now
         sample = self._sensor.measure(self._flight.slant_range(), now)
-        rate = self._doppler.measure(self._flight.slant_rate())
+        rate = self._doppler.measure(self._flight.slant_rate()) if self._config.rate_name is not None else 0.0
         if sample is None or self.muted:
             return
         if self.frozen and self._held is not None:

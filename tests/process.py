@@ -22,9 +22,10 @@ UNHURRIED = ("--set", "limits.stale_s=3.0", "--set", "limits.round_trip_s=5.0")
 
 
 UNDRAWN = """
-import importlib
+import importlib, types
 from circnav_mav.cli import main
-importlib.import_module("circnav_mav.cli.fly").draw_flight = lambda folder: []
+fly = importlib.import_module("circnav_mav.cli.fly")
+fly.Drawing = lambda folder: types.SimpleNamespace(draw=list)
 main()
 """
 

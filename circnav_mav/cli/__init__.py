@@ -173,7 +173,7 @@ def preflight() -> None:
 
 @command("report:report_run", short_help="Draw the report of a run again.")
 @click.argument("folder", type=click.Path(), metavar="RUN")
-@click.option("--after-flight", is_flag=True, hidden=True, help="As fly ends: a line for each that cannot be made.")
+@click.option("--after-flight", is_flag=True, hidden=True, help="As fly ends, which says so in a line.")
 def report() -> None:
     """Draw the report of RUN, a run folder, again: report.html (one page, opens offline, prints) and flight.png. `fly`
     draws both by itself.

@@ -1,5 +1,6 @@
 """The mission and campaign files that come with circnav: they go by name, as in `circnav fly quickstart`."""
 
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +15,8 @@ FOLDERS = {"mission": CONFIG, "campaign": CONFIG / "campaigns"}
 
 
 def names(kind: str) -> list[str]:
-    """What is bundled, as people type it."""
-    return sorted(path.stem.replace("_", "-") for path in FOLDERS[kind].glob("*.toml"))
+    """What is bundled, as people type it: ArduPilot's vehicles by their kind."""
+    return sorted(path.stem.removeprefix("ardu").replace("_", "-") for path in FOLDERS[kind].glob("*.toml"))
 
 
 def bundled(kind: str, name: str) -> Path | None:
@@ -37,12 +38,17 @@ class FileOrName(click.ParamType):  # type: ignore[type-arg]
         found = bundled(self.kind, path.stem)
         if path.name == path.stem == value and not path.is_file():
             if found is None:
-                known = ", ".join(names(self.kind))
-                raise Refused(f"{value}: is no file and no bundled {self.kind}; bundled: {known}")
+                known = names(self.kind)
+                near = "".join(f", did you mean {name}?" for name in get_close_matches(value, known, 1))
+                raise Refused(f"{value}: is no file and no bundled {self.kind}{near}; bundled: {', '.join(known)}")
             return str(found)
         if found is not None and not path.exists():
             raise Refused(f"{value}: no such file; the bundled one goes by its name: {path.stem.replace('_', '-')}")
         return value
+
+    def get_missing_message(self, param: click.Parameter, ctx: click.Context | None) -> str:
+        """What the argument may be."""
+        return f"A file, or the name of a bundled {self.kind}: {', '.join(names(self.kind))}."
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[Any]:
         """Files first: the shell's own list of them takes the place of what came before."""

@@ -54,13 +54,20 @@ def write_manifest(folder: Path, mission: Mission, pilot: Pilot, epoch_us: int, 
 
 
 def close_flight(
-    pilot: Pilot, recorder: Recorder, mission: Mission, epoch_us: int, code: Exit, locator: Locator | None = None
+    pilot: Pilot,
+    recorder: Recorder,
+    mission: Mission,
+    epoch_us: int,
+    code: Exit,
+    alarms: list[tuple[float, str]],
+    locator: Locator | None = None,
 ) -> tuple[dict[str, Any], Exit]:
     """The summary, written as summary.json, and the rest of manifest.json, if the disk takes them; and the exit code: a
     flight that went well is not done if it was not recorded, for whoever flew it for its record."""
     folder = recorder.folder
     gaps = recorder.problem is not None  # from here on it may also be that what was recorded is not understood
     summary = _summary(pilot, recorder, mission, epoch_us)
+    summary["alarms"] = [{"time_s": round(time, 1), "text": text} for time, text in alarms]
     if locator is not None:
         gaps |= not _located(summary, folder, locator)
     gaps |= not _written(summary, f"{folder}:", lambda: write_json(folder / "summary.json", summary))
@@ -152,18 +159,29 @@ def _recorded(recorder: Recorder, epoch_us: int, system: int | None) -> tuple[Ti
     return ticks, truth
 
 
-def draw_flight(folder: Path) -> list[str]:
-    """flight.png and report.html, and a line for each that could not be made. In a process of its own: what draws is
-    never loaded into the flight's, and a signal that comes now ends neither; the exit code stays the flight's."""
-    root = str(Path(circnav_mav.__file__).parents[1])
-    drawn = subprocess.run(
-        [sys.executable, "-P", "-m", "circnav_mav", "report", str(folder), "--after-flight"],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        text=True,
-        env={**os.environ, "PYTHONPATH": root},
-        start_new_session=True,
-    )
-    failed = [] if drawn.returncode == 0 else [f"{folder}: flight.png and report.html could not be made"]
-    return drawn.stdout.splitlines() + failed
+class Drawing:
+    """flight.png and report.html of a run folder, made by a process of its own: what draws is never loaded into the
+    flight's, and a signal that comes now ends neither; the exit code stays the flight's. It starts at once, and draws
+    when it is told to; where the flight's process goes without a word, it goes, too."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._process: subprocess.Popen[str] | None = None
+        with suppress(OSError):  # no room for one more process
+            self._process = subprocess.Popen(
+                [sys.executable, "-P", "-m", "circnav_mav", "report", str(folder), "--after-flight"],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                text=True,
+                env={**os.environ, "PYTHONPATH": str(Path(circnav_mav.__file__).parents[1])},
+                start_new_session=True,
+            )
+
+    def draw(self) -> list[str]:
+        """Draw the flight, which is over; a line for each picture that could not be made."""
+        process, drawn = self._process, ""
+        if process is not None:
+            drawn, _ = process.communicate("over\n")
+        failed = process is None or process.returncode != 0
+        return drawn.splitlines() + failed * [f"{self._folder}: flight.png and report.html could not be made"]

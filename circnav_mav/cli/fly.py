@@ -15,7 +15,7 @@ import click
 from rich.console import Console
 
 from circnav_mav.cli.check import read_mission, refuse_failing
-from circnav_mav.cli.closing import close_flight, draw_flight, write_manifest
+from circnav_mav.cli.closing import Drawing, close_flight, write_manifest
 from circnav_mav.cli.connect import link_troubles, open_links, open_locating, open_page, open_signing, start_clock
 from circnav_mav.cli.exits import Exit, Refused, outlive_terminal, refusing
 from circnav_mav.cli.verdict import verdict
@@ -30,6 +30,7 @@ from circnav_mav.runtime.links import Link
 from circnav_mav.runtime.lockstep import Lockstep
 from circnav_mav.runtime.recorder import Recorder, RecorderError, TakenError
 from circnav_mav.runtime.runner import Onlookers, Show, StopRequest, run
+from circnav_mav.runtime.status import AlarmLog
 
 EXITS = {
     Ending.COMPLETED: Exit.DONE,
@@ -88,9 +89,16 @@ def fly_mission(
                 write_manifest(folder, mission, pilot, clock.epoch_us)
             except OSError as error:
                 raise Refused(f"{folder}: cannot be written: {error.strerror or error}") from None
+            # It loads what draws, a second of computing, while the bundled vehicle flies. Beside a real flight it never
+            # runs: a companion computer has a setpoint to send, and no memory to give away.
+            drawing = Drawing(folder) if isinstance(clock, Lockstep) else None
             display = display_for(Console(), pilot, mission.file.name, min(clock.speed, MOST_WATCHED), locator)
             open_things.callback(display.close)
-            shows: dict[str, Show] = {"display": lambda new, step: display.show(new, step.time, recorder.problem)}
+            alarms = AlarmLog(pilot, locator)
+            shows: dict[str, Show] = {
+                "display": lambda new, step: display.show(new, step.time, recorder.problem),
+                "alarms": lambda new, step: alarms.show(new, step.time, recorder.problem),
+            }
             if page is not None:
                 shows["live page"] = lambda new, step: page.show(new, step, recorder.problem)
             onlookers = Onlookers(shows)
@@ -101,7 +109,7 @@ def fly_mission(
             crash = _crash_of(loop, pilot, links, clock, folder)
         assert pilot.mission.outcome is not None
         code = Exit.INTERNAL if crash is not None else EXITS[pilot.mission.outcome.ending]
-        summary, code = close_flight(pilot, recorder, mission, clock.epoch_us, code, locator)
+        summary, code = close_flight(pilot, recorder, mission, clock.epoch_us, code, alarms.begun, locator)
         words = verdict(summary, folder)
         if page is not None:
             page.finish(words)
@@ -113,7 +121,7 @@ def fly_mission(
         signing_time.problem if signing_time else None,
         locator.problem if locator else None,
     ]
-    for problem in filter(None, (*problems, *draw_flight(folder))):
+    for problem in filter(None, (*problems, *(drawing or Drawing(folder)).draw())):
         click.echo(f"  WARNING    {problem}")
     if crash is not None:
         raise Refused(f"internal error, see {crash}", Exit.INTERNAL)
@@ -166,7 +174,8 @@ def _crash_of(
     """Run to the end. An exception of ours still leaves a safe setpoint behind; returns where it is written down."""
     gc.collect()
     gc.freeze()  # a full collection would look through all that was imported, for 0.1 s and more
-    gc.set_threshold(YOUNG)
+    if not isinstance(clock, Lockstep):  # simulated time waits for a collection
+        gc.set_threshold(YOUNG)
     sys.setswitchinterval(LONGEST_TURN)
     try:
         loop()

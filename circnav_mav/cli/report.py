@@ -1,5 +1,6 @@
 """`circnav report`, and the report that `fly` makes at its end."""
 
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -20,10 +21,10 @@ from circnav_mav.runlog.summary import FlightFacts, summarise
 
 
 def report_run(folder: str, after_flight: bool) -> int:
-    """Write report.html and flight.png into a run folder. after_flight: as a flight ends, a line for whatever goes
-    wrong with one of them changes nothing else. Raises Refused."""
+    """Write report.html and flight.png into a run folder. after_flight: once a line on standard input says that the
+    flight is over, and a line for whatever goes wrong with one of them changes nothing else. Raises Refused."""
     if after_flight:
-        return _report_flight(folder)
+        return _report_flight(folder) if sys.stdin.readline() else Exit.DONE
     with refusing(folder, RunError, MissionError):
         run = open_run(Path(folder))
         if not len(run.ticks.time):
@@ -40,9 +41,10 @@ def report_run(folder: str, after_flight: bool) -> int:
 
 
 def _report_flight(folder: str) -> int:
+    run: Run | None = None
     for name, make in (("flight.png", _picture), ("report.html", _page)):
         try:
-            run = open_run(Path(folder))
+            run = run or open_run(Path(folder))
             if len(run.ticks.time) > 1:
                 make(run, _mission(run))
         except Exception as error:

@@ -10,16 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circnav_mav.guidance.types import Orbit
-from circnav_mav.runlog.events import Event
+from circnav_mav.runlog.events import ALARM, OURS, Event
 from circnav_mav.runlog.metrics import TOLERANCE
 from circnav_mav.runlog.ticks import Column, Ticks, Truth
-from circnav_mav.runtime.status import MOST_REJECTED, RATE_SPAN
 
 GAP = 5.0
 """Usual steps between two samples beyond which nothing is known of what lies between."""
 
-GPS_WATCH = "GPS WATCH"
-"""How its texts begin."""
+SAME_ALARM = 2.5
+"""Time, s, between an alarm and the STATUSTEXT that says it: of one kind there is one in two seconds."""
 
 
 def broken(time: Column, *columns: Column) -> tuple[Column, ...]:
@@ -98,23 +97,12 @@ def as_script(data: dict[str, Any]) -> str:
     return json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
 
 
-def alarms(ticks: Ticks, happened: list[Event], gps_watch: list[dict[str, Any]]) -> list[tuple[float, str]]:
-    """What was wrong, as far as the record tells: ranges mostly rejected, what the vehicle called an error and circnav
-    a warning, and what the GPS watch said, in its own words."""
-    most = _mostly_rejected(ticks)
-    begins = np.flatnonzero(most & ~np.append(False, most[:-1]))
-    found = [(float(ticks.time[at]), "most ranges rejected") for at in begins]
-    found += [(said["time_s"], f"{GPS_WATCH}: {said['text']}") for said in gps_watch]
-    told = [event for event in happened if event.severe and not (gps_watch and event.text.startswith(GPS_WATCH))]
-    return found + [(event.time, event.text) for event in told]
-
-
-def _mostly_rejected(ticks: Ticks) -> NDArray[np.bool_]:
-    """Where most ranges of the last seconds were rejected, as the display has it."""
-    before = np.searchsorted(ticks.time, ticks.time - RATE_SPAN)
-    accepted, rejected = (np.nan_to_num(ticks.numbers[name]) for name in ("accepted", "rejected"))
-    taken, refused = accepted - accepted[before], rejected - rejected[before]
-    return np.asarray(refused > MOST_REJECTED * (taken + refused), bool)
+def alarms(happened: list[Event]) -> list[tuple[float, str]]:
+    """What was wrong; what circnav itself said of an alarm as it began is the same once more."""
+    severe = [event for event in happened if event.severe]
+    begun = np.array([event.time for event in severe if event.kind == ALARM])
+    again = [event.kind == OURS and bool(np.any(np.abs(begun - event.time) < SAME_ALARM)) for event in severe]
+    return [(event.time, event.text) for event, said in zip(severe, again, strict=True) if not said]
 
 
 def stretches(time: Column, words: list[str]) -> list[tuple[float, float, str]]:

@@ -42,7 +42,7 @@ def write_report(run: Run, orbit: Orbit, circles: str, gate: float, verdict: str
         "VERDICT": "".join(map(_figure, figures.splitlines())),
         "TRACK": escape(_track_words(run), quote=False),
         "PICTURE": _picture(run.folder / "flight.png", "the flight"),  # for a reader without script
-        "DATA": as_script(data | {"alarms": alarms(run.ticks, happened, run.summary.get("gps_watch") or [])}),
+        "DATA": as_script(data | {"alarms": alarms(happened)}),
         "PLACE": _place(run),
         "EVENTS": _events(happened, names),
         "SETTINGS": _rows(settings),

@@ -39,9 +39,10 @@ def plot_flight(path: Path, ticks: Ticks, truth: Truth | None, orbit: Orbit, tit
     time, desired, track, new = ticks.time, ticks.desired(orbit.radius), known_track(ticks, truth), fresh(ticks)
     holding = np.array([phase == "holding" for phase in ticks.words["phase"]])
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(12, 7), layout="constrained")
-        figure.suptitle(literal(title))
-        grid = figure.add_gridspec(3, 2, width_ratios=[1.1, 1] if track else [0.001, 1])
+        figure = Figure(figsize=(12, 7))  # without a layout of matplotlib's, which draws everything twice
+        figure.suptitle(literal(title), y=0.985)
+        sides = {"left": 0.06, "right": 0.99, "bottom": 0.07, "top": 0.92, "hspace": 0.32, "wspace": 0.17}
+        grid = figure.add_gridspec(3, 2, width_ratios=[1.1, 1] if track else [0.001, 1], **sides)
         if track is not None:
             _track(figure.add_subplot(grid[:, 0]), track, ticks.radii(orbit.radius))
         axes = r, error, turn = [figure.add_subplot(grid[row, 1]) for row in range(3)]
@@ -102,7 +103,7 @@ def _track(axis: Any, track: Track, radii: list[float]) -> None:
             axis.annotate("", xy=end, xytext=begin, arrowprops=looks)
     axis.set_aspect("equal", adjustable="datalim")
     axis.set(xlabel="east of the target, m", ylabel="north of the target, m")
-    axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.08), ncols=4)
+    _legend_above(axis)
 
 
 def _arrow_places(east: Column, north: Column) -> list[int]:

@@ -13,14 +13,15 @@ from circnav_mav.runlog.tlog import read_messages
 
 STATUSTEXT = 253
 OUR_COMPONENTS = range(191, 195)
-SEVERE = {"vehicle says": 3, "circnav says": 4}
+OURS, ALARM = "circnav says", "alarm"
+SEVERE = {"vehicle says": 3, OURS: 4}
 """MAV_SEVERITY_ERROR and WARNING; what is worse has a smaller number."""
 
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """A moment of a run. kind: phase, mode, law, rejected, vehicle says, circnav says. severe: an
-    error of the vehicle, a warning of ours, or worse."""
+    """A moment of a run. kind: phase, mode, law, rejected, alarm (as it began, for whoever looked on), vehicle says,
+    circnav says. severe: an alarm, an error of the vehicle, a warning of ours, or worse."""
 
     time: float
     kind: str
@@ -30,7 +31,8 @@ class Event:
 
 def events(run: Run) -> list[Event]:
     """All events of a run in the order of time. Raises RunError, OSError."""
-    return sorted([*_changes(run.ticks), *_texts(run)], key=lambda event: event.time)
+    seen = (Event(alarm["time_s"], ALARM, plain_text(alarm["text"]), True) for alarm in run.summary.get("alarms", ()))
+    return sorted([*_changes(run.ticks), *seen, *_texts(run)], key=lambda event: event.time)
 
 
 def _changes(ticks: Ticks) -> Iterator[Event]:
@@ -50,7 +52,7 @@ def _texts(run: Run) -> list[Event]:
     newest: dict[Ids, int] = {}
     for stamp, message in read_messages(run.folder / "flight.tlog", {STATUSTEXT}):
         sender = ids(message)
-        who = "circnav says" if sender[1] in OUR_COMPONENTS else "vehicle says"
+        who = OURS if sender[1] in OUR_COMPONENTS else "vehicle says"
         text, before = reader.read(message)
         text = text.removeprefix("circnav: ")  # as ours begin
         if before is None:

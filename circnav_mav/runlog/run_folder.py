@@ -52,7 +52,7 @@ class PositionsSent(BaseModel):
 
 
 class Alarm(BaseModel):
-    """What the GPS watch has said."""
+    """An alarm as it began."""
 
     time_s: Number
     text: Text
@@ -73,7 +73,7 @@ SUMMARY = _table({
     Number | None: "engaged_s clock_speed",
     SurveyedPlace | None: "place",
     PositionsSent | None: "handback",
-    list[Alarm]: "gps_watch",
+    list[Alarm]: "gps_watch alarms",
 })  # fmt: skip
 MANIFEST = _table({
     Text: "mission voice",

@@ -4,7 +4,6 @@ draws: a terminal that is stopped (Ctrl-S) or gone, or a slow pipe, never delays
 import threading
 from collections import deque
 from contextlib import suppress
-from itertools import takewhile
 from math import degrees
 
 from rich.console import Console
@@ -13,7 +12,7 @@ from rich.live import Live
 from circnav_mav.locate.locator import Locator
 from circnav_mav.pilot import Pilot, TickRecord
 from circnav_mav.runtime.picture import Picture
-from circnav_mav.runtime.status import Status, Watch, shown
+from circnav_mav.runtime.status import Begun, Status, Watch, kind, shown
 
 PICTURES_A_SECOND = 4
 PATIENCE = 1.0
@@ -26,7 +25,7 @@ class PlainScreen:
 
     def __init__(self, console: Console) -> None:
         self._console = console
-        self._alarms: set[str] = set()
+        self._alarms = Begun()
         self._waits = ""
         self._newest: dict[str, str] = {}
 
@@ -35,24 +34,21 @@ class PlainScreen:
         self._print(one_line(status))
         if status.flown is not None:
             self._print_new("BELIEVED", status.believed, status.believed)
-        self._print_new("PLACE", status.place, _kind(status.place))
-        waits, self._waits = self._waits, _kind(status.waits)
+        self._print_new("PLACE", status.place, kind(status.place))
+        waits, self._waits = self._waits, kind(status.waits)
         if self._waits == waits:
             self._print_new("WAITING", status.waits, waits)
-        kinds = {_kind(alarm): alarm for alarm in status.alarms}
-        for kind, alarm in kinds.items():
-            if kind not in self._alarms:
-                self._print(f"  ALARM    {alarm}")
-        self._alarms = set(kinds)
+        for alarm in self._alarms.of(status.alarms):
+            self._print(f"  ALARM    {alarm}")
 
     def close(self) -> None:
         """Nothing to put back."""
 
-    def _print_new(self, label: str, text: str, kind: str) -> None:
+    def _print_new(self, label: str, text: str, about: str) -> None:
         """Print a text of another kind than the last under this label."""
-        if text and kind != self._newest.get(label):
+        if text and about != self._newest.get(label):
             self._print(f"  {label:<8} {text}")
-            self._newest[label] = kind
+            self._newest[label] = about
 
     def _print(self, text: str) -> None:
         self._console.print(text, highlight=False, markup=False, soft_wrap=True)
@@ -149,8 +145,3 @@ def one_line(status: Status) -> str:
         f"turn {shown(turn, '{:+.1f} deg/s'):>11}  range age {shown(tick.range_age, '{:.2f} s')}  "
         f"link age {shown(tick.link_age, '{:.2f} s')}  mode {tick.mode}"
     )
-
-
-def _kind(alarm: str) -> str:
-    """What an alarm is about: its words without its numbers, which change all the time."""
-    return "".join(takewhile(lambda letter: not letter.isdecimal(), alarm))

@@ -1,7 +1,9 @@
 """What there is to tell of a flight at one moment, the same for the terminal and the live page."""
 
 from collections import deque
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from itertools import takewhile
 from math import degrees, hypot, isfinite
 from typing import NamedTuple
 
@@ -17,6 +19,8 @@ RATE_SPAN = 3.0
 """Time, s, over which rates are taken."""
 MOST_REJECTED = 0.5
 """Share of the ranges that may be refused before it is worth a warning."""
+LOOK, MOST_ALARMS = 1.0, 1000
+"""Time, s, between two looks for alarms, and how many are kept for the record."""
 SILENCED = {
     OutputMode.DRY_RUN: "DRY RUN: no setpoint and no mode request is sent",
     OutputMode.SHADOW: "SHADOW: no setpoint and no mode request is sent",
@@ -109,6 +113,41 @@ class Watch:
         if span <= 0:
             return None
         return Rates(*((count - earlier) / span for count, earlier in zip(counts, before, strict=True)))
+
+
+class Begun:
+    """Which alarms are new each time; one whose numbers change goes on."""
+
+    def __init__(self) -> None:
+        self._standing: set[str] = set()
+
+    def of(self, alarms: Iterable[str]) -> list[str]:
+        """Those of these that did not stand the last time."""
+        kinds = {kind(alarm): alarm for alarm in alarms}
+        begun = [alarm for name, alarm in kinds.items() if name not in self._standing]
+        self._standing = set(kinds)
+        return begun
+
+
+class AlarmLog:
+    """The alarms of a flight for its record, each once as it begins, whoever looks on."""
+
+    def __init__(self, pilot: Pilot, locator: Locator | None = None) -> None:
+        self.begun: list[tuple[float, str]] = []
+        """Time of the run, s, and words."""
+        self._watch, self._news, self._due = Watch(pilot, locator), Begun(), 0.0
+
+    def show(self, newest: TickRecord | None, now: float, problem: str | None = None) -> None:
+        """Look for new ones when it is time."""
+        if newest is not None and now >= self._due:
+            self._due = now + LOOK
+            begun = self._news.of(self._watch.status(newest, now, problem).alarms)
+            self.begun += [(now, alarm) for alarm in begun[: MOST_ALARMS - len(self.begun)]]
+
+
+def kind(text: str) -> str:
+    """What a text is about: its words without its numbers, which change all the time."""
+    return "".join(takewhile(lambda letter: not letter.isdecimal(), text))
 
 
 def shown(value: float | None, form: str) -> str:

@@ -41,15 +41,17 @@ class Unicycle:
         )
 
     def _with_the_nose(self, body: Body, demand: BodyVelocity, dt: float) -> Body:
-        turned = self._turned(body, demand.yaw_rate, dt)
         forward = _Lagged(body.forward_speed, demand.forward, self.speed_lag)
         right = _Lagged(body.right_speed, demand.right, self.speed_lag)
         rate = _Lagged(body.turn_rate, within(demand.yaw_rate, self.max_turn_rate), self.turn_lag)
+        heading = math.remainder(body.heading + rate.integral(dt), math.tau)
         north, east = (_arc if rate.settled and forward.settled and right.settled else _quadrature)(
             body.heading, rate, forward, right, dt
         )
-        velocity_north, velocity_east = to_earth(forward.at(dt), right.at(dt), turned.heading)
-        return turned._replace(
+        velocity_north, velocity_east = to_earth(forward.at(dt), right.at(dt), heading)
+        return body._replace(
+            heading=heading,
+            turn_rate=rate.at(dt),
             north=body.north + north,
             east=body.east + east,
             velocity_north=velocity_north,
@@ -125,8 +127,7 @@ def _quadrature(heading: float, rate: _Lagged, forward: _Lagged, right: _Lagged,
     for piece in range(pieces):
         for node, weight in NODES:
             t = (piece + node) * width
-            u, v, psi = forward.at(t), right.at(t), heading + rate.integral(t)
-            cos, sin = math.cos(psi), math.sin(psi)
-            north += weight * width * (u * cos - v * sin)
-            east += weight * width * (u * sin + v * cos)
+            u, v = to_earth(forward.at(t), right.at(t), heading + rate.integral(t))
+            north += weight * width * u
+            east += weight * width * v
     return north, east

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -111,7 +112,7 @@ def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Flights end without their pictures, which a process of its own takes a second to draw."""
     fly = importlib.import_module("circnav_mav.cli.fly")  # the package's `fly` is the command
-    monkeypatch.setattr(fly, "draw_flight", lambda folder: [])
+    monkeypatch.setattr(fly, "Drawing", lambda folder: SimpleNamespace(draw=list))
 
 
 @pytest.fixture

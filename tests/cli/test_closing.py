@@ -5,11 +5,15 @@ import json
 import os
 import pty
 import sys
+from importlib import import_module
 
 import pytest
 
 from circnav_mav.pilot.mission_state import Phase
-from tests.process import ROOT
+from circnav_mav.report.chart_data import alarms
+from circnav_mav.runlog.events import events
+from circnav_mav.runlog.run_folder import open_run
+from tests.process import ROOT, python, until
 
 
 def strict(path):
@@ -42,6 +46,47 @@ def test_a_picture_that_cannot_be_made_costs_one_line(fly, tmp_path):
     assert (tmp_path / "run" / "flight.png").is_file()
 
 
+def test_what_draws_is_loaded_beside_the_bundled_vehicle_and_never_beside_a_real_flight(circnav, mission, monkeypatch):
+    """A companion computer has a setpoint to send."""
+    fly, happened = import_module("circnav_mav.cli.fly"), []
+
+    class Drawing:
+        def __init__(self, folder):
+            happened.append("loads")
+
+        def draw(self):
+            happened.append("draws")
+            return []
+
+    run = fly.run
+    monkeypatch.setattr(fly, "run", lambda *things, **named: (run(*things, **named), happened.append("flown")))
+    monkeypatch.setattr(fly, "Drawing", Drawing)
+    circnav("fly", "quickstart", "--duration", 1)
+    assert happened == ["loads", "flown", "draws"]
+    happened.clear()
+    circnav("fly", mission)
+    assert happened == ["flown", "loads", "draws"]
+
+
+def test_of_a_flight_that_is_killed_nothing_goes_on_to_draw():
+    words = "from circnav_mav.cli.closing import *; import time; one = Drawing(Path('run')); "
+    flight = python("-c", words + "print(one._process.pid, flush=True); time.sleep(900)")
+    drawing = int(flight.stdout.readline())
+    os.kill(drawing, 0)
+    flight.kill()
+    flight.communicate()
+    until(lambda: not is_there(drawing))
+
+
+def is_there(process):
+    """Whether it runs: one that has ended may wait to be noticed."""
+    try:
+        with open(f"/proc/{process}/stat") as file:
+            return file.read().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
 @pytest.mark.usefixtures("undrawn")
 def test_a_map_of_the_target_that_cannot_be_written_is_told_and_counts_as_not_recorded(circnav, tmp_path):
     (tmp_path / "run" / "target.geojson").mkdir(parents=True)
@@ -50,6 +95,18 @@ def test_a_map_of_the_target_that_cannot_be_written_is_told_and_counts_as_not_re
     assert (ran.code, ran.err) == (5, "")
     assert "WARNING    target.geojson cannot be written: Is a directory\n" in ran.out
     assert (tmp_path / "run" / "target.kml").is_file()
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_every_alarm_that_began_is_kept_once_for_the_marks_of_the_report_also_that_nothing_is_recorded(
+    circnav, tmp_path
+):
+    silence = 'sim.events=[{at_s=6, action="mute_ranging"}, {at_s=9, action="unmute_ranging"}]'
+    circnav("fly", "quickstart", "--duration", 12, "--set", silence, "--set", "log.max_mb=0.16", "--out", "run")
+    begun = [(alarm["time_s"], alarm["text"][:11]) for alarm in strict(tmp_path / "run" / "summary.json")["alarms"]]
+    assert begun[0] == (pytest.approx(7, abs=1), "RANGE STALE")
+    assert begun[1:] == [(pytest.approx(10, abs=1.5), "NOT RECORDI")]
+    assert [(time, text[:11]) for time, text in alarms(events(open_run(tmp_path / "run")))] == begun
 
 
 @pytest.mark.usefixtures("undrawn")

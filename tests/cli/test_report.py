@@ -2,6 +2,7 @@
 
 import csv
 import importlib
+import io
 import json
 import re
 import shutil
@@ -200,6 +201,7 @@ def test_a_picture_that_fails_at_the_end_of_a_flight_is_a_line_and_nothing_more(
         raise ZeroDivisionError("whatever")
 
     monkeypatch.setattr(cli_report, maker, broken)
+    monkeypatch.setattr("sys.stdin", io.StringIO("over\n"))
     assert circnav("report", run, "--after-flight").done == f"{run / lost}: could not be made: whatever\n"
     assert (run / left).stat().st_size > size
 

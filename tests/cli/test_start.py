@@ -35,9 +35,9 @@ def test_a_command_that_computes_little_loads_nothing_that_is_slow_to_load():
 
 
 WATCHED = """
-import signal
-from circnav_mav.cli import fly
+import importlib, signal
 from circnav_mav.pilot import Pilot
+fly = importlib.import_module("circnav_mav.cli.fly")  # the package's `fly` is the command
 loaded, receive = [], Pilot.receive
 
 def heard(pilot, *arguments):
@@ -45,12 +45,13 @@ def heard(pilot, *arguments):
     loaded.append("scipy.optimize" in sys.modules and "scipy.stats" not in sys.modules)
     receive(pilot, *arguments)
 
-def draw(folder):
-    loaded.append("matplotlib" not in sys.modules)
-    signal.raise_signal(signal.SIGTERM)
-    return []
+class Drawing(fly.Drawing):
+    def draw(self):
+        loaded.append("matplotlib" not in sys.modules)
+        signal.raise_signal(signal.SIGTERM)
+        return super().draw()
 
-Pilot.receive, fly.draw_flight = heard, draw
+Pilot.receive, fly.Drawing = heard, Drawing
 """
 
 
@@ -62,6 +63,7 @@ def test_a_flight_has_its_filter_before_it_hears_anything_and_pictures_neither_l
     assert code == 0
     assert len(loaded) > 100
     assert all(loaded)
+    assert (tmp_path / "run" / "report.html").stat().st_size > 10_000
 
 
 LIKELIHOOD = """

@@ -12,7 +12,8 @@ CELL = "bench --law pd --situation calm"
     ("command", "says"),
     [
         ("fly nowhere.toml", "nowhere.toml: cannot be read: No such file or directory"),
-        ("fly quikstart", f"quikstart: is no file and no bundled mission; bundled: {', '.join(names('mission'))}"),
+        ("fly quikstart", "quikstart: is no file and no bundled mission, did you mean quickstart?; "
+         f"bundled: {', '.join(names('mission'))}"),
         ("fly config/px4_plane.toml", "config/px4_plane.toml: no such file; the bundled one goes by its name: px4-"),
         ("campaign campaigns/wind.toml", "campaigns/wind.toml: no such file; the bundled one goes by its name: wind"),
         ("fly mission.toml --set orbit.radius_m", "--set orbit.radius_m: write it as table.key=value"),
@@ -38,7 +39,7 @@ CELL = "bench --law pd --situation calm"
               ("sim.ranging.nois_m=1.0", 'sim.ranging.nois_m: unknown key, did you mean "noise_m"?'))),
         ("preflight copter --seconds 0", "--seconds: must be at least 1 and at most 600, not 0"),
         ("preflight copter --seconds 601", "--seconds: must be at least 1 and at most 600, not 601"),
-        ("init zeppelin", "init zeppelin: is not one of arducopter"),
+        ("init zeppelin", "init zeppelin: is not one of campaign-mission, copter, paper"),
         ("init plane my+plane.toml", "init: my+plane.toml: a mission's name has letters, digits, '.', '_' and '-'"),
         ("init plane mission.toml", "init: mission.toml: is there already, name another file: circnav init plane FILE"),
         ("emulate --speed 0", "--speed: must be above 0 and at most 100, not 0"),

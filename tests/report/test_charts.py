@@ -212,12 +212,10 @@ def test_the_columns_are_those_of_the_run_on_its_own_time(run_folder):
     assert len(json.loads(as_script(data))["columns"]) == len(columns)
 
 
-def test_errors_of_the_vehicle_warnings_of_ours_ranges_mostly_rejected_and_the_gps_watch_are_alarms(run_folder):
-    ticks = read_ticks(run_folder())
-    ticks.numbers["rejected"][400:] += 2.0 * np.arange(len(ticks.time) - 400)  # 4 a second, beside one that is accepted
-    happened = [Event(7.0, "vehicle says", "EKF failsafe", severe=True), Event(8.0, "vehicle says", "hello")]
-    happened += [Event(9.5, "circnav says", "GPS WATCH: GPS likeliest wrong", severe=True)]
-    rejected, *found = alarms(ticks, happened, [{"time_s": 9.0, "text": "off by 31 m"}])
-    assert rejected == (pytest.approx(200.0, abs=1.5), "most ranges rejected")
-    assert found == [(9.0, "GPS WATCH: off by 31 m"), (7.0, "EKF failsafe")]
-    assert (9.5, "GPS WATCH: GPS likeliest wrong") in alarms(ticks, happened, [])
+def test_alarms_seen_in_flight_errors_of_the_vehicle_and_warnings_of_ours_are_marked_each_once():
+    failsafe, hello = Event(7.0, "vehicle says", "EKF failsafe", severe=True), Event(8.0, "vehicle says", "hello")
+    seen = [Event(8.0, "alarm", "GPS WATCH: off by 31 m", True), Event(20.0, "alarm", "NOT RECORDING: full", True)]
+    said = [Event(9.5, "circnav says", "GPS WATCH: GPS", True), Event(40.0, "circnav says", "vehicle banks", True)]
+    found = [(7.0, "EKF failsafe"), (8.0, seen[0].text), (20.0, seen[1].text), (40.0, "vehicle banks")]
+    assert alarms([failsafe, *seen, hello, *said]) == found
+    assert alarms([failsafe, hello, *said]) == [found[0], (9.5, "GPS WATCH: GPS"), found[3]], "of a killed flight"
