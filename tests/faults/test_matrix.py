@@ -13,7 +13,10 @@ from tests.faults.matrix import FAULTS, FIRST, SCENARIOS, by_fault
 from tests.process import ROOT
 
 QUICK = [
-    (scenario, [name for name in FIRST if name in (scenario.profiles or FIRST)][n % 2])
+    (
+        scenario,
+        [name for name in FIRST if name in (scenario.profiles or FIRST)][n % 2 if scenario.keys == (None, None) else 0],
+    )
     for n, scenario in enumerate(one for one in SCENARIOS if one.quick)
 ]
 
@@ -21,7 +24,7 @@ QUICK = [
 def shortened(scenario: Scenario) -> Scenario:
     """The fault for less long, and the circle watched for less long: what is regained at once need not be awaited."""
     if scenario.want is Want.HOLD:
-        return replace(scenario, lasts=min(scenario.lasts, 20.0), after=10.0)
+        return replace(scenario, lasts=min(scenario.lasts, 20.0), after=5.0)
     if scenario.want is Want.ENGAGE and scenario.check is None:
         return replace(scenario, lasts=40.0)
     return replace(scenario, after=min(scenario.after, 20.0))
@@ -42,15 +45,12 @@ def test_vehicle_survives(scenario: Scenario, profile: str) -> None:
         # its gains are high; made for the vehicle's lag alone they swing, and did, to 14 % of the radius at 500 ms;
         # with the delay known, what is left is how it sets in
         ("F3", "500 ms, stale_s 1.5", "arducopter", 40.0, 10.0, "rms", 0.06),
-        ("F4", "200 ms", "arduplane", 40.0, 10.0, "rms", 0.06),
-        # no range that a slow link made stale steers, by the true age, which only the answers to TIMESYNC tell
-        ("F3", "500 ms", "arducopter", 30.0, 20.0, "worst_age", 0.55),
     ],
 )
 def test_auto_stays_within_its_bounds(
     fault: str, level: str, profile: str, lasts: float, after: float, figure: str, most: float
 ) -> None:
-    """The default law. recovery: s. rms: of the radius. worst_age: s."""
+    """The default law. recovery: s. rms: of the radius."""
     scenario = next(one for one in SCENARIOS if (one.fault, one.level) == (fault, level))
     verdict = fly(replace(scenario, lasts=lasts, after=after), profile, seed=1, law="auto")
     assert verdict.passed, "; ".join(verdict.faults)
@@ -66,7 +66,7 @@ def test_every_fault_class_that_lockstep_can_show_has_levels_with_names_of_their
 
 def test_a_cell_flown_again_with_its_seed_is_the_same_flight() -> None:
     scenario = next(one for one in SCENARIOS if (one.fault, one.level) == ("F1", "20 %"))
-    short = replace(scenario, lasts=10.0, after=0.0)
+    short = replace(scenario, lasts=5.0, after=0.0)
     first, again, other = (fly(short, "arducopter", seed) for seed in (4, 4, 5))
     assert (first.rms, first.worst_age) == (again.rms, again.worst_age)
     assert first.rms != other.rms
@@ -83,7 +83,7 @@ def test_a_mirror_circle_is_told_from_the_true_one_by_the_track() -> None:
 
 @pytest.mark.parametrize("scenario", ATTACKS, ids=[one.level for one in ATTACKS])
 def test_an_attack_moves_nothing_and_the_operator_is_told(scenario: Scenario) -> None:
-    verdict = fly(scenario, "arducopter", seed=1)
+    verdict = fly(shortened(scenario), "arducopter", seed=1)
     assert verdict.passed, row(verdict)
 
 
