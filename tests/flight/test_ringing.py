@@ -114,7 +114,7 @@ def test_a_command_that_swings_is_said_and_answered_by_lower_gains_until_it_stop
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(step, "_by_drift", as_shipped("arducopter", share_counts=True))
-    flown = laps("arducopter", 3)
+    flown = laps("arducopter")
     _, sd, turns, _ = last_two_laps(flown, "arducopter")
     assert flown.ticks[-1].gain_share < 1.0
     assert sd < 5.0
