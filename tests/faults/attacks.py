@@ -209,12 +209,7 @@ ATTACKS = [
         )
     ),
     attack("ESC in the vehicle's own texts", forged_address(escapes, 5.0), "PreArm", check=no_raw_text),
-    attack(
-        "ranges 400 ms ahead, address forged",
-        forged_address(drawing(0.4), 20.0),
-        "SENSOR CLOCK",
-        want=Want.SAFE,
-    ),
+    attack("ranges 400 ms ahead, address forged", forged_address(drawing(0.4), 20.0), "SENSOR CLOCK", want=Want.SAFE),
     *(
         attack(f"{name}, address forged, link signed", forged_address(say, 10.0), "unsigned frames", keys=BOTH)
         for name, say in (

@@ -47,9 +47,7 @@ def test_vehicle_survives(scenario: Scenario, profile: str) -> None:
         ("F3", "500 ms, stale_s 1.5", "arducopter", 40.0, 10.0, "rms", 0.06),
     ],
 )
-def test_auto_stays_within_its_bounds(
-    fault: str, level: str, profile: str, lasts: float, after: float, figure: str, most: float
-) -> None:
+def test_auto_stays_within_its_bounds(fault, level, profile, lasts, after, figure, most):
     """The default law. recovery: s. rms: of the radius."""
     scenario = next(one for one in SCENARIOS if (one.fault, one.level) == (fault, level))
     verdict = fly(replace(scenario, lasts=lasts, after=after), profile, seed=1, law="auto")

@@ -26,9 +26,7 @@ BEACON = (
     [("counterclockwise", -1, ()), ("counterclockwise", -1, NAMED), ("clockwise", 1, BEACON)],
     ids=["distance_sensor", "named_value_float", "ranging_beacon"],
 )
-def test_every_ranging_message_flies_the_circle_in_the_sense_asked_for(
-    direction: str, sign: int, message: tuple[str, ...]
-) -> None:
+def test_every_ranging_message_flies_the_circle_in_the_sense_asked_for(direction, sign, message):
     flown = flight("quickstart", f'orbit.direction="{direction}"', "limits.duration_s=80", *message).fly(90)
     assert flown.outcome.ending.value == "completed"
     assert rms_error(last_third(flown), 100.0) < 2.0
@@ -36,9 +34,7 @@ def test_every_ranging_message_flies_the_circle_in_the_sense_asked_for(
 
 
 @pytest.mark.parametrize(("example", "radius", "tolerance"), [(1, 10.987, 0.02), (3, 10.0, 0.05)])
-def test_example_reaches_the_papers_radius_clockwise_and_enters_the_circle_once(
-    example: int, radius: float, tolerance: float
-) -> None:
+def test_example_reaches_the_papers_radius_clockwise_and_enters_the_circle_once(example, radius, tolerance):
     """From one start; sixty, and two thousand, without MAVLink: tests/experiments, `circnav paper`."""
     flown = flight(f"paper_example_{example}", "limits.duration_s=120", "sim.seed=1").fly(130)
     assert flown.outcome.ending.value == "completed"

@@ -78,9 +78,7 @@ def last_two_laps(flown: Flight, mission: str) -> tuple[float, float, float, lis
 
 
 @pytest.mark.parametrize(("mission", "least", "most"), [("arduplane", 8.0, 14.1 * 1.5), ("arducopter", 26 / 1.5, 45.0)])
-def test_it_swings_with_the_gains_that_swing_on_firmware(
-    mission: str, least: float, most: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_it_swings_with_the_gains_that_swing_on_firmware(mission, least, most, monkeypatch):
     """least, most: of the commanded turn, deg/s."""
     monkeypatch.setattr(step, "_by_drift", as_shipped(mission))
     # of both nobody knew then
@@ -110,9 +108,7 @@ def test_the_gains_of_today_fly_quietly_and_truly(mission: str, count: int, most
     assert flown.ticks[-1].turn_delay < 1.0
 
 
-def test_a_command_that_swings_is_said_and_answered_by_lower_gains_until_it_stops(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_command_that_swings_is_said_and_answered_by_lower_gains_until_it_stops(monkeypatch):
     monkeypatch.setattr(step, "_by_drift", as_shipped("arducopter", share_counts=True))
     flown = laps("arducopter")
     _, sd, turns, _ = last_two_laps(flown, "arducopter")

@@ -49,9 +49,7 @@ APART = ('ranging.endpoint="sim"', 'sim.ranging.via="direct"')
     ],
     ids=["px4, before and in offboard", "ranging apart", "no clock", "2 h behind", "2 h ahead"],
 )
-def test_a_vehicle_with_our_key_is_flown(
-    mission: str, overrides: tuple[str, ...], clock: float | None, tmp_path: Path
-) -> None:
+def test_a_vehicle_with_our_key_is_flown(mission, overrides, clock, tmp_path):
     """Without GPS an autopilot has no clock; it takes over ours with the first frame of ours that it hears."""
     flown = signed_flight(mission, tmp_path, *overrides, vehicle_clock=clock).fly(15)
     assert flown.pilot.mission.phase is Phase.ENGAGED
@@ -69,9 +67,7 @@ def test_a_vehicle_with_our_key_is_flown(
     ],
     ids=["unsigned", "other", "ranging apart", "we have no key"],
 )
-def test_a_vehicle_without_our_key_is_not_flown(
-    ours: bytes | None, theirs: bytes | None, overrides: tuple[str, ...], reason: str | None, told: str, tmp_path: Path
-) -> None:
+def test_a_vehicle_without_our_key_is_not_flown(ours, theirs, overrides, reason, told, tmp_path):
     wait = "link.wait_s=15.0"
     flown = signed_flight("arducopter", tmp_path, wait, *overrides, ours=ours, theirs=theirs).fly(100)
     assert told in flown.outcome.reason

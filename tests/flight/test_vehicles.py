@@ -36,13 +36,8 @@ def begun(mission: str) -> Flight:
     return flight(mission, "limits.hold_s=4.0").fly(8)
 
 
-@pytest.mark.parametrize(
-    ("mission", "lasts", "most"),
-    [("arducopter", 120.0, 1.5), ("px4_plane_attitude", 90.0, 2.5)],
-)
-def test_vehicle_holds_the_circle_to_two_percent_counterclockwise_with_a_quiet_turn(
-    mission: str, lasts: float, most: float
-) -> None:
+@pytest.mark.parametrize(("mission", "lasts", "most"), [("arducopter", 120.0, 1.5), ("px4_plane_attitude", 90.0, 2.5)])
+def test_vehicle_holds_the_circle_to_two_percent_counterclockwise_with_a_quiet_turn(mission, lasts, most):
     """most: standard deviation of the turn command, deg/s; the turn itself is 5 .. 13. The other vehicles:
     tests/firmware/test_emulated.py, the rover test_weather.py; clockwise: test_ringing.py."""
     flown = flight(mission, 'orbit.direction="counterclockwise"', f"limits.duration_s={lasts}", law="auto").fly(200)
