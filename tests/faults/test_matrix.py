@@ -7,9 +7,9 @@ from dataclasses import replace
 import pytest
 
 from tests.faults.attacks import ATTACKS, row
-from tests.faults.cell import Scenario, Verdict, Want, fly
+from tests.faults.cell import Scenario, Want, fly
 from tests.faults.course import on_the_circle
-from tests.faults.matrix import FAULTS, FIRST, SCENARIOS, by_fault
+from tests.faults.matrix import FAULTS, FIRST, SCENARIOS
 from tests.process import ROOT
 
 QUICK = [
@@ -83,26 +83,6 @@ def test_a_mirror_circle_is_told_from_the_true_one_by_the_track() -> None:
 def test_an_attack_moves_nothing_and_the_operator_is_told(scenario: Scenario) -> None:
     verdict = fly(shortened(scenario), "arducopter", seed=1)
     assert verdict.passed, row(verdict)
-
-
-def judged(want: Want, profile: str, faults: tuple[str, ...] = (), **figures: float | str) -> Verdict:
-    known = {"rms": 0.0, "worst_age": 0.0, "to_safe": None, "recovery": None, "rejects": {}, "outcome": ""} | figures
-    return Verdict(
-        Scenario("F2", f"{want.value} {figures}", want=want), profile, 1, faults, engaged=True, reported=(), **known
-    )
-
-
-def test_a_fault_is_a_line_with_the_worst_of_its_cells_and_who_passed_them_all() -> None:
-    """By hand: a circle left on purpose (an outage) does not count as one that was held badly."""
-    table = by_fault([
-        judged(Want.HOLD, "arducopter", rms=0.006, recovery=0.0),
-        judged(Want.HOLD, "arduplane", rms=0.011, recovery=0.0),
-        judged(Want.REGAIN, "arducopter", rms=1.4, recovery=21.6),
-        judged(Want.END, "arduplane", ("flew on",), rms=1.4, to_safe=3.0, outcome="no vehicle"),
-    ])  # fmt: skip
-    *_, line = table.splitlines()
-    wants = "holds the circle; regains the circle; ends the mission"
-    assert line == f"| F2 | {FAULTS['F2']} | 4 | {wants} | 1.1 | 21.6 | 3.0 | arducopter |"
 
 
 def test_each_line_of_the_trust_model_names_an_attack_or_a_test_that_there_is() -> None:

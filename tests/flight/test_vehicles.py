@@ -15,7 +15,6 @@ from tests.flight.lockstep import (
     last_third,
     mean_radius,
     rms_error,
-    true_radius,
     unrest,
 )
 
@@ -169,10 +168,3 @@ def test_px4_copter_is_believed_to_follow_a_command_that_swings_through_zero() -
     on its circle the target was searched for again."""
     flown = flight("px4_copter", "sim.wind.speed_mps=3.0", "sim.seed=4", law="auto").fly(90)
     assert {tick.law for tick in flown.ticks if tick.time > 40} == {"drift"}
-
-
-def test_bound_that_is_broken_gives_the_vehicle_back() -> None:
-    flown = flight("arduplane", "bounds.min_range_m=200.0", "limits.duration_s=100.0").fly(120)
-    assert "is nearer than 200.0 m" in flown.outcome.reason
-    assert true_radius(flown.truths[-1]) > 150
-    assert flown.vehicle.truth.mode == flown.pilot.session.adapter.exits["loiter"]
