@@ -1,4 +1,4 @@
-"""The quickstart mission in lockstep: both senses of rotation, every ranging message; and the paper's three examples
+"""The quickstart mission in lockstep: both senses of rotation, every ranging message; and the paper's examples 1 and 3
 through real MAVLink bytes."""
 
 import itertools
