@@ -38,7 +38,6 @@ def test_the_radius_stays_when_the_operator_sends_the_plane_20_m_higher() -> Non
 @pytest.mark.parametrize(
     ("mission", "radius", "flies", "key"),
     [
-        ("arduplane", 150.0, 95.0, "target_above_home_m = 5.0"),
         ("arducopter", 30.0, 25.0, f"target_altitude_m = {HOME_AMSL + 5}"),
         ("px4_copter", 50.0, 30.0, "target_above_home_m = 5.0"),
     ],
