@@ -200,27 +200,6 @@ def make_rig() -> type[Rig]:
 
 
 @pytest.fixture(scope="session")
-def voice() -> type[Voice]:
-    return Voice
-
-
-class Bench:
-    """What the tests say in MAVLink, as one fixture."""
-
-    heartbeat = staticmethod(heartbeat)
-    distance = staticmethod(scattering)
-    beacon = staticmethod(beacon)
-    decode = staticmethod(decode)
-    mission = MISSION
-    orbit = ORBIT
-
-
-@pytest.fixture(scope="session")
-def say() -> type[Bench]:
-    return Bench
-
-
-@pytest.fixture(scope="session")
 def copter() -> Any:
     """The adapter of ArduCopter in GUIDED."""
     return AUTOPILOTS["ardupilot", "copter"](VehicleFacts(speed=15.0))

@@ -167,4 +167,5 @@ def test_a_place_that_cannot_be_written_is_found_out_before_anything_flies(circn
 def test_the_paper_is_six_figures_and_a_table(circnav, tmp_path):
     assert "10.98684 m" in circnav("paper", "--out", tmp_path / "paper", "--starts", "1").done
     names = {path.name for path in (tmp_path / "paper").iterdir()}
+    assert all(path.read_bytes().startswith(b"\x89PNG") for path in (tmp_path / "paper").glob("*.png"))
     assert names == {f"example_{n}_{kind}.png" for n in (1, 2, 3) for kind in ("track", "error")} | {"table.md"}

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.process import PATIENCE, ROOT
+from tests.process import PATIENCE, ROOT, UNDRAWN
 
 CAMPAIGN = f"""mission = "{ROOT / "config" / "campaign_mission.toml"}"
 runs = 4
@@ -16,14 +16,15 @@ runs = 4
 "guidance.law" = ["smooth"]
 "limits.duration_s" = [5.0]
 """
-COMMANDS = ["replay run", "campaign c.toml --processes 1", "preflight quickstart --seconds 1", "--help"]
+COMMANDS = ["replay run", "preflight quickstart --seconds 1", "--help"]
 FULL = "circnav: standard output cannot be written: No space left on device\n"
 
 
 def ended(place, command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, *, kilobytes="unlimited", **environment):
     """How `circnav COMMAND` ends in a process whose files may not be longer, which the kernel answers like a full disk;
     bytecode would be cut off, too."""
-    words = [sys.executable, "-B", "-m", "circnav_mav", *command.split()]
+    program = ["-c", UNDRAWN] if command.startswith("fly") else ["-m", "circnav_mav"]
+    words = [sys.executable, "-B", *program, *command.split()]
     return subprocess.run(
         ["bash", "-c", f'ulimit -f {kilobytes}; exec "$@"', "bash", *words], cwd=place, stdout=stdout, stderr=stderr,
         text=True, check=False, env={"PYTHONPATH": str(ROOT), "PATH": "/bin"} | environment, timeout=PATIENCE,
@@ -50,7 +51,7 @@ def full():
         yield file
 
 
-@pytest.mark.parametrize("command", [*COMMANDS, "emulate"])
+@pytest.mark.parametrize("command", ["replay run", "campaign c.toml --processes 1", "--help", "emulate"])
 def test_an_output_that_is_full_is_one_line_that_names_it(told, full, command):
     assert told(command, full) == (2, FULL)
 
@@ -75,7 +76,7 @@ def test_a_reader_that_went_away_ends_the_command_without_a_word(told, command):
 
 @pytest.mark.parametrize(
     ("options", "kilobytes", "code", "outcome"),
-    [("--duration 10", 60, 5, "completed"),
+    [("--set guidance.law=\"smooth\" --duration 10", 60, 5, "completed"),
      ("--set bounds.max_range_m=340 --set orbit.direction=counterclockwise", 8, 4, "aborted")],
     ids=["a flight that went well has an exit code of its own", "one that did not keeps its own"],
 )  # fmt: skip

@@ -88,7 +88,7 @@ def test_the_callbacks_of_the_page_fly_their_circle():
 def test_the_target_is_found_in_wind_and_a_vehicle_that_turns_less_than_it_is_told_is_told_more():
     locate, world, guidance = examples()["locate"], World(15.0, wind=4.0), Guidance(ORBIT)
     assert locate(guidance, 0.0, 0.0, 0.0) is None
-    world.fly(guidance, 180.0)
+    world.fly(guidance, 120.0)
     assert locate(guidance, world.now, world.x, world.y) == pytest.approx((0.0, 0.0), abs=5.0)
     assert guidance.estimate(world.now).relative.drift_x == pytest.approx(4.0, abs=0.5)
     assert world.radius == pytest.approx(100.0, rel=0.05)

@@ -195,14 +195,14 @@ def test_a_seed_is_a_flight_whoever_flies_with_it():
 
 def test_auto_keeps_every_flight_in_strong_wind_in_the_right_sense():
     hard = Situation("hard", wind=0.53 * 15, start=(40.0, 200.0), duration=110.0)
-    tracks = fly_situation(hard, policy("auto"), 24, seed=5)
+    tracks = fly_situation(hard, policy("auto"), 12, seed=5)
     end = tracks.time >= 90
     assert np.all(np.sqrt(np.mean((tracks.r[end] - 100) ** 2, axis=0)) < 2.0)
     assert metrics.right_way(tracks.angle[end], tracks.sense).all()
 
 
 def test_the_filter_is_consistent_in_gusts():
-    tracks = fly_situation(Situation("gusts", wind=5.0, gust=1.5, duration=90.0), policy("auto"), 24, seed=6)
+    tracks = fly_situation(Situation("gusts", wind=5.0, gust=1.5, duration=90.0), policy("auto"), 12, seed=6)
     nees = tracks.nees[tracks.time > 45]
     assert 1.0 < np.nanmedian(nees) < 2.5
     assert np.nanmean(nees < 7.378) > 0.8

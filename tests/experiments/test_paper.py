@@ -8,7 +8,6 @@ from circnav_mav.experiments.paper import (
     R_D,
     Example,
     arc,
-    draw,
     entries,
     lyapunov,
     random_starts,
@@ -72,9 +71,3 @@ def test_the_table_shows_another_gain_with_its_own_radius():
     found, _ = study(Example(1, "smooth", 0.02, R_D), random_starts(5, 1), 100.0)
     assert found.reached == pytest.approx((found.example.predicted,) * 2, abs=0.01)
     assert f"| {found.example.predicted:.5f} m" in table([found])
-
-
-def test_the_figures_are_drawn(studied, tmp_path):
-    paths = [path for example in EXAMPLES for path in draw(tmp_path, example, studied[example.number][1], 0)]
-    assert len(paths) == 6
-    assert all(path.read_bytes().startswith(b"\x89PNG") for path in paths)

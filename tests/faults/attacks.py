@@ -16,7 +16,7 @@ from pymavlink.dialects.v20 import all as mavlink
 from sim.faults import Impairment
 from sim.faults.frames import write
 from sim.faults.intruders import speaking
-from tests.faults.cell import FRESH, FRESH_PATIENCE, Scenario, Verdict, Want, fly
+from tests.faults.cell import FRESH, Scenario, Verdict, Want, fly
 from tests.faults.course import Course
 from tests.faults.scenarios.signing import BOTH
 from tests.faults.tampering import acknowledgement
@@ -28,6 +28,8 @@ KIND = {"arducopter": 2, "arduplane": 1}
 ESCAPE = b"\x1b]0;PreArm: \x1b[2J\x07\x9b31m"
 """What would rename a terminal's window, and clear it."""
 LONG = 65_000
+PATIENCE = 45.0
+"""For how long an attack from the start goes on, s: the flight would have begun for long."""
 DRAWN, MOST_DRAWN = 0.03, 0.6
 """How fast, per second, and how far, of the radius, ranges are drawn away from the truth."""
 
@@ -149,13 +151,13 @@ def first(name: str, say: Say, reported: str) -> Scenario:
     return attack(name, by(say, 10.0), reported, down=Impairment(outages=((0.0, 6.0),)), **HELD_BACK)
 
 
-def waits(course: Course, until: float = FRESH_PATIENCE) -> str | None:
+def waits(course: Course, until: float = PATIENCE) -> str | None:
     """Until the attack is over."""
     early = [time for time in course.steered_at if time < until]
     return f"{len(early)} setpoints while it was not sure who the vehicle is" if early else None
 
 
-HELD_BACK: dict[str, Any] = {**FRESH, "want": Want.SAFE, "check": waits}
+HELD_BACK: dict[str, Any] = {**FRESH, "lasts": PATIENCE, "want": Want.SAFE, "check": waits}
 """What becomes of an attack that begins before the flight: the vehicle is not engaged while it lasts."""
 
 
@@ -207,12 +209,7 @@ ATTACKS = [
         )
     ),
     attack("ESC in the vehicle's own texts", forged_address(escapes, 5.0), "PreArm", check=no_raw_text),
-    attack(
-        "ranges 400 ms ahead, address forged",
-        forged_address(drawing(0.4), 20.0),
-        "SENSOR CLOCK",
-        want=Want.SAFE,
-    ),
+    attack("ranges 400 ms ahead, address forged", forged_address(drawing(0.4), 20.0), "SENSOR CLOCK", want=Want.SAFE),
     *(
         attack(f"{name}, address forged, link signed", forged_address(say, 10.0), "unsigned frames", keys=BOTH)
         for name, say in (

@@ -7,13 +7,16 @@ from dataclasses import replace
 import pytest
 
 from tests.faults.attacks import ATTACKS, row
-from tests.faults.cell import Scenario, Verdict, Want, fly
+from tests.faults.cell import Scenario, Want, fly
 from tests.faults.course import on_the_circle
-from tests.faults.matrix import FAULTS, FIRST, SCENARIOS, by_fault
+from tests.faults.matrix import FAULTS, FIRST, SCENARIOS
 from tests.process import ROOT
 
 QUICK = [
-    (scenario, [name for name in FIRST if name in (scenario.profiles or FIRST)][n % 2])
+    (
+        scenario,
+        [name for name in FIRST if name in (scenario.profiles or FIRST)][n % 2 if scenario.keys == (None, None) else 0],
+    )
     for n, scenario in enumerate(one for one in SCENARIOS if one.quick)
 ]
 
@@ -21,7 +24,7 @@ QUICK = [
 def shortened(scenario: Scenario) -> Scenario:
     """The fault for less long, and the circle watched for less long: what is regained at once need not be awaited."""
     if scenario.want is Want.HOLD:
-        return replace(scenario, lasts=min(scenario.lasts, 20.0), after=10.0)
+        return replace(scenario, lasts=min(scenario.lasts, 20.0), after=5.0)
     if scenario.want is Want.ENGAGE and scenario.check is None:
         return replace(scenario, lasts=40.0)
     return replace(scenario, after=min(scenario.after, 20.0))
@@ -42,15 +45,10 @@ def test_vehicle_survives(scenario: Scenario, profile: str) -> None:
         # its gains are high; made for the vehicle's lag alone they swing, and did, to 14 % of the radius at 500 ms;
         # with the delay known, what is left is how it sets in
         ("F3", "500 ms, stale_s 1.5", "arducopter", 40.0, 10.0, "rms", 0.06),
-        ("F4", "200 ms", "arduplane", 40.0, 10.0, "rms", 0.06),
-        # no range that a slow link made stale steers, by the true age, which only the answers to TIMESYNC tell
-        ("F3", "500 ms", "arducopter", 30.0, 20.0, "worst_age", 0.55),
     ],
 )
-def test_auto_stays_within_its_bounds(
-    fault: str, level: str, profile: str, lasts: float, after: float, figure: str, most: float
-) -> None:
-    """The default law. recovery: s. rms: of the radius. worst_age: s."""
+def test_auto_stays_within_its_bounds(fault, level, profile, lasts, after, figure, most):
+    """The default law. recovery: s. rms: of the radius."""
     scenario = next(one for one in SCENARIOS if (one.fault, one.level) == (fault, level))
     verdict = fly(replace(scenario, lasts=lasts, after=after), profile, seed=1, law="auto")
     assert verdict.passed, "; ".join(verdict.faults)
@@ -66,7 +64,7 @@ def test_every_fault_class_that_lockstep_can_show_has_levels_with_names_of_their
 
 def test_a_cell_flown_again_with_its_seed_is_the_same_flight() -> None:
     scenario = next(one for one in SCENARIOS if (one.fault, one.level) == ("F1", "20 %"))
-    short = replace(scenario, lasts=10.0, after=0.0)
+    short = replace(scenario, lasts=5.0, after=0.0)
     first, again, other = (fly(short, "arducopter", seed) for seed in (4, 4, 5))
     assert (first.rms, first.worst_age) == (again.rms, again.worst_age)
     assert first.rms != other.rms
@@ -83,28 +81,8 @@ def test_a_mirror_circle_is_told_from_the_true_one_by_the_track() -> None:
 
 @pytest.mark.parametrize("scenario", ATTACKS, ids=[one.level for one in ATTACKS])
 def test_an_attack_moves_nothing_and_the_operator_is_told(scenario: Scenario) -> None:
-    verdict = fly(scenario, "arducopter", seed=1)
+    verdict = fly(shortened(scenario), "arducopter", seed=1)
     assert verdict.passed, row(verdict)
-
-
-def judged(want: Want, profile: str, faults: tuple[str, ...] = (), **figures: float | str) -> Verdict:
-    known = {"rms": 0.0, "worst_age": 0.0, "to_safe": None, "recovery": None, "rejects": {}, "outcome": ""} | figures
-    return Verdict(
-        Scenario("F2", f"{want.value} {figures}", want=want), profile, 1, faults, engaged=True, reported=(), **known
-    )
-
-
-def test_a_fault_is_a_line_with_the_worst_of_its_cells_and_who_passed_them_all() -> None:
-    """By hand: a circle left on purpose (an outage) does not count as one that was held badly."""
-    table = by_fault([
-        judged(Want.HOLD, "arducopter", rms=0.006, recovery=0.0),
-        judged(Want.HOLD, "arduplane", rms=0.011, recovery=0.0),
-        judged(Want.REGAIN, "arducopter", rms=1.4, recovery=21.6),
-        judged(Want.END, "arduplane", ("flew on",), rms=1.4, to_safe=3.0, outcome="no vehicle"),
-    ])  # fmt: skip
-    *_, line = table.splitlines()
-    wants = "holds the circle; regains the circle; ends the mission"
-    assert line == f"| F2 | {FAULTS['F2']} | 4 | {wants} | 1.1 | 21.6 | 3.0 | arducopter |"
 
 
 def test_each_line_of_the_trust_model_names_an_attack_or_a_test_that_there_is() -> None:

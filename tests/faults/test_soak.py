@@ -52,4 +52,4 @@ def test_hostile_frames_neither_crash_the_pilot_nor_make_it_say_anything_unsafe(
 
 
 def test_damaged_files_are_refused_in_one_line_or_read_as_far_as_they_go() -> None:
-    assert assault_files(60, seed=2) == []
+    assert assault_files(40, seed=2) == []

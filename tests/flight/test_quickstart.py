@@ -1,4 +1,4 @@
-"""The quickstart mission in lockstep: both senses of rotation, every ranging message; and the paper's three examples
+"""The quickstart mission in lockstep: both senses of rotation, every ranging message; and the paper's examples 1 and 3
 through real MAVLink bytes."""
 
 import itertools
@@ -26,25 +26,15 @@ BEACON = (
     [("counterclockwise", -1, ()), ("counterclockwise", -1, NAMED), ("clockwise", 1, BEACON)],
     ids=["distance_sensor", "named_value_float", "ranging_beacon"],
 )
-def test_every_ranging_message_flies_the_circle_in_the_sense_asked_for(
-    direction: str, sign: int, message: tuple[str, ...]
-) -> None:
-    flown = flight("quickstart", f'orbit.direction="{direction}"', "limits.duration_s=100", *message).fly(110)
+def test_every_ranging_message_flies_the_circle_in_the_sense_asked_for(direction, sign, message):
+    flown = flight("quickstart", f'orbit.direction="{direction}"', "limits.duration_s=80", *message).fly(90)
     assert flown.outcome.ending.value == "completed"
     assert rms_error(last_third(flown), 100.0) < 2.0
     assert sign * clockwise_turns(last_third(flown)) > 0.5
 
 
-def test_ranging_that_arrives_late_and_seldom_still_flies_the_circle() -> None:
-    late = ("sim.ranging.latency_s=0.2", "sim.ranging.rate_hz=4.0", "ranging.rate_hz=4.0", "limits.stale_s=1.0")
-    flown = flight("quickstart", "limits.duration_s=110", *late).fly(160)
-    assert rms_error(last_third(flown), 100.0) < 4.0
-
-
-@pytest.mark.parametrize(("example", "radius", "tolerance"), [(1, 10.987, 0.02), (2, 10.0, 0.02), (3, 10.0, 0.05)])
-def test_example_reaches_the_papers_radius_clockwise_and_enters_the_circle_once(
-    example: int, radius: float, tolerance: float
-) -> None:
+@pytest.mark.parametrize(("example", "radius", "tolerance"), [(1, 10.987, 0.02), (3, 10.0, 0.05)])
+def test_example_reaches_the_papers_radius_clockwise_and_enters_the_circle_once(example, radius, tolerance):
     """From one start; sixty, and two thousand, without MAVLink: tests/experiments, `circnav paper`."""
     flown = flight(f"paper_example_{example}", "limits.duration_s=120", "sim.seed=1").fly(130)
     assert flown.outcome.ending.value == "completed"

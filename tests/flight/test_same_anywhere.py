@@ -13,8 +13,8 @@ from tests.process import PATIENCE, circnav
 
 @contextmanager
 def busy() -> Iterator[None]:
-    """As many processes as there are processors, and one more, all computing."""
-    hogs = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(1 + (os.cpu_count() or 1))]
+    """As many processes as there are processors, all computing."""
+    hogs = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(os.cpu_count() or 1)]
     try:
         yield
     finally:

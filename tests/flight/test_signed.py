@@ -40,19 +40,12 @@ APART = ('ranging.endpoint="sim"', 'sim.ranging.via="direct"')
 
 @pytest.mark.parametrize(
     ("mission", "overrides", "clock"),
-    [
-        ("px4_copter", (), 0.0),
-        ("arducopter", APART, 0.0),
-        ("arducopter", (), None),
-        ("arducopter", (), -7200.0),
-        ("arducopter", (), 7200.0),
-    ],
-    ids=["px4, before and in offboard", "ranging apart", "no clock", "2 h behind", "2 h ahead"],
+    [("px4_copter", (), 0.0), ("arducopter", APART, 0.0), ("arducopter", (), None)],
+    ids=["px4, before and in offboard", "ranging apart", "no clock"],
 )
-def test_a_vehicle_with_our_key_is_flown(
-    mission: str, overrides: tuple[str, ...], clock: float | None, tmp_path: Path
-) -> None:
-    """Without GPS an autopilot has no clock; it takes over ours with the first frame of ours that it hears."""
+def test_a_vehicle_with_our_key_is_flown(mission, overrides, clock, tmp_path):
+    """Without GPS an autopilot has no clock; it takes over ours with the first frame of ours that it hears. One whose
+    clock is off, and keys that are not ours, on one link: the fault matrix, F22."""
     flown = signed_flight(mission, tmp_path, *overrides, vehicle_clock=clock).fly(15)
     assert flown.pilot.mission.phase is Phase.ENGAGED
     assert len(flown.vehicle.setpoint_log) > 200
@@ -62,16 +55,12 @@ def test_a_vehicle_with_our_key_is_flown(
 @pytest.mark.parametrize(
     ("ours", "theirs", "overrides", "reason", "told"),
     [
-        (KEY, None, (), "unsigned", "every frame heard is unsigned or wrongly signed"),
-        (KEY, OTHER, (), "wrong_signature", "every frame heard is unsigned or wrongly signed"),
         (KEY, None, APART, "unsigned", "every frame heard is unsigned or wrongly signed"),
         (None, KEY, (), None, "give [signing] key_file"),
     ],
-    ids=["unsigned", "other", "ranging apart", "we have no key"],
+    ids=["ranging apart", "we have no key"],
 )
-def test_a_vehicle_without_our_key_is_not_flown(
-    ours: bytes | None, theirs: bytes | None, overrides: tuple[str, ...], reason: str | None, told: str, tmp_path: Path
-) -> None:
+def test_a_vehicle_without_our_key_is_not_flown(ours, theirs, overrides, reason, told, tmp_path):
     wait = "link.wait_s=15.0"
     flown = signed_flight("arducopter", tmp_path, wait, *overrides, ours=ours, theirs=theirs).fly(100)
     assert told in flown.outcome.reason

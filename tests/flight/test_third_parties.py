@@ -61,9 +61,7 @@ def mavproxy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_mavproxy_sees_the_copter_and_its_mode_command_ends_our_flight(
-    stage: Callable[[str], Stage], mavproxy: Path, tmp_path: Path
-) -> None:
+def test_mavproxy_sees_the_copter_and_its_mode_command_ends_our_flight(stage, mavproxy, tmp_path):
     on = stage("arducopter")
     ours = on.fly()
     station = on.start(

@@ -15,7 +15,6 @@ from tests.flight.lockstep import (
     last_third,
     mean_radius,
     rms_error,
-    true_radius,
     unrest,
 )
 
@@ -36,15 +35,10 @@ def begun(mission: str) -> Flight:
     return flight(mission, "limits.hold_s=4.0").fly(8)
 
 
-@pytest.mark.parametrize(
-    ("mission", "lasts", "most"),
-    [("arducopter", 120.0, 1.5), ("ardurover", 90.0, 4.0), ("px4_plane_attitude", 90.0, 2.5)],
-)
-def test_vehicle_holds_the_circle_to_two_percent_counterclockwise_with_a_quiet_turn(
-    mission: str, lasts: float, most: float
-) -> None:
+@pytest.mark.parametrize(("mission", "lasts", "most"), [("arducopter", 120.0, 1.5), ("px4_plane_attitude", 90.0, 2.5)])
+def test_vehicle_holds_the_circle_to_two_percent_counterclockwise_with_a_quiet_turn(mission, lasts, most):
     """most: standard deviation of the turn command, deg/s; the turn itself is 5 .. 13. The other vehicles:
-    tests/firmware/test_emulated.py; clockwise: test_ringing.py."""
+    tests/firmware/test_emulated.py, the rover test_weather.py; clockwise: test_ringing.py."""
     flown = flight(mission, 'orbit.direction="counterclockwise"', f"limits.duration_s={lasts}", law="auto").fly(200)
     radius = flown.pilot.settings.orbit.radius
     assert flown.outcome.ending is Ending.COMPLETED
@@ -67,7 +61,7 @@ def test_plane_flies_the_same_mission_although_it_turns_less_than_it_is_told() -
 def test_no_setpoint_after_the_tick_that_saw_the_operator_take_over_at_random_ticks(mission: str) -> None:
     """A thousand of them: the fault matrix, F16."""
     chance = random.Random(3)
-    for _ in range(15):
+    for _ in range(10):
         flown = copy.deepcopy(begun(mission))
         flown.fly(flown.now + chance.uniform(0, 0.6))
         take_over(flown, mission)
@@ -164,7 +158,7 @@ def test_plane_circles_on_when_gps_is_lost() -> None:
 
 
 def test_px4_copter_holds_its_height_although_zero_climb_rate_does_not() -> None:
-    flown = flight("px4_copter", "limits.duration_s=60.0").fly(100)
+    flown = flight("px4_copter", "limits.duration_s=40.0").fly(80)
     heights = [-truth.down for truth in flown.truths if truth.time > 10]
     assert max(heights) - min(heights) < 1.0
 
@@ -172,12 +166,5 @@ def test_px4_copter_holds_its_height_although_zero_climb_rate_does_not() -> None
 def test_px4_copter_is_believed_to_follow_a_command_that_swings_through_zero() -> None:
     """It answers within half a second. Judged by the 1.3 s of its mission it seemed deaf: its path did not count, and
     on its circle the target was searched for again."""
-    flown = flight("px4_copter", "sim.wind.speed_mps=3.0", "sim.seed=4", "limits.duration_s=120.0", law="auto").fly(118)
+    flown = flight("px4_copter", "sim.wind.speed_mps=3.0", "sim.seed=4", law="auto").fly(90)
     assert {tick.law for tick in flown.ticks if tick.time > 40} == {"drift"}
-
-
-def test_bound_that_is_broken_gives_the_vehicle_back() -> None:
-    flown = flight("arduplane", "bounds.min_range_m=200.0", "limits.duration_s=100.0").fly(120)
-    assert "is nearer than 200.0 m" in flown.outcome.reason
-    assert true_radius(flown.truths[-1]) > 150
-    assert flown.vehicle.truth.mode == flown.pilot.session.adapter.exits["loiter"]

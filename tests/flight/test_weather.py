@@ -27,7 +27,6 @@ def radio(preset: str, sigma: float) -> tuple[str, ...]:
     return (f'sim.ranging.preset="{preset}"', f"ranging.sigma_m={sigma}")
 
 
-SILENT = 'sim.events=[{at_s=75.0, action="mute_ranging"}, {at_s=85.0, action="unmute_ranging"}]'
 SPARSE = ("sim.ranging.rate_hz=5.0", "ranging.rate_hz=5.0", "sim.ranging.dropout_fraction=0.5")
 THIN_AIR = ("sim.start.altitude_m=3416.0", "sim.target.altitude_m=3356.0", "sim.vehicle.airspeed_scale=1.223")
 SITUATIONS: dict[str, tuple[tuple[str, ...], float]] = {  # overrides, largest RMS radius error in m
@@ -36,10 +35,7 @@ SITUATIONS: dict[str, tuple[tuple[str, ...], float]] = {  # overrides, largest R
     "plane, target .2 V, wind .2 V": ((moving("arduplane"), wind(0.2)), 0.3),
     "plane, gusts": ((wind(0.33), "sim.wind.gust_rms_mps=1.5", "sim.wind.gust_time_s=10.0"), 3.0),
     "plane, lora": ((wind(0.2), *radio("lora", 2.2)), 3.0),
-    "plane, outage": ((wind(0.2), SILENT), 1.0),
-    "plane, compass bias": ((wind(0.2), "sim.sensors.heading_bias_deg=10.0"), 0.3),
-    "copter, 50 % loss at 5 Hz": (SPARSE, 1.0),
-    "copter, heading drift": (("sim.sensors.heading_drift_deg_s=0.1",), 0.4),
+    "copter, 50 % loss at 5 Hz, heading drift": ((*SPARSE, "sim.sensors.heading_drift_deg_s=0.1"), 1.0),
 }
 
 
@@ -55,12 +51,10 @@ def test_auto_holds_the_circle_in_the_sense_asked_for(name: str) -> None:
     assert "drift" in {tick.law for tick in flown.ticks[-40:]}
 
 
-@pytest.mark.parametrize(("law", "bound"), [("auto", 0.5), ("smooth", 1.5)])
-def test_a_radio_that_says_too_little_of_its_noise_is_found_out_told_of_and_flown(law: str, bound: float) -> None:
-    flown = flight("quickstart", "limits.duration_s=120.0", "ranging.sigma_m=0.02", law=law)
-    flown.fly(130.0)
+def test_a_radio_that_says_too_little_of_its_noise_is_found_out_told_of_and_flown() -> None:
+    flown = flight("quickstart", "limits.duration_s=90.0", "ranging.sigma_m=0.02", law="auto").fly(100.0)
     assert flown.outcome.reason == "flown to its end"
-    assert rms_error(last_third(flown), 100.0) < bound
+    assert rms_error(last_third(flown), 100.0) < 0.5
     assert clockwise_turns(flown.truths) > 1
     assert b"expected 0.02 m" in b"".join(data for _, data in flown.sent)
     taken = flown.pilot.tracker.accepted
@@ -73,7 +67,7 @@ def test_a_link_that_takes_a_while_does_not_make_the_turn_swing(mission: str, mo
     standard deviation of the turn command, deg/s; the turn itself is 8 deg/s."""
     flown = flight(mission, f"limits.duration_s={DURATION}", law="auto")
     flown.down, flown.up = (Pipe(Impairment(delay=0.05, jitter=0.1, in_order=True), seed) for seed in (1, 2))
-    flown.fly(DURATION)
+    flown.fly(80.0)
     assert unrest(flown) < most
     assert rms_error(last_third(flown), flown.pilot.settings.orbit.radius) < 0.5
     assert clockwise_turns(last_third(flown)) > 0.2

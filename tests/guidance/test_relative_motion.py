@@ -1,7 +1,6 @@
 """The bank in flight: own motion and ranges that come at their own times, get lost, lie or stop."""
 
 from dataclasses import replace
-from functools import cache
 from math import cos, hypot, sin
 
 import numpy as np
@@ -215,12 +214,11 @@ def test_a_bank_without_own_motion_vouches_for_no_range_and_is_ready_again_with_
     assert estimator.drift.ready
 
 
-LIES = ("honest", "frozen", "turned", "shaking")
+LIES = ("honest", "frozen", "turned", "shaking", "biased")
 """What is wrong with measured accelerations, each of eight flights of a batch."""
 
 
-@cache
-def in_gusts(imu: ImuNoise | None, told: tuple[str, ...] = LIES) -> tuple[dict[str, float], float]:
+def in_gusts(imu: ImuNoise | None, told: tuple[str, ...]) -> tuple[dict[str, float], float]:
     """Median RMS radius error (m) of flights in gusts of .1 V whose accelerations lie, and how far the honest ones are
     believed."""
     shakes, banks, lie = np.random.default_rng(3), [], np.repeat(told, 8)
@@ -228,8 +226,9 @@ def in_gusts(imu: ImuNoise | None, told: tuple[str, ...] = LIES) -> tuple[dict[s
     class Deceived(Auto):
         def observe(self, seen, true):
             if (felt := seen.felt) is not None:
-                shaken = felt + shakes.normal(0, 0.15, felt.shape)  # 3 m/s^2 in steps of .05 s
-                lies = [felt, 0 * felt + 0.02, felt[::-1], shaken]
+                biased = felt + 0.025 * np.array([np.cos(seen.psi), np.sin(seen.psi)])  # .5 m/s^2 in steps of .05 s
+                shaken = felt + shakes.normal(0, 0.15, felt.shape)  # 3 m/s^2
+                lies = [felt, 0 * felt + 0.02, felt[::-1], shaken, biased]
                 seen = replace(seen, felt=np.select([lie == one for one in LIES], lies))
             super().observe(seen, true)
 
@@ -244,18 +243,12 @@ def in_gusts(imu: ImuNoise | None, told: tuple[str, ...] = LIES) -> tuple[dict[s
     return {one: float(np.median(rms[lie == one])) for one in told}, float(believed)
 
 
-def test_accelerations_show_a_gust_before_the_ranges_do():
-    felt, believed = in_gusts(ImuNoise())
-    assert felt["honest"] < 0.6 * in_gusts(None)[0]["honest"]
+def test_accelerations_show_a_gust_before_the_ranges_do_and_those_that_lie_cost_little():
+    without = in_gusts(None, LIES[:1])[0]["honest"]
+    felt, believed = in_gusts(ImuNoise(), LIES)
+    assert felt.pop("honest") < 0.6 * without
     assert believed > 0.9
-
-
-@pytest.mark.parametrize(
-    ("imu", "lie"), [(ImuNoise(bias=0.5), "honest"), *((ImuNoise(), lie) for lie in ("frozen", "turned", "shaking"))]
-)
-def test_accelerations_that_lie_cost_little(imu, lie):
-    told = LIES if imu == ImuNoise() else (lie,)
-    assert in_gusts(imu, told)[0][lie] < 1.25 * in_gusts(None)[0][lie]
+    assert max(felt.values()) < 1.25 * without, felt
 
 
 def test_a_wrong_airspeed_that_passes_for_a_gust_is_found_out():

@@ -148,9 +148,7 @@ def test_the_guided_mode_is_asked_for_by_its_numbers() -> None:
         (("px4", "plane"), None, False),
     ],
 )
-def test_setpoints_before_the_guided_mode_go_only_where_nothing_obeys_them(
-    key: tuple[str, str], mode: int | None, wanted: bool
-) -> None:
+def test_setpoints_before_the_guided_mode_go_only_where_nothing_obeys_them(key, mode, wanted):
     assert AUTOPILOTS[key](FACTS).wants_setpoints_in(mode) == wanted
 
 
@@ -204,9 +202,7 @@ def test_thin_air_makes_the_bank_steeper() -> None:
 
 
 @pytest.mark.parametrize(("bound", "within", "again"), [(16.0, 15.6, 15.0), (5.0, 5.9, 6.0)])
-def test_an_airspeed_at_the_bound_of_what_can_be_does_not_make_the_thrust_step_each_time(
-    bound: float, within: float, again: float
-) -> None:
+def test_an_airspeed_at_the_bound_of_what_can_be_does_not_make_the_thrust_step_each_time(bound, within, again):
     """Once doubted, at 1.6 V or at .5 V, it is used again within 1.5 V or .6 V only."""
     adapter = AUTOPILOTS["px4", "plane attitude"](FACTS)
 

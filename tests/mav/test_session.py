@@ -151,12 +151,7 @@ def test_a_peer_that_speaks_mavlink_1_only_is_told_what_to_set_and_sent_our_mavl
 
 @pytest.mark.parametrize(
     ("mode", "armed", "ours", "name"),
-    [
-        (4, True, True, "GUIDED"),
-        (4, False, False, "GUIDED"),
-        (5, True, False, "LOITER"),
-        (77, True, False, "mode 77"),
-    ],
+    [(4, True, True, "GUIDED"), (4, False, False, "GUIDED"), (5, True, False, "LOITER"), (77, True, False, "mode 77")],
 )
 def test_the_vehicle_is_ours_when_armed_in_guided_by_its_own_heartbeat_until_it_is_let_go(
     line, mode, armed, ours, name

@@ -90,12 +90,6 @@ def test_a_heartbeat_of_our_radios_system_does_not_take_its_ranges_from_us(rig, 
 # --- ranges that are none ---
 
 
-def test_a_repeated_range_is_not_a_fresh_one(rig):
-    """The same stamp again and again: stale after half a second."""
-    rig.engage().run(1.0, lambda: rig.hear(distance(15000, 1_003_000)), ranges=False)
-    assert rig.pilot.mission.phase is Phase.HOLDING
-
-
 def test_an_outlier_is_counted_and_moves_nothing():
     steady, disturbed = Rig().engage(), Rig().engage()
     disturbed.now = steady.now = round(steady.now + 0.02, 6)

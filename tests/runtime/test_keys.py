@@ -47,9 +47,7 @@ def test_a_key_is_32_bytes_or_64_hex_digits(path: Path, data: bytes) -> None:
         *((KEY, mode, "others can read this key ", ": chmod 600 {path}") for mode in (0o640, 0o604, 0o620, 0o777)),
     ],
 )
-def test_what_is_no_key_or_nobodys_alone_is_refused_in_one_line_with_the_remedy(
-    path: Path, data: bytes, mode: int, told: str, remedy: str
-) -> None:
+def test_what_is_no_key_or_nobodys_alone_is_refused_in_one_line_with_the_remedy(path, data, mode, told, remedy):
     with pytest.raises(KeyFileError) as refused:
         read_key(written(path, data, mode))
     line = str(refused.value)
@@ -98,9 +96,7 @@ def test_a_restart_goes_on_where_the_last_run_ended_though_the_clock_was_set_bac
 
 
 @pytest.mark.parametrize("seconds", [0.0, 9.9, 15.0, 61.7])
-def test_a_killed_process_signs_nothing_again_and_its_file_is_written_seldom(
-    path: Path, seconds: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_killed_process_signs_nothing_again_and_its_file_is_written_seldom(path, seconds, monkeypatch):
     """It never comes to close the file; the clock has gone back meanwhile."""
     writes, replace = [], os.replace
     monkeypatch.setattr(os, "replace", lambda *names: writes.append(names) or replace(*names))

@@ -12,14 +12,11 @@ from circnav_mav.experiments.campaign.lockstep import fly_lockstep
 from circnav_mav.experiments.campaign.plan import load_campaign, prepare
 
 CELLS = {
-    "pi, gusts and a moving target": (
+    "pi, gusts, a moving target, other lags, radii, speeds, senses": (
         '"guidance.law" = ["pi"]\n"sim.wind.gust_rms_mps" = [0.3]\n"sim.target.velocity_east_mps" = [1.5]\n'
-        '"sim.target.turn_rate_deg_s" = [2.0]'
-    ),
-    "pd, other lags, radii, speeds, senses": (
-        '"guidance.law" = ["pd"]\n"sim.vehicle.turn_lag_s" = {uniform = [0.2, 0.8]}\n'
+        '"sim.target.turn_rate_deg_s" = [2.0]\n"sim.vehicle.turn_lag_s" = {uniform = [0.2, 0.8]}\n'
         '"orbit.radius_m" = {uniform = [80, 140]}\n"vehicle.speed_mps" = {uniform = [10, 18]}\n'
-        '"orbit.direction" = {choice = ["clockwise", "counterclockwise"]}\n"sim.wind.speed_mps" = [3.0]'
+        '"orbit.direction" = {choice = ["clockwise", "counterclockwise"]}'
     ),
     "auto, wind, outliers, a slow radio that loses half": (
         '"guidance.law" = ["auto"]\n"sim.ranging.outlier_fraction" = [0.1]\n"sim.wind.speed_mps" = [4.0]\n'

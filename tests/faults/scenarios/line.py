@@ -63,9 +63,7 @@ JITTER = [
     *(both("F4", f"{ms} ms", Impairment(jitter=ms / 1000), quick=ms == 200) for ms in (50, 200)),
     both("F4", "200 ms in order", Impairment(jitter=0.2, in_order=True)),
 ]
-ORDER = [
-    *(both("F5", f"{p} %, depth 1..5", Impairment(reorder=p / 100), quick=p == 25, blind=0.5) for p in (1, 5, 25)),
-]
+ORDER = [*(both("F5", f"{p} %, depth 1..5", Impairment(reorder=p / 100), quick=p == 25, blind=0.5) for p in (1, 5, 25))]
 DUPLICATES = [
     *(both("F6", f"{p} %", Impairment(duplicate=p / 100), quick=p == 50, rejects=("repeat",)) for p in (10, 50)),
     both("F6", "1 %", Impairment(duplicate=0.01)),
