@@ -201,6 +201,12 @@ def test_auto_keeps_every_flight_in_strong_wind_in_the_right_sense():
     assert metrics.right_way(tracks.angle[end], tracks.sense).all()
 
 
+def test_no_start_leads_farther_away_than_the_tightest_circle_is_wide():
+    """2 V over the turn-rate limit: 86 m. Whoever turns at once at the limit is led away by no more, whichever way."""
+    tracks = fly_situation(Situation("outside", start=(250.0, 250.0), duration=15.0), policy("auto"), 96, seed=9)
+    assert (tracks.r.max(axis=0) - tracks.r[0]).max() < 2 * 15 / np.radians(20)
+
+
 def test_the_filter_is_consistent_in_gusts():
     tracks = fly_situation(Situation("gusts", wind=5.0, gust=1.5, duration=90.0), policy("auto"), 12, seed=6)
     nees = tracks.nees[tracks.time > 45]

@@ -2,7 +2,6 @@
 
 from math import exp, pi, sin
 
-import numpy as np
 import pytest
 
 from circnav_mav.guidance.step import FADE, WHY, Flies, Handover, hand_over
@@ -11,13 +10,13 @@ STEP, LIMIT = 0.05, 0.35
 BY_RANGE, BY_BANK = 0.1, -0.05
 
 
-def go_on(before: Handover, ranges, *, trusted: bool = False, favourite: int = -1, by_bank: float = BY_BANK):
-    """The handovers of steps at these ranges of a circle of 100 m, or of some seconds at 200 m."""
+def go_on(before: Handover, seconds: float, *, trusted=False, favourite=-1, by_range=BY_RANGE, by_bank=BY_BANK, leaves=0.0):
+    """The handovers of the steps of some seconds."""
     found = []
-    for r in [200.0] * round(ranges / STEP) if isinstance(ranges, float) else ranges:
+    for _ in range(round(seconds / STEP)):
         before = hand_over(
-            before, STEP, trusted=trusted, favourite=favourite, by_range=BY_RANGE, by_bank=by_bank, limit=LIMIT,
-            r=r, r_d=100.0,
+            before, STEP, trusted=trusted, favourite=favourite, by_range=by_range, by_bank=by_bank, limit=LIMIT,
+            leaves=leaves,
         )  # fmt: skip
         found.append(before)
     return found
@@ -31,13 +30,14 @@ def test_a_guess_is_tried_once_the_search_has_had_its_second():
     assert {step.flies for step in go_on(Handover(), 20.0)} == {Flies.FEEDFORWARD}, "without a guess"
 
 
-def test_a_trial_that_leads_away_ends_and_the_next_one_waits_until_the_way_is_made_good():
-    ranges = [*np.linspace(300, 340, 100), *np.linspace(340, 360, 50), *np.linspace(360, 305, 100)]
-    seen = [(r, step.flies) for r, step in zip(ranges, go_on(Handover(), ranges, favourite=3), strict=True)]
-    away = [r for r, flies in seen[20:150] if flies != Flies.TRIAL]
-    assert min(away) == pytest.approx(340.0, abs=1.0)  # two fifths of a radius
-    back = [r for r, flies in seen[150:] if flies == Flies.TRIAL]
-    assert max(back) == pytest.approx(310.0, abs=1.0)  # a tenth of one
+@pytest.mark.parametrize("way", [1.0, -1.0])
+@pytest.mark.parametrize("favourite", [-1, 3])
+def test_who_leaves_the_target_behind_turns_at_the_limit_the_way_that_is_asked_for(favourite, way):
+    asked = {"favourite": favourite, "by_range": 0.02 * way, "by_bank": 0.02 * way}
+    turns = [go_on(Handover(), 2.0, leaves=leaves, **asked)[-1].command for leaves in (0.0, 0.5, 1.0)]
+    assert turns == pytest.approx([0.02 * way, (0.02 + LIMIT) / 2 * way, LIMIT * way], abs=1e-3)
+    known = go_on(Handover(), 2.0, trusted=True, leaves=1.0, **asked)[-1]
+    assert known.command == pytest.approx(0.02 * way), "who knows where it is, flies as asked"
 
 
 def test_a_trial_that_tells_nothing_apart_weaves_to_either_side_every_six_seconds():
