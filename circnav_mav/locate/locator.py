@@ -42,6 +42,8 @@ WANTED = frozenset({
     dialect.MAVLINK_MSG_ID_COMMAND_ACK, *REPORTS.values(),
 })  # fmt: skip
 STREAMS = {dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 4.0, dialect.MAVLINK_MSG_ID_GPS_RAW_INT: 2.0}
+SECOND = dialect.MAVLINK_MSG_ID_GPS2_RAW
+"""Of a second receiver, where the vehicle has one."""
 SAYS = frozenset({"NAMED_VALUE_FLOAT", "STATUSTEXT", "ORBIT_EXECUTION_STATUS", "RANGING_BEACON", "COMMAND_LONG",
                   "COMMAND_INT"})  # fmt: skip
 """Types of the messages that may leave here; of commands those of COMMANDS."""
@@ -319,8 +321,8 @@ class Locator:
         assert session.peer is not None
         if self._streams is None or (done and not self._alone and self.busy):
             self._alone = done  # from then on the pilot's own streams are given back
-            report = {REPORTS[session.adapter.firmware.key]: 2.0} if self.handback else {}
-            self._streams = StreamRequests(STREAMS | report | (AFTER if done else {}))
+            health = {REPORTS[session.adapter.firmware.key]: 2.0, SECOND: 2.0} if self.handback else {}
+            self._streams = StreamRequests(STREAMS | health | (AFTER if done else {}), maybe={SECOND})
         if not done or self.busy:
             for request in self._streams.poll(now):
                 self._commands.send(request)
