@@ -217,7 +217,7 @@ class Locator:
         air = None if own is None else rect(own.airspeed, own.heading)
         self.watch.see(Look(now, east, north, air, range_off, bearing_off))
         if bearing_off is not None and self.watch.trusts_positions:
-            self._reckoning.compass.learn(bearing_off[0], now)
+            self._reckoning.compass.learn(rect(1.0, bearing_off[0]), now)
         if self.watch.culprit is Culprit.BEACON and self.place is not None:
             # the beacon has moved, or another one answers: what was surveyed is no longer so
             self.place = None
@@ -353,7 +353,7 @@ class Locator:
         if self.plane is None:
             return []
         fresh = newest is not None and now - newest.time < FRESH_RANGE
-        self._reckoning.step(now, self._own(now), place, self._relative(now) if fresh else None)
+        self._reckoning.step(now, self._own(now), place, self._pilot.tracker.estimator.at(now) if fresh else None)
         good = self._health.good(now) if self._pilot.session.vehicle.armed else None
         message = back.step(now, good=good, where=self._reckoning.where, plane=self.plane, target=target)
         return [] if message is None else [message]

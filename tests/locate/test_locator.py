@@ -1,5 +1,6 @@
 """What the survey hears, asks for and says beside a pilot on a bench, and what becomes of it when it fails."""
 
+from cmath import phase
 from concurrent.futures import Future
 from contextlib import ExitStack
 from dataclasses import replace
@@ -100,7 +101,7 @@ def test_a_spoofed_position_teaches_no_compass_bias(monkeypatch):
     beside = Beside().run(3.0)
     beside.locator.found(PLACE)
     learnt = []
-    monkeypatch.setattr(beside.locator._reckoning.compass, "learn", lambda off, now: learnt.append(off))
+    monkeypatch.setattr(beside.locator._reckoning.compass, "learn", lambda off, now: learnt.append(phase(off)))
     relative = SimpleNamespace(x=0.0, y=150.0, sigma=1.0)
     monkeypatch.setattr(beside.locator, "_relative", lambda time: relative)
     beside.locator._look(30.0, 190.0, 584.0, beside.rig.now, beside.rig.now)
