@@ -200,14 +200,15 @@ def test_another_wind_counts_within_a_quarter_of_a_minute_and_a_gust_does_not():
 
     old, new = [5 + 0j] * 900, [-3 + 4j] * 150
     assert abs(circled(*old, *new).where.wind - (-3 + 4j)) < 0.5
-    assert abs(circled(*old, *new[:60], *old[:300]).where.wind - 5) < 1.0
+    assert abs(circled(*old, *new[:60]).where.wind - 5) < 1.5
 
 
 def test_while_the_filter_and_the_way_flown_tell_two_places_the_filter_is_believed():
     """Its standard deviation grows where the wind changes; but dead reckoning has the old wind."""
     reckoning = told(by_ranges(t, 0.0, 150.0) for t in np.arange(1, 301) / 10)
-    told((by_ranges(t, 0.0, 150.0, 5 + 20j, 8.0) for t in np.arange(301, 501) / 10), reckoning)
-    assert hypot(reckoning.where.east, reckoning.where.north - 150.0) < 3 * 8.0 + 3.0
+    for t in np.arange(301, 401) / 10:
+        here = told([by_ranges(t, 0.0, 150.0, 5 + 20j, 8.0)], reckoning).where
+        assert hypot(here.east, here.north - 150.0) < 3 * 8.0 + 3.0
 
 
 def test_a_distance_that_cannot_be_moves_nothing():
