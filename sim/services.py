@@ -71,7 +71,8 @@ class Streams:
 
     def run(self, link: Link, number: int, interval: int) -> None:
         link.intervals[number] = interval
-        if number != DISTANCE_SENSOR or not self._flight.autopilot.identity.ranges_on_update:
+        on_update = number == DISTANCE_SENSOR and self._flight.autopilot.identity.ranges_on_update
+        if number in BUILDERS and not on_update:  # of what it does not have, as a second receiver, nothing is due
             send, first = partial(self.send_once, link, number), self._flight.now + interval
             self._agenda.every(("stream", link.name, number), interval, first, send)
 

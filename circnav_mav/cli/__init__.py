@@ -9,6 +9,7 @@ import sys
 import warnings
 from collections.abc import Callable
 from functools import wraps
+from math import isfinite
 from pkgutil import resolve_name
 from typing import Any
 
@@ -29,12 +30,25 @@ ENDPOINT = click.option(
     metavar="URL",
     help="The vehicle: udpin:, udpout: or tcp:HOST:PORT, serial:PATH:BAUD. [default: as the mission says]",
 )
-ABOVE_ZERO = click.FloatRange(0, min_open=True)
 SPEED_HELP = "Bundled vehicle: N times real time, to watch it. [default: as fast as possible; with --web 6]"
 SELDOM = 200_000
 """Objects between two garbage collections. What a command loads stays; to look through it again and again took a
 seventh of the time that `check` takes."""
 WEB_HELP = "Show the flight in a browser on this computer, too, at http://127.0.0.1:PORT. [default port: 8080]"
+
+
+class Finite(click.FloatRange):
+    """Neither nan nor inf, which are numbers for `float`."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """The number."""
+        number = float(super().convert(value, param, ctx))
+        if not isfinite(number):
+            self.fail(f"{value!r} is not a number.", param, ctx)
+        return number
+
+
+ABOVE_ZERO = Finite(0, min_open=True)
 
 
 class Folder(click.Path):
@@ -226,7 +240,7 @@ def export() -> None:
 )
 @click.option("--gps-sigma", type=ABOVE_ZERO, default=1.5, metavar="M", help="Error of the positions.")
 @click.option("--bias", type=ABOVE_ZERO, default=2.0, metavar="M", help="How far ranges may be off together.")
-@click.option("--altitude", type=float, metavar="M", help="Of the target, where it is known; as the log counts it.")
+@click.option("--altitude", type=Finite(), metavar="M", help="Of the target, where it is known; as the log counts it.")
 @click.option("--out", type=Folder(), metavar="DIR", help="Where to write. [default: beside the log]")
 def locate() -> None:
     """Tell where the targets of a log are. Writes GeoJSON, KML and a picture.

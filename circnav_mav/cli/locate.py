@@ -91,8 +91,12 @@ def _say(place: Place, known: Knowledge) -> None:
     if not place.up_known:
         click.echo(f"  height     {NOT_OBSERVABLE}")
     click.echo(f"  ranges     noise {place.noise:.2f} m, bias {place.bias:+.2f} +-{place.bias_sigma:.2f} m")
-    click.echo(f"  clocks     positions are stamped {place.delay:+.2f} +-{place.delay_sigma:.2f} s later than ranges")
+    late = f"positions are stamped {place.delay:+.2f} +-{place.delay_sigma:.2f} s later than ranges"
+    known_clocks = place.delay_sigma < known.delay_sigma
+    click.echo(f"  clocks     {late if known_clocks else 'offset not observable: the distance hardly changes'}")
     total = place.used + place.outliers
+    if abs(place.up - known.up) > 3 * known.up_sigma:
+        click.echo(f"  WARNING    the ranges fit a target at {place.up:.0f} m only: are they slant ranges in metres?")
     if place.outliers:
         click.echo(f"  outliers   {place.outliers} of {total} left out")
     if place.outliers > MIXED * total or place.noise > POOR * place.range_scale:

@@ -42,6 +42,9 @@ EXPLAINED = 1.3
 """Residuals over what the ranges say of themselves, up to which rest explains them."""
 UP_KNOWN = 2.0
 """Standard deviation of the height, m, above which it counts as not observed."""
+HARDLY = 5.0
+"""Noise of ranges and positions together, below whose fivefold the change of the distance tells no offset of clocks:
+the wiggles of a GPS, which the ranges do not have, would."""
 ROUGH = 0.25
 """Standard deviation of a place, in units of the range, above which it is none."""
 E, N, U, BIAS, DELAY, VE, VN = range(7)
@@ -261,11 +264,15 @@ class _Problem:
         x = last.x
         sd = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         velocity = (float(x[VE]), float(x[VN])) if self.moves else (0.0, 0.0)
+        noise = spread * float(np.median(self.ranges.sigma))
+        nearest, farthest = np.percentile(kept.r, [5, 95])
+        if farthest - nearest < HARDLY * (noise + self.known.gps_sigma):
+            sd[DELAY] = self.known.delay_sigma  # on a circle round the target a clock fits as well as any other
         return Place(
             time=self.end, plane=plane, east=float(x[E]), north=float(x[N]), up=float(x[U]),
             covariance=covariance[:2, :2], up_sigma=float(sd[U]), up_known=bool(sd[U] <= UP_KNOWN),
             bias=float(x[BIAS]), bias_sigma=float(sd[BIAS]), delay=float(x[DELAY]), delay_sigma=float(sd[DELAY]),
-            noise=spread * float(np.median(self.ranges.sigma)), used=int(keep.sum()), outliers=int((~keep).sum()),
+            noise=noise, used=int(keep.sum()), outliers=int((~keep).sum()),
             velocity=velocity, velocity_sigma=float(max(sd[VE], sd[VN])) if self.moves else None,
             range_scale=float(np.median(self.ranges.r)), bias_prior=self.known.bias_sigma,
         )  # fmt: skip

@@ -11,7 +11,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import all as dialect
 
-from circnav_mav.guidance.types import OwnMotion, RelativeMotion
+from circnav_mav.guidance.types import OwnMotion, RangeEstimate, RelativeMotion
 from circnav_mav.locate.export import position_estimate
 from circnav_mav.locate.place import Place, Plane
 from circnav_mav.mav.codec import Message
@@ -46,11 +46,15 @@ autopilot by itself was some km off."""
 PLACE_SIGMA = 15.0
 COMPASS_SIGMA = 0.03
 """What is not known of the compass, rad, where its bias was learnt; three times that where it was not."""
-WIND_SIGMA = 0.3
-"""Error of the wind in dead reckoning, m/s."""
-WIND_MEMORY = 40.0
-"""Time, s, over which that wind is averaged: about a lap. The drift of one moment has its gust and the slip of the
-nose, and .7 m/s of it put a plane 190 m off on its way home."""
+WIND_SIGMA, STRAYS = 0.3, 0.6
+"""Error of the wind in dead reckoning, m/s, and with that of its gusts and of the airspeed."""
+WIND_MEMORY, SCALE_MEMORY = 40.0, 300.0
+"""Times, s, over which that wind is averaged, about a lap, and the scale of the airspeed, which hardly changes. The
+drift of one moment has its gust and the slip of the nose, and .7 m/s of it put a plane 190 m off on its way home."""
+WIND_CHANGED, CHANGED_FOR = 3.0, 10.0
+"""By how much, m/s, and for how long, s, the drift must be another one to be another wind, and no gust."""
+AGREE = 3.0
+"""Standard deviations by which two ways of telling the place may differ."""
 BIAS_MEMORY = 60.0
 """Time, s, over which the compass bias is learnt."""
 RECKON_EVERY, LONGEST_STEP = 0.1, 1.0
@@ -120,25 +124,51 @@ class Health:
         return {kind: good for kind, (good, at) in self._said.items() if now - at <= SILENT}
 
 
-class CompassBias:
-    """Of bearings by compass less those by GPS, while there is GPS: a mean of unit vectors with a memory."""
+class Mean:
+    """A running mean that forgets. memory: s."""
+
+    def __init__(self, memory: float) -> None:
+        self._memory, self._at = memory, float("-inf")
+        self.value: complex = 0j
+        self.over = 0.0
+        """Time, s, that it is the mean of."""
+
+    def learn(self, value: complex, now: float) -> None:
+        """Take a value in; the first one counts at once."""
+        dt = min(max(now - self._at, 0.0), 1.0)
+        self._at = now
+        self.over = min(self.over + dt, self._memory)
+        self.value += dt / max(self.over, 1e-3) * (value - self.value)
+
+
+class CompassBias(Mean):
+    """Of bearings by compass less those by GPS, while there is GPS: a mean of unit vectors."""
 
     def __init__(self) -> None:
-        self._turned: complex = 0j
-        self._turned_for, self._turned_at = 0.0, 0.0
-
-    def learn(self, off: float, now: float) -> None:
-        """off: rad, counter-clockwise positive."""
-        dt = min(now - self._turned_at, 1.0)
-        self._turned_at = now
-        self._turned_for = min(self._turned_for + dt, BIAS_MEMORY)
-        self._turned += dt / max(self._turned_for, dt, 1e-3) * (rect(1.0, off) - self._turned)
+        super().__init__(BIAS_MEMORY)
 
     @property
-    def value(self) -> tuple[float, float]:
+    def bias(self) -> tuple[float, float]:
         """The bias, rad, counter-clockwise positive, and its standard deviation; 0 before it was learnt."""
-        learnt = self._turned_for > 10.0
-        return (phase(self._turned), COMPASS_SIGMA) if learnt else (0.0, 3 * COMPASS_SIGMA)
+        return (phase(self.value), COMPASS_SIGMA) if self.over > 10.0 else (0.0, 3 * COMPASS_SIGMA)
+
+
+class Wind(Mean):
+    """As the filter's drift tells it, m/s, east + j north: about a lap of it, and the new one after a change."""
+
+    def __init__(self) -> None:
+        super().__init__(WIND_MEMORY)
+        self._other = Mean(WIND_MEMORY)
+
+    def learn(self, value: complex, now: float) -> None:
+        if abs(value - self.value) <= WIND_CHANGED:
+            self._other = Mean(WIND_MEMORY)
+        else:
+            self._other.learn(value, now)
+        super().learn(value, now)
+        if self._other.over >= CHANGED_FOR:
+            self.value, self.over = self._other.value, self._other.over
+            self._other = Mean(WIND_MEMORY)
 
 
 class DeadReckoning:
@@ -147,51 +177,76 @@ class DeadReckoning:
     def __init__(self) -> None:
         self.where: Where | None = None
         self.compass = CompassBias()
-        self._wind_for = 0.0
+        self._wind, self._scale = Wind(), Mean(SCALE_MEMORY)
         self._air: complex = 0j
         """Velocity through the air, m/s, east + j north, as last known."""
+        self._strayed = 0.0
+        """Standard deviation, m, by which the wind has put it off since the filter was believed."""
         self._stepped_at = float("-inf")
 
-    def step(self, now: float, own: OwnMotion | None, target: Place | None, relative: RelativeMotion | None) -> None:
-        """Take the filter's word, where ranges give one, or carry the place on. own: None where it is not heard."""
+    def step(self, now: float, own: OwnMotion | None, target: Place | None, estimate: RangeEstimate | None) -> None:
+        """Take the filter's word, where ranges give one, or carry the place on. own: None where it is not heard.
+        estimate: by ranges, None where there are none."""
         if now - self._stepped_at < RECKON_EVERY:
             return
         self._stepped_at = now
-        if target is not None and relative is not None and target.sigma <= PLACE_SIGMA:
+        flown = None if self.where is None else self._flown(now, self.where, own)
+        if target is None or target.sigma > PLACE_SIGMA or estimate is None:
+            self.where = flown
+            return
+        relative = estimate.relative
+        if relative is not None and relative.trusted and self._believes(relative, target, flown):
             self._ranged(now, target, relative)
-        elif self.where is not None:
-            self._flown(now, self.where, own)
+        elif flown is not None:
+            self.where = _at_distance(estimate.r, target, flown)
+
+    def _believes(self, relative: RelativeMotion, target: Place, flown: Where | None) -> bool:
+        """Whether the filter knows better than the way flown. Straight away from the target ranges tell no bearing: the
+        filter has that by the drift of its last moment. Where the two disagree by far, the wind is another one."""
+        if flown is None or relative.sigma <= self._strayed:
+            return True
+        return abs(_from(target, flown) - self._way(relative)) > AGREE * relative.sigma
+
+    def _way(self, relative: RelativeMotion) -> complex:
+        return rect(1.0, -self.compass.bias[0]) * complex(relative.x, relative.y)
 
     def _ranged(self, now: float, target: Place, relative: RelativeMotion) -> None:
-        bias, bias_sigma = self.compass.value
-        turn = rect(1.0, -bias)
-        way, drift = turn * complex(relative.x, relative.y), turn * complex(relative.drift_x, relative.drift_y)
+        bias, bias_sigma = self.compass.bias
+        way = self._way(relative)
+        drift = rect(1.0, -bias) * complex(relative.drift_x, relative.drift_y)
         sigma = hypot(target.sigma, relative.sigma, bias_sigma * abs(way))
-        wind = self._averaged(drift + complex(*target.velocity), now)
-        self._air = rect(relative.airspeed, relative.heading - bias)
-        self.where = Where(now, target.east + way.real, target.north + way.imag, sigma, wind, relative.scale, True)
+        self._wind.learn(drift + complex(*target.velocity), now)
+        self._scale.learn(relative.scale, now)
+        self._air, self._strayed = rect(relative.airspeed, relative.heading - bias), relative.sigma
+        wind, scale = self._wind.value, self._scale.value.real
+        self.where = Where(now, target.east + way.real, target.north + way.imag, sigma, wind, scale, True)
 
-    def _averaged(self, wind: complex, now: float) -> complex:
-        before = self.where
-        if before is None or now - before.time > WIND_MEMORY:
-            self._wind_for = 0.0
-            return wind
-        dt = max(now - before.time, 0.0)
-        self._wind_for = min(self._wind_for + dt, WIND_MEMORY)
-        return before.wind + dt / max(self._wind_for, 1e-3) * (wind - before.wind)
-
-    def _flown(self, now: float, before: Where, own: OwnMotion | None) -> None:
+    def _flown(self, now: float, before: Where, own: OwnMotion | None) -> Where:
         """On through the air; straight on where the vehicle is not heard, which may have turned anywhere since."""
-        bias, bias_sigma = self.compass.value
+        bias, bias_sigma = self.compass.bias
         dt = now - before.time
         if own is not None:
             self._air = rect(own.airspeed * before.scale, own.heading - bias)
         known = own is not None and dt <= LONGEST_STEP
         v, off = self._air + before.wind, hypot(WIND_SIGMA, (bias_sigma if known else 1.0) * abs(self._air))
-        self.where = replace(
+        self._strayed += (STRAYS if known else off) * dt
+        return replace(
             before, time=now, by_ranges=False, sigma=before.sigma + off * dt,
             east=before.east + v.real * dt, north=before.north + v.imag * dt,
         )  # fmt: skip
+
+
+def _from(target: Place, here: Where) -> complex:
+    return complex(here.east - target.east, here.north - target.north)
+
+
+def _at_distance(r: float, target: Place, here: Where) -> Where:
+    """Moved along the line of sight to where the ranges say, m; not where they cannot be right."""
+    way = _from(target, here)
+    if not 0 < abs(r - abs(way)) < AGREE * here.sigma or abs(way) < 1.0:
+        return here
+    way *= r / abs(way)
+    return replace(here, east=target.east + way.real, north=target.north + way.imag, by_ranges=True)
 
 
 class HandBack:

@@ -42,6 +42,8 @@ WANTED = frozenset({
     dialect.MAVLINK_MSG_ID_COMMAND_ACK, *REPORTS.values(),
 })  # fmt: skip
 STREAMS = {dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 4.0, dialect.MAVLINK_MSG_ID_GPS_RAW_INT: 2.0}
+SECOND = dialect.MAVLINK_MSG_ID_GPS2_RAW
+"""Of a second receiver, where the vehicle has one."""
 SAYS = frozenset({"NAMED_VALUE_FLOAT", "STATUSTEXT", "ORBIT_EXECUTION_STATUS", "RANGING_BEACON", "COMMAND_LONG",
                   "COMMAND_INT"})  # fmt: skip
 """Types of the messages that may leave here; of commands those of COMMANDS."""
@@ -215,7 +217,7 @@ class Locator:
         air = None if own is None else rect(own.airspeed, own.heading)
         self.watch.see(Look(now, east, north, air, range_off, bearing_off))
         if bearing_off is not None and self.watch.trusts_positions:
-            self._reckoning.compass.learn(bearing_off[0], now)
+            self._reckoning.compass.learn(rect(1.0, bearing_off[0]), now)
         if self.watch.culprit is Culprit.BEACON and self.place is not None:
             # the beacon has moved, or another one answers: what was surveyed is no longer so
             self.place = None
@@ -319,8 +321,8 @@ class Locator:
         assert session.peer is not None
         if self._streams is None or (done and not self._alone and self.busy):
             self._alone = done  # from then on the pilot's own streams are given back
-            report = {REPORTS[session.adapter.firmware.key]: 2.0} if self.handback else {}
-            self._streams = StreamRequests(STREAMS | report | (AFTER if done else {}))
+            health = {REPORTS[session.adapter.firmware.key]: 2.0, SECOND: 2.0} if self.handback else {}
+            self._streams = StreamRequests(STREAMS | health | (AFTER if done else {}), maybe={SECOND})
         if not done or self.busy:
             for request in self._streams.poll(now):
                 self._commands.send(request)
@@ -351,7 +353,7 @@ class Locator:
         if self.plane is None:
             return []
         fresh = newest is not None and now - newest.time < FRESH_RANGE
-        self._reckoning.step(now, self._own(now), place, self._relative(now) if fresh else None)
+        self._reckoning.step(now, self._own(now), place, self._pilot.tracker.estimator.at(now) if fresh else None)
         good = self._health.good(now) if self._pilot.session.vehicle.armed else None
         message = back.step(now, good=good, where=self._reckoning.where, plane=self.plane, target=target)
         return [] if message is None else [message]

@@ -3,7 +3,7 @@
 And the telemetry streams: asked for with SET_MESSAGE_INTERVAL, measured, asked for again when they fall away.
 """
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass
 
 from pymavlink.dialects.v20 import all as dialect
@@ -138,6 +138,7 @@ def once(command: Command, target: Ids, confirmation: int = 0) -> Message:
 class _Stream:
     wanted: float
     heard: int = 0
+    ever: bool = False
     rate: float | None = None
     denied: bool = False
 
@@ -145,10 +146,11 @@ class _Stream:
 class StreamRequests:
     """Keeps the wanted streams flowing: other clients reset rates, and a reboot forgets them."""
 
-    def __init__(self, wanted: Mapping[int, float]) -> None:
-        """wanted: message id -> Hz."""
+    def __init__(self, wanted: Mapping[int, float], maybe: Container[int] = ()) -> None:
+        """wanted: message id -> Hz. maybe: of what the vehicle may not have; asked for again only once it was heard."""
         self._streams = {message_id: _Stream(rate) for message_id, rate in wanted.items()}
         self._since: float | None = None
+        self._maybe = maybe
 
     @property
     def rates(self) -> dict[int, float | None]:
@@ -184,8 +186,9 @@ class StreamRequests:
             return []
         self._since, requests = now, []
         for message_id, stream in self._streams.items():
-            stream.rate, stream.heard = stream.heard / elapsed, 0
-            if stream.rate < LOW * stream.wanted and not stream.denied:
+            stream.rate, stream.heard, stream.ever = stream.heard / elapsed, 0, stream.ever or stream.heard > 0
+            is_there = stream.ever or message_id not in self._maybe
+            if stream.rate < LOW * stream.wanted and is_there and not stream.denied:
                 requests.append(_interval(message_id, stream.wanted))
         return requests
 

@@ -4,7 +4,7 @@ import csv
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from math import isfinite, nan
+from math import inf, isfinite, nan
 from pathlib import Path
 
 import numpy as np
@@ -106,9 +106,10 @@ def _read_csv(file: Path) -> RangeLog:
                     if abs(latitude) > 90 or abs(longitude) > 180:
                         raise RunError(f"{line}: {latitude:g} {longitude:g} is no place: degrees?")
                     log.positions.append((time, latitude, longitude, cells["altitude"]))
-                if cells["range"] > 0:
+                if 0 < cells["range"] < inf:
+                    told = 0 < cells["sigma"] < inf  # others write zero where they do not know
                     tag = printable(row.get(columns.get("tag", ""), "") or "") or ONE_TAG
-                    log.ranges.setdefault(tag, []).append((time, cells["range"], cells["sigma"]))
+                    log.ranges.setdefault(tag, []).append((time, cells["range"], cells["sigma"] if told else nan))
     except (UnicodeDecodeError, csv.Error) as error:
         raise RunError(f"{file}: is no CSV: {error}") from None
     return log
@@ -130,8 +131,8 @@ def _columns(file: Path, header: Sequence[str]) -> dict[str, str]:
     missing = [name for name in NEEDED if name not in found]
     if missing:
         raise RunError(
-            f"{file}: no column {', '.join(missing)}: the first line must name time (s or ISO 8601), latitude, "
-            "longitude (degrees) and range (m), and may name altitude (m), sigma (m), tag"
+            f"{file}: no column {', '.join(missing)}: the first line must name, with commas between, time (s or ISO "
+            "8601), latitude, longitude (degrees) and range (m), and may name altitude (m), sigma (m), tag"
         )
     return found
 
@@ -147,7 +148,7 @@ def _read_tlog(file: Path, name: str) -> RangeLog:
         time = (stamp - began) / 1e6
         sender, kind = ids(message), kinds.get(message.get_msgId())
         if kind is not None:
-            if getattr(message, "name", None) == OURS:
+            if message.get_type() == "NAMED_VALUE_FLOAT" and message.name == OURS:
                 ours.add(sender)
             reading, tag = kind.read(message), None if sender in ours else _tag(message, name)
             if isinstance(reading, Reading) and tag is not None:

@@ -50,13 +50,14 @@ class Truth:
 
 @dataclass(frozen=True)
 class Reported:
-    """Where the autopilot itself says that it is: m north and east as the truth counts, m/s."""
+    """Where the autopilot itself says that it is, by its own stamp: m north and east as the truth counts, m/s, rad."""
 
     time: float
     north: float
     east: float
     v_north: float
     v_east: float
+    heading: float
 
 
 class Firmware(Protocol):
@@ -218,7 +219,8 @@ class Bench:
             self._boot, self._boot_at = message.time_boot_ms / 1000, time.monotonic()
         elif kind == "GLOBAL_POSITION_INT" and self.track:
             place = self.firmware.metres(message.lat, message.lon)
-            self.reported.append(Reported(self.now, *place, message.vx / 100, message.vy / 100))
+            told = (message.vx / 100, message.vy / 100, radians(message.hdg / 100))
+            self.reported.append(Reported(message.time_boot_ms / 1000, *place, *told))
         elif kind == "COMMAND_ACK":
             self._acks.append((message.command, message.result))
         elif kind == "PARAM_VALUE":

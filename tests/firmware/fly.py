@@ -14,7 +14,6 @@ import signal
 import subprocess
 import sys
 import time
-from bisect import bisect
 from collections import Counter
 from dataclasses import asdict, astuple, fields
 from datetime import datetime
@@ -93,7 +92,7 @@ def _flown(flown: Flight, bench: Bench, folder: Path) -> dict[str, Any]:
     return {
         **figures.plain(),
         "own": {} if flown.baseline else own_verdict(folder / "circnav", flown.window),
-        "own_position": own_position(flown, bench, began),
+        "own_position": own_position(flown, bench, began, ended),
         "takeover": _after_takeover(flown, bench, began),
         "modes": [(round(at - engaged, 1), mode) for at, mode in bench.modes if at > began - 5],
         "texts": [(round(at - engaged, 1), text) for at, text in bench.texts if at > began - 5][:30],
@@ -212,41 +211,57 @@ def _after_takeover(flown: Flight, bench: Bench, began: float) -> dict[str, Any]
     }
 
 
-def own_position(flown: Flight, bench: Bench, began: float) -> dict[str, Any] | None:
-    """The autopilot's own position against the truth from 10 s after the loss of its GPS on, m; the largest step of its
-    velocity error, m/s; and how far from home (where it was first seen) it was nearest, and the centre of the circle is
-    that it flies in the end."""
+def own_position(flown: Flight, bench: Bench, began: float, ended: float) -> dict[str, Any] | None:
+    """The autopilot's own position from 10 s after the loss of its GPS on, until the circle ended and on the way home;
+    and how far from home (where it was first seen) it was nearest, and the centre of the circle is that it flies in
+    the end."""
     if flown.gps_off is None:
         return None
-    since = began + flown.gps_off + 10.0
-    times = [one.time for one in bench.track]
-    pairs = [(one, bench.track[min(bisect(times, one.time), len(times) - 1)]) for one in bench.reported
-             if one.time > since]  # fmt: skip
-    if not pairs:
+    lost = began + flown.gps_off + 10.0
+    late = [one for one in bench.track if one.time > lost]
+    if not late:
         return None
-    off = sorted(hypot(one.north - true.north, one.east - true.east) for one, true in pairs)
-    wrong = [(one.v_north - true.v_north, one.v_east - true.v_east) for one, true in pairs]
-    steps = [hypot(b[0] - a[0], b[1] - a[1]) for a, b in pairwise(wrong)]
-    home = [hypot(true.north - flown.home_away, true.east) for _, true in pairs]
     given = Counter[str]()
     record = bench.folder / "circnav" / "handback.csv"
     if record.is_file():
         with record.open() as file:
-            given.update(row["answer"] for row in csv.DictReader(file))
+            given.update(f"{row['answer']}, by {row['by']}" for row in csv.DictReader(file))
     return {
-        "median": round(off[len(off) // 2], 1),
-        "p95": round(off[int(0.95 * (len(off) - 1))], 1),
-        "largest": round(off[-1], 1),
-        "velocity_step": round(max(steps, default=0.0), 2),
-        "nearest_home": round(min(home), 1),
-        "circles_off_home": round(_off_home(pairs, flown.home_away), 1),
+        "circle": own_error(bench, lost, max(lost, ended)),
+        "way_home": own_error(bench, max(lost, ended), bench.now) if flown.home_s else None,
+        "nearest_home": round(min(hypot(true.north - flown.home_away, true.east) for true in late), 1),
+        "circles_off_home": round(_off_home(bench.track, flown.home_away), 1),
         "given": dict(given),
     }
 
 
-def _off_home(pairs: list[tuple[Any, Truth]], away: float) -> float:
+def own_error(bench: Bench, since: float, until: float) -> dict[str, float] | None:
+    """What the autopilot reports of itself against the truth of the moment that it stamps it with: position, m; the
+    largest step of its velocity error from one report to the next, m/s (by the time of arrival a turn of 3 m/s^2 would
+    look like one of 1 m/s); heading, mean and standard deviation of the error, degrees clockwise."""
+    reported = [one for one in bench.reported if since < one.time < min(until, bench.track[-1].time)]
+    if len(reported) < 2:
+        return None
+    told = np.array([(one.north, one.east, one.v_north, one.v_east, one.heading) for one in reported])
+    true = np.array([(one.time, one.north, one.east, one.v_north, one.v_east, one.yaw) for one in bench.track])
+    true[:, 5] = np.unwrap(true[:, 5])
+    error = told - np.column_stack([np.interp([one.time for one in reported], true[:, 0], way) for way in true.T[1:]])
+    off, step = np.hypot(*error[:, :2].T), np.hypot(*np.diff(error[:, 2:4], axis=0).T)
+    turned = np.degrees(np.remainder(error[:, 4] + np.pi, 2 * np.pi) - np.pi)
+    figures = {
+        "median": np.median(off),
+        "p95": np.percentile(off, 95),
+        "largest": off.max(),
+        "velocity_step": step.max(),
+        "heading": turned.mean(),
+        "heading_sd": turned.std(),
+    }
+    return {name: round(float(value), 2) for name, value in figures.items()}
+
+
+def _off_home(track: list[Truth], away: float) -> float:
     """Distance from home, `away` north, of the circle that fits the true track of the last 40 s, m."""
-    last = np.array([(true.north, true.east) for _, true in pairs if true.time > pairs[-1][1].time - 40.0])
+    last = np.array([(true.north, true.east) for true in track if true.time > track[-1].time - 40.0])
     middle = last.mean(axis=0)
     at = last - middle
     north, east, _ = np.linalg.lstsq(np.c_[2 * at, np.ones(len(at))], (at**2).sum(axis=1), rcond=None)[0]
@@ -329,10 +344,14 @@ def line(result: dict[str, Any]) -> str:
             x, y = own["drift"]
             words.append(f"drift {hypot(x, y):.1f} m/s towards {degrees(atan2(x, y)) % 360:.0f}")
     if position := result.get("own_position"):
+        for where, one in (("circle", position["circle"]), ("way home", position["way_home"])):
+            if one:
+                words.append(
+                    f"own position on the {where} off by {one['median']} / {one['p95']} / {one['largest']} m (median, "
+                    f"95 %, most), velocity step {one['velocity_step']} m/s, heading {one['heading']:+} deg"
+                )
         words.append(
-            f"own position off by {position['median']} / {position['p95']} / {position['largest']} m (median, 95 %, "
-            f"most), velocity step {position['velocity_step']} m/s, given {position['given'] or 'nothing'}, in the end "
-            f"it circles {position['circles_off_home']} m off home"
+            f"given {position['given'] or 'nothing'}, in the end it circles {position['circles_off_home']} m off home"
         )
     if result["takeover"]:
         words.append(f"{result['takeover']['after_shown']} setpoints after the takeover was shown")

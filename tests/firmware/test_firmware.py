@@ -2,16 +2,19 @@
 
 import json
 import subprocess
-from math import cos, nan, pi, radians, sin, tan
+from dataclasses import astuple, replace
+from math import cos, hypot, nan, pi, radians, sin, tan
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from tests.firmware import table
-from tests.firmware.bench import Truth
+from tests.firmware.bench import Reported, Truth
 from tests.firmware.flight import VEHICLES, Flight
-from tests.firmware.fly import fly, missing
+from tests.firmware.fly import fly, missing, own_position
 from tests.firmware.score import score
 from tests.firmware.wire import Setpoint, frames, mode_shown, setpoint
 
@@ -51,6 +54,31 @@ def test_a_circle_two_metres_wide_is_kept_and_settled_when_it_reaches_the_band(c
     there = (SITTING[0] + 40.0, SITTING[1])
     told = score(PLANE, track, [], lambda _: there, engaged=0.0, ended=200.0, turn_limit=1.0, home=584.0)
     assert (told.kept, told.settled, told.turn_sd) == (False, None, None), "round another place"
+
+
+def test_the_autopilots_own_position_is_judged_on_the_circle_and_on_the_way_home_by_its_own_stamps(
+    tmp_path: Path,
+) -> None:
+    """5 m off on the circle, 50 m on the way home, where the heading is 3 deg off; once its velocity jumps by .4 m/s.
+    Its reports lie between the truths: by the nearest one of those a turn of 3.2 m/s^2 is a velocity that jumps."""
+    flight = replace(PLANE, gps_off=20.0, home_s=60.0)
+    track = straight_in_and_round(PLANE, 150.0, clockwise=True, seconds=130.0)
+    times, true = np.arange(20.0, 129.0, 0.21), np.array([astuple(one) for one in track])
+    ways = (true[:, 1], true[:, 2], true[:, 4], true[:, 5], np.unwrap(true[:, 8]))
+    north, east, v_north, v_east, yaw = (np.interp(times, true[:, 0], way) for way in ways)
+    home = times >= 80.0
+    north, east = north + np.where(home, 30.0, 3.0), east + np.where(home, 40.0, 4.0)
+    v_east, yaw = v_east + np.where(times > 50, 0.4, 0.0), yaw + np.where(home, radians(3.0), 0.0)
+    told = zip(times, north, east, v_north, v_east, yaw % (2 * pi), strict=True)
+    reported = [Reported(*map(float, one)) for one in told]
+    bench = SimpleNamespace(track=track, reported=reported, folder=tmp_path, now=130.0)
+    found = own_position(flight, bench, 0.0, 80.0)
+    assert found is not None
+    circle, way = found["circle"], found["way_home"]
+    assert (circle["median"], circle["largest"], circle["heading"]) == pytest.approx((5.0, 5.0, 0.0), abs=0.05)
+    assert circle["velocity_step"] == pytest.approx(0.4, abs=0.05) and way["velocity_step"] < 0.05
+    assert (way["median"], way["p95"], way["heading"]) == pytest.approx((50.0, 50.0, 3.0), abs=0.05)
+    assert found["circles_off_home"] == pytest.approx(hypot(*SITTING), abs=0.5)
 
 
 def test_what_a_setpoint_commands_is_clockwise_positive() -> None:

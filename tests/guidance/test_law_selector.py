@@ -10,7 +10,9 @@ STEP, LIMIT = 0.05, 0.35
 BY_RANGE, BY_BANK = 0.1, -0.05
 
 
-def go_on(before: Handover, seconds: float, *, trusted=False, favourite=-1, by_range=BY_RANGE, by_bank=BY_BANK, leaves=0.0):
+def go_on(
+    before: Handover, seconds: float, *, trusted=False, favourite=-1, by_range=BY_RANGE, by_bank=BY_BANK, leaves=0.0
+):  # fmt: skip
     """The handovers of the steps of some seconds."""
     found = []
     for _ in range(round(seconds / STEP)):

@@ -120,6 +120,17 @@ def swing(dead, known):
     return worst
 
 
+@pytest.mark.parametrize("under_way", [0.3, -0.3])
+@pytest.mark.parametrize("beyond", [0.2, 0.4])
+def test_a_turn_goes_on_the_longer_way_round_while_turning_back_first_would_take_longer(under_way, beyond):
+    """Half a circle and `beyond` one way, half a circle without it the other way, which what is under way adds to."""
+    p, d = (10 * R_D, 0.0), (0.0, 0.0)
+    wanted = field_heading(p, d, V=V, r_d=R_D, k=GAINS.radial, max_turn_rate=LIMIT)
+    psi = wanted - (pi + beyond) * np.sign(under_way)
+    asked = drift(p, d, psi, Pending(under_way, LAG), V=V, r_d=R_D, max_turn_rate=LIMIT, gains=GAINS)
+    assert np.sign(asked) == (np.sign(under_way) if beyond < abs(under_way) else -np.sign(under_way))
+
+
 def test_of_the_heading_error_what_is_under_way_beyond_the_circles_own_turn_is_taken_off():
     """On the circle with the right heading: no error, .3 rad under way. Without a gain the rotation alone is left."""
     here, under_way = ((R_D, 0.0), (0.0, 0.0), pi / 2), Pending(0.3, LAG)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.guidance.types import OwnMotion
+from circnav_mav.guidance.types import OwnMotion, RangeEstimate, RelativeMotion
 from circnav_mav.locate.handback import DeadReckoning, HandBack, HandBackSettings, Health, Where
-from circnav_mav.locate.place import Plane
+from circnav_mav.locate.place import Place, Plane
 from sim.world import to_degrees
 from tests.locate.flown import GPS_LOST, surveyed
 
@@ -67,7 +67,8 @@ def test_a_place_that_the_mission_gives_needs_no_survey():
     assert commands(flown)[0][0] < 45.0
     assert own_error(flown) < 10.0
     asked = [one.param1 for _, one in flown.messages if one.get_type() == "COMMAND_LONG"]
-    assert sorted(asked) == [GPS, mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, EKF], "streams that flow are asked for"
+    wanted = [GPS, mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, GPS2, EKF]
+    assert sorted(asked) == wanted, "streams that flow, or that of a receiver that is not there, are asked for again"
 
 
 def give(goods, result, every=1.0, off=0.0, until=1e9):
@@ -158,6 +159,62 @@ def test_a_slow_tick_costs_certainty_and_not_the_place():
     reckoning.where = Where(0.0, 0.0, 0.0, 3.0, 0j, 1.0, True)
     reckoning.step(2.0, OwnMotion(2.0, 0.0, 0.0, 20.0), None, None)
     assert (reckoning.where.east, reckoning.where.sigma) == pytest.approx((40.0, 43.0), abs=0.1)
+
+
+TARGET = Place(0.0, ON_PLANE, 0.0, 0.0, 0.0, np.eye(2), up_sigma=1.0, up_known=True)
+
+
+def by_ranges(time, east, north, drift=5 + 0j, sigma=2.0, r=None):
+    """What the filter says: the vehicle there, heading north at 20 m/s through the air, carried by a drift."""
+    motion = RelativeMotion(east, north, sigma, drift.real, drift.imag, pi / 2, 0.0, 20.0, 1.0, True)
+    return RangeEstimate(time, hypot(east, north) if r is None else r, 0.0, 0.5, 0.5, relative=motion)
+
+
+def told(estimates, reckoning=None):
+    """Dead reckoning of a vehicle that flies north at 20 m/s through the air, ten estimates a second."""
+    reckoning = reckoning or DeadReckoning()
+    for estimate in estimates:
+        own = OwnMotion(estimate.time, pi / 2, 0.0, 20.0)
+        reckoning.step(estimate.time, own, TARGET, estimate if estimate.r > 0 else None)
+    return reckoning
+
+
+def test_straight_away_from_the_target_the_bearing_is_that_by_the_wind_of_the_circle_at_the_distance_measured():
+    """Away from there the filter believes in the gust of its last moment, 2 m/s to the east, and knows how little that
+    is worth. The vehicle goes at 21 m/s over the ground: only ranges tell."""
+    reckoning = told(by_ranges(t, 0.0, 150.0) for t in np.arange(1, 301) / 10)
+    away = [(30 + t, 5 * t, 150 + 21 * t) for t in np.arange(1, 601) / 10]
+    told((by_ranges(t, e + 2 * (t - 30), n, 7 + 0j, 2 + 1.5 * (t - 30), hypot(e, n)) for t, e, n in away), reckoning)
+    here = reckoning.where
+    t = here.time - 30
+    assert here.by_ranges and hypot(here.east, here.north) == pytest.approx(hypot(5 * t, 150 + 21 * t), abs=0.1)
+    assert (here.east, here.north) == pytest.approx((5 * t, 150 + 21 * t), abs=15.0)
+    assert here.wind == pytest.approx(5 + 0j, abs=0.1), "it has learnt from what nobody measured"
+    told([by_ranges(90.0 + t, 0.0, 0.0, r=0.0) for t in np.arange(1, 601) / 10], reckoning)
+    assert (reckoning.where.east - here.east, reckoning.where.north - here.north) == pytest.approx((300, 1200), abs=10)
+
+
+def test_another_wind_counts_within_a_quarter_of_a_minute_and_a_gust_does_not():
+    def circled(*drifts):
+        return told(by_ranges(t, 0.0, 150.0, drift) for t, drift in zip(np.arange(1, 2000) / 10, drifts, strict=False))
+
+    old, new = [5 + 0j] * 900, [-3 + 4j] * 150
+    assert abs(circled(*old, *new).where.wind - (-3 + 4j)) < 0.5
+    assert abs(circled(*old, *new[:60]).where.wind - 5) < 1.5
+
+
+def test_while_the_filter_and_the_way_flown_tell_two_places_the_filter_is_believed():
+    """Its standard deviation grows where the wind changes; but dead reckoning has the old wind."""
+    reckoning = told(by_ranges(t, 0.0, 150.0) for t in np.arange(1, 301) / 10)
+    for t in np.arange(301, 401) / 10:
+        here = told([by_ranges(t, 0.0, 150.0, 5 + 20j, 8.0)], reckoning).where
+        assert hypot(here.east, here.north - 150.0) < 3 * 8.0 + 3.0
+
+
+def test_a_distance_that_cannot_be_moves_nothing():
+    reckoning = told(by_ranges(t, 0.0, 150.0) for t in np.arange(1, 301) / 10)
+    told((by_ranges(t, 0.0, 150.0, sigma=900.0, r=2000.0) for t in np.arange(301, 311) / 10), reckoning)
+    assert (reckoning.where.east, reckoning.where.north) == pytest.approx((5.0, 170.0), abs=1.0)
 
 
 @pytest.mark.parametrize(

@@ -3,9 +3,11 @@
 import csv
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
-from math import nan
+from math import hypot, nan
 
+import click
 import numpy as np
 import pytest
 from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
@@ -77,7 +79,7 @@ def distances(ms, r):
         yield 1, mavlink.MAVLink_distance_sensor_message(ms, 20, 60000, cm, 4, sensor, orientation, 0)
 
 
-def as_run(folder, track, ranges):
+def as_run(folder, track, ranges, sigma=0.5, altitude=400.0):
     """A run folder, whose radio has a name of its own, with what our survey said beside it."""
 
     def say(ms, r):
@@ -85,7 +87,7 @@ def as_run(folder, track, ranges):
         yield 194, mavlink.MAVLink_named_value_float_message(ms, b"CN_TEAST", 30.0)
         yield 194, own_beacon(PLACE, 0, r, 0.5, (3, 1), ms / 1000)
 
-    text = TEXT.replace("[orbit]", "[orbit]\ntarget_altitude_m = 400.0")
+    text = TEXT.replace("[orbit]", f"[orbit]\ntarget_altitude_m = {altitude}").replace("_m = 0.5", f"_m = {sigma}")
     (folder / "mission.toml").write_text(text.replace('"distance_sensor"', '"named_value_float"\nname = "UWB"'))
     as_tlog(folder / "flight.tlog", track, ranges, say)
     return folder
@@ -165,6 +167,23 @@ def test_it_agrees_with_an_independent_smoother_whatever_the_log(tmp_path, write
     assert one["sigma_m"] < 0.2 and abs(one["range_bias_m"]) < 1.0
 
 
+def test_a_run_is_located_with_the_noise_and_the_altitude_of_its_own_mission_unless_told_otherwise(tmp_path):
+    """Of a log whose ranges say nothing of themselves, as far below the vehicle as 400 m is."""
+    track, ranges, _ = circles(gps=0.0, laps=2)
+
+    def found(*options, **mission):
+        assert run(as_run(tmp_path, track, ranges, **mission), "--gps-sigma", 0.05, *options) == Exit.DONE
+        return places(tmp_path / "locate.geojson")["UWB of 3/1"]
+
+    right, noisy, high = found(), found(sigma=5.0), found(altitude=420.0)
+    assert (right["altitude_m"], right["altitude_sigma_m"]) == pytest.approx((400.0, 1.0), abs=0.5)
+    assert noisy["sigma_m"] > 4 * right["sigma_m"]
+    assert high["altitude_m"] == pytest.approx(420.0, abs=1.5)
+    assert high["range_bias_m"] - right["range_bias_m"] == pytest.approx(hypot(100, 40) - hypot(100, 20), rel=0.3)
+    assert found("--altitude", 400, altitude=420.0) == right
+    assert found("--sigma", 0.5, sigma=5.0) == right
+
+
 def test_an_altitude_that_is_missing_is_that_between_its_neighbours():
     log = RangeLog([(0.0, 47.3, 8.5, 400.0), (1.0, 47.3, 8.5, nan), (2.0, 47.3, 8.5, 410.0), (3.0, 47.3, 8.5, nan)])
     assert list(log.track(PLANE).up) == [400.0, 405.0, 410.0, 410.0]
@@ -196,6 +215,38 @@ def test_a_clock_offset_between_positions_and_ranges_is_found(tmp_path):
     found = located(tmp_path, late, ranges, options=("--gps-sigma", "0.5"))["target"]
     assert found["position_delay_s"] == pytest.approx(16.0, abs=0.2)
     assert off(found, target) < 3.0
+
+
+def test_on_a_circle_round_the_target_no_offset_of_the_clocks_is_claimed(tmp_path, capsys):
+    """Turned by 5 s the circle is the same one: what would tell the offset is the wiggle of the GPS."""
+    track, ranges, target = circles(laps=2)
+    found = located(tmp_path, replace(track, time=track.time + 5.0), ranges)["target"]
+    assert found["position_delay_sigma_s"] >= 0.5 and off(found, target) < 6
+    assert "clocks     offset not observable" in capsys.readouterr().out
+
+
+def test_ranges_that_fit_an_impossible_height_only_get_a_warning(tmp_path, capsys):
+    """In feet, the circle of 100 m looks like one seen from 300 m above."""
+    track, ranges, _ = circles(laps=2)
+    located(tmp_path, track, replace(ranges, r=ranges.r / 0.3048))
+    assert "WARNING    the ranges fit a target at" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("said", ["0", "-1", "nan", ""])
+def test_a_standard_deviation_that_is_none_counts_as_not_said(tmp_path, said):
+    track, ranges, target = circles()
+    file = as_csv(tmp_path, track, ranges, header=("time", "lat", "lon", "alt", "range", "tag", "sigma"))
+    file.write_text(
+        file.read_text().replace("\r\n", f",{said}\r\n").replace(f"sigma,{said}", "sigma") + "40,,,,inf,,\n"
+    )
+    assert run(file) == Exit.DONE
+    assert off(places(tmp_path / "log.locate.geojson")["target"], target) < 6
+
+
+@pytest.mark.parametrize("option", ["--altitude", "--sigma", "--gps-sigma", "--bias"])
+def test_an_option_that_is_no_number_is_bad_usage(tmp_path, option):
+    with pytest.raises(click.BadParameter, match="'nan' is not a number"):
+        run(as_csv(tmp_path, *circles()[:2]), option, "nan")
 
 
 def test_a_ranging_antenna_off_the_gps_antenna_reads_as_delay_and_bias_and_leaves_the_place(tmp_path):

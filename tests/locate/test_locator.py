@@ -1,5 +1,6 @@
 """What the survey hears, asks for and says beside a pilot on a bench, and what becomes of it when it fails."""
 
+from cmath import phase
 from concurrent.futures import Future
 from contextlib import ExitStack
 from dataclasses import replace
@@ -100,7 +101,7 @@ def test_a_spoofed_position_teaches_no_compass_bias(monkeypatch):
     beside = Beside().run(3.0)
     beside.locator.found(PLACE)
     learnt = []
-    monkeypatch.setattr(beside.locator._reckoning.compass, "learn", lambda off, now: learnt.append(off))
+    monkeypatch.setattr(beside.locator._reckoning.compass, "learn", lambda off, now: learnt.append(phase(off)))
     relative = SimpleNamespace(x=0.0, y=150.0, sigma=1.0)
     monkeypatch.setattr(beside.locator, "_relative", lambda time: relative)
     beside.locator._look(30.0, 190.0, 584.0, beside.rig.now, beside.rig.now)
@@ -129,14 +130,14 @@ def test_a_name_for_cursor_on_target_is_looked_up_before_the_flight():
         assert open_locating(mission, Rig().pilot, None, things)._cot == ("127.0.0.1", 6969)
 
 
-def turns(beside, locating, seconds):
-    """What leaves, with a GPS and an estimator that have lost the position."""
+def turns(beside, locating, seconds, *others):
+    """What leaves, with a GPS and an estimator that have lost the position, and what else the vehicle says."""
     said = []
     for _ in range(round(seconds / 0.05)):
         beside.rig.run(0.05)
         lost = (mavlink.MAVLink_gps_raw_int_message(0, 1, 0, 0, 0, 1, 1, 0, 0, 9),
                 mavlink.MAVLink_ekf_status_report_message(0x12F, 0, 0, 0, 0, 0, 0))  # fmt: skip
-        frames = [beside.rig.vehicle.say(message) for message in lost]
+        frames = [beside.rig.vehicle.say(message) for message in (*lost, *others)]
         said += locating.turn(LoopStep(beside.rig.now, heard=[(VEHICLE, "vehicle", frames)]))
     return [message for frame in said for message in decode(frame)]
 
@@ -150,6 +151,14 @@ def test_a_survey_that_fails_is_an_alarm_in_flight_and_leaves_the_hand_back_alon
     assert given and beside.locator.handback.begun
     status = Watch(beside.rig.pilot, beside.locator).status(beside.rig.pilot.take_records()[-1], beside.rig.now)
     assert any("survey of the target stopped at" in alarm for alarm in status.alarms)
+
+
+@pytest.mark.parametrize(("fix", "is_given"), [(3, False), (1, True)], ids=["has a fix", "has none"])
+def test_a_vehicle_with_two_receivers_is_given_nothing_while_the_second_has_a_fix(failing, fix, is_given):
+    beside, locating = failing
+    second = mavlink.MAVLink_gps2_raw_message(0, fix, 473_000_000, 85_000_000, 0, 1, 1, 0, 0, 9, 0, 0)
+    given = {one.get_type() for one in turns(beside, locating, 8.0, second)} & {"COMMAND_INT"}
+    assert bool(given) is is_given
 
 
 def test_a_hand_back_that_fails_ends_too(failing, monkeypatch):

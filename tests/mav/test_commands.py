@@ -157,3 +157,11 @@ def test_a_denied_stream_is_not_asked_for_again_before_a_restart_after_which_all
     assert len(streams.poll(13.0)) == 2
     assert streams.rates == {ATTITUDE: None, TIME: None}
     assert len(streams.poll(16.0)) == 2, "what was heard before does not count"
+
+
+def test_what_the_vehicle_may_not_have_is_asked_for_again_only_once_it_was_heard():
+    streams = StreamRequests({ATTITUDE: 10.0, TIME: 1.0}, maybe={TIME})
+    asked = [[one.params[0] for one in streams.poll(now)] for now in (0.0, 10.0, 20.0)]
+    assert asked == [[ATTITUDE, TIME], [ATTITUDE], [ATTITUDE]]
+    streams.heard(TIME)
+    assert [[one.params[0] for one in streams.poll(now)] for now in (30.0, 40.0)] == 2 * [[ATTITUDE, TIME]]
