@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from circnav_mav.experiments.batch.estimators import Auto
-from circnav_mav.experiments.batch.flight import Situation, fly_situation
-from circnav_mav.experiments.batch.guidance import Guidance
+from circnav_mav.experiments.batch.flight import ESTIMATION, ORBIT, Situation, fly_situation, policy
 from circnav_mav.experiments.batch.sensors import ImuNoise
 from circnav_mav.guidance.estimators.interface import Fused
 from circnav_mav.guidance.estimators.multiple_model import DriftBank, Stage
@@ -232,9 +231,11 @@ def in_gusts(imu: ImuNoise | None, told: tuple[str, ...]) -> tuple[dict[str, flo
                 seen = replace(seen, felt=np.select([lie == one for one in LIES], lies))
             super().observe(seen, true)
 
-    def make(circle, sense):
-        banks.append(Deceived(circle.estimation, sense.size, circle.speed))
-        return Guidance(circle.settings("auto", sense), banks[0], sense.size, lag=circle.lag, stale=0.5)
+    def make(sense):
+        guidance = policy("auto")(sense)
+        guidance.estimator = Deceived(ESTIMATION, sense.size, ORBIT.speed)
+        banks.append(guidance.estimator)
+        return guidance
 
     gusts = Situation("gusts", wind=5.0, gust=1.5, imu=imu, start=(80, 150), duration=110.0)
     tracks = fly_situation(gusts, make, lie.size, 5)
