@@ -199,7 +199,9 @@ def _one_in_words(problem: ErrorDetails, schema: type[BaseModel]) -> str:
     key, kind, context, given = ".".join(place), problem["type"], problem.get("ctx", {}), problem.get("input")
     if kind == "extra_forbidden":
         known = list(_table(schema, place[:-1]).model_fields)
+        anywhere = {key.rpartition(".")[2]: key for key in _keys(schema)}
         near = get_close_matches(place[-1], known, n=1)
+        near = near or [anywhere[name] for name in get_close_matches(place[-1], anywhere, n=1, cutoff=0.8)]
         return f"{key}: unknown key, " + (f"did you mean {near[0]}?" if near else f"known here: {', '.join(known)}")
     if kind == "literal_error":
         return f"{key}: {given!r} is not one of {context['expected']}"
@@ -227,14 +229,26 @@ def _number_meant(kind: str, given: Any) -> str:
         return ""
 
 
+def _keys(table: type[BaseModel], before: str = "") -> Iterator[str]:
+    """The keys of a table and of those within it, dotted."""
+    for name in table.model_fields:
+        inner = _inner(table, name)
+        yield from [before + name] if inner is None else _keys(inner, f"{before}{name}.")
+
+
 def _table(schema: type[BaseModel], place: list[str]) -> type[BaseModel]:
     """The table of the schema at a place; where part of it is none, the table around that part."""
     model = schema
     for part in place:
-        annotation = model.model_fields[part].annotation
-        kinds = [kind for kind in (annotation, *get_args(annotation)) if isinstance(kind, type)]
-        inner = next((kind for kind in kinds if issubclass(kind, BaseModel)), None)
+        inner = _inner(model, part)
         if inner is None:
             return model
         model = inner
     return model
+
+
+def _inner(table: type[BaseModel], name: str) -> type[BaseModel] | None:
+    """The table that a key of a table holds, if it does."""
+    annotation = table.model_fields[name].annotation
+    kinds = [kind for kind in (annotation, *get_args(annotation)) if isinstance(kind, type)]
+    return next((kind for kind in kinds if issubclass(kind, BaseModel)), None)
