@@ -201,7 +201,7 @@ def _one_in_words(problem: ErrorDetails, schema: type[BaseModel]) -> str:
         known = list(_table(schema, place[:-1]).model_fields)
         anywhere = {key.rpartition(".")[2]: key for key in _keys(schema)}
         near = get_close_matches(place[-1], known, n=1)
-        near = near or [anywhere[name] for name in get_close_matches(place[-1], anywhere, n=1, cutoff=0.8)]
+        near = near or [anywhere[name] for name in get_close_matches(place[-1], anywhere, n=1, cutoff=0.7)]
         return f"{key}: unknown key, " + (f"did you mean {near[0]}?" if near else f"known here: {', '.join(known)}")
     if kind == "literal_error":
         return f"{key}: {given!r} is not one of {context['expected']}"

@@ -211,7 +211,7 @@ def test_text_that_is_not_toml_is_refused_with_its_place(text):
 
 SPOILED = [
     ("radius_m = 100.0", "raduis_m = 100.0", "m.toml: orbit.raduis_m: unknown key, did you mean radius_m?"),
-    ("[orbit]", "[orbit]\nmax_range = 9", "m.toml: orbit.max_range: unknown key, did you mean limits.max_range_m?"),
+    ("[orbit]", "[orbit]\nmax_range = 9", "m.toml: orbit.max_range: unknown key, did you mean bounds.max_range_m?"),
     ("[orbit]", "[orbits]", "m.toml: orbits: unknown key, did you mean orbit?; orbit: missing, add it"),
     ("radius_m = 100.0", "radius_m = 100.0\nzzz = 1", "m.toml: orbit.zzz: unknown key, known here: radius_m,"),
     ("radius_m = 100.0\n", "", "m.toml: orbit.radius_m: missing, add it"),
