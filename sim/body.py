@@ -20,8 +20,7 @@ class EstimateError(NamedTuple):
 
     Noisy gyros tilt the estimate; gravity then looks like an acceleration, and the GPS takes both back within seconds:
     PX4's EKF under SIH, whose gyros are far noisier than real ones, shows 1 deg of roll that comes and goes like an
-    oscillator of 0.32 rad/s, with 0.2 m/s of velocity along the nose and 1.1 deg of heading. ArduPilot's plane shows
-    0.17 deg of heading in wind.
+    oscillator of 0.32 rad/s, with 0.2 m/s of velocity along the nose and 1.1 deg of heading; ArduPlane 0.17 deg of it.
     """
 
     velocity: tuple[float, float] = (0.0, 0.0)
