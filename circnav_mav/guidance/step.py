@@ -4,7 +4,8 @@ plain floats, and for B flights of an experiment, in arrays (B,).
 `auto` flies feedforward on range and range rate at once, the drift law as soon as the relative motion can be trusted.
 While the target is searched for, the likeliest guess is tried out: flying at a wrong guess contradicts it within
 seconds, where the straight approach of a law on range alone would leave all guesses alive. When even that tells nothing
-apart, the approach weaves. Every change is bumpless: the difference to the command before it fades out.
+apart, the approach weaves. A vehicle that leaves the target behind meanwhile turns at its limit. Every change is
+bumpless: the difference to the command before it fades out.
 """
 
 from collections.abc import Callable
@@ -151,7 +152,7 @@ def hand_over(
     weave = WEAVE_SHARE * limit * sin(2 * pi * untrusted / WEAVE_PERIOD)
     by_bank = by_bank + where(trial & (untrusted > PATIENCE + SAME_TIME), weave, 0.0)
     wanted = clip(where(flies == Flies.FEEDFORWARD, by_range, by_bank), -limit, limit)
-    # whichever way a vehicle turns that leaves, half a circle ends it: the tightest one leads away least
+    # half a circle either way ends the leaving, and the tightest one leads away least
     about = where(wanted < 0, -limit, limit)
     wanted = wanted + where(trusted, 0.0, leaves) * (about - wanted)
     changed = (before.flies >= 0) & ((flies != before.flies) | (on_trial != before.favourite))
