@@ -161,6 +161,7 @@ SITUATIONS = {
         Situation("target .2 V, wind .2 V", 0.40, target=3.0, wind=0.20 * V),
         Situation("target turns", target=3.0, target_turn=0.05),
         Situation("wind .33 V turns 90 deg in 10 s", 0.4, wind=0.33 * V, veer=radians(90)),
+        Situation("it turns, with accelerations", 0.4, wind=0.33 * V, veer=radians(90), imu=ImuNoise()),
         Situation("target stops and goes", 0.4, target=3.0, stands=30.0),
         Situation("target accelerates", target=3.0, target_walk=0.3),
         Situation("gusts 1.5, wind .33 V", 1.0, wind=5.0, gust=1.5),

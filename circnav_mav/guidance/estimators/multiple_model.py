@@ -43,7 +43,7 @@ MODELS = (
     (1e-2, 0.1, 0, 0, 1, 0),  # gusts
     (1e-7, 0.08, 0, 0, 1, 0),  # gusts in a wind that stands still
     (1e-7, 0.02, 0, 0, 1, 0),  # small ones, or an autopilot whose heading is a degree off for seconds
-    (3e-4, 0.05, 0.03, 1, 1, 0),  # gusts that accelerations tell
+    (3e-4, 0.2, 0.03, 1, 1, 0),  # gusts, and a wind that turns, that accelerations tell
 )
 """m^2/s^3 of d, gust in V, noise of the nose in V, whether accelerations count, white and drifting part of sigma. A
 drifting range error shows only where the drift stands still or changes slowly."""
