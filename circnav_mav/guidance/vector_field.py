@@ -115,13 +115,14 @@ def drift(
         then = d[0] + change[0] * time, d[1] + change[1] * time
         return field_heading(there, then, V=V, r_d=r_d, k=gains.radial, max_turn_rate=max_turn_rate, lap=lap)
 
-    rotation = wrap(wanted(ahead + STEP) - wanted(ahead - STEP)) / (2 * STEP)
-    # under way is what was commanded beyond the rotation: so a delay that is not quite known leaves no lasting error
-    under_way = pending.turn - rotation * ahead
+    now, late = wanted(0.0 * ahead), wanted(ahead + STEP)
+    turns = wrap(late - wanted(ahead - STEP))
+    # under way is what was commanded beyond the rotation meanwhile: its mean, for in wind it changes round the lap
+    under_way = pending.turn - wrap(late - turns / 2 - now)
     # a turn the other way would first have to undo what is under way
     favoured = _outward(hypot(p[0], p[1]), V / max_turn_rate, r_d) + pending.turn
-    error = wrap(wanted(0.0 * ahead) - psi - favoured) + favoured
-    return rotation + gains.heading * (error - under_way)
+    error = wrap(now - psi - favoured) + favoured
+    return turns / (2 * STEP) + gains.heading * (error - under_way)
 
 
 def _outward(r: Array, turn_radius: Array, r_d: Array) -> Array:

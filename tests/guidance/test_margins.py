@@ -4,7 +4,8 @@ The loop is linear round the circle, so the margins are computed, not flown. Ind
 gains: theta is the heading inward of the tangent, e the radius error, c the turn command, P the vehicle.
 
     theta' = P c,   e' = -V theta,   pending' = (1 - M) c,   M = e^(-s dead)/(lag s + 1)
-    c = -(heading + radial V (1 + heading T)) (theta + pending) + heading radial e,   T = dead + lag
+    c = -(heading + radial V) (theta + pending) - heading radial V T (theta + pending/2) + heading radial e
+    T = dead + lag
 
 Family: Airframes and links as flown on ArduPilot 4.6.3 and PX4: dead time .05 .. .6 s, answers of first order
 (.1 .. 1.2 s) or of second order (3 .. 8 rad/s, damping .3 .. .8), and .05 s of link.
@@ -41,9 +42,9 @@ def loop(P, dead, lag, settles):
     T = dead + lag
     gains = drift_gains(V, T, settles)
     heading, across = float(gains.heading), float(gains.radial) * V
-    direct = heading + across * (1 + heading * T)
+    both, ahead = heading + across, heading * across * T
     model = np.exp(-S * dead) / (lag * S + 1)
-    return P * (direct / S + heading * across / S**2) / (1 + direct * (1 - model) / S)
+    return P * ((both + ahead) / S + heading * across / S**2) / (1 + (both + ahead / 2) * (1 - model) / S)
 
 
 def margins(L):
