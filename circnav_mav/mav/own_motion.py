@@ -175,7 +175,8 @@ class OwnMotionSensor:
         roll, pitch = (min(max(angle, -MOST_TILT), MOST_TILT) for angle in (body.roll, body.pitch))
         if banks:
             coordinated = YawRate(GRAVITY * tan(roll) / max(airspeed, 1.0))
-            return own._replace(bank_turn=turn_rate_from_yaw_rate(coordinated))
+            above = pitch - (self.at(now).climb or 0.0) / max(airspeed, 1.0)
+            return own._replace(bank_turn=turn_rate_from_yaw_rate(coordinated), bank=-roll, pitch=above)
         return own._replace(push=push_from_tilt(roll, pitch, psi))
 
     def at(self, now: float) -> Motion:
