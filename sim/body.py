@@ -7,7 +7,8 @@ from typing import NamedTuple
 GRAVITY = 9.80665  # m/s^2
 FREQUENCY, DAMPING = 0.32, 0.45  # of the correction by GPS, rad/s
 TILT_NOISE = 0.57  # of the gyro about the nose, for each rad of roll error, 1/s^.5; half of it about the wings
-HEADING_SHARE, HEADING_TIME = 1.1, 12.0  # of the roll error, s
+HEADING_TIME = 12.0  # s
+HARD_IRON = math.radians(0.2)  # of the heading, once round the compass
 
 Vector = tuple[float, float, float]
 Line = tuple[tuple[float, float], ...]
@@ -26,22 +27,24 @@ class EstimateError(NamedTuple):
     velocity: tuple[float, float] = (0.0, 0.0)
     lean: tuple[float, float] = (0.0, 0.0)
     heading: float = 0.0
+    wander: float = 0.0  # the part of it that comes and goes
 
     def tilt(self, heading: float) -> tuple[float, float]:
         """Of roll and pitch, rad."""
         (north, east), cos, sin = self.lean, math.cos(heading), math.sin(heading)
         return east * cos - north * sin, -(north * cos + east * sin)
 
-    def after(self, dt: float, size: float, heading: float, rng: Random) -> "EstimateError":
-        """A step later; size: rms of the roll, rad; heading: of the nose."""
-        noise = size * TILT_NOISE * math.sqrt(dt)
+    def after(self, dt: float, roll: float, wander: float, heading: float, rng: Random) -> "EstimateError":
+        """A step later; roll, wander: rms of these, rad; heading: of the nose."""
+        noise = roll * TILT_NOISE * math.sqrt(dt)
         right, forward = rng.gauss(0.0, noise), rng.gauss(0.0, noise / 2)
         fresh = to_earth(forward, right, heading)
         kept = math.exp(-dt / HEADING_TIME)
-        turned = kept * self.heading + rng.gauss(0.0, size * HEADING_SHARE * math.sqrt(1 - kept * kept))
+        turned = kept * self.wander + rng.gauss(0.0, wander * math.sqrt(1 - kept * kept))
         moved = tuple(_corrected(*one, dt) for one in zip(self.velocity, self.lean, fresh, strict=True))
         (north, lean_north), (east, lean_east) = moved
-        return EstimateError((north, east), (lean_north, lean_east), turned)
+        off = turned + HARD_IRON * math.sin(heading)
+        return EstimateError((north, east), (lean_north, lean_east), off, turned)
 
 
 def _corrected(velocity: float, lean: float, fresh: float, dt: float) -> tuple[float, float]:

@@ -114,8 +114,8 @@ class Flight:
 
     def drift_estimate(self) -> None:
         """One step of 0.1 s of the estimate's error."""
-        body, rng = self.body, self._estimator_rng
-        error = body.error.after(DRIFT_STEP_US * 1e-6, self.config.attitude_error, body.heading, rng)
+        body, sizes = self.body, (self.config.attitude_error, self.config.heading_error)
+        error = body.error.after(DRIFT_STEP_US * 1e-6, *sizes, body.heading, self._estimator_rng)
         self.autopilot.body = body._replace(error=error)
 
     def wander(self) -> None:

@@ -13,6 +13,7 @@ SPEED_LAG, HEIGHT_LAG, CLIMB_LAG = 3.0, 2.0, 1.0  # s
 MOST_CLIMB = 3.0  # m/s
 MOST_ROLL_RATE = math.radians(100)
 NOSE_DAMPING = 0.7  # of the tail fin, which turns the nose into the air
+GUST_TURNS = 5.4  # 1/s: how fast it takes away the slip that a gust made
 HELD_BY_RUDDER = 0.7  # share of a wrong bank that ends as side-slip, not as turn; fitted to PX4's SIH
 SIDE_FORCE = 3.0  # 1/s: how fast side-slip bends the path (ArduPilot's SITL plane at 22 m/s: 65 m/s^2 per rad)
 
@@ -30,7 +31,8 @@ class FixedWing:
     roll_lag in s when that is 0. A bank bends the path at once; the nose follows it by the tail fin with nose_frequency
     in rad/s (0: at once), so that a turn begins with side-slip. A gust changes airspeed and slip, not the
     ground velocity; the tail fin then turns the nose into it and the side force carries the plane along (0: it is
-    carried at once). trim_speed is the true airspeed of TRIM_THRUST, m/s.
+    carried at once). trim_speed is the true airspeed of TRIM_THRUST, m/s. pitch: above the path, rad: in level flight,
+    and more for the tangent of the bank; a bank turns it into an angle between nose and path.
     """
 
     effectiveness: float
@@ -39,6 +41,7 @@ class FixedWing:
     roll_damping: float = 0.5
     dead_time: float = 0.0
     nose_frequency: float = 0.0
+    pitch: tuple[float, float] = (0.0, 0.0)
     trim_speed: float = 10.0
 
     def configured(self, config: Airframe) -> "FixedWing":
@@ -51,7 +54,7 @@ class FixedWing:
         for h in pieces(dt, STEP):
             body = self._gusted(body, wind)
             rolled = self._roll(body, demand.roll, h)
-            shaped = _held(rolled, demand, h) if isinstance(demand, Bank) else self._glide(rolled, demand, h)
+            shaped = self._held(rolled, demand, h) if isinstance(demand, Bank) else self._glide(rolled, demand, h)
             body = self._fly(shaped, body, h, wind)
         return body
 
@@ -83,6 +86,23 @@ class FixedWing:
             rate = error * (1 - math.exp(-h / self.roll_lag) if self.roll_lag > 0 else 1.0) / h
         return body._replace(roll=body.roll + rate * h, roll_rate=rate, on_the_way=line)
 
+    def _held(self, body: Body, demand: Bank, h: float) -> Body:
+        """Height and airspeed as the autopilot's energy control holds them, or as forced pitch and throttle leave them."""
+        speed = max(3.0, body.air_speed)
+        if demand.pitch is None:
+            climb = within((body.down - demand.down) / HEIGHT_LAG, MOST_CLIMB)
+            angle, wanted = math.asin(climb / speed), demand.air_speed
+        else:
+            angle, wanted = demand.pitch, demand.air_speed - 170.0 * demand.pitch
+        if demand.throttle is not None:
+            wanted = demand.air_speed * (0.6 + 0.8 * demand.throttle)
+        climb_angle = body.climb_angle + (angle - body.climb_angle) * (1 - math.exp(-h / CLIMB_LAG))
+        change = (max(0.5 * demand.air_speed, wanted) - speed) * (1 - math.exp(-h / SPEED_LAG))
+        pitch = climb_angle + self.pitch[0] + self.pitch[1] * abs(math.tan(body.roll))
+        return body._replace(
+            climb_angle=climb_angle, air_speed=speed + change, pitch=pitch, pitch_rate=(pitch - body.pitch) / h
+        )
+
     def _glide(self, body: Body, demand: Glide, h: float) -> Body:
         """Attitude and thrust to path angle and airspeed: point mass, drag parabola, lift following the pitch."""
         speed = max(3.0, body.air_speed)
@@ -108,7 +128,8 @@ class FixedWing:
         after = course + bend * h
         rate = bend
         if self.nose_frequency > 0:
-            rate = second_order(before.slip, before.turn_rate, self.nose_frequency, NOSE_DAMPING, h)
+            pitched = (shaped.pitch - shaped.climb_angle) * math.tan(shaped.roll)
+            rate = second_order(before.slip + pitched, before.turn_rate, self.nose_frequency, NOSE_DAMPING, h)
         heading = before.heading + rate * h
         sink = -shaped.air_speed * math.sin(shaped.climb_angle)
         return shaped._replace(
@@ -118,29 +139,11 @@ class FixedWing:
             heading=math.remainder(heading, math.tau),
             turn_rate=rate,
             slip=after - heading,
-            gust_slip=before.gust_slip * math.exp(-(SIDE_FORCE + self.nose_frequency / (2 * NOSE_DAMPING)) * h),
+            gust_slip=before.gust_slip * math.exp(-(SIDE_FORCE + GUST_TURNS) * h),
             velocity_north=flat * math.cos(after) + wind[0],
             velocity_east=flat * math.sin(after) + wind[1],
             velocity_down=sink,
         )
-
-
-def _held(body: Body, demand: Bank, h: float) -> Body:
-    """Height and airspeed as the autopilot's energy control holds them, or as forced pitch and throttle leave them."""
-    speed = max(3.0, body.air_speed)
-    if demand.pitch is None:
-        climb = within((body.down - demand.down) / HEIGHT_LAG, MOST_CLIMB)
-        angle, wanted = math.asin(climb / speed), demand.air_speed
-    else:
-        angle, wanted = demand.pitch, demand.air_speed - 170.0 * demand.pitch
-    if demand.throttle is not None:
-        wanted = demand.air_speed * (0.6 + 0.8 * demand.throttle)
-    climb_angle = body.climb_angle + (angle - body.climb_angle) * (1 - math.exp(-h / CLIMB_LAG))
-    change = (max(0.5 * demand.air_speed, wanted) - speed) * (1 - math.exp(-h / SPEED_LAG))
-    pitch = climb_angle + 0.03
-    return body._replace(
-        climb_angle=climb_angle, air_speed=speed + change, pitch=pitch, pitch_rate=(pitch - body.pitch) / h
-    )
 
 
 def falling(body: Body, dt: float) -> Body:

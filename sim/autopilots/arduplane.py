@@ -25,7 +25,9 @@ HEADING_GAIN = 2.0
 CIRCLE_BANK = math.radians(20)
 # Half of a bank after 0.36 .. 0.5 s, 15 % too far; the heading's rate follows the course's by 0.2 s, 2 deg of slip in a
 # steady turn.
-AIRFRAME = FixedWing(effectiveness=0.747, roll_frequency=5.3, roll_damping=0.52, dead_time=0.18, nose_frequency=7.5)
+AIRFRAME = FixedWing(
+    0.747, roll_frequency=5.3, roll_damping=0.52, dead_time=0.18, nose_frequency=13.6, pitch=(-0.075, 0.052)
+)
 
 
 class ArduPlane(ArduPilot):
