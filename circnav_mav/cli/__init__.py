@@ -141,7 +141,7 @@ def fly() -> None:
 
 
 @command("init:write_mission", short_help="Write a commented mission file of your own.")
-@click.argument("vehicle")
+@click.argument("vehicle", required=False, metavar="VEHICLE")
 @click.argument("file", required=False, type=click.Path())
 def init() -> None:
     """Write a commented mission for VEHICLE to FILE. [default: VEHICLE.toml] It flies on the bundled emulator at once;

@@ -17,11 +17,14 @@ SCHEMA = "mission.schema.json"
 DRAFT = "http://json-schema.org/draft-07/schema#"
 
 
-def write_mission(vehicle: str, file: str | None) -> int:
+def write_mission(vehicle: str | None, file: str | None) -> int:
     """Write the bundled mission of a vehicle under a name of one's own, never over anything. Raises Refused."""
+    known = f"one of {', '.join(names('mission'))}"
+    if vehicle is None:
+        raise Refused(f"init: name a vehicle: {known}")
     source = bundled("mission", vehicle)
     if source is None:
-        raise Refused(f"init {vehicle}: is not one of {', '.join(names('mission'))}")
+        raise Refused(f"init {vehicle}: is not {known}")
     path = Path(file or f"{vehicle}.toml")
     if not re.fullmatch(r"[A-Za-z0-9._-]+", path.stem):
         raise Refused(f"init: {path.name}: a mission's name has letters, digits, '.', '_' and '-' only")

@@ -1,5 +1,6 @@
 """Reads a mission file. Whatever is wrong becomes one line that names file and key."""
 
+import re
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from difflib import get_close_matches
@@ -15,8 +16,8 @@ from circnav_mav.mission.mission import SIM, Mission
 from circnav_mav.mission.schema import MissionFile
 from circnav_mav.radios.table import split_driver
 
-MOST_PROBLEMS = 8
-"""Problems of a file named in one line: more are not read."""
+MOST_PROBLEMS, MOST_SHOWN = 8, 60
+"""Problems of a file named in one line, and characters of a line that is wrong: more are not read."""
 _BOUNDS = {"gt": "above", "ge": "at least", "lt": "below", "le": "at most"}
 
 
@@ -44,7 +45,9 @@ def read_toml(text: str, where: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise MissionError(f"{where}: not valid TOML: {error}") from None
+        at = re.search(r"at line (\d+)", str(error))
+        line = text.split("\n")[int(at[1]) - 1].strip()[:MOST_SHOWN] if at else ""
+        raise MissionError(f"{where}: not valid TOML: {error}" + (f": {line!r}" if line else "")) from None
     except RecursionError:
         raise MissionError(f"{where}: not valid TOML: nested too deeply") from None
 

@@ -33,6 +33,10 @@ def test_a_mission_of_ones_own_is_commented_passes_its_checks_and_flies_the_emul
     assert circnav("check", "mine.toml").done
 
 
+def test_init_without_a_vehicle_names_them(circnav):
+    assert circnav("init").refused.startswith("init: name a vehicle: one of ")
+
+
 def test_init_overwrites_nothing(circnav, tmp_path):
     (tmp_path / "plane.toml").write_text("mine")
     (tmp_path / "mission.schema.json").write_text("mine too")

@@ -209,6 +209,10 @@ def test_text_that_is_not_toml_is_refused_with_its_place(text):
     assert refusal(text).startswith("m.toml: not valid TOML: ")
 
 
+def test_text_that_is_not_toml_is_shown():
+    assert refusal("[orbit]\nradius_m 150\n").endswith("(at line 2, column 10): 'radius_m 150'")
+
+
 SPOILED = [
     ("radius_m = 100.0", "raduis_m = 100.0", "m.toml: orbit.raduis_m: unknown key, did you mean radius_m?"),
     ("[orbit]", "[orbit]\nmax_range = 9", "m.toml: orbit.max_range: unknown key, did you mean bounds.max_range_m?"),
