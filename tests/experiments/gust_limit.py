@@ -52,7 +52,7 @@ def _discrete() -> tuple[Array, Array, Array]:
 
 
 if __name__ == "__main__":
-    for effort in (1e-1, 1e-2, 1e-3, 1e-4):
+    for effort in (0.5, 0.1, 1e-2, 1e-3, 1e-4):
         by_range, informed, turn = limit(effort)
         ratio = f"{by_range / informed:.1f} times"
         print(f"RMS turn {turn:.2f} rad/s: by range {by_range:.2f} m, informed {informed:.2f} m, {ratio}")
