@@ -16,12 +16,11 @@ Line = tuple[tuple[float, float], ...]
 
 
 class EstimateError(NamedTuple):
-    """What an autopilot believes of its own motion, and flies by, less what is true: velocity in m/s; the acceleration
-    that the tilt seems to be, in g; heading in rad.
+    """What an autopilot believes, and flies by, less what is true: m/s; the acceleration of the tilt in g; rad.
 
     Noisy gyros tilt the estimate; gravity then looks like an acceleration, and the GPS takes both back within seconds:
-    PX4's EKF under SIH, whose gyros are far noisier than real ones, shows 1 deg of roll that comes and goes like an
-    oscillator of 0.32 rad/s, with 0.2 m/s of velocity along the nose and 1.1 deg of heading; ArduPlane 0.17 deg of it.
+    in PX4's SIH 1 deg of roll like an oscillator of 0.32 rad/s, with 0.2 m/s of velocity along the nose and 1.1 deg of
+    heading; ArduPlane 0.17 deg of it, 0.1 of heading, and 0.2 that goes with the heading itself.
     """
 
     velocity: tuple[float, float] = (0.0, 0.0)

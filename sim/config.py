@@ -215,11 +215,6 @@ class VehicleConfig(Table):
         default = 0.0 if ideal else ATTITUDE_ERROR_DEG.get(self.vehicle.profile, 0.0)
         return math.radians(default if given is None else given)
 
-    @property
-    def heading_error(self) -> float:
-        """Rms of what comes and goes of the estimated heading's error, rad."""
-        return self.attitude_error * (1.1 if self.sih else 0.6)
-
     def rebooted(self) -> "VehicleConfig":
         """As the autopilot finds itself after a reset: disarmed, in its first mode."""
         first = next(iter(MODES[self.vehicle.profile]))

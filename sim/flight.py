@@ -114,8 +114,9 @@ class Flight:
 
     def drift_estimate(self) -> None:
         """One step of 0.1 s of the estimate's error."""
-        body, sizes = self.body, (self.config.attitude_error, self.config.heading_error)
-        error = body.error.after(DRIFT_STEP_US * 1e-6, *sizes, body.heading, self._estimator_rng)
+        body, roll = self.body, self.config.attitude_error
+        wander = roll * (1.1 if self.config.sih else 0.6)
+        error = body.error.after(DRIFT_STEP_US * 1e-6, roll, wander, body.heading, self._estimator_rng)
         self.autopilot.body = body._replace(error=error)
 
     def wander(self) -> None:

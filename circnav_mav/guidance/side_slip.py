@@ -7,8 +7,8 @@ angle: from the nose to the direction of flight through the air, as seen from ab
 turn; counter-clockwise, the bank to the left; the pitch above the path. What a nose that turns less than its bank asks
 leaves, the side force balances: c is the time in which a side-slip bends the path away. One that is banked with its
 nose up points to the inside of its turn. The pitch is that of straight flight, known by its mean over many seconds, and
-more in a bank, which takes more lift: what it does in a gust tells nothing. A gust turns the nose into it and leaves the
-path where it was: for T the path is known by the bank, not by the nose.
+more in a bank, which takes more lift: what it does in a gust tells nothing. A gust turns the nose into it and leaves
+the path where it was: for T the path is known by the bank, not by the nose.
 
 ArduPilot's plane turns .75 of what its bank asks in simulation, with its nose 2.8 deg down: on a circle it flies
 2.3 deg inside of its nose, in wind 1 deg less to 1 deg more as its bank changes. Source: balance of the forces across

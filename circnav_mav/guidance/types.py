@@ -69,8 +69,8 @@ class OwnMotion(NamedTuple):
     time: local clock, s. heading: of the flight through the air, rad; of a plane that slips or a copter that crabs not
     quite that of its nose. turn_rate: of the nose, rad/s (not the body's z rate). airspeed: as measured, m/s.
     bank_turn: turn rate of the coordinated turn at this bank, rad/s; None for vehicles that do not bank to turn. bank:
-    of these, to the left, rad. pitch: of the nose above the path, rad. push: horizontal acceleration (x, y) by the tilt of
-    the thrust, m/s^2; None for those that do not fly by it. felt: what the accelerometers tell; None without them.
+    of these, to the left, rad. pitch: of the nose above the path, rad. push: horizontal acceleration (x, y) by the tilt
+    of the thrust, m/s^2; None for those that do not fly by it. felt: what the accelerometers tell; None without them.
     """
 
     time: float

@@ -87,13 +87,11 @@ class FixedWing:
         return body._replace(roll=body.roll + rate * h, roll_rate=rate, on_the_way=line)
 
     def _held(self, body: Body, demand: Bank, h: float) -> Body:
-        """Height and airspeed as the autopilot's energy control holds them, or as forced pitch and throttle leave them."""
+        """Height and airspeed as the energy control holds them, or as forced pitch and throttle leave them."""
         speed = max(3.0, body.air_speed)
-        if demand.pitch is None:
-            climb = within((body.down - demand.down) / HEIGHT_LAG, MOST_CLIMB)
-            angle, wanted = math.asin(climb / speed), demand.air_speed
-        else:
-            angle, wanted = demand.pitch, demand.air_speed - 170.0 * demand.pitch
+        climb = within((body.down - demand.down) / HEIGHT_LAG, MOST_CLIMB)
+        angle = math.asin(climb / speed) if demand.pitch is None else demand.pitch
+        wanted = demand.air_speed - 170.0 * (demand.pitch or 0.0)
         if demand.throttle is not None:
             wanted = demand.air_speed * (0.6 + 0.8 * demand.throttle)
         climb_angle = body.climb_angle + (angle - body.climb_angle) * (1 - math.exp(-h / CLIMB_LAG))
@@ -173,10 +171,8 @@ class Loiter(NamedTuple):
 def bank_on_loiter(body: Body, circle: Loiter, limit: float, effectiveness: float) -> float:
     """Towards the circle, then along it."""
     north, east = body.north - circle.north, body.east - circle.east
-    distance = max(1.0, math.hypot(north, east))
-    radius = max(5.0, abs(circle.radius))
-    outwards = math.atan2(east, north)
-    outside = (distance - radius) / radius
+    distance, radius = max(1.0, math.hypot(north, east)), max(5.0, abs(circle.radius))
+    outwards, outside = math.atan2(east, north), distance / radius - 1
     wanted = outwards + math.pi / 2 + math.atan(2.0 * outside)  # clockwise, bent inwards when outside
     error = math.remainder(wanted - body.course, math.tau)
     speed = max(3.0, body.ground_speed)

@@ -92,11 +92,8 @@ class Unicycle:
 class _Lagged:
     """A quantity relaxing from `start` to `goal` with a first-order lag; a lag of 0 is there at once."""
 
-    __slots__ = ("error", "goal", "lag")
-
     def __init__(self, start: float, goal: float, lag: float) -> None:
-        self.goal = goal
-        self.lag = lag
+        self.goal, self.lag = goal, lag
         self.error = start - goal if lag > 0 and abs(start - goal) > SETTLED else 0.0
 
     @property
@@ -122,8 +119,7 @@ def _arc(heading: float, rate: _Lagged, forward: _Lagged, right: _Lagged, dt: fl
 def _quadrature(heading: float, rate: _Lagged, forward: _Lagged, right: _Lagged, dt: float) -> tuple[float, float]:
     fastest = max(abs(rate.goal), abs(rate.goal + rate.error))
     pieces = max(1, math.ceil(dt / 0.1), math.ceil(fastest * dt / 0.25))
-    north = east = 0.0
-    width = dt / pieces
+    north, east, width = 0.0, 0.0, dt / pieces
     for piece in range(pieces):
         for node, weight in NODES:
             t = (piece + node) * width

@@ -21,19 +21,19 @@ APPROACH = 90.0
 """Time before the laps that are judged, s."""
 WIND = "sim.wind.speed_mps={}".format
 GUST = "sim.wind.gust_rms_mps={}".format
-"""ArduPilot's turbulence is nearly white: it moves a plane like gusts of 3 s and .8 of its strength, a copter, which is
-held against it, like gusts of .4 of it (both by the spread of the ground speed)."""
+"""ArduPilot's turbulence is nearly white: it moves a plane like gusts of 3 s and .7 of its strength (by radius and
+command), a copter, which is held against it, like gusts of .4 of it (by the spread of the ground speed)."""
 TARGET = "sim.target.velocity_north_mps={}".format
 GPS_OFF = 'sim.events=[{at_s=60.0, action="gps_off"}]'
 UWB = 'sim.ranging.preset="uwb"', "sim.ranging.rate_hz=20", "ranging.rate_hz=20", "ranging.sigma_m=0.15"
 LORA = 'sim.ranging.preset="lora"', "ranging.sigma_m=2.24"
 ROWS: dict[str, tuple[str, ...]] = {
     "Plane R 150 V 22, calm": ("arduplane",),
-    "Plane, wind 5 + turbulence 1": ("arduplane", WIND(5), GUST(0.8)),
+    "Plane, wind 5 + turbulence 1": ("arduplane", WIND(5), GUST(0.7)),
     "Plane, wind 8": ("arduplane", WIND(8)),
-    "Plane, wind 6 + turbulence 3": ("arduplane", WIND(6), GUST(2.4)),
+    "Plane, wind 6 + turbulence 3": ("arduplane", WIND(6), GUST(2.1)),
     "Plane, target at 4 m/s": ("arduplane", TARGET(4)),
-    "Plane, GPS off after 60 s, wind 5 + turbulence 1": ("arduplane", WIND(5), GUST(0.8), GPS_OFF),
+    "Plane, GPS off after 60 s, wind 5 + turbulence 1": ("arduplane", WIND(5), GUST(0.7), GPS_OFF),
     "Plane, 10 % outliers of 30 m + 30 % loss, wind 5": (
         "arduplane", WIND(5), "sim.ranging.outlier_fraction=0.1", "sim.ranging.dropout_fraction=0.3"),
     "Plane, ranges .3 s late, wind 5": ("arduplane", WIND(5), "sim.ranging.latency_s=0.3"),

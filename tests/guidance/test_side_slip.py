@@ -9,7 +9,9 @@ from circnav_mav.guidance.types import OwnMotion
 from tests.flight.lockstep import flight
 
 
-def flown(turn_rate: float, *, bank: float | None, pitch: float = 0.0, bank_turn: float = 0.0, seconds: float = 120.0) -> float:
+def flown(
+    turn_rate: float, *, bank: float | None, pitch: float = 0.0, bank_turn: float = 0.0, seconds: float = 120.0
+) -> float:
     """Degrees from the nose to the way through the air after so long in a turn, counter-clockwise."""
     own = OwnMotion(0.0, 1.0, 0.0, 23.4, pitch=pitch, bank_turn=None if bank is None else 0.0)
     slip, moved = SideSlip().follow(own)

@@ -132,7 +132,9 @@ def test_a_turn_goes_on_the_longer_way_round_while_turning_back_first_would_take
 
 
 @given(wind=st.floats(0, 6), blows=angles, at=angles)
-def test_who_has_the_circles_own_turn_under_way_in_wind_is_commanded_what_the_circle_asks_for_at_its_end(wind, blows, at):
+def test_who_has_the_circles_own_turn_under_way_in_wind_is_commanded_what_the_circle_asks_for_at_its_end(
+    wind, blows, at
+):
     d, ahead, dt = wind * np.array([np.cos(blows), np.sin(blows)]), 0.5, 0.005
     p = R_D * np.array([np.cos(at), np.sin(at)])
     psi = field_heading(p, d, V=V, r_d=R_D, k=GAINS.radial, max_turn_rate=LIMIT)
