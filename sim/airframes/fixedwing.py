@@ -32,7 +32,7 @@ class FixedWing:
     in rad/s (0: at once), so that a turn begins with side-slip. A gust changes airspeed and slip, not the
     ground velocity; the tail fin then turns the nose into it and the side force carries the plane along (0: it is
     carried at once). trim_speed is the true airspeed of TRIM_THRUST, m/s. pitch: above the path, rad: in level flight,
-    and more for the tangent of the bank; a bank turns it into an angle between nose and path.
+    and more for the tangent of the bank; a bank turns it into an angle between nose and path; fin adds to that.
     """
 
     effectiveness: float
@@ -42,6 +42,7 @@ class FixedWing:
     dead_time: float = 0.0
     nose_frequency: float = 0.0
     pitch: tuple[float, float] = (0.0, 0.0)
+    fin: tuple[float, float] = (0.0, 0.0)
     trim_speed: float = 10.0
 
     def configured(self, config: Airframe) -> "FixedWing":
@@ -126,8 +127,9 @@ class FixedWing:
         after = course + bend * h
         rate = bend
         if self.nose_frequency > 0:
-            pitched = (shaped.pitch - shaped.climb_angle) * math.tan(shaped.roll)
-            rate = second_order(before.slip + pitched, before.turn_rate, self.nose_frequency, NOSE_DAMPING, h)
+            tilt = math.tan(shaped.roll)
+            side = before.slip + tilt * (shaped.pitch - shaped.climb_angle + self.fin[0] + self.fin[1] * abs(tilt))
+            rate = second_order(side, before.turn_rate, self.nose_frequency, NOSE_DAMPING, h)
         heading = before.heading + rate * h
         sink = -shaped.air_speed * math.sin(shaped.climb_angle)
         return shaped._replace(

@@ -39,7 +39,7 @@ ROWS: dict[str, tuple[str, ...]] = {
     "Plane, ranges .3 s late, wind 5": ("arduplane", WIND(5), "sim.ranging.latency_s=0.3"),
     "Plane, LoRa-like ranges, wind 5": ("arduplane", WIND(5), *LORA),
     "Plane, airspeed 15 % above the mission's": ("arduplane", "sim.vehicle.cruise_speed_mps=25.3"),
-    "Plane, ROLL_LIMIT_DEG 35, wind 5": ("arduplane", WIND(5), "sim.vehicle.max_bank_deg=35"),
+    "Plane, ROLL_LIMIT_DEG 35, wind 5": ("arduplane", WIND(5), "sim.vehicle.max_bank_deg=34.4"),
     "Copter R 30 V 5, calm": ("arducopter",),
     "Copter, wind 5 + turbulence 1": ("arducopter", WIND(5), GUST(0.4)),
     "Copter, target at 1 m/s": ("arducopter", TARGET(1)),
