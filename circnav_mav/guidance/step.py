@@ -123,13 +123,15 @@ WHY = {
 
 class Handover(NamedTuple):
     """flies: who steered last; -1: nobody yet. favourite: which guess was on trial. command: what was flown, rad/s.
-    offset: what is left of the last change, rad/s. untrusted: s since the target was last known."""
+    offset: what is left of the last change, rad/s. untrusted: s since the target was last known. about: to which side
+    it turns while it leaves the target behind, +1 to the left; else 0."""
 
     flies: Array = -1
     favourite: Array = -1
     command: Array = 0.0
     offset: Array = 0.0
     untrusted: Array = 0.0
+    about: Array = 0.0
 
 
 AT_START = Handover()
@@ -152,12 +154,14 @@ def hand_over(
     weave = WEAVE_SHARE * limit * sin(2 * pi * untrusted / WEAVE_PERIOD)
     by_bank = by_bank + where(trial & (untrusted > PATIENCE + SAME_TIME), weave, 0.0)
     wanted = clip(where(flies == Flies.FEEDFORWARD, by_range, by_bank), -limit, limit)
-    # half a circle either way ends the leaving, and the tightest one leads away least
-    about = where(wanted < 0, -limit, limit)
-    wanted = wanted + where(trusted, 0.0, leaves) * (about - wanted)
+    # half a circle either way ends the leaving, and the tightest one leads away least; a side that went on changing with
+    # the guesses and the weave would be a slalom straight away from the target
+    leaves, keeps = where(trusted, 0.0, leaves), (before.about != 0) & (untrusted > PATIENCE + SAME_TIME)
+    about = where(leaves == 0, 0.0, where(keeps, before.about, where(wanted < 0, -1.0, 1.0)))
+    wanted = wanted + leaves * (about * limit - wanted)
     changed = (before.flies >= 0) & ((flies != before.flies) | (on_trial != before.favourite))
     offset = where(changed, before.command - wanted, before.offset * exp(-dt / FADE))
-    return Handover(flies, on_trial, clip(wanted + offset, -limit, limit), offset, untrusted)
+    return Handover(flies, on_trial, clip(wanted + offset, -limit, limit), offset, untrusted, about)
 
 
 class StepState(NamedTuple):

@@ -42,6 +42,17 @@ def test_who_leaves_the_target_behind_turns_at_the_limit_the_way_that_is_asked_f
     assert known.command == pytest.approx(0.02 * way), "who knows where it is, flies as asked"
 
 
+def test_who_goes_on_leaving_the_target_behind_keeps_its_side_whatever_guesses_and_weave_ask_for():
+    """Ranges of long-range radios kept the guesses changing: turns to either side flew straight away, 1.3 km."""
+    step, told = Handover(), []
+    for n in range(20):
+        step = go_on(step, 1.0, favourite=n, by_bank=-0.2 if n % 2 else 0.2, leaves=1.0)[-1]
+        told.append(round(step.command, 1))
+    assert told == pytest.approx([-LIMIT if n > 5 or n % 2 else LIMIT for n in range(20)], abs=0.06)
+    at_last = go_on(go_on(step, 1.0)[-1], 1.0, by_range=0.1, leaves=1.0)[-1]
+    assert at_last.command == pytest.approx(LIMIT, abs=1e-2), "the next time it is asked again"
+
+
 def test_a_trial_that_tells_nothing_apart_weaves_to_either_side_every_six_seconds():
     """Seven tenths of the limit about what the guess asks for, from the sixth second on: by hand."""
     for n, step in enumerate(go_on(Handover(), 24.0, favourite=3), 1):
