@@ -154,7 +154,7 @@ def hand_over(
     weave = WEAVE_SHARE * limit * sin(2 * pi * untrusted / WEAVE_PERIOD)
     by_bank = by_bank + where(trial & (untrusted > PATIENCE + SAME_TIME), weave, 0.0)
     wanted = clip(where(flies == Flies.FEEDFORWARD, by_range, by_bank), -limit, limit)
-    # half a circle either way ends the leaving, and the tightest one leads away least; a side that went on changing with
+    # half a circle either way ends the leaving, and the tightest one leads away least; sides that go on changing with
     # the guesses and the weave would be a slalom straight away from the target
     leaves, keeps = where(trusted, 0.0, leaves), (before.about != 0) & (untrusted > PATIENCE + SAME_TIME)
     about = where(leaves == 0, 0.0, where(keeps, before.about, where(wanted < 0, -1.0, 1.0)))
