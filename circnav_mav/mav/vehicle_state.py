@@ -20,6 +20,8 @@ counts as new: there were losses, or the vehicle has started again."""
 APART = 0.2
 """Least time between two heartbeats that come by themselves, s (ArduPilot's fastest: 0.25); those of a backlog come at
 once."""
+BATTERY_MAX_AGE = 5.0
+"""Age, s, from which on a battery level is not known any more; SYS_STATUS comes once a second."""
 NOT_FLYING = (
     dialect.MAV_LANDED_STATE_ON_GROUND,
     dialect.MAV_LANDED_STATE_TAKEOFF,
@@ -54,7 +56,8 @@ class VehicleState:
         self.left_for: str | None = None
         """The mode of the newest departure, None where the vehicle was disarmed."""
         self.on_ground: bool | None = None
-        self.battery: float | None = None
+        self._battery: float | None = None
+        self._battery_at = float("-inf")
         self.reboots = 0
         """Times that the vehicle has started again, or that another one has taken its ids over."""
         self.unproven = False
@@ -73,6 +76,10 @@ class VehicleState:
     @property
     def mode_name(self) -> str:
         return "unknown" if self.mode is None else self._adapter.mode_names.get(self.mode, f"mode {self.mode}")
+
+    def battery(self, now: float) -> float | None:
+        """What is left, percent; None where it is not reported, or not any more."""
+        return self._battery if now - self._battery_at <= BATTERY_MAX_AGE else None
 
     def found(self, adapter: Autopilot) -> None:
         """The vehicle is there, for the first time or again."""
@@ -101,7 +108,8 @@ class VehicleState:
         elif kind in ("SYSTEM_TIME", "ATTITUDE", "ATTITUDE_QUATERNION"):
             self._tells_boot_time(message.time_boot_ms / 1000, now)
         elif kind == "SYS_STATUS":
-            self.battery = float(message.battery_remaining) if message.battery_remaining >= 0 else None
+            self._battery = float(message.battery_remaining) if message.battery_remaining >= 0 else None
+            self._battery_at = now
         elif kind == "EXTENDED_SYS_STATE":
             unknown = message.landed_state == dialect.MAV_LANDED_STATE_UNDEFINED
             self.on_ground = None if unknown else message.landed_state in NOT_FLYING

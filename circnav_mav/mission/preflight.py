@@ -177,11 +177,14 @@ def _motion(mission: Mission, survey: Survey) -> Iterator[Check]:
 
 
 def _needs(mission: Mission, survey: Survey) -> frozenset[str]:
-    return survey.session.adapter.needs | ({"altitude"} if mission.height.needs_altitude else frozenset())
+    bounds = mission.file.bounds
+    bounded = (bounds.min_altitude_m, bounds.max_altitude_m) != (None, None)
+    needed = bounded or mission.height.needs_altitude
+    return survey.session.adapter.needs | ({"altitude"} if needed else frozenset())
 
 
 def _battery(mission: Mission, survey: Survey) -> Iterator[Check]:
-    least, battery = mission.file.bounds.min_battery_percent, survey.session.vehicle.battery
+    least, battery = mission.file.bounds.min_battery_percent, survey.session.vehicle.battery(survey.end)
     if least is None:
         return
     if battery is None:

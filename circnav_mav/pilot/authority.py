@@ -62,8 +62,10 @@ class Authority:
         """Whether the vehicle has reported its mode since we last stood still."""
         self._heartbeats = 0
         self._request = ModeRequest()
-        self._left_before: int | None = None
-        """How often the guided mode had been left when it was first asked for."""
+        self._asked_in: int | None = None
+        """The mode of the vehicle when the guided one was first asked for."""
+        self._operator_chose = False
+        """Whether the operator, or a failsafe, has chosen a mode since."""
 
     # --- what may be sent -------------------------------------------------------------------------------------------
 
@@ -73,7 +75,8 @@ class Authority:
             return Allowed.NOTHING
         if self._mission.steering:
             return Allowed.STEER
-        if self._mission.phase is Phase.LEAVING or self._streams_first(now):
+        leaves = self._mission.phase is Phase.LEAVING and (self._mission.begun or self.in_our_hands)
+        if leaves or self._streams_first(now):
             return Allowed.SAFE
         return Allowed.NOTHING
 
@@ -85,13 +88,23 @@ class Authority:
 
     @property
     def in_our_hands(self) -> bool:
-        """Whether the vehicle obeys us, and may."""
-        return self._flies and self.holder is Holder.US and self._session.vehicle.in_our_mode
+        """Whether the vehicle obeys us, and may: once engaged, or at our own request."""
+        may = self._mission.begun or self._came_at_our_request
+        return may and self._flies and self.holder is Holder.US and self._session.vehicle.in_our_mode
+
+    def may_be_ours(self, now: float) -> bool:
+        """Whether the vehicle is to be given back at the end: it obeys us, or may in a moment, for it was just asked to
+        and its next heartbeat will tell."""
+        return self.in_our_hands or (self._came_at_our_request and self._request.pending(now))
+
+    @property
+    def _came_at_our_request(self) -> bool:
+        """Whether the guided mode, if the vehicle is in it, is what we asked for."""
+        return self._asked_in is not None and not self._operator_chose
 
     def may_say_last_words(self) -> bool:
         """Whether the safe setpoint may be sent by a shell whose pilot has failed."""
-        begun = self._mission.begun and self._mission.phase not in NOT_OURS
-        return begun and self.in_our_hands and not self._session.vehicle.unproven
+        return self.in_our_hands and self._mission.phase not in NOT_OURS and not self._session.vehicle.unproven
 
     def may_ask_for_exit(self, now: float) -> bool:
         """Whether that shell may ask for the exit action, too: a mode is obeyed whoever has the vehicle."""
@@ -122,7 +135,8 @@ class Authority:
         rivals = [] if self._mission.begun else self._session.identity.rivals.recent(now)
         disputed = f"{rivals[0]}: name yours with link.peer, or sign" if rivals else ""
         slow = "" if over_slow_link else self._slow_link(now)
-        return disputed or slow or unreported(self._session, now) or self._not_flying(now)
+        silent = unreported(self._session, now) or unwatched(self._settings, self._session, now)
+        return disputed or slow or silent or self._not_flying(now)
 
     def _slow_link(self, now: float) -> str:
         """Question and answer must be within the mission's bound before the first engagement."""
@@ -162,18 +176,18 @@ class Authority:
         with the reason why it is of no use."""
         session, adapter, mission = self._session, self._session.adapter, self._mission
         asks = self._asks_for_mode and self._flies and not mission.begun and mission.phase is Phase.READY
-        if not asks or self._hindrance(now):
+        if not asks or session.vehicle.mode == adapter.guided_mode or self._hindrance(now):
             session.drop_mode_requests()
             return None
-        self._left_before = session.vehicle.departures if self._left_before is None else self._left_before
+        self._asked_in = session.vehicle.mode if self._asked_in is None else self._asked_in
         failure = self._request.ask(session, adapter.guided_mode, now)
         return None if failure is None else f"mode {adapter.guided_name} {failure}"
 
     @property
     def _asks_for_mode(self) -> bool:
-        """Whether the mode is ours to ask for. Once the operator has left the one that was asked for, it is his."""
-        left_again = self._left_before is not None and self._session.vehicle.departures > self._left_before
-        return self._settings.request_mode and not left_again
+        """Whether the mode is ours to ask for. Once any other was chosen since the first request, it is the operator's:
+        asked for again, it would undo his word or a failsafe's."""
+        return self._settings.request_mode and not self._operator_chose
 
     # --- who holds the vehicle --------------------------------------------------------------------------------------
 
@@ -187,6 +201,8 @@ class Authority:
         outside = session.up and vehicle.mode is not None and vehicle.mode != session.adapter.guided_mode
         left_for = vehicle.mode_name if outside else vehicle.left_for if departed else None
         in_mode = vehicle.in_our_mode and not departed
+        if self._asked_in is not None:
+            self._operator_chose |= departed or (outside and vehicle.mode != self._asked_in)
         self._watch_return(left=left_for is not None, in_mode=in_mode)
         if not (ours and self._mission.begun and self._flies and session.up) or (in_mode and not self.rebooted):
             return None
@@ -239,6 +255,17 @@ def unreported(session: Session, now: float) -> str:
         return ""
     name = session.adapter.name
     return f"no {' and no '.join(missing)} in VFR_HUD: a {name} cannot be flown without it{denied(session)}"
+
+
+def unwatched(settings: PilotSettings, session: Session, now: float) -> str:
+    """What the vehicle does not report although a bound of the mission goes by it, for people; empty where nothing is
+    missing."""
+    bounds = settings.bounds
+    if (bounds.lowest, bounds.highest) != (None, None) and session.motion.at(now).altitude is None:
+        return "no altitude in VFR_HUD: bounds.min_altitude_m and max_altitude_m go by it"
+    if bounds.battery is not None and session.vehicle.battery(now) is None:
+        return "no battery in SYS_STATUS: bounds.min_battery_percent goes by it"
+    return ""
 
 
 def denied(session: Session) -> str:

@@ -27,7 +27,7 @@ class Event(Enum):
     MODE_OURS = "guided mode entered"
     MODE_LEFT = "guided mode left"
     FINISH = "finish"
-    FINISH_OURS = "finish after an engagement, with a vehicle that still is in our mode"
+    FINISH_OURS = "finish with a vehicle that we have flown, or asked for, and that still is in our mode"
     SAFE_SENT = "safe setpoint sent"
 
 
@@ -153,9 +153,10 @@ class MissionState:
         self.lost_at = None
         self.happened(Event.MODE_LEFT, now)
 
-    def finish(self, outcome: Outcome, now: float, *, in_our_hands: bool) -> bool:
-        """The mission ends; tells whether this is the reason why: the first one counts."""
+    def finish(self, outcome: Outcome, now: float, *, ours: bool) -> bool:
+        """The mission ends; tells whether this is the reason why: the first one counts. ours: whether the vehicle is
+        to be given back."""
         first = self.outcome is None
         self.outcome = self.outcome or outcome
-        self.happened(Event.FINISH_OURS if self.begun and in_our_hands else Event.FINISH, now)
+        self.happened(Event.FINISH_OURS if ours else Event.FINISH, now)
         return first

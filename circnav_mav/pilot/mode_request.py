@@ -23,11 +23,16 @@ class ModeRequest:
         self._due = float("-inf")
         self._dropped = 0
 
+    def pending(self, now: float) -> bool:
+        """Whether the vehicle may still enter the mode that it was asked for."""
+        return now < self._due
+
     def ask(self, session: Session, mode: int, now: float) -> str | None:
         """Keep asking; answers with the reason when there is no more use in it."""
         said = f', the vehicle says "{session.texts[-1]}"' if session.texts else ""
         refusals = [result for result in session.take_mode_results() if not result.accepted]
         if refusals:
+            self._due = float("-inf")
             return f"refused: {refusals[0].said}{said}"
         if session.mode_requests_dropped > self._dropped and self._due > now:
             self._tries, self._due = self._tries - 1, now  # dropped before its answer: that was no try

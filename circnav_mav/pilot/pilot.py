@@ -23,7 +23,7 @@ from circnav_mav.mav.identity import Allowance
 from circnav_mav.mav.session import LOST_AFTER
 from circnav_mav.mav.setpoint_guard import UnsafeSetpointError
 from circnav_mav.mav.signing import Signing
-from circnav_mav.pilot.authority import SILENT, TAKEN_OVER, Allowed, Authority
+from circnav_mav.pilot.authority import SILENT, TAKEN_OVER, Allowed, Authority, unwatched
 from circnav_mav.pilot.connection import Connection
 from circnav_mav.pilot.controller import Controller
 from circnav_mav.pilot.mission_state import Ending, Event, MissionState, Outcome, Phase
@@ -34,7 +34,8 @@ from circnav_mav.pilot.settings import VEHICLE, OutputMode, PilotSettings
 from circnav_mav.pilot.status_text import StatusText
 
 ALARMS = frozenset(
-    {"drift", "cycle", "range trouble", "range rate trouble", "sensor clock", "clock speed", "height", "link", "flood"}
+    ("drift", "cycle", "range trouble", "range rate trouble", "sensor clock", "clock speed", "height", "bounds")
+    + ("link", "flood")
 )
 """Kinds of news that are said as a warning while they are so; charts mark every warning."""
 FLOODED = 3.0
@@ -240,7 +241,7 @@ class Pilot:
             self.settings.bounds,
             r=estimate.r if estimate and self.mission.phase is Phase.ENGAGED else None,
             altitude=session.motion.at(now).altitude,
-            battery=session.vehicle.battery,
+            battery=session.vehicle.battery(now),
         )
         if broken is not None:
             self._finish(Outcome(Ending.ABORTED, broken), now)
@@ -274,7 +275,8 @@ class Pilot:
         self._say("engage", f"{'engaged' if self._flies else 'dry run'}, {_circle(self.controller.orbit)}")
 
     def _finish(self, outcome: Outcome, now: float) -> None:
-        if self.mission.finish(outcome, now, in_our_hands=self._authority.in_our_hands):
+        if self.mission.finish(outcome, now, ours=self._authority.may_be_ours(now)):
+            self.session.drop_mode_requests()
             told = outcome.ending is Ending.COMPLETED or outcome.reason.startswith(TAKEN_OVER)
             severity = MAV_SEVERITY_NOTICE if told else MAV_SEVERITY_WARNING
             self._say("end", f"ended, {outcome.reason}", severity=severity)
@@ -300,7 +302,8 @@ class Pilot:
         """The safe setpoint until the exit action shows in the vehicle's mode, or some times over; then silence."""
         mission, exit_action = self.mission, self._exit_action
         if allowed is Allowed.NOTHING:
-            over = not self._flies or exit_action.wait_to_speak(mission.since, now)
+            ours = self._flies and self._authority.may_be_ours(now)
+            over = not ours or exit_action.wait_to_speak(mission.since, now)
         else:
             over = exit_action.go_on(self.session, mission.since, now)
         if over:
@@ -374,6 +377,9 @@ class Pilot:
         height = self.tracker.height.trouble(now).partition(":")[0].lower()
         self._say_news("height", height or False, height or "altitude counts again")
         flooded = now - self.allowance.dropped_at < FLOODED
+        if self.mission.steering and self.session.up:
+            lost = unwatched(self.settings, self.session, now).partition(":")[0]
+            self._say_news("bounds", lost or False, lost or "bounds watched again")
         self._say_news("flood", flooded, "flood, others are not read" if flooded else "flood over")
 
     def _say_news(self, kind: str, news: Hashable, text: str) -> None:

@@ -170,14 +170,35 @@ def battery(percent):
         (Bounds(closest=80.0), 8500, None, None),
         (Bounds(battery=20.0), 15000, battery(19), "battery 19 % is below 20 %"),
         (Bounds(battery=20.0), 15000, battery(20), None),
-        (Bounds(battery=20.0), 15000, battery(-1), None),  # not known
         (Bounds(highest=120.0), 15000, vfr_hud(121.0), "altitude 121.0 m is above 120.0 m"),
         (Bounds(highest=120.0), 15000, vfr_hud(119.0), None),
     ],
 )
 def test_what_lies_beyond_the_missions_bounds_ends_the_flight(bounds, cm, message, reason):
-    rig = Rig(bounds=bounds).run(3.0, range_cm=cm)
+    rig = Rig(bounds=bounds)
+    rig.run(3.0, lambda: (rig.hear(battery(50)), rig.hear(vfr_hud(100.0))), range_cm=cm)
     if message is not None:
         rig.hear(message)
     rig.run(1.0)
     assert (rig.pilot.mission.outcome and rig.pilot.mission.outcome.reason) == reason
+
+
+@pytest.mark.parametrize(
+    ("bounds", "told", "unknown", "needs"),
+    [
+        (Bounds(battery=20.0), battery(50), battery(-1), "no battery in SYS_STATUS"),
+        (Bounds(battery=20.0), battery(50), None, "no battery in SYS_STATUS"),
+        (Bounds(lowest=20.0), vfr_hud(100.0), None, "no altitude in VFR_HUD"),
+    ],
+)
+def test_a_bound_whose_value_is_not_reported_keeps_the_flight_from_beginning_and_is_an_alarm_in_flight(
+    bounds, told, unknown, needs
+):
+    rig = Rig(bounds=bounds)
+    assert rig.run(3.0, lambda: unknown and rig.hear(unknown)).setpoints() == []
+    assert rig.pilot.status.waits_for(rig.now).startswith(f"{needs}: bounds.min_")
+    assert rig.run(2.0, lambda: rig.hear(told)).setpoints()
+    assert f"circnav: {needs}" not in rig.texts()
+    assert f"circnav: {needs}" in rig.run(6.0, lambda: unknown and rig.hear(unknown)).texts()
+    assert rig.pilot.mission.phase is Phase.ENGAGED
+    assert "circnav: bounds watched again" in rig.run(1.0, lambda: rig.hear(told)).texts()

@@ -82,6 +82,34 @@ def test_a_mode_that_was_reached_and_left_before_the_engagement_is_not_asked_for
     assert rig.pilot.status.waits_for(rig.now) == "mode GUIDED: the operator must enter it"
 
 
+@pytest.mark.parametrize("acknowledged", [False, True])
+def test_whoever_chooses_another_mode_after_our_request_is_not_overruled(acknowledged):
+    rig = asked()
+    if acknowledged:
+        rig.acknowledge(SET_MODE)
+    since = rig.run(0.3, mode=RTL).now
+    assert rig.run(8.0).run(8.0, mode=LOITER).commands(SET_MODE, since) == []
+    assert rig.pilot.status.waits_for(rig.now) == "mode GUIDED: the operator must enter it"
+    assert rig.run(1.0, mode=GUIDED).setpoints(), "by the operator's own hand"
+
+
+@pytest.mark.parametrize("shows", [GUIDED, LOITER, LAND])
+@pytest.mark.parametrize("why", ["interrupted", "ranging is gone"])
+def test_a_vehicle_that_entered_the_guided_mode_at_our_request_is_given_back_also_where_the_flight_never_began(
+    why, shows
+):
+    rig = asked(exit="rtl", timing=timing(wait_ranging=1.0))
+    rig.acknowledge(SET_MODE)
+    since = rig.now
+    if why == "interrupted":
+        rig.pilot.interrupt(rig.now, "SIGTERM")
+    rig.run(0.7, ranges=False).run(1.8, mode=shows)
+    assert set(modes(rig, since)) == ({RTL} if shows == GUIDED else set()), "the exit action, where it is ours"
+    assert not rig.setpoints(since) or (safe(rig, since) and shows == GUIDED)
+    rig.run(2.0, mode=RTL if shows == GUIDED else shows)
+    assert rig.pilot.done
+
+
 def test_a_command_that_waits_when_the_link_is_lost_is_not_sent_to_whoever_comes_back():
     """A mode request still unanswered: the vehicle that comes back may be in the operator's hands."""
     rig = Rig(request_mode=True).run(3.0, mode=LOITER, ranges=False)
