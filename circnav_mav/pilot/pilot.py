@@ -34,8 +34,10 @@ from circnav_mav.pilot.settings import VEHICLE, OutputMode, PilotSettings
 from circnav_mav.pilot.status_text import StatusText
 
 ALARMS = frozenset(
-    ("drift", "cycle", "range trouble", "range rate trouble", "sensor clock", "clock speed", "height", "bounds")
-    + ("link", "flood")
+    (
+        *("drift", "cycle", "range trouble", "range rate trouble"),
+        *("sensor clock", "clock speed", "height", "bounds", "link", "flood"),
+    )
 )
 """Kinds of news that are said as a warning while they are so; charts mark every warning."""
 FLOODED = 3.0
@@ -64,6 +66,8 @@ class Pilot:
         self.why = ""
         """Why the law flies that flies, for people."""
         self.drift_alarm = DriftAlarm()
+        self.unwatched = ""
+        """What a bound goes by and the vehicle does not report, for people."""
         self.allowance = Allowance()
         self._rivals: set[str] = set()
         self.setpoints_sent = 0
@@ -378,8 +382,8 @@ class Pilot:
         self._say_news("height", height or False, height or "altitude counts again")
         flooded = now - self.allowance.dropped_at < FLOODED
         if self.mission.steering and self.session.up:
-            lost = unwatched(self.settings, self.session, now).partition(":")[0]
-            self._say_news("bounds", lost or False, lost or "bounds watched again")
+            self.unwatched = lost = unwatched(self.settings, self.session, now)
+            self._say_news("bounds", lost or False, lost.partition(":")[0] or "bounds watched again")
         self._say_news("flood", flooded, "flood, others are not read" if flooded else "flood over")
 
     def _say_news(self, kind: str, news: Hashable, text: str) -> None:

@@ -220,6 +220,8 @@ def _alarms(pilot: Pilot, tick: TickRecord, now: float, rates: Rates | None, pro
             found.append(f"LIMIT CYCLE: turn command hits both limits, gains reduced to {100 * tick.gain_share:.0f} %")
         if pilot.drift_alarm.on:
             found.append(f"DRIFT TOO STRONG: {pilot.drift_alarm.text}")
+        if pilot.unwatched:
+            found.append(f"BOUND NOT WATCHED: {pilot.unwatched}")
         if rates is not None and rates.refused > MOST_REJECTED * (rates.taken + rates.refused):
             found.append(f"MOST RANGES REJECTED: {rates.refused:.1f} of {rates.taken + rates.refused:.1f} per second")
         if pilot.tracker.ranging.clock.doubted:
