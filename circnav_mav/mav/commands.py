@@ -93,9 +93,11 @@ class CommandSender:
         self._held.clear()
 
     def drop(self, number: int) -> bool:
-        """Ask no more for what a command number stands for; tells whether anything was under way."""
+        """Ask no more for what a command number stands for, nor wait for late answers; tells whether anything was under
+        way."""
         waited = [command for command in self._queue if command.number == number]
         self._queue = [command for command in self._queue if command.number != number]
+        self._held.pop(number, None)
         return self._pending.pop(number, None) is not None or bool(waited)
 
     def take_results(self) -> list[CommandResult]:
