@@ -110,7 +110,7 @@ class Locator:
         self._accepted = 0
         self._gps_sigma = settings.gps_sigma
         self._home = 0.0
-        self._clock = RemoteClock(pilot.session.timesync.slower, wrap=BOOT_WRAP)
+        self._clock = RemoteClock(pilot.session.timesync.told, wrap=BOOT_WRAP)
         self._solve_at = self._tell_at = 0.0
         self._solved_to = float("-inf")
         self._said_at = float("-inf")
