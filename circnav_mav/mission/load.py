@@ -85,17 +85,18 @@ def parse_mission(text: str, where: str, overrides: Iterable[str] = (), folder: 
     become absolute, so that the file as flown can be flown again from its run folder. Raises MissionError."""
     table = read_toml(text, where)
     changes = [(*_override(override), override) for override in overrides]
-    _change(table, changes, folder)
+    _change(table, changes, folder, where)
     flown = text if table == tomllib.loads(text) else _written(text, changes, folder, table)
     return mission_of(table, where, flown)
 
 
-def _change(table: Any, changes: Iterable[tuple[list[str], Any, str]], folder: Path | None) -> None:
-    """Put overrides (keys, value, as written) into a mission's table, and make its paths absolute."""
+def _change(table: Any, changes: Iterable[tuple[list[str], Any, str]], folder: Path | None, where: str) -> None:
+    """Put overrides (keys, value, as written) into a mission's table, and make its paths absolute. Raises
+    MissionError."""
     for keys, value, override in changes:
         put(table, keys, value, f"--set {override}")
     if folder is not None:
-        _make_absolute(table, folder)
+        _make_absolute(table, folder, where)
 
 
 def _written(
@@ -106,7 +107,7 @@ def _written(
     import tomlkit  # slow to load and to parse, and most files are flown as they are
 
     document = tomlkit.parse(text)
-    _change(document, changes, folder)
+    _change(document, changes, folder, "as flown")
     text = tomlkit.dumps(document)
     try:
         faithful = tomllib.loads(text) == table
@@ -203,13 +204,13 @@ def put(table: Any, keys: list[str], value: Any, said: str) -> None:
     table[keys[-1]] = value
 
 
-def _make_absolute(table: Any, folder: Path) -> None:
+def _make_absolute(table: Any, folder: Path, where: str) -> None:
     """The key files of a mission and of its bundled vehicle: relative to the folder of the file, `~` from home."""
     for place in (table, table.get("sim")):
         signing = place.get("signing") if isinstance(place, Mapping) else None
         if isinstance(signing, Mapping) and isinstance(name := signing.get("key_file"), str) and name:
             if "\0" in name:
-                raise MissionError(f"signing.key_file: {name!r}: holds a character that no file's name has")
+                raise MissionError(f"{where}: signing.key_file: {name!r} holds a character that no file's name has")
             # not Path.expanduser: it raises for a user that is not there
             signing["key_file"] = str((folder / os.path.expanduser(name)).absolute())  # type: ignore[index]
 

@@ -29,7 +29,7 @@ CELL = "bench --law pd --situation calm"
          "locate.cot: 10.0..1: host name is not known"),
         ("check mission.toml --set locate.cot=\"a\\u0000:6969\"", "mission.toml: locate.cot: must be host:port"),
         ("check mission.toml --set signing.key_file=~nosuchuser/key", "mission.toml: signing.key_file: "),
-        ("check mission.toml --set signing.key_file=\"\\u0000\"", "signing.key_file: '\\x00': holds a character that"),
+        ("check mission.toml --set signing.key_file=\"\\u0000\"", "mission.toml: signing.key_file: '\\x00' holds a"),
         ("fly mission.toml --out LONG", "LONG/flight.tlog: File name too long"),
         ("check LONG.toml", "LONG.toml: File name too long"),
         ("campaign LONG", "LONG: File name too long"),
