@@ -236,9 +236,7 @@ def test_ranges_that_fit_an_impossible_height_only_get_a_warning(tmp_path, capsy
 def test_a_standard_deviation_that_is_none_counts_as_not_said(tmp_path, said):
     track, ranges, target = circles()
     file = as_csv(tmp_path, track, ranges, header=("time", "lat", "lon", "alt", "range", "tag", "sigma"))
-    file.write_text(
-        file.read_text().replace("\n", f",{said}\n").replace(f"sigma,{said}", "sigma") + "40,,,,inf,,\n"
-    )
+    file.write_text(file.read_text().replace("\n", f",{said}\n").replace(f"sigma,{said}", "sigma") + "40,,,,inf,,\n")
     assert run(file) == Exit.DONE
     assert off(places(tmp_path / "log.locate.geojson")["target"], target) < 6
 
