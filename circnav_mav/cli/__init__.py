@@ -48,7 +48,8 @@ class Finite(click.FloatRange):
         return number
 
 
-ABOVE_ZERO = Finite(0, min_open=True)
+ERROR = Finite(0.001, 1000)
+"""A standard deviation, m."""
 
 
 class Folder(click.Path):
@@ -236,11 +237,13 @@ def export() -> None:
 @click.argument("path", type=click.Path(), metavar="RUN|TLOG|CSV")
 @click.option("--tag", "tags", multiple=True, metavar="ID", help="Only this tag. May be repeated. [default: all]")
 @click.option(
-    "--sigma", type=ABOVE_ZERO, metavar="M", help="Noise of the ranges, where the log says none. [default: as it shows]"
+    "--sigma", type=ERROR, metavar="M", help="Noise of the ranges, where the log says none. [default: as it shows]"
 )
-@click.option("--gps-sigma", type=ABOVE_ZERO, default=1.5, metavar="M", help="Error of the positions.")
-@click.option("--bias", type=ABOVE_ZERO, default=2.0, metavar="M", help="How far ranges may be off together.")
-@click.option("--altitude", type=Finite(), metavar="M", help="Of the target, where it is known; as the log counts it.")
+@click.option("--gps-sigma", type=ERROR, default=1.5, metavar="M", help="Error of the positions.")
+@click.option("--bias", type=ERROR, default=2.0, metavar="M", help="How far ranges may be off together.")
+@click.option(
+    "--altitude", type=Finite(-1e6, 1e6), metavar="M", help="Of the target, where it is known; as the log counts it."
+)
 @click.option("--out", type=Folder(), metavar="DIR", help="Where to write. [default: beside the log]")
 def locate() -> None:
     """Tell where the targets of a log are. Writes GeoJSON, KML and a picture.
@@ -268,7 +271,7 @@ def ranging() -> None:
 
 @command("ranging:watch_radio", group=ranging, short_help="Show what a radio measures, a line a second.")
 @click.argument("endpoint", metavar="DRIVER:PORT")
-@click.option("--seconds", type=click.FloatRange(1), metavar="N", help="How long. [default: until Ctrl-C]")
+@click.option("--seconds", type=Finite(1), metavar="N", help="How long. [default: until Ctrl-C]")
 def watch() -> None:
     """Show what a radio measures: a line a second for each beacon, over the last ten seconds.
 

@@ -34,6 +34,12 @@ class FileOrName(click.ParamType):  # type: ignore[type-arg]
 
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
         """The path. Raises Refused for a word that is neither."""
+        try:
+            return self._file(value)
+        except OSError as error:
+            raise Refused(f"{value}: {error.strerror or error}") from None
+
+    def _file(self, value: str) -> str:
         path = Path(value)
         found = bundled(self.kind, path.stem)
         if path.name == path.stem == value and not path.is_file():

@@ -19,7 +19,7 @@ from circnav_mav.mission.schema import MOST_PORT
 from circnav_mav.pilot import RANGING, VEHICLE, Pilot
 from circnav_mav.runlog.metrics import TOLERANCE
 from circnav_mav.runtime.clock import AutopilotClock, Clock
-from circnav_mav.runtime.endpoint import LinkError
+from circnav_mav.runtime.endpoint import LinkError, explain
 from circnav_mav.runtime.keys import KeyFileError, SigningTime, read_key, timestamp_path
 from circnav_mav.runtime.links import Link, open_link
 from circnav_mav.runtime.locating import Locating
@@ -75,8 +75,10 @@ def open_locating(mission: Mission, pilot: Pilot, signing: Signing | None, open_
     cot, name, locator = None, f"{mission.file.name}.target", Locator(settings, pilot, signing)
     if mission.file.locate.cot is not None:
         host, _, port = mission.file.locate.cot.rpartition(":")
-        with refusing(f"locate.cot: {host}"):
-            cot = socket.gethostbyname(host), int(port)  # once: in flight setpoints would wait for a name server
+        try:  # once: in flight setpoints would wait for a name server
+            cot = socket.gethostbyname(host), int(port)
+        except (OSError, UnicodeError) as error:
+            raise Refused(f"locate.cot: {host}: {explain(error)}") from None
     return open_things.enter_context(closing(Locating(locator, name, cot, waits=mission.flies_sim)))
 
 

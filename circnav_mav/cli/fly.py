@@ -146,11 +146,11 @@ def _run_folder(out: str | None, mission: Mission) -> Path:
         names = chain((base,), (f"{base}-{number}" for number in count(2)))
         return next(folder for name in names if not (folder := Path("runs") / name).exists())
     folder = Path(out)
-    for name in RECORDED:
-        if (folder / name).exists():
-            raise Refused(f"--out {out}: holds {name} already, name another folder")
     own = folder / "mission.toml"
     with refusing(own):
+        for name in RECORDED:
+            if (folder / name).exists():
+                raise Refused(f"--out {out}: holds {name} already, name another folder")
         if own.exists() and own.read_bytes() != mission.text.encode():
             raise Refused(f"--out {out}: holds a mission.toml that is not as flown, name another folder")
     return folder

@@ -8,7 +8,9 @@ from pathlib import Path
 
 import click
 
+from circnav_mav.cli.check import refuse_failing
 from circnav_mav.cli.exits import Exit, Refused, refusing
+from circnav_mav.emulator.config import ConfigError
 from circnav_mav.mav.autopilots.interface import Autopilot
 from circnav_mav.mav.ranging.interface import describe_rejected
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
@@ -43,7 +45,7 @@ def replay_log(
     """Replay, print what came of it, and return the exit code. Raises Refused."""
     path, chosen = Path(log), {"estimator": estimator, "law": law}
     overrides = [*overrides, *(f'guidance.{key}="{name}"' for key, name in chosen.items() if name is not None)]
-    with refusing(path, RunError, MissionError):
+    with refusing(path, RunError, MissionError, ConfigError):
         _check_out(out)
         if path.is_file() and path.name != "flight.tlog":
             _replay_plain(log, mission, overrides, out)
@@ -60,6 +62,8 @@ def _replay_run(log: str, other: str | None, overrides: Sequence[str], out: str 
     own = str(run.folder / "mission.toml")
     parse = partial(load_mission, other) if other else partial(parse_mission, run.mission_text, own)
     mission = _mission(other or own, parse, overrides)
+    if other or overrides:  # as flown it may be of a version with other checks
+        refuse_failing(other or own, mission, shown=())
     try:
         voice = OutputMode(run.voice)
     except ValueError:
@@ -82,6 +86,7 @@ def _replay_plain(log: str, path: str | None, overrides: Sequence[str], out: str
     if path is None:
         raise Refused(f"{Path(log)}: a plain tlog needs --mission: which vehicle, circle and ranging to replay it with")
     mission = _mission(path, partial(load_mission, path), overrides)
+    refuse_failing(path, mission, shown=())
     pilot = Pilot(without_timeouts(mission.pilot_settings(OutputMode.DRY_RUN)))
     clock, sources = LogClock(), LogSources(pilot.settings.ranging)
     tlog = Path(log)

@@ -10,6 +10,7 @@ import click
 
 from circnav_mav.cli.exits import Exit, Refused, refusing
 from circnav_mav.runtime.clock import unix_time
+from circnav_mav.runtime.lock import is_held
 
 HOURS = {"h": 1, "d": 24, "w": 168}
 NEEDED = frozenset({"flight.tlog", "mission.toml", "ticks.csv", "turns.csv"})
@@ -21,12 +22,12 @@ MADE = NEEDED | {"manifest.json", "summary.json", "error.txt", "flight.png", "es
 
 
 class RunFolder(NamedTuple):
-    """One run on the disk. foreign: names of what circnav has not made. written: s since 1970."""
+    """One run on the disk. written: s since 1970. kept: why it stays however old it is, for people; else empty."""
 
     folder: Path
     written: float
     size: int
-    foreign: list[str]
+    kept: str
 
 
 def clean_runs(folder: str, older_than: str, keep: int, yes: bool) -> int:
@@ -35,10 +36,9 @@ def clean_runs(folder: str, older_than: str, keep: int, yes: bool) -> int:
     with refusing(folder):
         found = sorted(find_runs(Path(folder)), key=lambda run: -run.written)
         old = [run for run in found[keep:] if unix_time() - run.written > age]
-        doomed = [run for run in old if not run.foreign]
+        doomed = [run for run in old if not run.kept]
         for run in old:
-            kept = f"   kept: {', '.join(run.foreign)} is not circnav's" if run.foreign else ""
-            click.echo(f"{run.size / 1e6:8.1f} MB  {run.folder}{kept}")
+            click.echo(f"{run.size / 1e6:8.1f} MB  {run.folder}{run.kept and f'   kept: {run.kept}'}")
         size = sum(run.size for run in doomed) / 1e6
         which = f"older than {older_than}, without the newest {keep}"
         click.echo(f"{len(doomed)} of {len(found)} runs: {which}: {size:.1f} MB")
@@ -60,8 +60,10 @@ def find_runs(folder: Path) -> list[RunFolder]:
         files = {path.name: path for path in place.iterdir()}
         if set(files) >= NEEDED:
             size = sum(path.lstat().st_size for path in files.values())
-            foreign = sorted(set(files) - MADE)
-            found.append(RunFolder(place, files["flight.tlog"].stat().st_mtime, size, foreign))
+            foreign = ", ".join(sorted(set(files) - MADE))
+            flies = "its flight is being recorded" if is_held(files["flight.tlog"]) else ""
+            kept = flies or (foreign and f"{foreign} is not circnav's")
+            found.append(RunFolder(place, files["flight.tlog"].stat().st_mtime, size, kept))
     return found
 
 

@@ -2,6 +2,7 @@
 coordinates: these formats mean the ellipsoid's, a vehicle counts from the sea."""
 
 import json
+import re
 from collections.abc import Iterable
 from datetime import UTC, datetime, timedelta
 from math import cos, isfinite, nan, pi, radians, sin
@@ -17,6 +18,8 @@ from circnav_mav.mav.codec import Message
 from circnav_mav.mav.commands import Command
 
 UNKNOWN_ACCURACY = 2**32 - 1
+NOT_IN_XML = re.compile("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+"""Control characters, and what is no character."""
 
 
 def degrees_e7(place: Place) -> tuple[int, int]:
@@ -113,7 +116,8 @@ def kml(places: dict[str, Place]) -> str:
     """Placemarks with their ellipses."""
     root = Xml.Element("kml", xmlns="http://www.opengis.net/kml/2.2")
     document = Xml.SubElement(root, "Document")
-    for name, place in places.items():
+    for given, place in places.items():
+        name = NOT_IN_XML.sub("?", given)
         mark = Xml.SubElement(document, "Placemark")
         Xml.SubElement(mark, "name").text = name
         Xml.SubElement(mark, "description").text = place.words()

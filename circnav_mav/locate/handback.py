@@ -35,6 +35,8 @@ REPORTS = {
 LOST_FOR = 2.0
 """Time, s, that there must have been no position."""
 ANSWER_PATIENCE, MOST_SILENT = 2.0, 3
+"""Time, s, for an answer, and as long again until the next position, for it may come late; so many in a row without one
+are enough."""
 AFTER_FAILED = 10.0
 """Time, s, until the next try after FAILED: the autopilot has a position after all, or none to set anew."""
 LOOK_AFTER, EFFECT, MOST_WITHOUT = 0.5, 30.0, 3
@@ -263,7 +265,8 @@ class HandBack:
         self._lacks = ""
         """Why there is nothing to give now, for people."""
         self._due = 0.0
-        self._waits = False
+        self._waits = self._open = False
+        """Whether an answer is waited for; whether one that comes would be that to the newest."""
         self._silent = self._without = 0
         self._look_at: float | None = None
 
@@ -289,13 +292,13 @@ class HandBack:
     ) -> Message | None:
         """The command due now. good: whether the autopilot has a position; None: nobody says."""
         if good is None or good:
-            self._lost_since, self._waits, self._lacks = None, False, ""
+            self._lost_since, self._waits, self._open, self._lacks = None, False, False, ""
             if self.given and not self.over:
                 self.ended = "the autopilot has a position again" if good else "GPS or EKF status is not heard"
             return None
         self._lost_since = now if self._lost_since is None else self._lost_since
         if self._waits and now - self.given[-1].time > ANSWER_PATIENCE:
-            self._waits, self._silent = False, self._silent + 1
+            self._waits, self._silent, self._due = False, self._silent + 1, max(self._due, now + ANSWER_PATIENCE)
             if self._silent >= MOST_SILENT:
                 self._end("the autopilot does not answer")
         if self.over or self._waits or now - self._lost_since < LOST_FOR or now < self._due:
@@ -303,7 +306,7 @@ class HandBack:
         if where is None or where.sigma > MOST_SIGMA:
             self._lacks = "the target's place is not known" if where is None else "too long without ranges"
             return None
-        self._due, self._waits, self._look_at = now + self.settings.every, True, None
+        self._due, self._waits, self._open, self._look_at = now + self.settings.every, True, True, None
         latitude, longitude = map(float, plane.to_degrees(where.east, where.north))
         sigma = max(where.sigma, LEAST_SIGMA)
         by = "ranges" if where.by_ranges else "dead reckoning"
@@ -313,13 +316,15 @@ class HandBack:
 
     def answered(self, message: Message, us: tuple[int, int], now: float) -> None:
         """A COMMAND_ACK of the vehicle."""
-        if message.command != dialect.MAV_CMD_EXTERNAL_POSITION_ESTIMATE or not self._waits:
+        if message.command != dialect.MAV_CMD_EXTERNAL_POSITION_ESTIMATE or not self._open:
             return
         if message.target_system not in (0, us[0]) or message.target_component not in (0, us[1]):
             return
-        self._waits, self._silent = False, 0
         answer = RESULT_NAMES.get(message.result, f"result {message.result}")
         self.given[-1] = replace(self.given[-1], answer=answer)
+        if message.result == dialect.MAV_RESULT_IN_PROGRESS:
+            return  # the final one is to come
+        self._waits, self._open, self._silent = False, False, 0
         match message.result:
             case dialect.MAV_RESULT_ACCEPTED:
                 self._look_at = now + LOOK_AFTER

@@ -110,7 +110,7 @@ class Locator:
         self._accepted = 0
         self._gps_sigma = settings.gps_sigma
         self._home = 0.0
-        self._clock = RemoteClock(pilot.session.timesync.slower, wrap=BOOT_WRAP)
+        self._clock = RemoteClock(pilot.session.timesync.told, wrap=BOOT_WRAP)
         self._solve_at = self._tell_at = 0.0
         self._solved_to = float("-inf")
         self._said_at = float("-inf")
@@ -119,6 +119,8 @@ class Locator:
         self._aims, self._aimed = settings.camera, False
         self._aimed_at: Place | None = None
         self._alone = self._ended = False
+        self.called_off = False
+        """Whether nothing is given beyond the end of guidance."""
         self._now = 0.0
         self.cot_due = False
 
@@ -260,9 +262,15 @@ class Locator:
 
     @property
     def busy(self) -> bool:
-        """Whether there is something to do after guidance has ended."""
+        """Whether there is something to do after guidance has ended: to give a position, and then the streams back."""
+        return self._gives or (self._alone and not self._ended and self._pilot.session.up)
+
+    @property
+    def _gives(self) -> bool:
         back, session = self.handback, self._pilot.session
-        return back is not None and back.begun and session.vehicle.armed and session.heartbeat_age(self._now) < GONE
+        if back is None or not back.begun or self.called_off:
+            return False
+        return session.vehicle.armed and session.heartbeat_age(self._now) < GONE
 
     def step(self, now: float) -> list[bytes]:
         """The frames due now."""
@@ -319,11 +327,11 @@ class Locator:
         """Ask for the streams that are due; when all is over, what gives the vehicle its own rates back."""
         session = self._pilot.session
         assert session.peer is not None
-        if self._streams is None or (done and not self._alone and self.busy):
+        if self._streams is None or (done and not self._alone and self._gives):
             self._alone = done  # from then on the pilot's own streams are given back
             health = {REPORTS[session.adapter.firmware.key]: 2.0, SECOND: 2.0} if self.handback else {}
             self._streams = StreamRequests(STREAMS | health | (AFTER if done else {}), maybe={SECOND})
-        if not done or self.busy:
+        if not done or self._gives:
             for request in self._streams.poll(now):
                 self._commands.send(request)
             return []

@@ -269,16 +269,21 @@ class Timesync:
         return min(self.trips, default=0.0) / 2
 
     def slower(self, since: float, now: float) -> float:
+        """As `told`; an answer that does not tell yet is asked for at once."""
+        told = self.told(since, now)
+        if told == float("inf") and max(self._asked.values(), default=float("-inf")) < since:
+            self._next = now
+        return told
+
+    def told(self, since: float, now: float) -> float:
         """The most, s, by which frames that have come since then may be later than those before: what the quickest
-        answer takes longer. Infinite until an answer tells, which is asked for at once; 0 where none ever does."""
+        answer takes longer. Infinite until an answer tells; 0 where none ever does."""
         after = [trip for at, trip in self._answers if at >= since]
         if after:
             before = min((trip for at, trip in self._answers if at < since), default=0.0)
             return max(min(after) - before, 0.0)
         if not self._answers or now - max(since, self._answers[-1][0]) > PATIENCE:
             return 0.0
-        if max(self._asked.values(), default=since) < since:
-            self._next = now
         return float("inf")
 
     def settled(self, now: float) -> bool:

@@ -14,6 +14,8 @@ ACK_TIMEOUT = 0.5
 IN_PROGRESS_TIMEOUT = 3.0
 MOST_IN_PROGRESS = 3
 RETRIES = 3
+LATE = 1.2
+"""Of the time between first try and last: how long after the end of a command the answers to its repeats may come."""
 CHECK_EVERY = 3.0
 """Time, s, over which the rates of streams are measured."""
 LOW = 0.5
@@ -60,17 +62,23 @@ class CommandResult:
 class _Pending:
     command: Command
     due: float
+    began: float
+    last: float
     sent: int = 0
     in_progress: int = 0
 
 
 class CommandSender:
-    """At most one command per number is under way; others of the same number wait their turn."""
+    """At most one command per number is under way; others of the same number wait their turn, also while the one before
+    may still be answered: an answer names its number alone."""
 
     def __init__(self) -> None:
         self._queue: list[Command] = []
         self._pending: dict[int, _Pending] = {}
         self._results: list[CommandResult] = []
+        self._held: dict[int, float] = {}
+        """Until when answers to the repeats of what has ended may come, s, by number."""
+        self._newest = b""
 
     def send(self, command: Command) -> None:
         """Queue a command; one that is already waiting is not queued twice."""
@@ -82,11 +90,14 @@ class CommandSender:
         """Drop everything: the vehicle that was meant is gone."""
         self._queue.clear()
         self._pending.clear()
+        self._held.clear()
 
     def drop(self, number: int) -> bool:
-        """Ask no more for what a command number stands for; tells whether anything was under way."""
+        """Ask no more for what a command number stands for, nor wait for late answers; tells whether anything was under
+        way."""
         waited = [command for command in self._queue if command.number == number]
         self._queue = [command for command in self._queue if command.number != number]
+        self._held.pop(number, None)
         return self._pending.pop(number, None) is not None or bool(waited)
 
     def take_results(self) -> list[CommandResult]:
@@ -94,12 +105,16 @@ class CommandSender:
         return results
 
     def acknowledge(self, ack: Message, us: Ids, now: float) -> None:
-        """Match a COMMAND_ACK of our vehicle; one that is addressed to somebody else is not ours."""
+        """Match a COMMAND_ACK of our vehicle; one that is addressed to somebody else is not ours, and a frame that two
+        routers bring is one answer."""
+        before, self._newest = self._newest, bytes(ack.get_msgbuf())
+        if ack.target_system not in (0, us[0]) or ack.target_component not in (0, us[1]) or self._newest == before:
+            return
         pending = self._pending.get(ack.command)
-        if pending is None or ack.target_system not in (0, us[0]) or ack.target_component not in (0, us[1]):
+        if pending is None:
             return
         if ack.result != dialect.MAV_RESULT_IN_PROGRESS:
-            self._end(pending.command, ack.result)
+            self._end(pending, ack.result, now)
         elif pending.in_progress < MOST_IN_PROGRESS:
             pending.due, pending.sent = now + IN_PROGRESS_TIMEOUT, 1 + RETRIES
             pending.in_progress += 1
@@ -108,21 +123,24 @@ class CommandSender:
         """The messages due now: first tries and repeats, with `confirmation` counting the repeats."""
         for pending in list(self._pending.values()):
             if now >= pending.due and pending.sent > RETRIES:
-                self._end(pending.command, None)
+                self._end(pending, None, now)
         waiting, self._queue = self._queue, []
         for command in waiting:
-            if command.number in self._pending:
+            if command.number in self._pending or now < self._held.get(command.number, now):
                 self._queue.append(command)
             else:
-                self._pending[command.number] = _Pending(command, now)
+                self._pending[command.number] = _Pending(command, now, now, now)
         due = [pending for pending in self._pending.values() if now >= pending.due]
         for pending in due:
-            pending.due, pending.sent = now + ACK_TIMEOUT, pending.sent + 1
+            pending.due, pending.last, pending.sent = now + ACK_TIMEOUT, now, pending.sent + 1
         return [once(pending.command, target, pending.sent - 1) for pending in due]
 
-    def _end(self, command: Command, result: int | None) -> None:
-        del self._pending[command.number]
-        self._results.append(CommandResult(command, result))
+    def _end(self, pending: _Pending, result: int | None, now: float) -> None:
+        number = pending.command.number
+        del self._pending[number]
+        # answered after the first try, it is answered for good; else by a try of which nobody knows which
+        self._held[number] = now + LATE * (pending.last - pending.began)
+        self._results.append(CommandResult(pending.command, result))
 
 
 def once(command: Command, target: Ids, confirmation: int = 0) -> Message:

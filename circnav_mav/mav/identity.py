@@ -162,6 +162,8 @@ class Identity:
     def _misfit(self, heartbeat: Message, who: Sender, adapter: Autopilot | None) -> str:
         """Why this is not our vehicle, for people; empty where it is."""
         wanted, system = self._settings.system_id, f"system {who.system}"
+        if who.system == 0:  # what is said to 0 is said to everybody
+            return f"{system} is no id of a vehicle: set its system id to 1 .. 255"
         if self.first is not None and who.ids != self.first:
             return f"{system} is not the vehicle heard first, system {self.first[0]}"
         if wanted is not None and who.system != wanted:

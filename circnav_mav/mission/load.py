@@ -1,5 +1,6 @@
 """Reads a mission file. Whatever is wrong becomes one line that names file and key."""
 
+import os
 import re
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
@@ -43,7 +44,7 @@ def read_text(path: Path) -> str:
 def read_toml(text: str, where: str) -> dict[str, Any]:
     """The table of a TOML text; `where` names it in errors. Raises MissionError."""
     try:
-        return tomllib.loads(text)
+        return _loads(text, where)
     except tomllib.TOMLDecodeError as error:
         at = re.search(r"at line (\d+)", str(error))
         line = text.split("\n")[int(at[1]) - 1].strip()[:MOST_SHOWN] if at else ""
@@ -52,22 +53,50 @@ def read_toml(text: str, where: str) -> dict[str, Any]:
         raise MissionError(f"{where}: not valid TOML: nested too deeply") from None
 
 
+def _loads(text: str, where: str) -> dict[str, Any]:
+    """As tomllib reads it, whole numbers only as far as TOML has them. Raises TOMLDecodeError, RecursionError,
+    MissionError."""
+    try:
+        table = tomllib.loads(text)
+        key = next(_beyond(table, ""), None)
+    except tomllib.TOMLDecodeError:
+        raise
+    except ValueError:  # Python reads no decimal of thousands of digits
+        key = "a number"
+    if key is not None:
+        raise MissionError(f"{where}: {key} is beyond 64 bits: give a smaller number")
+    return table
+
+
+def _beyond(value: Any, key: str) -> Iterator[str]:
+    """The keys of whole numbers that TOML does not have."""
+    if isinstance(value, Mapping):
+        for name, part in value.items():
+            yield from _beyond(part, f"{key}.{name}" if key else name)
+    elif isinstance(value, list):
+        for part in value:
+            yield from _beyond(part, key)
+    elif isinstance(value, int) and not -(2**63) <= value < 2**63:
+        yield key
+
+
 def parse_mission(text: str, where: str, overrides: Iterable[str] = (), folder: Path | None = None) -> Mission:
     """Validate the text of a mission file; `where` names it in errors. folder: that its paths are relative to; they
     become absolute, so that the file as flown can be flown again from its run folder. Raises MissionError."""
     table = read_toml(text, where)
     changes = [(*_override(override), override) for override in overrides]
-    _change(table, changes, folder)
+    _change(table, changes, folder, where)
     flown = text if table == tomllib.loads(text) else _written(text, changes, folder, table)
     return mission_of(table, where, flown)
 
 
-def _change(table: Any, changes: Iterable[tuple[list[str], Any, str]], folder: Path | None) -> None:
-    """Put overrides (keys, value, as written) into a mission's table, and make its paths absolute."""
+def _change(table: Any, changes: Iterable[tuple[list[str], Any, str]], folder: Path | None, where: str) -> None:
+    """Put overrides (keys, value, as written) into a mission's table, and make its paths absolute. Raises
+    MissionError."""
     for keys, value, override in changes:
         put(table, keys, value, f"--set {override}")
     if folder is not None:
-        _make_absolute(table, folder)
+        _make_absolute(table, folder, where)
 
 
 def _written(
@@ -78,7 +107,7 @@ def _written(
     import tomlkit  # slow to load and to parse, and most files are flown as they are
 
     document = tomlkit.parse(text)
-    _change(document, changes, folder)
+    _change(document, changes, folder, "as flown")
     text = tomlkit.dumps(document)
     try:
         faithful = tomllib.loads(text) == table
@@ -160,7 +189,7 @@ def _override(text: str) -> tuple[list[str], Any]:
     if not sign or not key.strip():
         raise MissionError(f"--set {text}: write it as table.key=value")
     try:
-        parsed = tomllib.loads(f"value = {value.strip()}")["value"]
+        parsed = next(iter(_loads(f'"{key.strip()}" = {value.strip()}', "--set").values()))
     except (tomllib.TOMLDecodeError, RecursionError):
         parsed = value.strip()
     return key.strip().split("."), parsed
@@ -175,12 +204,15 @@ def put(table: Any, keys: list[str], value: Any, said: str) -> None:
     table[keys[-1]] = value
 
 
-def _make_absolute(table: Any, folder: Path) -> None:
+def _make_absolute(table: Any, folder: Path, where: str) -> None:
     """The key files of a mission and of its bundled vehicle: relative to the folder of the file, `~` from home."""
     for place in (table, table.get("sim")):
         signing = place.get("signing") if isinstance(place, Mapping) else None
         if isinstance(signing, Mapping) and isinstance(name := signing.get("key_file"), str) and name:
-            signing["key_file"] = str((folder / Path(name).expanduser()).absolute())  # type: ignore[index]
+            if "\0" in name:
+                raise MissionError(f"{where}: signing.key_file: {name!r} holds a character that no file's name has")
+            # not Path.expanduser: it raises for a user that is not there
+            signing["key_file"] = str((folder / os.path.expanduser(name)).absolute())  # type: ignore[index]
 
 
 # --- what is wrong with a file, in words ---

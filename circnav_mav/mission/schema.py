@@ -42,7 +42,7 @@ def _addresses(given: Any) -> list[str]:
 def _host_and_port(given: str) -> str:
     """Where datagrams go: host:port."""
     host, _, port = given.rpartition(":")
-    if not host or ":" in host or not port.isdecimal() or not 0 < int(port) <= MOST_PORT:
+    if not host or ":" in host or not host.isprintable() or not port.isdecimal() or not 0 < int(port) <= MOST_PORT:
         raise PydanticCustomError("host", f'must be host:port, port 1 .. {MOST_PORT}, such as "239.2.3.1:6969"')
     return given
 
@@ -153,7 +153,7 @@ class LinkTable(Table):
     component_id: Annotated[int, Field(ge=191, le=194), SELDOM] = 191  # MAV_COMP_ID_ONBOARD_COMPUTER .. 4
     wait_s: Positive = 30.0
     clock: Literal["local", "autopilot"] = "local"
-    sim_speed: Annotated[float, Field(gt=0, le=100)] | None = None
+    sim_speed: Annotated[float, Field(ge=0.01, le=100)] | None = None
 
 
 class SigningTable(Table):

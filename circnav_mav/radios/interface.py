@@ -4,6 +4,7 @@ import re
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from numbers import Integral, Real
 from typing import Protocol
 
 MOST_BEACON = 65535
@@ -30,6 +31,11 @@ class RadioReading:
     stamp: float | None = None
 
     def __post_init__(self) -> None:
+        for value in (self.range, self.sigma or 0.0, self.stamp or 0.0):
+            if not isinstance(value, Real):
+                raise TypeError(f"{value!r} is not a number")
+        if not isinstance(self.beacon, Integral):
+            raise TypeError(f"beacon id {self.beacon!r} is not a whole number")
         if not 0 <= self.beacon <= MOST_BEACON:
             raise ValueError(f"beacon id {self.beacon} is not 0 to {MOST_BEACON}")
 

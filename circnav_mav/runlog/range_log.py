@@ -29,6 +29,11 @@ NAMES = {
 }
 """The columns of a CSV, by the names that are understood; those with hyphens are Movebank's."""
 NEEDED = ("time", "latitude", "longitude", "range")
+FAR, LEAST_SIGMA = 1e9, 1e-3
+"""No range or altitude is beyond it, m; a standard deviation, m, below which none is meant: others write zero where
+they do not know."""
+LATEST = 1e13
+"""A time, s, in whatever unit it was meant."""
 ONE_TAG = "target"
 FIX_3D = 3
 OURS = "CN_TEAST"
@@ -96,9 +101,11 @@ def _read_csv(file: Path) -> RangeLog:
                     try:
                         if cell.strip() and name != "tag":
                             cells[name] = _seconds(cell) if name == "time" else float(cell)
-                    except ValueError:
+                    except (ValueError, OverflowError):
                         what = "a number" if name != "time" else "a time: seconds, or as 2026-07-01T12:00:00Z"
                         raise RunError(f"{line}: {name}: {printable(cell)[:40]!r} is not {what}") from None
+                    if isfinite(cells[name]) and abs(cells[name]) > (LATEST if name == "time" else FAR):
+                        raise RunError(f"{line}: {name}: {cells[name]:g} is too large: s, degrees and m are meant")
                 time, latitude, longitude = cells["time"], cells["latitude"], cells["longitude"]
                 if not isfinite(time):
                     raise RunError(f"{line}: time: is missing")
@@ -107,7 +114,7 @@ def _read_csv(file: Path) -> RangeLog:
                         raise RunError(f"{line}: {latitude:g} {longitude:g} is no place: degrees?")
                     log.positions.append((time, latitude, longitude, cells["altitude"]))
                 if 0 < cells["range"] < inf:
-                    told = 0 < cells["sigma"] < inf  # others write zero where they do not know
+                    told = LEAST_SIGMA <= cells["sigma"] < inf
                     tag = printable(row.get(columns.get("tag", ""), "") or "") or ONE_TAG
                     log.ranges.setdefault(tag, []).append((time, cells["range"], cells["sigma"] if told else nan))
     except (UnicodeDecodeError, csv.Error) as error:
@@ -151,7 +158,7 @@ def _read_tlog(file: Path, name: str) -> RangeLog:
             if message.get_type() == "NAMED_VALUE_FLOAT" and message.name == OURS:
                 ours.add(sender)
             reading, tag = kind.read(message), None if sender in ours else _tag(message, name)
-            if isinstance(reading, Reading) and tag is not None:
+            if isinstance(reading, Reading) and tag is not None and reading.slant <= FAR:
                 one = reading.stamp, reading.slant
                 if newest.get(tag) != one:  # autopilots repeat a range
                     newest[tag] = one

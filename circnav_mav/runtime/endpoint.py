@@ -54,7 +54,7 @@ def parse_endpoint(text: str) -> Endpoint:
         host = _ipv6(host, text)
     if not sign or not host or not port.isdecimal() or len(port) > MOST_DIGITS:
         missing, form = ("baud rate", "PATH:BAUD") if kind == "serial" else ("port", "HOST:PORT")
-        wrong = "host is missing" if rest.isdecimal() else f"{missing} is missing or not a number"
+        wrong = "host is missing" if port.isdecimal() and not host else f"{missing} is missing or not a number"
         raise LinkError(f"endpoint {text!r}: {wrong}, write {kind}:{form}")
     lowest = 0 if kind == "udpin" else 1
     if kind != "serial" and not lowest <= int(port) <= 65535:

@@ -29,7 +29,7 @@ at twenty times real time. In a flood that cannot be read as fast as it comes so
 waits in a longer queue is only late: with 1 MB every range, and a takeover, came 1 s late."""
 _MOST_HOSTS = 256
 MOST_TROUBLES, NOT_HEARD = 4, "ignored: sent by others"
-"""Kinds of trouble from which on strangers are no longer told one by one."""
+"""Kinds of trouble from which on what others make up is no longer told one by one."""
 LOCAL_PORT = 14691
 """Our local port for `udpout`: PX4 latches onto the first client port it hears, so a restart must use the same."""
 RETRY = 1.0
@@ -59,6 +59,11 @@ class Link(Protocol):
 
     def close(self) -> None:
         """Let go of the endpoint."""
+
+
+def note(troubles: Counter[str], words: str, others: str) -> None:
+    """Count a trouble; under `others` where there are many kinds already."""
+    troubles[words if words in troubles or len(troubles) < MOST_TROUBLES else others] += 1
 
 
 def open_link(text: str, peers: Iterable[str] = ()) -> Link:
@@ -144,7 +149,7 @@ class UdpLink:
 
     def _refuse(self, words: str) -> None:
         """Count what somebody else has sent, and what is too long."""
-        self.troubles[words if words in self.troubles or len(self.troubles) < MOST_TROUBLES else NOT_HEARD] += 1
+        note(self.troubles, words, NOT_HEARD)
 
     def _bind_local(self) -> None:
         try:

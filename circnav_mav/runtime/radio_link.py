@@ -12,13 +12,15 @@ from circnav_mav.mav.identity import spelt
 from circnav_mav.radios.interface import Driver, RadioReading
 from circnav_mav.radios.table import DriverError, make_driver, split_driver
 from circnav_mav.runtime.endpoint import LinkError, parse_endpoint
-from circnav_mav.runtime.links import Link, open_link
+from circnav_mav.runtime.links import Link, note, open_link
 
 SYSTEM, COMPONENT = 1, dialect.MAV_COMP_ID_ONBOARD_COMPUTER2
 """The ids under which a driver's readings are logged: those of a radio on the companion in docs/own-vehicle.md."""
 UNKNOWN, NO_PLACE = 0xFFFFFFFF, 0x7FFFFFFF
 LONGEST_STAMP = 1e12
 """Seconds: what is beyond is no time."""
+MOST_WORDS = 200
+"""Characters of an error of a driver, which may have all its bytes in it."""
 WATCHED, MANY = 2.0, 64
 """Time, s, without a reading and bytes not understood in it, from which on that is said."""
 
@@ -46,7 +48,11 @@ class RadioLink:
     def receive(self, now: float) -> list[tuple[bytes, Hashable]]:
         """A frame of each new reading."""
         heard = self.read(now)
-        return [(self._frame(reading), f"{spelt(source)} beacon {reading.beacon}") for reading, source in heard]
+        try:
+            return [(self._frame(reading), f"{spelt(source)} beacon {reading.beacon}") for reading, source in heard]
+        except Exception as error:
+            self._failed(error)
+            return []
 
     def read(self, now: float) -> list[tuple[RadioReading, Hashable]]:
         """The new readings and where they came from. A driver that fails is a trouble, and loses these bytes."""
@@ -58,7 +64,7 @@ class RadioLink:
                 whole = data if data.endswith(self._line_end) else data + self._line_end
                 readings += [(reading, source) for reading in self._driver.receive(whole, now)]
         except Exception as error:
-            self.troubles[f"driver {self._name} failed: {error!r}"] += 1
+            self._failed(error)
         self._watch(bool(readings), now)
         return readings
 
@@ -67,6 +73,10 @@ class RadioLink:
 
     def close(self) -> None:
         self._link.close()
+
+    def _failed(self, error: Exception) -> None:
+        failed = f"driver {self._name} failed"
+        note(self.troubles, f"{failed}: {error!r:.{MOST_WORDS}}", f"{failed} in other ways")
 
     def _watch(self, heard: bool, now: float) -> None:
         """Say where bytes come in and none of them is a range: another speed, or another radio."""
@@ -94,7 +104,7 @@ def _millimetres(metres: float | None) -> int:
     """As RANGING_BEACON carries it, the largest number for none."""
     if metres is None or not isfinite(metres) or metres <= 0:
         return UNKNOWN
-    return min(round(1000 * metres), UNKNOWN - 1)
+    return round(min(1000 * metres, UNKNOWN - 1))
 
 
 def radio_port(endpoint: str) -> tuple[str, Driver, str]:

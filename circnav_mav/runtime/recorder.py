@@ -23,6 +23,7 @@ from typing import IO, Any
 from circnav_mav.mav.signing import without_signature
 from circnav_mav.pilot import TickRecord
 from circnav_mav.pilot.loop_step import HELD_BACK, LoopStep
+from circnav_mav.runtime.lock import lock
 
 FRAMES_SHARE = 0.75
 """Part of the bound at which frames are no longer recorded, so that the ticks of a long flight find room."""
@@ -184,8 +185,11 @@ def _plain(value: Any) -> Any:
 
 
 def _claimed(path: Path) -> IO[bytes]:
-    """A file that nobody else has made: whoever makes it has the folder. Raises TakenError, OSError."""
+    """A file that nobody else has made: whoever makes it has the folder, and holds it while the flight is recorded.
+    Raises TakenError, OSError."""
     try:
-        return path.open("xb")
+        file = path.open("xb")
+        lock(file)
+        return file
     except FileExistsError:
         raise TakenError(f"{path.parent}: holds {path.name} already, name another folder") from None

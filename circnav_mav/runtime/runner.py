@@ -80,7 +80,7 @@ def run(
     locating: the survey beside it, which may go on when guidance has ended."""
     newest: TickRecord | None = None
     now, loaded = 0.0, False
-    while not pilot.done or (locating is not None and locating.busy and not stop.signal_name):
+    while not pilot.done or (locating is not None and locating.busy):
         due = now + clock.longest_wait if pilot.done else pilot.scheduler.due
         wait(links, stop, min(clock.until(due), clock.longest_wait))
         clock.advance(due)
@@ -89,9 +89,11 @@ def run(
         loaded = loaded or ready()
         step = turn(pilot, links, clock, now, stop.signal_name, deaf=not loaded)
         now = step.time
-        if locating is not None and (said := locating.turn(step)):
-            links[VEHICLE].send(b"".join(said), pilot.session.reply_to)
-            step.survey = said
+        if locating is not None:
+            locating.locator.called_off = stop.signal_name is not None
+            if said := locating.turn(step):
+                links[VEHICLE].send(b"".join(said), pilot.session.reply_to)
+                step.survey = said
         records = pilot.take_records()
         recorder.step(step)
         recorder.ticks(records)

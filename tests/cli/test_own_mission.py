@@ -10,6 +10,7 @@ import pytest
 
 from circnav_mav.cli.bundled import CONFIG
 from circnav_mav.cli.init import schema_text
+from circnav_mav.runtime.recorder import Recorder
 
 TOML = [*CONFIG.glob("*.toml"), *(CONFIG / "campaigns").glob("*.toml")]
 
@@ -117,3 +118,12 @@ KEPT = {"young", "noted", "precious", "link"}
 def test_old_runs_are_shown_and_deleted_where_they_are_nothing_else(circnav, runs, options, left, says):
     assert says in circnav("runs", "clean", *options.split()).done
     assert {path.name for path in runs.iterdir()} == left
+
+
+def test_a_flight_that_is_being_recorded_is_not_deleted_however_old_its_frames_are(circnav, runs):
+    recorder = Recorder(runs / "long", "")
+    os.utime(recorder.folder / "flight.tlog", (0.0, 0.0))
+    said = circnav("runs", "clean", "--keep", "0", "--yes").done
+    assert f"{recorder.folder.relative_to(runs.parent)}   kept: its flight is being recorded" in said
+    assert {path.name for path in runs.iterdir()} == KEPT | {"long"}
+    recorder.close()

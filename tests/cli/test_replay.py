@@ -82,12 +82,14 @@ def plain(run, data=b""):
         (emptied, [], 3, "an empty run"),
         (lambda run: run, ["--law", "spiral"], 2, "guidance.law: 'spiral' is not one of"),
         (lambda run: run, ["--estimator", "guess"], 2, "guidance.estimator: 'guess' is not"),
+        (lambda run: run, ["--law", "smooth", "--set", "guidance.gain=1e-9"], 2, "refused by its checks, see FAIL"),
+        (lambda run: run, ["--set", "vehicle.method=nogps"], 2, "refused by its checks, see FAIL"),
         (lambda run: plain(run, b"not a log"), ["--mission", "quickstart"], 3, "no MAVLink frame in it"),
         (plain, ["--mission", "quickstart"], 3, "no MAVLink frame in it"),
         (plain, [], 2, "a plain tlog needs --mission"),
         (plain, ["--mission", "no.toml"], 2, "cannot be read"),
     ],
-    ids=["no log", "no turns", "no manifest", "empty", "law", "estimator", "no tlog", "empty tlog",
+    ids=["no log", "no turns", "no manifest", "empty", "law", "estimator", "gain", "method", "no tlog", "empty tlog",
          "no mission", "no such mission"],
 )  # fmt: skip
 def test_what_cannot_be_replayed_is_one_line(circnav, run, make, options, code, says):

@@ -18,18 +18,28 @@ CELL = "bench --law pd --situation calm"
         ("campaign campaigns/wind.toml", "campaigns/wind.toml: no such file; the bundled one goes by its name: wind"),
         ("fly mission.toml --set orbit.radius_m", "--set orbit.radius_m: write it as table.key=value"),
         ("fly mission.toml --duration -5", "mission.toml: limits.duration_s: must be above 0, not -5"),
-        ("fly mission.toml --speed 0", "mission.toml: link.sim_speed: must be above 0, not 0"),
+        ("fly mission.toml --speed 0", "mission.toml: link.sim_speed: must be at least 0.01, not 0"),
+        ("fly mission.toml --speed 1e-300", "mission.toml: link.sim_speed: must be at least 0.01, not 1e-300"),
         ("fly mission.toml --speed 8", "--speed: only the bundled vehicle flies at another speed, not udpin:127."),
         ("fly mission.toml --endpoint udpin:127.0.0.1:BUSY", PORT_IN_USE),
         ("fly mission.toml --set ranging.endpoint=udpin:127.0.0.1:BUSY", PORT_IN_USE),
         ("fly mission.toml --set locate.enabled=true --set locate.cot=nowhere.invalid:6969",
          "locate.cot: nowhere.invalid: "),
+        ("fly mission.toml --set locate.enabled=true --set locate.cot=10.0..1:6969",
+         "locate.cot: 10.0..1: host name is not known"),
+        ("check mission.toml --set locate.cot=\"a\\u0000:6969\"", "mission.toml: locate.cot: must be host:port"),
+        ("check mission.toml --set signing.key_file=~nosuchuser/key", "mission.toml: signing.key_file: "),
+        ("check mission.toml --set signing.key_file=\"\\u0000\"", "mission.toml: signing.key_file: '\\x00' holds a"),
+        ("fly mission.toml --out LONG", "LONG/flight.tlog: File name too long"),
+        ("check LONG.toml", "LONG.toml: File name too long"),
+        ("campaign LONG", "LONG: File name too long"),
         ("fly mission.toml --out /dev/null/run", "/dev/null/run: cannot be written: Not a directory"),
         ("fly mission.toml --web eighty", "--web eighty: is not a port; write: circnav fly MISSION --web [PORT]"),
         ("fly mission.toml --web 65536", "--web 65536: is not a port; write: circnav fly MISSION --web [PORT]"),
         ("fly --web mission.toml mission.toml", "--web mission.toml: is not a port; write: circnav fly MISSION"),
         ("check mission.toml --set link.endpoint=udpin:14550", "endpoint 'udpin:14550': "),
         ("check mission.toml --set ranging.endpoint=udpin:14550", "endpoint 'udpin:14550': "),
+        ("check mission.toml --set link.endpoint=udpin::14550", "endpoint 'udpin::14550': host is missing, write "),
         ("fly mission.toml --set guidance.gain=1e-5", "mission.toml: refused by its checks, see FAIL above"),
         ("preflight mission.toml --set guidance.gain=1e-5", "mission.toml: refused by its checks, see FAIL above"),
         *((f"{command} mission.toml --set {override}", f"mission.toml: {says}")
@@ -64,13 +74,14 @@ CELL = "bench --law pd --situation calm"
     ],
 )  # fmt: skip
 def test_it_is_one_line_and_nothing_is_written(circnav, mission, busy_port, command, says):
-    line = circnav(*command.replace("BUSY", str(busy_port)).split()).refused
-    assert line.startswith(says.replace("BUSY", str(busy_port)))
+    command, says = (text.replace("BUSY", str(busy_port)).replace("LONG", 300 * "x") for text in (command, says))
+    assert circnav(*command.split()).refused.startswith(says)
     assert list(mission.parent.iterdir()) == [mission]
 
 
 def test_usage_that_the_parser_refuses_is_exit_code_2_and_an_interrupt_130(circnav, monkeypatch):
     wrong = ("fligh", "fly", "check a.toml b.toml", "fly quickstart --speed fast")
+    wrong += ("ranging watch lines:udpin:127.0.0.1:0 --seconds nan", "locate x.csv --gps-sigma 1e-200")
     for arguments in (*wrong, "bench --flights 0", "bench --seed -1", "paper --starts 0", "paper --seed -1"):
         ran = circnav(*arguments.split())
         assert ran.code == 2

@@ -161,6 +161,33 @@ def test_a_slow_tick_costs_certainty_and_not_the_place():
     assert (reckoning.where.east, reckoning.where.sigma) == pytest.approx((40.0, 43.0), abs=0.1)
 
 
+def late(*results, delay):
+    """Positions given to an autopilot that answers each with some results, one after the other, so many s later."""
+    back, answers, times = HandBack(HandBackSettings()), [], []
+    for now in (round(0.05 * tick, 6) for tick in range(600)):
+        for result in [result for at, result in answers if at == now]:
+            back.answered(mavlink.MAVLink_command_ack_message(POSITION, result, 0, 0, 1, 194), (1, 194), now)
+        if back.step(now, good=False, where=HERE, plane=ON_PLANE, target=(1, 1)) is not None:
+            times.append(now)
+            answers += [(round(now + delay * (which + 1), 6), result) for which, result in enumerate(results)]
+    return back, times
+
+
+def test_an_autopilot_that_answers_in_progress_is_waited_for_and_one_that_stays_so_is_left_alone():
+    progress, accepted = mavlink.MAV_RESULT_IN_PROGRESS, mavlink.MAV_RESULT_ACCEPTED
+    back, times = late(progress, accepted, delay=0.2)
+    assert len(times) > 20 and {one.answer for one in back.given[:-1]} == {"accepted"}
+    assert len(late(progress, delay=0.2)[1]) == 3
+
+
+def test_an_answer_that_comes_late_is_that_to_the_position_given_before_it():
+    """The second position is given when all to the first may have come."""
+    back, times = late(mavlink.MAV_RESULT_DENIED, delay=2.5)
+    assert len(times) == 1 and back.given[0].answer == "denied" and back.over
+    back, times = late(mavlink.MAV_RESULT_ACCEPTED, delay=3.5)
+    assert np.diff(times).min() > 3.5 and {one.answer for one in back.given[:-1]} == {"accepted"}
+
+
 TARGET = Place(0.0, ON_PLANE, 0.0, 0.0, 0.0, np.eye(2), up_sigma=1.0, up_known=True)
 
 

@@ -232,13 +232,11 @@ def test_ranges_that_fit_an_impossible_height_only_get_a_warning(tmp_path, capsy
     assert "WARNING    the ranges fit a target at" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("said", ["0", "-1", "nan", ""])
+@pytest.mark.parametrize("said", ["0", "-1", "nan", "", "1e-200"])
 def test_a_standard_deviation_that_is_none_counts_as_not_said(tmp_path, said):
     track, ranges, target = circles()
     file = as_csv(tmp_path, track, ranges, header=("time", "lat", "lon", "alt", "range", "tag", "sigma"))
-    file.write_text(
-        file.read_text().replace("\r\n", f",{said}\r\n").replace(f"sigma,{said}", "sigma") + "40,,,,inf,,\n"
-    )
+    file.write_text(file.read_text().replace("\n", f",{said}\n").replace(f"sigma,{said}", "sigma") + "40,,,,inf,,\n")
     assert run(file) == Exit.DONE
     assert off(places(tmp_path / "log.locate.geojson")["target"], target) < 6
 
@@ -272,6 +270,8 @@ def test_a_ranging_antenna_off_the_gps_antenna_reads_as_delay_and_bias_and_leave
         ("time,lat,lon,range\n1,95,3,5\n", "line 2: 95 3 is no place"),
         ("time,lat,lon,range\nnoon,2,3,5\n", "line 2: time: 'noon' is not a time: seconds, or as 2026"),
         ("time,lat,lon,range\n1,2,3,far\n", "line 2: range: 'far' is not a number"),
+        ("time,lat,lon,range\n1,2,3,1e160\n", "line 2: range: 1e.160 is too large: s, degrees and m are meant"),
+        ("time,lat,lon,range\n1e300,2,3,5\n", "line 2: time: 1e.300 is too large"),
         ("time,lat,lon,range\n1,2,3,5\n2,2,3,5\n", "no target was located"),
     ],
 )

@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import all as mavlink
 from circnav_mav.cli.connect import open_locating
 from circnav_mav.guidance.types import OwnMotion
 from circnav_mav.locate.handback import HandBackSettings, Where
-from circnav_mav.locate.locator import LocateSettings, Locator
+from circnav_mav.locate.locator import AFTER, STREAMS, LocateSettings, Locator
 from circnav_mav.locate.place import Place, Plane
 from circnav_mav.mav.ranging.interface import RangingSettings
 from circnav_mav.mission.load import load_mission
@@ -159,6 +159,23 @@ def test_a_vehicle_with_two_receivers_is_given_nothing_while_the_second_has_a_fi
     second = mavlink.MAVLink_gps2_raw_message(0, fix, 473_000_000, 85_000_000, 0, 1, 1, 0, 0, 9, 0, 0)
     given = {one.get_type() for one in turns(beside, locating, 8.0, second)} & {"COMMAND_INT"}
     assert bool(given) is is_given
+
+
+@pytest.mark.parametrize("how", ["the position is back", "a signal"])
+def test_streams_are_given_back_when_the_hand_back_ends_that_outlasts_guidance(how):
+    beside = Beside(Rig(exit="stop"), handback=HandBackSettings(place=(47.3, 8.5))).run(3.0)
+    locating = runtime.Locating(beside.locator, "target", waits=True)
+    turns(beside, locating, 3.0)
+    beside.rig.pilot.interrupt(beside.rig.now, "SIGINT")
+    turns(beside, locating, 1.0)
+    assert beside.rig.pilot.done and locating.busy
+    back = mavlink.MAVLink_gps_raw_int_message(0, 3, 0, 0, 0, 1, 1, 0, 0, 9)
+    beside.locator.called_off = how == "a signal"
+    said = []
+    while locating.busy and beside.rig.now < 30.0:
+        said += turns(beside, locating, 0.05, *([back] if how == "the position is back" else ()))
+    restored = [one.param1 for one in said if one.get_type() == "COMMAND_LONG" and one.param2 == 0]
+    assert {int(ident) for ident in restored} >= {*STREAMS, *AFTER}
 
 
 def test_a_hand_back_that_fails_ends_too(failing, monkeypatch):

@@ -99,6 +99,23 @@ def test_false_positions_change_no_byte_of_the_output_with_survey_and_hand_back_
     assert {one.get_srcComponent() for one in said} == {194}
 
 
+def test_positions_that_are_stamped_late_ask_for_no_answer_to_timesync():
+    """Their clock seems to have stepped while the vehicle answers no question any more."""
+
+    def flown(kind, late):
+        rig = kind()
+
+        def positions():
+            lag = late if rig.tick >= 215 else 0
+            rig.hear(mavlink.MAVLink_gps_raw_int_message(50_000 * rig.tick, 3, 0, 0, 0, 1, 1, 0, 0, 9))
+            rig.hear(circling(473_000_000, 85_000_000, rig.tick - lag))
+
+        rig.run(8.0, positions)
+        return rig.run(6.0, positions, round_trip=None).raw
+
+    assert flown(SurveyedRig, 8) == flown(SurveyedRig, 0) == flown(Rig, 8)
+
+
 def test_what_moves_a_vehicle_cannot_leave_the_survey():
     rig = SurveyedRig()
     for message in (

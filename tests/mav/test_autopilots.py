@@ -3,14 +3,16 @@ definitions: wire order by field size, trailing zeros cut, CRC-16/MCRF4XX with t
 
 import struct
 from dataclasses import replace
-from math import atan, cos, nan, sin, sqrt
+from math import atan, cos, inf, nan, sin, sqrt
 
 import numpy as np
 import pytest
 
 from circnav_mav.guidance.types import Direction, TurnRate
 from circnav_mav.mav.autopilots.interface import Addressee, VehicleFacts
+from circnav_mav.mav.autopilots.parameters import Context
 from circnav_mav.mav.autopilots.table import AUTOPILOTS
+from circnav_mav.mav.check_result import Grade
 from circnav_mav.mav.codec import Encoder
 from circnav_mav.mav.frames import yaw_rate_from_turn_rate
 from circnav_mav.mav.own_motion import Motion
@@ -182,6 +184,15 @@ def test_an_airspeed_that_cannot_be_is_not_used(key: tuple[str, str], airspeed: 
     """The plane is commanded to fly 10 m/s, which stands in for the bank and for the thrust."""
     assert sent(key, TURN, at_airspeed(airspeed)) == sent(key, TURN)
     assert sent(key, None, at_airspeed(airspeed)) == sent(key, None)
+
+
+@pytest.mark.parametrize("value", [nan, inf, -inf])
+@pytest.mark.parametrize("vehicle", AUTOPILOTS.values(), ids=lambda one: one.__name__)
+def test_a_parameter_that_is_no_number_fails_and_says_so(vehicle, value) -> None:
+    names = {name for rule in vehicle.parameters for name, _ in rule.names}
+    context = Context(15.0, 20.0, 30.0, 50.0, 0.05, 1, dict.fromkeys(names, value))
+    for check in (rule.check(context) for rule in vehicle.parameters):
+        assert check.grade is Grade.FAIL and check.says.endswith(f"= {value:g}: is not a number: set it anew")
 
 
 @pytest.mark.parametrize("airspeed", [5.01, 9.0, 12.0, 15.99])

@@ -5,6 +5,7 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.mav.commands import Command, CommandSender, StreamRequests
+from tests.rig import Voice
 
 US, TARGET = (1, 191), (1, 1)
 SET_MODE, SET_INTERVAL = 176, 511
@@ -12,8 +13,11 @@ GUIDED = Command(SET_MODE, (1.0, 4.0))
 ACCEPTED, IN_PROGRESS = 0, 5
 
 
+VEHICLE = Voice()
+
+
 def ack(number=SET_MODE, result=ACCEPTED, target=(0, 0)):
-    return mavlink.MAVLink_command_ack_message(number, result, 0, 0, *target)
+    return VEHICLE.message(mavlink.MAVLink_command_ack_message(number, result, 0, 0, *target))
 
 
 def poll_until(sender, end, start=0.0, step=0.05):
@@ -88,6 +92,22 @@ def test_one_command_of_a_number_is_under_way_at_a_time_and_those_of_others_do_n
     assert [message.param1 for message in sender.poll(TARGET, 0.1)] == [74]
     sender.acknowledge(ack(SET_INTERVAL), US, 0.2)
     assert [result.command for result in sender.take_results()] == [first, second]
+
+
+@pytest.mark.parametrize(("trip", "doubled"), [(0.55, False), (1.95, False), (0.1, True), (0.95, True)])
+def test_each_answer_counts_for_the_command_that_it_answers_however_late_or_often_it_comes(trip, doubled):
+    """Of ten streams, of which the vehicle denies one. doubled: two routers bring each answer."""
+    sender, answers, results = CommandSender(), [], []
+    for stream in range(10):
+        sender.send(Command(SET_INTERVAL, (stream, 1e5)))
+    for now in (round(0.05 * tick, 6) for tick in range(1200)):
+        for answer in [answer for at, answer in answers if at == now]:
+            sender.acknowledge(answer, US, now)
+        for message in sender.poll(TARGET, now):
+            answer = ack(SET_INTERVAL, 2 if message.param1 == 3 else ACCEPTED)
+            answers += [(round(now + trip + later, 6), answer) for later in ((0.0, 0.05) if doubled else (0.0,))]
+        results += sender.take_results()
+    assert [(one.command.params[0], one.refused) for one in results] == [(stream, stream == 3) for stream in range(10)]
 
 
 def test_the_same_command_is_not_queued_twice(sender):

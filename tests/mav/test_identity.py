@@ -33,6 +33,14 @@ def test_nobody_else_is_told_to_change_his_streams_when_our_vehicle_is_gone(make
     assert {message.target_system for message in rig.of("COMMAND_LONG")} == {1}
 
 
+def test_a_vehicle_that_calls_itself_0_is_not_believed_for_everybody_would_hear_what_is_said_to_it(make_rig):
+    rig = make_rig(request_mode=True)
+    rig.vehicle = Voice(0, 1)
+    rig.run(3.0, mode=LOITER)
+    assert rig.of("COMMAND_LONG") == [] and not rig.pilot.session.up
+    assert rig.pilot.session.misfits[0, 1] == "system 0 is no id of a vehicle: set its system id to 1 .. 255"
+
+
 @pytest.mark.parametrize("version", [1, 2])
 def test_a_stranger_heard_while_our_vehicle_is_silent_is_not_spoken_to(rig, version):
     outage(rig.engage(), 4.0)

@@ -93,3 +93,12 @@ def test_how_much_slower_a_link_has_become_is_told_by_the_quickest_answer_since_
     assert timesync.slower(26.1, 27.3) == pytest.approx(0.5)
     assert timesync.slower(27.4, 37.2) == float("inf")
     assert timesync.slower(27.4, 37.5) == 0.0, "who answers nothing any more tells nothing"
+
+
+def test_where_no_question_waits_for_its_answer_one_is_asked_at_once_and_who_only_looks_asks_for_none():
+    timesync = Timesync()
+    for i in range(120):
+        for question in timesync.poll(i / 20):
+            timesync.heard(question.ts1, i / 20)
+    assert timesync.told(5.9, 5.95) == float("inf") and timesync.poll(5.95) == []
+    assert timesync.slower(5.9, 5.95) == float("inf") and timesync.poll(5.95)

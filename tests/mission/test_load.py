@@ -209,6 +209,14 @@ def test_text_that_is_not_toml_is_refused_with_its_place(text):
     assert refusal(text).startswith("m.toml: not valid TOML: ")
 
 
+@pytest.mark.parametrize("number", [400 * "9", 5000 * "9", "0x" + 5000 * "f"], ids=["long", "longer", "hex"])
+def test_a_number_that_toml_does_not_have_is_one_line(number):
+    key = "a number" if number.isdecimal() and len(number) > 4300 else "orbit.radius_m"
+    beyond = f"{key} is beyond 64 bits: give a smaller number"
+    assert refusal(f"[orbit]\nradius_m = [1, {number}]") == f"m.toml: {beyond}"
+    assert refusal("", f"orbit.radius_m={number}") == f"--set: {beyond}"
+
+
 def test_text_that_is_not_toml_is_shown():
     assert refusal("[orbit]\nradius_m 150\n").endswith("(at line 2, column 10): 'radius_m 150'")
 

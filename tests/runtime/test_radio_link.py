@@ -62,7 +62,7 @@ def test_a_reading_is_a_ranging_beacon_of_its_own_source():
         ("2.5,7,12.3,0.05", 12300, 50, 2_500_000),
         ("nan,7,nan,nan", NONE, NONE, 0),
         ("-1e300,7,-5,-1", NONE, NONE, 0),
-        ("1e300,7,1e300,1e300", NONE - 1, NONE - 1, 0),
+        ("1e300,7,1e306,1e306", NONE - 1, NONE - 1, 0),
         ("inf,7,inf,inf", NONE, NONE, 0),
         ("0,7,0,0", NONE, NONE, 0),
     ],
@@ -96,6 +96,26 @@ def test_a_driver_that_fails_costs_its_bytes_and_no_flight():
     assert radio.hears(b"", b"bad") == []
     assert len(radio.hears(b"5.0", now=0.1)) == 1
     assert list(radio.link.troubles) == ["driver broken failed: ValueError('beacon id 70000 is not 0 to 65535')"]
+
+
+def test_what_a_driver_gives_that_is_no_range_costs_no_flight_and_the_list_of_its_errors_stays_short():
+    class Odd(Lines):
+        def read_line(self, line):
+            if line.isdecimal():
+                raise ValueError(1000 * line)
+            odd = {"text": lambda: RadioReading("12.5"), "part": lambda: RadioReading(5.0, beacon=3.0)}
+            return [odd[line]() if line in odd else (5.0, 3)]
+
+    radio = Radio("odd", Odd(), datagrams=True)
+    assert [radio.hears(line) for line in (b"", b"text", b"part", b"pair")] == 4 * [[]]
+    assert list(radio.link.troubles)[:2] == [
+        "driver odd failed: TypeError(\"'12.5' is not a number\")",
+        "driver odd failed: TypeError('beacon id 3.0 is not a whole number')",
+    ]
+    for number in range(1000):
+        radio.hears(str(number).encode())
+    assert radio.link.troubles["driver odd failed in other ways"] == 999
+    assert len("".join(radio.link.troubles)) < 1000
 
 
 def test_a_device_is_a_serial_line_at_the_speed_of_its_radio_and_one_that_cannot_be_opened_is_one_line():

@@ -1,6 +1,7 @@
 """The loop: what it receives, sends, records, and how it is stopped."""
 
 import signal
+from types import SimpleNamespace
 from unittest.mock import Mock
 
 import pytest
@@ -12,7 +13,7 @@ from circnav_mav.runtime.runner import Onlookers, StopRequest, listen, run
 
 def frame(number):
     speaker = mavlink.MAVLink(None, srcSystem=1, srcComponent=191)
-    speaker.seq = number
+    speaker.seq = number % 256
     return bytes(mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3).pack(speaker))
 
 
@@ -153,6 +154,23 @@ def test_signals_interrupt_the_pilot_once_and_let_it_say_goodbye(fly, number):
     fly(pilot, vehicle=vehicle)
     assert pilot.interrupts == [signal.Signals(number).name]
     assert len(vehicle.sent) == 4
+
+
+def test_a_signal_ends_the_hand_back_that_outlasts_guidance_in_a_turn_of_its_own(fly):
+    """In which the vehicle gets its streams back."""
+    locating = SimpleNamespace(busy=True, locator=SimpleNamespace(called_off=False), turns=0)
+
+    def turn(step):
+        locating.turns += 1
+        locating.busy = not locating.locator.called_off
+        return [b"streams"] if locating.locator.called_off else []
+
+    locating.turn = turn
+    pilot, vehicle = FakePilot(1), FakeLink()
+    pilot.mission.outcome = "completed"
+    fly(pilot, vehicle=vehicle, rest={"locating": locating},
+        show=lambda *_: locating.turns == 3 and signal.raise_signal(signal.SIGINT))  # fmt: skip
+    assert locating.turns == 4 and vehicle.sent[-1] == (b"streams", "the vehicle")
 
 
 @pytest.mark.parametrize(("seconds", "stands"), [(0.4, False), (5.0, True)])

@@ -2,7 +2,6 @@
 
 import csv
 import errno
-import fcntl
 import io
 import json
 import os
@@ -14,6 +13,7 @@ from typing import Any
 from circnav_mav.experiments.campaign.figures import FIGURES, NUMBERS, SUMMARY, columns
 from circnav_mav.experiments.campaign.plan import Campaign, CampaignError
 from circnav_mav.runlog.atomic_write import atomic_write
+from circnav_mav.runtime.lock import lock
 
 TABLE = "runs.csv"
 DECIMALS = 5
@@ -146,17 +146,10 @@ def _bytes(path: Path) -> bytes:
 
 @contextmanager
 def _lock(folder: Path) -> Iterator[None]:
-    """Keeps other processes out of the folder until it is closed or the process ends, however it does. A file system
-    without locks is taken as it is. Raises CampaignError, OSError."""
+    """Keeps other processes out of the folder. Raises CampaignError, OSError."""
     with (folder / SOURCE).open("ab") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise CampaignError(
-                f"{folder}: another process flies a campaign there: wait, or name another --out"
-            ) from None
-        except OSError:
-            pass
+        if not lock(file):
+            raise CampaignError(f"{folder}: another process flies a campaign there: wait, or name another --out")
         yield
 
 

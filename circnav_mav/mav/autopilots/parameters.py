@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from math import isfinite
 
 from circnav_mav.mav.check_result import Check, Grade
 
@@ -47,6 +48,8 @@ class Rule:
         for name, factor in self.names:
             if name in context.values:
                 value = context.values[name]
+                if not isfinite(value):
+                    return Check(FAIL, "parameter", f"{name} = {value:g}: is not a number: set it anew")
                 grade, words = self.judge(value * factor, context)
                 meant = "" if factor == 1 else f" ({value * factor:g} {self.unit})"
                 return Check(grade, "parameter", f"{name} = {value:g}{meant}: {words}")

@@ -25,7 +25,7 @@ from circnav_mav.mav.setpoint_guard import Steer
 
 STICK_SCALE = 0.5
 """Degrees by which the bank at full stick may differ from the mission's."""
-_STICK_LOSS = {1: "stays in Hold", 2: "flies home (RTL)", 3: "lands where it is"}
+_STICK_LOSS: dict[float, str] = {1: "stays in Hold", 2: "flies home (RTL)", 3: "lands where it is"}
 _STOPS_MOTORS = {5: "terminates the flight", 6: "disarms"}
 _STOCK_STICK_LOSS = 2.0
 _HOLD_EXCEPTED = 2
@@ -55,7 +55,7 @@ def _stick_loss_action(value: float, context: Context) -> Verdict:
 def _stick_loss_exceptions(value: float, context: Context) -> Verdict:
     if int(value) & _HOLD_EXCEPTED:
         return PASS, "a plane given back or taken over in Hold (LOITER) stays there without our sticks"
-    follows = _STICK_LOSS.get(int(context.values.get("NAV_RCL_ACT", _STOCK_STICK_LOSS)), "does what NAV_RCL_ACT says")
+    follows = _STICK_LOSS.get(context.values.get("NAV_RCL_ACT", _STOCK_STICK_LOSS), "does what NAV_RCL_ACT says")
     if follows == _STICK_LOSS[1]:
         return PASS, "Hold is not excepted, but Hold is also what NAV_RCL_ACT asks for"
     return WARN, (
